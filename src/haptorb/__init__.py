@@ -1,0 +1,35 @@
+"""haptorb: design, simulate and run spherical electromagnetic haptic devices.
+
+Names are loaded when they are first used, so that `haptorb --help` does not wait for a compiler.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+__version__ = "0.1.0"
+
+#: public name → module that defines it
+_HOME = {
+    "State": "haptorb.devices.state",
+    "WrenchMap": "haptorb.devices.wrench_map",
+    "Device": "haptorb.devices.device",
+}
+
+__all__ = sorted(_HOME)
+
+if TYPE_CHECKING:
+    from haptorb.devices.device import Device
+    from haptorb.devices.state import State
+    from haptorb.devices.wrench_map import WrenchMap
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module 'haptorb' has no attribute '{name}'")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOME])

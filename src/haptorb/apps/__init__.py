@@ -1,0 +1,1 @@
+"""Programs that people start. They do not import each other."""

@@ -1,0 +1,1 @@
+"""From a wanted wrench to currents that may be applied."""

@@ -1,0 +1,1 @@
+"""What a device is, and what its coils can do at a pose."""

@@ -1,0 +1,113 @@
+"""What every device has, whatever its magnets: coils that heat, a supply, limits, and a wrench map."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptorb.devices.state import State
+from haptorb.devices.wrench_map import WrenchMap
+from haptorb.errors import UnknownName
+from haptorb.physics.arrays import Array
+
+__all__ = ["Coils", "Device", "Heat", "Limits", "Supply"]
+
+
+@dataclass(frozen=True)
+class Heat:
+    """Two bodies in a row per channel, winding → body → air, alike for all channels.
+
+    One time constant cannot hold the published endurance figures together (Zárate 2020 §III and §V); two can.
+    """
+
+    winding_capacity: float  #: [J/K]
+    body_capacity: float  #: [J/K]
+    winding_to_body: float  #: conductance [W/K]
+    body_to_air: float  #: conductance [W/K]
+    ambient: float  #: [K]
+    warn: float  #: winding temperature at which the user is told [K]
+    derate: float  #: from here currents are reduced [K]
+    stop: float  #: here the coils go off [K]
+
+
+@dataclass(frozen=True)
+class Coils:
+    """The channels as an electrician sees them; arrays have one entry per channel."""
+
+    names: tuple[str, ...]
+    resistance: Array  #: (m,) at the reference temperature [Ω]
+    inductance: Array  #: (m,) [H]
+    current_limit: Array  #: (m,) greatest magnitude that may be commanded [A]
+    temperature_coefficient: float  #: relative resistance change per kelvin [1/K]
+    reference_temperature: float  #: [K]
+    heat: Heat
+
+    def resistance_at(self, temperature: Array) -> Array:
+        """(m,) resistance [Ω] at winding `temperature` (m,) [K]."""
+        warm: Array = self.resistance * (1 + self.temperature_coefficient * (temperature - self.reference_temperature))
+        return warm
+
+
+@dataclass(frozen=True)
+class Supply:
+    """What drives the coils: a voltage, chopped in steps, and the sense of its current."""
+
+    voltage: float  #: [V]
+    duty_bits: int  #: resolution of the duty cycle's magnitude
+    current_noise: float  #: standard deviation of one current reading [A]
+    current_step: float  #: quantum of one current reading [A]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the guard holds, for the mover as a whole and for every channel."""
+
+    force: float  #: greatest magnitude asked of the device [N]
+    torque: float  #: greatest magnitude asked of the device [N·m]
+    slew: float  #: greatest change of a channel's current [A/s]
+    expiry: float  #: age at which a command or a pose is worth nothing [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Device(ABC):
+    """Frozen data of one device; built by the loader from a file, never by hand."""
+
+    name: str
+    title: str
+    source: str
+    coils: Coils
+    supply: Supply
+    limits: Limits
+    assumed: Mapping[str, str]  #: value → why it is believed, for what the source does not give
+    digest: str  #: of everything in the file: recordings and calibrations name their device by it
+
+    #: the fidelity levels that `wrench_map` knows, the default first
+    levels: tuple[str, ...] = ()
+
+    @property
+    def channels(self) -> int:
+        """Number of currents that are commanded."""
+        return len(self.coils.names)
+
+    @abstractmethod
+    def wrench_map(self, state: State, level: str) -> WrenchMap:
+        """What the coils do to the mover at `state`, at one of `levels`."""
+
+    def known_level(self, level: str) -> str:
+        """`level` itself, or UnknownName with what this device knows."""
+        if level not in self.levels:
+            raise UnknownName(f"level of device '{self.name}'", level, self.levels)
+        return level
+
+    @property
+    def sustained_current(self) -> Array:
+        """(m,) the current that may flow for ever: the winding settles at the derating temperature [A]."""
+        heat = self.coils.heat
+        rise = heat.derate - heat.ambient
+        power = rise / (1 / heat.winding_to_body + 1 / heat.body_to_air)
+        warm = self.coils.resistance_at(np.full(self.channels, heat.derate))
+        current: Array = np.minimum(np.sqrt(power / warm), self.coils.current_limit)
+        return current

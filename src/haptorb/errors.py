@@ -1,0 +1,77 @@
+"""What can go wrong, as one tree that users may catch at any height.
+
+    HaptorbError
+    ├── InputError           a number, unit or shape that cannot be used
+    │   ├── GeometryError    parts that overlap, points where a quantity is not defined
+    │   └── UnknownName      a device, world, key or level that does not exist (nearest names suggested)
+    ├── DeviceError          a device file that does not describe a device
+    ├── PrecisionError       the precision asked for was not reached (the best reached is told)
+    ├── DriverError          hardware or simulation that does not answer as it must
+    ├── RecordingError       a recording that cannot be written or read
+    └── ServoError           the real-time process did not start, or died
+
+Every message says what, where, what was expected and what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+__all__ = [
+    "DeviceError",
+    "DriverError",
+    "GeometryError",
+    "HaptorbError",
+    "InputError",
+    "PrecisionError",
+    "RecordingError",
+    "ServoError",
+    "UnknownName",
+]
+
+
+class HaptorbError(Exception):
+    """Any mistake that haptorb can explain; programs print it without a traceback."""
+
+
+class InputError(HaptorbError, ValueError):
+    """A number, unit or shape that cannot be used."""
+
+
+class GeometryError(InputError):
+    """Parts that overlap, or a point at which the wanted quantity is not defined."""
+
+
+class UnknownName(InputError):
+    """A name that is not in the list it must come from; says which names are near.
+
+    >>> print(UnknownName("world", "dme", ["dome", "none"]))
+    unknown world 'dme'; did you mean 'dome'? (known: dome, none)
+    """
+
+    def __init__(self, what: str, name: str, known: Iterable[str]) -> None:
+        names = sorted(known)
+        near = get_close_matches(name, names, n=1, cutoff=0.5)
+        hint = f"; did you mean '{near[0]}'?" if near else ";"
+        super().__init__(f"unknown {what} '{name}'{hint} (known: {', '.join(names)})")
+
+
+class DeviceError(HaptorbError):
+    """A device file that does not describe a device."""
+
+
+class PrecisionError(HaptorbError):
+    """The precision asked for was not reached; the message tells the best that was."""
+
+
+class DriverError(HaptorbError):
+    """Hardware, or its simulation, that does not answer as it must."""
+
+
+class RecordingError(HaptorbError):
+    """A recording that cannot be written or read."""
+
+
+class ServoError(HaptorbError):
+    """The real-time process did not start, or it died."""

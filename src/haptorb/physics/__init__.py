@@ -1,0 +1,1 @@
+"""Arrays in, arrays out: magnetostatics, beams, heat. No memory, no clock, no device."""

@@ -1,0 +1,58 @@
+"""The array type of the whole package, and the checks that every public door makes."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptorb.errors import InputError
+
+__all__ = ["Array", "finite", "rotation", "vectors"]
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+def finite(value: ArrayLike, what: str) -> Array:
+    """`value` as a float64 array, or InputError naming `what` if a number in it is not finite.
+
+    >>> finite([1, 2], "currents")
+    array([1., 2.])
+    """
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as cause:
+        raise InputError(f"{what} must be numbers; got {value!r}") from cause
+    if not np.isfinite(array).all():
+        raise InputError(f"{what} must be finite; got {value!r}")
+    return array
+
+
+def vectors(value: ArrayLike, what: str) -> Array:
+    """`value` as an array of 3-vectors, shape (..., 3).
+
+    >>> vectors([0, 0, 1], "points").shape
+    (3,)
+    """
+    array = finite(value, what)
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise InputError(f"{what} must be 3-vectors, shape (..., 3); got shape {array.shape}")
+    return array
+
+
+def rotation(value: ArrayLike, what: str, tolerance: float = 1e-6) -> Array:
+    """`value` as rotation matrices, shape (..., 3, 3), or InputError saying how far it is from one.
+
+    >>> rotation(np.eye(3), "R_SR").shape
+    (3, 3)
+    """
+    array = finite(value, what)
+    if array.shape[-2:] != (3, 3):
+        raise InputError(f"{what} must be rotation matrices, shape (..., 3, 3); got shape {array.shape}")
+    gap = np.abs(array @ np.swapaxes(array, -1, -2) - np.eye(3)).max()
+    if gap > tolerance:
+        raise InputError(f"{what} is not a rotation: R Rᵀ differs from the identity by {gap:.2g}")
+    if (np.linalg.det(array) < 0).any():
+        raise InputError(f"{what} is a reflection (determinant −1), not a rotation")
+    return array

@@ -1,0 +1,27 @@
+"""The abstract source of magnetic field: what every magnet and coil answers, whatever its shape."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from numpy.typing import ArrayLike
+
+from haptorb.physics.arrays import Array
+
+__all__ = ["Source"]
+
+
+class Source(ABC):
+    """A body in its own frame: its centre at the origin, its axis along +z. Coils answer per ampere.
+
+    A new shape is one file with one final class and its name in the list that the laws in `tests/laws` run over.
+    """
+
+    @abstractmethod
+    def field(self, points: ArrayLike) -> Array:
+        """Flux density (..., 3) [T] (coils: [T/A]) at `points` (..., 3) [m]."""
+
+    @property
+    @abstractmethod
+    def moment(self) -> Array:
+        """(3,) magnetic moment [A·m²] (coils: per ampere)."""

@@ -1,0 +1,1 @@
+"""The only room with a clock, a process, a wire or a file."""
