@@ -17,7 +17,7 @@ _HOME = {
     "Device": "haptorb.devices.device",
 }
 
-__all__ = sorted(_HOME)
+__all__ = ["Device", "State", "WrenchMap"]
 
 if TYPE_CHECKING:
     from haptorb.devices.device import Device

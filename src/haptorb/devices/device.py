@@ -92,6 +92,11 @@ class Device(ABC):
         """Number of currents that are commanded."""
         return len(self.coils.names)
 
+    @property
+    def sensors(self) -> int:
+        """Number of three-axis field sensors on the stator."""
+        return 0
+
     @abstractmethod
     def wrench_map(self, state: State, level: str) -> WrenchMap:
         """What the coils do to the mover at `state`, at one of `levels`."""

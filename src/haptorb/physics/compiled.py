@@ -11,7 +11,7 @@ import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
 
@@ -51,7 +51,7 @@ def _choose_folder() -> None:
         return  # a read-only home: numba falls back to its own choice
     for path in old:
         shutil.rmtree(path, ignore_errors=True)
-    numba.config.CACHE_DIR = str(folder)
+    setattr(numba.config, "CACHE_DIR", str(folder))  # noqa: B010 (set by numba itself at run time)
 
 
 _choose_folder()
@@ -62,7 +62,5 @@ def kernel(function: Function) -> Function:
 
     Reordering and fused multiply-add are allowed; assuming away NaN is not: the guard must see every NaN.
     """
-    compiled: Function = numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy")(
-        function
-    )
-    return compiled
+    compile = numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy")
+    return cast(Function, compile(function))

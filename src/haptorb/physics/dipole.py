@@ -113,7 +113,8 @@ def force(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> Array:
     shape, (m1, m2, at) = _flat(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
     gradient = np.empty((len(at), 3, 3))
     _gradient(m1, at, gradient)
-    return np.einsum("nij,nj->ni", gradient, m2).reshape(*shape, 3)
+    out: Array = np.einsum("nij,nj->ni", gradient, m2)
+    return out.reshape(*shape, 3)
 
 
 def torque(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> Array:

@@ -1,0 +1,48 @@
+"""The one door to a device, simulated or real: read a sample, write duties, and coils off on the way out."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from types import TracebackType
+from typing import Self
+
+from haptorb.physics.arrays import Array
+from haptorb.sensing.sample import Sample
+
+__all__ = ["Driver"]
+
+
+class Driver(ABC):
+    """What every driver answers. Coils are off before `open`, after `close`, and after leaving `with` in any way."""
+
+    name: str  #: as in `--driver`
+    simulated: bool  #: whether a person can be touched by it
+
+    @abstractmethod
+    def open(self) -> None:
+        """Connect; coils off. Raises DriverError saying what did not answer and what to do."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Coils off, then disconnect. May be called twice."""
+
+    @abstractmethod
+    def read(self, now: float) -> Sample:
+        """The sample at `now` [s]. Raises DriverError if the device does not answer in time."""
+
+    @abstractmethod
+    def write(self, duties: Array) -> Array:
+        """Apply `duties` (m,) in −1…1 of the supply voltage; returns (m,) what was really applied, after clipping
+        and quantisation."""
+
+    @abstractmethod
+    def truth(self) -> Array:
+        """(6,) the wrench that the coils and the core really put on the mover in the last tick, if the driver can
+        know it (a simulated one can); NaN where it cannot."""
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()

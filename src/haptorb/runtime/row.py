@@ -1,0 +1,105 @@
+"""One tick as one flat row of float64: the layout that servo, recorder, replay and console share.
+
+A flat row costs a third of a microsecond to publish; structured fields cost seven times that. The names below are the
+only description of it: recordings carry them as their schema.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from haptorb.devices.device import Device
+from haptorb.physics.arrays import Array
+
+__all__ = ["STAGES", "Field", "RowLayout"]
+
+#: the stages of a tick, in order; each has its own time in the row
+STAGES = ("read", "estimate", "world", "allocate", "guard", "write", "record")
+
+
+@dataclass(frozen=True)
+class Field:
+    """One named part of the row: `width` numbers in `unit`."""
+
+    name: str
+    width: int
+    unit: str
+    about: str
+
+
+@dataclass(frozen=True)
+class RowLayout:
+    """Which numbers of a row are what, for a device with `channels` coils and `sensors` field sensors."""
+
+    channels: int
+    sensors: int
+
+    @classmethod
+    def of(cls, device: Device) -> RowLayout:
+        """The layout for `device`."""
+        return cls(device.channels, device.sensors)
+
+    @cached_property
+    def fields(self) -> tuple[Field, ...]:
+        """All fields in order."""
+        m, k = self.channels, self.sensors
+        return (
+            Field("tick", 1, "1", "number of the tick since the start"),
+            Field("t", 1, "s", "time of the sample, on the loop's clock, zero at the start"),
+            Field("wall", 1, "s", "monotonic clock of the computer when the tick began"),
+            Field("lateness", 1, "s", "how long after its deadline the tick began"),
+            Field("missed", 1, "1", "deadlines skipped before this tick because the last one overran"),
+            Field("stages", len(STAGES), "s", "time spent in each stage; record: that of the tick before"),
+            Field("guard", 1, "1", "state of the guard: 0 off, 1 ramping, 2 running, 3 derated, 4 tripped"),
+            Field("trip", 1, "1", "code of the reason for the last trip, 0 for none"),
+            Field("gain", 1, "1", "share of the asked wrench that the guard lets through, 0 to 1"),
+            Field("world", 1, "1", "how many times the world was changed"),
+            Field("valid", 1, "1", "1 if the pose may be believed"),
+            Field("age", 1, "s", "age of the pose"),
+            Field("p", 3, "m", "estimated position of the mover, stator frame"),
+            Field("q", 4, "1", "estimated orientation R_SR as a quaternion (x, y, z, w)"),
+            Field("v", 3, "m/s", "estimated velocity"),
+            Field("w", 3, "rad/s", "estimated angular velocity, stator frame"),
+            Field("target", 3, "m", "where the hand wants the mover: the pointer's goal"),
+            Field("target_q", 4, "1", "how the hand wants it turned, quaternion (x, y, z, w)"),
+            Field("asked", 6, "N, N·m", "wrench that the world asks for, after the guard's clamp"),
+            Field("modelled", 6, "N, N·m", "wrench that the measured currents give by the controller's own model"),
+            Field("given", 6, "N, N·m", "wrench really on the mover by coils and core; NaN where nobody can know"),
+            Field("wanted", m, "A", "currents after the guard"),
+            Field("currents", m, "A", "currents measured"),
+            Field("duties", m, "1", "duties really applied"),
+            Field("resistance", m, "Ω", "running estimate of each coil's resistance"),
+            Field("boundary", m, "K", "temperature at each coil's boundary, measured"),
+            Field("winding", m, "K", "temperature of each winding, observed by the guard's thermal model"),
+            Field("remaining", 1, "s", "time until a winding reaches its derating temperature at the present load"),
+            Field("saturated", 1, "1", "1 if the currents could not give the asked wrench"),
+            Field("field", 3 * k, "T", "field sensors, x y z each"),
+        )
+
+    @cached_property
+    def _slices(self) -> dict[str, slice]:
+        slices, start = {}, 0
+        for field in self.fields:
+            slices[field.name] = slice(start, start + field.width)
+            start += field.width
+        return slices
+
+    @cached_property
+    def width(self) -> int:
+        """Numbers in a row."""
+        return sum(field.width for field in self.fields)
+
+    def __getitem__(self, name: str) -> slice:
+        """Where `name` lies in a row.
+
+        >>> RowLayout(channels=3, sensors=0)["p"]
+        slice(18, 21, None)
+        """
+        return self._slices[name]
+
+    def empty(self) -> Array:
+        """A row of NaN, shape (width,)."""
+        return np.full(self.width, np.nan)

@@ -1,0 +1,51 @@
+"""One reading of everything that a driver can read, and what an estimator makes of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from haptorb.devices.state import State
+from haptorb.devices.wrench_map import WrenchMap
+from haptorb.physics.arrays import Array
+
+__all__ = ["Estimate", "Pose", "Sample"]
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A tracker's word on where the tool is: position and axis, when it was so, and whether to believe it."""
+
+    t: float  #: time at which the pose was measured [s], on the sample's clock
+    R_SR: Array  #: (3, 3)
+    p: Array  #: (3,) [m]
+    w: Array  #: (3,) [rad/s]
+    v: Array  #: (3,) [m/s]
+    valid: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """What was read in one tick; arrays have one entry per channel or per sensor.
+
+    t             time of the reading [s]
+    currents      (m,) measured [A]
+    temperatures  (m,) coil boundary [K]
+    field         (k, 3) field sensors [T]; (0, 3) where the device has none
+    pose          the tracker's last word; for a rotor that is sensed through its field, not valid
+    """
+
+    t: float
+    currents: Array
+    temperatures: Array
+    field: Array
+    pose: Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What is believed now: the mover's state, what the coils can do there, and how old the belief is."""
+
+    state: State
+    wrench_map: WrenchMap
+    valid: bool  #: False: where the mover is, is not known; nothing may be asked of the coils
+    age: float  #: of the pose behind it [s]

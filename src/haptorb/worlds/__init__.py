@@ -1,0 +1,22 @@
+"""What is felt: State in, wrench out. Worlds add.
+
+Adding a world is one class with one method, and one line in `CATALOGUE`.
+"""
+
+from __future__ import annotations
+
+from haptorb.errors import UnknownName
+from haptorb.worlds.nothing import Nothing
+from haptorb.worlds.world import World
+
+__all__ = ["CATALOGUE", "Nothing", "World", "named"]
+
+#: name on the command line → world; contract tests run over all of them
+CATALOGUE: dict[str, type[World]] = {"nothing": Nothing}
+
+
+def named(name: str) -> type[World]:
+    """The world called `name`, or UnknownName with the nearest."""
+    if name not in CATALOGUE:
+        raise UnknownName("world", name, CATALOGUE)
+    return CATALOGUE[name]

@@ -1,0 +1,22 @@
+"""The empty world: nothing is asked of the device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptorb.devices.state import State
+from haptorb.physics.arrays import Array
+from haptorb.worlds.world import World
+
+__all__ = ["Nothing"]
+
+
+@dataclass(frozen=True)
+class Nothing(World):
+    """Zero wrench everywhere: the device is felt as it is, with its own friction and its core's pull."""
+
+    def wrench(self, state: State) -> Array:
+        """(6,) zeros."""
+        return np.zeros(6)

@@ -1,0 +1,67 @@
+"""The abstract world: where the mover is, in; what it should feel, out. Worlds add."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from haptorb.devices.device import Device
+from haptorb.devices.state import State
+from haptorb.physics.arrays import Array
+from haptorb.worlds import parameter as _parameter
+
+__all__ = ["Sum", "World"]
+
+
+@dataclass(frozen=True)
+class World(ABC):
+    """A world renders a wrench (6,) for a state: force [N] and torque about the mover's origin [N·m], frame S.
+
+    It has no clock and no memory that it does not declare: two calls with the same state give the same wrench.
+    """
+
+    passive: ClassVar[bool] = True  #: no closed path can take energy out of it
+    continuous: ClassVar[bool] = True  #: no jumps: a small step of the state is a small step of the wrench
+
+    def __post_init__(self) -> None:
+        _parameter.check(self)
+
+    @abstractmethod
+    def wrench(self, state: State) -> Array:
+        """(6,) what the mover should feel at `state`."""
+
+    def for_device(self, device: Device) -> World:
+        """This world as `device` must render it: itself, unless it is described in the device's own terms."""
+        return self
+
+    def changed(self, **values: Any) -> Self:
+        """A copy with some parameters changed; UnknownName and InputError as in the constructor."""
+        _parameter.checked_names(type(self), values)
+        tuples = {key: tuple(value) if isinstance(value, list | np.ndarray) else value for key, value in values.items()}
+        return replace(self, **tuples)
+
+    def __add__(self, other: World) -> Sum:
+        """Both at once."""
+        parts = [part for world in (self, other) for part in (world.parts if isinstance(world, Sum) else (world,))]
+        return Sum(tuple(parts))
+
+
+@dataclass(frozen=True)
+class Sum(World):
+    """Several worlds at once: their wrenches add."""
+
+    parts: tuple[World, ...] = ()
+
+    def wrench(self, state: State) -> Array:
+        """(6,) the sum over the parts."""
+        total = np.zeros(6)
+        for part in self.parts:
+            total += part.wrench(state)
+        return total
+
+    def for_device(self, device: Device) -> Sum:
+        """Every part as `device` must render it."""
+        return Sum(tuple(part.for_device(device) for part in self.parts))
