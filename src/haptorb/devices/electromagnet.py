@@ -1,0 +1,130 @@
+"""A spherical electromagnet that pushes and pulls a magnet in a tool: Zárate 2020's Omni, and its relatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from haptorb.devices.device import Device
+from haptorb.devices.passive_pull import PassivePull
+from haptorb.devices.ring_tool import dipole_wrench_map, ring_wrench_map
+from haptorb.devices.state import State
+from haptorb.devices.wrench_map import WrenchMap
+from haptorb.errors import GeometryError
+from haptorb.physics.arrays import Array
+from haptorb.physics.dipole import MU0
+
+__all__ = ["Contact", "FieldSensors", "Hand", "SphericalElectromagnet", "Tool"]
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A stylus with a ring magnet; the moment lies along the mover's +z, the tip at −z."""
+
+    outer_radius: float  #: [m]
+    inner_radius: float  #: [m]
+    length: float  #: [m]
+    remanence: float  #: [T]
+    tip_distance: float  #: from the magnet's centre to the tip [m]
+    mass: float  #: [kg]
+    inertia: Array  #: (3,) principal moments about the magnet's centre, mover frame [kg·m²]
+
+    @property
+    def moment(self) -> float:
+        """Magnetic moment m_p [A·m²]: remanence times volume over μ0."""
+        volume = np.pi * (self.outer_radius**2 - self.inner_radius**2) * self.length
+        return float(self.remanence * volume / MU0)
+
+
+@dataclass(frozen=True)
+class Hand:
+    """A hand as a mass on springs and dampers: what it adds to the tool, and how it holds it."""
+
+    mass: float  #: [kg]
+    damping: float  #: [N·s/m]
+    stiffness: float  #: [N/m]
+    turn_damping: float  #: [N·m·s/rad]
+    turn_stiffness: float  #: [N·m/rad]
+
+
+@dataclass(frozen=True)
+class Contact:
+    """The dome under the tip: a stiff spring with damping and dry friction."""
+
+    stiffness: float  #: [N/m]
+    damping: float  #: [N·s/m]
+    friction: float  #: coefficient [1]
+
+
+@dataclass(frozen=True)
+class FieldSensors:
+    """Three-axis field sensors fixed to the stator."""
+
+    positions: Array  #: (k, 3) [m]
+    noise: float  #: standard deviation of one reading [T]
+    step: float  #: quantum of one reading [T]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SphericalElectromagnet(Device):
+    """Three coils about one soft sphere, and a magnet in a tool that moves over a dome.
+
+    Levels: "dipole" is Zárate 2020's model (two point dipoles); "exact" has the tool's magnet at its size and the pull
+    of the core on it. In both, the electromagnet is the point dipole that calibration measured outside the dome.
+    """
+
+    moment_per_current: Array  #: (3, 3) [m²], m_e = moment_per_current @ currents
+    core_radius: float  #: [m]
+    core_permeability: float  #: relative, may be inf
+    dome_radius: float  #: [m]
+    shell_thickness: float  #: how far above contact forces are rendered [m]
+    workspace_half_angle: float  #: [rad] from +z
+    tool: Tool
+    hand: Hand
+    contact: Contact
+    hall: FieldSensors
+    thermometer_step: float  #: [K]
+    thermometer_noise: float  #: [K]
+
+    levels: tuple[str, ...] = ("dipole", "exact")
+
+    @property
+    def contact_distance(self) -> float:
+        """Distance of the tool's magnet from the centre when a radial tool touches the dome: d_min [m]."""
+        return self.dome_radius + self.tool.tip_distance
+
+    @property
+    def sensors(self) -> int:
+        """Number of three-axis field sensors."""
+        return len(self.hall.positions)
+
+    @cached_property
+    def passive_pull(self) -> PassivePull:
+        """What the core does to the tool's magnet by itself, erratum E18."""
+        tool = self.tool
+        return PassivePull(
+            core_radius=self.core_radius,
+            core_permeability=self.core_permeability,
+            outer_radius=tool.outer_radius,
+            inner_radius=tool.inner_radius,
+            length=tool.length,
+            remanence=tool.remanence,
+            nearest=self.core_radius + tool.length / 2 + 5e-3,
+        )
+
+    def wrench_map(self, state: State, level: str) -> WrenchMap:
+        """(6, 3) per ampere and (6,) passive, torque about the tool's magnet; GeometryError inside the dome's core."""
+        if state.distance < self.core_radius + 0.5 * self.tool.length:
+            raise GeometryError(
+                f"device '{self.name}': a tool magnet at {state.distance * 1e3:.1f} mm from the centre would be inside "
+                f"the core; contact is at {self.contact_distance * 1e3:.1f} mm"
+            )
+        tool = self.tool
+        if self.known_level(level) == "dipole":
+            return WrenchMap(dipole_wrench_map(state.p, state.axis, tool.moment) @ self.moment_per_current, np.zeros(6))
+        per_moment = ring_wrench_map(
+            state.p, state.axis, tool.outer_radius, tool.inner_radius, tool.length, tool.remanence
+        )
+        return WrenchMap(per_moment @ self.moment_per_current, self.passive_pull.wrench(state.p, state.axis))

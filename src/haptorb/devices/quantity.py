@@ -1,0 +1,114 @@
+"""Values with units, as device files write them: read, checked for dimension, turned into SI.
+
+A value is `"67.9 mm"`, a list of such, or a table `{ value = …, unit = "…", source = "…" }` or `{ value = …, assumed =
+"why" }`; `unit` spares writing it in every element of an array.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import lru_cache
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
+
+__all__ = [
+    "Angle",
+    "Capacitance",
+    "Conductance",
+    "Current",
+    "Damping",
+    "Duration",
+    "Force",
+    "HeatCapacity",
+    "Inductance",
+    "Inertia",
+    "InverseKelvin",
+    "Length",
+    "Mass",
+    "MomentPerCurrent",
+    "Number",
+    "Polarization",
+    "Resistance",
+    "Slew",
+    "Stiffness",
+    "Temperature",
+    "TemperatureStep",
+    "Torque",
+    "TurnDamping",
+    "TurnStiffness",
+    "Voltage",
+    "si",
+]
+
+_NUMBER = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?inf)\s*(.*?)\s*$")
+
+
+@lru_cache(maxsize=1)
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry(cache_folder=None)
+
+
+def si(value: object, unit: str, kind: str) -> float:
+    """`value` (a string with a unit, or a (number, unit) pair) in SI `unit`; ValueError says what was expected.
+
+    >>> si("67.9 mm", "m", "a length")
+    0.0679
+    >>> si("25 degC", "K", "a temperature")
+    298.15
+    """
+    if isinstance(value, tuple):
+        number, name = value
+    elif isinstance(value, str):
+        match = _NUMBER.match(value)
+        if match is None:
+            raise ValueError(f"must be {kind} such as '1 {unit}'; got {value!r}")
+        number, name = float(match[1]), match[2]
+    elif isinstance(value, int | float) and not isinstance(value, bool) and unit == "":
+        number, name = float(value), ""
+    else:
+        raise ValueError(f"must be {kind} with its unit, such as '1 {unit}'; got {value!r}")
+    shown = value if isinstance(value, str) else f"{number} {name}"
+    if math.isnan(number):
+        raise ValueError(f"must be {kind}; got '{shown}', which is not a number")
+    import pint
+
+    try:
+        converted = float(_registry().Quantity(number, name or "dimensionless").to(unit or "dimensionless").magnitude)
+    except (pint.DimensionalityError, pint.UndefinedUnitError, AttributeError, pint.DefinitionSyntaxError) as cause:
+        raise ValueError(f"must be {kind}; got '{shown}'") from cause
+    return float(f"{converted:.15g}")  # 67.9 mm is 0.0679 m, not 0.06790000000000001 m
+
+
+def _of(unit: str, kind: str) -> BeforeValidator:
+    return BeforeValidator(lambda value: si(value, unit, kind))
+
+
+Number = Annotated[float, _of("", "a plain number")]
+Length = Annotated[float, _of("m", "a length")]
+Angle = Annotated[float, _of("rad", "an angle")]
+Mass = Annotated[float, _of("kg", "a mass")]
+Duration = Annotated[float, _of("s", "a duration")]
+Force = Annotated[float, _of("N", "a force")]
+Torque = Annotated[float, _of("N*m", "a torque")]
+Stiffness = Annotated[float, _of("N/m", "a stiffness")]
+Damping = Annotated[float, _of("N*s/m", "a damping")]
+TurnStiffness = Annotated[float, _of("N*m/rad", "a rotational stiffness")]
+TurnDamping = Annotated[float, _of("N*m*s/rad", "a rotational damping")]
+Inertia = Annotated[float, _of("kg*m**2", "a moment of inertia")]
+Current = Annotated[float, _of("A", "a current")]
+Slew = Annotated[float, _of("A/s", "a rate of current")]
+Voltage = Annotated[float, _of("V", "a voltage")]
+Resistance = Annotated[float, _of("ohm", "a resistance")]
+Inductance = Annotated[float, _of("H", "an inductance")]
+Capacitance = Annotated[float, _of("F", "a capacitance")]
+Polarization = Annotated[float, _of("T", "a flux density")]
+MomentPerCurrent = Annotated[float, _of("m**2", "a magnetic moment per current")]
+Temperature = Annotated[float, _of("K", "a temperature")]
+TemperatureStep = Annotated[float, _of("delta_degC", "a temperature difference")]
+HeatCapacity = Annotated[float, _of("J/K", "a heat capacity")]
+Conductance = Annotated[float, _of("W/K", "a heat conductance")]
+InverseKelvin = Annotated[float, _of("1/K", "a temperature coefficient")]
