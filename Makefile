@@ -1,0 +1,73 @@
+# Two commands for everybody:  make run   (feel a dome)     make test   (everything that CI runs)
+# They need Python 3.11 or newer, make and the package registries; all else is fetched into .venv.
+
+VENV := .venv
+BIN := $(VENV)/bin
+
+# What the installed package is built from: a change in any of these means installing again.
+CONSOLE := $(shell find src/haptorb/apps/console \( -name node_modules -o -name static \) -prune -o \
+	\( -name '*.ts' -o -name '*.css' -o -name '*.html' -o -name '*.json' -o -name '*.svg' \) -print 2>/dev/null)
+BUILT_FROM := pyproject.toml $(wildcard hatch_build.py) $(CONSOLE)
+
+.PHONY: run test nightly bench docs firmware screenshots format lint types packages clean help
+.DELETE_ON_ERROR:
+
+help:
+	@echo 'make run          set up and start the simulated Omni; ARGS="--world wall" and the like are passed on'
+	@echo 'make test         set up and run every check: style, types, imports, tests, documentation'
+	@echo 'make nightly      the same, with the long reproductions'
+	@echo 'make bench        the benchmarks, as a table'
+	@echo 'make docs         the documentation, into docs/_build/html'
+	@echo 'make firmware     cross-compile the firmware and its emulator'
+	@echo 'make screenshots  take the pictures of the console again'
+	@echo 'make format       let ruff rewrite the Python files'
+	@echo 'make clean        remove everything that the commands above made'
+
+run: $(VENV)/.run
+	@exec $(BIN)/haptorb run $(ARGS)
+
+# Style, types, import contracts and documentation are tests too (tests/checks): one run, one summary.
+test: $(VENV)/.test packages
+	@$(BIN)/python -m pytest -m "not slow" $(ARGS)
+
+nightly: $(VENV)/.test packages
+	@$(BIN)/python -m pytest $(ARGS)
+
+bench: $(VENV)/.test
+	@$(BIN)/python -m benchmarks $(ARGS)
+
+docs: $(VENV)/.test
+	@$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html $(ARGS)
+	@echo "open docs/_build/html/index.html"
+
+firmware: packages
+	@$(MAKE) --no-print-directory -C firmware
+
+screenshots: $(VENV)/.test packages
+	@$(BIN)/python scripts/screenshots.py $(ARGS)
+
+format: $(VENV)/.test
+	@$(BIN)/ruff check --fix --quiet .
+	@$(BIN)/ruff format --quiet .
+
+packages:
+	@sh scripts/debian-packages
+
+$(BIN)/python:
+	@sh scripts/virtual-environment $(VENV)
+
+$(VENV)/.run: $(BUILT_FROM) | $(BIN)/python
+	@echo "Installing haptorb into $(VENV) (the first time: a minute or two) ..."
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+$(VENV)/.test: $(BUILT_FROM) | $(BIN)/python
+	@echo "Installing haptorb and its tests' packages into $(VENV) (the first time: a few minutes) ..."
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,bench,docs]'
+	@touch $(VENV)/.run $@
+
+clean:
+	rm -rf $(VENV) build dist docs/_build docs/gallery docs/reference/generated test-results
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .packages-missing
+	find src/haptorb/apps/console \( -name node_modules -o -name static \) -prune -exec rm -rf {} +
+	if [ -d firmware ]; then $(MAKE) --no-print-directory -C firmware clean; fi

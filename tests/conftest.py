@@ -1,0 +1,61 @@
+"""What all tests share: fixed random examples, no display, and a reason for every part that cannot run here."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+ROOT = Path(__file__).resolve().parent.parent
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+# The same examples in every run: a red test stays red until somebody mends it. No deadline: the first call compiles.
+settings.register_profile("fixed", derandomize=True, deadline=None, print_blob=True)
+settings.load_profile("fixed")
+
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+FIRMWARE = {
+    "avr-gcc": lambda: shutil.which("avr-gcc"),
+    "avr-libc": lambda: Path("/usr/lib/avr/include/avr/io.h").exists(),
+    "libsimavr-dev": lambda: Path("/usr/include/simavr/sim_avr.h").exists(),
+    "libelf-dev": lambda: Path("/usr/include/libelf.h").exists(),
+    "gcc": lambda: shutil.which("gcc"),
+}
+
+
+def _why_missing() -> str:
+    note = ROOT / ".packages-missing"
+    return f"; {note.read_text().strip()}" if note.exists() else "; `make test` installs it where it may"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip, with the reason, what needs a program that this machine lacks."""
+    skips = {}
+    if not any(shutil.which(name) for name in CHROMIUM):
+        skips["browser"] = f"no Chromium on this machine{_why_missing()}"
+    lacking = [name for name, found in FIRMWARE.items() if not found()]
+    if lacking:
+        skips["firmware"] = f"no {', '.join(lacking)} on this machine{_why_missing()}"
+    for item in items:
+        for marker, reason in skips.items():
+            if item.get_closest_marker(marker):
+                item.add_marker(pytest.mark.skip(reason=reason))
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The folder that the project lies in."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """Path of the Chromium that browser tests drive."""
+    found = next(filter(None, map(shutil.which, CHROMIUM)), None)
+    if found is None:
+        pytest.skip(f"no Chromium on this machine{_why_missing()}")
+    return found
