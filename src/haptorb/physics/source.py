@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from haptorb.physics.arrays import Array
 
@@ -25,3 +26,7 @@ class Source(ABC):
     @abstractmethod
     def moment(self) -> Array:
         """(3,) magnetic moment [A·m²] (coils: per ampere)."""
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """(...,) whether `points` (..., 3) [m] lie in the body's matter; a source without a volume has no inside."""
+        return np.zeros(np.asarray(points).shape[:-1], dtype=bool)
