@@ -15,14 +15,20 @@ _HOME = {
     "State": "haptorb.devices.state",
     "WrenchMap": "haptorb.devices.wrench_map",
     "Device": "haptorb.devices.device",
+    "load": "haptorb.devices.loader",
+    "felt_map": "haptorb.simulation.felt_map",
+    "wrench_map": "haptorb.devices.doors",
 }
 
-__all__ = ["Device", "State", "WrenchMap"]
+__all__ = ["Device", "State", "WrenchMap", "felt_map", "load", "wrench_map"]
 
 if TYPE_CHECKING:
     from haptorb.devices.device import Device
+    from haptorb.devices.doors import wrench_map
+    from haptorb.devices.loader import load
     from haptorb.devices.state import State
     from haptorb.devices.wrench_map import WrenchMap
+    from haptorb.simulation.felt_map import felt_map
 
 
 def __getattr__(name: str) -> object:

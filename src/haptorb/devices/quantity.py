@@ -72,8 +72,10 @@ def si(value: object, unit: str, kind: str) -> float:
     else:
         raise ValueError(f"must be {kind} with its unit, such as '1 {unit}'; got {value!r}")
     shown = value if isinstance(value, str) else f"{number} {name}"
-    if math.isnan(number):
-        raise ValueError(f"must be {kind}; got '{shown}', which is not a number")
+    if math.isnan(number) or (math.isinf(number) and unit):
+        raise ValueError(f"must be a finite {kind.removeprefix('a ').removeprefix('an ')}; got '{shown}'")
+    if name.startswith("/"):
+        name = f"1 {name}"
     import pint
 
     try:

@@ -6,10 +6,14 @@ from abc import ABC, abstractmethod
 from types import TracebackType
 from typing import Self
 
+import numpy as np
+
 from haptorb.physics.arrays import Array
 from haptorb.sensing.sample import Sample
 
 __all__ = ["Driver"]
+
+_UNKNOWN = np.full(7, np.nan)
 
 
 class Driver(ABC):
@@ -39,6 +43,11 @@ class Driver(ABC):
     def truth(self) -> Array:
         """(6,) the wrench that the coils and the core really put on the mover in the last tick, if the driver can
         know it (a simulated one can); NaN where it cannot."""
+
+    def target(self) -> Array:
+        """(7,) where the hand wants the mover, position then quaternion (x, y, z, w), if the driver can know it (a
+        simulated hand says so); NaN where it cannot."""
+        return _UNKNOWN
 
     def __enter__(self) -> Self:
         self.open()

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from math import isfinite
+
+import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
+from haptorb.devices.wrench_map import WrenchMap
+from haptorb.errors import GeometryError
 from haptorb.sensing.sample import Estimate, Sample
 
 __all__ = ["Estimator", "TrackedPose"]
@@ -23,15 +28,27 @@ class TrackedPose(Estimator):
     """Believes the tracker: state as tracked, wrench map by the device's model at `level`.
 
     A pose that is older than the guard's expiry is still passed on, with its age: what to do then is the guard's
-    decision. A pose that was never valid stays not valid.
+    decision. A pose that cannot be (not finite, or inside the device) is not believed; what was last believed stands in
+    its place, marked as not valid.
     """
 
     def __init__(self, device: Device, level: str | None = None) -> None:
         self._device = device
         self._level = device.known_level(level or device.levels[0])
+        nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
+        self._last = Estimate(nowhere, WrenchMap(np.zeros((6, device.channels)), np.zeros(6)), False, np.inf)
 
     def update(self, sample: Sample) -> Estimate:
         """The estimate after `sample`."""
         pose = sample.pose
+        last = self._last
+        # A sum is not finite as soon as one part is not; cheaper than asking each.
+        if not isfinite(float(pose.p.sum() + pose.R_SR.sum() + pose.v.sum() + pose.w.sum())):
+            return Estimate(last.state, last.wrench_map, False, sample.t - pose.t)
         state = State(sample.t, pose.R_SR, pose.p, pose.w, pose.v)
-        return Estimate(state, self._device.wrench_map(state, self._level), pose.valid, sample.t - pose.t)
+        try:
+            wrench_map = self._device.wrench_map(state, self._level)
+        except GeometryError:
+            return Estimate(last.state, last.wrench_map, False, sample.t - pose.t)
+        self._last = Estimate(state, wrench_map, pose.valid, sample.t - pose.t)
+        return self._last

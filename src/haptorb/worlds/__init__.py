@@ -6,13 +6,14 @@ Adding a world is one class with one method, and one line in `CATALOGUE`.
 from __future__ import annotations
 
 from haptorb.errors import UnknownName
+from haptorb.worlds.dome import Dome
 from haptorb.worlds.nothing import Nothing
 from haptorb.worlds.world import World
 
-__all__ = ["CATALOGUE", "Nothing", "World", "named"]
+__all__ = ["CATALOGUE", "Dome", "Nothing", "World", "named"]
 
 #: name on the command line → world; contract tests run over all of them
-CATALOGUE: dict[str, type[World]] = {"nothing": Nothing}
+CATALOGUE: dict[str, type[World]] = {"dome": Dome, "nothing": Nothing}
 
 
 def named(name: str) -> type[World]:

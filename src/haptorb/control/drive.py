@@ -1,0 +1,84 @@
+"""From wanted currents to duty cycles, with the resistance that the coils have now: Zárate 2020 eqs. (3), (4), (6)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptorb.devices.device import Device
+from haptorb.physics.arrays import Array
+from haptorb.physics.compiled import kernel
+
+__all__ = ["Drive"]
+
+_WINDOW = 0.05  #: time constant of the sliding window of eq. (6) [s]
+_COLDEST, _HOTTEST = 233.15, 453.15  #: windings outside this are not resistances but faults [K]
+_TRUST = 0.5  #: rms current above which the ratio is believed [A]
+
+
+@kernel
+def _update(
+    weight: float,
+    voltage: float,
+    duties: Array,
+    currents: Array,
+    low: Array,
+    high: Array,
+    sums: Array,
+    resistance: Array,
+) -> None:
+    for j in range(duties.size):
+        i = currents[j]
+        if not np.isfinite(i):
+            continue
+        # Eq. (6) is mean duty over mean current; weighting both with the current is the same for steady currents, and
+        # has no pole when a current changes sign.
+        sums[0, j] += weight * (voltage * duties[j] * i - sums[0, j])
+        sums[1, j] += weight * (i * i - sums[1, j])
+        if sums[1, j] > _TRUST * _TRUST:
+            resistance[j] = min(max(sums[0, j] / sums[1, j], low[j]), high[j])
+
+
+@kernel
+def _duties(
+    wanted: Array, last: Array, resistance: Array, inductance: Array, voltage: float, dt: float, out: Array
+) -> None:
+    largest = 0.0
+    for j in range(wanted.size):
+        # Eq. (4), and the voltage that the inductance takes while the current changes.
+        out[j] = (wanted[j] * resistance[j] + inductance[j] * (wanted[j] - last[j]) / dt) / voltage
+        largest = max(largest, abs(out[j]))
+        last[j] = wanted[j]
+    if largest > 1.0:
+        for j in range(wanted.size):
+            out[j] /= largest
+
+
+class Drive:
+    """Duties for currents; learns each coil's resistance from what flowed. Cold start, zero current and saturation
+    leave the last believed resistance in place; it can never leave what copper can have."""
+
+    def __init__(self, device: Device, dt: float) -> None:
+        coils = device.coils
+        channels = device.channels
+        self._voltage = device.supply.voltage
+        self._inductance = coils.inductance
+        self._dt = dt
+        self._weight = min(1.0, dt / _WINDOW)
+        self._low = coils.resistance_at(np.full(channels, _COLDEST))
+        self._high = coils.resistance_at(np.full(channels, _HOTTEST))
+        self.resistance = coils.resistance_at(np.full(channels, coils.heat.ambient))
+        self._sums = np.zeros((2, channels))
+        self._last = np.zeros(channels)
+        self._out = np.zeros(channels)
+
+    def duties(self, wanted: Array, measured: Array, applied: Array) -> Array:
+        """(m,) duties in −1…1 for `wanted` currents, after learning from `measured` currents under `applied` duties."""
+        _update(self._weight, self._voltage, applied, measured, self._low, self._high, self._sums, self.resistance)
+        _duties(wanted, self._last, self.resistance, self._inductance, self._voltage, self._dt, self._out)
+        return self._out
+
+    def rest(self) -> Array:
+        """(m,) zeros: the coils are off, and the next wanted current starts from nothing."""
+        self._last[:] = 0.0
+        self._out[:] = 0.0
+        return self._out

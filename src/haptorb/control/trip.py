@@ -1,0 +1,63 @@
+"""Why the coils are off: every reason has a code that recordings keep, a sentence, and what to do."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+__all__ = ["GuardState", "Trip"]
+
+
+class GuardState(IntEnum):
+    """What the guard is doing; the numbers stand in recordings and never change."""
+
+    OFF = 0
+    RAMPING = 1
+    RUNNING = 2
+    DERATED = 3
+    TRIPPED = 4
+
+
+class Trip(IntEnum):
+    """Reasons to switch off; the numbers stand in recordings and never change."""
+
+    NONE = 0
+    STOPPED = 1
+    POSE_LOST = 2
+    POSE_EXPIRED = 3
+    WORLD_NOT_FINITE = 4
+    WORLD_FAILED = 5
+    CURRENTS_NOT_FINITE = 6
+    SAMPLE_NOT_FINITE = 7
+    OVERHEATED = 8
+    OVERCURRENT = 9
+    HOST_SILENT = 10
+    DRIVER_FAILED = 11
+    CLOSING = 12
+    LOOP_FAILED = 13
+
+    @property
+    def text(self) -> str:
+        """One sentence: what happened, and what to do.
+
+        >>> Trip.STOPPED.text
+        'Stopped by hand. Re-engage when you are ready.'
+        """
+        return _TEXT[self]
+
+
+_TEXT = {
+    Trip.NONE: "",
+    Trip.STOPPED: "Stopped by hand. Re-engage when you are ready.",
+    Trip.POSE_LOST: "The tracker lost the mover. Bring it back into view, then re-engage.",
+    Trip.POSE_EXPIRED: "No new pose arrived in time. Check the tracker or the page that sends it, then re-engage.",
+    Trip.WORLD_NOT_FINITE: "The world asked for a wrench that is not a number. Mend the world, then re-engage.",
+    Trip.WORLD_FAILED: "The world's code failed. Mend the world or choose another, then re-engage.",
+    Trip.CURRENTS_NOT_FINITE: "The allocation gave currents that are not numbers. Please report it; then re-engage.",
+    Trip.SAMPLE_NOT_FINITE: "A sensor reading is not a number. Check the sensors, then re-engage.",
+    Trip.OVERHEATED: "A winding is too hot. Let it cool below the derating temperature, then re-engage.",
+    Trip.OVERCURRENT: "A coil carries more current than its limit. Check driver and wiring before you re-engage.",
+    Trip.HOST_SILENT: "The program that watches the servo fell silent. Start it again.",
+    Trip.DRIVER_FAILED: "The device did not answer. Check cable and supply, then re-engage.",
+    Trip.CLOSING: "The servo is closing.",
+    Trip.LOOP_FAILED: "The servo itself failed; its report says how. Start it again.",
+}

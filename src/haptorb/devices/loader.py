@@ -1,0 +1,128 @@
+"""From a device file to a Device: found in the catalogue or by path, checked as a whole, every mistake named."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Mapping
+from difflib import get_close_matches
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from haptorb.devices.device import Device
+from haptorb.errors import DeviceError, InputError, UnknownName
+
+__all__ = ["catalogue", "load", "parse"]
+
+_FOLDER = Path(__file__).parent / "catalogue"
+
+#: kind → (module, class of its file); imported when a file of that kind is read
+KINDS = {
+    "spherical-electromagnet": ("haptorb.devices.schema", "ElectromagnetFile"),
+}
+
+
+def catalogue() -> dict[str, str]:
+    """Name → title of every device that comes with the package."""
+    titles = {}
+    for path in sorted(_FOLDER.glob("*.toml")):
+        titles[path.stem] = str(tomllib.loads(path.read_text(encoding="utf-8"))["title"])
+    return titles
+
+
+def load(name: str | Path) -> Device:
+    """The device of that name in the catalogue, or in the TOML file at that path.
+
+    Raises UnknownName with the nearest name, or DeviceError naming file, key, value and what was expected.
+
+    >>> load("omni").channels
+    3
+    """
+    text = str(name)
+    path = Path(text) if text.endswith(".toml") or "/" in text else _FOLDER / f"{text}.toml"
+    if path.parent == _FOLDER and not path.exists():
+        raise UnknownName("device", text, catalogue())
+    try:
+        content = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as cause:
+        reason = cause.strerror if isinstance(cause, OSError) else "not a text file"
+        raise DeviceError(f"device file {path}: cannot be read ({reason})") from cause
+    return parse(content, str(path) if path.parent != _FOLDER else text)
+
+
+def parse(content: str, name: str) -> Device:
+    """The device that the TOML text `content` describes; `name` is what mistakes are reported under."""
+    from pydantic import ValidationError
+
+    try:
+        raw = tomllib.loads(content)
+    except tomllib.TOMLDecodeError as cause:
+        raise DeviceError(f"device '{name}': not a TOML file: {cause}") from cause
+    kind = raw.get("kind")
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise DeviceError(f"device '{name}': kind must be one of {', '.join(KINDS)}; got {kind!r}")
+    assumed: dict[str, str] = {}
+    module, schema = KINDS[kind]
+    file_class: Any = getattr(import_module(module), schema)
+    try:
+        plain = {key: _plain(value, key, assumed) for key, value in raw.items()}
+        file = file_class.model_validate(plain)
+    except ValidationError as cause:
+        raise DeviceError(_mistakes(name, cause.errors(), file_class)) from cause
+    except ValueError as cause:
+        raise DeviceError(f"device '{name}': {cause}") from cause
+    device: Device = file.built(assumed, hashlib.sha256(content.encode()).hexdigest())
+    return device
+
+
+def _plain(value: Any, path: str, assumed: dict[str, str]) -> Any:
+    """The value without its provenance; what is assumed, and why, goes into `assumed`."""
+    if not isinstance(value, Mapping):
+        return value
+    if "value" not in value:
+        return {key: _plain(part, f"{path}.{key}", assumed) for key, part in value.items()}
+    strange = set(value) - {"value", "unit", "assumed", "source"}
+    if strange:
+        raise InputError(f"{path}.{min(strange)}: a value has only the keys value, unit, source and assumed")
+    if "assumed" in value:
+        if not str(value["assumed"]).strip():
+            raise InputError(f"{path}.assumed must say why the value is believed")
+        assumed[path] = str(value["assumed"])
+    return _with_unit(value["value"], str(value["unit"])) if "unit" in value else value["value"]
+
+
+def _with_unit(value: Any, unit: str) -> Any:
+    if isinstance(value, list):
+        return [_with_unit(item, unit) for item in value]
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return (float(value), unit)
+    return value
+
+
+def _mistakes(name: str, errors: list[Any], file_class: Any) -> str:
+    lines = []
+    for error in errors:
+        where = ".".join(str(part) for part in error["loc"]) or "file"
+        kind, got = error["type"], error.get("input")
+        if kind == "extra_forbidden":
+            known = _keys_at(file_class, error["loc"][:-1])
+            near = get_close_matches(str(error["loc"][-1]), known, n=1, cutoff=0.5)
+            what = "is not a key that is known here" + (f"; did you mean '{near[0]}'?" if near else "")
+        elif kind == "missing":
+            what = "is missing"
+        elif kind == "value_error":
+            what = str(error["ctx"]["error"])
+        else:
+            what = f"{error['msg'].replace('Input should', 'must')}; got {got!r}"
+        lines.append(f"device '{name}': {where} {what}")
+    return "\n".join(lines)
+
+
+def _keys_at(model: Any, path: tuple[Any, ...]) -> list[str]:
+    for part in path:
+        field = getattr(model, "model_fields", {}).get(part)
+        if field is None:
+            return []
+        model = field.annotation
+    return list(getattr(model, "model_fields", {}))

@@ -1,0 +1,247 @@
+"""What a device file may say, section by section; each kind of device adds its own sections to these."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from annotated_types import Gt, Len
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from haptorb.devices import quantity as q
+from haptorb.devices.device import Coils, Heat, Limits, Supply
+from haptorb.devices.electromagnet import Contact, FieldSensors, Hand, SphericalElectromagnet, Tool
+
+__all__ = ["ElectromagnetFile", "Section"]
+
+Positive = Gt(0)
+Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$")]
+Row3 = Annotated[tuple[q.MomentPerCurrent, ...], Len(3, 3)]
+Point = Annotated[tuple[q.Length, ...], Len(3, 3)]
+
+
+class Section(BaseModel):
+    """A table of the file: no unknown keys, nothing changed after reading."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class HeatSection(Section):
+    """[coils.heat]"""
+
+    winding_capacity: Annotated[q.HeatCapacity, Positive]
+    body_capacity: Annotated[q.HeatCapacity, Positive]
+    winding_to_body: Annotated[q.Conductance, Positive]
+    body_to_air: Annotated[q.Conductance, Positive]
+    ambient: Annotated[q.Temperature, Positive]
+    warn: Annotated[q.Temperature, Positive]
+    derate: Annotated[q.Temperature, Positive]
+    stop: Annotated[q.Temperature, Positive]
+
+    @model_validator(mode="after")
+    def _in_order(self) -> HeatSection:
+        if not self.ambient < self.warn < self.derate < self.stop:
+            raise ValueError("must have ambient < warn < derate < stop")
+        return self
+
+    def built(self) -> Heat:
+        """As the device has it."""
+        return Heat(**self.model_dump())
+
+
+class CoilsSection(Section):
+    """[coils]"""
+
+    names: Annotated[tuple[str, ...], Len(1)]
+    resistance: tuple[Annotated[q.Resistance, Positive], ...]
+    inductance: tuple[Annotated[q.Inductance, Positive], ...]
+    current_limit: tuple[Annotated[q.Current, Positive], ...]
+    temperature_coefficient: q.InverseKelvin
+    reference_temperature: Annotated[q.Temperature, Positive]
+    heat: HeatSection
+
+    @model_validator(mode="after")
+    def _one_each(self) -> CoilsSection:
+        for key in ("resistance", "inductance", "current_limit"):
+            count = len(getattr(self, key))
+            if count != len(self.names):
+                raise ValueError(f"has {len(self.names)} names but {count} values of {key}")
+        if len(set(self.names)) != len(self.names):
+            raise ValueError("has a name twice")
+        return self
+
+    def built(self) -> Coils:
+        """As the device has it."""
+        return Coils(
+            names=self.names,
+            resistance=np.array(self.resistance),
+            inductance=np.array(self.inductance),
+            current_limit=np.array(self.current_limit),
+            temperature_coefficient=self.temperature_coefficient,
+            reference_temperature=self.reference_temperature,
+            heat=self.heat.built(),
+        )
+
+
+class SupplySection(Section):
+    """[supply]"""
+
+    voltage: Annotated[q.Voltage, Positive]
+    duty_bits: Annotated[int, Field(ge=1, le=24)]
+    current_noise: Annotated[q.Current, Field(ge=0)]
+    current_step: Annotated[q.Current, Field(ge=0)]
+
+    def built(self) -> Supply:
+        """As the device has it."""
+        return Supply(**self.model_dump())
+
+
+class LimitsSection(Section):
+    """[limits]"""
+
+    force: Annotated[q.Force, Positive]
+    torque: Annotated[q.Torque, Positive]
+    slew: Annotated[q.Slew, Positive]
+    expiry: Annotated[q.Duration, Positive]
+
+    def built(self) -> Limits:
+        """As the device has it."""
+        return Limits(**self.model_dump())
+
+
+class FieldSensorsSection(Section):
+    """[hall]"""
+
+    positions: tuple[Point, ...]
+    noise: Annotated[q.Polarization, Field(ge=0)]
+    step: Annotated[q.Polarization, Field(ge=0)]
+
+
+class CommonFile(Section):
+    """What every device file has."""
+
+    name: Name
+    title: str
+    source: str
+    coils: CoilsSection
+    supply: SupplySection
+    limits: LimitsSection
+
+    def common(self) -> dict[str, Any]:
+        """The parts that every Device takes."""
+        return {
+            "name": self.name,
+            "title": self.title,
+            "source": self.source,
+            "coils": self.coils.built(),
+            "supply": self.supply.built(),
+            "limits": self.limits.built(),
+        }
+
+
+class ElectromagnetSection(Section):
+    """[electromagnet]"""
+
+    moment_per_current: Annotated[tuple[Row3, ...], Len(3, 3)]
+    core_radius: Annotated[q.Length, Positive]
+    core_permeability: Annotated[q.Number, Gt(1)]
+
+
+class DomeSection(Section):
+    """[dome]"""
+
+    radius: Annotated[q.Length, Positive]
+    shell_thickness: Annotated[q.Length, Positive]
+    workspace_half_angle: Annotated[q.Angle, Positive]
+    stiffness: Annotated[q.Stiffness, Positive]
+    damping: Annotated[q.Damping, Field(ge=0)]
+    friction: Annotated[q.Number, Field(ge=0)]
+
+
+class ToolSection(Section):
+    """[tool]"""
+
+    outer_radius: Annotated[q.Length, Positive]
+    inner_radius: Annotated[q.Length, Field(ge=0)]
+    length: Annotated[q.Length, Positive]
+    remanence: Annotated[q.Polarization, Positive]
+    tip_distance: Annotated[q.Length, Positive]
+    mass: Annotated[q.Mass, Positive]
+    inertia: Annotated[tuple[Annotated[q.Inertia, Positive], ...], Len(3, 3)]
+
+    @model_validator(mode="after")
+    def _ring(self) -> ToolSection:
+        if self.inner_radius >= self.outer_radius:
+            raise ValueError(
+                f"inner_radius ({self.inner_radius * 1e3:g} mm) must be smaller than outer_radius "
+                f"({self.outer_radius * 1e3:g} mm)"
+            )
+        if self.tip_distance < self.length / 2:
+            raise ValueError(f"tip_distance must be at least half the magnet's length ({self.length * 500:g} mm)")
+        return self
+
+
+class HandSection(Section):
+    """[hand]"""
+
+    mass: Annotated[q.Mass, Field(ge=0)]
+    damping: Annotated[q.Damping, Positive]
+    stiffness: Annotated[q.Stiffness, Positive]
+    turn_damping: Annotated[q.TurnDamping, Positive]
+    turn_stiffness: Annotated[q.TurnStiffness, Positive]
+
+
+class ThermometerSection(Section):
+    """[thermometer]"""
+
+    step: Annotated[q.TemperatureStep, Field(ge=0)]
+    noise: Annotated[q.TemperatureStep, Field(ge=0)]
+
+
+class ElectromagnetFile(CommonFile):
+    """A file of kind "spherical-electromagnet"."""
+
+    kind: Literal["spherical-electromagnet"]
+    electromagnet: ElectromagnetSection
+    dome: DomeSection
+    tool: ToolSection
+    hand: HandSection
+    hall: FieldSensorsSection
+    thermometer: ThermometerSection
+
+    @model_validator(mode="after")
+    def _fits(self) -> ElectromagnetFile:
+        if len(self.coils.names) != 3:
+            raise ValueError(f"coils.names must be three for a spherical electromagnet; got {len(self.coils.names)}")
+        if self.dome.radius <= self.electromagnet.core_radius:
+            raise ValueError(
+                f"dome.radius ({self.dome.radius * 1e3:g} mm) must be greater than electromagnet.core_radius "
+                f"({self.electromagnet.core_radius * 1e3:g} mm)"
+            )
+        moments = np.array(self.electromagnet.moment_per_current)
+        if np.linalg.cond(moments) > 100:
+            raise ValueError("electromagnet.moment_per_current is (nearly) singular: two coils do the same")
+        return self
+
+    def built(self, assumed: dict[str, str], digest: str) -> SphericalElectromagnet:
+        """The device that this file describes."""
+        dome, hall = self.dome, self.hall
+        tool = self.tool.model_dump()
+        tool["inertia"] = np.array(tool["inertia"])
+        return SphericalElectromagnet(
+            **self.common(),
+            assumed=assumed,
+            digest=digest,
+            moment_per_current=np.array(self.electromagnet.moment_per_current),
+            core_radius=self.electromagnet.core_radius,
+            core_permeability=self.electromagnet.core_permeability,
+            dome_radius=dome.radius,
+            shell_thickness=dome.shell_thickness,
+            workspace_half_angle=dome.workspace_half_angle,
+            tool=Tool(**tool),
+            hand=Hand(**self.hand.model_dump()),
+            contact=Contact(dome.stiffness, dome.damping, dome.friction),
+            hall=FieldSensors(np.array(hall.positions).reshape(-1, 3), hall.noise, hall.step),
+            thermometer_step=self.thermometer.step,
+            thermometer_noise=self.thermometer.noise,
+        )

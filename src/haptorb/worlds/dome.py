@@ -1,0 +1,110 @@
+"""Zárate 2020's force map: a dome that pushes (or a valley that pulls), sharper than any permanent magnet's.
+
+Its printed argument and inverse have slips (errata E12 to E14); what stands here is the corrected map.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import acos, cos, pi, radians, sin, sqrt
+from typing import ClassVar
+
+import numpy as np
+
+from haptorb.devices.device import Device
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.state import State
+from haptorb.errors import InputError
+from haptorb.physics.arrays import Array
+from haptorb.physics.dipole import MU0
+from haptorb.worlds.parameter import parameter
+from haptorb.worlds.world import World
+
+__all__ = ["Dome"]
+
+
+@dataclass(frozen=True)
+class Dome(World):
+    """Radial and tangential force about a summit, Zárate 2020 Fig. 3 with E12 to E14 corrected.
+
+    With α the angle from the summit and k = π/(2θ₁):
+    F_r = 2F₀ cos(kα) (d_min/d)⁴ outward, F_t = F₀ sin(kα) (d_min/d)⁴ away from the summit, for α < θ₂ and d < d_max;
+    zero elsewhere. F₀ = 3μ₀ m_e m_p/(4π d_min⁴). At θ₁ = 90° it is the map of two permanent magnets.
+    A positive moment pushes, a negative one pulls. Torque is left to the magnets.
+
+    Not passive: the force of a sharpened map (θ₁ < 90°) is no gradient, so a closed path can take energy out (E19).
+    Not continuous: it is cut off at θ₂ and d_max as the paper has it; the guard's slew limit softens that.
+
+    >>> dome = Dome(half_width_deg=18)
+    >>> bool(abs(dome.wrench(State.at((0.05 * sin(radians(18)), 0, 0.05 * cos(radians(18)))))[2]) < 0.1)
+    True
+    """
+
+    passive: ClassVar[bool] = False
+    continuous: ClassVar[bool] = False
+
+    summit: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 1.0), "1", -1, 1, "direction of the summit from the centre"
+    )
+    half_width_deg: float = parameter(18.0, "deg", 5, 90, "θ1: where the radial force vanishes first")
+    cut_off_deg: float = parameter(54.0, "deg", 5, 180, "θ2: from here the force is zero")
+    moment: float = parameter(2.4, "A·m²", -4, 4, "height: moment of the electromagnet at the summit; negative pulls")
+    tool_moment: float = 2.406  #: m_p [A·m²], from the device
+    contact_distance: float = 0.050  #: d_min [m], from the device
+    reach: float = 0.070  #: d_max [m], from the device
+
+    def __post_init__(self) -> None:
+        World.__post_init__(self)
+        x, y, z = self.summit
+        if sqrt(x * x + y * y + z * z) < 1e-6:
+            raise InputError("Dome.summit must be a direction; got the zero vector")
+        if self.cut_off_deg < self.half_width_deg:
+            raise InputError(
+                f"Dome.cut_off_deg (θ2) must not be smaller than half_width_deg (θ1 = {self.half_width_deg:g} deg); "
+                f"got {self.cut_off_deg:g}"
+            )
+
+    def for_device(self, device: Device) -> Dome:
+        """With the tool's moment, the contact distance and the shell of `device`."""
+        if not isinstance(device, SphericalElectromagnet):
+            raise InputError(f"world 'dome' is for a tool over a sphere; device '{device.name}' has none")
+        contact = device.contact_distance
+        return replace(
+            self,
+            tool_moment=device.tool.moment,
+            contact_distance=contact,
+            reach=contact + device.shell_thickness,
+        )
+
+    @property
+    def strength(self) -> float:
+        """F₀ [N]: half the radial force at the summit in contact; negative where the map pulls."""
+        return 3 * MU0 * self.moment * self.tool_moment / (4 * pi * self.contact_distance**4)
+
+    def wrench(self, state: State) -> Array:
+        """(6,) force of the map at the tool's magnet [N]; no torque asked."""
+        wrench = np.zeros(6)
+        px, py, pz = state.p.tolist()
+        d = sqrt(px * px + py * py + pz * pz)
+        if d >= self.reach or d == 0.0:
+            return wrench
+        sx, sy, sz = self.summit
+        length = sqrt(sx * sx + sy * sy + sz * sz)
+        sx, sy, sz = sx / length, sy / length, sz / length
+        rx, ry, rz = px / d, py / d, pz / d
+        c = rx * sx + ry * sy + rz * sz
+        alpha = acos(min(1.0, max(-1.0, c)))
+        if alpha >= radians(self.cut_off_deg):
+            return wrench
+        # Outside contact the force falls with the fourth power; a tip pressed into the shell does not raise it.
+        F0 = self.strength * (self.contact_distance / max(d, self.contact_distance)) ** 4
+        k = 90.0 / self.half_width_deg
+        radial = 2 * F0 * cos(k * alpha)
+        # e_t: away from the summit along the sphere (E12); at the summit itself there is no such direction, and no F_t
+        tx, ty, tz = c * rx - sx, c * ry - sy, c * rz - sz
+        t = sqrt(tx * tx + ty * ty + tz * tz)
+        tangential = F0 * sin(k * alpha) / t if t > 1e-9 else 0.0
+        wrench[0] = radial * rx + tangential * tx
+        wrench[1] = radial * ry + tangential * ty
+        wrench[2] = radial * rz + tangential * tz
+        return wrench

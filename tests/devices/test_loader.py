@@ -1,0 +1,97 @@
+"""Device files: what is read, and how each mistake is told."""
+
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+import haptorb
+from haptorb.devices.loader import catalogue, load, parse
+from haptorb.errors import DeviceError, InputError, UnknownName
+
+OMNI = (files("haptorb.devices") / "catalogue" / "omni.toml").read_text(encoding="utf-8")
+
+
+def test_the_catalogue_lists_what_can_be_loaded():
+    assert "omni" in catalogue()
+
+
+def test_omni_as_printed():
+    omni = load("omni")
+    assert np.allclose(np.diag(omni.moment_per_current) * 12.9, (2.52, 2.70, 2.82), atol=2e-3)
+    assert omni.contact_distance == pytest.approx(0.050)
+    assert omni.tool.moment == pytest.approx(2.407, rel=1e-3)
+    assert omni.coils.current_limit.tolist() == [20.0] * 3  # E15: 12 V over 0.6 Ω, not the printed 24 A
+    assert (omni.supply.voltage / omni.coils.resistance).tolist() == pytest.approx([20.0] * 3)
+
+
+def test_what_the_paper_does_not_give_says_so():
+    assumed = load("omni").assumed
+    assert "tool.mass" in assumed
+    assert "tool.remanence" in assumed
+    assert "electromagnet.core_radius" not in assumed
+    assert all(len(why) > 5 for why in assumed.values())
+
+
+def test_devices_differ_by_digest():
+    assert load("omni").digest != parse(OMNI.replace('"15 mm"', '"14 mm"', 1), "x").digest
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('radius = "30 mm"', 'radius = "3 kg"', "device 'x': dome.radius must be a length; got '3 kg'"),
+        ('core_radius = "15 mm"', 'core_radus = "15 mm"', "electromagnet.core_radus is not a key"),
+        ('core_radius = "15 mm"', 'core_radus = "15 mm"', "did you mean 'core_radius'?"),
+        ('core_radius = "15 mm"', 'core_radus = "15 mm"', "electromagnet.core_radius is missing"),
+        ('outer_radius = "6 mm"', 'outer_radius = "-6 mm"', "tool.outer_radius must be greater than 0; got '-6 mm'"),
+        ('inner_radius = "2.5 mm"', 'inner_radius = "7 mm"', "must be smaller than outer_radius"),
+        ('voltage = "12 V"', "voltage = 12", "supply.voltage must be a voltage with its unit"),
+        ('voltage = "12 V"', 'voltage = "nan V"', "supply.voltage must be a voltage"),
+        ('voltage = "12 V"', 'voltage = "inf V"', "supply.voltage must be a finite voltage"),
+        ('voltage = "12 V"', "voltage = true", "supply.voltage must be a voltage"),
+        ('names = ["x", "y", "z"]', 'names = ["x", "y"]', "coils has 2 names but 3 values of resistance"),
+        ('names = ["x", "y", "z"]', 'names = ["x", "y", "y"]', "has a name twice"),
+        ('kind = "spherical-e', 'kind = "e', "kind must be one of"),
+        ('"65 degC"', '"90 degC"', "ambient < warn < derate < stop"),
+        ('assumed = "copper"', 'assumed = " "', "must say why"),
+        ('assumed = "copper"', 'asumed = "copper"', "only the keys value, unit, source and assumed"),
+        ("duty_bits = 12", "duty_bits = 12 12", "not a TOML file"),
+        ("[0.195349, 0.003100, -0.002000]", "[-0.0024, 0.209302, 0.0018]", "singular"),
+    ],
+)
+def test_a_mistake_is_told_with_its_place(old, new, told):
+    assert old in OMNI
+    with pytest.raises((DeviceError, InputError)) as failure:
+        parse(OMNI.replace(old, new, 1), "x")
+    assert told in str(failure.value)
+
+
+def test_all_mistakes_are_told_at_once():
+    broken = OMNI.replace('"30 mm"', '"3 kg"', 1).replace('voltage = "12 V"', 'voltage = "12 m"')
+    with pytest.raises(DeviceError) as failure:
+        parse(broken, "x")
+    assert len(str(failure.value).splitlines()) == 2
+
+
+def test_an_unknown_name_suggests_the_nearest():
+    with pytest.raises(UnknownName, match="did you mean 'omni'"):
+        load("omi")
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(DeviceError, match="cannot be read"):
+        load(tmp_path / "nothing.toml")
+
+
+def test_a_file_of_bytes(tmp_path):
+    path = tmp_path / "bytes.toml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(DeviceError, match="not a text file"):
+        load(path)
+
+
+def test_a_device_of_ones_own(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(OMNI.replace('name = "omni"', 'name = "mine"'))
+    assert haptorb.load(path).name == "mine"
