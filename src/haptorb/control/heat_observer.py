@@ -15,7 +15,7 @@ from haptorb.physics.compiled import kernel
 __all__ = ["HeatObserver"]
 
 _PULL = 0.5  #: rate at which the body follows the thermometer [1/s]
-_POWER_WINDOW = 1.0  #: over which the present load is averaged [s]
+_LOAD_WINDOW = 1.0  #: over which the present load is averaged [s]
 
 
 @kernel
@@ -29,7 +29,7 @@ def _observe(
     heat: Array,
     winding: Array,
     body: Array,
-    power: Array,
+    mean_load: Array,
 ) -> None:
     c_winding, c_body, g_inner, g_outer, ambient = heat[0], heat[1], heat[2], heat[3], heat[4]
     for j in range(currents.size):
@@ -37,33 +37,47 @@ def _observe(
         inward = g_inner * (winding[j] - body[j])
         winding[j] += dt * (load - inward) / c_winding
         body[j] += dt * ((inward - g_outer * (body[j] - ambient)) / c_body + _PULL * (boundary[j] - body[j]))
-        power[j] += min(dt / _POWER_WINDOW, 1.0) * (load - power[j])
+        mean_load[j] += min(dt / _LOAD_WINDOW, 1.0) * (currents[j] ** 2 * resistance[j] - mean_load[j])
 
 
 @kernel
-def _remaining(winding: Array, body: Array, power: Array, heat: Array, limit: float) -> float:
-    """Shortest time over the channels until the winding reaches `limit` at constant `power`; inf if never."""
+def _remaining(
+    winding: Array, body: Array, load: Array, alpha: float, reference: float, heat: Array, limit: float
+) -> float:
+    """Shortest time over the channels until the winding reaches `limit` at constant current; inf if never.
+
+    `load` is i²R at the reference temperature. Warm copper takes more power from the same current, which makes the
+    two-node equations no less linear: only the winding's own rate changes, and may change sign (thermal runaway).
+    """
     c_winding, c_body, g_inner, g_outer, ambient = heat[0], heat[1], heat[2], heat[3], heat[4]
-    a, b, d = g_inner / c_winding, g_inner / c_body, (g_inner + g_outer) / c_body
-    root = np.sqrt((a - d) ** 2 + 4.0 * a * b)
-    fast, slow = 0.5 * (a + d + root), 0.5 * (a + d - root)
     shortest = np.inf
     for j in range(winding.size):
         if winding[j] >= limit:
             return 0.0
-        end_body = ambient + power[j] / g_outer
-        end = end_body + power[j] / g_inner
-        if end <= limit:
+        # d(winding) = −a winding + b body + s,  d(body) = c winding − d body + r, all per second
+        a, b = (g_inner - alpha * load[j]) / c_winding, g_inner / c_winding
+        c, d = g_inner / c_body, (g_inner + g_outer) / c_body
+        s, r = load[j] * (1.0 - alpha * reference) / c_winding, g_outer * ambient / c_body
+        root = np.sqrt((a - d) ** 2 + 4.0 * b * c)
+        fast, slow = -0.5 * (a + d + root), -0.5 * (a + d - root)
+        det = fast * slow
+        if abs(slow) < 1e-12:  # exactly between settling and running away: a hair to either side is the same for years
+            slow, det = 1e-12, fast * 1e-12
+        end = (d * s + b * r) / det
+        if slow < 0.0 and end <= limit:
             continue
-        # θ(t) = end + p e^(−fast t) + q e^(−slow t), from the state now and its slope
-        start = winding[j] - end
-        slope = power[j] / c_winding - a * (winding[j] - body[j])
-        q = (slope + fast * start) / (fast - slow)
+        # θ(t) = end + p e^(fast t) + q e^(slow t), from the state now and its slope
+        start, slope = winding[j] - end, -a * winding[j] + b * body[j] + s
+        q = (slope - fast * start) / (slow - fast)
         p = start - q
-        low, high = 0.0, 50.0 / slow
-        for _ in range(40):
+        low, high = 0.0, 1.0
+        while end + p * np.exp(fast * high) + q * np.exp(slow * high) < limit and high < 1e6:
+            low, high = high, 2.0 * high
+        if high >= 1e6:
+            continue
+        for _ in range(30):
             middle = 0.5 * (low + high)
-            if end + p * np.exp(-fast * middle) + q * np.exp(-slow * middle) < limit:
+            if end + p * np.exp(fast * middle) + q * np.exp(slow * middle) < limit:
                 low = middle
             else:
                 high = middle
@@ -84,7 +98,7 @@ class HeatObserver:
         channels = len(coils.names)
         self.winding = np.full(channels, heat.ambient)
         self.body = np.full(channels, heat.ambient)
-        self.power = np.zeros(channels)
+        self.load = np.zeros(channels)  #: i²R at the reference temperature, averaged [W]
         self.remaining = np.inf
         self._ticks = 0
         self._prediction_every = max(1, round(0.02 / dt))
@@ -105,8 +119,16 @@ class HeatObserver:
             self._heat,
             self.winding,
             self.body,
-            self.power,
+            self.load,
         )
         if self._ticks % self._prediction_every == 0:
-            self.remaining = _remaining(self.winding, self.body, self.power, self._heat, coils.heat.derate)
+            self.remaining = _remaining(
+                self.winding,
+                self.body,
+                self.load,
+                coils.temperature_coefficient,
+                coils.reference_temperature,
+                self._heat,
+                coils.heat.derate,
+            )
         self._ticks += 1
