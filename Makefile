@@ -5,12 +5,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 # What the installed package is built from: a change in any of these means installing again.
-CONSOLE := $(shell find src/haptorb/apps/console \( -name node_modules -o -name static \) -prune -o \
-	\( -name '*.ts' -o -name '*.css' -o -name '*.html' -o -name '*.json' -o -name '*.svg' \) -print 2>/dev/null)
+CONSOLE := $(shell find web -name node_modules -prune -o -type f -print 2>/dev/null)
 BUILT_FROM := pyproject.toml $(wildcard hatch_build.py) $(CONSOLE)
 
-.PHONY: run test nightly bench docs firmware screenshots format lint types packages clean help
+.PHONY: help run test nightly bench docs firmware screenshots format packages clean
 .DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
 
 help:
 	@echo 'make run          set up and start the simulated Omni; ARGS="--world wall" and the like are passed on'
@@ -28,10 +28,10 @@ run: $(VENV)/.run
 
 # Style, types, import contracts and documentation are tests too (tests/checks): one run, one summary.
 test: $(VENV)/.test packages
-	@$(BIN)/python -m pytest -m "not slow" $(ARGS)
+	@$(BIN)/python -m pytest --continue-on-collection-errors -m "not slow" $(ARGS)
 
 nightly: $(VENV)/.test packages
-	@$(BIN)/python -m pytest $(ARGS)
+	@$(BIN)/python -m pytest --continue-on-collection-errors $(ARGS)
 
 bench: $(VENV)/.test
 	@$(BIN)/python -m benchmarks $(ARGS)
@@ -69,5 +69,5 @@ $(VENV)/.test: $(BUILT_FROM) | $(BIN)/python
 clean:
 	rm -rf $(VENV) build dist docs/_build docs/gallery docs/reference/generated test-results
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .packages-missing
-	find src/haptorb/apps/console \( -name node_modules -o -name static \) -prune -exec rm -rf {} +
+	rm -rf web/node_modules src/haptorb/apps/console/static
 	if [ -d firmware ]; then $(MAKE) --no-print-directory -C firmware clean; fi

@@ -1,0 +1,57 @@
+"""One reference page per room of the package, written from what its modules declare public."""
+
+from __future__ import annotations
+
+import inspect
+import pkgutil
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from sphinx.application import Sphinx
+
+ROOMS = ("errors", "physics", "devices", "sensing", "control", "worlds", "simulation", "runtime", "apps")
+
+
+def modules(room: str) -> list[ModuleType]:
+    """A room's module and, if it is a package, all modules in it."""
+    top = import_module(f"haptorb.{room}")
+    below = pkgutil.walk_packages(getattr(top, "__path__", []), top.__name__ + ".")
+    names = [found.name for found in below if not any(part.startswith("_") for part in found.name.split("."))]
+    return [top, *(import_module(name) for name in names)]
+
+
+def section(module: ModuleType) -> list[str]:
+    """The part of a page that is about one module: what it says of itself, then its own public names."""
+    name = module.__name__
+    lines = [name, "-" * len(name), "", f".. automodule:: {name}", "   :no-members:", ""]
+    for public in getattr(module, "__all__", ()):
+        thing = getattr(module, public)
+        if inspect.ismodule(thing) or getattr(thing, "__module__", name) != name:
+            continue  # defined elsewhere, described there
+        kind = "class" if inspect.isclass(thing) else "function" if callable(thing) else "data"
+        lines += [f".. auto{kind}:: {name}.{public}"]
+        if kind == "class":
+            lines += ["   :members:", "   :show-inheritance:"]
+        lines += [""]
+    return lines
+
+
+def _write(app: Sphinx) -> None:
+    folder = Path(app.srcdir) / "reference" / "generated"
+    folder.mkdir(parents=True, exist_ok=True)
+    for room in ROOMS:
+        lines = [f".. _room-{room}:", "", room, "=" * len(room), ""]
+        for module in modules(room):
+            lines += section(module)
+        text = "\n".join(lines)
+        page = folder / f"{room}.rst"
+        if not page.exists() or page.read_text() != text:
+            page.write_text(text)
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Write the pages before Sphinx looks for them."""
+    app.connect("builder-inited", _write)
+    return {"parallel_read_safe": True}

@@ -1,0 +1,67 @@
+"""How the documentation is built. Everything a page needs is in it: no font, script or picture from elsewhere."""
+
+import os
+import sys
+from pathlib import Path
+
+from sphinx_gallery.sorting import FileNameSortKey
+
+import haptorb
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE / "_ext"))
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+project = "haptorb"
+author = "The haptorb developers"
+copyright = "2026, the haptorb developers"
+release = version = haptorb.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.doctest",
+    "sphinxcontrib.bibtex",
+    "sphinx_gallery.gen_gallery",
+    "plain_docstrings",
+    "room_pages",
+]
+exclude_patterns = ["_build", "_ext", "gallery/*.ipynb", "gallery/*.py.md5", "sg_execution_times.rst"]
+nitpicky = False
+default_role = "code"
+
+myst_enable_extensions = ["deflist", "colon_fence"]
+myst_heading_anchors = 3
+
+autodoc_member_order = "bysource"
+autodoc_type_aliases = {"Array": "Array", "ArrayLike": "ArrayLike"}
+autodoc_typehints_format = "short"
+python_maximum_signature_line_length = 100
+add_module_names = False
+
+bibtex_bibfiles = ["references.bib"]
+bibtex_default_style = "alpha"
+
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"/\d\d_",
+    "within_subsection_order": FileNameSortKey,
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "show_memory": False,
+    "show_signature": False,
+    "min_reported_time": 1e9,
+    "remove_config_comments": True,
+}
+
+html_theme = "furo"
+html_title = "haptorb"
+html_static_path = ["_static"]
+html_css_files = ["haptorb.css"]
+html_show_sphinx = False
+html_copy_source = False
+html_show_sourcelink = False
+templates_path: list[str] = []
+
+doctest_global_setup = "import numpy as np\nimport haptorb"
