@@ -168,7 +168,7 @@ class Coil(RoundBody):
     """
 
     def __init__(
-        self, turns: float, inner_radius: float, outer_radius: float, length: float, precision: float = 1e-9
+        self, turns: float, inner_radius: float, outer_radius: float, length: float, precision: float = 1e-10
     ) -> None:
         number = finite(turns, "turns")
         if number.ndim or number <= 0:

@@ -1,0 +1,227 @@
+"""Force, torque and flux linkage between bodies at any pose, to a wanted precision.
+
+The source's field is taken where the target's currents flow: F = ∮ I dl × B over the target's filaments (Gauss points
+across and along, equal steps around, so that every direction converges exponentially). Field evaluations are cheap in
+closed form, so this direction costs about a hundredth of meshing the magnets. A second formulation, force on magnetic
+charges σB over a magnet's faces, and the flux linkage are here as well, as checks on the first and on each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.errors import GeometryError, InputError, PrecisionError
+from haptorb.physics.arrays import Array, finite, rotation, vectors
+from haptorb.physics.coil import Coil
+from haptorb.physics.cylinder import CylinderMagnet
+from haptorb.physics.dipole import MU0
+from haptorb.physics.ring import RingMagnet
+from haptorb.physics.round_body import RoundBody
+from haptorb.physics.source import Source
+
+__all__ = ["Bounded", "filament_wrench", "flux_linkage", "wrench", "wrench_on_charges"]
+
+#: Gauss points across, along, and steps around: each row costs about three times the one before
+LEVELS = (
+    (2, 2, 24),
+    (3, 3, 36),
+    (4, 4, 54),
+    (6, 6, 80),
+    (8, 8, 120),
+    (12, 12, 180),
+    (18, 18, 270),
+    (27, 27, 400),
+)
+_ROUNDING = 4e-15  #: what summing leaves, relative to the sum of magnitudes
+
+
+@dataclass(frozen=True, slots=True)
+class Bounded:
+    """A value with the bound of its numerical error, in the same unit: how far two refinements still differ."""
+
+    value: Array
+    bound: Array
+
+
+def wrench(
+    source: Source,
+    target: RoundBody,
+    position: ArrayLike,
+    turn: ArrayLike,
+    *,
+    about: ArrayLike | None = None,
+    precision: float = 1e-8,
+) -> Bounded:
+    """Force and torque (6,) [N, N·m] that `source` exerts on `target` (coils carry one ampere).
+
+    The target's centre is at `position` (3,) [m] and its axes are turned by `turn` (3, 3), in the source's frame, in
+    which the result is given; the torque is about `about` (3,) [m], else about the target's centre. `precision` is
+    relative to the magnitude of force and of torque, or to a thousandth of the sum of |dF| where symmetry makes them
+    vanish; `bound` (6,) holds what was reached. Raises PrecisionError (with the best reached) and GeometryError when
+    the target reaches into the source.
+
+    >>> magnet = CylinderMagnet(radius=0.02, length=0.04, polarization=1.3)
+    >>> push = wrench(magnet, magnet, (0, 0, 0.05), np.diag([1.0, -1.0, -1.0]))    # opposed, 10 mm apart
+    >>> round(float(push.value[2]), 3)
+    265.537
+    """
+    place, R = _pose(position, turn)
+    pivot = place if about is None else vectors(about, "about")
+
+    def integral(level: tuple[int, int, int]) -> tuple[Array, Array]:
+        points, elements = _elements(target, level, place, R)
+        _outside(source, points)
+        return filament_wrench(source.field(points), points, elements, pivot)
+
+    return _refined(integral, precision, "wrench")
+
+
+def filament_wrench(field: Array, points: Array, elements: Array, pivot: Array) -> tuple[Array, Array]:
+    """Force and torque (6,) about `pivot` on current elements I dl (n, 3) [A·m] at `points` (n, 3) in `field` (n, 3).
+
+    Also their gross (2,): the sums of |dF| [N] and of |dT| [N·m], against which cancellation is judged.
+    """
+    df = np.cross(elements, field)
+    dt = np.cross(points - pivot, df)
+    gross = np.array([np.linalg.norm(df, axis=1).sum(), np.linalg.norm(dt, axis=1).sum()])
+    return np.concatenate([df.sum(axis=0), dt.sum(axis=0)]), gross
+
+
+def wrench_on_charges(
+    source: Source,
+    magnet: CylinderMagnet | RingMagnet,
+    position: ArrayLike,
+    turn: ArrayLike,
+    *,
+    about: ArrayLike | None = None,
+    precision: float = 1e-8,
+) -> Bounded:
+    """The wrench of `source` on a magnet, from magnetic charges ±M on its faces: dF = ±M B dA, a second formulation.
+
+    Arguments, result and errors are those of `wrench`. It costs more where the source is a coil, whose field is itself
+    an integral; it shares nothing with `wrench` but the fields.
+    """
+    place, R = _pose(position, turn)
+    pivot = place if about is None else vectors(about, "about")
+    lift, density = np.array([0.0, 0.0, 0.5 * magnet.length]), magnet.polarization / MU0
+
+    def integral(level: tuple[int, int, int]) -> tuple[Array, Array]:
+        disc, area = _disc(magnet.inner_radius, magnet.outer_radius, 3 * level[0], level[2])
+        faces = np.concatenate([disc + lift, disc - lift])
+        points = faces @ R.T + place
+        _outside(source, points)
+        charge = density * np.concatenate([area, -area])
+        df = charge[:, None] * source.field(points)
+        dt = np.cross(points - pivot, df)
+        gross = np.array([np.linalg.norm(df, axis=1).sum(), np.linalg.norm(dt, axis=1).sum()])
+        return np.concatenate([df.sum(axis=0), dt.sum(axis=0)]), gross
+
+    return _refined(integral, precision, "wrench on charges")
+
+
+def flux_linkage(
+    source: Source, coil: Coil, position: ArrayLike, turn: ArrayLike, *, precision: float = 1e-8
+) -> Bounded:
+    """Flux (1,) [Wb] of `source` linked with all turns of `coil`, whose pose is given as for `wrench`.
+
+    Every point of the bore is encircled by all turns, a point of the winding by those outside it. Its derivative by a
+    displacement or a rotation of the source is the force or torque on the source at one ampere (virtual work).
+    """
+    place, R = _pose(position, turn)
+    ri, ro = coil.inner_radius, coil.outer_radius
+    lift = np.array([0.0, 0.0, 0.5 * coil.length])
+
+    def integral(level: tuple[int, int, int]) -> tuple[Array, Array]:
+        y, v = np.polynomial.legendre.leggauss(level[1])
+        bore, bore_area = _disc(0.0, ri, 2 * level[0], level[2])
+        wire, wire_area = _disc(ri, ro, 2 * level[0], level[2])
+        turns = (ro - np.hypot(wire[:, 0], wire[:, 1])) / (ro - ri)
+        disc, area = np.concatenate([bore, wire]), np.concatenate([bore_area, wire_area * turns])
+        layers = np.concatenate([disc + height * lift for height in y])
+        weight = 0.5 * coil.turns * np.concatenate([share * area for share in v])
+        points = layers @ R.T + place
+        _outside(source, points)
+        flux = weight * (source.field(points) @ R[:, 2])
+        return np.array([flux.sum()]), np.array([np.abs(flux).sum()])
+
+    return _refined(integral, precision, "flux linkage")
+
+
+def _pose(position: ArrayLike, turn: ArrayLike) -> tuple[Array, Array]:
+    place, R = vectors(position, "position"), rotation(turn, "turn")
+    if place.shape != (3,) or R.shape != (3, 3):
+        raise InputError(f"one pose needs shapes (3,) and (3, 3); got {place.shape} and {R.shape}")
+    return place, R
+
+
+def _outside(source: Source, points: Array) -> None:
+    inside = source.contains(points)
+    if inside.any():
+        where = points[inside][0].tolist()
+        raise GeometryError(f"the bodies overlap at {where} m: no force is defined between them there; move them apart")
+
+
+@lru_cache(maxsize=64)
+def _around(steps: int) -> tuple[Array, Array]:
+    angle = 2 * np.pi * (np.arange(steps) + 0.5) / steps
+    return np.cos(angle), np.sin(angle)
+
+
+def _elements(target: RoundBody, level: tuple[int, int, int], place: Array, R: Array) -> tuple[Array, Array]:
+    """Points (n, 3) [m] and current elements I dl (n, 3) [A·m] of a target's filaments, in the common frame."""
+    radii, heights, currents = target.filaments(level[0], level[1])
+    cosine, sine = _around(level[2])
+    points = np.empty((len(radii), level[2], 3))
+    points[..., 0] = radii[:, None] * cosine
+    points[..., 1] = radii[:, None] * sine
+    points[..., 2] = heights[:, None]
+    elements = np.zeros_like(points)
+    step = (2 * np.pi / level[2]) * (radii * currents)[:, None]
+    elements[..., 0] = -step * sine
+    elements[..., 1] = step * cosine
+    return points.reshape(-1, 3) @ R.T + place, elements.reshape(-1, 3) @ R.T
+
+
+def _disc(inner: float, outer: float, rings: int, steps: int) -> tuple[Array, Array]:
+    """Points (n, 3) of a ring-shaped face at z = 0, and the area (n,) that each stands for."""
+    x, w = np.polynomial.legendre.leggauss(rings)
+    radii = 0.5 * (outer + inner) + 0.5 * (outer - inner) * x
+    cosine, sine = _around(steps)
+    points = np.zeros((rings, steps, 3))
+    points[..., 0] = radii[:, None] * cosine
+    points[..., 1] = radii[:, None] * sine
+    area = np.repeat(0.5 * (outer - inner) * w * radii * (2 * np.pi / steps), steps)
+    return points.reshape(-1, 3), area
+
+
+def _refined(integral: Callable[[tuple[int, int, int]], tuple[Array, Array]], precision: float, what: str) -> Bounded:
+    """Run through LEVELS until two in a row agree: the coarser one's error is the bound of the finer one's."""
+    if not 0 < float(finite(precision, "precision")) < 1:
+        raise InputError(f"precision must be a relative error between 0 and 1; got {precision!r}")
+    best: tuple[float, Bounded] | None = None
+    last, _ = integral(LEVELS[0])
+    for level in LEVELS[1:]:
+        value, gross = integral(level)
+        parts = [slice(0, 3), slice(3, 6)] if len(value) == 6 else [slice(0, 1)]
+        bound = np.empty_like(value)
+        reached = 0.0
+        for part, whole in zip(parts, gross, strict=True):
+            change = float(np.linalg.norm(value[part] - last[part])) + _ROUNDING * whole
+            bound[part] = change
+            size = max(float(np.linalg.norm(value[part])), 1e-3 * whole)
+            reached = max(reached, change / size if size else 0.0)
+        if best is None or reached < best[0]:
+            best = (reached, Bounded(value, bound))
+        if reached <= precision:
+            return Bounded(value, bound)
+        last = value
+    assert best is not None
+    raise PrecisionError(
+        f"the {what} was reached to {best[0]:.1e} relative, not to {precision:.1e}; "
+        "ask for less, or keep the bodies further apart"
+    )
