@@ -1,0 +1,40 @@
+"""The program `haptorb`: its commands, and how it ends.
+
+Exit codes: 0 done, 1 the command ran and its verdict is no, 2 a mistake that the message explains, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from haptorb.apps.cli import check, run, show
+from haptorb.errors import HaptorbError
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="haptorb",
+    help="Design, simulate and run spherical electromagnetic haptic devices.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for module in (run, show, check):
+    module.register(app)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; a user's mistake is one message, never a traceback."""
+    try:
+        app(args=arguments)
+    except HaptorbError as mistake:
+        print(f"haptorb: {mistake}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:  # `haptorb devices | head` is no mistake
+        sys.stderr.close()
+    return 0

@@ -1,0 +1,139 @@
+"""`haptorb run`: a device, a world under its mover, and the console in the browser; the main job."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from haptorb.errors import InputError
+
+if TYPE_CHECKING:
+    from haptorb.runtime.servo import Servo
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `app`."""
+    app.command()(run)
+
+
+def run(
+    device: Annotated[str, typer.Argument(help="A device's name, or the path of a device file.")] = "omni",
+    world: Annotated[str, typer.Option(help="What is felt; `haptorb worlds` lists.")] = "dome",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="A parameter of the world, as NAME=VALUE or NAME=X,Y,Z; repeatable."),
+    ] = None,
+    driver: Annotated[str, typer.Option(help="sim: the simulated device.")] = "sim",
+    tracker: Annotated[str, typer.Option(help="Who knows where the tool is; pointer: the console's.")] = "pointer",
+    level: Annotated[str | None, typer.Option(help="Fidelity of the controller's model, dipole or exact.")] = None,
+    rate: Annotated[float, typer.Option(help="Of the loop [Hz], 50 to 4000.")] = 1000.0,
+    seed: Annotated[int, typer.Option(help="Of the simulation's noise.")] = 0,
+    record: Annotated[Path | None, typer.Option(help="Record to this MCAP file.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Let --record replace a file.")] = False,
+    headless: Annotated[bool, typer.Option("--headless", help="No console.")] = False,
+    duration: Annotated[float | None, typer.Option(help="End after so many seconds.")] = None,
+    port: Annotated[int, typer.Option(help="Of the console; 0 takes any free one.")] = 8765,
+    browser: Annotated[bool, typer.Option("--open", help="Open the browser.")] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="At the end, print the run's report as one JSON object.")
+    ] = False,
+) -> None:
+    """Run a device: simulated Omni, a dome under the stylus and the console in the browser, unless told otherwise."""
+    from haptorb import worlds
+
+    felt = worlds.named(world)().changed(**_values(settings or []))
+    if duration is not None and not 0 < duration < float("inf"):
+        raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
+    from haptorb.runtime.servo import Servo
+
+    servo = Servo(
+        device, felt, driver=driver, tracker=tracker, rate=rate, seed=seed, level=level, record=record or False,
+        overwrite=force,
+    )  # fmt: skip
+    signal.signal(signal.SIGTERM, _end)
+    number = _alone(servo, duration, json) if headless else _with_console(servo, duration, port, browser, json)
+    if number:
+        raise typer.Exit(128 + number)
+
+
+def _alone(servo: Servo, duration: float | None, json: bool) -> int:
+    with servo:
+        if not json:
+            _say(f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_nature(servo)}. Ctrl-C ends.")
+        try:
+            servo.run(duration if duration is not None else 1e9)
+            number = 0
+        except KeyboardInterrupt:
+            number = int(signal.SIGINT)
+        except _Terminated:
+            number = int(signal.SIGTERM)
+        _report(servo, json)
+    return number
+
+
+def _with_console(servo: Servo, duration: float | None, port: int, browser: bool, json: bool) -> int:
+    from time import monotonic
+
+    from haptorb.apps.console import Console
+
+    with Console(servo, port) as console, servo:
+        _say(f"Open {console.url} in a browser: {servo.device.name}, {_nature(servo)}. Ctrl-C ends.")
+        end = float("inf") if duration is None else monotonic() + duration
+        number = console.serve(open_browser=browser, until=lambda: monotonic() > end)
+        servo.check()  # a servo that died says why, and the exit code says that it did
+        _report(servo, json)
+    return number or 0
+
+
+def _nature(servo: Servo) -> str:
+    return "SIMULATED" if servo.driver == "sim" else f"driver {servo.driver}"
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def _report(servo: Servo, json: bool) -> None:
+    report: dict[str, Any] = servo.report()
+    if json:
+        from json import dumps
+
+        print(dumps(report, ensure_ascii=False))
+        return
+    rate, late = report["success_rate"], report["lateness_us"]["p99"]
+    if rate is not None and late is not None:
+        _say(
+            f"{report['ticks']} ticks, {100 * rate:.2f} % in time, p99 lateness {late:.0f} µs, "
+            f"peak force {report['peak_force_n']:.2f} N"
+        )
+    for trip in report["trips"]:
+        _say(f"tripped at {trip['t']:.2f} s: {trip['reason']}")
+
+
+def _values(settings: list[str]) -> dict[str, float | tuple[float, ...]]:
+    values: dict[str, float | tuple[float, ...]] = {}
+    for setting in settings:
+        name, equals, text = setting.partition("=")
+        try:
+            numbers = tuple(float(part) for part in text.split(","))
+        except ValueError:
+            numbers = ()
+        if not equals or not numbers:
+            raise InputError(f"--set must be NAME=VALUE or NAME=X,Y,Z with numbers; got '{setting}'")
+        values[name.strip()] = numbers[0] if len(numbers) == 1 else numbers
+    return values
+
+
+class _Terminated(BaseException):
+    """SIGTERM, on its way through `with` blocks that switch the coils off."""
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    raise _Terminated

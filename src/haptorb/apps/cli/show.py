@@ -1,0 +1,114 @@
+"""`haptorb devices`, `haptorb worlds` and `haptorb inspect`: what is there, and what it can do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptorb.errors import InputError
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to `app`."""
+    app.command()(devices)
+    app.command()(worlds)
+    app.command()(inspect)
+
+
+def devices(json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
+    """The devices that come with haptorb, one line each."""
+    from haptorb.devices.loader import catalogue
+
+    _list(catalogue(), json)
+
+
+def worlds(
+    name: Annotated[str | None, typer.Argument(help="A world, to see its parameters.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """The worlds that can be felt, one line each; with a name, that world's parameters."""
+    from haptorb.worlds import CATALOGUE, named
+    from haptorb.worlds.parameter import parameters
+
+    if name is None:
+        _list({key: (world.__doc__ or "").splitlines()[0] for key, world in CATALOGUE.items()}, json)
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    known = parameters(named(name)).values()
+    if json:
+        from json import dumps
+
+        fields = ("name", "unit", "low", "high", "default", "about")
+        print(dumps([{field: getattr(item, field) for field in fields} for item in known], indent=2))
+        return
+    console = Console()
+    world = named(name)
+    console.print(f"[bold]{name}[/]: {(world.__doc__ or '').splitlines()[0]}")
+    console.print(f"[dim]{_nature(world.passive, world.continuous)}[/]")
+    if not known:
+        return
+    table = Table(box=None)
+    for column in ("parameter", "default", "range", ""):
+        table.add_column(column)
+    for item in known:
+        default = item.default if isinstance(item.default, tuple) else (item.default,)
+        unit = "" if item.unit == "1" else f" {item.unit}"
+        table.add_row(
+            item.name, ", ".join(f"{x:g}" for x in default) + unit, f"{item.low:g} … {item.high:g}{unit}", item.about
+        )
+    console.print(table)
+
+
+def _nature(passive: bool, continuous: bool) -> str:
+    energy = "passive: gives no energy that was not put in" if passive else "active: a closed path can gain energy"
+    return f"{energy}; {'continuous' if continuous else 'has jumps'}"
+
+
+def inspect(
+    device: Annotated[str, typer.Argument(help="A device's name, or the path of a device file.")],
+    plot: Annotated[Path | None, typer.Option(help="Draw the card into this PNG or SVG file.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    assumed: Annotated[bool, typer.Option("--assumed", help="List what is assumed, with the reasons.")] = False,
+) -> None:
+    """The capability card of a device: what it can do, sense and endure, and what its models get wrong."""
+    from rich.console import Console
+
+    from haptorb.devices.loader import load
+
+    found = load(device)
+    if assumed:
+        for key, reason in found.assumed.items():
+            print(f"{key}: {reason}")
+        return
+    if plot is not None and plot.suffix not in (".png", ".svg"):
+        raise InputError(f"--plot must name a .png or .svg file; got '{plot}'")
+    if plot is not None and not plot.parent.is_dir():
+        raise InputError(f"--plot: the folder '{plot.parent}' does not exist")
+    from haptorb.apps.inspect import card
+
+    made = card(found)
+    if json:
+        from json import dumps
+
+        print(dumps(made.numbers(), indent=2, ensure_ascii=False))
+    else:
+        made.show(Console())
+    if plot is not None:
+        made.plot(plot)
+
+
+def _list(lines: dict[str, str], json: bool) -> None:
+    if json:
+        from json import dumps
+
+        print(dumps(lines, indent=2, ensure_ascii=False))
+        return
+    width = max(map(len, lines), default=0)
+    for name, text in lines.items():
+        print(f"{name:<{width}}  {text}")

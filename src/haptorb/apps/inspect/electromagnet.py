@@ -1,0 +1,117 @@
+"""The card of a spherical electromagnet: force over the shell, endurance, and what its published model gets wrong."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from haptorb.apps.inspect.card import Card, facts, shown
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.shell_capability import FORCE_JND, shell_capability
+
+__all__ = ["ElectromagnetCard"]
+
+
+@final
+class ElectromagnetCard(Card):
+    """Forces are the least over the workspace, by the exact level, for a tool held radially."""
+
+    def __init__(self, device: SphericalElectromagnet) -> None:
+        self._device = device
+        self._capability = shell_capability(device)
+
+    def numbers(self) -> dict[str, Any]:
+        """Everything on the card as plain JSON types."""
+        device, capability = self._device, self._capability
+        return {
+            **facts(device),
+            "sensed_dof": "3 positions and 2 directions by a tracker; the tool's own spin is not felt and not needed",
+            "actuated_dof": 3,
+            "field_sensors": device.sensors,
+            "workspace_half_angle_deg": math.degrees(device.workspace_half_angle),
+            "contact_distance_m": device.contact_distance,
+            "shell_m": device.shell_thickness,
+            "tool_moment_a_m2": device.tool.moment,
+            "layers": [{**asdict(layer), "dipole_error_jnd": layer.dipole_error_jnd} for layer in capability.layers],
+            "endurance": [
+                {"share_of_full_current": share, "seconds": seconds if math.isfinite(seconds) else None}
+                for share, seconds in capability.endurance
+            ],
+        }
+
+    def show(self, console: Console) -> None:
+        """Print it for people."""
+        device, capability = self._device, self._capability
+        shown(device, console)
+        reach = np.array([device.contact_distance, device.contact_distance + device.shell_thickness]) * 1e3
+        table = Table.grid(padding=(0, 3))
+        table.add_row(
+            "workspace",
+            f"±{math.degrees(device.workspace_half_angle):.0f}° about the summit, "
+            f"{reach[0]:g} to {reach[1]:g} mm from the centre to the tool's magnet",
+        )
+        table.add_row("actuated", "3 degrees of freedom: force, or torque about two axes, or a blend of both")
+        table.add_row("sensed", f"tool's position and axis (5) by a tracker; {device.sensors} field sensors of 3 axes")
+        console.print(table)
+        console.print()
+        console.print("Force on a radial tool in the weakest place and direction of the workspace [mN]")
+        forces = Table(box=SIMPLE_HEAD, padding=(0, 2))
+        forces.add_column("[mm]", justify="right")
+        for name in ("peak\nradial", "\ntangential", "lasting\nradial", "\ntangential", "core's own\npull"):
+            forces.add_column(name, justify="right")
+        forces.add_column("dipole model\nerrs by", justify="right")
+        for layer in capability.layers:
+            newtons = (layer.peak_radial, layer.peak_tangential, layer.lasting_radial, layer.lasting_tangential)
+            forces.add_row(
+                f"{layer.distance * 1e3:.0f}",
+                *(f"{1e3 * force:.0f}" for force in newtons),
+                f"{1e3 * layer.passive_pull:.1f}",
+                f"{100 * layer.dipole_error:.1f} %, {layer.dipole_error_jnd:.1f} JND",
+            )
+        console.print(forces)
+        console.print(f"[dim]JND: just-noticeable difference, {100 * FORCE_JND:.0f} % of force[/]\n")
+        lasting = ", ".join(f"{100 * share:.0f} % {_duration(seconds)}" for share, seconds in capability.endurance)
+        room = device.coils.heat.ambient - 273.15
+        console.print(f"endurance of one coil from {room:.0f} °C by share of full current: {lasting}")
+        console.print(f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
+
+    def plot(self, path: Path) -> None:
+        """Draw force over distance, and over the dome, into `path`."""
+        from matplotlib.figure import Figure
+
+        layers = self._capability.layers
+        distance = [1e3 * layer.distance for layer in layers]
+        figure = Figure(figsize=(10, 4.2), layout="constrained")
+        left, right = figure.subplots(1, 2)
+        left.plot(distance, [1e3 * layer.peak_radial for layer in layers], "C0-o", label="radial, peak")
+        left.plot(distance, [1e3 * layer.peak_tangential for layer in layers], "C1-s", label="tangential, peak")
+        left.plot(distance, [1e3 * layer.lasting_radial for layer in layers], "C0--o", label="radial, for ever")
+        left.plot(distance, [1e3 * layer.lasting_tangential for layer in layers], "C1--s", label="tangential, for ever")
+        left.plot(distance, [1e3 * layer.passive_pull for layer in layers], "k:", label="core's own pull")
+        left.set(xlabel="tool's magnet from the centre [mm]", ylabel="force [mN]", ylim=(0, None))
+        left.set_title("Force in the weakest direction", loc="left")
+        left.legend(frameon=False)
+        left.grid(alpha=0.3)
+        right.plot(distance, [100 * layer.dipole_error for layer in layers], "C3-o")
+        jnd = right.secondary_yaxis("right", functions=(lambda x: x / (100 * FORCE_JND), lambda x: x * 100 * FORCE_JND))
+        jnd.set_ylabel("just-noticeable differences")
+        right.axhline(100 * FORCE_JND, color="k", ls=":", lw=1)
+        right.annotate("one can feel it from here", (distance[0], 100 * FORCE_JND), (0, 4), textcoords="offset points")
+        right.set(xlabel="tool's magnet from the centre [mm]", ylabel="error of the dipole model [%]", ylim=(0, None))
+        right.set_title("What the published model gets wrong", loc="left")
+        right.grid(alpha=0.3)
+        figure.suptitle(self._device.title, x=0.01, ha="left", fontweight="bold")
+        figure.savefig(path, dpi=150)
+
+
+def _duration(seconds: float) -> str:
+    if math.isinf(seconds):
+        return "for ever"
+    return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"
