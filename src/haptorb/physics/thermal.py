@@ -10,11 +10,11 @@ and `endurance_fit` finds them. Left out: radiation, and the coils' heating of e
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from haptorb.errors import InputError
 from haptorb.physics.arrays import Array, finite
@@ -163,7 +163,7 @@ class TwoNode:
             turn = float(np.log(-one * fast / (two * slow)) / (slow - fast))
             if turn > 0.0:
                 if above(turn) >= 0.0:
-                    return float(brentq(above, 0.0, turn, xtol=1e-12, rtol=1e-12))
+                    return _root(above, 0.0, turn)
                 starts.append(turn)
         lower = starts[-1]
         rising = two * slow > 0.0 if two != 0.0 else one * fast > 0.0
@@ -174,7 +174,7 @@ class TwoNode:
             upper = lower + 2 * (upper - lower)
             if upper > 1e4 / abs(slow):
                 return float("inf")
-        return float(brentq(above, lower, upper, xtol=1e-12, rtol=1e-12))
+        return _root(above, lower, upper)
 
     def _time_on_voltage(self, rise: float, power: float, begin: Array, coefficient: float) -> float:
         fast, slow = self.time_constants
@@ -191,6 +191,12 @@ class TwoNode:
                 break
             x, t = after, t + dt
         return float("inf")
+
+
+def _root(function: Callable[[float], float], low: float, high: float, xtol: float = 1e-12) -> float:
+    from scipy.optimize import brentq  # a quarter of a second that only those who look for times should wait
+
+    return float(brentq(function, low, high, xtol=xtol, rtol=1e-12))
 
 
 def single_time_constant(power: float, time: float, sustained: float) -> float:
@@ -246,7 +252,7 @@ def endurance_fit(
         low, high = 1e-6 * full * full_time / limit_rise, full * full_time / limit_rise
         if excess(low) <= 0.0:
             return None  # even a winding without capacity stays below: the body alone takes the heat
-        return TwoNode(float(brentq(excess, low, high, xtol=1e-14, rtol=1e-13)), body_capacity, to_body, to_air)
+        return TwoNode(_root(excess, low, high, 1e-14), body_capacity, to_body, to_air)
 
     def late(log_capacity: float) -> float:
         model = coil(float(np.exp(log_capacity)))
@@ -262,7 +268,7 @@ def endurance_fit(
             f"and {half:g} W for {half_time:g} s but {sustained:g} W for ever; choose another `inside`"
         )
     at = int(crossing[0])
-    found = coil(float(np.exp(brentq(late, grid[at], grid[at + 1], xtol=1e-13))))
+    found = coil(float(np.exp(_root(late, grid[at], grid[at + 1]))))
     if found is None:  # pragma: no cover - both ends of the bracket have a winding, so what lies between has one
         raise InputError("the endurance figures lie at the edge of what two bodies can do; choose another `inside`")
     return found

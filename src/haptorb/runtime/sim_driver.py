@@ -1,0 +1,142 @@
+"""The simulated driver: a device, its tool and a hand that exist only as equations, behind the door of a real one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol, final
+
+import numpy as np
+
+from haptorb.devices.device import Device
+from haptorb.errors import DriverError, InputError
+from haptorb.physics.arrays import Array
+from haptorb.runtime.driver import Driver
+from haptorb.sensing.sample import Sample
+from haptorb.simulation.registry import simulated
+from haptorb.simulation.simulation import Simulation
+
+__all__ = ["SimDriver", "Wish"]
+
+_CATCH_UP = 0.1  #: a longer pause of the loop is a pause of the simulated world too [s]
+
+
+class Wish(Protocol):
+    """Where the simulated hand wants the mover; what a pointer says."""
+
+    @property
+    def p(self) -> Array:
+        """(3,) [m]."""
+
+    @property
+    def q(self) -> Array:
+        """(4,) quaternion (x, y, z, w) of R_SR."""
+
+    @property
+    def stamp(self) -> float:
+        """When this was said, on the loop's clock [s]."""
+
+    @property
+    def held(self) -> bool:
+        """A person holds the pointer."""
+
+
+@final
+class SimDriver(Driver):
+    """Advances `simulation` by whole servo periods, as many as passed since the last `read`, then samples it.
+
+    period [s] is the servo's. `goal(now)` says where the hand wants the mover; without it the hand stays at the start.
+    The pose is as old as the goal while a person holds the pointer, so that a console that has gone lets it expire;
+    else it is fresh. Time is what `read` is told: two runs with the same times, goals and duties are alike to the bit.
+    """
+
+    name = "sim"
+    simulated = True
+
+    def __init__(
+        self, simulation: Simulation, period: float, goal: Callable[[float], Wish] | None = None, *, seed: int = 0
+    ) -> None:
+        if not (np.isfinite(period) and 0.0 < period <= _CATCH_UP):
+            raise InputError(f"period of the servo must be above 0 and at most {_CATCH_UP} s; got {period} s")
+        self.simulation = simulation
+        self.goal = goal
+        self._period = float(period)
+        self._seed = seed
+        self._open = False
+        self._start()
+
+    @classmethod
+    def of(cls, device: Device, period: float, goal: Callable[[float], Wish] | None = None, seed: int = 0) -> SimDriver:
+        """The driver of a simulated `device`; DeviceError if its kind cannot be simulated.
+
+        >>> from haptorb.devices.loader import load
+        >>> with SimDriver.of(load("omni"), 1e-3) as driver:
+        ...     first = driver.read(0.0)
+        >>> first.pose.valid, driver.write(np.ones(3)).tolist()       # closed: the coils stay off
+        (True, [0.0, 0.0, 0.0])
+        """
+        return cls(simulated(device, seed), period, goal, seed=seed)
+
+    def _start(self) -> None:
+        channels = self.simulation.device.channels
+        self._duties = np.zeros(channels)
+        self._clock: float | None = None  # time up to which the world has been simulated
+        state = self.simulation.state()
+        self._goal_p, self._goal_q = state.p, _quaternion(state.R_SR)
+
+    def open(self) -> None:
+        """Begin at the start again: coils off, noise from the seed."""
+        self.simulation.reset(self._seed)
+        self._start()
+        self._open = True
+
+    def close(self) -> None:
+        """Coils off."""
+        self._duties = np.zeros(self.simulation.device.channels)
+        self._open = False
+
+    def read(self, now: float) -> Sample:
+        """The sample at `now` [s]; `now` may stand still but never go back."""
+        if not self._open:
+            raise DriverError("the simulated device is not open; use it in a `with` block or call open() first")
+        if not now - now == 0.0:
+            raise DriverError(f"the loop's clock must be finite; got {now}")
+        stamp, valid = now, True
+        if self.goal is not None:
+            wish = self.goal(now)
+            self._goal_p, self._goal_q = wish.p, wish.q
+            if wish.held:
+                stamp = min(wish.stamp, now)
+                valid = stamp - stamp == 0.0
+        if self._clock is None:
+            if self.goal is not None:
+                self.simulation.place(self._goal_p, self._goal_q)  # the hand begins where it wants to be
+            self._clock = now
+        periods = round((now - self._clock) / self._period)
+        if periods < 0:
+            raise DriverError(f"the loop's clock went back from {self._clock} s to {now} s")
+        if periods:
+            self._clock += periods * self._period
+            passed = min(periods * self._period, _CATCH_UP)
+            self.simulation.advance(passed, self._duties, self._goal_p, self._goal_q)
+        return self.simulation.sample(now, stamp if valid else now, valid)
+
+    def write(self, duties: Array) -> Array:
+        """Chop `duties` (m,) and hold them until the next; returns (m,) what was applied, zeros when not open."""
+        if self._open:
+            self._duties = self.simulation.quantised(duties)
+        return self._duties.copy()
+
+    def truth(self) -> Array:
+        """(6,) the mean wrench of coils and core on the mover over the last advance [N, N·m]."""
+        return self.simulation.truth()
+
+    def target(self) -> Array:
+        """(7,) where the hand wants the mover: position [m], then quaternion (x, y, z, w)."""
+        return np.concatenate((self._goal_p, self._goal_q))
+
+
+def _quaternion(R: Array) -> Array:
+    from scipy.spatial.transform import Rotation  # once, at the start
+
+    q: Array = Rotation.from_matrix(R).as_quat()
+    return q

@@ -1,0 +1,282 @@
+"""A spherical electromagnet, its tool and a hand, simulated: what the driver of a real one would meet.
+
+The truth is finer than the controller's model: the tool's magnet has its true size (erratum E16), the core pulls it
+with currents off (erratum E18), coils have inductance and warm up, the moving tool induces a voltage in them, sensors
+are noisy. So what is asked and what is given differ here as they would in reality.
+"""
+
+from __future__ import annotations
+
+from math import ceil, isfinite
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.passive_pull import pull
+from haptorb.devices.state import State
+from haptorb.errors import DriverError, InputError
+from haptorb.physics import dipole
+from haptorb.physics.arrays import Array, finite, vectors
+from haptorb.physics.charged_ring import ChargedRing, dipole_on_charges
+from haptorb.physics.compiled import kernel
+from haptorb.physics.soft_sphere import SoftSphere
+from haptorb.physics.thermal import TwoNode
+from haptorb.sensing.sample import Pose, Sample
+from haptorb.simulation.coils import BODY, CURRENT, WINDING, Wires, chop, coil_step, cold, wires
+from haptorb.simulation.hand import LETTING_GO, Grip, rotation_left
+from haptorb.simulation.noise import seeded
+from haptorb.simulation.sensors import Magnets, Senses, sense
+from haptorb.simulation.simulation import Simulation
+from haptorb.simulation.tool import GRAVITY, Body, Dome, contact, matrix, move
+
+__all__ = ["SimulatedElectromagnet"]
+
+_ABOVE = 12e-3  #: the tool starts this far above contact [m]
+
+
+@kernel
+def _wrench(
+    rows: Array, table: Array, nearest: float, per_ampere: Array, R: Array, p: Array, axis: Array,
+    per_moment: Array, per_current: Array, passive: Array,
+) -> None:  # fmt: skip
+    """Fill per_current (6, m) [N/A, N·m/A] and passive (6,) [N, N·m] at the pose R, p."""
+    dipole_on_charges(rows, R, p, per_moment)
+    for i in range(6):
+        passive[i] = 0.0
+        for k in range(per_ampere.shape[1]):
+            total = 0.0
+            for j in range(3):
+                total += per_moment[i, j] * per_ampere[j, k]
+            per_current[i, k] = total
+    for i in range(3):
+        axis[i] = R[i, 2]
+    pull(table, nearest, p, axis, passive)
+
+
+@kernel
+def _advance(
+    tool: Array, coils: Array, duties: Array, goal_p: Array, goal_q: Array, wires: Wires, heat: Array, body: Body,
+    dome: Dome, grip: Grip, rows: Array, table: Array, nearest: float, per_ampere: Array, dt: float, steps: int,
+    truth: Array,
+) -> float:  # fmt: skip
+    """`steps` steps of `dt` [s]; fills truth (6,) with the mean wrench of coils and core; returns the depth [m]."""
+    count = duties.shape[0]
+    R = np.empty((3, 3))
+    per_moment, per_current = np.empty((6, 3)), np.empty((6, count))
+    emf, mean = np.empty(count), np.empty(count)
+    given, total, passive = np.empty(6), np.empty(6), np.empty(6)
+    turn, axis = np.empty(3), np.empty(3)
+    truth[:] = 0.0
+    depth = 0.0
+    for _ in range(steps):
+        matrix(tool[3:7], R)
+        _wrench(rows, table, nearest, per_ampere, R, tool[:3], axis, per_moment, per_current, passive)
+        for k in range(count):  # the power that leaves the coil's circuit is the power that the tool gets
+            emf[k] = 0.0
+            for i in range(6):
+                emf[k] += per_current[i, k] * tool[7 + i]
+        coil_step(coils, wires, heat, duties, emf, dt, mean)
+        for i in range(6):
+            given[i] = passive[i]
+            for k in range(count):
+                given[i] += per_current[i, k] * mean[k]
+            truth[i] += given[i] / steps
+            total[i] = given[i]
+        depth = contact(tool, R, body, dome, dt, total)
+        rotation_left(tool[3:7], goal_q, turn)
+        move(tool, R, body, grip, goal_p, turn, total, dt)
+    return depth
+
+
+@final
+class SimulatedElectromagnet(Simulation):
+    """Coils, core, tool, dome and hand of `device`, in steps of at most `step` [s].
+
+    held=False lets the tool go: no hand, and gravity acts on it. With a hand, the hand carries the tool's weight.
+
+    >>> from haptorb.devices.loader import load
+    >>> omni = SimulatedElectromagnet(load("omni"), seed=1)
+    >>> omni.place((0, 0, 0.06), (0, 0, 0, 1))
+    >>> for _ in range(20):
+    ...     omni.advance(1e-3, np.zeros(3), np.array([0, 0, 0.06]), np.array([0, 0, 0, 1.0]))
+    >>> bool(-13e-3 < omni.truth()[2] < -11.5e-3)      # currents off, and still the core pulls, erratum E18
+    True
+    """
+
+    def __init__(
+        self, device: SphericalElectromagnet, seed: int = 0, *, held: bool = True, step: float = 2.5e-4
+    ) -> None:
+        if not (np.isfinite(step) and 0.0 < step <= 1e-3):
+            raise InputError(f"step of the simulation must be above 0 and at most 1 ms; got {step} s")
+        self.device: SphericalElectromagnet = device
+        self._longest = float(step)
+        tool, hand, dome, hall = device.tool, device.hand, device.contact, device.hall
+        self._body = Body(
+            mass=float(tool.mass + (hand.mass if held else 0.0)),
+            weight=0.0 if held else float(tool.mass * GRAVITY),
+            inertia_x=float(tool.inertia[0]),
+            inertia_y=float(tool.inertia[1]),
+            inertia_z=float(tool.inertia[2]),
+            tip=float(tool.tip_distance),
+            tail=float(tool.length / 2),
+        )
+        self._dome = Dome(float(device.dome_radius), float(dome.stiffness), float(dome.damping), float(dome.friction))
+        self._grip = LETTING_GO
+        if held:
+            self._grip = Grip(
+                float(hand.stiffness), float(hand.damping), float(hand.turn_stiffness), float(hand.turn_damping)
+            )
+        self._wires = wires(device)
+        heat = device.coils.heat
+        self._heat = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
+        self._heat_dt, self._heat_step = -1.0, np.zeros((2, 3))
+        size = (tool.outer_radius, tool.inner_radius, tool.length, tool.remanence)
+        self._rows = ChargedRing(*size).rows
+        self._table = np.array(device.passive_pull.table)
+        self._nearest = float(device.passive_pull.nearest)
+        self._per_ampere = np.array(device.moment_per_current, dtype=np.float64, order="C")
+        positions = np.array(hall.positions, dtype=np.float64, order="C").reshape(-1, 3)
+        self._senses = Senses(
+            positions,
+            float(hall.noise),
+            float(hall.step),
+            float(device.supply.current_noise),
+            float(device.supply.current_step),
+            float(device.thermometer_noise),
+            float(device.thermometer_step),
+        )
+        sphere = SoftSphere(device.core_radius, device.core_permeability)
+        order = 1
+        if len(positions):
+            closest = max(device.dome_radius - tool.length / 2, 1.1 * device.core_radius)
+            order = sphere.order(closest, float(np.linalg.norm(positions, axis=1).min()), precision=1e-3)
+        unit = np.stack([dipole.field(np.eye(3)[j], positions) for j in range(3)], axis=-1)  # (k, 3, 3) [T/A·m²]
+        self._magnets = Magnets(
+            self._rows,
+            ChargedRing(*size, radial=1, azimuth=4).rows,
+            float(device.core_radius),
+            sphere.response(order),
+            np.ascontiguousarray((unit @ self._per_ampere).reshape(3 * len(positions), -1)),
+        )
+        self._steps_of_duty = float(2**device.supply.duty_bits)
+        self._truth = np.zeros(6)
+        self._goal_p, self._goal_q = np.empty(3), np.empty(4)
+        self.reset(seed)
+
+    def reset(self, seed: int = 0) -> None:
+        """Cold coils without currents, the tool at rest 12 mm above the dome's summit, noise from `seed`."""
+        self._noise = seeded(seed)
+        self._coils = cold(self._wires)
+        self._tool = np.zeros(13)
+        self._truth[:] = 0.0
+        self._t = 0.0
+        self._depth = 0.0
+        self.place((0.0, 0.0, self.device.contact_distance + _ABOVE), (0.0, 0.0, 0.0, 1.0))
+
+    def place(self, p: ArrayLike, q: ArrayLike) -> None:
+        """Put the tool at `p` (3,) [m] with quaternion `q` (4,), at rest; nearer than contact is lifted to contact."""
+        at, turned = vectors(p, "p"), finite(q, "q")
+        if at.shape != (3,) or turned.shape != (4,) or not turned.any() or not at.any():
+            raise InputError(
+                f"p must be a place off the centre, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}"
+            )
+        distance = float(np.linalg.norm(at))
+        self._tool[:3] = at * max(1.0, self.device.contact_distance / distance)
+        self._tool[3:7] = turned / np.linalg.norm(turned)
+        self._tool[7:] = 0.0
+        self._goal_p[:], self._goal_q[:] = at, self._tool[3:7]
+
+    def quantised(self, duties: Array) -> Array:
+        """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
+        out = np.empty(self.device.channels)
+        chop(np.ascontiguousarray(duties, dtype=np.float64), self._steps_of_duty, out)
+        return out
+
+    def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
+        """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one."""
+        if not (0.0 <= dt < 10.0):
+            raise InputError(f"the simulation can advance by 0 to 10 s at once; got {dt} s")
+        if dt == 0.0:
+            return
+        steps = max(ceil(dt / self._longest - 1e-9), 1)
+        h = dt / steps
+        if abs(h - self._heat_dt) > 1e-12 * h:
+            self._heat_dt, self._heat_step = h, self._heat.step(h)
+        self._want(goal_p, goal_q)
+        self._depth = _advance(
+            self._tool, self._coils, duties, self._goal_p, self._goal_q, self._wires, self._heat_step, self._body,
+            self._dome, self._grip, self._rows, self._table, self._nearest, self._per_ampere, h, steps, self._truth,
+        )  # fmt: skip
+        self._t += dt
+
+    def _want(self, goal_p: Array, goal_q: Array) -> None:
+        x, y, z = goal_p.tolist()
+        if x - x == 0.0 and y - y == 0.0 and z - z == 0.0:
+            self._goal_p[:] = goal_p
+        a, b, c, d = goal_q.tolist()
+        size = a * a + b * b + c * c + d * d
+        if 0.0 < size < 1e12:  # false for NaN as well
+            self._goal_q[:] = goal_q
+            self._goal_q /= size**0.5
+
+    def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
+        """One reading of every sensor, and the tool's true pose as the tracker's word."""
+        channels = self.device.channels
+        R = np.empty((3, 3))
+        currents, temperatures = np.empty(channels), np.empty(channels)
+        field = np.empty((len(self._senses.positions), 3))
+        tool = self._tool.copy()
+        matrix(tool[3:7], R)
+        p = tool[:3]
+        if not isfinite(sum(tool.tolist())):
+            raise DriverError(
+                "the simulated tool left the numbers: a value of the device file is far from what can be built; "
+                "compare tool, hand and contact with the file of 'omni'"
+            )
+        sense(self._coils, R, p, self._magnets, self._senses, self._noise, currents, temperatures, field)
+        pose = Pose(pose_stamp, R, p, tool[10:], tool[7:10], pose_valid)
+        return Sample(t, currents, temperatures, field, pose)
+
+    def truth(self) -> Array:
+        """(6,) mean wrench of coils and core on the tool over the last `advance` [N, N·m about the magnet]."""
+        return self._truth.copy()
+
+    def state(self) -> State:
+        """The tool as it really is."""
+        R = np.empty((3, 3))
+        tool = self._tool.copy()
+        matrix(tool[3:7], R)
+        return State(self._t, R, tool[:3], tool[10:], tool[7:10])
+
+    @property
+    def currents(self) -> Array:
+        """(m,) the true currents [A]."""
+        currents: Array = self._coils[CURRENT].copy()
+        return currents
+
+    @property
+    def winding(self) -> Array:
+        """(m,) the windings' true temperatures [K]."""
+        winding: Array = self._coils[WINDING].copy()
+        return winding
+
+    @property
+    def boundary(self) -> Array:
+        """(m,) the coil bodies' true temperatures [K]."""
+        boundary: Array = self._coils[BODY].copy()
+        return boundary
+
+    @property
+    def depth(self) -> float:
+        """How far the dome gives way under the tool just now [m]; 0: no contact."""
+        return self._depth
+
+    @property
+    def energy(self) -> float:
+        """Kinetic energy of the tool, with the hand's mass that moves along [J]."""
+        body, tool = self._body, self._tool
+        w = self.state().R_SR.T @ tool[10:]
+        inertia = np.array([body.inertia_x, body.inertia_y, body.inertia_z])
+        return float(0.5 * body.mass * (tool[7:10] @ tool[7:10]) + 0.5 * (inertia @ w**2))
