@@ -190,7 +190,7 @@ class Coil(RoundBody):
 
     def __repr__(self) -> str:
         return (
-            f"Coil(turns={self.turns:g}, inner_radius={self.inner_radius}, outer_radius={self.outer_radius}, "
+            f"Coil(turns={self.turns}, inner_radius={self.inner_radius}, outer_radius={self.outer_radius}, "
             f"length={self.length})"
         )
 
