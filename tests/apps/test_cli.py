@@ -1,0 +1,131 @@
+"""The command line as its users type it: what it prints, how it fails, and that it fails politely."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from haptorb.apps.cli import main
+
+
+def told(capsys, *words):
+    """Exit code, standard output and error of one command."""
+    try:
+        code = main(list(words))
+    except SystemExit as end:
+        code = int(end.code or 0)
+    out, err = capsys.readouterr()
+    assert "Traceback" not in out + err
+    return code, out, err
+
+
+def test_devices_and_worlds_are_one_line_each(capsys):
+    code, out, _ = told(capsys, "devices")
+    assert code == 0
+    assert any(line.startswith("omni ") for line in out.splitlines())
+    code, out, _ = told(capsys, "worlds")
+    assert code == 0
+    assert any(line.startswith("dome ") for line in out.splitlines())
+
+
+def test_lists_as_json(capsys):
+    assert "omni" in json.loads(told(capsys, "devices", "--json")[1])
+    assert "dome" in json.loads(told(capsys, "worlds", "--json")[1])
+    names = [item["name"] for item in json.loads(told(capsys, "worlds", "dome", "--json")[1])]
+    assert names == ["summit", "half_width_deg", "cut_off_deg", "moment"]
+
+
+def test_a_world_shows_its_parameters(capsys):
+    code, out, _ = told(capsys, "worlds", "dome")
+    assert code == 0
+    assert "half_width_deg" in out
+    assert "5 … 90 deg" in out
+
+
+def test_the_card_of_omni_in_numbers(capsys):
+    card = json.loads(told(capsys, "inspect", "omni", "--json")[1])
+    contact = card["layers"][0]
+    assert contact["distance"] == pytest.approx(0.050)
+    assert contact["dipole_error"] == pytest.approx(0.156, abs=5e-4)  # E16
+    assert contact["passive_pull"] == pytest.approx(0.0529, abs=5e-5)  # E18
+    assert contact["lasting_radial"] < contact["peak_radial"]
+    assert card["actuated_dof"] == 3
+    assert card["endurance"][0]["seconds"] < card["endurance"][-1]["seconds"]
+
+
+def test_the_card_of_omni_for_people(capsys):
+    code, out, _ = told(capsys, "inspect", "omni")
+    assert code == 0
+    assert "assumed: " in out
+    assert "15.6 %" in out
+
+
+def test_what_is_assumed_is_listed_with_reasons(capsys):
+    _, out, _ = told(capsys, "inspect", "omni", "--assumed")
+    assert "tool.mass: " in out
+
+
+@pytest.mark.parametrize("name", ["card.png", "card.svg"])
+def test_the_card_as_a_picture(capsys, tmp_path, name):
+    code, _, _ = told(capsys, "inspect", "omni", "--plot", str(tmp_path / name))
+    assert code == 0
+    assert (tmp_path / name).stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["inspect", "omi"], "did you mean 'omni'"),
+        (["inspect", "no/such/file.toml"], "cannot be read"),
+        (["inspect", "omni", "--plot", "card.pdf"], "must name a .png or .svg file"),
+        (["inspect", "omni", "--plot", "/no/such/folder/card.png"], "does not exist"),
+        (["worlds", "doom"], "did you mean 'dome'"),
+        (["run", "omi"], "did you mean 'omni'"),
+        (["run", "--world", "doom"], "did you mean 'dome'"),
+        (["run", "--set", "momnt=1"], "did you mean 'moment'"),
+        (["run", "--set", "moment=9"], "between -4 and 4"),
+        (["run", "--set", "moment=nan"], "finite"),
+        (["run", "--set", "moment"], "NAME=VALUE"),
+        (["run", "--set", "moment=a"], "NAME=VALUE"),
+        (["run", "--set", "summit=0,0,0"], "zero vector"),
+        (["run", "--headless", "--rate", "10"], "rate"),
+        (["run", "--headless", "--rate", "nan"], "rate"),
+        (["run", "--headless", "--duration", "-1"], "--duration"),
+        (["run", "--headless", "--duration", "nan"], "--duration"),
+        (["run", "--headless", "--driver", "simm"], "did you mean 'sim'"),
+        (["run", "--headless", "--level", "dipol"], "did you mean 'dipole'"),
+        (["run", "--headless", "--seed", "-3"], "seed"),
+        (["run", "--headless", "--duration", "1", "--record", "/no/such/folder/a.mcap"], "folder"),
+        (["run", "--port", "70000"], "port"),
+    ],
+)
+def test_a_mistake_is_one_message(capsys, words, said):
+    code, out, err = told(capsys, *words)
+    assert code == 2
+    assert said in err
+    assert not out
+
+
+@pytest.mark.parametrize("words", [["fly"], ["run", "--hadless"], ["inspect"], ["run", "--rate", "fast"]])
+def test_a_wrong_command_line(capsys, words):
+    code, _, err = told(capsys, *words)
+    assert code == 2
+    assert err
+
+
+def test_a_recording_is_not_overwritten(capsys, tmp_path):
+    path = tmp_path / "a.mcap"
+    path.write_text("precious")
+    code, _, err = told(capsys, "run", "--headless", "--duration", "1", "--record", str(path))
+    assert code == 2
+    assert "--force" in err
+    assert path.read_text() == "precious"
+
+
+def test_help_is_light():
+    """`haptorb --help` answers at once because it loads neither numpy nor a compiler nor the server."""
+    heavy = "[m for m in ('numpy', 'numba', 'scipy', 'matplotlib', 'pint', 'starlette') if m in sys.modules]"
+    program = f"import sys; from haptorb.apps.cli import program; print({heavy})"
+    out = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
