@@ -8,12 +8,20 @@ from __future__ import annotations
 from haptorb.errors import UnknownName
 from haptorb.worlds.dome import Dome
 from haptorb.worlds.nothing import Nothing
+from haptorb.worlds.outlet import Outlet, PublishedOutlet
+from haptorb.worlds.snap_fit import SnapFit
 from haptorb.worlds.world import World
 
-__all__ = ["CATALOGUE", "Dome", "Nothing", "World", "named"]
+__all__ = ["CATALOGUE", "Dome", "Nothing", "Outlet", "PublishedOutlet", "SnapFit", "World", "named"]
 
 #: name on the command line → world; contract tests run over all of them
-CATALOGUE: dict[str, type[World]] = {"dome": Dome, "nothing": Nothing}
+CATALOGUE: dict[str, type[World]] = {
+    "dome": Dome,
+    "nothing": Nothing,
+    "outlet": Outlet,
+    "outlet-published": PublishedOutlet,
+    "snap_fit": SnapFit,
+}
 
 
 def named(name: str) -> type[World]:

@@ -1,0 +1,187 @@
+"""How a cantilever hook bends: the published compliances (Bai 2012, eqs. 12–13, appendix B) and a beam that is right.
+
+Everything is normalised as in the paper: Δ = δ/h₀, F = f/(E w h₀), lengths by h₀. A contact at x pushes the hook
+sideways with f_y and pulls it along with f_x (tension positive); it gives way by
+
+    Δ = Ω₊ F_y + Ω₋ F_x                                                                                       Eq. (10)
+
+(the paper's s is the sign of that pull). In newtons and metres: f_y = E w δ / (Ω₊ + (f_x/f_y) Ω₋).
+
+Two models, one interface: `paper` is (12) and (13), which load the uniform part of the beam at its end ℓ_b wherever the
+contact is; `timoshenko` loads the beam where the contact is (erratum E11: 4.8 times softer for Table 3). Small
+deflections; a tapered part is a stack of slices, each bending as a uniform beam; axial strain is left out in both.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.errors import InputError, UnknownName
+from haptorb.physics.arrays import Array, finite
+from haptorb.physics.hook import Hook
+
+__all__ = [
+    "MODELS",
+    "SHEAR_COEFFICIENT",
+    "Appendix",
+    "Compliance",
+    "Model",
+    "appendix_b",
+    "bent_shape",
+    "compliance",
+    "force_ratio",
+]
+
+Model = Literal["paper", "timoshenko"]
+MODELS: tuple[Model, ...] = ("paper", "timoshenko")
+SHEAR_COEFFICIENT = 1.2  #: p of eq. (12): a rectangular section
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
+
+
+class Compliance(NamedTuple):
+    """Ω₊ and Ω₋ at some contact points, both of the points' shape, without dimension."""
+
+    plus: Array
+    minus: Array
+
+
+class Appendix(NamedTuple):
+    """The five terms of appendix B, (B.3)–(B.5c), in the order printed."""
+
+    plus_1: float
+    plus_2: float
+    plus_3: float
+    minus_1: float
+    minus_2: float
+
+    @property
+    def plus(self) -> float:
+        """Ω₊, (B.1)."""
+        return self.plus_1 + self.plus_2 + self.plus_3
+
+    @property
+    def minus(self) -> float:
+        """Ω₋, (B.1)."""
+        return self.minus_1 + self.minus_2
+
+
+def appendix_b(hook: Hook, *, deflection: float | None = None, shear_ratio: float = 2.6) -> Appendix:
+    """The closed forms of appendix B for contact on the top of `hook`.
+
+    deflection    None: H_x = h(x)/h₀ − 1 as (13) demands (erratum E9). A deflection [m]: the printed H_x = 1 + δ/h₀.
+    shear_ratio   E/G; (B.2c) prints 2.6
+
+    The ramp ends at L_b + H_b/tan β (E8); a flat top beyond it is not counted, as printed.
+
+    >>> from haptorb.physics.hook import TABLE_3
+    >>> [round(term, 2) for term in appendix_b(TABLE_3)]
+    [2944.08, 299.16, 2.62, 3024.0, 95.39]
+    """
+    h0 = hook.thickness
+    L_b, L_m, H_b, tan = hook.base_length / h0, hook.peak / h0, hook.height / h0, math.tan(hook.rear)
+    rho = 1.0 / (1.0 + H_b)  # (B.2a)
+    H_x = H_b if deflection is None else 1.0 + float(finite(deflection, "deflection")) / h0  # (13), or (B.2b)
+    a = 1.0 - L_b * tan
+    return Appendix(
+        plus_1=4.0 * (1.0 + 0.3 / L_b**2 * shear_ratio) * L_b**3,  # (B.3)
+        plus_2=6.0 / tan**3 * (-2.0 * math.log(rho) - 4.0 * H_b * rho * a + H_b * (2.0 + H_b) * a**2 * rho**2),  # (B.4)
+        plus_3=-SHEAR_COEFFICIENT * shear_ratio * math.log(rho) / tan,  # (B.5a)
+        minus_1=3.0 * L_m * (2.0 * H_x + 1.0) * L_b,  # (B.5b)
+        minus_2=3.0 * L_m / (2.0 * tan) * (2.0 * H_x + 1.0) * (1.0 - rho**2),  # (B.5c)
+    )
+
+
+def _moments(hook: Hook, x: Array) -> Array:
+    """(6, n): ∫₀ˣ of 12/h³, 12ξ/h³, 12ξ²/h³, 12/h², 12ξ/h², 1/h over the hook, normalised, edges sharp."""
+    h0 = hook.thickness
+    knots = np.array([0.0, hook.base_length, hook.ramp_end, hook.peak, hook.tip]) / h0
+    total = np.zeros((6, len(x)))
+    for start, end in pairwise(knots):  # within a piece the section is straight: Gauss is exact
+        upper = np.clip(x, start, end)
+        half = 0.5 * (upper - start)
+        xi = start + half[:, None] * (1.0 + _NODES)
+        h = hook.section(xi * h0) / h0
+        bend, lever = 12.0 / h**3, 12.0 / h**2
+        for row, value in enumerate((bend, bend * xi, bend * xi**2, lever, lever * xi, 1.0 / h)):
+            total[row] += (value @ _WEIGHTS) * half
+    return total
+
+
+def compliance(
+    hook: Hook, x: ArrayLike, model: Model = "timoshenko", *, shear_ratio: float | None = None
+) -> Compliance:
+    """Ω₊ and Ω₋ of `hook` for a contact at `x` (...) [m] from the root, up to the tip.
+
+    paper        (12) and (13) with the section as it is, flat top included
+    timoshenko   bending and shear of the beam from the root to the contact; the pull acts at the wedge's surface, h(x)
+                 above the back of the hook, about the middle h(ξ)/2 of each section ξ
+
+    shear_ratio  E/G, else from Poisson's ratio. Raises UnknownName for a model, InputError for x off the hook.
+
+    >>> from haptorb.physics.hook import TABLE_3
+    >>> round(float(compliance(TABLE_3.ramp_to_peak(), 9.6e-3).plus))
+    15490
+    """
+    if model not in MODELS:
+        raise UnknownName("beam model", str(model), MODELS)
+    at = finite(x, "x")
+    h0 = hook.thickness
+    if at.size and (at.min() < 0.0 or at.max() > hook.tip * (1 + 1e-9)):
+        raise InputError(
+            f"x must lie on the hook, 0 to {hook.tip * 1e3:.4g} mm; got {at.min():.4g} to {at.max():.4g} m"
+        )
+    X = np.ravel(at) / h0
+    shear = SHEAR_COEFFICIENT * (hook.shear_ratio if shear_ratio is None else shear_ratio)
+    b0, b1, b2, l0, l1, area = _moments(hook, X)
+    h = hook.section(X * h0) / h0
+    if model == "timoshenko":
+        plus = X * X * b0 - 2.0 * X * b1 + b2 + shear * area
+        minus = h * (X * b0 - b1) - 0.5 * (X * l0 - l1)
+    else:
+        plus = b2 + shear * area  # Eq. (12): up to ℓ_b its integrand gives 4 X³, so one integral serves both terms
+        minus = 6.0 * X * (h - 0.5) * b0 / 12.0  # Eq. (13)
+    return Compliance(plus.reshape(at.shape), minus.reshape(at.shape))
+
+
+def force_ratio(slope: ArrayLike, friction: float, loading: bool) -> Array:
+    """f_x/f_y on a face of true angle `slope` (...) [rad], friction μ: tan(γ' ± arctan μ).                 Eq. (11)
+
+    `loading` is sliding uphill, the hook bending further (insertion over the front face, pulling apart over the rear
+    one): friction adds. Downhill it subtracts. Eq. (11) prints the minus for retention altogether: then pulling apart
+    would take less work than the hook stores, so it holds for the hook snapping home and not for the pull.
+
+    >>> float(force_ratio(0.0, 0.134, loading=True).round(3))        # dwelling: μ itself
+    0.134
+    """
+    angle = math.atan(float(finite(friction, "friction")))
+    out: Array = np.tan(finite(slope, "slope") + (angle if loading else -angle))
+    return out
+
+
+def bent_shape(hook: Hook, x: float, deflection: float, points: int = 33) -> Array:
+    """(points, 2): places along the hook's base [m] and how far each is bent [m], for `deflection` under a load at `x`.
+
+    Timoshenko's shape (sideways load only), straight beyond the load: for drawing, and for reading off the slope.
+
+    >>> from haptorb.physics.hook import TABLE_3
+    >>> shape = bent_shape(TABLE_3, TABLE_3.tip, 1e-3)
+    >>> shape[0].tolist(), bool(abs(shape[-1, 1] - 1e-3) < 1e-12)
+    ([0.0, 0.0], True)
+    """
+    if not 0.0 < x <= hook.tip:
+        raise InputError(f"x must lie on the hook, 0 to {hook.tip * 1e3:.4g} mm; got {x * 1e3:.4g} mm")
+    h0 = hook.thickness
+    at = np.linspace(0.0, hook.tip, points) / h0
+    X, inside = x / h0, np.minimum(at, x / h0)
+    shear = SHEAR_COEFFICIENT * hook.shear_ratio
+    b0, b1, b2, _, _, area = _moments(hook, inside)
+    # a unit load at X bends section s by ∫₀ˢ 12 (X − ξ)(s − ξ)/h³ dξ; beyond X the slope stays
+    bent = X * inside * b0 - (X + inside) * b1 + b2 + shear * area + (at - inside) * (X * b0 - b1)
+    whole = compliance(hook, x, "timoshenko").plus
+    return np.column_stack([at * h0, bent / whole * deflection])
