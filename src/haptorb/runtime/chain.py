@@ -1,0 +1,42 @@
+"""What the loop drives, as far as the loop must know: the tick's chain, its guard's trip, its driver's close."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from haptorb.control.trip import Trip
+from haptorb.physics.arrays import Array
+from haptorb.runtime.driver import Driver
+from haptorb.worlds.world import World
+
+__all__ = ["Chain", "Tripping"]
+
+
+class Tripping(Protocol):
+    """The part of a guard that the loop needs."""
+
+    def trip(self, reason: Trip) -> None:
+        """Coils off in the next step, and off until `engage`."""
+
+
+class Chain(Protocol):
+    """Driver, estimator, world, allocator and guard in one hand; `Tick` is the real one."""
+
+    error: str  #: what a failed world or driver said
+
+    @property
+    def driver(self) -> Driver:
+        """The door to the device."""
+
+    @property
+    def guard(self) -> Tripping:
+        """Who can switch off."""
+
+    def step(self, row: Array, now: float) -> None:
+        """One tick at `now` [s] on the loop's clock; fills all of `row` except what the clock knows."""
+
+    def engage(self) -> bool:
+        """After a stop or a trip: begin again, from zero; False while the reason is still there."""
+
+    def change_world(self, world: World) -> None:
+        """Render `world` from the next step on. Raises InputError if the device cannot."""

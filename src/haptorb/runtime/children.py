@@ -1,0 +1,158 @@
+"""The servo's and the recorder's process as their parent holds them: start, watch, feed with heartbeats, end.
+
+The parent looks every 50 ms. A servo that vanished is noticed within a tenth of a second; one whose tick never ends is
+told so, and the tick ends with an error.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from time import monotonic, monotonic_ns, sleep
+from typing import final
+
+from haptorb.errors import RecordingError, ServoError
+from haptorb.runtime.shared import Phase, Shared, Word
+
+__all__ = ["Children"]
+
+_EVERY = 0.05  #: between two heartbeats [s]
+_STUCK = 1.0  #: without a tick the servo is told that it is stuck [s]
+_START = 180.0  #: the first start on a machine compiles the kernels [s]
+_FINISH = 2.0  #: to end as told before a signal is sent [s]
+_DRAIN = 20.0  #: for the recorder to write what it has [s]
+
+
+@final
+class Children:
+    """Starts the servo process at once; `recorder` may be added, then `wait_until_running`."""
+
+    def __init__(self, shared: Shared, plan: Path, errors: Path) -> None:
+        self._shared = shared
+        self._errors = errors
+        self._ending = threading.Event()
+        self._told = False
+        shared.words[Word.HEARTBEAT] = monotonic_ns()
+        self._servo = self._started("haptorb.runtime.servo_process", str(plan), str(shared.path), str(os.getpid()))
+        self._recorder: subprocess.Popen[bytes] | None = None
+        # Not the thread that may be blocked by a user's code: it has nothing else to do.
+        self._heart = threading.Thread(target=self._beat, name="haptorb-heartbeat", daemon=True)
+        self._heart.start()
+
+    @property
+    def servo_pid(self) -> int:
+        """Process id of the servo."""
+        return self._servo.pid
+
+    @property
+    def recorder_pid(self) -> int:
+        """Process id of the recorder; 0 if there is none."""
+        return self._recorder.pid if self._recorder else 0
+
+    @property
+    def alive(self) -> bool:
+        """Whether the loop runs: the process is there, and it neither ended nor failed."""
+        return self._shared.phase is Phase.RUNNING and self._servo.poll() is None
+
+    def record(self, spec: str, descriptor: int) -> None:
+        """Start the recorder with `spec` (JSON) and the open file `descriptor`."""
+        self._recorder = self._started("haptorb.runtime.recorder_process", spec, descriptor=descriptor)
+
+    def wait_until_running(self) -> None:
+        """Return when the loop has ticked and the recorder is ready. Raises ServoError or RecordingError otherwise."""
+        deadline = monotonic() + _START
+        words = self._shared.words
+        while not (self.alive and words[Word.TICKS]) or (self._recorder and words[Word.RECORDER] == Phase.STARTING):
+            self.check()
+            if monotonic() > deadline:
+                raise ServoError(f"the servo did not start within {_START:g} s")
+            sleep(0.005)
+        self.check()
+
+    def check(self) -> None:
+        """Raise ServoError if the servo ended, RecordingError if the recorder did."""
+        code = self._servo.poll()
+        if self._shared.phase >= Phase.ENDED or code is not None:
+            raise ServoError(f"the servo ended: {self._why(code)}")
+        if self._recorder and (self._shared.words[Word.RECORDER] >= Phase.ENDED or self._recorder.poll() is not None):
+            raise RecordingError(f"the recording ended: {self.recorder_trouble}")
+
+    @property
+    def recorder_trouble(self) -> str:
+        """Why there is no recording any more; empty while all is well."""
+        if self._recorder is None:
+            return ""
+        reason = self._shared.recorder_reason.read()[1]
+        code = self._recorder.poll()
+        if reason or not code:
+            return reason
+        return f"its process was killed ({_signal(code)})" if code < 0 else f"its process failed: {self._said()}"
+
+    def end(self) -> None:
+        """End both processes: as told if they listen, else by force. May be called twice."""
+        if self._told:
+            return
+        self._told = True
+        self._shared.words[Word.QUIT] = 1
+        for patience, force in ((_FINISH, signal.SIGTERM), (_FINISH / 2, signal.SIGKILL), (None, None)):
+            try:
+                self._servo.wait(patience)
+                break
+            except subprocess.TimeoutExpired:
+                if force is not None:
+                    self._servo.send_signal(force)
+        if self._recorder:
+            try:
+                self._recorder.wait(_DRAIN)
+            except subprocess.TimeoutExpired:
+                self._recorder.kill()
+                self._recorder.wait()
+        self._ending.set()
+        self._heart.join()
+
+    def _started(self, module: str, *arguments: str, descriptor: int | None = None) -> subprocess.Popen[bytes]:
+        # A session of its own: Ctrl-C in the terminal reaches the parent alone, which then ends them in order.
+        with self._errors.open("ab") as errors:
+            return subprocess.Popen(
+                [sys.executable, "-m", module, *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+                start_new_session=True,
+                pass_fds=() if descriptor is None else (descriptor,),
+            )
+
+    def _beat(self) -> None:
+        words, ticks, since = self._shared.words, -1, monotonic()
+        while not self._ending.wait(_EVERY):
+            words[Word.HEARTBEAT] = monotonic_ns()
+            if not self.alive or words[Word.TICKS] != ticks:
+                ticks, since = words[Word.TICKS], monotonic()
+            elif monotonic() - since > _STUCK:
+                self._servo.send_signal(signal.SIGUSR2)
+                since = monotonic()
+
+    def _why(self, code: int | None) -> str:
+        reason = self._shared.reason.read()[1]
+        if reason or self._shared.phase is Phase.ENDED:
+            return reason or "as it was told"
+        if code is not None and code < 0:
+            return f"its process was killed ({_signal(code)})"
+        return self._said() or f"its process failed with code {code}"
+
+    def _said(self) -> str:
+        try:
+            return self._errors.read_text(errors="replace")[-2000:].strip()
+        except OSError:
+            return ""
+
+
+def _signal(code: int) -> str:
+    try:
+        return signal.Signals(-code).name
+    except ValueError:
+        return f"signal {-code}"

@@ -1,0 +1,28 @@
+"""The file that a device was built from, so that a recording can carry it: found by its digest, never assumed."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from haptorb import devices
+from haptorb.devices.device import Device
+
+__all__ = ["text_of"]
+
+_CATALOGUE = Path(devices.__file__).parent / "catalogue"
+
+
+def text_of(device: Device, given: object = None) -> str:
+    """The text of `device`'s file: of `given` if that is its path, else of the catalogue; empty if neither fits."""
+    candidates = sorted(_CATALOGUE.glob("*.toml"))
+    if isinstance(given, str | Path):
+        candidates.insert(0, Path(given))
+    for path in candidates:
+        try:
+            content = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError):
+            continue
+        if hashlib.sha256(content.encode()).hexdigest() == device.digest:
+            return content
+    return ""

@@ -1,0 +1,180 @@
+"""The real-time loop: wait for the deadline, obey, step, publish, count. Coils off on every way out."""
+
+from __future__ import annotations
+
+import traceback
+from time import monotonic_ns
+from typing import final
+
+from haptorb.control.trip import GuardState, Trip
+from haptorb.errors import HaptorbError
+from haptorb.runtime.chain import Chain
+from haptorb.runtime.clock import Clock
+from haptorb.runtime.orphan import SILENCE, orphaned
+from haptorb.runtime.shared import Phase, Shared, Word
+from haptorb.runtime.world_change import answer, changed, description, requested
+from haptorb.worlds.world import World
+
+__all__ = ["Loop"]
+
+_SILENCE = int(SILENCE * 1e9)
+_PARENT_EVERY = 64  #: ticks between two looks for the parent
+
+
+@final
+class Loop:
+    """Drives `chain` at `rate` [Hz] and tells everything in `shared`, until told to end or until something fails."""
+
+    def __init__(self, chain: Chain, world: World, shared: Shared, rate: float, parent: int) -> None:
+        self._chain = chain
+        self._world = world
+        self._shared = shared
+        self._parent = parent
+        self._rate = rate
+        self._row = shared.layout.empty()
+        self._ticks = 0
+        self._stopped = shared.words[Word.STOP]
+        self._engaged = shared.words[Word.ENGAGE]
+        self._asked = shared.request.version
+        at = shared.layout
+        self._force = slice(at["given"].start, at["given"].start + 3)
+        self._modelled = slice(at["modelled"].start, at["modelled"].start + 3)
+        self._guard = at["guard"].start
+        self._peak = 0.0  # square of the greatest force so far [N²]
+        self._tripped = False
+        self.told_by = ""  #: a signal's name, set by its handler: the loop ends after the present tick
+        self.in_step = False  #: whether the chain is being stepped just now
+        self.reason = ""  #: why the loop ended; empty: as it was told
+
+    def run(self, clock: Clock) -> bool:
+        """Run to the end; True if it ended as it was told. The driver is closed and the last row published."""
+        failed: Trip | None = None
+        try:
+            failed = self._ticking(clock)
+        except Exception as cause:
+            self._off()  # first of all; explaining can wait
+            failed = Trip.LOOP_FAILED
+            self.reason = _explained(cause)
+        finally:
+            if not self._off() and failed is None:
+                failed = Trip.DRIVER_FAILED
+            self._last_row(failed)
+        return failed is None
+
+    def _off(self) -> bool:
+        """Close the driver: coils off. False, and a reason, if even that fails."""
+        self.in_step = False
+        try:
+            self._chain.driver.close()
+        except Exception as cause:
+            self.reason = f"the driver did not close: {_explained(cause)}"
+            return False
+        return True
+
+    def _ticking(self, clock: Clock) -> Trip | None:
+        """Tick until told to end (None) or until the host is gone (HOST_SILENT)."""
+        shared, chain, row, words = self._shared, self._chain, self._row, self._shared.words
+        schedule, period = clock.schedule, clock.schedule.period
+        lateness_counts, compute_counts, ring = shared.lateness, shared.compute, shared.ring
+        begin = shared.layout["tick"].start
+        wall, late, skip = (shared.layout[name].start for name in ("wall", "lateness", "missed"))
+        words[Word.ORIGIN] = schedule.origin
+        words[Word.PHASE] = Phase.RUNNING
+        while True:
+            now, lateness, skipped = clock.wait()
+            if self.told_by or words[Word.QUIT]:
+                return None
+            if now - words[Word.HEARTBEAT] > _SILENCE:
+                self.reason = f"the program that started the servo showed no sign of life for {SILENCE:g} s"
+                return Trip.HOST_SILENT
+            if self._ticks % _PARENT_EVERY == 0 and orphaned(self._parent):
+                self.reason = "the program that started the servo ended"
+                return Trip.HOST_SILENT
+            self._obey()
+            self.in_step = True
+            chain.step(row, schedule.number * period * 1e-9)
+            self.in_step = False
+            row[begin] = self._ticks
+            row[wall] = now * 1e-9
+            row[late] = lateness * 1e-9
+            row[skip] = skipped
+            ring.publish(row)
+            self._ticks += 1
+            self._summarise()
+            took = monotonic_ns() - now
+            lateness_counts.add(lateness)
+            compute_counts.add(took)
+            words[Word.TICKS] = self._ticks
+            words[Word.MISSED] = schedule.missed
+            if lateness + took <= period:
+                words[Word.ON_TIME] += 1
+
+    def _obey(self) -> None:
+        """Stop, engage and change the world as the host has asked since the last tick; a stop wins."""
+        words = self._shared.words
+        if words[Word.ENGAGE] != self._engaged:
+            self._engaged = words[Word.ENGAGE]
+            self._chain.engage()
+        if words[Word.STOP] != self._stopped:
+            self._stopped = words[Word.STOP]
+            self._chain.guard.trip(Trip.STOPPED)
+        if self._shared.request.version != self._asked:
+            self._asked, text = self._shared.request.read()
+            if text:
+                self._shared.answer.write(self._change(text))
+
+    def _change(self, text: str) -> str:
+        """Apply a request for another world; the answer as JSON."""
+        number, name, values = requested(text)
+        try:
+            world = changed(self._world, name, values)
+            self._chain.change_world(world)
+            self._shared.announce_world(description(world))
+        except HaptorbError as cause:
+            return answer(number, cause)
+        except Exception as cause:  # a world is the user's code
+            return answer(number, HaptorbError(f"world '{name}' failed to change: {type(cause).__name__}: {cause}"))
+        self._world = world
+        return answer(number)
+
+    def _summarise(self) -> None:
+        """Keep what a report needs of every row: the greatest force, and every trip."""
+        row = self._row
+        fx, fy, fz = row[self._force].tolist()
+        square = fx * fx + fy * fy + fz * fz
+        if square != square:  # nobody knows what is really there
+            fx, fy, fz = row[self._modelled].tolist()
+            square = fx * fx + fy * fy + fz * fz
+        if square > self._peak:
+            self._peak = square
+            self._shared.floats[Word.PEAK] = square**0.5
+        tripped = row[self._guard] == GuardState.TRIPPED
+        if tripped and not self._tripped:
+            at = self._shared.layout
+            self._shared.announce_trip(row[at["t"].start], row[at["trip"].start])
+            self._shared.error.write(self._chain.error[:1000])
+        self._tripped = tripped
+
+    def _last_row(self, failed: Trip | None) -> None:
+        """One more row: coils off. Measured values are repeated, they were not measured again."""
+        shared, row, at = self._shared, self._row, self._shared.layout
+        if self._ticks == 0:
+            row[:] = 0.0
+        row[at["tick"]] = self._ticks
+        row[at["wall"]] = monotonic_ns() * 1e-9
+        row[at["lateness"]] = row[at["missed"]] = row[at["gain"]] = 0.0
+        row[at["asked"]] = row[at["wanted"]] = row[at["duties"]] = 0.0
+        row[at["guard"]] = GuardState.OFF if failed is None else GuardState.TRIPPED
+        row[at["trip"]] = Trip.CLOSING if failed is None else failed
+        if failed is not None:
+            shared.announce_trip(row[at["t"].start], failed)
+        shared.ring.publish(row)
+
+
+def _explained(cause: Exception) -> str:
+    """What went wrong in one line; for what nobody foresaw, where as well."""
+    if isinstance(cause, HaptorbError):
+        return str(cause)
+    frames = traceback.extract_tb(cause.__traceback__)
+    where = f" ({frames[-1].filename}, line {frames[-1].lineno})" if frames else ""
+    return f"{type(cause).__name__}: {cause}{where}"

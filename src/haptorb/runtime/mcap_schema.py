@@ -1,0 +1,52 @@
+"""A row's layout as a ROS 2 message, the schema that MCAP tools know how to read; and back.
+
+All fields are float64, so a message is four bytes that say "little-endian CDR" and the row's own bytes: what is read
+back is bit for bit what the loop published.
+"""
+
+from __future__ import annotations
+
+import re
+
+from haptorb.errors import RecordingError
+from haptorb.runtime.row import Field, RowLayout
+
+__all__ = ["CDR_HEADER", "ENCODING", "MESSAGE_ENCODING", "NAME", "TOPIC", "fields_of", "schema"]
+
+NAME = "haptorb/msg/Tick"
+ENCODING = "ros2msg"
+MESSAGE_ENCODING = "cdr"
+TOPIC = "/haptorb/tick"
+CDR_HEADER = b"\x00\x01\x00\x00"
+
+_LINE = re.compile(
+    r"float64(?:\[(?P<width>\d+)\])? (?P<name>[a-z][a-z0-9_]*)(?:  # \[(?P<unit>[^\]]*)\] (?P<about>.*))?"
+)
+
+
+def schema(layout: RowLayout) -> str:
+    """The message definition of `layout`, with unit and meaning of every field; fields without numbers are left out.
+
+    >>> schema(RowLayout(channels=3, sensors=0)).splitlines()[1]
+    'float64 t  # [s] time of the sample, on the loop\\'s clock, zero at the start'
+    """
+    lines = []
+    for field in layout.fields:
+        if field.width:
+            kind = "float64" if field.width == 1 else f"float64[{field.width}]"
+            lines.append(f"{kind} {field.name}  # [{field.unit}] {field.about}")
+    return "\n".join(lines) + "\n"
+
+
+def fields_of(text: str) -> tuple[Field, ...]:
+    """The fields that a `schema` describes. Raises RecordingError for anything but numbers of type float64."""
+    fields = []
+    for line in text.splitlines():
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        match = _LINE.fullmatch(line)
+        if match is None:
+            raise RecordingError(f"the recording's schema has a field that haptorb did not write: '{line}'")
+        width = int(match["width"] or 1)
+        fields.append(Field(match["name"], width, match["unit"] or "", match["about"] or ""))
+    return tuple(fields)

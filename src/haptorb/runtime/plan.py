@@ -1,0 +1,40 @@
+"""What a servo process is to build: pickled by value, so that worlds written in a user's script come along."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+from haptorb.runtime.chain import Chain
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.worlds.world import World
+
+__all__ = ["Plan", "load", "save"]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The world at the start, and how to make the chain that renders it."""
+
+    world: World
+    rate: float  #: [Hz]
+    assemble: Callable[[PointerTracker], Chain]
+    rehearsed: bool  #: the chain may be run for practice before the start: the device is simulated
+
+
+def save(plan: Plan, path: Path) -> None:
+    """Write `plan` to the file `path`, with the folders in which its modules were found."""
+    import cloudpickle
+
+    path.write_bytes(pickle.dumps((sys.path, cloudpickle.dumps(plan))))
+
+
+def load(path: Path) -> Plan:
+    """The plan in the file `path`; only for files that the starting process has just written itself."""
+    folders, content = pickle.loads(path.read_bytes())
+    sys.path[:] = folders
+    return cast(Plan, pickle.loads(content))

@@ -1,0 +1,42 @@
+"""The file that a recording goes to, opened before anything starts: refused now, or never."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from haptorb.errors import RecordingError
+
+__all__ = ["opened", "temporary"]
+
+_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+
+
+def opened(path: Path, *, overwrite: bool) -> int:
+    """A descriptor of the new, empty file `path`, write-protected for others until the recording is complete.
+
+    Raises RecordingError if it exists and `overwrite` is not set, or if it cannot be written.
+    """
+    if path.is_dir():
+        raise RecordingError(f"cannot record to {path}: it is a folder; name a file in it")
+    if path.exists() and not overwrite:
+        raise RecordingError(f"{path} exists; choose another name, or allow it to be overwritten (--force)")
+    try:
+        if overwrite and path.exists():
+            if not path.is_file():
+                raise RecordingError(f"cannot record to {path}: it is not a regular file")
+            path.unlink()
+        return os.open(path, _FLAGS, 0o444)
+    except OSError as cause:
+        raise RecordingError(f"cannot record to {path}: {cause.strerror}; choose another place") from cause
+
+
+def temporary() -> tuple[Path, int]:
+    """(path, descriptor) of a new file in the system's temporary folder."""
+    folder = Path(tempfile.gettempdir())
+    try:
+        descriptor, name = tempfile.mkstemp(prefix="haptorb-", suffix=".mcap", dir=folder)
+    except OSError as cause:
+        raise RecordingError(f"cannot record to {folder}: {cause.strerror}; name a file to record to") from cause
+    return Path(name), descriptor

@@ -1,0 +1,131 @@
+"""A recording as a figure: force asked and given, currents, temperatures, lateness."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from haptorb.errors import RecordingError
+from haptorb.physics.arrays import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from haptorb.runtime.recording import Recording
+
+__all__ = ["plot"]
+
+#: Okabe and Ito's colours: told apart by everybody
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+_INK, _FAINT = "#222222", "#888888"
+_KELVIN = 273.15
+_POINTS = 4000  #: per curve; more are joined so that no peak is lost
+
+
+def plot(recording: Recording, path: str | Path | None = None) -> Figure:
+    """The figure; written to `path` if one is given. Needs at least one row."""
+    if not len(recording):
+        raise RecordingError(f"{recording.path} holds no rows: there is nothing to plot")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 9.6), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)  # no window, no global state: also usable in a server
+    force, currents, heat, late = figure.subplots(4, 1, sharex=True, height_ratios=(3, 2, 2, 1.6))
+    t = recording.t
+    _force(force, recording, t)
+    _currents(currents, recording, t)
+    _temperatures(heat, recording, t)
+    _lateness(late, recording, t)
+    for axes in (force, currents, heat, late):
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(visible=True, color="#e6e6e6", linewidth=0.7)
+        axes.margins(x=0)
+        _legend(axes)
+        _trips(axes, recording, t)
+    late.set_xlabel("time [s]")
+    run, device = recording.metadata.get("run", {}), recording.metadata.get("device", {})
+    kind = " (simulated)" if run.get("driver") == "sim" else ""
+    cut = ", cut short" if recording.truncated else ""
+    figure.suptitle(f"{device.get('title') or device.get('name', '')}{kind}{cut}", fontsize=12, color=_INK)
+    if path is not None:
+        try:
+            figure.savefig(Path(path), dpi=150)
+        except (OSError, ValueError) as cause:
+            raise RecordingError(f"cannot write the figure {path}: {cause}") from cause
+    return figure
+
+
+def _force(axes: Axes, recording: Recording, t: Array) -> None:
+    """Asked dashed, given solid; where nobody knows what was given, the controller's own model stands in."""
+    given, label = recording["given"], "given"
+    if not np.isfinite(given).any():
+        given, label = recording["modelled"], "modelled"
+    asked = recording["asked"]
+    for i, name in enumerate("xyz"):
+        axes.plot(*_joined(t, given[:, i]), color=_COLOURS[i], linewidth=1.1, label=f"$F_{name}$")
+        axes.plot(*_joined(t, asked[:, i]), color=_COLOURS[i], linewidth=1.1, linestyle=(0, (4, 2)))
+    axes.plot([], [], color=_INK, linewidth=1.1, label=label)
+    axes.plot([], [], color=_INK, linewidth=1.1, linestyle=(0, (4, 2)), label="asked")
+    axes.set_ylabel("force [N]")
+
+
+def _currents(axes: Axes, recording: Recording, t: Array) -> None:
+    for i, values in enumerate(_columns(recording["currents"])):
+        axes.plot(*_joined(t, values), color=_COLOURS[i % 6], linewidth=1.0, label=f"coil {i + 1}")
+    axes.set_ylabel("current [A]")
+
+
+def _temperatures(axes: Axes, recording: Recording, t: Array) -> None:
+    """Windings solid (observed), boundaries dotted (measured)."""
+    for i, values in enumerate(_columns(recording["winding"])):
+        axes.plot(*_joined(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=1.1, label=f"winding {i + 1}")
+    for i, values in enumerate(_columns(recording["boundary"])):
+        axes.plot(*_joined(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=0.9, linestyle=":")
+    axes.plot([], [], color=_INK, linewidth=0.9, linestyle=":", label="boundary")
+    axes.set_ylabel("temperature [°C]")
+
+
+def _lateness(axes: Axes, recording: Recording, t: Array) -> None:
+    late = np.maximum(1e6 * recording["lateness"], 0.1)
+    axes.plot(t, late, ".", markersize=1.5, color=_FAINT, rasterized=True)
+    skipped = recording["missed"] > 0
+    if skipped.any():
+        axes.plot(t[skipped], late[skipped], "x", markersize=4, color=_COLOURS[1], label="after a skipped deadline")
+    p99 = float(np.percentile(late, 99))
+    axes.axhline(p99, color=_INK, linewidth=0.9, label=f"99 % below {p99:.0f} µs")
+    axes.set_yscale("log")
+    axes.set_ylabel("lateness [µs]")
+
+
+def _trips(axes: Axes, recording: Recording, t: Array) -> None:
+    """A line wherever the guard switched off."""
+    tripped = recording["guard"] == 4
+    begins = np.flatnonzero(tripped & ~np.concatenate(([False], tripped[:-1])))
+    for at in t[begins[:50]]:
+        axes.axvline(float(at), color=_COLOURS[1], linewidth=0.9, alpha=0.8)
+
+
+def _legend(axes: Axes) -> None:
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, fontsize=8.5, handlelength=1.8)
+
+
+def _columns(values: Array) -> Array:
+    """(m, n) from (n, m), or from (n,) where there is one channel."""
+    columns: Array = np.atleast_2d(values.T)
+    return columns
+
+
+def _joined(t: Array, values: Array) -> tuple[Array, Array]:
+    """The curve itself, or, where it has more points than a figure can show, lowest and highest of each stretch."""
+    stretch = -(-len(t) // (_POINTS // 2))
+    if stretch < 2:
+        return t, values
+    n = len(t) // stretch * stretch
+    blocks = values[:n].reshape(-1, stretch)
+    pairs = np.stack((blocks.min(axis=1), blocks.max(axis=1)), axis=1).ravel()
+    return np.repeat(t[:n:stretch], 2), pairs

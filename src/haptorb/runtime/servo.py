@@ -1,0 +1,333 @@
+"""The servo as Python programs hold it: start it, point, stop, change the world, read rows, and leave it behind.
+
+The loop itself runs in a process of its own; a third one records. Leaving the `with` block in any way ends both and
+leaves the coils off.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+import threading
+import weakref
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from time import monotonic, monotonic_ns, sleep, time_ns
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Literal, Self, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb import __version__, worlds
+from haptorb.devices.device import Device
+from haptorb.devices.loader import load
+from haptorb.errors import InputError, RecordingError, ServoError
+from haptorb.physics.arrays import Array, finite
+from haptorb.runtime import plan as plans
+from haptorb.runtime import recording_file
+from haptorb.runtime.assembly import assemble, known_driver, known_tracker
+from haptorb.runtime.children import Children
+from haptorb.runtime.device_text import text_of
+from haptorb.runtime.guided import upright
+from haptorb.runtime.report import loop_report
+from haptorb.runtime.row import RowLayout
+from haptorb.runtime.schedule import known_rate
+from haptorb.runtime.shared import Shared, Word
+from haptorb.runtime.world_change import answered, description, name_of, request
+from haptorb.worlds.parameter import values as parameter_values
+from haptorb.worlds.world import World
+
+if TYPE_CHECKING:
+    from haptorb.runtime.recording import Recording
+
+__all__ = ["Servo"]
+
+_ANSWER = 2.0  #: longest wait for the servo's answer [s]
+
+
+@final
+class Servo:
+    """A device, a world under its mover, and the loop between them.
+
+    device     name in the catalogue, path of a device file, or a Device
+    world      name in the catalogue, or a World
+    driver     "sim": the simulated device
+    tracker    "pointer": the tool is where the hand wants it that `point` moves
+    rate       of the loop [Hz], 50 to 4000
+    record     file to record to (MCAP); None: a temporary one, deleted at exit; False: no recording
+    overwrite  whether `record` may replace a file
+    seed       of the simulation's noise
+    level      fidelity of the device's model in the controller; None: the device's first
+
+    >>> with Servo("omni", "dome") as servo:  # doctest: +SKIP
+    ...     servo.run(seconds=5)
+    ...     print(servo.report()["peak_force_n"])
+    """
+
+    def __init__(
+        self,
+        device: str | Path | Device,
+        world: str | World = "dome",
+        *,
+        driver: str = "sim",
+        tracker: str = "pointer",
+        rate: float = 1000.0,
+        record: str | Path | Literal[False] | None = None,
+        overwrite: bool = False,
+        seed: int = 0,
+        level: str | None = None,
+    ) -> None:
+        self.device = device if isinstance(device, Device) else load(device)
+        self._device_text = text_of(self.device, device)
+        self.layout = RowLayout.of(self.device)
+        self.driver = known_driver(driver)
+        self.tracker = known_tracker(tracker)
+        self.rate = known_rate(rate)
+        self.seed = _known_seed(seed)
+        if level is not None:
+            self.device.known_level(level)
+        first = world if isinstance(world, World) else worlds.named(world)()
+        first.for_device(self.device)  # refuses here, not in another process, what the device cannot render
+        chain = partial(assemble, self.device, first, self.driver, self.rate, self.seed, level)
+        self._plan = plans.Plan(first, self.rate, chain, rehearsed=self.driver == "sim")
+        self._record, self._overwrite = record, overwrite
+        self._shared: Shared | None = None
+        self._children: Children | None = None
+        self._folder: Path | None = None
+        self._path: Path | None = None
+        self._requests = 0
+        self._requesting = threading.Lock()
+
+    def open(self) -> None:
+        """Start: returns when the loop runs. Raises RecordingError or ServoError, with nothing left running."""
+        if self._children is not None:
+            raise ServoError("this servo was started before; make a new one")
+        descriptor = self._recording_descriptor()
+        try:
+            self._start(descriptor)
+        except BaseException:
+            self.close()
+            if self._path is not None:
+                self._path.unlink(missing_ok=True)
+            raise
+        finally:
+            if descriptor is not None:
+                os.close(descriptor)
+
+    def close(self) -> None:
+        """Coils off, processes ended, recording complete. May be called twice."""
+        if self._children is not None:
+            self._children.end()
+        if self._shared is not None:
+            self._shared.unlink()
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the loop runs."""
+        return self._children is not None and self._children.alive
+
+    @property
+    def recording_trouble(self) -> str:
+        """Why the recording ended before the servo did; empty while all is well."""
+        return self._children.recorder_trouble if self._children is not None else ""
+
+    def check(self) -> None:
+        """Raise ServoError with the servo's own reason if the loop no longer runs, RecordingError if the recorder
+        does not."""
+        if self._children is None:
+            raise ServoError("the servo was not started: use `with haptorb.Servo(...) as servo:`")
+        self._children.check()
+
+    def run(self, seconds: float) -> None:
+        """Let the loop run for `seconds`. Raises ServoError as soon as it ends by itself.
+
+        Ctrl-C closes the servo first, then goes on its way.
+        """
+        duration = float(finite(seconds, "seconds"))
+        if duration < 0:
+            raise InputError(f"seconds must not be negative; got {seconds!r}")
+        end = monotonic() + duration
+        try:
+            while True:
+                self.check()
+                left = end - monotonic()
+                if left <= 0:
+                    return
+                sleep(min(left, 0.02))
+        except KeyboardInterrupt:
+            self.close()
+            raise
+
+    def point(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
+        """The hand wants the tool's magnet at `p` (3,) [m], turned to `q` (4,) (x, y, z, w); None: its axis radial.
+
+        It must be said again within the device's `limits.expiry`, else the pose counts as lost.
+        """
+        position = finite(p, "p")
+        if position.shape != (3,):
+            raise InputError(f"p must have shape (3,); got {position.shape}")
+        if q is None:
+            turn = upright(position)
+        else:
+            turn = finite(q, "q")
+            length = float(np.linalg.norm(turn)) if turn.shape == (4,) else 0.0
+            if length < 1e-6:
+                raise InputError(f"q must be a quaternion (x, y, z, w) that is not zero; got {q!r}")
+            turn = turn / length
+        self._memory.pointer.write(True, position, turn, monotonic())
+
+    def release(self) -> None:
+        """The hand lets go of the pointer: back to the guided motion."""
+        pointed = self._memory.pointer.pointed()
+        self._memory.pointer.write(False, pointed.p, pointed.q, pointed.stamp)
+
+    def stop(self) -> None:
+        """Coils off within a tick, and off until `engage`."""
+        self._memory.words[Word.STOP] += 1
+
+    def engage(self) -> None:
+        """After a stop or a trip: begin again, from zero. Refused by the guard while the reason is still there."""
+        self._memory.words[Word.ENGAGE] += 1
+
+    @property
+    def world(self) -> tuple[str, dict[str, Any]]:
+        """Name and values of the world that is felt now."""
+        if self._shared is None or not (known := self._shared.words[Word.WORLD]):
+            return name_of(self._plan.world), dict(parameter_values(self._plan.world))
+        told = json.loads(self._shared.worlds_since(known - 1)[-1][1])
+        return told["name"], told["values"]
+
+    def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
+        """Render the world `name` with `values` from the next tick on; values not given stay as they are, or, in a
+        new world, are its defaults. Raises UnknownName or InputError if the servo refuses; then nothing changes."""
+        shared = self._memory
+        with self._requesting:
+            self.check()
+            self._requests += 1
+            shared.request.write(request(self._requests, name, values or {}))
+            patience = monotonic() + _ANSWER
+            while True:
+                number, error = answered(shared.answer.read()[1])
+                if number == self._requests:
+                    if error is not None:
+                        raise error
+                    return
+                self.check()
+                if monotonic() > patience:
+                    raise ServoError(f"the servo did not answer within {_ANSWER:g} s")
+                sleep(0.0005)
+
+    def rows(self, cursor: int = 0) -> tuple[int, Array]:
+        """(new cursor, rows (n, width)): what the loop published after the first `cursor` rows, oldest first.
+
+        The last 8191 rows are kept; (new cursor − cursor − n) rows were lost to a slower reader.
+        """
+        return self._memory.ring.since(cursor)
+
+    def latest(self) -> Array | None:
+        """(width,) the newest row; None before the first."""
+        return self._memory.ring.latest()
+
+    def report(self) -> dict[str, Any]:
+        """What the run was like so far, as plain JSON types: see `loop_report`."""
+        world, values = self.world
+        return {
+            "device": self.device.name,
+            "world": world,
+            "world_values": values,
+            "driver": self.driver,
+            "tracker": self.tracker,
+            "rate_hz": self.rate,
+            "seed": self.seed,
+            "recording": str(self._path) if self._record else None,
+            **loop_report(self._memory),
+        }
+
+    @property
+    def recording(self) -> Recording:
+        """What was recorded up to now. While the loop runs, and after a crash, it is marked as truncated."""
+        from haptorb.runtime.recording import Recording
+
+        if self._path is None:
+            raise RecordingError("nothing was recorded: the servo was not started, or was told not to record")
+        return Recording(self._path)
+
+    @property
+    def _memory(self) -> Shared:
+        if self._shared is None:
+            raise ServoError("the servo was not started: use `with haptorb.Servo(...) as servo:`")
+        return self._shared
+
+    def _recording_descriptor(self) -> int | None:
+        if self._record is False:
+            return None
+        if self._record is None:
+            self._path, descriptor = recording_file.temporary()
+            weakref.finalize(self, self._path.unlink, missing_ok=True)
+            return descriptor
+        path = Path(self._record).expanduser().absolute()
+        descriptor = recording_file.opened(path, overwrite=self._overwrite)
+        self._path = path
+        return descriptor
+
+    def _start(self, descriptor: int | None) -> None:
+        self._folder = Path(tempfile.mkdtemp(prefix="haptorb-"))
+        file = self._folder / "plan"
+        try:
+            plans.save(self._plan, file)
+        except Exception as cause:
+            raise InputError(f"world or device cannot be sent to the servo's process: {cause}") from cause
+        self._shared = Shared.create(self.layout)
+        self._children = Children(self._shared, file, self._folder / "errors")
+        if descriptor is not None:
+            self._children.record(json.dumps(self._recorder_spec(descriptor)), descriptor)
+        self._children.wait_until_running()
+
+    def _recorder_spec(self, descriptor: int) -> dict[str, Any]:
+        assert self._children is not None
+        assert self._shared is not None
+        device = self.device
+        return {
+            "shared": str(self._shared.path),
+            "descriptor": descriptor,
+            "servo": self._children.servo_pid,
+            "parent": os.getpid(),
+            "rate": self.rate,
+            "unix_minus_monotonic": time_ns() - monotonic_ns(),
+            "temporary": str(self._path) if self._record is None else None,
+            "notes": {
+                "device": {
+                    "name": device.name,
+                    "digest": device.digest,
+                    "title": device.title,
+                    "source": device.source,
+                },
+                "run": {
+                    "driver": self.driver,
+                    "tracker": self.tracker,
+                    "seed": str(self.seed),
+                    "rate_hz": repr(self.rate),
+                    "first_world": description(self._plan.world),
+                },
+                "versions": {"haptorb": __version__, "numpy": np.__version__},
+            },
+        }
+
+
+def _known_seed(seed: int) -> int:
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise InputError(f"seed must be a whole number from 0 on; got {seed!r}")
+    return seed

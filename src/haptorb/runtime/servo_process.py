@@ -1,0 +1,123 @@
+"""The process that holds the coils: `python -m haptorb.runtime.servo_process PLAN SHARED PARENT`.
+
+Started as a program of its own, not by `multiprocessing`: a user's script needs no `__main__` guard, and nothing of
+the host's (its threads, its garbage, its interpreter lock) can delay a tick.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import signal
+import sys
+import traceback
+from pathlib import Path
+from types import FrameType
+
+from haptorb.errors import HaptorbError, ServoError
+from haptorb.runtime import plan as plans
+from haptorb.runtime.clock import Clock
+from haptorb.runtime.loop import Loop
+from haptorb.runtime.orphan import die_with_parent, orphaned
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.realtime import punctual
+from haptorb.runtime.shared import Phase, Shared, Word
+from haptorb.runtime.world_change import description
+
+__all__ = ["main"]
+
+_REHEARSAL = 5  #: ticks
+
+
+def main(plan_path: str, shared_path: str, parent: int) -> int:
+    """Build what the plan says, run it to its end, and say in the shared memory how it ended; returns the exit code."""
+    shared = Shared.attach(shared_path)
+    die_with_parent()
+    if orphaned(parent):  # it ended before the kernel was asked to tell
+        shared.unlink()
+        return 1
+    shared.words[Word.PID] = os.getpid()
+    try:
+        return _run(shared, Path(plan_path), parent)
+    except SystemExit as end:  # told to end before the driver was open
+        shared.reason.write("ended by a signal before it had begun")
+        shared.words[Word.PHASE] = Phase.ENDED
+        return int(end.code or 0)
+    except BaseException as cause:
+        text = str(cause) if isinstance(cause, HaptorbError) else "".join(traceback.format_exception(cause))
+        shared.reason.write(text[-4000:])
+        shared.words[Word.PHASE] = Phase.FAILED
+        return 1
+    finally:
+        if orphaned(parent):
+            shared.unlink()
+
+
+def _run(shared: Shared, path: Path, parent: int) -> int:
+    told = _Told(parent)
+    plan = plans.load(path)
+    shared.announce_world(description(plan.world))
+    if plan.rehearsed:
+        _rehearse(plan, shared)
+    tracker = PointerTracker(shared.pointer)
+    chain = plan.assemble(tracker)
+    loop = Loop(chain, plan.world, shared, plan.rate, parent)
+    # No collection from here on: one would hold up the loop. What is alive now is never looked at again.
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    shared.facts.write(json.dumps(punctual()))
+    told.loop = loop
+    chain.driver.open()
+    clock = Clock(plan.rate)
+    tracker.origin = clock.schedule.origin * 1e-9
+    well = loop.run(clock)
+    gc.enable()
+    if well and loop.told_by:
+        shared.reason.write(f"ended by {loop.told_by}")
+    elif not well:
+        shared.reason.write(loop.reason[:4000])
+    shared.words[Word.PHASE] = Phase.ENDED if well else Phase.FAILED
+    if loop.told_by:
+        return 128 + signal.Signals[loop.told_by]
+    return 0 if well else 1
+
+
+def _rehearse(plan: plans.Plan, shared: Shared) -> None:
+    """Run a chain of its own for a few ticks: compiled code is loaded now, and not in the first tick."""
+    chain = plan.assemble(PointerTracker())
+    row = shared.layout.empty()
+    with chain.driver:
+        for tick in range(_REHEARSAL):
+            chain.step(row, tick / plan.rate)
+
+
+class _Told:
+    """Who told this process to end. Its handlers are in place before the coils can be on."""
+
+    def __init__(self, parent: int) -> None:
+        self.loop: Loop | None = None  #: from when on a signal must wait for the present tick
+        self._parent = parent
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, self._end)
+        signal.signal(signal.SIGUSR1, self._orphaned)
+        signal.signal(signal.SIGUSR2, self._stuck)
+
+    def _end(self, number: int, frame: FrameType | None) -> None:
+        if self.loop is None:
+            sys.exit(128 + number)
+        self.loop.told_by = signal.Signals(number).name
+
+    def _orphaned(self, number: int, frame: FrameType | None) -> None:
+        if orphaned(self._parent):
+            self._end(number, frame)
+
+    def _stuck(self, number: int, frame: FrameType | None) -> None:
+        """The host saw no tick for a long time. Raised into a step, this ends whatever loops in there."""
+        if self.loop is not None and self.loop.in_step:
+            raise ServoError("one tick took longer than a second")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1], sys.argv[2], int(sys.argv[3])))

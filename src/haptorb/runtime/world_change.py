@@ -1,0 +1,80 @@
+"""A world by name and values, as it travels from host to servo and into recordings: JSON there and back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from haptorb import worlds
+from haptorb.errors import HaptorbError, InputError, UnknownName
+from haptorb.worlds.parameter import values as parameter_values
+from haptorb.worlds.world import World
+
+__all__ = ["answer", "answered", "changed", "description", "name_of", "request", "requested"]
+
+
+def name_of(world: World) -> str:
+    """The catalogue's name of a world, else its class's name in lower case.
+
+    >>> name_of(worlds.Nothing())
+    'nothing'
+    """
+    kind = type(world)
+    for name, known in worlds.CATALOGUE.items():
+        if known is kind:
+            return name
+    return kind.__name__.lower()
+
+
+def description(world: World) -> str:
+    """Name and present values as JSON.
+
+    >>> description(worlds.Nothing())
+    '{"name": "nothing", "values": {}}'
+    """
+    return json.dumps({"name": name_of(world), "values": parameter_values(world)})
+
+
+def request(number: int, name: str, values: Mapping[str, Any]) -> str:
+    """The wish for another world, or other values, as JSON. Raises InputError for values that are not numbers."""
+    try:
+        return json.dumps({"number": number, "name": name, "values": dict(values)}, default=list)
+    except TypeError as cause:
+        raise InputError(f"the values of world '{name}' must be numbers or lists of numbers: {cause}") from cause
+
+
+def requested(text: str) -> tuple[int, str, dict[str, Any]]:
+    """(number, name, values) of a `request`."""
+    message = json.loads(text)
+    return message["number"], message["name"], message["values"]
+
+
+def changed(world: World, name: str, values: Mapping[str, Any]) -> World:
+    """`world` with other `values` if that is its name, else the catalogue's world `name` with `values`.
+
+    Raises UnknownName for a world or value that does not exist, InputError for a value that cannot be.
+    """
+    known = world if name == name_of(world) else worlds.named(name)()
+    return known.changed(**values)
+
+
+def answer(number: int, error: HaptorbError | None = None) -> str:
+    """The answer to request `number` as JSON: accepted, or refused with which error and its text."""
+    if error is None:
+        return json.dumps({"number": number})
+    kind = UnknownName if isinstance(error, UnknownName) else InputError
+    return json.dumps({"number": number, "refused": kind.__name__, "text": str(error)[:4000]})
+
+
+def answered(text: str) -> tuple[int, InputError | None]:
+    """(number, the error or None) of an `answer`; number 0 for no answer at all."""
+    if not text:
+        return 0, None
+    message = json.loads(text)
+    if "refused" not in message:
+        return message["number"], None
+    kind = UnknownName if message["refused"] == "UnknownName" else InputError
+    error = kind.__new__(kind)  # the text is complete: UnknownName's own constructor would compose another
+    error.args = (message["text"],)
+    return message["number"], error
