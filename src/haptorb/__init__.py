@@ -15,12 +15,14 @@ _HOME = {
     "State": "haptorb.devices.state",
     "WrenchMap": "haptorb.devices.wrench_map",
     "Device": "haptorb.devices.device",
+    "Servo": "haptorb.runtime.servo",
+    "Recording": "haptorb.runtime.recording",
     "load": "haptorb.devices.loader",
     "felt_map": "haptorb.simulation.felt_map",
     "wrench_map": "haptorb.devices.doors",
 }
 
-__all__ = ["Device", "State", "WrenchMap", "felt_map", "load", "wrench_map"]
+__all__ = ["Device", "Recording", "Servo", "State", "WrenchMap", "felt_map", "load", "wrench_map"]
 
 if TYPE_CHECKING:
     from haptorb.devices.device import Device
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
     from haptorb.devices.loader import load
     from haptorb.devices.state import State
     from haptorb.devices.wrench_map import WrenchMap
+    from haptorb.runtime.recording import Recording
+    from haptorb.runtime.servo import Servo
     from haptorb.simulation.felt_map import felt_map
 
 

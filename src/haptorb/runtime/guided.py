@@ -11,7 +11,7 @@ import numpy as np
 
 from haptorb.physics.arrays import Array
 
-__all__ = ["DURATION", "guided_direction", "guided_position", "upright"]
+__all__ = ["DURATION", "guided_position", "upright"]
 
 DURATION = 12.0  #: after this the hand rests [s]
 
@@ -30,8 +30,12 @@ def _smooth(t: float, start: float, end: float) -> float:
     return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
-def guided_direction(t: float) -> Array:
-    """(3,) unit vector from the device's centre to the tool at time `t` [s]; the summit is +z."""
+def guided_position(t: float) -> Array:
+    """(3,) [m] where the hand wants the tool's magnet at time `t` [s], frame S; the summit is +z.
+
+    >>> round(1e3 * float(np.linalg.norm(guided_position(20.0))), 3)
+    48.0
+    """
     # A signed tilt along one meridian passes the summit without a turn of the hand.
     tilt = (
         _LANDING
@@ -39,18 +43,9 @@ def guided_direction(t: float) -> Array:
         + (_CIRCLE - _REST) * _smooth(t, 10.5, DURATION)
     )
     bearing = _BEARING + _TURN * _smooth(t, 5.0, 10.5)
-    s = math.sin(tilt)
-    return np.array([s * math.cos(bearing), s * math.sin(bearing), math.cos(tilt)])
-
-
-def guided_position(t: float) -> Array:
-    """(3,) [m] where the hand wants the tool's magnet at time `t` [s], frame S.
-
-    >>> round(1e3 * float(np.linalg.norm(guided_position(20.0))), 3)
-    48.0
-    """
-    position: Array = guided_direction(t) * (_HIGH + (_PRESSED - _HIGH) * _smooth(t, 0.0, 1.5))
-    return position
+    d = _HIGH + (_PRESSED - _HIGH) * _smooth(t, 0.0, 1.5)
+    s = d * math.sin(tilt)
+    return np.array((s * math.cos(bearing), s * math.sin(bearing), d * math.cos(tilt)))
 
 
 def upright(p: Array) -> Array:
@@ -62,8 +57,7 @@ def upright(p: Array) -> Array:
     x, y, z = p.tolist()
     length = math.sqrt(x * x + y * y + z * z)
     if length == 0.0 or z <= -length * (1 - 1e-12):
-        return np.array([1.0, 0.0, 0.0, 0.0])
-    w = 1.0 + z / length
-    q = np.array([-y / length, x / length, 0.0, w])
-    q /= math.sqrt(q @ q)
-    return q
+        return np.array((1.0, 0.0, 0.0, 0.0))
+    w = length + z
+    n = math.sqrt(x * x + y * y + w * w)
+    return np.array((-y / n, x / n, 0.0, w / n))

@@ -18,6 +18,7 @@ from haptorb.worlds.world import World
 __all__ = ["Loop"]
 
 _SILENCE = int(SILENCE * 1e9)
+_TRIPPED = float(GuardState.TRIPPED)
 _PARENT_EVERY = 64  #: ticks between two looks for the parent
 
 
@@ -32,13 +33,14 @@ class Loop:
         self._parent = parent
         self._rate = rate
         self._row = shared.layout.empty()
+        # Single numbers come out of a memoryview ten times faster than out of an array.
+        self._cells = self._row.data.cast("B").cast("d")
         self._ticks = 0
         self._stopped = shared.words[Word.STOP]
         self._engaged = shared.words[Word.ENGAGE]
         self._asked = shared.request.version
         at = shared.layout
-        self._force = slice(at["given"].start, at["given"].start + 3)
-        self._modelled = slice(at["modelled"].start, at["modelled"].start + 3)
+        self._given, self._modelled = at["given"].start, at["modelled"].start
         self._guard = at["guard"].start
         self._peak = 0.0  # square of the greatest force so far [N²]
         self._tripped = False
@@ -73,7 +75,7 @@ class Loop:
 
     def _ticking(self, clock: Clock) -> Trip | None:
         """Tick until told to end (None) or until the host is gone (HOST_SILENT)."""
-        shared, chain, row, words = self._shared, self._chain, self._row, self._shared.words
+        shared, chain, row, cells, words = self._shared, self._chain, self._row, self._cells, self._shared.words
         schedule, period = clock.schedule, clock.schedule.period
         lateness_counts, compute_counts, ring = shared.lateness, shared.compute, shared.ring
         begin = shared.layout["tick"].start
@@ -94,10 +96,10 @@ class Loop:
             self.in_step = True
             chain.step(row, schedule.number * period * 1e-9)
             self.in_step = False
-            row[begin] = self._ticks
-            row[wall] = now * 1e-9
-            row[late] = lateness * 1e-9
-            row[skip] = skipped
+            cells[begin] = self._ticks
+            cells[wall] = now * 1e-9
+            cells[late] = lateness * 1e-9
+            cells[skip] = skipped
             ring.publish(row)
             self._ticks += 1
             self._summarise()
@@ -139,19 +141,21 @@ class Loop:
 
     def _summarise(self) -> None:
         """Keep what a report needs of every row: the greatest force, and every trip."""
-        row = self._row
-        fx, fy, fz = row[self._force].tolist()
+        cells = self._cells
+        i = self._given
+        fx, fy, fz = cells[i], cells[i + 1], cells[i + 2]
         square = fx * fx + fy * fy + fz * fz
         if square != square:  # nobody knows what is really there
-            fx, fy, fz = row[self._modelled].tolist()
+            i = self._modelled
+            fx, fy, fz = cells[i], cells[i + 1], cells[i + 2]
             square = fx * fx + fy * fy + fz * fz
         if square > self._peak:
             self._peak = square
             self._shared.floats[Word.PEAK] = square**0.5
-        tripped = row[self._guard] == GuardState.TRIPPED
+        tripped = cells[self._guard] == _TRIPPED
         if tripped and not self._tripped:
             at = self._shared.layout
-            self._shared.announce_trip(row[at["t"].start], row[at["trip"].start])
+            self._shared.announce_trip(cells[at["t"].start], cells[at["trip"].start])
             self._shared.error.write(self._chain.error[:1000])
         self._tripped = tripped
 

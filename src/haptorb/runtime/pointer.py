@@ -62,6 +62,8 @@ class PointerTracker:
         self.origin = origin
         self._last: Array | None = None  # where a held pointer was last
         self._released = 0.0
+        self._rest = guided_position(DURATION)
+        self._rest_q = upright(self._rest)
 
     def goal(self, now: float) -> Goal:
         """The goal at `now` [s] on the loop's clock."""
@@ -70,6 +72,8 @@ class PointerTracker:
             if pointed.held:
                 self._last, self._released = pointed.p, now
                 return Goal(pointed.p, pointed.q, pointed.stamp - self.origin, True)
+        if now - self._released >= (DURATION if self._last is None else _RELEASE):
+            return Goal(self._rest, self._rest_q, now, False)
         p = guided_position(now) if self._last is None else self._returning(self._last, now - self._released)
         return Goal(p, upright(p), now, False)
 
@@ -77,7 +81,7 @@ class PointerTracker:
         """(3,) [m] on the way from `start` to the resting place: along the sphere, not through the device."""
         s = min(since / _RELEASE, 1.0)
         s = s * s * s * (10.0 + s * (6.0 * s - 15.0))
-        rest = guided_position(DURATION)
+        rest = self._rest
         r0, r1 = float(np.linalg.norm(start)), float(np.linalg.norm(rest))
         # A hand inside the device has no direction; from there it goes straight.
         direction = rest / r1 if r0 < 1e-6 else (1 - s) * start / r0 + s * rest / r1
