@@ -25,6 +25,19 @@ _OVERCURRENT = 1.25  #: measured over allowed current at which wiring or driver 
 
 
 @kernel
+def _look(currents: Array, temperatures: Array, limit: Array) -> int:
+    """0: readings are sane; 1: one is not a number; 2: a current is beyond what may flow."""
+    total = 0.0
+    beyond = False
+    for j in range(currents.size):
+        total += currents[j] + temperatures[j]
+        beyond = beyond or abs(currents[j]) > limit[j]
+    if not np.isfinite(total):
+        return 1
+    return 2 if beyond else 0
+
+
+@kernel
 def _hold(wanted: Array, last: Array, limit: Array, step: float, out: Array) -> bool:
     """Scale `wanted` into the limits, then its change into `step`, keeping directions; False if not finite."""
     for j in range(wanted.size):
@@ -52,6 +65,7 @@ class Guard:
     def __init__(self, device: Device, dt: float) -> None:
         self._limits = device.limits
         self._current_limit = device.coils.current_limit
+        self._broken = _OVERCURRENT * device.coils.current_limit
         self._tiers = device.coils.heat
         self._dt = dt
         self._step = device.limits.slew * dt
@@ -114,15 +128,14 @@ class Guard:
 
     def limit(self, currents: Array, sample: Sample) -> Array:
         """(m,) the currents that may flow: within limits and slew, derated when warm, zero when off or tripped."""
-        measured = sample.currents
-        # A sum is not finite as soon as one part is not; cheaper than asking each.
-        if not isfinite(float(measured.sum()) + float(sample.temperatures.sum())):
+        seen = _look(sample.currents, sample.temperatures, self._broken)
+        if seen == 1:
             self.trip(Trip.SAMPLE_NOT_FINITE)
         else:
-            self.heat.update(measured, sample.temperatures)
-            if (np.abs(measured) > _OVERCURRENT * self._current_limit).any():
+            self.heat.update(sample.currents, sample.temperatures)
+            if seen == 2:
                 self.trip(Trip.OVERCURRENT)
-        hottest = float(self.heat.winding.max())
+        hottest = self.heat.hottest
         if not hottest < self._tiers.stop:  # written so that NaN trips too
             self.trip(Trip.OVERHEATED)
         if self.state is GuardState.OFF or (self.state is GuardState.TRIPPED and self.gain == 0.0):

@@ -30,7 +30,9 @@ def _observe(
     winding: Array,
     body: Array,
     mean_load: Array,
-) -> None:
+) -> float:
+    """One step; returns the hottest winding [K], NaN if any is."""
+    hottest = -np.inf
     c_winding, c_body, g_inner, g_outer, ambient = heat[0], heat[1], heat[2], heat[3], heat[4]
     for j in range(currents.size):
         load = currents[j] ** 2 * resistance[j] * (1.0 + alpha * (winding[j] - reference))
@@ -38,6 +40,9 @@ def _observe(
         winding[j] += dt * (load - inward) / c_winding
         body[j] += dt * ((inward - g_outer * (body[j] - ambient)) / c_body + _PULL * (boundary[j] - body[j]))
         mean_load[j] += min(dt / _LOAD_WINDOW, 1.0) * (currents[j] ** 2 * resistance[j] - mean_load[j])
+        if winding[j] > hottest or winding[j] != winding[j]:  # once not a number, never again below a limit
+            hottest = winding[j]
+    return hottest
 
 
 @kernel
@@ -99,6 +104,7 @@ class HeatObserver:
         self.winding = np.full(channels, heat.ambient)
         self.body = np.full(channels, heat.ambient)
         self.load = np.zeros(channels)  #: i²R at the reference temperature, averaged [W]
+        self.hottest = heat.ambient
         self.remaining = np.inf
         self._ticks = 0
         self._prediction_every = max(1, round(0.02 / dt))
@@ -109,7 +115,7 @@ class HeatObserver:
             self.body[:] = boundary
             self.winding[:] = boundary
         coils = self._coils
-        _observe(
+        self.hottest = _observe(
             self._dt,
             currents,
             boundary,

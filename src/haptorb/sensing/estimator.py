@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from math import isfinite
 
 import numpy as np
 
@@ -11,9 +10,21 @@ from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import GeometryError
+from haptorb.physics.arrays import Array
+from haptorb.physics.compiled import kernel
 from haptorb.sensing.sample import Estimate, Sample
 
 __all__ = ["Estimator", "TrackedPose"]
+
+
+@kernel
+def _finite(p: Array, R: Array, v: Array, w: Array) -> bool:
+    total = 0.0  # a sum is not finite as soon as one part of it is not
+    for i in range(3):
+        total += p[i] + v[i] + w[i]
+        for j in range(3):
+            total += R[i, j]
+    return bool(np.isfinite(total))
 
 
 class Estimator(ABC):
@@ -42,8 +53,7 @@ class TrackedPose(Estimator):
         """The estimate after `sample`."""
         pose = sample.pose
         last = self._last
-        # A sum is not finite as soon as one part is not; cheaper than asking each.
-        if not isfinite(float(pose.p.sum() + pose.R_SR.sum() + pose.v.sum() + pose.w.sum())):
+        if not _finite(pose.p, pose.R_SR, pose.v, pose.w):
             return Estimate(last.state, last.wrench_map, False, sample.t - pose.t)
         state = State(sample.t, pose.R_SR, pose.p, pose.w, pose.v)
         try:
