@@ -20,6 +20,7 @@ _FOLDER = Path(__file__).parent / "catalogue"
 #: kind → (module, class of its file); imported when a file of that kind is read
 KINDS = {
     "spherical-electromagnet": ("haptorb.devices.schema", "ElectromagnetFile"),
+    "spherical-motor": ("haptorb.devices.motor_schema", "MotorFile"),
 }
 
 
@@ -31,15 +32,21 @@ def catalogue() -> dict[str, str]:
     return titles
 
 
-def load(name: str | Path) -> Device:
+def load(name: str | Path, *, override: bool = False) -> Device:
     """The device of that name in the catalogue, or in the TOML file at that path.
 
-    Raises UnknownName with the nearest name, or DeviceError naming file, key, value and what was expected.
+    Raises UnknownName with the nearest name, or DeviceError naming file, key, value and what was expected. With
+    `override` a device whose parts overlap, or whose wiring cannot work, is built all the same, for study.
 
     >>> load("omni").channels
     3
     """
-    text = str(name)
+    content, shown = _read(str(name))
+    return parse(content, shown, override=override)
+
+
+def _read(text: str) -> tuple[str, str]:
+    """The file's content, and the name that mistakes are reported under."""
     path = Path(text) if text.endswith(".toml") or "/" in text else _FOLDER / f"{text}.toml"
     if path.parent == _FOLDER and not path.exists():
         raise UnknownName("device", text, catalogue())
@@ -48,17 +55,14 @@ def load(name: str | Path) -> Device:
     except (OSError, UnicodeDecodeError) as cause:
         reason = cause.strerror if isinstance(cause, OSError) else "not a text file"
         raise DeviceError(f"device file {path}: cannot be read ({reason})") from cause
-    return parse(content, str(path) if path.parent != _FOLDER else text)
+    return content, str(path) if path.parent != _FOLDER else text
 
 
-def parse(content: str, name: str) -> Device:
+def parse(content: str, name: str, *, override: bool = False) -> Device:
     """The device that the TOML text `content` describes; `name` is what mistakes are reported under."""
     from pydantic import ValidationError
 
-    try:
-        raw = tomllib.loads(content)
-    except tomllib.TOMLDecodeError as cause:
-        raise DeviceError(f"device '{name}': not a TOML file: {cause}") from cause
+    raw, whole = _with_base(content, name, 0)
     kind = raw.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         raise DeviceError(f"device '{name}': kind must be one of {', '.join(KINDS)}; got {kind!r}")
@@ -72,12 +76,38 @@ def parse(content: str, name: str) -> Device:
         raise DeviceError(_mistakes(name, cause.errors(), file_class)) from cause
     except ValueError as cause:
         raise DeviceError(f"device '{name}': {cause}") from cause
-    device: Device = file.built(assumed, hashlib.sha256(content.encode()).hexdigest())
+    device: Device = file.built(assumed, hashlib.sha256(whole.encode()).hexdigest(), override=override)
     return device
+
+
+def _with_base(content: str, name: str, depth: int) -> tuple[dict[str, Any], str]:
+    """The file's tables, laid over those of the device it is `based_on`; and all text that went into them."""
+    try:
+        raw = tomllib.loads(content)
+    except tomllib.TOMLDecodeError as cause:
+        raise DeviceError(f"device '{name}': not a TOML file: {cause}") from cause
+    base = raw.get("based_on")
+    if base is None:
+        return raw, content
+    if not isinstance(base, str) or depth > 8:
+        raise DeviceError(f"device '{name}': based_on must name another device, without going in circles; got {base!r}")
+    text, shown = _read(base)
+    below, whole = _with_base(text, shown, depth + 1)
+    return _laid_over(below, raw), whole + content
+
+
+def _laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(below)
+    for key, value in above.items():
+        both = isinstance(value, Mapping) and isinstance(below.get(key), Mapping) and "value" not in value
+        merged[key] = _laid_over(below[key], value) if both else value
+    return merged
 
 
 def _plain(value: Any, path: str, assumed: dict[str, str]) -> Any:
     """The value without its provenance; what is assumed, and why, goes into `assumed`."""
+    if isinstance(value, list):
+        return [_plain(part, f"{path}.{number}", assumed) for number, part in enumerate(value, 1)]
     if not isinstance(value, Mapping):
         return value
     if "value" not in value:

@@ -223,8 +223,8 @@ class ElectromagnetFile(CommonFile):
             raise ValueError("electromagnet.moment_per_current is (nearly) singular: two coils do the same")
         return self
 
-    def built(self, assumed: dict[str, str], digest: str) -> SphericalElectromagnet:
-        """The device that this file describes."""
+    def built(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalElectromagnet:
+        """The device that this file describes; there are no findings to override beyond wrong values."""
         dome, hall = self.dome, self.hall
         tool = self.tool.model_dump()
         tool["inertia"] = np.array(tool["inertia"])
