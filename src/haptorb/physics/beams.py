@@ -125,7 +125,7 @@ def compliance(
     shear_ratio  E/G, else from Poisson's ratio. Raises UnknownName for a model, InputError for x off the hook.
 
     >>> from haptorb.physics.hook import TABLE_3
-    >>> round(float(compliance(TABLE_3.ramp_to_peak(), 9.6e-3).plus))
+    >>> round(float(compliance(TABLE_3.ramp_to_peak(), 9.6e-3, shear_ratio=2.6).plus))
     15490
     """
     if model not in MODELS:

@@ -133,8 +133,8 @@ class Hook:
     def remarks(self, metal: bool) -> tuple[str, ...]:
         """What should be said about the hook though it can exist; `metal` tells what its material is called.
 
-        >>> [remark[:15] for remark in replace(TABLE_3, youngs_modulus=1.13e9).remarks(metal=True)]
-        ['youngs_modulus ']
+        >>> [remark[:14] for remark in replace(TABLE_3, youngs_modulus=1.13e9).remarks(metal=True)]
+        ['youngs_modulus', 'the rear face ']
         """
         said = []
         if metal and self.youngs_modulus < METALS_FROM:

@@ -30,7 +30,7 @@ from haptorb.errors import GeometryError, InputError
 from haptorb.physics.arrays import Array
 from haptorb.physics.beams import Model, appendix_b, compliance
 from haptorb.physics.compiled import kernel
-from haptorb.physics.hook import Hook
+from haptorb.physics.hook import TABLE_3, Hook
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.sliding import sliding_push
 from haptorb.worlds.snap_fit import Contact
@@ -112,12 +112,12 @@ def _outlet(p: Array, R: Array, v: Array, w: Array, plug: Array, numbers: Array,
 class Outlet(World):
     """Pull a plug out of its outlet: it sticks by friction, fights being tilted, and lets go at the end.
 
-    Sizes and materials of Bai 2012, Table 3, with E = 113 GPa (erratum E7). The whole pull is 11.3 N with the beam that
-    is right (`timoshenko`, E11) and 49.6 N with the paper's (`paper`, H_x corrected, E9).
+    Sizes and materials of Bai 2012, Table 3, with E = 113 GPa (erratum E7). The whole pull is 11.5 N with the beam that
+    is right (`timoshenko`, E11) and 49.6 N with the paper's (`paper`, appendix B with H_x corrected, E9).
 
     >>> out = State.at((0.001, 0, 0), R_SR=np.eye(3), v=(1.0, 0, 0))
     >>> Outlet().wrench(out)[0].round(1), Outlet(beam="paper").wrench(out)[0].round(1)
-    (np.float64(-11.3), np.float64(-49.6))
+    (np.float64(-11.5), np.float64(-49.6))
     """
 
     youngs_modulus: float = parameter(113e9, "Pa", 1e9, 250e9, "E of the socket's hooks")
@@ -128,6 +128,7 @@ class Outlet(World):
     thickness: float = parameter(0.6e-3, "m", 0.2e-3, 5e-3, "hook: of the beam")
     height: float = parameter(1.8e-3, "m", 0.2e-3, 5e-3, "hook: of the wedge")
     width: float = parameter(8e-3, "m", 1e-3, 30e-3, "hook: width")
+    retention_deg: float = parameter(58.8, "°", 5.0, 85.0, "hook: angle of the rear face, which the plug never meets")
     plug_width: float = parameter(6.3e-3, "m", 1e-3, 30e-3, "w_p, across the hooks")
     opening: float = parameter(4.8e-3, "m", 0.5e-3, 30e-3, "w_s between the hooks when nothing is in")
     # h is not given (assumed): blades of 6.3 mm × 1.5 mm are those of a two-pin flat plug, 15.9–18.3 mm long
@@ -156,15 +157,12 @@ class Outlet(World):
                 f"Outlet: the plug's bevelled end ({self.lead_in * 1e3:.4g} mm) must be shorter than arm "
                 f"({self.arm * 1e3:.4g} mm): the plug would leave before it is home"
             )
-        if self.peak <= self.base_length:
-            raise GeometryError(f"Outlet: peak ({self.peak:g} m) must lie beyond base_length ({self.base_length:g} m)")
-        ramp = math.atan(self.height / (self.peak - self.base_length))  # erratum E8: a straight ramp; it is not touched
         hook = Hook(
             self.base_length, self.peak, self.thickness, self.height, self.width,
-            math.radians(30.0), ramp, self.youngs_modulus, self.poisson_ratio,
+            TABLE_3.front, math.radians(self.retention_deg), self.youngs_modulus, self.poisson_ratio, flat_top=True,
         )  # fmt: skip
         if self.beam == "paper":
-            soft = appendix_b(_printed_ramp(hook))
+            soft = appendix_b(hook)
             plus, minus = soft.plus, soft.minus
         else:
             bent = compliance(hook, hook.peak, self.beam)
@@ -208,18 +206,9 @@ class Outlet(World):
         )
 
 
-def _printed_ramp(hook: Hook) -> Hook:
-    """The hook with Table 3's β = 58.8° where its ramp fits under the top, as appendix B takes it (erratum E8)."""
-    beta = max(math.radians(58.8), hook.rear)
-    return Hook(
-        hook.base_length, hook.peak, hook.thickness, hook.height, hook.width, hook.front, beta,
-        hook.youngs_modulus, hook.poisson_ratio, flat_top=True,
-    )  # fmt: skip
-
-
 @dataclass(frozen=True)
 class PublishedOutlet(World):
-    """Bai 2012, eqs. (14)–(18), corrected where they must be: the world of Fig. 8.
+    """Bai 2012, eqs. (14)–(18), corrected where they must be: the world of Fig. 8 (socket as in Table 3).
 
     Pulling: F_X' = −E w μ (w_p sec ε − w_s)/(Ω₊ + μΩ₋), F_Y' and T_Z' = F_Y' (h − p_x) as in (17), (18) with the
     missing factor (E10). F_X' is printed positive, the pull of the hand; on the plug it is the opposite. The plug ends
@@ -247,15 +236,14 @@ class PublishedOutlet(World):
         World.__post_init__(self)
         if self.surface_height not in ("corrected", "printed"):
             raise InputError(f"surface_height must be 'corrected' or 'printed'; got {self.surface_height!r}")
-        reference = Outlet()
         if self.beam == "paper":
             bent = None if self.surface_height == "corrected" else 0.5 * (self.plug_width - self.opening)
-            soft = appendix_b(_printed_ramp(reference.hook), deflection=bent)
+            soft = appendix_b(TABLE_3, deflection=bent)
             plus, minus = soft.plus, soft.minus
         else:
-            right = compliance(reference.hook, reference.peak, self.beam)
+            right = compliance(TABLE_3, TABLE_3.peak, self.beam)
             plus, minus = float(right.plus), float(right.minus)
-        omega = (plus, minus, self.youngs_modulus * reference.width)
+        omega = (plus, minus, self.youngs_modulus * TABLE_3.width)
         object.__setattr__(self, "_omega", omega)
 
     def wrench(self, state: State) -> Array:
