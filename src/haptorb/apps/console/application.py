@@ -1,0 +1,76 @@
+"""The console as an ASGI application: one page, its files, what it must know, and one WebSocket."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from uuid import uuid4
+
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+
+from haptorb.apps.console.doors import Doors
+from haptorb.apps.console.felt import FeltMap, Painter
+from haptorb.apps.console.felt import felt as felt_of_device
+from haptorb.apps.console.room import Room
+from haptorb.apps.console.servant import Servant
+from haptorb.apps.console.session import session
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.errors import InputError
+
+__all__ = ["STATIC", "application"]
+
+#: where the build hook puts the page
+STATIC = Path(__file__).parent / "static"
+
+
+def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
+    """The ASGI application for one running servo.
+
+    `felt` answers what the device would give at points in space; by default the simulation of `servo.device` does.
+    Raises InputError if the page has not been built.
+    """
+    page = STATIC / "index.html"
+    if not page.exists():
+        raise InputError(
+            "the console's page has not been built: run `cd web && npm ci && npm run build`, or `make run`"
+        )
+    device = servo.device
+    painter = None
+    if isinstance(device, SphericalElectromagnet):
+        painter = Painter(device, felt or felt_of_device(device))
+    room = Room(servo, painter)
+    started = uuid4().hex
+
+    async def index(request: Request) -> Response:
+        return FileResponse(page)
+
+    async def about(request: Request) -> Response:
+        return JSONResponse(session(servo, started))
+
+    @asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        keeping = asyncio.create_task(room.keep())
+        try:
+            yield
+        finally:
+            keeping.cancel()
+            with suppress(asyncio.CancelledError):
+                await keeping
+
+    return Starlette(
+        routes=[
+            Route("/", index),
+            Route("/api/session", about),
+            WebSocketRoute("/ws", room.join),
+            Mount("/static", StaticFiles(directory=STATIC)),
+        ],
+        middleware=[Middleware(Doors)],
+        lifespan=lifespan,
+    )

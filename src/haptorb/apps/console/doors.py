@@ -1,0 +1,90 @@
+"""Who may come in: only pages of this server itself, and only under the name of this computer.
+
+A page of another site could otherwise open a WebSocket to 127.0.0.1 (browsers let it) and move a powered machine; one
+that has its own name resolved to 127.0.0.1 could pretend to be this server. Origin stops the first, Host the second.
+"""
+
+from __future__ import annotations
+
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+__all__ = ["LOOPBACK", "Doors"]
+
+#: the names of this computer for itself
+LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
+
+#: nothing but this server's own files may be loaded, run, framed or talked to
+POLICY = "; ".join(
+    (
+        "default-src 'none'",
+        "script-src 'self'",
+        "worker-src 'self'",
+        "style-src 'self'",
+        "img-src 'self' data: blob:",
+        "connect-src 'self'",
+        "base-uri 'none'",
+        "form-action 'none'",
+        "frame-ancestors 'none'",
+    )
+)
+
+
+def _host(authority: str) -> str:
+    """The host in `host:port`, lower case, without a final dot."""
+    host = authority.rsplit(":", 1)[0] if not authority.endswith("]") and ":" in authority else authority
+    return host.lower().rstrip(".")
+
+
+class Doors:
+    """ASGI middleware: checks Host and Origin on the way in, and adds the content policy on the way out."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        refusal = self.refusal(Headers(scope=scope))
+        if refusal is None:
+            await self.app(scope, receive, _with_policy(send))
+        elif scope["type"] == "websocket":
+            # Closing before accepting makes the server answer 403.
+            await send({"type": "websocket.close", "code": 1008, "reason": refusal})
+        else:
+            await PlainTextResponse(refusal + "\n", status_code=403)(scope, receive, send)
+
+    @staticmethod
+    def refusal(headers: Headers) -> str | None:
+        """Why this request may not come in, or None."""
+        host = headers.get("host", "")
+        if _host(host) not in LOOPBACK:
+            return f"this console answers on 127.0.0.1 only, not as '{host}'"
+        origin = headers.get("origin")
+        # Programs send no Origin; browsers always send it with a WebSocket.
+        if origin is not None and (
+            urlsplit(origin).scheme != "http" or urlsplit(origin).netloc.lower() != host.lower()
+        ):
+            return f"pages of '{origin}' may not use this console"
+        return None
+
+
+def _with_policy(send: Send) -> Send:
+    """`send`, with the content policy on every answer."""
+
+    async def guarded(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            headers["content-security-policy"] = POLICY
+            headers["x-content-type-options"] = "nosniff"
+            headers["referrer-policy"] = "no-referrer"
+            headers["cross-origin-resource-policy"] = "same-origin"
+            headers["cross-origin-opener-policy"] = "same-origin"
+            headers["cache-control"] = "no-cache"
+        await send(message)
+
+    return guarded

@@ -1,0 +1,88 @@
+"""The hand behind the page's pointer: held by a person, or resting where it was let go.
+
+While a person drags, only their own messages keep the pose fresh: if the page freezes or goes away in the middle of a
+drag nobody refreshes it, it expires, and the guard lets go. A hand at rest has no such person behind it, so the server
+keeps it fresh for as long as the page stays connected.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from typing import final
+
+import numpy as np
+
+from haptorb.apps.console.servant import Servant
+from haptorb.apps.console.wire import Pointer
+from haptorb.physics.arrays import Array
+
+__all__ = ["Hand"]
+
+#: how close the row's goal must be to the page's to be its answer [m]: float32 on the way
+_SAME = 1e-6
+#: an answer that has not come by then will not come [s]
+_PATIENCE = 0.5
+
+
+@final
+class Hand:
+    """Passes the controlling page's pointer to the servo, and finds the row that answers it."""
+
+    def __init__(self, servo: Servant) -> None:
+        self._servo = servo
+        self._resting: tuple[Array, Array | None] | None = None
+        self._pending: deque[tuple[float, float, Array]] = deque(maxlen=64)  # the page's stamp, our time, position
+        self.held = False
+
+    def point(self, pointer: Pointer) -> None:
+        """The page's pointer moved, or was let go at `pointer.p`."""
+        self._servo.point(pointer.p, pointer.q)
+        self.held = pointer.held
+        self._resting = None if pointer.held else (pointer.p, pointer.q)
+        if math.isfinite(pointer.stamp):
+            self._pending.append((pointer.stamp, time.monotonic(), pointer.p))
+
+    def keep(self) -> None:
+        """Refresh a hand at rest; to be called well within the device's expiry."""
+        if self._resting is not None:
+            self._servo.point(*self._resting)
+
+    def gone(self) -> None:
+        """The page went away: a hand at rest goes home, a drag is left to expire."""
+        if self._resting is not None:
+            self._servo.release()
+        self._forget()
+
+    def home(self) -> None:
+        """Let go of the tool altogether."""
+        self._servo.release()
+        self._forget()
+
+    def steady(self) -> None:
+        """Before engaging: a drag that was left to expire is over, the hand goes home."""
+        if not self.held and self._resting is None:
+            self._servo.release()
+
+    def _forget(self) -> None:
+        self._resting = None
+        self._pending.clear()
+        self.held = False
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a pointer has been passed on and no row has answered it yet."""
+        while self._pending and time.monotonic() - self._pending[0][1] > _PATIENCE:
+            self._pending.popleft()
+        return bool(self._pending)
+
+    def echo(self, targets: Array) -> float:
+        """The page's time stamp [ms] of the newest pointer that one of the goals `targets` (n, 3) answers, else NaN."""
+        for place in range(len(self._pending) - 1, -1, -1):
+            stamp, _, p = self._pending[place]
+            if len(targets) and bool((np.abs(targets - p).max(axis=1) < _SAME).any()):
+                for _ in range(place + 1):
+                    self._pending.popleft()
+                return stamp
+        return math.nan

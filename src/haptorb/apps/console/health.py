@@ -1,0 +1,63 @@
+"""How well the loop keeps its time, over the last seconds: what the page's header says."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import final
+
+import numpy as np
+
+from haptorb.apps.console.servant import Servant
+from haptorb.physics.arrays import Array
+
+__all__ = ["Health"]
+
+#: seconds of the past that count
+WINDOW = 5.0
+
+
+@final
+class Health:
+    """Looks at every row twice a second and keeps five seconds of it."""
+
+    def __init__(self, servo: Servant) -> None:
+        self._servo = servo
+        layout = servo.layout
+        self._t, self._missed, self._lateness = (layout[name].start for name in ("t", "missed", "lateness"))
+        self._stages = layout["stages"]
+        self._cursor = 0
+        self._kept: deque[Array] = deque()  # each (n, 4): t, missed, lateness, compute time
+
+    def look(self) -> dict[str, float | None]:
+        """Rate [Hz], share of deadlines met, 50th and 99th percentile of lateness and median compute time [µs]."""
+        self._cursor, rows = self._servo.rows(self._cursor)
+        if len(rows):
+            compute = rows[:, self._stages].sum(axis=1)
+            self._kept.append(
+                np.column_stack([rows[:, self._t], rows[:, self._missed], rows[:, self._lateness], compute])
+            )
+            newest = float(rows[-1, self._t])
+            while len(self._kept) > 1 and float(self._kept[0][-1, 0]) < newest - WINDOW:
+                self._kept.popleft()
+        else:
+            self._kept.clear()
+        if not self._kept:
+            return {
+                "rate_hz": None,
+                "success": None,
+                "lateness_p50_us": None,
+                "lateness_p99_us": None,
+                "compute_us": None,
+            }
+        kept = np.concatenate(list(self._kept))
+        span = float(kept[-1, 0] - kept[0, 0])
+        missed = float(np.nansum(kept[1:, 1]))
+        late = kept[:, 2][np.isfinite(kept[:, 2])]
+        spent = kept[:, 3][np.isfinite(kept[:, 3])]
+        return {
+            "rate_hz": (len(kept) - 1) / span if span > 0 else None,
+            "success": (len(kept) - 1) / (len(kept) - 1 + missed) if len(kept) > 1 else None,
+            "lateness_p50_us": float(np.percentile(late, 50)) * 1e6 if len(late) else None,
+            "lateness_p99_us": float(np.percentile(late, 99)) * 1e6 if len(late) else None,
+            "compute_us": float(np.median(spent)) * 1e6 if len(spent) else None,
+        }

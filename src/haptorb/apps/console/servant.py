@@ -1,0 +1,55 @@
+"""What the console needs of a servo, and nothing else of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from numpy.typing import ArrayLike
+
+from haptorb.devices.device import Device
+from haptorb.physics.arrays import Array
+from haptorb.runtime.row import RowLayout
+
+__all__ = ["Servant"]
+
+
+class Servant(Protocol):
+    """A running servo as the console sees it."""
+
+    @property
+    def device(self) -> Device: ...
+
+    @property
+    def layout(self) -> RowLayout: ...
+
+    @property
+    def world(self) -> tuple[str, Mapping[str, Any]]:
+        """Name and values of what is felt now."""
+        ...
+
+    @property
+    def driver(self) -> str:
+        """ "sim" for the simulated one."""
+        ...
+
+    @property
+    def alive(self) -> bool: ...
+
+    def rows(self, cursor: int = 0) -> tuple[int, Array]:
+        """All rows (n, width) since `cursor`, and the cursor after them."""
+        ...
+
+    def point(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
+        """The hand wants the mover at `p`; worth nothing after the device's expiry."""
+        ...
+
+    def release(self) -> None: ...
+
+    def stop(self) -> None: ...
+
+    def engage(self) -> None: ...
+
+    def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
+        """Returns when the servo took it, or refused it with UnknownName or InputError."""
+        ...

@@ -1,0 +1,104 @@
+"""What the page must know before the first frame: device, worlds and their sliders, limits, words for codes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import haptorb
+from haptorb.apps.console.servant import Servant
+from haptorb.apps.console.wire import Columns
+from haptorb.control.trip import Trip
+from haptorb.devices.device import Device
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.worlds import CATALOGUE
+from haptorb.worlds.parameter import parameters
+
+__all__ = ["session", "worlds"]
+
+_KELVIN = 273.15
+
+
+def worlds() -> list[dict[str, Any]]:
+    """Every world: name, what it is, and its parameters in their order."""
+    return [
+        {
+            "name": name,
+            "about": (kind.__doc__ or "").strip().splitlines()[0],
+            "parameters": [
+                {
+                    "name": item.name,
+                    "unit": item.unit,
+                    "low": item.low,
+                    "high": item.high,
+                    "default": list(item.default) if isinstance(item.default, tuple) else item.default,
+                    "about": item.about,
+                }
+                for item in parameters(kind).values()
+            ],
+        }
+        for name, kind in CATALOGUE.items()
+    ]
+
+
+def _mover(device: Device) -> dict[str, Any]:
+    """How the page draws what the hand holds, in metres and radians."""
+    if isinstance(device, SphericalElectromagnet):
+        axes = device.moment_per_current / np.linalg.norm(device.moment_per_current, axis=0)
+        return {
+            "kind": "tool",
+            "dome_radius": device.dome_radius,
+            "contact_distance": device.contact_distance,
+            "shell_thickness": device.shell_thickness,
+            "workspace": device.workspace_half_angle,
+            "core_radius": device.core_radius,
+            "magnet": {
+                "outer_radius": device.tool.outer_radius,
+                "length": device.tool.length,
+                "tip_distance": device.tool.tip_distance,
+            },
+            "coil_axes": axes.T.tolist(),
+        }
+    return {"kind": "other"}
+
+
+#: what the header says for a trip; every other one is just "tripped"
+_WORDS = {Trip.STOPPED: "stopped", Trip.POSE_LOST: "tracker lost"}
+
+
+def session(servo: Servant, started: str) -> dict[str, Any]:
+    """The JSON of /api/session; `started` tells one run of the server from another."""
+    device = servo.device
+    heat = device.coils.heat
+    name, values = servo.world
+    return {
+        "version": haptorb.__version__,
+        "started": started,
+        "simulated": servo.driver == "sim",
+        "device": {"name": device.name, "title": device.title, "source": device.source},
+        "mover": _mover(device),
+        "columns": Columns(servo.layout).described(),
+        "coils": list(device.coils.names),
+        "limits": {
+            "force": device.limits.force,
+            "torque": device.limits.torque,
+            "expiry": device.limits.expiry,
+            "current": device.coils.current_limit.tolist(),
+            "warn": heat.warn - _KELVIN,
+            "derate": heat.derate - _KELVIN,
+            "stop": heat.stop - _KELVIN,
+        },
+        "worlds": worlds(),
+        "world": {"name": name, "values": {key: _plain(value) for key, value in values.items()}},
+        "trips": {
+            str(int(trip)): {"word": _WORDS.get(trip, "tripped"), "text": trip.text}
+            for trip in Trip
+            if trip is not Trip.NONE
+        },
+    }
+
+
+def _plain(value: Any) -> Any:
+    """`value` as JSON has it."""
+    return list(value) if isinstance(value, tuple | list | np.ndarray) else value

@@ -1,0 +1,28 @@
+// A window of samples as comma-separated values: one line per tick, units in the heading.
+
+import type { History } from "./history";
+
+export function csv(history: History, first: number, last: number): string {
+  const quote = (text: string): string => (/[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
+  const lines = [history.series.map(({ name, unit }) => quote(`${name} [${unit}]`)).join(",")];
+  const times = history.times(first, last);
+  const columns = history.series.map((_, c) => history.column(c, first, last));
+  for (let i = 0; i < times.length; i++) {
+    lines.push(columns.map((column, c) => (c === 0 ? times[i]!.toFixed(6) : short(column[i]!))).join(","));
+  }
+  return lines.join("\n") + "\n";
+}
+
+/** A float32 needs nine digits at most; an unknown number is an empty cell. */
+function short(value: number): string {
+  if (Number.isNaN(value)) return "";
+  return Number.isInteger(value) ? String(value) : String(Number(value.toPrecision(9)));
+}
+
+export function download(text: string, name: string): void {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}

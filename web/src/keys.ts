@@ -1,0 +1,55 @@
+// Keys: stop first, from everywhere; the others only where they are not typed into something.
+
+import type { Plots } from "./panels/plots";
+import type { Orbit } from "./scene/orbit";
+import type { Subject, Wish } from "./scene/subject";
+
+export interface KeyActions {
+  stop(by: string): void;
+  rest(wish: Wish, stamp: number): void;
+  readonly subject: Subject | null;
+  readonly orbit: Orbit | null;
+  readonly plots: Plots;
+  readonly control: boolean;
+}
+
+const ARROWS: Record<string, [number, number]> = {
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+  ArrowUp: [0, 1],
+  ArrowDown: [0, -1],
+};
+
+export function listen(actions: KeyActions): void {
+  addEventListener(
+    "keydown",
+    (event) => {
+      if (event.key === " " || event.key === "Escape") {
+        // Also on a focused button or an open list: nothing may stand between a hand and the stop.
+        actions.stop(event.key === " " ? "Space" : "Esc");
+        if (event.key === " ") event.preventDefault();
+        event.stopPropagation();
+      }
+    },
+    { capture: true },
+  );
+  // A button would still act when Space is let go.
+  addEventListener("keyup", (event) => event.key === " " && event.preventDefault(), { capture: true });
+
+  addEventListener("keydown", (event) => {
+    const target = event.target as HTMLElement;
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (target.closest("input, select, dialog[open]")) return;
+    const arrow = ARROWS[event.key];
+    const step = event.shiftKey ? 5 : 1;
+    if (arrow && actions.subject && actions.control) {
+      actions.rest(actions.subject.nudge(step * arrow[0], step * arrow[1]), event.timeStamp);
+    } else if ((event.key === "+" || event.key === "-" || event.key === "=") && actions.subject && actions.control) {
+      actions.rest(actions.subject.press(event.key === "-" ? -1 : 1), event.timeStamp);
+    } else if (event.key === "0") actions.orbit?.reset();
+    else if (event.key === "p" || event.key === "P") actions.plots.pause(!actions.plots.paused);
+    else if (event.key === "?") document.getElementById("ask")!.click();
+    else return;
+    event.preventDefault();
+  });
+}

@@ -1,0 +1,52 @@
+// The page's end of the socket's thread.
+
+import type { FromSocket, ToSocket } from "./socket.worker";
+import { parse, type Felt, type Mesh, type Pointer, type Rows } from "./wire";
+
+export interface Listener {
+  opened(): void;
+  closed(): void;
+  frame(frame: Rows | Mesh | Felt): void;
+  event(event: Record<string, unknown> & { event: string }): void;
+}
+
+const BEAT = 50; // ms between two signs of life to the socket's thread
+
+export class Link {
+  private readonly worker = new Worker("/static/socket.js", { type: "module" });
+
+  constructor(listener: Listener) {
+    this.worker.onmessage = ({ data }: MessageEvent<FromSocket>) => {
+      switch (data.kind) {
+        case "opened":
+          return listener.opened();
+        case "closed":
+          return listener.closed();
+        case "text":
+          return listener.event(JSON.parse(data.text) as { event: string });
+        case "frame": {
+          const frame = parse(data.buffer);
+          if (frame) listener.frame(frame);
+        }
+      }
+    };
+    this.post({ kind: "open", url: `ws://${location.host}/ws` });
+    setInterval(() => this.post({ kind: "alive" }), BEAT);
+  }
+
+  point(pointer: Pointer): void {
+    this.post({ kind: "pointer", pointer });
+  }
+
+  free(): void {
+    this.post({ kind: "free" });
+  }
+
+  command(command: Record<string, unknown>): void {
+    this.post({ kind: "command", text: JSON.stringify(command) });
+  }
+
+  private post(message: ToSocket): void {
+    this.worker.postMessage(message);
+  }
+}

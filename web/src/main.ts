@@ -1,0 +1,340 @@
+// The console: joins the socket, the picture, the panels and the keys. One loop, drawn once per frame.
+
+import { History } from "./history";
+import { listen } from "./keys";
+import { Link } from "./link";
+import { fill } from "./panels/dialogs";
+import { at, write } from "./panels/dom";
+import { Header, type Health } from "./panels/header";
+import { Legend } from "./panels/legend";
+import { Plots } from "./panels/plots";
+import { Readouts } from "./panels/readouts";
+import { WorldPanel } from "./panels/world";
+import { expose } from "./probe";
+import { dot, norm, Sample } from "./sample";
+import { Grasp } from "./scene/grasp";
+import { Orbit } from "./scene/orbit";
+import { Stage } from "./scene/stage";
+import type { Wish } from "./scene/subject";
+import { ToolSubject } from "./scene/tool_subject";
+import { Rumble } from "./senses/rumble";
+import { Sound } from "./senses/sound";
+import { session as fetchSession, type Session, type Values } from "./session";
+import { status, type Silence } from "./status";
+import { Vector3 } from "three";
+import type { Rows } from "./wire";
+
+const READ = 100; // ms between two readings of the numbers
+const SAY = 4000; // ms between two sentences for those who listen
+const STALE = 500; // ms without a sample after which nothing is live
+
+class Console {
+  private readonly sample: Sample;
+  private readonly history: History;
+  private readonly stage: Stage;
+  readonly orbit: Orbit;
+  readonly subject: ToolSubject | null;
+  private readonly grasp: Grasp | null = null;
+  private readonly header: Header;
+  private readonly world: WorldPanel;
+  private readonly readouts: Readouts;
+  private readonly legend = new Legend();
+  readonly plots: Plots;
+  private readonly sound = new Sound();
+  private readonly rumble = new Rumble();
+  private readonly link: Link;
+  private readonly silence: Silence = { disconnected: true, servoEnded: false, stale: true };
+  private readonly latencies: number[] = [];
+  control = false;
+  private fresh = false;
+  private arrived = 0;
+  private wasDead = false;
+  private echo = NaN;
+  private touched = false;
+  private frames = 0;
+  private drawn = 0;
+  private dropped = 0;
+  private readAt = 0;
+  private saidAt = 0;
+  private mistakeTimer = 0;
+  private health: Health | null = null;
+
+  constructor(private readonly session: Session) {
+    this.sample = new Sample(session.columns);
+    this.history = new History(session.columns);
+    this.stage = new Stage(at<HTMLCanvasElement>("scene"));
+    this.orbit = new Orbit(this.stage.camera, () => this.viewMoved());
+    this.header = new Header(session, () => this.command({ do: "engage" }));
+    this.world = new WorldPanel(session, (name, values) => this.command({ do: "world", name, values }));
+    this.readouts = new Readouts(session);
+    this.plots = new Plots(this.history, session);
+    this.link = new Link({
+      opened: () => void this.opened(),
+      closed: () => this.closed(),
+      frame: (frame) => {
+        if (frame.kind === "rows") this.rows(frame);
+        else if (frame.kind === "mesh") this.subject?.shape(frame);
+        else {
+          this.subject?.paint(frame);
+          if (this.subject) this.legend.scale(this.subject.dome.range);
+        }
+      },
+      event: (event) => this.event(event),
+    });
+    this.subject = session.mover.kind === "tool" ? new ToolSubject(this.stage, session.mover, session.limits) : null;
+    if (this.subject) {
+      this.grasp = new Grasp(this.stage.canvas, this.subject, this.orbit, (wish, stamp, held) => this.hold(wish, stamp, held));
+    }
+    fill(session, this.subject?.keys ?? []);
+    this.buttons();
+    listen(this);
+    this.probe();
+    requestAnimationFrame((now) => this.frame(now));
+  }
+
+  /** Coils off, at once, whoever asks. */
+  stop(by: string): void {
+    this.command({ do: "stop" });
+    this.header.disarm();
+    write(at("polite"), `Stop sent (${by}).`);
+  }
+
+  /** The hand was moved by a key: it rests there. */
+  rest(wish: Wish, stamp: number): void {
+    this.hold(wish, stamp, false);
+  }
+
+  private hold(wish: Wish, stamp: number, held: boolean): void {
+    if (!this.control) return;
+    this.link.point({ stamp, p: wish, held });
+    this.touched = true;
+    at("hint").hidden = true;
+  }
+
+  private command(command: Record<string, unknown> & { values?: Values }): void {
+    this.link.command(command);
+  }
+
+  private async opened(): Promise<void> {
+    if (!this.silence.disconnected) return;
+    // After an interruption another servo may answer: then this page knows the wrong device.
+    const again = await fetchSession().catch(() => null);
+    if (again && again.started !== this.session.started) location.reload();
+    this.silence.disconnected = false;
+    this.silence.servoEnded = false;
+  }
+
+  private closed(): void {
+    this.silence.disconnected = true;
+    this.control = false;
+    this.forget();
+  }
+
+  /** Nothing is live: take every number away at once. */
+  private forget(): void {
+    this.sample.forget();
+    this.health = null;
+    this.header.loop(null);
+    this.subject?.forget();
+    this.grasp?.letGo(performance.now());
+    this.readouts.show(this.sample);
+    this.legend.show(this.sample);
+    this.plots.freeze(true);
+    at("view").classList.add("dead");
+    at("hint").hidden = true;
+    this.world.enable(false);
+    this.sound.play(0, 0);
+    this.wasDead = true;
+  }
+
+  private revive(): void {
+    this.wasDead = false;
+    this.plots.freeze(false);
+    this.subject?.dome.live(true);
+    at("view").classList.remove("dead");
+    this.world.enable(this.control);
+  }
+
+  private rows(frame: Rows): void {
+    if (this.silence.disconnected || !frame.count) return;
+    if (frame.t0 < this.history.newest - 1) this.history.clear();
+    this.history.append(frame);
+    this.sample.row.set(frame.data.subarray((frame.count - 1) * frame.width));
+    this.sample.t = this.history.newest;
+    this.frames++;
+    this.dropped = frame.dropped;
+    this.arrived = performance.now();
+    this.fresh = true;
+    if (!Number.isNaN(frame.echo)) this.echo = frame.echo;
+  }
+
+  private event(event: Record<string, unknown> & { event: string }): void {
+    switch (event.event) {
+      case "role":
+        this.control = event["control"] === true;
+        at("watching").hidden = this.control;
+        at("watching").title = "Another page has the control. This one may still stop.";
+        if (this.grasp) this.grasp.enabled = this.control;
+        this.world.enable(this.control);
+        break;
+      case "world":
+        this.world.show(event["name"] as string, event["values"] as Values);
+        break;
+      case "health":
+        this.silence.servoEnded = event["alive"] === false;
+        this.health = event as unknown as Health;
+        break;
+      case "mistake":
+        this.mistake(String(event["text"]));
+    }
+  }
+
+  private mistake(text: string): void {
+    const box = at("mistake");
+    write(box, text);
+    box.hidden = false;
+    clearTimeout(this.mistakeTimer);
+    this.mistakeTimer = window.setTimeout(() => (box.hidden = true), 8000);
+  }
+
+  private frame(now: number): void {
+    requestAnimationFrame((next) => this.frame(next));
+    this.silence.stale = performance.now() - this.arrived > STALE;
+    const dead = this.silence.disconnected || this.silence.servoEnded || this.silence.stale;
+    if (dead && !this.wasDead) this.forget();
+    else if (!dead && this.wasDead) this.revive();
+    if (this.fresh && !dead) {
+      this.subject?.show(this.sample);
+      this.legend.show(this.sample);
+      this.senses(now);
+    }
+    if (this.stage.draw(now)) this.drawn++;
+    this.measure();
+    this.plots.draw(now, this.fresh && !dead);
+    this.fresh = false;
+    this.words(now, dead);
+  }
+
+  /** From the pointer's event to the force that answers it, drawn. */
+  private measure(): void {
+    if (Number.isNaN(this.echo)) return;
+    this.latencies.push(performance.now() - this.echo);
+    if (this.latencies.length > 500) this.latencies.shift();
+    this.echo = NaN;
+  }
+
+  private words(now: number, dead: boolean): void {
+    const present = status(this.sample, this.session, this.silence);
+    this.header.status(present, this.control);
+    if (now - this.readAt < READ) return;
+    this.readAt = now;
+    if (!dead) {
+      this.readouts.show(this.sample);
+      this.header.loop(this.health);
+    }
+    const lost = at("dropped");
+    lost.hidden = this.dropped === 0;
+    if (this.dropped) write(lost, `${this.dropped} samples not shown: this page was too slow`);
+    this.hint(dead);
+    if (!dead && now - this.saidAt > SAY) {
+      this.saidAt = now;
+      write(at("polite"), this.readouts.sentence(this.sample));
+    }
+  }
+
+  private hint(dead: boolean): void {
+    const hint = at("hint");
+    if (this.touched || dead || !this.control || !this.subject) return;
+    const { x, y } = this.subject.anchor();
+    write(hint, this.subject.hint);
+    hint.hidden = false;
+    const frame = at("view");
+    const left = Math.min(x + 22, frame.clientWidth - 150);
+    const top = Math.min(Math.max(y - 4, 8), frame.clientHeight - 40);
+    hint.style.transform = `translate(${left.toFixed(0)}px, ${top.toFixed(0)}px)`;
+  }
+
+  private senses(now: number): void {
+    const force = this.sample.vector("given");
+    const size = norm(force);
+    const right = new Vector3().setFromMatrixColumn(this.stage.camera.matrixWorld, 0);
+    const share = size / this.session.limits.force;
+    this.sound.play(share, size > 0.01 ? dot(force, right.toArray()) / size : 0);
+    this.rumble.play(share, now);
+  }
+
+  private viewMoved(): void {
+    this.stage.touch();
+    this.legend.length(this.stage.scale(this.orbit.distance));
+  }
+
+  private buttons(): void {
+    // On the way down, not up: a stop does not wait for a finger.
+    at("stop").addEventListener("pointerdown", () => this.stop("button"));
+    at("stop").addEventListener("click", (event) => event.detail === 0 && this.stop("button"));
+    at("sound").addEventListener("click", () => at("sound").setAttribute("aria-pressed", String(this.sound.toggle())));
+    at("rumble").addEventListener("click", () => at("rumble").setAttribute("aria-pressed", String(this.rumble.toggle())));
+    const views: Record<string, () => void> = {
+      left: () => this.orbit.turn(-15, 0),
+      right: () => this.orbit.turn(15, 0),
+      up: () => this.orbit.turn(0, 10),
+      down: () => this.orbit.turn(0, -10),
+      in: () => this.orbit.zoom(1 / 1.25),
+      out: () => this.orbit.zoom(1.25),
+      reset: () => this.orbit.reset(),
+    };
+    for (const button of document.querySelectorAll<HTMLElement>("[data-view]")) {
+      button.addEventListener("click", views[button.dataset["view"]!]!);
+    }
+    new ResizeObserver(() => this.viewMoved()).observe(at("view"));
+  }
+
+  private probe(): void {
+    const page = this;
+    expose({
+      get frames() {
+        return page.frames;
+      },
+      get drawn() {
+        return page.drawn;
+      },
+      get dropped() {
+        return page.dropped;
+      },
+      get status() {
+        return status(page.sample, page.session, page.silence).word;
+      },
+      get latencies() {
+        return [...page.latencies];
+      },
+      get arrow() {
+        return page.subject?.arrowVisible ?? false;
+      },
+      get range() {
+        return page.subject?.dome.range ?? NaN;
+      },
+      get control() {
+        return page.control;
+      },
+      get samples() {
+        return page.plots.samples;
+      },
+      get heap() {
+        return (performance as { memory?: { usedJSHeapSize: number } }).memory?.usedJSHeapSize ?? NaN;
+      },
+      value: (name) => Array.from(page.sample.list(name)),
+      felt: (direction) => page.subject?.dome.at(direction) ?? { force: NaN, saturated: false },
+      stylus: () => page.subject?.places() ?? [],
+    });
+  }
+}
+
+fetchSession().then(
+  (session) => new Console(session),
+  (mistake: unknown) => {
+    const alert = at("alert");
+    write(at("alert-word"), "No connection.");
+    write(at("alert-text"), `${String(mistake)}. Reload the page when \`haptorb run\` is up.`);
+    alert.hidden = false;
+  },
+);

@@ -1,0 +1,32 @@
+// What the keys do, and what the device is.
+
+import type { Session } from "../session";
+import { at, make } from "./dom";
+
+export function fill(session: Session, keys: readonly (readonly [string, string])[]): void {
+  const all = [
+    ["Space, Esc", "STOP: coils off at once, wherever the focus is"],
+    ...keys,
+    ["drag beside the stylus", "turn the view; wheel or pinch zooms; 0 resets"],
+    ["P", "hold the plots still; mark a stretch or use the wheel to zoom into it"],
+    ["Tab, Enter", "reach and press every button"],
+    ["?", "this help"],
+  ] as const;
+  at("keys").append(...all.flatMap(([key, what]) => [make("dt", {}, key), make("dd", {}, what)]));
+
+  const { device, limits, coils } = session;
+  at("details-title").textContent = device.title;
+  const facts: [string, string][] = [
+    ["source", device.source],
+    ["driver", session.simulated ? "simulated: device, tool and hand are computed" : "hardware"],
+    ["force limit", `${limits.force} N`],
+    ["current limit", coils.map((name, i) => `${name} ${limits.current[i]!.toFixed(0)} A`).join(", ")],
+    ["winding", `warm ${limits.warn.toFixed(0)}, derated ${limits.derate.toFixed(0)}, off ${limits.stop.toFixed(0)} °C`],
+    ["a pose expires", `after ${(1000 * limits.expiry).toFixed(0)} ms`],
+    ["haptorb", session.version],
+  ];
+  at("facts").append(...facts.flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));
+
+  at("ask").addEventListener("click", () => at<HTMLDialogElement>("help").showModal());
+  at("device").addEventListener("click", () => at<HTMLDialogElement>("details").showModal());
+}

@@ -1,0 +1,90 @@
+// The line on top: how it is, in words; how the loop keeps its time; and the way off.
+
+import type { Session } from "../session";
+import type { Status } from "../status";
+import { at, make, shown, write } from "./dom";
+
+const SURE = 6000; // ms in which the second step must follow the first
+
+export interface Health {
+  rate_hz: number | null;
+  success: number | null;
+  lateness_p99_us: number | null;
+}
+
+export class Header {
+  private armed = 0;
+  private offered = "";
+
+  constructor(
+    session: Session,
+    private readonly engage: () => void,
+  ) {
+    write(at("device"), session.device.name);
+    document.title = `haptorb · ${session.device.name}`;
+    at("simulated").hidden = !session.simulated;
+  }
+
+  status(now: Status, control: boolean): void {
+    const state = at("state");
+    state.dataset["tone"] = now.tone;
+    write(state.querySelector("strong")!, now.word);
+    at("stop").dataset["off"] = String(["stopped", "tripped", "off", "tracker lost"].includes(now.word));
+    const alert = at("alert");
+    const hidden = now.reason === "" || now.word === "waiting";
+    if (alert.hidden !== hidden) alert.hidden = hidden;
+    alert.dataset["tone"] = now.tone;
+    write(at("alert-word"), hidden ? "" : `${now.word}.`);
+    write(at("alert-text"), hidden ? "" : now.reason);
+    this.offer(now.engageable && control);
+  }
+
+  loop(health: Health | null): void {
+    if (!health || health.rate_hz === null || health.success === null || health.lateness_p99_us === null) {
+      write(at("loop"), "");
+      return;
+    }
+    const parts = [
+      `${shown(health.rate_hz, 0)} Hz`,
+      `${shown(100 * health.success, 2)} %`,
+      `p99 ${shown(health.lateness_p99_us, 0)} µs`,
+    ];
+    write(at("loop"), parts.join(" · "));
+  }
+
+  /** Two deliberate steps; the second one must follow soon. */
+  private offer(possible: boolean): void {
+    if (performance.now() > this.armed + SURE) this.armed = 0;
+    const now = !possible ? "" : this.armed ? "sure" : "first";
+    if (now === this.offered) return;
+    this.offered = now;
+    const box = at("engage");
+    const focused = box.contains(document.activeElement);
+    if (now === "") {
+      this.armed = 0;
+      box.replaceChildren();
+    } else if (now === "first") {
+      const first = make("button", { type: "button" }, "Re-engage…");
+      first.addEventListener("click", () => {
+        this.armed = performance.now();
+        this.offer(true);
+      });
+      box.replaceChildren(first);
+    } else {
+      const sure = make("button", { type: "button", className: "sure" }, "Coils on now");
+      const no = make("button", { type: "button" }, "Cancel");
+      sure.addEventListener("click", () => {
+        this.armed = 0;
+        this.engage();
+      });
+      no.addEventListener("click", () => this.disarm());
+      box.replaceChildren(sure, no);
+    }
+    if (focused || now === "sure") box.querySelector("button")?.focus();
+  }
+
+  disarm(): void {
+    this.armed = 0;
+    this.offer(this.offered !== "");
+  }
+}

@@ -1,0 +1,326 @@
+// Every sample of the last seconds, in three plots with one time axis: asked dashed, given solid.
+
+import uPlot from "uplot";
+import { csv, download } from "../csv";
+import type { History } from "../history";
+import type { Session } from "../session";
+import { css, onThemeChange } from "../theme";
+import { at, make, shown, write } from "./dom";
+
+const KELVIN = 273.15;
+const EVERY = 66; // ms between two drawings
+
+interface Curve {
+  label: string;
+  colour: string;
+  dashed?: boolean;
+  /** index of the history's series, and how its numbers are made of it */
+  from: number[];
+  make: (...numbers: number[]) => number;
+}
+
+interface Plot {
+  chart: uPlot;
+  curves: Curve[];
+  data: Float64Array[];
+  reading: HTMLElement;
+  digits: number;
+}
+
+const same = (x: number): number => x;
+const magnitude = (x: number, y: number, z: number): number => Math.hypot(x, y, z);
+
+export class Plots {
+  private readonly plots: Plot[] = [];
+  private readonly select = make("select", { ariaLabel: "Which part of the force" });
+  private held: { from: number; to: number } | null = null;
+  private zoomed: { from: number; to: number } | null = null;
+  private span = 10;
+  private drawn = 0;
+  private stale = true;
+  private live = true;
+  private shown: [number, number] = [0, 0];
+  private readonly sync = uPlot.sync("time");
+
+  constructor(
+    private readonly history: History,
+    private readonly session: Session,
+  ) {
+    this.select.append(
+      make("option", { value: "magnitude" }, "magnitude"),
+      make("option", { value: "radial" }, "radial"),
+      make("option", { value: "xyz" }, "x y z"),
+    );
+    this.select.addEventListener("change", () => this.build());
+    at("pause").addEventListener("click", () => this.pause(!this.held));
+    at("unzoom").addEventListener("click", () => this.unzoom());
+    at("export").addEventListener("click", () => this.export());
+    at<HTMLSelectElement>("span").addEventListener("change", (event) => {
+      this.span = Number((event.target as HTMLSelectElement).value);
+      this.unzoom();
+    });
+    onThemeChange(() => this.build());
+    new ResizeObserver(() => this.resize()).observe(at("plots"));
+    this.build();
+  }
+
+  get paused(): boolean {
+    return this.held !== null;
+  }
+
+  pause(yes: boolean): void {
+    this.held = yes ? { from: this.history.newest - this.span, to: this.history.newest } : null;
+    if (!yes) this.zoomed = null;
+    const button = at("pause");
+    button.setAttribute("aria-pressed", String(yes));
+    write(button, yes ? "▶ resume" : "‖ pause");
+    this.stale = true;
+  }
+
+  /** Nothing new will come: keep the last picture, grey. */
+  freeze(dead: boolean): void {
+    this.live = !dead;
+    document.querySelector(".plots")!.classList.toggle("dead", dead);
+    if (dead) for (const { reading } of this.plots) write(reading, "not live");
+  }
+
+  /** New samples, or nothing: draw when it is time. */
+  draw(now: number, fresh: boolean): void {
+    this.stale ||= fresh && !this.held;
+    if (!this.stale || now - this.drawn < EVERY) return;
+    this.drawn = now;
+    this.stale = false;
+    this.redraw();
+  }
+
+  private get window(): { from: number; to: number } {
+    if (this.zoomed) return this.zoomed;
+    return this.held ?? { from: this.history.newest - this.span, to: this.history.newest };
+  }
+
+  private redraw(): void {
+    const { from, to } = this.window;
+    if (!Number.isFinite(to)) return;
+    const [first, last] = this.history.window(from, to);
+    this.shown = [first, last];
+    const times = this.history.times(first, last);
+    for (const plot of this.plots) {
+      const series = plot.curves.map((curve, c) => this.curve(plot, curve, c, first, last));
+      plot.chart.batch(() => {
+        plot.chart.setData([times, ...series] as uPlot.AlignedData, false);
+        plot.chart.setScale("x", { min: from, max: to });
+      });
+      this.read(plot);
+    }
+  }
+
+  /** A curve's numbers in a buffer that is reused. */
+  private curve(plot: Plot, { from, make: compose }: Curve, c: number, first: number, last: number): Float64Array {
+    const n = last - first;
+    let buffer = plot.data[c]!;
+    if (buffer.length < n) plot.data[c] = buffer = new Float64Array(Math.ceil(1.25 * n));
+    const columns = from.map((index) => this.history.column(index, first, last));
+    if (columns.length === 1) for (let i = 0; i < n; i++) buffer[i] = compose(columns[0]![i]!);
+    else for (let i = 0; i < n; i++) buffer[i] = compose(...columns.map((column) => column[i]!));
+    return buffer.subarray(0, n);
+  }
+
+  private read({ chart, curves, reading, digits }: Plot): void {
+    if (!this.live) return;
+    const i = chart.cursor.idx ?? null;
+    const last = chart.data[0].length - 1;
+    const k = i ?? last;
+    if (k < 0) return write(reading, "");
+    const when = i === null ? "" : `${shown((chart.data[0][k] ?? NaN) - this.history.newest, 3)} s  `;
+    const parts = curves.map(({ label }, c) => `${label} ${shown((chart.data[c + 1]![k] as number) ?? NaN, digits)}`);
+    write(reading, when + parts.join("  "));
+  }
+
+  private unzoom(): void {
+    this.zoomed = null;
+    if (this.held) this.held = { from: this.held.to - this.span, to: this.held.to };
+    this.stale = true;
+  }
+
+  private export(): void {
+    const { from, to } = this.window;
+    const [first, last] = this.history.window(from, to);
+    const name = `haptorb-${this.session.device.name}-${new Date().toISOString().replaceAll(/[:.]/g, "-")}.csv`;
+    download(csv(this.history, first, last), name);
+  }
+
+  private index(name: string): number {
+    const i = this.history.series.findIndex((series) => series.name === name);
+    if (i < 0) throw new Error(`no series '${name}'`);
+    return i;
+  }
+
+  private force(): Curve[] {
+    const axes = [0, 1, 2] as const;
+    const of = (name: string): number[] => axes.map((i) => this.index(`${name}_${i}`));
+    const position = of("p");
+    const radial = (x: number, y: number, z: number, px: number, py: number, pz: number): number =>
+      (x * px + y * py + z * pz) / Math.hypot(px, py, pz);
+    const pair = (name: string, colour: string, dashed: boolean): Curve =>
+      this.select.value === "radial"
+        ? { label: name, colour, dashed, from: [...of(name), ...position], make: radial as Curve["make"] }
+        : { label: name, colour, dashed, from: of(name), make: magnitude as Curve["make"] };
+    if (this.select.value !== "xyz") return [pair("given", "--given", false), pair("asked", "--asked", true)];
+    return axes.flatMap((i) => [
+      { label: "xyz"[i]!, colour: `--s${"xyz"[i]!}`, from: [this.index(`given_${i}`)], make: same },
+      { label: "", colour: `--s${"xyz"[i]!}`, dashed: true, from: [this.index(`asked_${i}`)], make: same },
+    ]);
+  }
+
+  private perCoil(name: string, change: (x: number) => number): Curve[] {
+    return this.session.coils.map((coil, i) => ({
+      label: coil,
+      colour: `--s${"xyz"[i % 3]!}`,
+      from: [this.index(this.session.coils.length > 1 ? `${name}_${i}` : name)],
+      make: change,
+    }));
+  }
+
+  private build(): void {
+    for (const { chart } of this.plots.splice(0)) chart.destroy();
+    at("plots").replaceChildren();
+    const { warn, derate } = this.session.limits;
+    this.add("force N", this.force(), 2, 0.2, this.select);
+    this.add("currents A", this.perCoil("currents", same), 2, 1);
+    this.add("temperature °C", this.perCoil("winding", (x) => x - KELVIN), 1, 5, undefined, { warn, derate });
+    this.stale = true;
+    this.drawn = 0;
+  }
+
+  private add(
+    title: string,
+    curves: Curve[],
+    digits: number,
+    least: number,
+    control?: HTMLElement,
+    limit?: { warn: number; derate: number },
+  ): void {
+    const reading = make("span", { className: "reading" });
+    const canvas = make("div", { className: "canvas" });
+    const heading = make("div", { className: "title" }, make("b", {}, title), ...(control ? [control] : []), reading);
+    const box = make("div", { className: "plot" }, heading, canvas);
+    at("plots").append(box);
+    const text = css("--muted");
+    const axis = { stroke: text, font: `14px ${css("--font")}`, grid: { stroke: css("--line"), width: 1 }, ticks: { show: false } };
+    const chart = new uPlot(
+      {
+        width: Math.max(50, canvas.clientWidth),
+        height: Math.max(50, canvas.clientHeight),
+        padding: [8, 10, 0, 0],
+        legend: { show: false },
+        cursor: { sync: { key: "time" }, drag: { x: true, y: false, setScale: false }, points: { size: 6 } },
+        scales: {
+          x: { time: false, auto: false },
+          y: { range: (_, low, high) => padded(low, high, least, limit?.derate) },
+        },
+        axes: [
+          { ...axis, size: 24, values: (_, ticks) => ticks.map((t) => `${Number((t - this.window.to).toFixed(3))}`.replace("-", "−")) , space: 60 },
+          { ...axis, size: 52, values: (_, ticks) => ticks.map((y) => String(Number(y.toFixed(4))).replace("-", "−")), space: 30 },
+        ],
+        series: [
+          {},
+          ...curves.map(({ label, colour, dashed }) => ({
+            label,
+            stroke: css(colour),
+            width: dashed ? 1.25 : 1.75,
+            points: { show: false },
+            ...(dashed ? { dash: [6, 4] } : {}),
+          })),
+        ],
+        hooks: {
+          setCursor: [(self: uPlot) => this.plots.filter(({ chart: c }) => c === self).forEach((plot) => this.read(plot))],
+          setSelect: [(self: uPlot) => this.zoom(self)],
+          draw: limit ? [(self: uPlot) => line(self, limit)] : [],
+        },
+      },
+      [[], ...curves.map(() => [])],
+      canvas,
+    );
+    chart.over.addEventListener("dblclick", () => this.unzoom());
+    chart.over.addEventListener("wheel", (event) => this.wheel(chart, event), { passive: false });
+    this.sync.sub(chart);
+    this.plots.push({ chart, curves, data: curves.map(() => new Float64Array()), reading, digits });
+  }
+
+  /** A stretch was marked: hold still and show it. */
+  private zoom(chart: uPlot): void {
+    const { left, width } = chart.select;
+    if (width < 4) return;
+    const from = chart.posToVal(left, "x");
+    const to = chart.posToVal(left + width, "x");
+    chart.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+    if (!this.held) this.pause(true);
+    this.zoomed = { from, to };
+    this.stale = true;
+  }
+
+  private wheel(chart: uPlot, event: WheelEvent): void {
+    event.preventDefault();
+    if (!this.held) this.pause(true);
+    const { from, to } = this.window;
+    const around = chart.posToVal(event.offsetX, "x");
+    const factor = Math.exp(event.deltaY * 0.002);
+    const whole = this.held!;
+    this.zoomed = {
+      from: Math.max(whole.from, around + (from - around) * factor),
+      to: Math.min(whole.to, around + (to - around) * factor),
+    };
+    if (this.zoomed.to - this.zoomed.from < 0.005) this.zoomed = { from, to };
+    this.stale = true;
+  }
+
+  private resize(): void {
+    for (const { chart } of this.plots) {
+      const box = chart.root.parentElement!;
+      if (box.clientWidth > 0) chart.setSize({ width: box.clientWidth, height: box.clientHeight });
+    }
+    this.stale = true;
+  }
+
+  /** Samples on show, for tests. */
+  get samples(): number {
+    return this.shown[1] - this.shown[0];
+  }
+}
+
+/** A range that neither jumps with noise nor hides a limit that is near. */
+function padded(low: number, high: number, least: number, limit?: number): [number, number] {
+  if (!Number.isFinite(low + high)) return [0, least];
+  let a = Math.min(low, high);
+  let b = Math.max(low, high);
+  if (limit !== undefined) b = Math.max(b, limit * 1.04);
+  const spare = Math.max(least - (b - a), 0) / 2;
+  a = a >= 0 && a < 0.3 * b ? 0 : a - spare;
+  b += spare;
+  const margin = 0.06 * (b - a);
+  return [a === 0 ? 0 : a - margin, b + margin];
+}
+
+/** The temperatures at which the guard warns and derates. */
+function line(chart: uPlot, { warn, derate }: { warn: number; derate: number }): void {
+  const { ctx, bbox } = chart;
+  ctx.save();
+  ctx.lineWidth = devicePixelRatio;
+  ctx.font = `${14 * devicePixelRatio}px ${css("--font")}`;
+  ctx.textAlign = "right";
+  for (const [value, colour, word] of [
+    [warn, css("--warn"), "warm"],
+    [derate, css("--bad"), "derating"],
+  ] as const) {
+    const y = chart.valToPos(value, "y", true);
+    if (y < bbox.top || y > bbox.top + bbox.height) continue;
+    ctx.strokeStyle = ctx.fillStyle = colour;
+    ctx.setLineDash([2 * devicePixelRatio, 4 * devicePixelRatio]);
+    ctx.beginPath();
+    ctx.moveTo(bbox.left, y);
+    ctx.lineTo(bbox.left + bbox.width, y);
+    ctx.stroke();
+    ctx.fillText(word, bbox.left + bbox.width - 4 * devicePixelRatio, y + 16 * devicePixelRatio);
+  }
+  ctx.restore();
+}

@@ -1,0 +1,52 @@
+// The numbers of this moment, ten times a second: faster than that nobody reads.
+
+import { norm, spherical, type Sample } from "../sample";
+import type { Session } from "../session";
+import { duration } from "../status";
+import { at, make, shown, write } from "./dom";
+
+const KELVIN = 273.15;
+
+export class Readouts {
+  private readonly cells: { current: HTMLElement; temperature: HTMLElement }[] = [];
+
+  constructor(private readonly session: Session) {
+    const body = at("coils").querySelector("tbody")!;
+    session.coils.forEach((name, i) => {
+      const swatch = make("span", { className: "swatch" });
+      swatch.style.background = `var(--s${"xyz"[i % 3]!})`;
+      const head = make("th", { scope: "row" }, swatch, name);
+      const current = make("td", {}, "–");
+      const temperature = make("td", {}, "–");
+      body.append(make("tr", {}, head, current, temperature));
+      this.cells.push({ current, temperature });
+    });
+  }
+
+  show(sample: Sample): void {
+    write(at("asked"), shown(norm(sample.vector("asked")), 2));
+    write(at("given"), shown(norm(sample.vector("given")), 2));
+    const { tilt, azimuth, length } = spherical(sample.vector("p"));
+    write(at("tilt"), shown(tilt, 1));
+    write(at("azimuth"), shown(azimuth, 0));
+    write(at("distance"), shown(length * 1000, 1));
+    const currents = sample.list("currents");
+    const windings = sample.list("winding");
+    this.cells.forEach(({ current, temperature }, i) => {
+      const celsius = windings[i]! - KELVIN;
+      write(current, shown(currents[i]!, 2));
+      write(temperature, shown(celsius, 1));
+      temperature.classList.toggle("hot", celsius >= this.session.limits.warn);
+    });
+    const left = sample.number("remaining");
+    write(at("remaining"), Number.isNaN(left) ? "–" : duration(left) || "unlimited");
+  }
+
+  /** The same, as a sentence for those who listen. */
+  sentence(sample: Sample): string {
+    const given = norm(sample.vector("given"));
+    if (!Number.isFinite(given)) return "";
+    const { tilt, length } = spherical(sample.vector("p"));
+    return `${given.toFixed(1)} newton given at ${tilt.toFixed(0)} degrees, ${(length * 1000).toFixed(0)} millimetres`;
+  }
+}

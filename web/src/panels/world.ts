@@ -1,0 +1,190 @@
+// The world's parameters as sliders with typed entry; a change acts at once.
+
+import { direction, spherical, type Vector } from "../sample";
+import type { Parameter, Session, Values, World } from "../session";
+import { at, make, write } from "./dom";
+
+const EVERY = 33; // ms between two changes sent while a slider is dragged
+
+/** One number on the panel; a direction has two. */
+interface Entry {
+  id: string;
+  label: string;
+  unit: string;
+  low: number;
+  high: number;
+  step: number;
+  about: string;
+  read(values: Values): number;
+  put(values: Values, value: number): void;
+}
+
+export class WorldPanel {
+  private values: Values = {};
+  private name = "";
+  private readonly rows = new Map<Entry, { range: HTMLInputElement; number: HTMLInputElement }>();
+  private readonly picker = at<HTMLSelectElement>("world");
+  private timer = 0;
+  private last = 0;
+  private awaited = 0;
+
+  constructor(
+    private readonly session: Session,
+    private readonly send: (name: string, values: Values) => void,
+  ) {
+    for (const { name, about } of session.worlds) this.picker.append(make("option", { value: name, title: about }, name));
+    this.picker.addEventListener("change", () => this.send(this.picker.value, {}));
+    at("reset").addEventListener("click", () => this.reset());
+    this.show(session.world.name, session.world.values);
+  }
+
+  /** The world is this now, whoever changed it. */
+  show(name: string, values: Values): void {
+    const another = name !== this.name;
+    // While somebody drags, their own hand is ahead of what the server says.
+    if (!another && performance.now() - this.last < 400) return;
+    this.name = name;
+    this.values = structuredClone(values);
+    if (!this.session.worlds.some((world) => world.name === name)) this.picker.append(make("option", { value: name }, name));
+    this.picker.value = name;
+    write(at("world-title"), `World: ${name}`);
+    if (another) this.build();
+    this.refresh();
+  }
+
+  enable(yes: boolean): void {
+    this.picker.disabled = !yes;
+    at<HTMLButtonElement>("reset").disabled = !yes;
+    for (const { range, number } of this.rows.values()) range.disabled = number.disabled = !yes;
+  }
+
+  private get world(): World | undefined {
+    return this.session.worlds.find((world) => world.name === this.name);
+  }
+
+  private reset(): void {
+    for (const { name, default: value } of this.world?.parameters ?? []) this.values[name] = structuredClone(value);
+    this.refresh();
+    this.push();
+  }
+
+  private build(): void {
+    this.rows.clear();
+    const form = at("sliders");
+    form.replaceChildren();
+    form.onsubmit = (event) => event.preventDefault();
+    write(at("about"), this.world?.about ?? "");
+    for (const parameter of this.world?.parameters ?? []) {
+      for (const entry of entries(parameter)) form.append(this.row(entry));
+    }
+  }
+
+  private row(entry: Entry): HTMLElement {
+    const { id, label, unit, low, high, step, about } = entry;
+    const limits = { min: String(low), max: String(high) };
+    const range = make("input", { type: "range", ...limits, step: String(step) });
+    const number = make("input", { type: "number", ...limits, step: "any", id });
+    range.setAttribute("aria-label", label);
+    range.setAttribute("aria-description", about);
+    const changed = (value: number): void => {
+      if (!Number.isFinite(value)) return;
+      entry.put(this.values, Math.min(high, Math.max(low, value)));
+      this.last = performance.now();
+      this.refresh(number);
+      this.push();
+    };
+    range.addEventListener("input", () => changed(range.valueAsNumber));
+    number.addEventListener("change", () => {
+      changed(number.valueAsNumber);
+      this.refresh();
+    });
+    const row = make(
+      "div",
+      { className: "slider" },
+      make("label", { htmlFor: id, title: about }, label),
+      make("span", { className: "entry" }, number, make("span", { className: "unit" }, unit)),
+      range,
+    );
+    const tell = (): void => write(at("about"), about);
+    row.addEventListener("pointerenter", tell);
+    row.addEventListener("focusin", tell);
+    this.rows.set(entry, { range, number });
+    return row;
+  }
+
+  private refresh(except?: HTMLInputElement): void {
+    for (const [entry, { range, number }] of this.rows) {
+      const value = entry.read(this.values);
+      range.value = String(value);
+      range.setAttribute("aria-valuetext", `${number.value} ${entry.unit}`);
+      if (number !== except || document.activeElement !== number) number.value = String(Number(value.toFixed(3)));
+    }
+  }
+
+  /** At most every 33 ms, and always the last one. */
+  private push(): void {
+    const wait = this.awaited + EVERY - performance.now();
+    clearTimeout(this.timer);
+    if (wait > 0) {
+      this.timer = window.setTimeout(() => this.push(), wait);
+      return;
+    }
+    this.awaited = performance.now();
+    this.send(this.name, this.values);
+  }
+}
+
+/** The entries of one parameter: a direction is set by two angles. */
+function entries(parameter: Parameter): Entry[] {
+  const { name, low, high, about } = parameter;
+  if (typeof parameter.default === "number") {
+    const step = (high - low) / 400;
+    return [
+      {
+        id: `entry-${name}`,
+        label: title(name),
+        unit: unitOf(parameter.unit),
+        low,
+        high,
+        step: high - low > 20 ? 0.5 : 10 ** Math.floor(Math.log10(step)),
+        about,
+        read: (values) => values[name] as number,
+        put: (values, value) => (values[name] = value),
+      },
+    ];
+  }
+  const angles = (values: Values): { tilt: number; azimuth: number } => spherical(values[name] as Vector);
+  // The azimuth of a vertical direction is kept, so that tilting it goes the way it was set before.
+  let azimuth: number | null = null;
+  return [
+    {
+      id: `entry-${name}-tilt`,
+      label: `${title(name)} tilt`,
+      unit: "°",
+      low: 0,
+      high: 90,
+      step: 0.5,
+      about: `${about}: its angle from the vertical`,
+      read: (values) => angles(values).tilt,
+      put: (values, value) => (values[name] = direction(value, azimuth ?? angles(values).azimuth)),
+    },
+    {
+      id: `entry-${name}-azimuth`,
+      label: `${title(name)} azimuth`,
+      unit: "°",
+      low: -180,
+      high: 180,
+      step: 1,
+      about: `${about}: its angle about the vertical, from +x`,
+      read: (values) => (angles(values).tilt < 0.01 ? (azimuth ?? 0) : angles(values).azimuth),
+      put: (values, value) => {
+        azimuth = value;
+        values[name] = direction(angles(values).tilt, value);
+      },
+    },
+  ];
+}
+
+/** `half_width_deg` is a half width. */
+const title = (name: string): string => name.replace(/_deg$/, "").replaceAll("_", " ");
+const unitOf = (unit: string): string => (unit === "deg" ? "°" : unit === "1" ? "" : unit);

@@ -1,0 +1,28 @@
+// A read-only window for tests: what the page shows now, as numbers.
+
+export interface Probe {
+  readonly frames: number;
+  readonly drawn: number;
+  readonly dropped: number;
+  readonly status: string;
+  readonly latencies: readonly number[];
+  readonly arrow: boolean;
+  readonly range: number;
+  readonly control: boolean;
+  readonly samples: number;
+  readonly heap: number;
+  value(name: string): number[];
+  felt(direction: [number, number, number]): { force: number; saturated: boolean };
+  /** where the stylus is on the screen: tip and far end [CSS px of the page] */
+  stylus(): { x: number; y: number }[];
+}
+
+declare global {
+  interface Window {
+    readonly haptorb: Probe;
+  }
+}
+
+export function expose(probe: Probe): void {
+  Object.defineProperty(window, "haptorb", { value: Object.freeze(probe), writable: false, configurable: false });
+}

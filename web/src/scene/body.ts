@@ -1,0 +1,86 @@
+// What stands on the table: base, core and the three coils under the shell, and the edge of the workspace.
+
+import {
+  BufferGeometry,
+  Color,
+  CylinderGeometry,
+  Float32BufferAttribute,
+  Group,
+  LineBasicMaterial,
+  LineLoop,
+  Mesh,
+  MeshLambertMaterial,
+  MeshPhongMaterial,
+  SphereGeometry,
+  TorusGeometry,
+  Vector3,
+} from "three";
+import type { ToolMover } from "../session";
+import { css, onThemeChange } from "../theme";
+
+const MM = 1000;
+/** how a coil looks without current, and at its limit */
+const COPPER = new Color("#a8623a");
+const HOT = new Color("#ffcf5a");
+
+export class Body {
+  readonly group = new Group();
+  private readonly coils: MeshPhongMaterial[] = [];
+  private readonly base = new MeshLambertMaterial();
+  private readonly edge = new LineBasicMaterial({ transparent: true, opacity: 0.55 });
+
+  constructor(tool: ToolMover, changed: () => void) {
+    const radius = tool.dome_radius * MM;
+    const core = new Mesh(
+      new SphereGeometry(tool.core_radius * MM, 32, 20),
+      new MeshPhongMaterial({ color: "#7d8794", specular: "#667", shininess: 40 }),
+    );
+    this.group.add(core);
+    tool.coil_axes.forEach((axis, i) => {
+      // Three nested windings between core and shell; the paper gives their axes, the radii are for the eye.
+      const material = new MeshPhongMaterial({ color: COPPER, specular: "#442", shininess: 30 });
+      const ring = new Mesh(new TorusGeometry((0.6 + 0.115 * i) * radius, 0.055 * radius, 10, 72), material);
+      ring.scale.z = 2.2;
+      ring.quaternion.setFromUnitVectors(new Vector3(0, 0, 1), new Vector3(...axis).normalize());
+      this.coils.push(material);
+      this.group.add(ring);
+    });
+    const foot = new Mesh(new CylinderGeometry(radius * 1.12, radius * 1.25, 0.9 * radius, 64), this.base);
+    foot.rotation.x = Math.PI / 2;
+    foot.position.z = -0.45 * radius - 0.35;
+    this.group.add(foot);
+    this.group.add(this.workspace(radius * 1.004, tool.workspace));
+    const dress = (): void => {
+      this.base.color.set(css("--base"));
+      this.edge.color.set(css("--text"));
+      changed();
+    };
+    onThemeChange(dress);
+    dress();
+  }
+
+  /** Coils glow with their share of the greatest current. */
+  glow(currents: ArrayLike<number>, limits: number[]): void {
+    this.coils.forEach((material, i) => {
+      const share = Math.min(1, Math.abs(currents[i] ?? 0) / (limits[i] ?? 1)) || 0;
+      material.color.lerpColors(COPPER, HOT, share);
+      material.emissive.setRGB(0.55 * share, 0.25 * share, 0);
+    });
+  }
+
+  private workspace(radius: number, halfAngle: number): LineLoop {
+    const points: number[] = [];
+    for (let k = 0; k < 120; k++) {
+      const a = (2 * Math.PI * k) / 120;
+      points.push(
+        radius * Math.sin(halfAngle) * Math.cos(a),
+        radius * Math.sin(halfAngle) * Math.sin(a),
+        radius * Math.cos(halfAngle),
+      );
+    }
+    return new LineLoop(
+      new BufferGeometry().setAttribute("position", new Float32BufferAttribute(points, 3)),
+      this.edge,
+    );
+  }
+}

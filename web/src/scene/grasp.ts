@@ -1,0 +1,113 @@
+// Mouse, pen and touch on the picture: on the stylus they drag it, beside it they turn and zoom the view.
+
+import type { Orbit } from "./orbit";
+import type { Subject, Wish } from "./subject";
+
+const MOUSE = 24; // px around the stylus that take hold
+const TOUCH = 44;
+const NOTCH = 1; // mm per notch of the wheel
+
+export interface Hold {
+  /** the hand moved to `wish` at `stamp` [ms]; `held` is false at the moment of letting go */
+  (wish: Wish, stamp: number, held: boolean): void;
+}
+
+export class Grasp {
+  private readonly pointers = new Map<number, { x: number; y: number }>();
+  private holding: number | null = null;
+  private wish: Wish | null = null;
+  enabled = true;
+
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    private readonly subject: Subject,
+    private readonly orbit: Orbit,
+    private readonly hold: Hold,
+  ) {
+    canvas.addEventListener("pointerdown", (event) => this.down(event));
+    canvas.addEventListener("pointermove", (event) => this.move(event));
+    canvas.addEventListener("pointerup", (event) => this.up(event));
+    canvas.addEventListener("pointercancel", (event) => this.up(event));
+    canvas.addEventListener("lostpointercapture", (event) => this.up(event));
+    canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
+    // Nobody holds a stylus on a page that is not seen.
+    document.addEventListener("visibilitychange", () => {
+      if (document.hidden) this.letGo(performance.now());
+    });
+    addEventListener("blur", () => this.letGo(performance.now()));
+  }
+
+  get held(): boolean {
+    return this.holding !== null;
+  }
+
+  letGo(stamp: number): void {
+    if (this.holding === null) return;
+    this.holding = null;
+    this.canvas.classList.remove("holding");
+    if (this.wish) this.hold(this.wish, stamp, false);
+  }
+
+  private at(event: MouseEvent): { x: number; y: number } {
+    const box = this.canvas.getBoundingClientRect();
+    return { x: event.clientX - box.left, y: event.clientY - box.top };
+  }
+
+  private down(event: PointerEvent): void {
+    if (event.pointerType === "mouse" && event.button > 1) return;
+    this.canvas.focus({ preventScroll: true });
+    const { x, y } = this.at(event);
+    this.canvas.setPointerCapture(event.pointerId);
+    this.pointers.set(event.pointerId, { x, y });
+    const reach = event.pointerType === "mouse" ? MOUSE : TOUCH;
+    if (this.enabled && this.holding === null && event.button === 0 && this.subject.near(x, y, reach)) {
+      this.holding = event.pointerId;
+      this.canvas.classList.add("holding");
+      this.wish = this.subject.grab(x, y);
+      this.hold(this.wish, event.timeStamp, true);
+    }
+    event.preventDefault();
+  }
+
+  private move(event: PointerEvent): void {
+    const { x, y } = this.at(event);
+    const before = this.pointers.get(event.pointerId);
+    if (this.holding === event.pointerId) {
+      this.wish = this.subject.drag(x, y);
+      this.hold(this.wish, event.timeStamp, true);
+    } else if (before && this.pointers.size - (this.holding === null ? 0 : 1) === 2) {
+      this.pinch(event.pointerId, before, { x, y });
+    } else if (before) {
+      this.orbit.turn((before.x - x) * 0.4, (y - before.y) * 0.4);
+    } else {
+      this.canvas.classList.toggle("near", this.enabled && this.subject.near(x, y, MOUSE));
+    }
+    if (before) this.pointers.set(event.pointerId, { x, y });
+  }
+
+  private pinch(id: number, before: { x: number; y: number }, now: { x: number; y: number }): void {
+    for (const [other, place] of this.pointers) {
+      if (other === id || other === this.holding) continue;
+      const spread = Math.hypot(now.x - place.x, now.y - place.y);
+      const was = Math.hypot(before.x - place.x, before.y - place.y);
+      if (spread > 1) this.orbit.zoom(was / spread);
+      return;
+    }
+  }
+
+  private up(event: PointerEvent): void {
+    this.pointers.delete(event.pointerId);
+    if (this.holding === event.pointerId) this.letGo(event.timeStamp);
+  }
+
+  private wheel(event: WheelEvent): void {
+    event.preventDefault();
+    const { x, y } = this.at(event);
+    if (this.enabled && (this.held || this.subject.near(x, y, MOUSE))) {
+      this.wish = this.subject.press(-Math.sign(event.deltaY) * NOTCH);
+      this.hold(this.wish, event.timeStamp, this.held);
+    } else {
+      this.orbit.zoom(Math.exp(event.deltaY * 0.001));
+    }
+  }
+}

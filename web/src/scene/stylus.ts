@@ -1,0 +1,79 @@
+// The stylus: tip at −z, ring magnet about the origin, pen body beyond.
+
+import { DoubleSide, Group, LatheGeometry, Mesh, MeshLambertMaterial, MeshPhongMaterial, Vector2, Vector3 } from "three";
+import type { ToolMover } from "../session";
+import { css, onThemeChange } from "../theme";
+
+const MM = 1000;
+const LENGTH = 78; // mm of pen beyond the magnet: shorter than a real one, so that it does not fill the picture
+
+export class Stylus {
+  readonly group = new Group();
+  private readonly tip: Vector3;
+  private readonly end = new Vector3(0, 0, LENGTH);
+  private readonly pen = new MeshLambertMaterial({ side: DoubleSide });
+
+  constructor(tool: ToolMover, changed: () => void) {
+    const { outer_radius, length, tip_distance } = tool.magnet;
+    const r = outer_radius * MM;
+    const half = (length * MM) / 2;
+    this.tip = new Vector3(0, 0, -tip_distance * MM);
+    const body = r + 0.5;
+    const pen = this.lathe(
+      [
+        [0, this.tip.z],
+        [0.9, this.tip.z + 0.25],
+        [1.3, this.tip.z + 1.2],
+        [body * 0.93, -half - 0.6],
+        [body, -half],
+        [body, half + 1],
+        [body * 0.9, half + 3],
+        [body * 0.78, LENGTH - 12],
+        [body * 0.7, LENGTH - 1],
+        [body * 0.5, LENGTH],
+        [0, LENGTH],
+      ],
+      this.pen,
+    );
+    const metal = new MeshPhongMaterial({ color: "#8c97a6", specular: "#8899aa", shininess: 60 });
+    const magnet = this.lathe(
+      [
+        [body + 0.06, -half + 1],
+        [body + 0.45, -half + 1.6],
+        [body + 0.45, half - 1.6],
+        [body + 0.06, half - 1],
+      ],
+      metal,
+    );
+    this.group.add(pen, magnet);
+    const dress = (): void => {
+      this.pen.color.set(css("--pen"));
+      changed();
+    };
+    onThemeChange(dress);
+    dress();
+    this.group.visible = false;
+  }
+
+  /** Position [m] and quaternion R_SR. */
+  move(p: readonly number[], q: readonly number[]): void {
+    this.group.visible = Number.isFinite(p[0]! + q[0]!);
+    this.group.position.set(p[0]! * MM, p[1]! * MM, p[2]! * MM);
+    this.group.quaternion.set(q[0]!, q[1]!, q[2]!, q[3]!);
+    this.group.updateMatrixWorld();
+  }
+
+  /** Tip and far end, in millimetres. */
+  ends(): [Vector3, Vector3] {
+    return [this.group.localToWorld(this.tip.clone()), this.group.localToWorld(this.end.clone())];
+  }
+
+  private lathe(profile: [number, number][], material: MeshLambertMaterial | MeshPhongMaterial): Mesh {
+    const geometry = new LatheGeometry(
+      profile.map(([x, y]) => new Vector2(x, y)),
+      36,
+    );
+    geometry.rotateX(Math.PI / 2);
+    return new Mesh(geometry, material);
+  }
+}

@@ -1,0 +1,29 @@
+// What a device's own picture must be able to do; the page around it does not ask which device it is.
+
+import type { Sample, Vector } from "../sample";
+import type { Felt, Mesh } from "../wire";
+
+/** Where the hand should go next [m]. */
+export type Wish = Vector;
+
+export interface Subject {
+  /** the sentence for the first minute, and what each key does here */
+  readonly hint: string;
+  readonly keys: readonly (readonly [string, string])[];
+  /** Draw this sample; true if the picture changed visibly. */
+  show(sample: Sample): boolean;
+  /** Grey, without numbers: nothing is known any more. */
+  forget(): void;
+  shape(mesh: Mesh): void;
+  paint(felt: Felt): void;
+  /** Whether a pointer at (x, y) [px] would take hold, within `reach` pixels. */
+  near(x: number, y: number, reach: number): boolean;
+  /** Take hold at (x, y), drag to (x, y), press in or lift by millimetres. Each gives the hand's next wish. */
+  grab(x: number, y: number): Wish;
+  drag(x: number, y: number): Wish;
+  press(millimetres: number): Wish;
+  /** Move by degrees on the screen: to the right and upwards. */
+  nudge(right: number, up: number): Wish;
+  /** Places on the canvas that words refer to [px]. */
+  anchor(): { x: number; y: number };
+}

@@ -1,0 +1,67 @@
+// What the server says about itself before the first frame.
+
+export interface Column {
+  name: string;
+  offset: number;
+  width: number;
+  unit: string;
+  about: string;
+}
+
+export interface Parameter {
+  name: string;
+  unit: string;
+  low: number;
+  high: number;
+  default: number | number[];
+  about: string;
+}
+
+export interface World {
+  name: string;
+  about: string;
+  parameters: Parameter[];
+}
+
+export type Values = Record<string, number | number[]>;
+
+/** A stylus with a magnet over a dome; lengths in metres, angles in radians. */
+export interface ToolMover {
+  kind: "tool";
+  dome_radius: number;
+  contact_distance: number;
+  shell_thickness: number;
+  workspace: number;
+  core_radius: number;
+  magnet: { outer_radius: number; length: number; tip_distance: number };
+  coil_axes: [number, number, number][];
+}
+
+export interface Session {
+  version: string;
+  started: string;
+  simulated: boolean;
+  device: { name: string; title: string; source: string };
+  mover: ToolMover | { kind: "other" };
+  columns: Column[];
+  coils: string[];
+  limits: {
+    force: number;
+    torque: number;
+    expiry: number;
+    current: number[];
+    warn: number;
+    derate: number;
+    stop: number;
+  };
+  worlds: World[];
+  world: { name: string; values: Values };
+  /** the guard's reasons by code: a word, and what happened and what to do */
+  trips: Record<string, { word: string; text: string }>;
+}
+
+export async function session(): Promise<Session> {
+  const answer = await fetch("/api/session");
+  if (!answer.ok) throw new Error(`the server answered ${answer.status} to /api/session`);
+  return (await answer.json()) as Session;
+}

@@ -1,0 +1,83 @@
+// The socket lives in a thread of its own, so that a drag is refreshed every 12 ms however busy the page is drawing;
+// but only while the page proves that it is alive: a frozen page must not hold a powered stylus.
+
+import { pointerMessage, type Pointer } from "./wire";
+
+/** from the page to this worker */
+export type ToSocket =
+  | { kind: "open"; url: string }
+  | { kind: "alive" }
+  | { kind: "pointer"; pointer: Pointer }
+  | { kind: "free" }
+  | { kind: "command"; text: string };
+
+/** from this worker to the page */
+export type FromSocket =
+  | { kind: "opened" }
+  | { kind: "closed" }
+  | { kind: "text"; text: string }
+  | { kind: "frame"; buffer: ArrayBuffer };
+
+const REFRESH = 12; // ms between two refreshes of a held pointer
+const ALIVE = 250; // ms without a sign of life after which the page counts as frozen
+const RETRY = 1000; // ms between two attempts to come back
+
+interface WorkerScope {
+  postMessage(message: FromSocket, transfer?: Transferable[]): void;
+  onmessage: ((event: MessageEvent<ToSocket>) => void) | null;
+}
+const page = self as unknown as WorkerScope;
+
+let socket: WebSocket | null = null;
+let held: Pointer | null = null;
+let sent = 0;
+let alive = 0;
+
+function send(data: string | ArrayBuffer): void {
+  if (socket?.readyState === WebSocket.OPEN) socket.send(data);
+}
+
+function open(url: string): void {
+  socket = new WebSocket(url);
+  socket.binaryType = "arraybuffer";
+  socket.onopen = () => page.postMessage({ kind: "opened" });
+  socket.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => {
+    if (typeof data === "string") page.postMessage({ kind: "text", text: data });
+    else page.postMessage({ kind: "frame", buffer: data }, [data]);
+  };
+  socket.onclose = () => {
+    held = null;
+    page.postMessage({ kind: "closed" });
+    setTimeout(() => open(url), RETRY);
+  };
+}
+
+page.onmessage = ({ data: message }) => {
+  alive = performance.now();
+  switch (message.kind) {
+    case "open":
+      open(message.url);
+      break;
+    case "alive":
+      break;
+    case "pointer":
+      send(pointerMessage(message.pointer));
+      sent = alive;
+      held = message.pointer.held ? { ...message.pointer, stamp: NaN } : null;
+      break;
+    case "free":
+      held = null;
+      break;
+    case "command":
+      send(message.text);
+      break;
+  }
+};
+
+setInterval(() => {
+  const now = performance.now();
+  if (held && now - sent >= REFRESH - 2 && now - alive < ALIVE) {
+    send(pointerMessage(held));
+    sent = now;
+  }
+}, REFRESH);

@@ -1,0 +1,85 @@
+// One word for how it is, with a colour, a reason and what to do: never a colour alone.
+
+import type { Sample } from "./sample";
+import type { Session } from "./session";
+
+export type Tone = "good" | "warn" | "bad" | "off";
+
+export interface Status {
+  word: string;
+  tone: Tone;
+  /** why, and what to do; empty if there is nothing to say */
+  reason: string;
+  /** whether a person may engage again */
+  engageable: boolean;
+}
+
+/** Which part of the page's world is silent. */
+export interface Silence {
+  disconnected: boolean;
+  servoEnded: boolean;
+  stale: boolean;
+}
+
+const GUARD = { off: 0, ramping: 1, running: 2, derated: 3, tripped: 4 };
+const KELVIN = 273.15;
+
+export function status(sample: Sample, session: Session, silence: Silence): Status {
+  if (silence.disconnected) {
+    const reason = "The console's server does not answer: nothing here is live. Start `haptorb run` again; this page comes back by itself.";
+    return { word: "disconnected", tone: "bad", reason, engageable: false };
+  }
+  if (silence.servoEnded) {
+    return {
+      word: "servo ended",
+      tone: "bad",
+      reason: "The real-time process has ended; the coils are off. Start `haptorb run` again.",
+      engageable: false,
+    };
+  }
+  if (silence.stale || Number.isNaN(sample.number("guard"))) {
+    return { word: "waiting", tone: "off", reason: "No sample has arrived for half a second.", engageable: false };
+  }
+  const hottest = Math.max(...sample.list("winding")) - KELVIN;
+  switch (sample.number("guard")) {
+    case GUARD.tripped: {
+      const { word, text } = session.trips[String(sample.number("trip"))] ?? { word: "tripped", text: "Unknown reason." };
+      return { word, tone: "bad", reason: text, engageable: true };
+    }
+    case GUARD.off:
+      return { word: "off", tone: "off", reason: "The coils are off.", engageable: true };
+    case GUARD.derated: {
+      const share = (session.limits.stop - hottest) / (session.limits.stop - session.limits.derate);
+      const reason = `A winding has ${hottest.toFixed(0)} °C: currents are cut to ${(100 * share).toFixed(0)} %.`;
+      return { word: "derated", tone: "warn", reason, engageable: false };
+    }
+  }
+  if (sample.number("valid") !== 1) {
+    return {
+      word: "tracker lost",
+      tone: "bad",
+      reason: "The position of the tool is not known. Bring it back into view.",
+      engageable: false,
+    };
+  }
+  if (hottest >= session.limits.warn) {
+    const left = duration(sample.number("remaining"));
+    return {
+      word: "warm",
+      tone: "warn",
+      reason: `A winding has ${hottest.toFixed(0)} °C; derating from ${session.limits.derate.toFixed(0)} °C${left ? `, in ${left} at this load` : ""}.`,
+      engageable: false,
+    };
+  }
+  if (sample.number("guard") === GUARD.ramping) {
+    return { word: "ramping up", tone: "good", reason: "", engageable: false };
+  }
+  return { word: "running", tone: "good", reason: "", engageable: false };
+}
+
+/** Seconds as a person says them; empty when it is not worth saying. */
+export function duration(seconds: number): string {
+  if (!Number.isFinite(seconds) || seconds > 3600) return "";
+  if (seconds >= 90) return `${Math.round(seconds / 60)} min`;
+  return `${Math.max(0, Math.round(seconds))} s`;
+}
