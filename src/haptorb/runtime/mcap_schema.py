@@ -27,8 +27,8 @@ _LINE = re.compile(
 def schema(layout: RowLayout) -> str:
     """The message definition of `layout`, with unit and meaning of every field; fields without numbers are left out.
 
-    >>> schema(RowLayout(channels=3, sensors=0)).splitlines()[1]
-    'float64 t  # [s] time of the sample, on the loop\\'s clock, zero at the start'
+    >>> schema(RowLayout(channels=3, sensors=0)).splitlines()[11]
+    'float64 age  # [s] age of the pose'
     """
     lines = []
     for field in layout.fields:
