@@ -20,16 +20,35 @@ _HOME = {
     "load": "haptorb.devices.loader",
     "felt_map": "haptorb.simulation.felt_map",
     "wrench_map": "haptorb.devices.doors",
+    "field": "haptorb.devices.motor_doors",
+    "sensor_field": "haptorb.devices.motor_doors",
+    "torque_characteristic": "haptorb.devices.motor_doors",
+    "rotation_from_euler": "haptorb.physics.rotations",
 }
 
-__all__ = ["Device", "Recording", "Servo", "State", "WrenchMap", "felt_map", "load", "wrench_map"]
+__all__ = [
+    "Device",
+    "Recording",
+    "Servo",
+    "State",
+    "WrenchMap",
+    "felt_map",
+    "field",
+    "load",
+    "rotation_from_euler",
+    "sensor_field",
+    "torque_characteristic",
+    "wrench_map",
+]
 
 if TYPE_CHECKING:
     from haptorb.devices.device import Device
     from haptorb.devices.doors import wrench_map
     from haptorb.devices.loader import load
+    from haptorb.devices.motor_doors import field, sensor_field, torque_characteristic
     from haptorb.devices.state import State
     from haptorb.devices.wrench_map import WrenchMap
+    from haptorb.physics.rotations import rotation_from_euler
     from haptorb.runtime.recording import Recording
     from haptorb.runtime.servo import Servo
     from haptorb.simulation.felt_map import felt_map
