@@ -1,0 +1,181 @@
+#include "bridge.h"
+
+static uint8_t *put16(uint8_t *out, uint16_t value)
+{
+    out[0] = (uint8_t)value;
+    out[1] = (uint8_t)(value >> 8);
+    return out + 2;
+}
+
+static uint16_t get16(const uint8_t *in)
+{
+    return (uint16_t)((uint16_t)in[1] << 8 | in[0]);
+}
+
+void bridge_boot(struct bridge *bridge, uint8_t board, uint8_t reset_cause)
+{
+    guard_boot(&bridge->guard, reset_cause);
+    plan_start(&bridge->plan);
+    frame_reset(&bridge->parser);
+    bridge->frame_age = 0;
+    bridge->board = board;
+    bridge->reset_cause = reset_cause;
+    bridge->stop_button = true; /* pressed until it is known not to be */
+    bridge->store = false;
+}
+
+void bridge_millisecond(struct bridge *bridge, bool stop_button)
+{
+    guard_millisecond(&bridge->guard);
+    plan_millisecond(&bridge->plan);
+    bridge->stop_button = stop_button;
+    if (stop_button)
+        guard_trip(&bridge->guard, REASON_STOP_BUTTON);
+    if (bridge->parser.place == 0)
+        bridge->frame_age = 0;
+    else if (++bridge->frame_age > FRAME_MS) {
+        frame_reset(&bridge->parser); /* the rest of it never came */
+        bridge->frame_age = 0;
+    }
+}
+
+static uint8_t identity(struct bridge *bridge, uint8_t *out)
+{
+    uint8_t *p = out;
+
+    *p++ = PROTOCOL_VERSION;
+    *p++ = FIRMWARE_MAJOR;
+    *p++ = FIRMWARE_MINOR;
+    *p++ = bridge->board;
+    *p++ = CHANNELS;
+    *p++ = HALL_SENSORS;
+    *p++ = THERMOMETERS;
+    *p++ = bridge->reset_cause;
+    for (uint8_t i = 0; i < 8; i++)
+        *p++ = (uint8_t) "haptorb"[i]; /* with its final zero */
+    for (uint8_t i = 0; i < CALIBRATION_ID; i++)
+        *p++ = bridge->calibration[i];
+    return (uint8_t)(p - out);
+}
+
+static uint8_t limits(const struct bridge *bridge, uint8_t *out)
+{
+    uint8_t *p = out;
+
+    p = put16(p, HARD_DUTY);
+    p = put16(p, HARD_CURRENT_MA);
+    p = put16(p, bridge->guard.duty_limit);
+    p = put16(p, bridge->guard.current_limit);
+    p = put16(p, SILENCE_MS);
+    p = put16(p, SUSTAINED_DECIAMPERE * 100);
+    p = put16(p, HEAT_LIMIT_A2S);
+    p = put16(p, HOT_SIXTEENTHS);
+    p = put16(p, DUTY_FULL);
+    p = put16(p, 1000); /* microampere per unit of a current reading */
+    return (uint8_t)(p - out);
+}
+
+static uint8_t state(const struct bridge *bridge, uint8_t refusal, uint8_t *out)
+{
+    out[0] = bridge->guard.state;
+    out[1] = bridge->guard.reason;
+    put16(out + 2, bridge->plan.missing);
+    out[4] = refusal;
+    return 5;
+}
+
+static uint8_t reading(struct bridge *bridge, uint8_t *out, uint16_t now)
+{
+    struct readings *r = &bridge->plan.readings;
+    const uint16_t age = (uint16_t)(now - r->current_time);
+    const uint8_t first = r->hall_group == 0 ? 0 : 5;
+    uint8_t *p = out;
+
+    *p++ = bridge->guard.state;
+    *p++ = bridge->guard.reason;
+    p = put16(p, bridge->plan.missing);
+    for (uint8_t i = 0; i < CHANNELS; i++)
+        p = put16(p, guard_live(&bridge->guard) ? (uint16_t)bridge->guard.duties[i] : 0);
+    for (uint8_t i = 0; i < CHANNELS; i++)
+        p = put16(p, (uint16_t)r->current[i]);
+    *p++ = r->hall_group;
+    for (uint8_t i = 0; i < HALL_GROUP_MAX; i++)
+        p = put16(p, first + i < HALL_SENSORS ? r->hall[first + i] : 0xFFFF);
+    if (++r->thermometer >= THERMOMETERS)
+        r->thermometer = 0;
+    *p++ = r->thermometer;
+    p = put16(p, (uint16_t)r->temperature[r->thermometer]);
+    p = put16(p, age > 0xFFFF / CLOCK_MICROSECONDS ? 0xFFFF : age * CLOCK_MICROSECONDS);
+    *p++ = bridge->guard.line_errors;
+    *p++ = r->rounds;
+    return (uint8_t)(p - out);
+}
+
+static uint8_t engage(struct bridge *bridge, const uint8_t *payload)
+{
+    if (bridge->stop_button)
+        return REFUSED_STOP_BUTTON;
+    if (!plan_ready(&bridge->plan))
+        return REFUSED_CHIP;
+    return guard_engage(&bridge->guard, get16(payload), get16(payload + 2), get16(payload + 4));
+}
+
+static uint8_t store(struct bridge *bridge, const uint8_t *payload)
+{
+    if (guard_live(&bridge->guard))
+        return REFUSED_ENGAGED; /* writing the EEPROM takes 50 ms in which nothing else is looked at */
+    for (uint8_t i = 0; i < CALIBRATION_ID; i++)
+        bridge->calibration[i] = payload[i];
+    bridge->store = true;
+    return ACCEPTED;
+}
+
+static uint8_t answer(struct bridge *bridge, uint16_t now)
+{
+    const struct frame *frame = &bridge->parser.frame;
+    const uint8_t *in = frame->payload;
+    uint8_t out[PAYLOAD_MAX];
+    uint8_t type = frame->type | FRAME_ANSWER;
+    uint8_t length;
+
+    if (frame->type == FRAME_IDENTIFY && frame->length == 0) {
+        length = identity(bridge, out);
+    } else if (frame->type == FRAME_LIMITS && frame->length == 0) {
+        length = limits(bridge, out);
+    } else if (frame->type == FRAME_SET && frame->length == 2 * CHANNELS) {
+        int16_t duties[CHANNELS];
+        for (uint8_t i = 0; i < CHANNELS; i++)
+            duties[i] = (int16_t)get16(in + 2 * i);
+        guard_set(&bridge->guard, frame->sequence, duties);
+        length = reading(bridge, out, now);
+    } else if (frame->type == FRAME_READ && frame->length == 0) {
+        type = FRAME_READING;
+        length = reading(bridge, out, now);
+    } else if (frame->type == FRAME_ENGAGE && frame->length == 6) {
+        length = state(bridge, engage(bridge, in), out);
+    } else if (frame->type == FRAME_OFF && frame->length == 0) {
+        guard_off(&bridge->guard);
+        type = FRAME_STATE;
+        length = state(bridge, ACCEPTED, out);
+    } else if (frame->type == FRAME_STORE && frame->length == CALIBRATION_ID) {
+        type = FRAME_STATE;
+        length = state(bridge, store(bridge, in), out);
+    } else {
+        type = FRAME_STATE;
+        length = state(bridge, REFUSED_FRAME, out);
+    }
+    return frame_write(bridge->answer, type, frame->sequence, out, length);
+}
+
+uint8_t bridge_byte(struct bridge *bridge, uint8_t byte, uint16_t now)
+{
+    switch (frame_byte(&bridge->parser, byte)) {
+    case FRAME_COMPLETE:
+        return answer(bridge, now);
+    case FRAME_DAMAGED:
+        guard_line_error(&bridge->guard);
+        return 0;
+    default:
+        return 0;
+    }
+}

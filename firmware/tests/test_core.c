@@ -1,0 +1,436 @@
+/* The portable core on this computer: shared frames, the guard's every way out, the bus plan against simple chips. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "../core/bridge.h"
+#include "../core/crc.h"
+#include "../core/thermometer.h"
+
+static int failures, checks;
+
+#define CHECK(what) do { checks++; if (!(what)) { failures++; printf("%s:%d: not so: %s\n", __FILE__, __LINE__, #what); } } while (0)
+
+static int unhex(const char *text, uint8_t *out)
+{
+    int n = 0;
+    unsigned value;
+    while (sscanf(text + 2 * n, "%2x", &value) == 1)
+        out[n++] = (uint8_t)value;
+    return n;
+}
+
+/* name type sequence payload|- frame, as written by tests/runtime/test_protocol.py's twin in Python */
+static void test_vectors(const char *path)
+{
+    FILE *file = fopen(path, "r");
+    char row[512], name[64], payload_text[200], frame_text[200];
+    unsigned type, sequence;
+    int rows = 0;
+
+    CHECK(file != 0);
+    while (file && fgets(row, sizeof row, file)) {
+        uint8_t payload[64], wanted[64], made[FRAME_MAX];
+        struct frame_parser parser;
+        enum frame_event event = FRAME_NOTHING;
+
+        if (row[0] == '#' || sscanf(row, "%63s %x %x %199s %199s", name, &type, &sequence, payload_text, frame_text) != 5)
+            continue;
+        const int n = payload_text[0] == '-' ? 0 : unhex(payload_text, payload);
+        const int m = unhex(frame_text, wanted);
+        CHECK(frame_write(made, (uint8_t)type, (uint8_t)sequence, payload, (uint8_t)n) == m);
+        CHECK(memcmp(made, wanted, (size_t)m) == 0);
+        frame_reset(&parser);
+        for (int i = 0; i < m; i++)
+            event = frame_byte(&parser, wanted[i]);
+        CHECK(event == FRAME_COMPLETE);
+        CHECK(parser.frame.type == type && parser.frame.sequence == sequence && parser.frame.length == n);
+        CHECK(memcmp(parser.frame.payload, payload, (size_t)n) == 0);
+        for (int bit = 16; bit < 8 * m; bit++) { /* every single flipped bit behind the sync is noticed */
+            frame_reset(&parser);
+            wanted[bit / 8] ^= (uint8_t)(1 << bit % 8);
+            for (int i = 0; i < m; i++)
+                CHECK(frame_byte(&parser, wanted[i]) != FRAME_COMPLETE);
+            wanted[bit / 8] ^= (uint8_t)(1 << bit % 8);
+        }
+        rows++;
+    }
+    CHECK(rows >= 8);
+    if (file)
+        fclose(file);
+}
+
+static void test_checks(void)
+{
+    uint16_t crc = CRC16_START;
+    const uint8_t scratchpad[9] = {0x50, 0x05, 0x4B, 0x46, 0x7F, 0xFF, 0x0C, 0x10, 0x1C};
+    uint8_t sum = 0;
+
+    for (const char *c = "123456789"; *c; c++)
+        crc = crc16(crc, (uint8_t)*c);
+    CHECK(crc == 0x29B1);
+    for (int i = 0; i < 9; i++)
+        sum = crc8(sum, scratchpad[i]);
+    CHECK(sum == 0);
+}
+
+static const int16_t some[CHANNELS] = {100, -200, 300};
+
+static void engaged(struct guard *guard)
+{
+    guard_boot(guard, REASON_POWER_ON);
+    CHECK(guard_engage(guard, ENGAGE_KEY, 4095, 20000) == ACCEPTED);
+    guard_set(guard, 1, some);
+    CHECK(guard_live(guard) && guard->duties[1] == -200);
+}
+
+static void tripped(const struct guard *guard, uint8_t reason)
+{
+    CHECK(guard->state == STATE_TRIPPED && guard->reason == reason);
+}
+
+static void test_guard(void)
+{
+    struct guard g;
+    const int16_t wild[CHANNELS] = {32767, -32768, 5};
+
+    guard_boot(&g, REASON_BROWN_OUT);
+    CHECK(g.state == STATE_OFF && g.reason == REASON_BROWN_OUT);
+    guard_set(&g, 1, some);
+    CHECK(g.duties[0] == 0 && !guard_live(&g)); /* nothing before ENGAGE */
+    CHECK(guard_engage(&g, 0x1234, 4095, 20000) == REFUSED_KEY);
+
+    engaged(&g);
+    for (int i = 0; i < SILENCE_MS - 1; i++)
+        guard_tick(&g);
+    CHECK(guard_live(&g));
+    guard_set(&g, 2, some);
+    for (int i = 0; i < SILENCE_MS - 1; i++)
+        guard_tick(&g);
+    CHECK(guard_live(&g));
+    guard_set(&g, 2, some); /* the same again is no sign of life */
+    guard_tick(&g);
+    tripped(&g, REASON_SILENCE);
+    guard_set(&g, 3, some);
+    CHECK(g.duties[0] == 0 && !guard_live(&g));
+    CHECK(guard_engage(&g, ENGAGE_KEY, 4095, 20000) == REFUSED_TRIPPED); /* OFF first */
+    guard_off(&g);
+    CHECK(guard_engage(&g, ENGAGE_KEY, 4095, 20000) == ACCEPTED && g.duties[0] == 0);
+
+    engaged(&g);
+    guard_set(&g, 9, wild);
+    CHECK(g.duties[0] == 4095 && g.duties[1] == -4095 && g.duties[2] == 5);
+    guard_off(&g);
+    guard_engage(&g, ENGAGE_KEY, 400, 65535); /* a host may ask for less, never for more */
+    CHECK(g.current_limit == HARD_CURRENT_MA);
+    guard_set(&g, 10, wild);
+    CHECK(g.duties[0] == 400 && g.duties[1] == -400);
+
+    engaged(&g);
+    guard_current(&g, 2, 20500);
+    guard_current(&g, 2, 100); /* one reading may be a disturbance */
+    guard_current(&g, 2, -20500);
+    CHECK(guard_live(&g));
+    guard_current(&g, 2, -32768);
+    tripped(&g, REASON_OVER_CURRENT);
+    guard_trip(&g, REASON_BUS);
+    tripped(&g, REASON_OVER_CURRENT); /* the first reason stays */
+
+    engaged(&g);
+    for (int i = 0; i < STORM_ERRORS - 1; i++)
+        guard_line_error(&g);
+    CHECK(guard_live(&g));
+    guard_line_error(&g);
+    tripped(&g, REASON_LINE);
+    engaged(&g);
+    for (int i = 0; i < 1000; i++) { /* an error now and then is forgotten */
+        if (i % 20 == 0)
+            guard_line_error(&g);
+        guard_millisecond(&g);
+    }
+    CHECK(guard_live(&g));
+
+    engaged(&g);
+    guard_temperature(&g, HOT_SIXTEENTHS);
+    CHECK(guard_live(&g));
+    guard_temperature(&g, HOT_SIXTEENTHS + 1);
+    tripped(&g, REASON_HOT);
+}
+
+/* Seconds at `ampere` until the store of heat is full. */
+static double endurance(int16_t milliampere)
+{
+    struct guard g;
+    long ms = 0;
+
+    engaged(&g);
+    guard_current(&g, 1, milliampere);
+    while (guard_live(&g) && ms < 400000) {
+        guard_millisecond(&g);
+        ms++;
+    }
+    if (ms < 400000)
+        tripped(&g, REASON_HEAT);
+    return (double)ms / 1000;
+}
+
+static void test_heat(void)
+{
+    CHECK(endurance(5300) >= 400);                      /* sustained */
+    CHECK(endurance(10000) > 59 && endurance(10000) < 61); /* half duty for a minute */
+    CHECK(endurance(20000) > 11 && endurance(20000) < 12); /* full power: the host derates at 5 s */
+}
+
+/* Chips that remember what was written to them, just enough to play the bus. */
+static uint8_t pca[256];
+static uint16_t ina_config[CHANNELS], ina_pointer[CHANNELS];
+static int16_t shunt[CHANNELS];
+static uint16_t absent;
+static uint8_t adc_config;
+
+static int chip_index(uint8_t address)
+{
+    return address == 0x60 ? 0 : address == 0x41 ? 1 : address == 0x44 ? 2 : address == 0x45 ? 3 : address == 0x35 ? 4 : -1;
+}
+
+static void play(struct transfer *t)
+{
+    const int chip = chip_index(t->address);
+
+    CHECK(chip >= 0 && t->write_length <= WRITE_MAX && t->read_length <= READ_MAX);
+    t->failed = absent >> chip & 1;
+    if (t->failed)
+        return;
+    if (chip == 0) {
+        for (int i = 1; i < t->write_length; i++)
+            pca[(uint8_t)(t->write[0] + i - 1)] = t->write[i];
+        if (t->read_length)
+            t->read[0] = pca[t->write[0]];
+    } else if (chip < 4) {
+        const int c = chip - 1;
+        if (t->write_length > 0)
+            ina_pointer[c] = t->write[0];
+        if (t->write_length == 3)
+            ina_config[c] = (uint16_t)(t->write[1] << 8 | t->write[2]);
+        const uint16_t value = ina_pointer[c] == 1 ? (uint16_t)shunt[c] : ina_config[c];
+        t->read[0] = (uint8_t)(value >> 8);
+        t->read[1] = (uint8_t)value;
+    } else {
+        if (t->write[0] & 0x80)
+            return;
+        adc_config = t->write[0];
+        const int first = adc_config & 0x40 ? 6 : 0;
+        for (int i = 0; i < t->read_length / 2; i++) {
+            t->read[2 * i] = (uint8_t)(0xF0 | (first + i));
+            t->read[2 * i + 1] = (uint8_t)(first + i);
+        }
+    }
+}
+
+static int run(struct bridge *b, int milliseconds)
+{
+    int transfers = 0;
+
+    for (int ms = 0; ms < milliseconds; ms++) {
+        bridge_millisecond(b, false);
+        struct transfer two[2];
+        for (int k = 0; k < 3; k++) { /* two ahead, as the board does */
+            const bool first = plan_next(&b->plan, &b->guard, &two[0]);
+            const bool second = first && plan_next(&b->plan, &b->guard, &two[1]);
+            if (first) {
+                play(&two[0]);
+                plan_done(&b->plan, &b->guard, &two[0], 0);
+                transfers++;
+            }
+            if (second) {
+                play(&two[1]);
+                plan_done(&b->plan, &b->guard, &two[1], 0);
+                transfers++;
+            }
+        }
+    }
+    return transfers;
+}
+
+static int duty_on_chip(int channel)
+{
+    const uint8_t *pwm = pca + 6 + 4 * channel, *dir = pca + 6 + 4 * (3 + channel);
+    if (pwm[3] & 0x10)
+        return 0;
+    const int size = (pwm[3] & 0x0F) << 8 | pwm[2];
+    return dir[1] & 0x10 ? -size : size;
+}
+
+static uint8_t say(struct bridge *b, uint8_t type, uint8_t sequence, const void *payload, uint8_t length)
+{
+    uint8_t bytes[FRAME_MAX];
+    const uint8_t n = frame_write(bytes, type, sequence, payload, length);
+    uint8_t answered = 0;
+
+    for (uint8_t i = 0; i < n; i++)
+        answered = bridge_byte(b, bytes[i], 0);
+    return answered;
+}
+
+static const uint8_t engage_all[6] = {0xFE, 0x5A, 0xFF, 0x0F, 0xFF, 0xFF};
+
+static void set(struct bridge *b, uint8_t sequence, int x, int y, int z)
+{
+    const uint8_t p[6] = {(uint8_t)x, (uint8_t)(x >> 8), (uint8_t)y, (uint8_t)(y >> 8), (uint8_t)z, (uint8_t)(z >> 8)};
+    CHECK(say(b, FRAME_SET, sequence, p, 6) == 41);
+}
+
+static void fresh(struct bridge *b)
+{
+    memset(pca, 0xEE, sizeof pca);
+    memset(ina_config, 0, sizeof ina_config);
+    memset(shunt, 0, sizeof shunt);
+    absent = 0;
+    bridge_boot(b, BOARD_ATMEGA328P, REASON_POWER_ON);
+    CHECK(!plan_ready(&b->plan));
+    say(b, FRAME_ENGAGE, 1, engage_all, 6);
+    CHECK(b->answer[9] == REFUSED_STOP_BUTTON && !guard_live(&b->guard));
+    run(b, 30);
+    CHECK(plan_ready(&b->plan) && (b->plan.missing & 0x1F) == 0);
+    CHECK(duty_on_chip(0) == 0 && duty_on_chip(1) == 0 && duty_on_chip(2) == 0);
+    CHECK(pca[0xFE] == 3 && ina_config[2] == 0x199D);
+}
+
+static void test_bus(void)
+{
+    static struct bridge b;
+
+    fresh(&b);
+    CHECK(b.plan.readings.hall[4] == (4 << 8 | 4) && b.plan.readings.hall[5] == (6 << 8 | 6));
+    CHECK(b.plan.readings.hall[8] == (9 << 8 | 9));
+    set(&b, 2, 100, 100, 100);
+    run(&b, 3);
+    CHECK(duty_on_chip(0) == 0); /* not engaged: nothing */
+    say(&b, FRAME_ENGAGE, 3, engage_all, 6);
+    CHECK(b.answer[9] == ACCEPTED && guard_live(&b.guard));
+    for (int k = 0; k < 2000; k++) { /* all signs and sizes, through several checks of the chips */
+        const int x = (k * 37) % 8191 - 4095, y = k % 2 ? 4095 : -4095, z = k % 3 ? 0 : -k;
+        set(&b, (uint8_t)k, x, y, z);
+        shunt[0] = (int16_t)x;
+        run(&b, 2);
+        CHECK(duty_on_chip(0) == x && duty_on_chip(1) == y && duty_on_chip(2) == (z ? z : 0));
+        CHECK(b.plan.readings.current[0] == x);
+    }
+    CHECK(guard_live(&b.guard));
+    absent = 1 << 2; /* a current sensor falls off */
+    set(&b, 1, 500, 500, 500);
+    run(&b, 6);
+    CHECK(b.guard.state == STATE_TRIPPED && b.guard.reason == REASON_CHIP);
+    CHECK(b.plan.missing & MISSING_CURRENT(1));
+    CHECK(duty_on_chip(0) == 0);
+    say(&b, FRAME_OFF, 9, 0, 0);
+    say(&b, FRAME_ENGAGE, 10, engage_all, 6);
+    CHECK(b.answer[9] == REFUSED_CHIP && (b.answer[7] & 0x1F) == 0x04);
+    absent = 0; /* and comes back */
+    run(&b, 400);
+    CHECK(plan_ready(&b.plan));
+
+    fresh(&b);
+    say(&b, FRAME_ENGAGE, 3, engage_all, 6);
+    for (int k = 0; k < 200 && guard_live(&b.guard); k++) {
+        set(&b, (uint8_t)k, 100, 100, 100);
+        run(&b, 2);
+        if (k == 20)
+            ina_config[1] = 0x399F; /* it has lost its supply for a moment */
+    }
+    CHECK(b.guard.reason == REASON_CHIP);
+
+    fresh(&b);
+    absent = 1 << 4; /* Hall sensors are not needed for safety */
+    run(&b, 20);
+    CHECK(b.plan.missing & MISSING_HALL);
+    CHECK(plan_ready(&b.plan));
+}
+
+static void test_frames_in_pieces(void)
+{
+    static struct bridge b;
+    uint8_t bytes[FRAME_MAX];
+
+    fresh(&b);
+    const uint8_t n = frame_write(bytes, FRAME_READ, 5, 0, 0);
+    for (uint8_t i = 0; i < 4; i++)
+        CHECK(bridge_byte(&b, bytes[i], 0) == 0);
+    for (int ms = 0; ms <= FRAME_MS + 1; ms++)
+        bridge_millisecond(&b, false); /* the rest never comes */
+    CHECK(say(&b, FRAME_READ, 6, 0, 0) == 41);
+    CHECK(bridge_byte(&b, 0xA5, 0) == 0); /* a stray sync byte before a frame costs nothing */
+    CHECK(say(&b, FRAME_READ, 7, 0, 0) == 41);
+    CHECK(say(&b, 0x33, 8, 0, 0) == 12 && b.answer[9] == REFUSED_FRAME);
+    CHECK(say(&b, FRAME_SET, 9, bytes, 5) == 12 && b.answer[9] == REFUSED_FRAME);
+    CHECK(n == 7);
+}
+
+static void test_stop_button(void)
+{
+    static struct bridge b;
+
+    fresh(&b);
+    say(&b, FRAME_ENGAGE, 3, engage_all, 6);
+    set(&b, 1, 100, 100, 100);
+    CHECK(b.answer[9] == 100);
+    for (int ms = 0; ms < SILENCE_MS; ms++)
+        guard_tick(&b.guard); /* as the interrupt does, which touches no duties */
+    say(&b, FRAME_READ, 2, 0, 0);
+    CHECK(b.answer[5] == STATE_TRIPPED && b.answer[9] == 0); /* applied: nothing */
+    guard_off(&b.guard);
+    run(&b, 3);
+    say(&b, FRAME_ENGAGE, 3, engage_all, 6);
+    CHECK(guard_live(&b.guard));
+    bridge_millisecond(&b, true);
+    CHECK(b.guard.reason == REASON_STOP_BUTTON && !guard_live(&b.guard));
+    say(&b, FRAME_OFF, 4, 0, 0);
+    say(&b, FRAME_ENGAGE, 5, engage_all, 6);
+    CHECK(b.answer[9] == REFUSED_STOP_BUTTON);
+}
+
+static void test_thermometers(void)
+{
+    struct thermometers t;
+    uint8_t pad[9] = {0x91, 0x01, 0x4B, 0x46, 0x7F, 0xFF, 0x0C, 0x10, 0};
+    uint8_t line, sum = 0;
+    int16_t value = 0;
+    int reads = 0, missing = 0, bits = 0;
+
+    for (int i = 0; i < 8; i++)
+        sum = crc8(sum, pad[i]);
+    pad[8] = sum;
+    thermometers_start(&t);
+    for (int ms = 0; ms < 3000; ms++) {
+        const enum slot slot = thermometers_next(&t);
+        if (slot == SLOT_NONE)
+            continue;
+        bool bit = slot == SLOT_RESET && t.line != 1; /* the second line is empty */
+        if (slot == SLOT_RESET)
+            bits = 0;
+        if (slot == SLOT_READ) {
+            bit = pad[bits / 8] >> bits % 8 & 1;
+            bits++;
+        }
+        switch (thermometers_done(&t, bit, &line, &value)) {
+        case THERMOMETER_READ: reads++; CHECK(line != 1 && value == 0x191); break;
+        case THERMOMETER_MISSING: missing++; CHECK(line == 1); break;
+        default: break;
+        }
+    }
+    CHECK(reads >= 4 && missing >= 4);
+}
+
+int main(int argc, char **argv)
+{
+    test_checks();
+    test_vectors(argc > 1 ? argv[1] : "vectors/frames.txt");
+    test_guard();
+    test_heat();
+    test_bus();
+    test_frames_in_pieces();
+    test_stop_button();
+    test_thermometers();
+    printf("%d checks, %d failures\n", checks, failures);
+    return failures != 0;
+}
