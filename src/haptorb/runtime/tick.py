@@ -16,7 +16,7 @@ from haptorb.control.trip import Trip
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
-from haptorb.errors import HaptorbError
+from haptorb.errors import HaptorbError, InputError
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 from haptorb.runtime.driver import Driver
@@ -155,7 +155,10 @@ class Tick:
 
     def _felt(self, state: State) -> Array:
         try:
-            return self.world.wrench(state)
+            wrench = self.world.wrench(state)
+            if wrench.shape != (6,):
+                raise InputError(f"a world must give force and torque, shape (6,); got shape {wrench.shape}")
+            return wrench
         except Exception as cause:  # a world is the user's code: whatever it raises must end in coils off
             self._failed(Trip.WORLD_FAILED, cause)
             return self._nothing

@@ -58,7 +58,7 @@ def worlds(
         table.add_column(column)
     for item in known:
         default = item.default if isinstance(item.default, tuple) else (item.default,)
-        unit = "" if item.unit == "1" else f" {item.unit}"
+        unit = f" {item.unit}" if item.unit else ""
         table.add_row(
             item.name, ", ".join(f"{x:g}" for x in default) + unit, f"{item.low:g} … {item.high:g}{unit}", item.about
         )

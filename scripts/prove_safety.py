@@ -1,0 +1,113 @@
+"""Break the safety code once per rule and see that a test goes red: `python scripts/prove_safety.py`.
+
+A test that cannot fail proves nothing. Each line of PROOFS is one rule, the code that keeps it, and what it looks like
+without it; the change is made in a copy of the sources, never in the tree itself.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+GUARD, GUARD_TESTS = "control/guard.py", "tests/control/test_guard.py"
+DRIVE, DRIVE_TESTS = "control/drive.py", "tests/control/test_drive.py"
+TICK, TICK_TESTS = "runtime/tick.py", "tests/runtime/test_tick.py"
+
+#: (rule, file in the package, code that keeps it, code without it, tests that must go red)
+PROOFS = [
+    ("off is the default", GUARD, "self.state = GuardState.OFF", "self.state = GuardState.RUNNING", GUARD_TESTS),
+    ("NaN wrench trips", GUARD, "if not isfinite(force + torque):", "if False:", GUARD_TESTS),
+    ("NaN currents trip", GUARD, "if not np.isfinite(wanted[j]):", "if False:", GUARD_TESTS),
+    ("NaN readings trip", GUARD, "if not np.isfinite(total):", "if False:", GUARD_TESTS),
+    ("force is clamped", GUARD, "if force <= self._limits.force", "if True", GUARD_TESTS),
+    ("torque is clamped", GUARD, "if torque <= self._limits.torque", "if True", GUARD_TESTS),
+    ("current is clamped", GUARD, "if abs(wanted[j]) * scale > limit[j]:", "if False:", GUARD_TESTS),
+    ("current slews", GUARD, "1.0 if largest <= step else step / largest", "1.0", GUARD_TESTS),
+    (
+        "stale poses trip",
+        GUARD,
+        "estimate.valid and estimate.age <= self._limits.expiry",
+        "estimate.valid",
+        GUARD_TESTS,
+    ),
+    ("lost poses trip", GUARD, "estimate.valid and estimate.age", "estimate.age", GUARD_TESTS),
+    ("trips latch", GUARD, "self.state = GuardState.TRIPPED", "pass", GUARD_TESTS),
+    (
+        "engaging ramps from zero",
+        GUARD,
+        "self.reason = Trip.NONE\n        self.gain = 0.0",
+        "self.gain = 1.0",
+        GUARD_TESTS,
+    ),
+    ("engaging blind is refused", GUARD, "if not self._fresh or", "if", GUARD_TESTS),
+    ("warm coils are derated", GUARD, "currents = currents * share", "pass", GUARD_TESTS),
+    ("hot coils trip", GUARD, "if not hottest < self._tiers.stop:", "if False:", GUARD_TESTS),
+    ("overcurrent trips", GUARD, "return 2 if beyond else 0", "return 0", GUARD_TESTS),
+    (
+        "resistance is bounded",
+        DRIVE,
+        "min(max(sums[0, j] / sums[1, j], low[j]), high[j])",
+        "sums[0, j] / sums[1, j]",
+        DRIVE_TESTS,
+    ),
+    ("duties are bounded", DRIVE, "if largest > 1.0:", "if False:", DRIVE_TESTS),
+    ("a world that fails trips", TICK, "self._failed(Trip.WORLD_FAILED, cause)", "pass", TICK_TESTS),
+    (
+        "a driver that fails trips",
+        TICK,
+        "self._failed(Trip.DRIVER_FAILED, cause)\n            self._off",
+        "self._off",
+        TICK_TESTS,
+    ),
+    ("an allocation that fails trips", TICK, "self._failed(Trip.CURRENTS_NOT_FINITE, cause)", "pass", TICK_TESTS),
+    (
+        "off means zero duties",
+        TICK,
+        "if guard.gain else self.drive.rest()",
+        "if True else self.drive.rest()",
+        TICK_TESTS,
+    ),
+]
+
+
+def proved(file: str, kept: str, broken: str, tests: str) -> bool:
+    """Whether `tests` go red when `kept` is replaced by `broken` in `file`."""
+    with tempfile.TemporaryDirectory() as folder:
+        sources = Path(folder) / "src"
+        shutil.copytree(ROOT / "src", sources, ignore=shutil.ignore_patterns("static", "__pycache__"))
+        path = sources / "haptorb" / file
+        text = path.read_text(encoding="utf-8")
+        if text.count(kept) < 1:
+            raise SystemExit(f"{file} no longer has the code that keeps this rule: {kept!r}")
+        path.write_text(text.replace(kept, broken, 1), encoding="utf-8")
+        environment = {**os.environ, "PYTHONPATH": str(sources), "NUMBA_CACHE_DIR": str(Path(folder) / "cache")}
+        run = subprocess.run(
+            [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", tests],
+            cwd=ROOT,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        return run.returncode == 1
+
+
+def main() -> int:
+    """Prove every rule; the exit code is the number of rules that no test keeps."""
+    unproved = 0
+    for rule, *proof in PROOFS:
+        red = proved(*proof)
+        unproved += not red
+        print(f"{'red, as it must be' if red else 'STILL GREEN':>20}  {rule}", flush=True)
+    print(f"{len(PROOFS) - unproved} of {len(PROOFS)} rules are kept by a test")
+    return unproved
+
+
+if __name__ == "__main__":
+    sys.exit(main())
