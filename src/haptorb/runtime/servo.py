@@ -314,6 +314,7 @@ class Servo:
                     "digest": device.digest,
                     "title": device.title,
                     "source": device.source,
+                    "file": self._device_text,
                 },
                 "run": {
                     "driver": self.driver,
