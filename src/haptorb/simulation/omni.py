@@ -34,6 +34,7 @@ from haptorb.simulation.tool import GRAVITY, Body, Dome, contact, matrix, move
 __all__ = ["SimulatedElectromagnet"]
 
 _ABOVE = 12e-3  #: the tool starts this far above contact [m]
+_SHORTEST = 5e-6  #: a simulation with finer steps than this is slower than time [s]
 
 
 @kernel
@@ -111,7 +112,6 @@ class SimulatedElectromagnet(Simulation):
         if not (np.isfinite(step) and 0.0 < step <= 1e-3):
             raise InputError(f"step of the simulation must be above 0 and at most 1 ms; got {step} s")
         self.device: SphericalElectromagnet = device
-        self._longest = float(step)
         tool, hand, dome, hall = device.tool, device.hand, device.contact, device.hall
         self._body = Body(
             mass=float(tool.mass + (hand.mass if held else 0.0)),
@@ -123,6 +123,7 @@ class SimulatedElectromagnet(Simulation):
             tail=float(tool.length / 2),
         )
         self._dome = Dome(float(device.dome_radius), float(dome.stiffness), float(dome.damping), float(dome.friction))
+        self._longest = min(float(step), _longest_step(self._body, self._dome, device.name))
         self._grip = LETTING_GO
         if held:
             self._grip = Grip(
@@ -133,7 +134,8 @@ class SimulatedElectromagnet(Simulation):
         self._heat = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
         self._heat_dt, self._heat_step = -1.0, np.zeros((2, 3))
         size = (tool.outer_radius, tool.inner_radius, tool.length, tool.remanence)
-        self._rows = ChargedRing(*size).rows
+        self.ring = ChargedRing(*size)  #: the tool's magnet as the simulation has it
+        self._rows = self.ring.rows
         self._table = np.array(device.passive_pull.table)
         self._nearest = float(device.passive_pull.nearest)
         self._per_ampere = np.array(device.moment_per_current, dtype=np.float64, order="C")
@@ -280,3 +282,16 @@ class SimulatedElectromagnet(Simulation):
         w = self.state().R_SR.T @ tool[10:]
         inertia = np.array([body.inertia_x, body.inertia_y, body.inertia_z])
         return float(0.5 * body.mass * (tool[7:10] @ tool[7:10]) + 0.5 * (inertia @ w**2))
+
+
+def _longest_step(body: Body, dome: Dome, name: str) -> float:
+    """The step [s] that still follows the tool on the dome's spring: half a radian of its fastest oscillation."""
+    arm = max(body.tip, body.tail)
+    yielding = 1 / body.mass + arm * arm / min(body.inertia_x, body.inertia_y)
+    longest = 0.5 / (dome.stiffness * yielding) ** 0.5 if dome.stiffness > 0.0 else 1.0
+    if longest < _SHORTEST:
+        raise InputError(
+            f"device '{name}': a dome of {dome.stiffness:.3g} N/m under so light a tool wants steps of "
+            f"{longest * 1e6:.2g} µs, below {_SHORTEST * 1e6:.0f} µs; soften the dome or make the tool heavier"
+        )
+    return longest
