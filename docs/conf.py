@@ -4,8 +4,6 @@ import os
 import sys
 from pathlib import Path
 
-from sphinx_gallery.sorting import FileNameSortKey
-
 import haptorb
 
 HERE = Path(__file__).resolve().parent
@@ -20,13 +18,20 @@ release = version = haptorb.__version__
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
-    "sphinx.ext.doctest",
     "sphinxcontrib.bibtex",
     "sphinx_gallery.gen_gallery",
     "plain_docstrings",
     "room_pages",
+    "tables",
 ]
-exclude_patterns = ["_build", "_ext", "gallery/*.ipynb", "gallery/*.py.md5", "sg_execution_times.rst"]
+exclude_patterns = [
+    "_build",
+    "_ext",
+    "gallery/*.ipynb",
+    "gallery/*.py.md5",
+    "sg_execution_times.rst",
+    "reference/generated/*.md",
+]
 nitpicky = False
 default_role = "code"
 
@@ -46,11 +51,12 @@ sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
     "filename_pattern": r"/\d\d_",
-    "within_subsection_order": FileNameSortKey,
+    "within_subsection_order": "sphinx_gallery.sorting.FileNameSortKey",
     "abort_on_example_error": True,
     "download_all_examples": False,
     "show_memory": False,
     "show_signature": False,
+    "write_computation_times": False,
     "min_reported_time": 1e9,
     "remove_config_comments": True,
 }
@@ -63,5 +69,3 @@ html_show_sphinx = False
 html_copy_source = False
 html_show_sourcelink = False
 templates_path: list[str] = []
-
-doctest_global_setup = "import numpy as np\nimport haptorb"

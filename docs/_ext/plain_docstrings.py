@@ -16,6 +16,7 @@ from sphinx.application import Sphinx
 _MARKUP = re.compile(r"([\\*|_<>])")
 _CODE = re.compile(r"``?([^`]+)``?")
 _ALIGNED = re.compile(r"\S {2,}\S")
+_BULLET = re.compile(r"- |\d+\. ")
 
 
 def _paragraph(lines: list[str]) -> list[str]:
@@ -30,18 +31,24 @@ def _paragraph(lines: list[str]) -> list[str]:
             for number, line in enumerate(escaped.splitlines())]  # fmt: skip
 
 
+def _aligned(line: str) -> bool:
+    return _ALIGNED.search(line) is not None
+
+
 def _as_it_stands(lines: list[str]) -> list[str]:
     return ["::", "", *("   " + line for line in lines)]
 
 
-def _list(lines: list[str]) -> list[str]:
+def _items(lines: list[str]) -> list[str]:
     items: list[list[str]] = []
     for line in lines:
-        if line.startswith("- "):
-            items.append([line[2:]])
+        if bullet := _BULLET.match(line):
+            items.append([line[bullet.end() :]])
         else:
             items[-1].append(line.strip())
-    return [("  " if number else "- ") + line for item in items for number, line in enumerate(_paragraph(item))]
+    mark = "- " if lines[0].startswith("-") else "#. "
+    indent = " " * len(mark)
+    return [(indent if number else mark) + line for item in items for number, line in enumerate(_paragraph(item))]
 
 
 def converted(docstring: list[str]) -> list[str]:
@@ -56,9 +63,9 @@ def converted(docstring: list[str]) -> list[str]:
     for block in filter(None, blocks):
         if block[0].lstrip().startswith(">>>"):
             out += block
-        elif block[0].startswith("- "):
-            out += _list(block)
-        elif block[0].startswith(" ") or sum(bool(_ALIGNED.search(line)) for line in block) > len(block) / 2:
+        elif _BULLET.match(block[0]):
+            out += _items(block)
+        elif any(line.startswith(" ") for line in block) or 2 * sum(map(_aligned, block)) > len(block):
             out += _as_it_stands(block)
         else:
             out += _paragraph(block)

@@ -22,6 +22,29 @@ def modules(room: str) -> list[ModuleType]:
     return [top, *(import_module(name) for name in names)]
 
 
+def package() -> list[str]:
+    """The page of what `import haptorb` offers: each name, and the module that describes it."""
+    import haptorb
+
+    lines = [
+        ".. _package:",
+        "",
+        "haptorb",
+        "=======",
+        "",
+        "What ``import haptorb`` offers, loaded when first used.",
+        "",
+    ]
+    for public in haptorb.__all__:
+        thing = getattr(haptorb, public)
+        if inspect.ismodule(thing):
+            lines += [f"``haptorb.{public}``", f"   The room :ref:`room-{public}`.", ""]
+            continue
+        first = (inspect.getdoc(thing) or "").splitlines()[0].replace("`", "``").replace("*", "\\*").replace("|", "\\|")
+        lines += [f":any:`haptorb.{public} <{thing.__module__}.{thing.__qualname__}>`", f"   {first}", ""]
+    return lines
+
+
 def section(module: ModuleType) -> list[str]:
     """The part of a page that is about one module: what it says of itself, then its own public names."""
     name = module.__name__
@@ -41,12 +64,14 @@ def section(module: ModuleType) -> list[str]:
 def _write(app: Sphinx) -> None:
     folder = Path(app.srcdir) / "reference" / "generated"
     folder.mkdir(parents=True, exist_ok=True)
+    pages = {"package": package()}
     for room in ROOMS:
-        lines = [f".. _room-{room}:", "", room, "=" * len(room), ""]
+        pages[room] = [f".. _room-{room}:", "", room, "=" * len(room), ""]
         for module in modules(room):
-            lines += section(module)
+            pages[room] += section(module)
+    for name, lines in pages.items():
         text = "\n".join(lines)
-        page = folder / f"{room}.rst"
+        page = folder / f"{name}.rst"
         if not page.exists() or page.read_text() != text:
             page.write_text(text)
 

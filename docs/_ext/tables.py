@@ -1,0 +1,155 @@
+"""Tables that the program itself knows: rows, trips, worlds, device keys and commands, written from the code."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import typing
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+from sphinx.application import Sphinx
+
+import haptorb
+from haptorb import worlds
+from haptorb.control.trip import GuardState, Trip
+from haptorb.devices import loader
+from haptorb.runtime.row import RowLayout
+from haptorb.worlds.parameter import parameters
+
+
+def table(head: tuple[str, ...], rows: list[tuple[Any, ...]]) -> str:
+    """A Markdown table."""
+    cells = [head, ("---",) * len(head), *rows]
+    return "\n".join("| " + " | ".join(str(cell).replace("|", "\\|") for cell in row) + " |" for row in cells) + "\n"
+
+
+def row_table() -> str:
+    """The fields of a row, for Omni."""
+    layout = RowLayout.of(haptorb.load("omni"))
+    rows = [(f"`{field.name}`", field.width, field.unit, field.about) for field in layout.fields]
+    return table(("field", "numbers", "unit", "meaning"), rows)
+
+
+def trip_table() -> str:
+    """States and reasons, with their codes."""
+    states = table(("code", "state"), [(state.value, state.name.lower()) for state in GuardState])
+    reasons = [(trip.value, trip.name.lower().replace("_", " "), trip.text) for trip in Trip]
+    return states + "\n" + table(("code", "reason", "what it says"), reasons)
+
+
+def world_table() -> str:
+    """Every world of the catalogue with its parameters."""
+    parts = []
+    for name, world in sorted(worlds.CATALOGUE.items()):
+        first = (world.__doc__ or "").strip().splitlines()[0]
+        traits = ("passive" if world.passive else "active", "continuous" if world.continuous else "with jumps")
+        parts.append(
+            f"## {name}\n\n{first} Declared {' and '.join(traits)}. Class `{world.__module__}.{world.__name__}`.\n"
+        )
+        rows = [
+            (f"`{p.name}`", p.default, f"{p.low:g} to {p.high:g}", p.unit, p.about) for p in parameters(world).values()
+        ]
+        if rows:
+            parts.append(table(("parameter", "default", "range", "unit", "meaning"), rows))
+    return "\n".join(parts)
+
+
+def _models(annotation: object) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in typing.get_args(annotation):
+        yield from _models(part)
+
+
+def _kind_of_value(field: Any) -> str:
+    text = " ".join(str(part) for part in (field.annotation, *field.metadata))
+    values = import_module("haptorb.devices.quantity")
+    for part in _leaves(field.annotation, tuple(field.metadata)):
+        for name in values.__all__:
+            if getattr(values, name) is part or part in getattr(getattr(values, name), "__metadata__", ()):
+                return ("list of " if "tuple" in text else "") + _words(name)
+    if "Literal" in text:
+        return ", ".join(f'"{value}"' for value in typing.get_args(field.annotation))
+    return "list of names" if "tuple" in text else "number" if "int" in text else "text"
+
+
+def _leaves(annotation: object, metadata: tuple[object, ...]) -> Iterator[object]:
+    yield annotation
+    yield from metadata
+    yield from getattr(annotation, "__metadata__", ())
+    for part in typing.get_args(annotation):
+        yield from _leaves(part, ())
+
+
+def _words(name: str) -> str:
+    return "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in name).strip()
+
+
+def _keys(model: type[BaseModel], prefix: str) -> Iterator[tuple[str, str]]:
+    for name, field in model.model_fields.items():
+        inner = list(_models(field.annotation))
+        if inner:
+            yield from _keys(inner[0], f"{prefix}{name}.")
+        else:
+            yield f"`{prefix}{name}`", _kind_of_value(field)
+
+
+def device_keys() -> str:
+    """Every key of every kind of device file."""
+    parts = []
+    for kind, (module, schema) in loader.KINDS.items():
+        file = getattr(import_module(module), schema)
+        parts.append(f'### kind = "{kind}"\n\n{table(("key", "value"), list(_keys(file, "")))}')
+    return "\n".join(parts)
+
+
+def command_line() -> str:
+    """What the commands say of themselves."""
+    program = Path(sys.executable).parent / "haptorb"
+
+    def told(*words: str) -> str:
+        environment = {
+            "COLUMNS": "100",
+            "NO_COLOR": "1",
+            "TERM": "dumb",
+            "PATH": "/usr/bin:/bin",
+            "HOME": str(Path.home()),
+        }
+        done = subprocess.run([program, *words, "--help"], capture_output=True, text=True, env=environment, check=True)
+        return "\n".join(line.rstrip() for line in done.stdout.strip("\n").splitlines())
+
+    from typer.main import get_command
+
+    command: Any = get_command(import_module("haptorb.apps.cli.program").app)
+    names = sorted(name for name, one in getattr(command, "commands", {}).items() if not one.hidden)
+    parts = [f"```text\n{told()}\n```\n"]
+    parts += [f"## haptorb {name}\n\n```text\n{told(name)}\n```\n" for name in names]
+    return "\n".join(parts)
+
+
+PAGES = {
+    "row-table": row_table,
+    "trip-table": trip_table,
+    "world-table": world_table,
+    "device-keys": device_keys,
+    "command-line": command_line,
+}
+
+
+def _write(app: Sphinx) -> None:
+    folder = Path(app.srcdir) / "reference" / "generated"
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, made in PAGES.items():
+        page, text = folder / f"{name}.md", made()
+        if not page.exists() or page.read_text() != text:
+            page.write_text(text)
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Write the tables before Sphinx looks for them."""
+    app.connect("builder-inited", _write)
+    return {"parallel_read_safe": True}

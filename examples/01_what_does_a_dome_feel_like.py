@@ -1,0 +1,41 @@
+"""
+What does a dome feel like?
+===========================
+
+The force map of Zárate et al. 2020 with half width 18° and cut-off 54°: what the world asks of a tool that slides down
+the dome, and what the simulated device really gives.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import haptorb
+from haptorb.worlds import Dome
+
+omni = haptorb.load("omni")
+dome = Dome(half_width_deg=18, cut_off_deg=54, moment=2.4).for_device(omni)
+
+# %%
+# A radial tool in contact, from the summit down one meridian.
+angle = np.radians(np.linspace(0.0, 60.0, 241))
+outward = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=-1)
+places = omni.contact_distance * outward
+asked = np.array([dome.wrench(haptorb.State.at(p))[:3] for p in places])
+radial = (asked * outward).sum(axis=1)
+given, saturated = haptorb.felt_map(omni, dome, places)
+
+figure, axes = plt.subplots(figsize=(7, 4))
+axes.axhline(0.0, color="0.8")
+axes.plot(np.degrees(angle), 1e3 * radial, "--", label="asked")
+axes.plot(np.degrees(angle), 1e3 * given, label="given by coils and core")
+axes.set(xlabel="angle from the summit [deg]", ylabel="radial force, outward [mN]", title="A dome of 18°, cut at 54°")
+axes.legend()
+figure.tight_layout()
+
+# %%
+# The asked force changes sign at θ₁ = 18° and is exactly zero from θ₂ = 54° on. What is given there is the core's own
+# pull, which no current asked for.
+zero = np.degrees(angle[np.argmax(radial < 0)])
+assert abs(zero - 18.0) <= 0.25
+assert not asked[angle >= np.radians(54.0)].any()
+assert -0.055 < given[-1] < -0.050

@@ -1,0 +1,114 @@
+"""The documentation builds without a warning, needs nothing from elsewhere to be read, and its links and code work."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urldefrag
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = sorted(
+    path
+    for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    if "_build" not in path.parts and "generated" not in path.parts
+)
+CODE = re.compile(r"^```python\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
+WITH_CODE = [path for path in PAGES if CODE.search(path.read_text(encoding="utf-8"))]
+
+
+class Links(HTMLParser):
+    """What a page fetches by itself, where it points, and which anchors it has."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.fetched: list[str] = []
+        self.targets: list[str] = []
+        self.anchors: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        self.anchors |= {value for key in ("id", "name") if (value := given.get(key))}
+        if tag == "a" and given.get("href"):
+            self.targets.append(str(given["href"]))
+        if tag == "link" and given.get("rel") not in ("canonical", "next", "prev", "index", "search", "genindex"):
+            self.fetched.append(str(given.get("href")))
+        self.fetched += [str(given[key]) for key in ("src", "srcset", "poster") if given.get(key)]
+
+
+@pytest.fixture(scope="session")
+def built(root: Path) -> Path:
+    """The folder of the built pages."""
+    output = root / "docs" / "_build" / "html"
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", str(output)]
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+    if done.returncode:
+        pytest.fail(f"the documentation does not build:\n{done.stdout}{done.stderr}", pytrace=False)
+    return output
+
+
+@pytest.fixture(scope="session")
+def links(built: Path) -> dict[Path, Links]:
+    """Every built page, parsed."""
+    parsed = {}
+    for page in sorted(built.rglob("*.html")):
+        parsed[page] = Links()
+        parsed[page].feed(page.read_text(encoding="utf-8"))
+    return parsed
+
+
+@pytest.mark.timeout(900)
+def test_reading_it_asks_nobody_else_for_anything(built: Path, links: dict[Path, Links]) -> None:
+    elsewhere = [
+        f"{page.relative_to(built)}: {url}"
+        for page, found in links.items()
+        for url in found.fetched
+        if re.match(r"(https?:)?//", url)
+    ]
+    for sheet in built.rglob("*.css"):
+        text = sheet.read_text(encoding="utf-8")
+        elsewhere += [
+            f"{sheet.relative_to(built)}: {url}"
+            for url in re.findall(r"(?:url\(|@import )['\"]?(https?:[^'\")]+)", text)
+        ]
+    assert len(links) > 20
+    assert elsewhere == []
+
+
+@pytest.mark.timeout(900)
+def test_no_internal_link_is_dead(built: Path, links: dict[Path, Links]) -> None:
+    dead = []
+    for page, found in links.items():
+        for target in found.targets:
+            if re.match(r"[a-z]+:", target) or target == "#":
+                continue
+            file, anchor = urldefrag(target)
+            goal = (page.parent / unquote(file)).resolve() if file else page
+            if not goal.exists():
+                dead.append(f"{page.relative_to(built)} → {target}")
+            elif anchor and goal in links and unquote(anchor) not in links[goal].anchors:
+                dead.append(f"{page.relative_to(built)} → {target} (no such anchor)")
+    assert dead == []
+
+
+@pytest.mark.parametrize("page", WITH_CODE, ids=lambda path: str(path.relative_to(ROOT)))
+def test_python_in_the_documentation_runs(page: Path, tmp_path: Path) -> None:
+    """All ```python blocks of a page, one after the other, as one program; ```py blocks are only shown."""
+    program = tmp_path / "page.py"
+    program.write_text("\n\n".join(CODE.findall(page.read_text(encoding="utf-8"))), encoding="utf-8")
+    environment = os.environ | {"MPLBACKEND": "Agg"}
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(program)],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=240,
+    )
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,75 @@
+"""Every public name says what it is; physics also says in which unit."""
+
+from __future__ import annotations
+
+import inspect
+import pkgutil
+from collections.abc import Iterator
+from importlib import import_module
+from types import ModuleType
+
+import pytest
+
+import haptorb
+
+
+def modules() -> list[ModuleType]:
+    """All modules of the package that do not begin with an underscore."""
+    names = [found.name for found in pkgutil.walk_packages(haptorb.__path__, "haptorb.")]
+    return [import_module(name) for name in names if not any(part.startswith("_") for part in name.split("."))]
+
+
+def public(module: ModuleType) -> Iterator[tuple[str, object]]:
+    """Names that a module declares and defines itself."""
+    for name in getattr(module, "__all__", ()):
+        thing = getattr(module, name)
+        if getattr(thing, "__module__", None) == module.__name__:
+            yield name, thing
+
+
+MODULES = modules()
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__.removeprefix("haptorb."))
+def test_public_names_are_documented(module: ModuleType) -> None:
+    silent = [] if inspect.getdoc(module) else ["the module itself"]
+    for name, thing in public(module):
+        if not (inspect.isclass(thing) or inspect.isroutine(thing)):
+            continue
+        if not thing.__doc__:
+            silent.append(name)
+        if not inspect.isclass(thing):
+            continue
+        for key, member in vars(thing).items():
+            inner = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
+            if key.startswith("_") or not (inspect.isroutine(inner) or isinstance(member, property)):
+                continue
+            if not inspect.getdoc(getattr(thing, key)):
+                silent.append(f"{name}.{key}")
+    assert silent == []
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__.removeprefix("haptorb."))
+def test_declared_names_exist(module: ModuleType) -> None:
+    assert [name for name in getattr(module, "__all__", ()) if not hasattr(module, name)] == []
+
+
+def test_what_the_package_offers_exists() -> None:
+    assert all(getattr(haptorb, name) is not None for name in haptorb.__all__)
+    assert sorted(haptorb.__all__) == list(haptorb.__all__)
+
+
+@pytest.mark.parametrize(
+    "module",
+    [module for module in MODULES if module.__name__.startswith("haptorb.physics.")],
+    ids=lambda module: module.__name__.removeprefix("haptorb.physics."),
+)
+def test_physics_names_its_units(module: ModuleType) -> None:
+    """A function that returns numbers says in brackets what they are measured in, or that they are plain: [1]."""
+    mute = []
+    for name, thing in public(module):
+        if not inspect.isfunction(thing) or "Array" not in str(inspect.signature(thing).return_annotation):
+            continue
+        if "[" not in (thing.__doc__ or "") and "(" not in (thing.__doc__ or ""):
+            mute.append(name)
+    assert mute == []
