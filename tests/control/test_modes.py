@@ -157,12 +157,12 @@ def test_indexing_reaches_beyond_the_workspace() -> None:
                 clutch = modes.advance(clutch, turned((0, lam, 0), t=t))
                 if phase in ("back", "hold"):
                     assert clutch.position[0] == before  # let go, or at rest
-    assert clutch.position[0] == pytest.approx(5 * 0.03 * 0.35, abs=1e-12)
-    assert clutch.position[0] > 0.03 * math.radians(22.5) * 4
+    assert clutch.position[0] == pytest.approx(5 * 0.02 * 0.35, abs=1e-12)
+    assert clutch.position[0] > 0.02 * math.radians(22.5) * 4
 
 
 @given(st.integers(0, 10**6))
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=8)
 def test_no_closed_walk_through_both_modes_gives_energy(seed: int) -> None:
     # a stiff spring as target, a hand that turns, switches, lets go and takes hold at random, and comes back
     random = np.random.default_rng(seed)
@@ -179,7 +179,7 @@ def test_no_closed_walk_through_both_modes_gives_energy(seed: int) -> None:
 
     given_back = 0.0
     goal = np.zeros(3)
-    for step in range(3000):
+    for step in range(1800):
         if step % 150 == 0:
             goal = random.uniform(-0.35, 0.35, 3)
             act = random.integers(4)
@@ -202,17 +202,17 @@ def test_no_closed_walk_through_both_modes_gives_energy(seed: int) -> None:
         clutch = modes.advance(replace(clutch, rates=rates), turned(new, rates, t))
         q = new
     stored = energy(modes.target(clutch))
-    assert given_back <= -stored + 1e-3 * (abs(given_back) + stored) + 1e-6  # midpoint rule, 3000 steps
+    assert given_back <= -stored + 1e-3 * (abs(given_back) + stored) + 1e-6  # midpoint rule, 1800 steps
 
 
 def test_gains_that_break_power_are_reported_and_do_break_it() -> None:
     assert Gains().verdict == "power-consistent"
     assert Gains().scaled(0.2).verdict == "scaled"
     assert Gains().scaled(0.0).verdict == "scaled"
-    assert Gains(translate_torque=(0.03, 0.004, 0.01)).verdict == "active"  # as the text of phase 1 has it (E6)
+    assert Gains(translate_torque=(0.02, 0.004, 0.01)).verdict == "active"  # as the text of phase 1 has it (E6)
     assert Gains(rotate_torque=(0.5, 0.5, 0.5)).verdict == "active"  # one factor, but another one than translation
     assert Gains(translate=(0.0, 0.004, 0.01), translate_torque=(0.004, 1.0, 0.01)).verdict == "active"
-    assert Gains(translate_torque=(-0.004, -0.03, -0.01), rotate_torque=(-0.25,) * 3).verdict == "active"
+    assert Gains(translate_torque=(-0.004, -0.02, -0.01), rotate_torque=(-0.25,) * 3).verdict == "active"
     assert Gains(rotate=(0.3, 0.5, 0.7)).rotate_torque == (0.5, 0.3, 0.7)  # printed order: η₁ is of ψ, ζ₁ of λ
 
 

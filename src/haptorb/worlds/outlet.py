@@ -134,7 +134,7 @@ class Outlet(World):
     # h is not given (assumed): blades of 6.3 mm × 1.5 mm are those of a two-pin flat plug, 15.9–18.3 mm long
     arm: float = parameter(16e-3, "m", 5e-3, 40e-3, "h, from the plug's inner end to the hooks when it is home")
     # assumed: the paper's plug never ends; a real one is bevelled, else it could not be put in
-    lead_in: float = parameter(3e-3, "m", 0.5e-3, 10e-3, "length of the plug's bevelled end")
+    lead_in: float = parameter(4e-3, "m", 0.5e-3, 10e-3, "length of the plug's bevelled end")
     seat: float = parameter(5e3, "N/m", 0.0, 50e3, "stiffness of the socket's floor, per corner")
     creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
     beam: Model = "timoshenko"  #: "paper" for appendix B
