@@ -138,6 +138,16 @@ def test_friction_stops_a_slide_and_does_not_turn_it_round():
     assert min(speeds) > -8e-3
 
 
+@given(st.floats(1e-5, 0.3), st.floats(1e-5, 1e-3), st.floats(0.1, 20.0))
+def test_however_rough_friction_only_stops(speed, depth, friction):
+    state, wrench = state_at((0, 0, 0.05 - depth), v=(speed, 0, 0)), np.zeros(6)
+    contact(state, turned(state), BODY, DOME._replace(friction=friction), DT, wrench)
+    pushed = np.array([wrench[0], 0, 0]) / BODY.mass, np.array([0, wrench[4] / BODY.inertia_y, 0])
+    tip = speed + DT * (pushed[0] + np.cross(pushed[1], [0, 0, -BODY.tip]))[0]
+    assert wrench[0] < 0.0
+    assert -1e-12 < tip < speed
+
+
 def test_the_dome_never_pulls():
     R, wrench = np.eye(3), np.zeros(6)
     leaving = state_at((0, 0, 0.04999), v=(0, 0, 3.0))

@@ -157,24 +157,20 @@ class TwoNode:
         def above(t: float) -> float:
             return float(steady[0] - rise + one * np.exp(fast * t) + two * np.exp(slow * t))
 
-        # Two exponentials turn at most once: look up to the turn, then beyond it.
-        starts = [0.0]
+        # Two exponentials turn at most once: a summit may reach the rise before the slow one falls away from it.
         if one * two != 0.0 and -one * fast / (two * slow) > 0.0:
             turn = float(np.log(-one * fast / (two * slow)) / (slow - fast))
-            if turn > 0.0:
-                if above(turn) >= 0.0:
-                    return _root(above, 0.0, turn)
-                starts.append(turn)
-        lower = starts[-1]
+            if turn > 0.0 and above(turn) >= 0.0:
+                return _root(above, 0.0, turn)
         rising = two * slow > 0.0 if two != 0.0 else one * fast > 0.0
         if not rising or (slow < 0.0 and steady[0] <= rise):
             return float("inf")
-        upper = lower + 1.0 / abs(fast)
+        upper = 1.0 / abs(fast)
         while above(upper) < 0.0:
-            upper = lower + 2 * (upper - lower)
+            upper *= 2
             if upper > 1e4 / abs(slow):
                 return float("inf")
-        return _root(above, lower, upper)
+        return _root(above, 0.0, upper)
 
     def _time_on_voltage(self, rise: float, power: float, begin: Array, coefficient: float) -> float:
         fast, slow = self.time_constants
