@@ -95,7 +95,7 @@ def test_a_motor_that_cannot_turn_about_every_axis_is_caught():
     )
     groups = text[text.index("coils = [\n") : text.index("# Resistance")]
     text = text.replace(groups, "coils = [[1, 5], [2, 6], [3, 7], [4, 8]]\n").replace("series-opposed", "series-aiding")
-    with pytest.raises(DeviceError, match=r"rank 1|weaker about one axis|no torque at any"):
+    with pytest.raises(DeviceError, match="about 1 of three axes"):
         parse(text, "mine")
 
 

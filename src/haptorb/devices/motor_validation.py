@@ -153,7 +153,9 @@ def _weakness(motor: SphericalMotor, groups: Sequence[Sequence[int]]) -> list[st
     worst = int(np.argmin(weakest / strongest))
     rank = int((values[worst] > 1e-6 * strongest[worst]).sum())
     if rank < 3:
-        found.append(f"groups: the channels turn the rotor about {rank} axes only (rank {rank}) within the workspace")
+        found.append(
+            f"groups: the channels turn the rotor about {rank} of three axes (rank {rank}) somewhere in the workspace"
+        )
     elif strongest[worst] > WORST_CONDITION * weakest[worst]:
         found.append(
             f"groups: {strongest[worst] / weakest[worst]:.0f} times weaker about one axis than about another within "

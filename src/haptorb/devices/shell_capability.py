@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.endurance import endurance
 from haptorb.devices.state import State
 from haptorb.physics.arrays import Array
-from haptorb.physics.thermal import TwoNode
 
 __all__ = ["FORCE_JND", "Layer", "ShellCapability", "shell_capability"]
 
@@ -49,7 +49,7 @@ def shell_capability(
     if distances is None:
         distances = device.contact_distance + np.linspace(0, device.shell_thickness, 5)
     directions = _cap(device.workspace_half_angle, points)
-    return ShellCapability(tuple(_layer(device, float(d), directions) for d in distances), _endurance(device))
+    return ShellCapability(tuple(_layer(device, float(d), directions) for d in distances), endurance(device))
 
 
 def _cap(half_angle: float, points: int) -> Array:
@@ -91,17 +91,3 @@ def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -
         float(np.mean(pulls)),
         float(np.max(errors)),
     )
-
-
-def _endurance(device: SphericalElectromagnet) -> tuple[tuple[float, float], ...]:
-    coils, heat = device.coils, device.coils.heat
-    model = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
-    cold = coils.resistance_at(np.full(device.channels, heat.ambient))
-    alpha = coils.temperature_coefficient / (
-        1 + coils.temperature_coefficient * (heat.ambient - coils.reference_temperature)
-    )
-    rows = []
-    for share in (1.0, 0.75, 0.5, 0.25):
-        power = float(np.max((share * coils.current_limit) ** 2 * cold))
-        rows.append((share, model.time_to(heat.derate - heat.ambient, power, drive="current", coefficient=alpha)))
-    return tuple(rows)

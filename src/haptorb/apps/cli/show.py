@@ -75,13 +75,14 @@ def inspect(
     plot: Annotated[Path | None, typer.Option(help="Draw the card into this PNG or SVG file.")] = None,
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
     assumed: Annotated[bool, typer.Option("--assumed", help="List what is assumed, with the reasons.")] = False,
+    override: Annotated[bool, typer.Option("--override", help="Study a device that validation refuses.")] = False,
 ) -> None:
     """The capability card of a device: what it can do, sense and endure, and what its models get wrong."""
     from rich.console import Console
 
     from haptorb.devices.loader import load
 
-    found = load(device)
+    found = load(device, override=override)
     if assumed:
         for key, reason in found.assumed.items():
             print(f"{key}: {reason}")
@@ -91,7 +92,9 @@ def inspect(
     if plot is not None and not plot.parent.is_dir():
         raise InputError(f"--plot: the folder '{plot.parent}' does not exist")
     from haptorb.apps.inspect import card
+    from haptorb.apps.progress import build_tables
 
+    build_tables(found)
     made = card(found)
     if json:
         from json import dumps

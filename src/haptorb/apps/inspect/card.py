@@ -18,6 +18,7 @@ __all__ = ["Card", "card", "facts", "shown"]
 #: class of a device → (module, class) of its card; a new kind of device adds its line
 _CARDS = {
     "SphericalElectromagnet": ("haptorb.apps.inspect.electromagnet", "ElectromagnetCard"),
+    "SphericalMotor": ("haptorb.apps.inspect.motor", "MotorCard"),
 }
 
 

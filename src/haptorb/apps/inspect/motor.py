@@ -1,0 +1,144 @@
+"""The card of a spherical motor: torque about each axis, condition and heat over the workspace, and who carries it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from haptorb.apps.inspect.card import Card, facts, shown
+from haptorb.control.motor_capability import motor_capability
+from haptorb.devices.endurance import endurance
+from haptorb.devices.spherical_motor import SphericalMotor
+from haptorb.physics.arrays import Array
+
+__all__ = ["MotorCard"]
+
+_AXES = ("X", "Y", "Z")
+
+
+@final
+class MotorCard(Card):
+    """Torques are about the stator's axes, each alone, by the table of the exact level."""
+
+    def __init__(self, device: SphericalMotor) -> None:
+        self._device = device
+        self._capability = motor_capability(device)
+        self._endurance = endurance(device)
+
+    def numbers(self) -> dict[str, Any]:
+        """Everything on the card as plain JSON types."""
+        device, capability = self._device, self._capability
+        tables = device.tables
+        return {
+            **facts(device),
+            "findings": list(device.findings),
+            "actuated_dof": 3,
+            "sensed_dof": "3 angles by the field sensors; spin only modulo the magnets' period",
+            "field_sensors": device.sensors,
+            "workspace_tilt_deg": math.degrees(device.workspace_tilt),
+            "tilts_rad": capability.tilts.tolist(),
+            "spins_per_tilt": capability.spins,
+            "peak_torque_nm": capability.peak.tolist(),
+            "continuous_torque_nm": capability.continuous.tolist(),
+            "condition": capability.condition.tolist(),
+            "weakest_singular_value_nm_per_a": capability.weakest.tolist(),
+            "power_w_per_nm2": capability.power.tolist(),
+            "channel_shares_of_power": {axis: capability.shares[number].tolist() for number, axis in enumerate(_AXES)},
+            "table_error": {"torque": tables.torque_pair.bound, "field": tables.field_pair.bound},
+            "endurance": [
+                {"share_of_full_current": share, "seconds": seconds if math.isfinite(seconds) else None}
+                for share, seconds in self._endurance
+            ],
+        }
+
+    def show(self, console: Console) -> None:
+        """Print it for people."""
+        device, capability = self._device, self._capability
+        shown(device, console)
+        for finding in device.findings:
+            console.print(f"[bold red]overridden[/] {finding}")
+        table = Table.grid(padding=(0, 3))
+        table.add_row(
+            "workspace",
+            f"|ψ|, |λ| up to {math.degrees(device.workspace_tilt):g}°, φ free; rotor {device.rotor.mass:g} kg",
+        )
+        table.add_row("sensed", f"3 angles by {device.sensors} field sensors; spin only modulo the magnets' period")
+        table.add_row("condition", f"{capability.condition.min():.2f} to {capability.condition.max():.2f}")
+        console.print(table)
+        console.print("\nTorque about each axis alone, over the workspace and every spin")
+        torques = Table(box=SIMPLE_HEAD, padding=(0, 2))
+        for heading in (
+            "axis",
+            "peak least\n[N·m]",
+            "peak most\n[N·m]",
+            "for ever least\n[N·m]",
+            "heat for 0.1 N·m\nat worst [W]",
+        ):
+            torques.add_column(heading, justify="right")
+        for number, axis in enumerate(_AXES):
+            torques.add_row(
+                axis,
+                f"{capability.peak[..., number].min():.2f}",
+                f"{capability.peak[..., number].max():.2f}",
+                f"{capability.continuous[..., number].min():.3f}",
+                f"{0.01 * capability.power[..., number].max():.2f}",
+            )
+        console.print(torques)
+        console.print("Which channels carry it: share of the heat, mean over the workspace [%]")
+        shares = Table(box=SIMPLE_HEAD, padding=(0, 1))
+        for heading in ("channel", "coils", *_AXES):
+            shares.add_column(heading, justify="right")
+        for channel, name in enumerate(device.coils.names):
+            members = np.flatnonzero(device.groups[:, channel])
+            wired = " ".join(f"{'+' if device.groups[coil, channel] > 0 else '−'}EM{coil + 1}" for coil in members)
+            shares.add_row(name, wired, *(f"{100 * capability.shares[axis, channel]:.0f}" for axis in range(3)))
+        console.print(shares)
+        lasting = ", ".join(f"{100 * share:.0f} % {_duration(seconds)}" for share, seconds in self._endurance)
+        room = device.coils.heat.ambient - 273.15
+        console.print(f"endurance of one channel from {room:.0f} °C by share of full current: {lasting}")
+        console.print(f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
+
+    def plot(self, path: Path) -> None:
+        """Draw maps over tilt (worst spin) of torque, condition and heat, and the channels' shares, into `path`."""
+        from matplotlib.figure import Figure
+
+        capability = self._capability
+        figure = Figure(figsize=(13, 7), layout="constrained")
+        axes = figure.subplots(2, 4)
+        degrees = np.degrees(capability.tilts)
+
+        def map_of(place: Any, values: Array, title: str) -> None:
+            picture = place.pcolormesh(degrees, degrees, values.T, shading="gouraud", cmap="viridis")
+            place.set(xlabel="ψ [°]", ylabel="λ [°]", aspect="equal")
+            place.set_title(title, loc="left", fontsize=10)
+            figure.colorbar(picture, ax=place, shrink=0.8)
+
+        for number, axis in enumerate(_AXES):
+            map_of(axes[0, number], capability.peak[..., number], f"peak torque about {axis} [N·m]")
+            map_of(axes[1, number], 0.01 * capability.power[..., number], f"heat for 0.1 N·m, {axis} [W]")
+        map_of(axes[0, 3], capability.condition, "condition of K (worst spin)")
+        names = self._device.coils.names
+        place = axes[1, 3]
+        bottom = np.zeros(len(names))
+        for number, axis in enumerate(_AXES):
+            place.bar(
+                np.arange(1, len(names) + 1), 100 * capability.shares[number], bottom=bottom, label=f"about {axis}"
+            )
+            bottom = bottom + 100 * capability.shares[number]
+        place.set_title("share of the heat [%]", loc="left", fontsize=10)
+        place.set_xlabel("channel")
+        place.legend(frameon=False, fontsize=8)
+        figure.suptitle(self._device.title, x=0.01, ha="left", fontweight="bold")
+        figure.savefig(path, dpi=150)
+
+
+def _duration(seconds: float) -> str:
+    if math.isinf(seconds):
+        return "for ever"
+    return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"
