@@ -36,6 +36,7 @@ class Loop:
         # Single numbers come out of a memoryview ten times faster than out of an array.
         self._cells = self._row.data.cast("B").cast("d")
         self._ticks = 0
+        self._now = 0.0  # on the loop's clock [s]
         self._stopped = shared.words[Word.STOP]
         self._engaged = shared.words[Word.ENGAGE]
         self._asked = shared.request.version
@@ -94,7 +95,8 @@ class Loop:
                 return Trip.HOST_SILENT
             self._obey()
             self.in_step = True
-            chain.step(row, schedule.number * period * 1e-9)
+            self._now = schedule.number * period * 1e-9
+            chain.step(row, self._now)
             self.in_step = False
             cells[begin] = self._ticks
             cells[wall] = now * 1e-9
@@ -154,8 +156,7 @@ class Loop:
             self._shared.floats[Word.PEAK] = square**0.5
         tripped = cells[self._guard] == _TRIPPED
         if tripped and not self._tripped:
-            at = self._shared.layout
-            self._shared.announce_trip(cells[at["t"].start], cells[at["trip"].start])
+            self._shared.announce_trip(self._now, cells[self._shared.layout["trip"].start])
             self._shared.error.write(self._chain.error[:1000])
         self._tripped = tripped
 
@@ -171,7 +172,7 @@ class Loop:
         row[at["guard"]] = GuardState.OFF if failed is None else GuardState.TRIPPED
         row[at["trip"]] = Trip.CLOSING if failed is None else failed
         if failed is not None:
-            shared.announce_trip(row[at["t"].start], failed)
+            shared.announce_trip(self._now, failed)
         shared.ring.publish(row)
 
 

@@ -46,7 +46,7 @@ def trips(shared: Shared) -> list[dict[str, Any]]:
     found = []
     for t, code in shared.trips[: min(shared.words[Word.TRIPS], TRIPS)].tolist():
         trip = Trip(int(code))
-        found.append({"t": t if math.isfinite(t) else None, "code": trip.name, "reason": trip.text})
+        found.append({"t": t, "code": trip.name, "reason": trip.text})
     return found
 
 

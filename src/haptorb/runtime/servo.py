@@ -140,6 +140,11 @@ class Servo:
         return self._children is not None and self._children.alive
 
     @property
+    def servo_pid(self) -> int:
+        """Process id of the loop; 0 before the start."""
+        return self._children.servo_pid if self._children is not None else 0
+
+    @property
     def recording_trouble(self) -> str:
         """Why the recording ended before the servo did; empty while all is well."""
         return self._children.recorder_trouble if self._children is not None else ""

@@ -1,0 +1,95 @@
+"""What is known about this computer, and what it did while the loop ran."""
+
+from __future__ import annotations
+
+import os
+import platform
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+__all__ = ["Machine", "Took", "Watch", "this_machine"]
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Facts that matter to a real-time loop."""
+
+    processor: str
+    cores: int  #: that this process may use
+    kernel: str
+    preemptible: bool
+    virtual: bool
+    governor: str  #: of the processor's clock; empty where the kernel does not tell
+    python: str
+
+
+@dataclass(frozen=True)
+class Took:
+    """What others took from the loop while it was measured."""
+
+    preempted: int  #: times that the kernel gave the servo's processor to somebody else
+    stolen: float  #: share of all processor time that a virtual machine's host kept for itself
+    others: float  #: cores that were busy, the servo's own work included
+
+
+def this_machine() -> Machine:
+    """The computer that this runs on."""
+    processor = ""
+    flags = ""
+    for line in _text("/proc/cpuinfo").splitlines():
+        key, _, value = line.partition(":")
+        if key.strip() == "model name":
+            processor = processor or value.strip()
+        elif key.strip() == "flags":
+            flags = flags or value
+    return Machine(
+        processor or platform.machine(),
+        len(os.sched_getaffinity(0)),
+        f"{platform.release()} {platform.version()}",
+        "PREEMPT" in platform.version(),
+        "hypervisor" in flags.split(),
+        _text("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").strip(),
+        platform.python_version(),
+    )
+
+
+@final
+class Watch:
+    """Looks at the kernel's counters when it is made, and again in `took`."""
+
+    def __init__(self, pid: int) -> None:
+        self._pid = pid
+        self._times = _times()
+        self._preempted = _preempted(pid)
+
+    def took(self) -> Took:
+        """What was taken since the beginning."""
+        passed = [now - then for now, then in zip(_times(), self._times, strict=True)]
+        total = max(sum(passed), 1)
+        idle = passed[3] + passed[4]
+        return Took(
+            max(_preempted(self._pid) - self._preempted, 0),
+            passed[7] / total,
+            (os.cpu_count() or 1) * (total - idle - passed[7]) / total,
+        )
+
+
+def _times() -> list[int]:
+    """user, nice, system, idle, iowait, irq, softirq, steal of all processors together, in the kernel's ticks."""
+    fields = _text("/proc/stat").partition("\n")[0].split()[1:9]
+    return [int(field) for field in fields] or [0] * 8
+
+
+def _preempted(pid: int) -> int:
+    for line in _text(f"/proc/{pid}/status").splitlines():
+        if line.startswith("nonvoluntary_ctxt_switches:"):
+            return int(line.split()[1])
+    return 0
+
+
+def _text(path: str) -> str:
+    try:
+        return Path(path).read_text()
+    except OSError:
+        return ""
