@@ -177,6 +177,7 @@ static void nap(uint8_t seen)
 
 static void thermometer_slot(void)
 {
+    static uint8_t fails[THERMOMETERS]; /* a disturbed reading now and then is no missing sensor */
     const enum slot slot = thermometers_next(&thermometers);
     uint8_t line;
     int16_t sixteenths;
@@ -186,11 +187,15 @@ static void thermometer_slot(void)
         return;
     switch (thermometers_done(&thermometers, bit, &line, &sixteenths)) {
     case THERMOMETER_READ:
+        fails[line] = 0;
         bridge.plan.readings.temperature[line] = sixteenths;
         bridge.plan.missing &= (uint16_t)~MISSING_THERMOMETER(line);
         guard_temperature(&bridge.guard, sixteenths);
         break;
     case THERMOMETER_MISSING:
+        if (++fails[line] < 3)
+            break;
+        fails[line] = 3;
         bridge.plan.readings.temperature[line] = 0x7FFF;
         bridge.plan.missing |= (uint16_t)MISSING_THERMOMETER(line);
         break;

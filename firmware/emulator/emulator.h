@@ -59,6 +59,7 @@ void uart_model_close(void);            /* as if the cable had been pulled */
 void uart_model_poll(void);             /* carries bytes between pty and line */
 void uart_model_inject(const uint8_t *bytes, int count);
 void uart_model_turns(double *median, double *p99, uint32_t *count); /* [us], since the last call */
+extern bool uart_noise;                 /* the line carries random bytes */
 extern uint64_t uart_received, uart_sent, uart_overruns, uart_last_byte; /* the last: cycle */
 
 /* onewire_model.c */

@@ -6,12 +6,14 @@
  *   reset | brownout  pull the reset pin; sag the supply
  *   hang              the main loop stops for ever: only interrupts and the watchdog are left
  *   pull | plug       close the pty, as if the cable were pulled; bring it back
+ *   noise 0|1         the line carries random bytes instead of the host's
  *   absent CHIP | present CHIP      pca9685 ina219-x ina219-y ina219-z max11616 ds18b20-x -y -z
  *   forget            power-cycle the chips without resetting the processor
  *   stuck | free      somebody holds SDA low; lets go
  *   button 0|1        stop button pressed or not
  *   resistance I R    coil I gets R ohm: a short
  *   heat I T          thermometer I at T degC (only without --physics)
+ *   pace P            firmware time from here on runs at P of ours, 0 < P <= 1
  *   quit
  */
 #define _GNU_SOURCE
@@ -53,6 +55,8 @@ static avr_t *avr;
 static const struct board *board;
 static const char *link_path = "/tmp/haptorb-omni";
 static bool on, quit;
+static double pace = 1; /* below 1: firmware time runs slower than ours, for computers that are busy */
+static double epoch;    /* our time at which firmware time was zero, had it always run at this pace */
 static double mark = -1;
 static uint8_t reset_flags = 0x01; /* power-on */
 static int resets;
@@ -206,6 +210,11 @@ static void command(char *line, double behind)
     else if (!strcmp(word, "button")) { mark = now(); pressed = argument[0] == '1'; button(pressed); }
     else if (!strcmp(word, "resistance")) { mark = now(); world.resistance[atoi(argument) % CHANNELS] = number; }
     else if (!strcmp(word, "heat")) { mark = now(); world.temperature[atoi(argument) % CHANNELS] = number; }
+    else if (!strcmp(word, "noise")) { mark = now(); uart_noise = argument[0] == '1'; }
+    else if (!strcmp(word, "pace")) {
+        pace = atof(argument) > 0 && atof(argument) < 1 ? atof(argument) : 1;
+        epoch = wall() - now() / pace;
+    }
     else if (!strcmp(word, "quit")) quit = true;
     else { printf("@error unknown command %s\n", word); fflush(stdout); return; }
     printf("@done %s\n", word);
@@ -257,7 +266,6 @@ int main(int argc, char **argv)
                                             {"lockstep", 0, 0, 's'}, {"pace", 1, 0, 'c'}, {"free", 0, 0, 'f'}, {0, 0, 0, 0}};
     const char *mcu = "atmega328p", *physics = 0;
     bool lockstep = false, free_running = false;
-    double pace = 1; /* below 1: firmware time runs slower than ours, for computers that are busy */
     elf_firmware_t firmware;
 
     for (int c; (c = getopt_long(argc, argv, "", options, 0)) != -1;) {
@@ -289,7 +297,7 @@ int main(int argc, char **argv)
     avr->sleep = no_nap;
 
     world.supply = 12;
-    world.inductance = 1.0e-3;
+    world.inductance = 0.4e-3;
     for (int i = 0; i < CHANNELS; i++) {
         world.resistance[i] = 0.6;
         world.temperature[i] = 25;
@@ -313,7 +321,7 @@ int main(int argc, char **argv)
     printf("@ready %s\n", link_path);
     fflush(stdout);
 
-    double epoch = wall();
+    epoch = wall();
     double behind = 0;
     uint64_t target = avr->cycle, slices = 0;
     while (!quit) {

@@ -21,6 +21,8 @@ enum { RXCIE = 0x80, UDRIE = 0x20, RXEN = 0x10, TXEN = 0x08 };
 
 uint64_t uart_received, uart_sent, uart_overruns, uart_last_byte;
 
+bool uart_noise;
+
 static avr_t *avr;
 static avr_int_vector_t *rx_vector, *udre_vector;
 static int master = -1, slave = -1;
@@ -263,8 +265,13 @@ void uart_model_poll(void)
     const int room = LINE_SIZE - (int)(line_in - line_out);
     if (room > 0) {
         const ssize_t n = read(master, buffer, room < (int)sizeof buffer ? (size_t)room : sizeof buffer);
-        if (n > 0)
+        if (n > 0 && !uart_noise)
             uart_model_inject(buffer, (int)n);
+    }
+    if (uart_noise && line_in - line_out < 32) {
+        for (int i = 0; i < 32; i++)
+            buffer[i] = (uint8_t)(random() >> 8);
+        uart_model_inject(buffer, 32);
     }
     line_start();
     if (out_count > 0) {

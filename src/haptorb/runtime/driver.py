@@ -39,6 +39,11 @@ class Driver(ABC):
         """Apply `duties` (m,) in −1…1 of the supply voltage; returns (m,) what was really applied, after clipping
         and quantisation."""
 
+    def engage(self) -> None:
+        """A person wants the coils on again after a trip. A driver whose hardware latches trips by itself forgets them
+        here; nothing flows before the next `write`. Raises DriverError if that cannot be."""
+        return
+
     @abstractmethod
     def truth(self) -> Array:
         """(6,) the wrench that the coils and the core really put on the mover in the last tick, if the driver can

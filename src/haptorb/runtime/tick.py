@@ -86,6 +86,11 @@ class Tick:
 
     def engage(self) -> bool:
         """Leave OFF or a trip deliberately; False while its reason is still there."""
+        try:
+            self.driver.engage()
+        except HaptorbError as cause:
+            self._failed(Trip.DRIVER_FAILED, cause)
+            return False
         engaged = self.guard.engage()
         if engaged:
             self.error = ""

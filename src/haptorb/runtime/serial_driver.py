@@ -1,0 +1,254 @@
+"""The driver of a real device behind a serial port: one frame each way per tick, and no current without intent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import monotonic
+from typing import final
+
+import numpy as np
+
+from haptorb.devices.device import Device
+from haptorb.errors import DriverError
+from haptorb.physics.arrays import Array
+from haptorb.runtime.board import Board
+from haptorb.runtime.driver import Driver
+from haptorb.runtime.hall_sensor import RadialHallSensors
+from haptorb.runtime.protocol import (
+    CHANNELS,
+    DUTY_STEPS,
+    HALL_SENSORS,
+    Identity,
+    Reading,
+    Reason,
+    Refusal,
+    Standing,
+    counts,
+    missing_chips,
+)
+from haptorb.sensing.sample import Pose, Sample
+
+__all__ = ["SerialDriver", "untracked"]
+
+_LOST_IN_A_ROW = 3  #: readings repeated before the device counts as silent
+_RETRY = 0.25  #: between two attempts to reach a port that has gone [s]
+_MEETING = 0.2  #: for an answer when the port is back [s]; no Arduino restarts in the middle of a loop
+_WARM_UP = 4.0  #: until every sensor has been read once [s]
+_REQUIRED = 0xFF  #: every part
+
+_NOTHING_KNOWN = np.full(6, np.nan)
+
+
+def untracked(now: float) -> Pose:
+    """The word of a tracker that is not there: not valid."""
+    return Pose(now, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), valid=False)
+
+
+@final
+class SerialDriver(Driver):
+    """Three coils, their currents and temperatures and nine Hall sensors behind the firmware at `path`.
+
+    `write` sends the duties and returns at once; the answer, with the readings, is collected by the next `read`. So a
+    sample is one period old: `reading_age` tells exactly.
+
+    The coils are engaged by the first duties that are not zero after `open` or `engage`. When the firmware trips, when
+    the line falls silent or the port disappears, `read` raises DriverError with the reason, duties are zero, and stay
+    zero, port or no port, until `engage` is called: that is for a person to do. A port that comes back is found again
+    by the next `read`, a quarter of a second later at the latest.
+
+    pose(now) is the tracker's word on where the tool is; without it no pose is ever valid. `patience` [s] is how long
+    `read` waits for the answer to the last tick's frame; three unanswered in a row are a device that has gone.
+    """
+
+    simulated = False
+
+    def __init__(
+        self, device: Device, path: str, pose: Callable[[float], Pose] = untracked, *, patience: float = 5e-3
+    ) -> None:
+        if device.channels != CHANNELS:
+            raise DriverError(
+                f"the serial protocol serves {CHANNELS} coils; device '{device.name}' has {device.channels}"
+            )
+        self.name = f"serial:{path}"
+        self._device = device
+        self._path = path
+        self._pose = pose
+        self._patience = patience
+        positions = getattr(getattr(device, "hall", None), "positions", None)
+        if positions is None or len(positions) != HALL_SENSORS:
+            raise DriverError(f"the firmware reads {HALL_SENSORS} Hall sensors; device '{device.name}' has others")
+        self._hall = RadialHallSensors(positions)
+        self._board: Board | None = None
+        self._next_try = 0.0
+        self._start()
+
+    def _start(self) -> None:
+        self._armed = True  # the next duties may engage the coils
+        self._engaged = False
+        self._fault = ""
+        self._lost = 0
+        self._opened = False
+        self._applied = np.zeros(CHANNELS)
+        self._currents = np.zeros(CHANNELS)
+        self._shares = np.full(HALL_SENSORS, np.nan)
+        self._temperatures = np.full(CHANNELS, np.nan)
+        self._age = 0.0
+
+    @property
+    def identity(self) -> Identity | None:
+        """Who answers; None while nobody does."""
+        return None if self._board is None else self._board.identity
+
+    @property
+    def fault(self) -> str:
+        """Why no current flows, in one clause; empty if it may."""
+        return self._fault
+
+    @property
+    def reading_age(self) -> float:
+        """Age of the last sample's currents when the firmware sent them [s]."""
+        return self._age
+
+    def open(self) -> None:
+        """Connect; wait until every sensor has been read once. Raises DriverError naming what is missing."""
+        self.close()
+        self._start()
+        self._board = Board(self._path)
+        self._opened = True
+        try:
+            self._warm_up(self._board)
+        except BaseException:
+            self.close()
+            raise
+
+    def _warm_up(self, board: Board) -> None:
+        end = monotonic() + _WARM_UP
+        while True:
+            reading = board.read()
+            self._take(reading)
+            known = np.isfinite(self._shares).all() and np.isfinite(self._temperatures).all()
+            if known and not reading.missing & _REQUIRED:
+                return
+            if monotonic() > end:
+                parts = "; ".join(missing_chips(reading.missing)) or "a sensor"
+                raise DriverError(f"at {self._path} there is no answer from: {parts}. Check wiring and supply")
+
+    def close(self) -> None:
+        """Coils off, then disconnect. May be called twice."""
+        board, self._board = self._board, None
+        self._opened = self._engaged = False
+        self._applied = np.zeros(CHANNELS)
+        if board is not None:
+            board.close()
+
+    def engage(self) -> None:
+        """A person wants the coils on again: forget a trip; the next duties that are not zero engage them."""
+        if self._engaged:
+            return
+        self._armed = True
+        self._fault = ""
+        self._lost = 0
+        if self._board is not None:
+            try:
+                self._board.off()
+            except DriverError as cause:
+                raise self._failed(str(cause), gone=True) from cause
+
+    def _failed(self, why: str, *, gone: bool = False) -> DriverError:
+        """No current from now on, until `engage`."""
+        self._armed = self._engaged = False
+        self._applied = np.zeros(CHANNELS)
+        self._fault = why
+        if gone:
+            board, self._board = self._board, None
+            self._next_try = monotonic() + _RETRY
+            if board is not None:
+                board.close()
+        return DriverError(why)
+
+    def _reconnected(self) -> Board:
+        if monotonic() < self._next_try:
+            raise DriverError(self._fault)
+        self._next_try = monotonic() + _RETRY
+        try:
+            self._board = Board(self._path, _MEETING)
+        except DriverError as cause:
+            self._next_try = monotonic() + _RETRY
+            raise DriverError(f"{self._fault}; trying again: {cause}") from cause
+        return self._board
+
+    def read(self, now: float) -> Sample:
+        """The sample at `now` [s]: the answer to what the last tick sent."""
+        if not self._opened:
+            raise DriverError(f"the device at {self._path} is not open; use it in a `with` block or call open() first")
+        board = self._board or self._reconnected()
+        try:
+            if not board.posted:
+                board.post(None)
+            reading = board.collect(self._patience)
+        except DriverError as cause:
+            raise self._failed(str(cause), gone=True) from cause
+        if reading is None:
+            self._lost += 1
+            if self._lost >= _LOST_IN_A_ROW:
+                raise self._failed(f"no answer from the firmware at {self._path}; check cable and supply", gone=True)
+        else:
+            self._lost = 0
+            self._take(reading)
+            self._judge(reading)
+        return Sample(
+            now, self._currents.copy(), self._temperatures.copy(), self._hall.field(self._shares), self._pose(now)
+        )
+
+    def _take(self, reading: Reading) -> None:
+        self._currents = reading.currents
+        self._shares[reading.hall_first : reading.hall_first + len(reading.hall)] = reading.hall
+        self._temperatures[reading.thermometer] = reading.temperature
+        self._age = reading.age
+
+    def _judge(self, reading: Reading) -> None:
+        """What the firmware says about itself: a trip, or a restart that nobody asked for."""
+        if reading.standing is Standing.TRIPPED:
+            parts = missing_chips(reading.missing & 0x0F) if reading.reason is Reason.CHIP else ()
+            detail = f": {', '.join(parts)}" if parts else ""
+            raise self._failed(f"the firmware switched the coils off: {reading.reason.text}{detail}")
+        if self._engaged and reading.standing is Standing.OFF:
+            raise self._failed(f"the firmware is off by itself: {reading.reason.text}")
+
+    def write(self, duties: Array) -> Array:
+        """Send `duties` (3,); returns (3,) what was applied: in the PWM's steps, zeros while the coils are off."""
+        steps = counts(duties)
+        board = self._board
+        if board is None or not self._opened or not (self._engaged or (self._armed and any(steps))):
+            return np.zeros(CHANNELS)
+        try:
+            refusal = "" if self._engaged else self._refusal(board)
+            if not refusal:
+                board.post(steps)
+        except DriverError as cause:
+            raise self._failed(str(cause), gone=True) from cause
+        if refusal:
+            raise self._failed(f"the firmware refused to engage: {refusal}")
+        self._engaged = True
+        self._applied = np.array(steps) / DUTY_STEPS
+        return self._applied.copy()
+
+    def _refusal(self, board: Board) -> str:
+        """Engage; why the firmware does not want to, or nothing."""
+        if board.posted:
+            board.collect(self._patience)
+        self._armed = False
+        limit = float(np.max(self._device.coils.current_limit)) * 1.05  # the guard's limit first, then this one
+        state = board.engage(1.0, min(limit, 65.5))
+        if state.refusal is Refusal.ACCEPTED:
+            return ""
+        reasons = {
+            Refusal.STOP_BUTTON: Reason.STOP_BUTTON.text,
+            Refusal.CHIP: "not ready: " + (", ".join(missing_chips(state.missing & 0x0F)) or "try again"),
+            Refusal.TRIPPED: f"it tripped: {state.reason.text}",
+        }
+        return reasons.get(state.refusal, state.refusal.name)
+
+    def truth(self) -> Array:
+        """(6,) NaN: nobody can know it on a real device."""
+        return _NOTHING_KNOWN

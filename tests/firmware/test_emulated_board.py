@@ -1,0 +1,194 @@
+"""The real firmware, emulated, behind the real driver: readings, limits, reasons, and a cable that comes back."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptorb.devices.loader import load
+from haptorb.errors import DriverError
+from haptorb.runtime.board import Board
+from haptorb.runtime.protocol import Reason, Refusal, Standing
+from haptorb.runtime.serial_driver import SerialDriver
+
+pytestmark = [pytest.mark.firmware, pytest.mark.timeout(600)]
+
+SMALL = np.array([0.1, -0.05, 0.02])
+
+
+@pytest.fixture
+def driver(emulator: Any) -> Iterator[SerialDriver]:
+    one = SerialDriver(load("omni"), emulator.port, patience=1.0)
+    one.open()
+    emulator.slow()
+    yield one
+    one.close()
+
+
+def ticks(driver: SerialDriver, duties: Any, count: int) -> list[Any]:
+    samples = []
+    for _ in range(count):
+        samples.append(driver.read(0.0))
+        driver.write(duties)
+    return samples
+
+
+def test_currents_settle_at_duty_times_supply_over_resistance(emulator: Any, driver: SerialDriver) -> None:
+    last = ticks(driver, SMALL, 25)[-1]
+    # the emulator's own coils: 0.6 Ω and 12 V, and the PWM's steps of 1/4096
+    assert last.currents == pytest.approx(np.round(SMALL * 4096) / 4096 * 20, abs=3e-3)
+    assert last.temperatures == pytest.approx(np.full(3, 298.15), abs=0.2)
+    assert np.isfinite(last.field).all()
+    assert last.field.shape == (9, 3)
+    assert driver.fault == ""
+
+
+def test_identity_limits_and_calibration_can_be_read(started: Callable[..., Any]) -> None:
+    for board, name in (("m328p", "ATmega328P"), ("m2560", "ATmega2560")):
+        emulator = started(board)
+        device = Board(emulator.port)
+        assert device.identity.board == name
+        assert device.identity.reset is Reason.POWER_ON
+        assert (device.identity.channels, device.identity.hall_sensors) == (3, 9)
+        assert device.identity.calibration == bytes(16)
+        assert device.limits.current == pytest.approx(21.0)
+        assert device.limits.silence == pytest.approx(0.015)
+        wanted = bytes(range(100, 116))
+        assert device.store(wanted).refusal is Refusal.ACCEPTED
+        time.sleep(0.5)
+        device.close()
+        emulator.tell("reset")  # the EEPROM remembers
+        again = Board(emulator.port)
+        assert again.identity.calibration == wanted
+        assert again.identity.reset is Reason.RESET_PIN
+        again.close()
+
+
+def test_a_session_may_ask_for_less_than_the_limits(emulator: Any) -> None:
+    device = Board(emulator.port)
+    time.sleep(0.2)
+    emulator.slow()
+    assert device.engage(0.25, 30.0).refusal is Refusal.ACCEPTED
+    reading = device.set([4095, -4095, 5])
+    assert reading.applied == pytest.approx([0.25, -0.25, 5 / 4096])
+    assert device.store(bytes(16)).refusal is Refusal.ENGAGED
+    device.close()
+
+
+def test_over_current_trips_the_firmware_and_the_host_says_why(emulator: Any, driver: SerialDriver) -> None:
+    ticks(driver, SMALL, 5)
+    emulator.tell("resistance 0 0.02")
+    with pytest.raises(DriverError, match="current was above the limit"):
+        ticks(driver, np.array([0.9, 0.0, 0.0]), 60)
+    assert driver.write(SMALL).tolist() == [0, 0, 0]
+    emulator.heard("@off")
+
+
+def test_after_a_trip_nothing_flows_until_somebody_engages(emulator: Any, driver: SerialDriver) -> None:
+    ticks(driver, SMALL, 5)
+    emulator.tell("button 1")
+    with pytest.raises(DriverError, match="stop button"):
+        ticks(driver, SMALL, 20)
+    emulator.tell("button 0")
+    for _ in range(10):
+        with pytest.raises(DriverError, match="stop button"):
+            driver.read(0.0)
+        assert driver.write(SMALL).tolist() == [0, 0, 0]
+    assert emulator.status()["on"] == "0"
+    driver.engage()
+    ticks(driver, SMALL, 5)
+    assert emulator.status()["on"] == "1"
+
+
+def test_silence_is_told_as_silence(emulator: Any, driver: SerialDriver) -> None:
+    ticks(driver, SMALL, 5)
+    emulator.tell("pace 1")
+    time.sleep(0.2)
+    with pytest.raises(DriverError, match="host was silent"):
+        ticks(driver, SMALL, 3)
+
+
+def test_a_port_that_comes_back_is_found_within_two_seconds_and_stays_off(emulator: Any, driver: SerialDriver) -> None:
+    ticks(driver, SMALL, 5)
+    emulator.tell("pull")
+    with pytest.raises(DriverError, match="gone"):
+        ticks(driver, SMALL, 3)
+    assert driver.write(SMALL).tolist() == [0, 0, 0]
+    time.sleep(0.5)
+    with pytest.raises(DriverError, match="trying again"):
+        driver.read(0.0)
+    emulator.tell("pace 1")
+    emulator.tell("plug")
+    began = time.monotonic()
+    while True:
+        try:
+            driver.read(0.0)
+            break
+        except DriverError:
+            assert time.monotonic() - began < 30
+            time.sleep(0.002)
+    assert time.monotonic() - began < 2.0
+    assert driver.write(SMALL).tolist() == [0, 0, 0]  # back, and still off
+    assert emulator.status()["on"] == "0"
+    emulator.slow()
+    driver.engage()
+    ticks(driver, SMALL, 5)
+    assert emulator.status()["on"] == "1"
+
+
+def test_a_restarted_firmware_is_noticed(emulator: Any, driver: SerialDriver) -> None:
+    ticks(driver, SMALL, 5)
+    emulator.tell("brownout")
+    with pytest.raises(DriverError, match=r"supply sagged|host was silent|no answer"):
+        ticks(driver, SMALL, 20)
+
+
+@pytest.mark.parametrize(
+    ("chip", "part"),
+    [
+        ("ina219-z", "INA219 of coil z at 0x45"),
+        ("max11616", "MAX11616 at 0x35"),
+        ("ds18b20-y", "DS18B20 of coil y on D6"),
+    ],
+)
+def test_a_missing_sensor_is_named_with_its_address(started: Callable[..., Any], chip: str, part: str) -> None:
+    emulator = started()
+    emulator.tell(f"absent {chip}")
+    emulator.tell("reset")
+    with pytest.raises(DriverError, match=part):
+        SerialDriver(load("omni"), emulator.port).open()
+
+
+def test_a_frame_and_its_answer_take_less_than_a_millisecond(emulator: Any, driver: SerialDriver) -> None:
+    """On the wire and in the processor; what this computer adds comes on top."""
+    ticks(driver, SMALL, 10)
+    emulator.status()
+    before = emulator.status()
+    ticks(driver, SMALL, 300)
+    after = emulator.status()
+    assert int(after["turns"]) >= 299
+    assert float(after["turn_us"]) < 1000
+    assert int(after["overruns"]) == 0
+    assert int(before["resets"]) == int(after["resets"])
+
+
+def test_duties_of_either_sign_reach_the_coils(emulator: Any, driver: SerialDriver) -> None:
+    for sign in (1.0, -1.0):
+        ticks(driver, sign * SMALL, 6)
+        words = emulator.status()
+        applied = [float(one) for one in words["duty"].split(",")]
+        assert applied == pytest.approx(np.round(sign * SMALL * 4096) / 4096, abs=1e-6)
+
+
+def test_standing_is_off_after_close(emulator: Any, driver: SerialDriver) -> None:
+    ticks(driver, SMALL, 5)
+    driver.close()
+    driver.close()
+    assert emulator.status()["on"] == "0"
+    device = Board(emulator.port)
+    assert device.read().standing is Standing.OFF
+    device.close()
