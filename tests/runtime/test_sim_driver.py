@@ -140,6 +140,15 @@ def test_the_hand_begins_where_it_wants_to_be_and_goes_where_it_is_told():
     assert np.linalg.norm(sample.pose.p - [0.0, 0.02, 0.055]) < 2e-3  # but for the core's pull
 
 
+@pytest.mark.parametrize("nowhere", [(0.0, 0.0, 0.0), (np.nan, 0.0, 0.05), (np.inf, 0.0, 0.05)])
+def test_a_goal_that_is_no_place_leaves_the_hand_where_numbers_are(nowhere):
+    with SimDriver.of(OMNI, PERIOD, lambda now: wish(nowhere)) as driver:
+        for n in range(100):
+            sample = driver.read(n * PERIOD)
+    assert np.isfinite(sample.pose.p).all()
+    assert np.linalg.norm(sample.pose.p) > 0.9 * OMNI.contact_distance
+
+
 def test_without_a_goal_the_hand_stays():
     with SimDriver.of(OMNI, PERIOD) as driver:
         start = driver.read(0.0).pose.p

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Protocol, final
 
 import numpy as np
@@ -109,7 +110,8 @@ class SimDriver(Driver):
                 valid = stamp - stamp == 0.0
         if self._clock is None:
             if self.goal is not None:
-                self.simulation.place(self._goal_p, self._goal_q)  # the hand begins where it wants to be
+                with suppress(InputError):  # the hand begins where it wants to be, if that is a place
+                    self.simulation.place(self._goal_p, self._goal_q)
             self._clock = now
         periods = round((now - self._clock) / self._period)
         if periods < 0:
