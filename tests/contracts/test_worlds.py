@@ -79,3 +79,61 @@ def test_worlds_add(name):
     state = State.at((0.0, 0.01, 0.051))
     twice = (world + worlds.Nothing() + world).for_device(device)
     assert np.allclose(twice.wrench(state), 2 * world.wrench(state))
+
+
+def loop(rng, steps=4000):
+    """A smooth closed path (steps + 1, 3) over the dome and its velocity: three harmonics about a place."""
+    s = np.linspace(0, 1, steps + 1)
+    centre = rng.normal(size=3)
+    centre[2] = abs(centre[2]) + 0.5
+    centre *= 0.058 / np.linalg.norm(centre)
+    waves = [rng.normal(size=(2, 3)) * 0.002 / k for k in (1, 2, 3)]
+    p = centre + sum(np.outer(np.sin(2 * np.pi * (k + 1) * s), w[0]) for k, w in enumerate(waves))
+    p = p + sum(np.outer(np.cos(2 * np.pi * (k + 1) * s), w[1]) for k, w in enumerate(waves))
+    return p, np.diff(p, axis=0) * steps
+
+
+PLUGS = ["outlet", "outlet-published", "snap_fit"]  # metal on metal, tens of newtons: modes scale them for the hand
+OMNI_WORLDS = [name for name in worlds.CATALOGUE if name not in PLUGS]
+
+
+@pytest.mark.parametrize("name", [name for name in OMNI_WORLDS if worlds.named(name).passive])
+def test_no_closed_path_takes_energy_out_of_a_passive_world(name):
+    """Midpoint rule, 4 000 steps a loop: the sum errs by less than a thousandth of the work that goes to and fro."""
+    world, _ = at_home(name)
+    rng = np.random.default_rng(7)
+    for _ in range(6):
+        p, v = loop(rng)
+        middle, step = (p[1:] + p[:-1]) / 2, np.diff(p, axis=0)
+        work = [world.wrench(State.at(m, v=u))[:3] @ d for m, u, d in zip(middle, v, step, strict=True)]
+        assert sum(work) <= 1e-3 * np.abs(work).sum() + 1e-12
+
+
+@pytest.mark.parametrize("name", OMNI_WORLDS)
+def test_it_keeps_its_bound(name):
+    world, _ = at_home(name)
+    assert np.isfinite(world.bound)
+    rng = np.random.default_rng(3)
+    for _ in range(1500):
+        p = rng.normal(size=3)
+        p *= rng.uniform(0.045, 0.075) / np.linalg.norm(p)
+        state = State.at(p, v=rng.normal(size=3) * 0.5, t=float(rng.uniform(0, 10)))
+        assert np.linalg.norm(world.wrench(state)[:3]) <= world.bound * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("name", [name for name in OMNI_WORLDS if worlds.named(name).continuous])
+def test_a_continuous_world_has_no_jumps(name):
+    """Halving the step halves the greatest change, on paths through the whole shell."""
+    world, _ = at_home(name)
+    rng = np.random.default_rng(5)
+    for _ in range(10):
+        a, b = rng.normal(size=(2, 3))
+        a, b = (0.055 * x / np.linalg.norm(x) * (1 if x[2] > 0 else -1) for x in (a, b))
+        angle = np.arccos(np.clip(a @ b / 0.055**2, -1, 1))
+        jumps = []
+        for steps in (2000, 8000):
+            s = np.linspace(0, 1, steps)[:, None]
+            path = (np.sin((1 - s) * angle) * a + np.sin(s * angle) * b) / np.sin(angle)
+            forces = np.array([world.wrench(State.at(p))[:3] for p in path])
+            jumps.append(np.abs(np.diff(forces, axis=0)).max())
+        assert jumps[1] <= 0.5 * jumps[0] + 1e-12

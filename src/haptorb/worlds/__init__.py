@@ -6,18 +6,61 @@ Adding a world is one class with one method, and one line in `CATALOGUE`.
 from __future__ import annotations
 
 from haptorb.errors import UnknownName
+from haptorb.worlds.detents import Detents
 from haptorb.worlds.dome import Dome
+from haptorb.worlds.domes import domes_apart
+from haptorb.worlds.fluid import Fluid
+from haptorb.worlds.guidance import Guidance
+from haptorb.worlds.magnet import Magnet
+from haptorb.worlds.moving import Orbit, Varying
 from haptorb.worlds.nothing import Nothing
 from haptorb.worlds.outlet import Outlet, PublishedOutlet
 from haptorb.worlds.snap_fit import SnapFit
-from haptorb.worlds.world import World
+from haptorb.worlds.stick_slip import StickSlip
+from haptorb.worlds.terrain import Terrain
+from haptorb.worlds.texture import Texture
+from haptorb.worlds.vibration import Vibration
+from haptorb.worlds.wall import Wall
+from haptorb.worlds.world import Sum, World
 
-__all__ = ["CATALOGUE", "Dome", "Nothing", "Outlet", "PublishedOutlet", "SnapFit", "World", "named"]
+__all__ = [
+    "CATALOGUE",
+    "Detents",
+    "Dome",
+    "Fluid",
+    "Guidance",
+    "Magnet",
+    "Nothing",
+    "Orbit",
+    "Outlet",
+    "PublishedOutlet",
+    "SnapFit",
+    "StickSlip",
+    "Sum",
+    "Terrain",
+    "Texture",
+    "Varying",
+    "Vibration",
+    "Wall",
+    "World",
+    "domes_apart",
+    "named",
+]
 
 #: name on the command line → world; contract tests run over all of them
 CATALOGUE: dict[str, type[World]] = {
     "dome": Dome,
     "nothing": Nothing,
+    "detents": Detents,
+    "fluid": Fluid,
+    "guidance": Guidance,
+    "magnet": Magnet,
+    "stick_slip": StickSlip,
+    "terrain": Terrain,
+    "texture": Texture,
+    "vibration": Vibration,
+    "wall": Wall,
+    "orbit": Orbit,
     "outlet": Outlet,
     "outlet-published": PublishedOutlet,
     "snap_fit": SnapFit,

@@ -81,6 +81,11 @@ class Dome(World):
         """F₀ [N]: half the radial force at the summit in contact; negative where the map pulls."""
         return 3 * MU0 * self.moment * self.tool_moment / (4 * pi * self.contact_distance**4)
 
+    @property
+    def bound(self) -> float:
+        """[N] 2|F₀|: cosine and sine under one root never exceed the summit's."""
+        return 2 * abs(self.strength)
+
     def wrench(self, state: State) -> Array:
         """(6,) force of the map at the tool's magnet [N]; no torque asked."""
         wrench = np.zeros(6)

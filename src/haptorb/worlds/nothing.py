@@ -17,6 +17,11 @@ __all__ = ["Nothing"]
 class Nothing(World):
     """Zero wrench everywhere: the device is felt as it is, with its own friction and its core's pull."""
 
+    @property
+    def bound(self) -> float:
+        """[N]"""
+        return 0.0
+
     def wrench(self, state: State) -> Array:
         """(6,) zeros."""
         return np.zeros(6)

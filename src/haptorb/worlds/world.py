@@ -33,6 +33,11 @@ class World(ABC):
     def wrench(self, state: State) -> Array:
         """(6,) what the mover should feel at `state`."""
 
+    @property
+    def bound(self) -> float:
+        """Greatest force that it ever asks for [N], anywhere a mover can be; inf where nobody has shown a bound."""
+        return float("inf")
+
     def for_device(self, device: Device) -> World:
         """This world as `device` must render it: itself, unless it is described in the device's own terms."""
         return self
@@ -54,6 +59,11 @@ class Sum(World):
     """Several worlds at once: their wrenches add."""
 
     parts: tuple[World, ...] = ()
+
+    @property
+    def bound(self) -> float:
+        """The parts' bounds together [N]."""
+        return sum(part.bound for part in self.parts)
 
     def wrench(self, state: State) -> Array:
         """(6,) the sum over the parts."""

@@ -1,0 +1,86 @@
+"""Worlds that move, change and follow: any world whose parameters are functions of time and of where the tool is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from math import cos, pi, radians, sin
+from typing import ClassVar
+
+from haptorb.devices.device import Device
+from haptorb.devices.state import State
+from haptorb.errors import InputError
+from haptorb.physics.arrays import Array
+from haptorb.worlds.dome import Dome
+from haptorb.worlds.parameter import parameter
+from haptorb.worlds.world import World
+
+__all__ = ["Orbit", "Varying"]
+
+
+@dataclass(frozen=True)
+class Varying(World):
+    """The world that `at(state)` says, asked anew at every tick: terrain that changes, domes that follow the tool.
+
+    What moves can do work, so it is declared active, and nothing is said about jumps.
+
+    >>> rising = Varying(lambda state: Dome(moment=min(2.4, state.t)))
+    >>> bool(rising.wrench(State.at((0, 0, 0.05), t=0.0)).any())
+    False
+    """
+
+    passive: ClassVar[bool] = False
+    continuous: ClassVar[bool] = False
+
+    at: Callable[[State], World] | None = None
+    device: Device | None = None
+
+    def __post_init__(self) -> None:
+        if not callable(self.at):
+            raise InputError("Varying needs a function from State to World")
+
+    def for_device(self, device: Device) -> Varying:
+        """Every world of the function as `device` must render it."""
+        return replace(self, device=device)
+
+    def wrench(self, state: State) -> Array:
+        """(6,) of the world that holds now."""
+        assert self.at is not None
+        world = self.at(state)
+        return (world if self.device is None else world.for_device(self.device)).wrench(state)
+
+
+@dataclass(frozen=True)
+class Orbit(World):
+    """A dome whose summit circles the top: it comes by, pushes the tool aside, and goes on."""
+
+    passive: ClassVar[bool] = False
+    continuous: ClassVar[bool] = False
+
+    tilt_deg: float = parameter(25.0, "deg", 0, 60, "of the summit's circle")
+    turns_per_second: float = parameter(0.25, "Hz", -2, 2, "how fast the summit goes round")
+    half_width_deg: float = parameter(18.0, "deg", 5, 90, "θ1: where the radial force vanishes first")
+    cut_off_deg: float = parameter(54.0, "deg", 5, 180, "θ2: from here the force is zero")
+    moment: float = parameter(2.0, "A·m²", -4, 4, "height: moment at the summit; negative pulls")
+    dome: Dome = field(default_factory=Dome)
+
+    def __post_init__(self) -> None:
+        World.__post_init__(self)
+        dome = replace(self.dome, half_width_deg=self.half_width_deg, cut_off_deg=self.cut_off_deg, moment=self.moment)
+        object.__setattr__(self, "dome", dome)
+
+    def for_device(self, device: Device) -> Orbit:
+        """With the dome as `device` must render it."""
+        return replace(self, dome=self.dome.for_device(device))
+
+    @property
+    def bound(self) -> float:
+        """[N]"""
+        return self.dome.bound
+
+    def wrench(self, state: State) -> Array:
+        """(6,) of the dome where its summit is at the state's time [N]."""
+        turn = 2 * pi * self.turns_per_second * state.t
+        s = sin(radians(self.tilt_deg))
+        summit = (s * cos(turn), s * sin(turn), cos(radians(self.tilt_deg)))
+        return replace(self.dome, summit=summit).wrench(state)
