@@ -140,5 +140,6 @@ def test_hooks_that_cannot_work_say_why() -> None:
 
 def test_a_world_of_a_given_hook() -> None:
     world = SnapFit.of(TABLE_3, 0.134, half_width=3e-3)
-    assert world.hook == TABLE_3
+    assert world.hook.rear == pytest.approx(TABLE_3.rear)
+    assert world.hook.peak == TABLE_3.peak
     assert world.half_width == 3e-3

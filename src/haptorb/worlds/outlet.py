@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -187,6 +187,15 @@ class Outlet(World):
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
+
+    @classmethod
+    def of(cls, hook: Hook, friction: float, beam: Model = "timoshenko", **others: Any) -> Outlet:
+        """The outlet with a pair of a given `hook`; `others` as in the constructor."""
+        return cls(
+            youngs_modulus=hook.youngs_modulus, poisson_ratio=hook.poisson_ratio, friction=friction,
+            base_length=hook.base_length, peak=hook.peak, thickness=hook.thickness, height=hook.height,
+            width=hook.width, retention_deg=round(math.degrees(hook.rear), 9), beam=beam, **others,
+        )  # fmt: skip
 
     def _both(self, state: State) -> tuple[Array, Array]:
         wrench, rows = np.empty(6), np.empty((2, 7))

@@ -242,7 +242,8 @@ class SnapFit(World):
         return cls(
             youngs_modulus=hook.youngs_modulus, poisson_ratio=hook.poisson_ratio, friction=friction,
             base_length=hook.base_length, peak=hook.peak, thickness=hook.thickness, height=hook.height,
-            width=hook.width, insertion_deg=math.degrees(hook.front), retention_deg=math.degrees(hook.rear),
+            width=hook.width, insertion_deg=round(math.degrees(hook.front), 9),
+            retention_deg=round(math.degrees(hook.rear), 9),
             beam=beam, **others,
         )  # fmt: skip
 
