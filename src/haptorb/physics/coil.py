@@ -23,7 +23,8 @@ COPPER_RESISTIVITY = 1.7241e-8  #: annealed copper at 293 K (IEC 60028) [Ω·m]
 COPPER_DENSITY = 8.89e3  #: annealed copper at 293 K (IEC 60028) [kg/m³]
 COPPER_SPECIFIC_HEAT = 385.0  #: at 298 K [J/(kg·K)]
 
-_DEPTH = 48  #: bisections of the wall's thickness before a precision is given up
+_DEPTH = 48  #: bisections of one piece of the wall's thickness
+_PIECES = 1000  #: pieces for one point before a precision is given up
 _COARSE_X, _COARSE_W = np.polynomial.legendre.leggauss(8)
 _FINE_X, _FINE_W = np.polynomial.legendre.leggauss(13)
 _SERIES_X, _SERIES_W = np.polynomial.legendre.leggauss(17)
@@ -63,8 +64,10 @@ def _integral(
         count = 2
     lever = max(rho, 0.1 * outer)  # what turns B_ρ/ρ into a field to compare errors with
     total_over, total_axial, total_shear, error, gross = 0.0, 0.0, 0.0, 0.0, 0.0
+    spent = 0
     while count:
         count -= 1
+        spent += 1
         a, b, deep = left[count], right[count], level[count]
         o0, z0, s0 = _panel(a, b, h, rho, z, 0, gradient)
         o1, z1, s1 = _panel(a, b, h, rho, z, 1, gradient)
@@ -76,7 +79,7 @@ def _integral(
             size = max(lever * abs(o1), abs(z1))
         # a share of the tolerance in proportion to width or to size: whichever forgives more
         share = max((b - a) / (outer - inner) * (gross + size), size)
-        if off > 0.2 * wanted * share and deep < _DEPTH and b - a > 1e-11 * outer:
+        if off > 0.2 * wanted * share and deep < _DEPTH and spent < _PIECES and b - a > 1e-11 * outer:
             middle = 0.5 * (a + b)
             left[count], right[count], level[count] = a, middle, deep + 1
             left[count + 1], right[count + 1], level[count + 1] = middle, b, deep + 1
