@@ -44,7 +44,10 @@ class Console {
   private readonly rumble = new Rumble();
   private readonly link: Link;
   private readonly silence: Silence = { disconnected: true, servoEnded: false, stale: true };
+  private readonly arrivals: number[] = [];
   private readonly latencies: number[] = [];
+  private readonly sceneCosts: number[] = [];
+  private readonly plotCosts: number[] = [];
   control = false;
   private fresh = false;
   private arrived = 0;
@@ -165,7 +168,9 @@ class Console {
     this.dropped = frame.dropped;
     this.arrived = performance.now();
     this.fresh = true;
-    if (!Number.isNaN(frame.echo)) this.echo = frame.echo;
+    if (Number.isNaN(frame.echo)) return;
+    this.echo = frame.echo;
+    keep(this.arrivals, this.arrived - frame.echo);
   }
 
   private event(event: Record<string, unknown> & { event: string }): void {
@@ -208,9 +213,14 @@ class Console {
       this.legend.show(this.sample);
       this.senses(now);
     }
-    if (this.stage.draw(now)) this.drawn++;
+    const begun = performance.now();
+    if (this.stage.draw(now)) {
+      this.drawn++;
+      keep(this.sceneCosts, performance.now() - begun);
+    }
     this.measure();
-    this.plots.draw(now, this.fresh && !dead);
+    const plotting = performance.now();
+    if (this.plots.draw(now, this.fresh && !dead)) keep(this.plotCosts, performance.now() - plotting);
     this.fresh = false;
     this.words(now, dead);
   }
@@ -218,8 +228,7 @@ class Console {
   /** From the pointer's event to the force that answers it, drawn. */
   private measure(): void {
     if (Number.isNaN(this.echo)) return;
-    this.latencies.push(performance.now() - this.echo);
-    if (this.latencies.length > 500) this.latencies.shift();
+    keep(this.latencies, performance.now() - this.echo);
     this.echo = NaN;
   }
 
@@ -307,6 +316,12 @@ class Console {
       get latencies() {
         return [...page.latencies];
       },
+      get arrivals() {
+        return [...page.arrivals];
+      },
+      get costs() {
+        return { scene: median(page.sceneCosts), plots: median(page.plotCosts) };
+      },
       get arrow() {
         return page.subject?.arrowVisible ?? false;
       },
@@ -328,6 +343,14 @@ class Console {
     });
   }
 }
+
+/** The last few hundred numbers of a kind. */
+function keep(list: number[], value: number): void {
+  list.push(value);
+  if (list.length > 500) list.shift();
+}
+
+const median = (list: number[]): number => [...list].sort((a, b) => a - b)[list.length >> 1] ?? NaN;
 
 fetchSession().then(
   (session) => new Console(session),

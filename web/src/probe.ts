@@ -5,7 +5,11 @@ export interface Probe {
   readonly drawn: number;
   readonly dropped: number;
   readonly status: string;
+  /** from the pointer's event to the force that answers it: arrived, and drawn [ms] */
+  readonly arrivals: readonly number[];
   readonly latencies: readonly number[];
+  /** median time per frame for the picture and for the plots [ms] */
+  readonly costs: { scene: number; plots: number };
   readonly arrow: boolean;
   readonly range: number;
   readonly control: boolean;

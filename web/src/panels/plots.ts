@@ -84,13 +84,14 @@ export class Plots {
     if (dead) for (const { reading } of this.plots) write(reading, "not live");
   }
 
-  /** New samples, or nothing: draw when it is time. */
-  draw(now: number, fresh: boolean): void {
+  /** New samples, or nothing: draw when it is time; true if it did. */
+  draw(now: number, fresh: boolean): boolean {
     this.stale ||= fresh && !this.held;
-    if (!this.stale || now - this.drawn < EVERY) return;
+    if (!this.stale || now - this.drawn < EVERY) return false;
     this.drawn = now;
     this.stale = false;
     this.redraw();
+    return true;
   }
 
   private get window(): { from: number; to: number } {
@@ -123,6 +124,15 @@ export class Plots {
     if (columns.length === 1) for (let i = 0; i < n; i++) buffer[i] = compose(columns[0]![i]!);
     else for (let i = 0; i < n; i++) buffer[i] = compose(...columns.map((column) => column[i]!));
     return buffer.subarray(0, n);
+  }
+
+  /** Ticks at round times before the newest sample. */
+  private splits(from: number, to: number): number[] {
+    const end = this.held?.to ?? this.window.to;
+    const step = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5].find((s) => (to - from) / s <= 6) ?? 10;
+    const ticks: number[] = [];
+    for (let k = Math.ceil((from - end) / step); end + k * step <= to + 1e-9; k++) ticks.push(end + k * step);
+    return ticks;
   }
 
   private read({ chart, curves, reading, digits }: Plot): void {
@@ -219,7 +229,7 @@ export class Plots {
           y: { range: (_, low, high) => padded(low, high, least, limit?.derate) },
         },
         axes: [
-          { ...axis, size: 24, values: (_, ticks) => ticks.map((t) => `${Number((t - this.window.to).toFixed(3))}`.replace("-", "−")) , space: 60 },
+          { ...axis, size: 24, splits: (_, __, from, to) => this.splits(from, to), values: (_, ticks) => ticks.map((t) => clock(t - (this.held?.to ?? this.window.to))) , space: 60 },
           { ...axis, size: 52, values: (_, ticks) => ticks.map((y) => String(Number(y.toFixed(4))).replace("-", "−")), space: 30 },
         ],
         series: [
@@ -288,6 +298,12 @@ export class Plots {
   }
 }
 
+/** Seconds before the newest sample. */
+function clock(seconds: number): string {
+  const rounded = Number(seconds.toFixed(3));
+  return rounded === 0 ? "now" : `${rounded} s`.replace("-", "−");
+}
+
 /** A range that neither jumps with noise nor hides a limit that is near. */
 function padded(low: number, high: number, least: number, limit?: number): [number, number] {
   if (!Number.isFinite(low + high)) return [0, least];
@@ -295,7 +311,7 @@ function padded(low: number, high: number, least: number, limit?: number): [numb
   let b = Math.max(low, high);
   if (limit !== undefined) b = Math.max(b, limit * 1.04);
   const spare = Math.max(least - (b - a), 0) / 2;
-  a = a >= 0 && a < 0.3 * b ? 0 : a - spare;
+  a = a >= 0 && (a < 0.3 * b || limit === undefined) ? 0 : a - spare;
   b += spare;
   const margin = 0.06 * (b - a);
   return [a === 0 ? 0 : a - margin, b + margin];

@@ -3,9 +3,9 @@
 import {
   BufferGeometry,
   Color,
-  CylinderGeometry,
   Float32BufferAttribute,
   Group,
+  LatheGeometry,
   LineBasicMaterial,
   LineLoop,
   Mesh,
@@ -13,6 +13,7 @@ import {
   MeshPhongMaterial,
   SphereGeometry,
   TorusGeometry,
+  Vector2,
   Vector3,
 } from "three";
 import type { ToolMover } from "../session";
@@ -45,10 +46,7 @@ export class Body {
       this.coils.push(material);
       this.group.add(ring);
     });
-    const foot = new Mesh(new CylinderGeometry(radius * 1.12, radius * 1.25, 0.9 * radius, 64), this.base);
-    foot.rotation.x = Math.PI / 2;
-    foot.position.z = -0.45 * radius - 0.35;
-    this.group.add(foot);
+    this.group.add(this.foot(radius));
     this.group.add(this.workspace(radius * 1.004, tool.workspace));
     const dress = (): void => {
       this.base.color.set(css("--base"));
@@ -66,6 +64,22 @@ export class Body {
       material.color.lerpColors(COPPER, HOT, share);
       material.emissive.setRGB(0.55 * share, 0.25 * share, 0);
     });
+  }
+
+  /** A flat round base with a chamfered rim, just below the shell's edge. */
+  private foot(radius: number): Mesh {
+    const profile = [
+      [0, -0.02],
+      [1.06, -0.02],
+      [1.1, -0.05],
+      [1.12, -0.11],
+      [1.24, -0.42],
+      [1.25, -0.5],
+      [0, -0.5],
+    ].map(([x, y]) => new Vector2(x! * radius, y! * radius));
+    const geometry = new LatheGeometry(profile.reverse(), 72);
+    geometry.rotateX(Math.PI / 2);
+    return new Mesh(geometry, this.base);
   }
 
   private workspace(radius: number, halfAngle: number): LineLoop {

@@ -141,9 +141,9 @@ export class FeltDome {
   }
 }
 
-/** The next of 1, 2, 3, 5 times a power of ten. */
+/** The next number of a short list, times a power of ten. */
 export function niceAbove(value: number): number {
   const power = 10 ** Math.floor(Math.log10(value));
-  for (const step of [1, 1.5, 2, 3, 5]) if (step * power >= value * 0.999) return step * power;
+  for (const step of [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8]) if (step * power >= value * 0.999) return step * power;
   return 10 * power;
 }

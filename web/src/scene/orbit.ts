@@ -2,10 +2,10 @@
 
 import { Vector3, type PerspectiveCamera } from "three";
 
-const HOME = { azimuth: -62, elevation: 27, distance: 265 };
+const HOME = { azimuth: -62, elevation: 26, distance: 280 };
 
 export class Orbit {
-  readonly centre = new Vector3(0, 0, 26);
+  readonly centre = new Vector3(0, 0, 44);
   private azimuth = HOME.azimuth;
   private elevation = HOME.elevation;
   distance = HOME.distance;

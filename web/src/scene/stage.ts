@@ -14,6 +14,15 @@ import { css, onThemeChange } from "../theme";
 const SLOW = 30; // ms a frame may take before the picture gets coarser
 const QUICK = 12; // ms below which it gets finer again
 
+/** Whether pictures are computed by the processor. */
+function computed(): boolean {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = String(info ? gl!.getParameter(info.UNMASKED_RENDERER_WEBGL) : "");
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software/i.test(name);
+}
+
 export class Stage {
   readonly scene = new Scene();
   readonly camera = new PerspectiveCamera(32, 1, 10, 2000);
@@ -21,13 +30,20 @@ export class Stage {
   private readonly sky = new HemisphereLight(0xffffff, 0x8890a0, 2.2);
   private readonly sun = new DirectionalLight(0xffffff, 2.0);
   private dirty = true;
-  private ratio = Math.min(devicePixelRatio, 2);
+  private readonly finest: number;
+  private readonly coarsest: number;
+  private ratio: number;
   private pace = 16;
   private last = 0;
   private settled = 0;
 
   constructor(readonly canvas: HTMLCanvasElement) {
-    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
+    // Without a graphics processor smooth edges cost four times the picture: quick comes first.
+    const slow = computed() && !new URLSearchParams(location.search).has("fine");
+    this.renderer = new WebGLRenderer({ canvas, antialias: !slow, alpha: true });
+    this.finest = slow ? 1 : Math.min(devicePixelRatio, 2);
+    this.ratio = this.finest;
+    this.coarsest = slow ? 0.5 : 0.75;
     this.camera.up.set(0, 0, 1);
     this.sun.position.set(-60, -80, 160);
     this.scene.add(this.sky, this.sun);
@@ -75,9 +91,8 @@ export class Stage {
     if (spent > 500) return; // nothing was drawn for a while: says nothing about speed
     this.pace += 0.1 * (spent - this.pace);
     if (now - this.settled < 1500) return;
-    const finest = Math.min(devicePixelRatio, 2);
-    if (this.pace > SLOW && this.ratio > 0.75) this.ratio = Math.max(0.75, this.ratio * 0.8);
-    else if (this.pace < QUICK && this.ratio < finest) this.ratio = Math.min(finest, this.ratio * 1.25);
+    if (this.pace > SLOW && this.ratio > this.coarsest) this.ratio = Math.max(this.coarsest, this.ratio * 0.8);
+    else if (this.pace < QUICK && this.ratio < this.finest) this.ratio = Math.min(this.finest, this.ratio * 1.25);
     else return;
     this.settled = now;
     this.resize();

@@ -5,7 +5,7 @@ import type { ToolMover } from "../session";
 import { css, onThemeChange } from "../theme";
 
 const MM = 1000;
-const LENGTH = 78; // mm of pen beyond the magnet: shorter than a real one, so that it does not fill the picture
+const LENGTH = 64; // mm of pen beyond the magnet: shorter than a real one, so that it does not fill the picture
 
 export class Stylus {
   readonly group = new Group();

@@ -16,7 +16,7 @@ const MM = 1000;
 const DEEPEST = -6; // mm: how far a hand may press into the dome
 const HIGHEST = 24; // mm: how far it may lift
 const LEAN = -2; // mm: how it holds the stylus when it lands
-const LONGEST = 46; // mm of arrow at the greatest force
+const LONGEST = 72; // mm of arrow at the greatest force
 
 export class ToolSubject implements Subject {
   readonly hint = "drag the stylus";

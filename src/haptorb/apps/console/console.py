@@ -38,9 +38,12 @@ class _Server(uvicorn.Server):
 class Console:
     """A page for a running servo, at `url`.
 
-        with Servo(device, world) as servo, Console(servo) as console:
+        servo = Servo(device, world)
+        with Console(servo) as console, servo:
             print(console.url)
             console.serve()
+
+    Made before the servo starts: its first map loads compiled code, and the servo wants its host's heartbeat meanwhile.
 
     port   0 takes any free one
     Raises InputError at once if the port is taken or cannot be had, or the page has not been built.

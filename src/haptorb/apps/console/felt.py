@@ -33,6 +33,9 @@ def felt(device: SphericalElectromagnet) -> FeltMap:
     return simulated
 
 
+_NOTHING: tuple[str, dict[str, Any]] = ("nothing", {})
+
+
 @final
 class Painter:
     """Recomputes the map in a thread whenever the world changes; of several changes only the newest is painted."""
@@ -45,6 +48,8 @@ class Painter:
         self._task: asyncio.Task[None] | None = None
         self.force = np.zeros(len(self.directions))
         self.saturated: Flags = np.zeros(len(self.directions), dtype=np.bool_)
+        # The first call loads compiled code, which holds this process up: now, before a servo counts on its heartbeat.
+        felt(*_NOTHING, self._points[:1])
         self.version = -1  #: which change of the world `force` belongs to; −1: not painted yet
 
     def want(

@@ -63,6 +63,7 @@ class Room:
         self._world: tuple[str, dict[str, Any]] = ("", {})
         self._version = 0
         self._asked: tuple[Page, str, dict[str, Any]] | None = None
+        self._trouble = ""  # why there is no map of this world
         self._asking: asyncio.Task[None] | None = None
 
     async def keep(self) -> None:
@@ -85,6 +86,8 @@ class Room:
         self._notice_world()
         self._tell_roles()
         page.tell("world", name=self._world[0], values=self._world[1])
+        if self._trouble:
+            page.tell("mistake", text=self._trouble)
         sending = asyncio.create_task(self._send(page))
         try:
             while True:
@@ -163,10 +166,12 @@ class Room:
             self._painter.want(name, dict(values), self._version, self._painted, self._not_painted)
 
     def _painted(self) -> None:
+        self._trouble = ""
         for page in self._pages:
             page.soon.set()
 
     def _not_painted(self, why: str) -> None:
+        self._trouble = why
         self._tell_all("mistake", text=why)
 
     def _tell_all(self, event: str, **what: Any) -> None:

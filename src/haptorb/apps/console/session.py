@@ -12,7 +12,8 @@ from haptorb.apps.console.wire import Columns
 from haptorb.control.trip import Trip
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.worlds import CATALOGUE
+from haptorb.errors import InputError
+from haptorb.worlds import CATALOGUE, World
 from haptorb.worlds.parameter import parameters
 
 __all__ = ["session", "worlds"]
@@ -20,8 +21,8 @@ __all__ = ["session", "worlds"]
 _KELVIN = 273.15
 
 
-def worlds() -> list[dict[str, Any]]:
-    """Every world: name, what it is, and its parameters in their order."""
+def worlds(device: Device) -> list[dict[str, Any]]:
+    """Every world that `device` can render: name, what it is, and its parameters in their order."""
     return [
         {
             "name": name,
@@ -39,7 +40,16 @@ def worlds() -> list[dict[str, Any]]:
             ],
         }
         for name, kind in CATALOGUE.items()
+        if _renders(device, kind)
     ]
+
+
+def _renders(device: Device, kind: type[World]) -> bool:
+    try:
+        kind().for_device(device)
+    except InputError:
+        return False
+    return True
 
 
 def _mover(device: Device) -> dict[str, Any]:
@@ -89,7 +99,7 @@ def session(servo: Servant, started: str) -> dict[str, Any]:
             "derate": heat.derate - _KELVIN,
             "stop": heat.stop - _KELVIN,
         },
-        "worlds": worlds(),
+        "worlds": worlds(device),
         "world": {"name": name, "values": {key: _plain(value) for key, value in values.items()}},
         "trips": {
             str(int(trip)): {"word": _WORDS.get(trip, "tripped"), "text": trip.text}

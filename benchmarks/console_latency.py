@@ -1,0 +1,94 @@
+"""From the drag of a pointer to the force that answers it, drawn in a real browser, in milliseconds.
+
+    python benchmarks/console_latency.py [--seconds 10] [--json]
+
+Starts the simulated Omni with its console, drags the stylus in Chromium, and reads the times that the page measures
+between the pointer's event and the end of drawing the first force that belongs to it. The graphics processor is
+whatever Chromium finds; a machine without one draws with its processor, which also runs the servo.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import shutil
+import statistics
+import threading
+
+from playwright.sync_api import sync_playwright
+
+from haptorb.apps.console import Console
+from haptorb.runtime.servo import Servo
+
+FLAGS = (
+    *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync"),
+)
+
+
+def measured(seconds: float) -> dict[str, float | int | str]:
+    """Drag for `seconds`; the percentiles of the latency [ms], and how the loop fared."""
+    servo = Servo("omni", "dome", record=False)
+    with Console(servo, 0) as console, servo:
+        serving = threading.Thread(target=console.serve)
+        serving.start()
+        try:
+            with sync_playwright() as play:
+                browser = play.chromium.launch(executable_path=shutil.which("chromium"), args=list(FLAGS))
+                page = browser.new_page(viewport={"width": 1280, "height": 800})
+                page.goto(console.url)
+                while not page.evaluate("window.haptorb && haptorb.control && haptorb.frames > 100"):
+                    page.wait_for_timeout(100)
+                _, magnet, end = page.evaluate("haptorb.stylus()")
+                x, y = 0.5 * (magnet["x"] + end["x"]), 0.5 * (magnet["y"] + end["y"])
+                page.mouse.move(x, y)
+                page.mouse.down()
+                for k in range(int(seconds * 40)):
+                    angle = 2 * math.pi * k / 80
+                    page.mouse.move(x + 60 * math.sin(angle), y + 18 * math.sin(2 * angle))
+                    page.wait_for_timeout(25)
+                page.mouse.up()
+                times = sorted(page.evaluate("haptorb.latencies"))
+                arrivals = page.evaluate("haptorb.arrivals")
+                costs = page.evaluate("haptorb.costs")
+                renderer = page.evaluate(
+                    "(() => { const gl = document.createElement('canvas').getContext('webgl2');"
+                    "return gl.getParameter(gl.getExtension('WEBGL_debug_renderer_info').UNMASKED_RENDERER_WEBGL) })()"
+                )
+                drawn = page.evaluate("haptorb.drawn")
+                browser.close()
+            report = servo.report()
+        finally:
+            console.close()
+            serving.join()
+    return {
+        "drags": len(times),
+        "median_ms": round(statistics.median(times), 1),
+        "p90_ms": round(times[int(0.9 * len(times))], 1),
+        "arrived_median_ms": round(statistics.median(arrivals), 1),
+        "scene_ms": round(costs["scene"], 1),
+        "plots_ms": round(costs["plots"], 1),
+        "frames_drawn": drawn,
+        "success_rate": report["success_rate"],
+        "lateness_p99_us": report["lateness_us"]["p99"],
+        "renderer": renderer,
+    }
+
+
+def main() -> None:
+    """Print what was measured."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    given = parser.parse_args()
+    result = measured(given.seconds)
+    if given.json:
+        print(json.dumps(result))
+    else:
+        for name, value in result.items():
+            print(f"{name:>16}  {value}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,150 @@
+"""A servo of the imagination: rows as a real one would publish them, and every state on demand.
+
+The console's own tests need neither a process nor physics, and states that a healthy device does not show.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from haptorb.control.trip import GuardState, Trip
+from haptorb.devices.loader import load
+from haptorb.devices.state import State
+from haptorb.errors import InputError
+from haptorb.runtime.guided import upright
+from haptorb.runtime.row import RowLayout
+from haptorb.worlds import named
+from haptorb.worlds.parameter import values as parameter_values
+
+KEPT = 8191
+
+
+class FakeServo:
+    """Keeps a row per millisecond of real time; the stylus gives way to its world's force like a spring."""
+
+    driver = "sim"
+
+    def __init__(self, device: str = "omni", world: str = "dome") -> None:
+        self.device = load(device)
+        self.layout = RowLayout.of(self.device)
+        self.alive = True
+        self.silent = False  #: publish nothing
+        self.guard = GuardState.RUNNING
+        self.trip = Trip.NONE
+        self.valid = True
+        self.winding = np.array([303.0, 309.0, 298.5])
+        self.target = self.at(24.0, -50.0, 0.048)
+        self.calls: list[tuple[Any, ...]] = []
+        self.refuse: Exception | None = None
+        self._world = named(world)()
+        self._name = world
+        self._changes = 0
+        self._start = time.monotonic()
+        self._rows = np.empty((0, self.layout.width))
+        self._ticks = 0
+
+    @staticmethod
+    def at(tilt: float, azimuth: float, distance: float) -> np.ndarray:
+        """(3,) [m] from angles in degrees."""
+        t, a = np.radians([tilt, azimuth])
+        return distance * np.array([np.sin(t) * np.cos(a), np.sin(t) * np.sin(a), np.cos(t)])
+
+    @property
+    def world(self) -> tuple[str, Mapping[str, Any]]:
+        return self._name, parameter_values(self._world)
+
+    def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
+        self.calls.append(("world", name, values))
+        if self.refuse is not None:
+            raise self.refuse
+        known = self._world if name == self._name else named(name)()
+        self._world = known.changed(**(values or {}))
+        self._name = name
+        self._changes += 1
+
+    def point(self, p: Any, q: Any = None) -> None:
+        self.calls.append(("point", tuple(p), q))
+        self.target = np.array(p, dtype=float)
+
+    def release(self) -> None:
+        self.calls.append(("release",))
+
+    def stop(self) -> None:
+        self.calls.append(("stop",))
+        self.guard, self.trip = GuardState.TRIPPED, Trip.STOPPED
+
+    def engage(self) -> None:
+        self.calls.append(("engage",))
+        self.guard, self.trip = GuardState.RUNNING, Trip.NONE
+
+    def count(self, kind: str) -> int:
+        """How often `kind` was called."""
+        return sum(call[0] == kind for call in self.calls)
+
+    def rows(self, cursor: int = 0) -> tuple[int, np.ndarray]:
+        self._publish()
+        first = max(cursor, self._ticks - len(self._rows))
+        return self._ticks, self._rows[len(self._rows) - (self._ticks - first) :]
+
+    def _publish(self) -> None:
+        now = time.monotonic()
+        due = int((now - self._start) * 1000)
+        n = min(due - self._ticks, KEPT)
+        if n <= 0 or self.silent:
+            return
+        rows = np.tile(self._row(), (n, 1))
+        ticks = np.arange(due - n, due)
+        rows[:, self.layout["tick"].start] = ticks
+        rows[:, self.layout["t"].start] = ticks * 1e-3
+        rows[:, self.layout["wall"].start] = self._start + ticks * 1e-3
+        self._ticks = due
+        self._rows = np.concatenate([self._rows, rows])[-KEPT:]
+
+    def _row(self) -> np.ndarray:
+        row, at = self.layout.empty(), self.layout
+        on = self.guard in (GuardState.RUNNING, GuardState.RAMPING, GuardState.DERATED)
+        distance = max(np.linalg.norm(self.target), self.device.contact_distance)
+        p = self.target / np.linalg.norm(self.target) * distance
+        asked = self._world.for_device(self.device).wrench(State.at(p)) if on else np.zeros(6)
+        p = p + 0.002 * asked[:3]
+        passive = -0.053 * p / np.linalg.norm(p)
+        for name, value in {
+            "lateness": 4e-6,
+            "missed": 0.0,
+            "stages": 8e-6,
+            "guard": self.guard,
+            "trip": self.trip,
+            "gain": float(on),
+            "world": self._changes,
+            "valid": float(self.valid),
+            "age": 0.0,
+            "p": p,
+            "q": upright(p),
+            "v": 0.0,
+            "w": 0.0,
+            "target": self.target,
+            "target_q": upright(self.target),
+            "asked": asked,
+            "modelled": asked,
+            "given": np.concatenate([1.1 * asked[:3] + passive, np.zeros(3)]),
+            "wanted": 9 * asked[:3],
+            "currents": 9 * asked[:3] + 1e-3,
+            "duties": 0.3,
+            "resistance": 0.62,
+            "boundary": 298.5,
+            "winding": self.winding,
+            "remaining": 42.0,
+            "saturated": 0.0,
+            "field": 0.0,
+        }.items():
+            row[at[name]] = value
+        return row
+
+
+def refusal() -> InputError:
+    """What a real servo says to an impossible world."""
+    return InputError("Dome.moment must lie between -4 and 4 A·m²; got 9")
