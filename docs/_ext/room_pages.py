@@ -56,7 +56,9 @@ def section(module: ModuleType) -> list[str]:
         kind = "class" if inspect.isclass(thing) else "function" if callable(thing) else "data"
         lines += [f".. auto{kind}:: {name}.{public}"]
         if kind == "class":
-            lines += ["   :members:", "   :show-inheritance:"]
+            lines += ["   :members:"]
+            if thing.__bases__ != (object,):
+                lines += ["   :show-inheritance:"]
         lines += [""]
     return lines
 

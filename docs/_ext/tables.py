@@ -113,7 +113,7 @@ def command_line() -> str:
 
     def told(*words: str) -> str:
         environment = {
-            "COLUMNS": "100",
+            "COLUMNS": "86",
             "NO_COLOR": "1",
             "TERM": "dumb",
             "PATH": "/usr/bin:/bin",
