@@ -15,7 +15,7 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    duration: Annotated[float, typer.Option(help="How long to measure [s].")] = 30.0,
+    duration: Annotated[float, typer.Option(help="How many seconds to measure.")] = 30.0,
     rate: Annotated[float, typer.Option(help="Of the loop [Hz], 50 to 4000.")] = 1000.0,
     device: Annotated[str, typer.Option(help="The simulated device that is run.")] = "omni",
     alone: Annotated[bool, typer.Option("--alone", help="Without a client that drags and reads at 60 Hz.")] = False,
