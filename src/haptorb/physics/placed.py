@@ -43,6 +43,11 @@ class Placed(Source):
         field: Array = self.source.field(self._own(points)) @ self.turn.T
         return field
 
+    def field_gradient(self, points: ArrayLike) -> Array:
+        """(..., 3, 3) [T/m], [i, j] = ∂B_i/∂x_j, in the common frame."""
+        gradient: Array = self.turn @ self.source.field_gradient(self._own(points)) @ self.turn.T
+        return gradient
+
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """(...,) whether `points` (..., 3) [m] lie in the source's matter."""
         return self.source.contains(self._own(points))
@@ -72,6 +77,14 @@ class Together(Source):
         total = np.zeros_like(vectors(points, "points"))
         for source in self.sources:
             total += source.field(points)
+        return total
+
+    def field_gradient(self, points: ArrayLike) -> Array:
+        """(..., 3, 3) [T/m], [i, j] = ∂B_i/∂x_j, the sum."""
+        at = vectors(points, "points")
+        total = np.zeros((*at.shape, 3))
+        for source in self.sources:
+            total += source.field_gradient(at)
         return total
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:

@@ -127,10 +127,6 @@ class RoundBody(Source):
     length: float  #: along the axis [m]
 
     @abstractmethod
-    def field_gradient(self, points: ArrayLike) -> Array:
-        """(..., 3, 3) [T/m] (coils: [T/m/A]), [i, j] = ∂B_i/∂x_j, at `points` (..., 3) [m]."""
-
-    @abstractmethod
     def filaments(self, across: int, along: int) -> tuple[Array, Array, Array]:
         """The body as coaxial current loops: radii [m], heights [m], currents [A] (coils: turns, for one ampere).
 

@@ -22,6 +22,10 @@ class Source(ABC):
     def field(self, points: ArrayLike) -> Array:
         """Flux density (..., 3) [T] (coils: [T/A]) at `points` (..., 3) [m]."""
 
+    @abstractmethod
+    def field_gradient(self, points: ArrayLike) -> Array:
+        """(..., 3, 3) [T/m] (coils: [T/m/A]), [i, j] = ∂B_i/∂x_j, at `points` (..., 3) [m]."""
+
     @property
     @abstractmethod
     def moment(self) -> Array:
