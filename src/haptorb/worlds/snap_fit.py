@@ -17,10 +17,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from haptorb.devices.state import State
 from haptorb.errors import GeometryError, InputError
@@ -31,6 +30,9 @@ from haptorb.physics.hook import Hook
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.sliding import sliding_push
 from haptorb.worlds.world import World
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 __all__ = ["Contact", "SnapFit"]
 
@@ -201,6 +203,8 @@ class SnapFit(World):
             math.radians(self.insertion_deg), math.radians(self.retention_deg),
             self.youngs_modulus, self.poisson_ratio, flat_top=True,
         )  # fmt: skip
+        from scipy.interpolate import CubicSpline  # a third of a second that only those who snap should wait
+
         x = np.linspace(0.5 * hook.base_length, hook.tip, 257)
         soft = compliance(hook, x, self.beam)
         top = compliance(hook, hook.peak, self.beam)
