@@ -2,8 +2,8 @@
 
     python -m benchmarks [NAME ...] [--json]
 
-Every other program in this folder prints one JSON object for `--json`; it is started in a process of its own, so none
-disturbs the next.
+A benchmark is a command that prints one JSON object for `--json`: a command of haptorb itself, or another program in this
+folder. Each is started in a process of its own, so none disturbs the next.
 """
 
 from __future__ import annotations
@@ -19,6 +19,11 @@ from pathlib import Path
 from typing import Any
 
 FOLDER = Path(__file__).resolve().parent
+HAPTORB = str(Path(sys.executable).parent / "haptorb")
+COMMANDS: dict[str, list[str]] = {
+    "loop": [HAPTORB, "check"],
+    **{path.stem: [sys.executable, str(path)] for path in sorted(FOLDER.glob("[a-z]*.py"))},
+}
 
 
 def machine() -> dict[str, str | int]:
@@ -39,12 +44,11 @@ def machine() -> dict[str, str | int]:
 
 def measured(name: str) -> dict[str, Any]:
     """What the benchmark `name` prints, or why it printed nothing."""
-    done = subprocess.run(
-        [sys.executable, FOLDER / f"{name}.py", "--json"], capture_output=True, text=True, check=False
-    )
-    if done.returncode:
+    done = subprocess.run([*COMMANDS[name], "--json"], capture_output=True, text=True, check=False)
+    try:
+        result: dict[str, Any] = json.loads(done.stdout)
+    except json.JSONDecodeError:
         return {"failed": (done.stderr.strip().splitlines() or ["no message"])[-1]}
-    result: dict[str, Any] = json.loads(done.stdout.strip().splitlines()[-1])
     return result
 
 
@@ -58,7 +62,7 @@ def flat(result: dict[str, Any], prefix: str = "") -> list[tuple[str, object]]:
 
 def main() -> int:
     """Run what was asked for and print it; returns the exit code."""
-    known = sorted(path.stem for path in FOLDER.glob("[a-z]*.py"))
+    known = sorted(COMMANDS)
     parser = argparse.ArgumentParser(prog="benchmarks", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(known)}; all if none is given")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
