@@ -2,7 +2,7 @@
 
     python -m benchmarks [NAME ...] [--json]
 
-A benchmark is a command that prints one JSON object for `--json`: a command of haptorb itself, or another program in this
+A benchmark is a command that prints one JSON object for `--json`: one of haptorb's own, or another program in this
 folder. Each is started in a process of its own, so none disturbs the next.
 """
 
