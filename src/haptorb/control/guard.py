@@ -7,6 +7,7 @@ when the reason is gone. The guard trusts nobody above it, least of all the worl
 from __future__ import annotations
 
 from math import isfinite, sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +16,9 @@ from haptorb.control.trip import GuardState, Trip
 from haptorb.devices.device import Device
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
-from haptorb.sensing.sample import Estimate, Sample
+
+if TYPE_CHECKING:
+    from haptorb.sensing.sample import Estimate, Sample
 
 __all__ = ["Guard"]
 

@@ -115,17 +115,16 @@ class Terrain(World):
     @classmethod
     def image(cls, path: str | Path, **values: float) -> Terrain:
         """From a grey image file (PNG): black is −1, white is +1; the top of the image is +y. It must be square."""
-        from matplotlib.image import imread
+        from PIL import Image, UnidentifiedImageError
 
         try:
-            picture = np.asarray(imread(path), dtype=float)
-        except (OSError, SyntaxError, ValueError) as cause:
+            with Image.open(path) as picture:
+                deep = picture.mode.startswith("I")  # 16-bit grey
+                grey = np.asarray(picture if deep else picture.convert("L"), dtype=float) / (65535 if deep else 255)
+        except (OSError, UnidentifiedImageError, ValueError) as cause:
             raise InputError(f"height map '{path}' cannot be read as an image: {cause}") from cause
-        grey = picture if picture.ndim == 2 else picture[..., :3].mean(axis=2)
         if grey.shape[0] != grey.shape[1]:
             raise InputError(f"height map '{path}' must be square; it is {grey.shape[1]} × {grey.shape[0]} pixels")
-        if grey.max() > 1:
-            grey = grey / 255
         return cls(heights=2 * grey[::-1] - 1, **values)
 
     def for_device(self, device: Device) -> Terrain:
