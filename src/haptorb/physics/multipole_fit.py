@@ -23,7 +23,7 @@ from haptorb.physics.round_body import RoundBody
 
 __all__ = ["MultipoleFit", "fit_multipole", "residual", "shell_region"]
 
-_RATIOS = (0.02, 1.0)  #: l̄/l that are searched
+_RATIOS = (0.02, 1.05)  #: l̄/l that are searched
 _ROUGH = (0.1, 0.4, 0.8)  #: l̄/l of the first look
 _FINALISTS = 4  #: (k, n) that are worth a search for l̄
 _K = MU0 / (4 * np.pi)
@@ -124,7 +124,7 @@ def fit_multipole(
                 lambda ratio, k=k, n=n: _strengths(body, at, exact, k, n, ratio * body.length)[1],
                 bounds=_RATIOS,
                 method="bounded",
-                options={"xatol": 5e-3},
+                options={"xatol": 5e-4},
             )
             trial = (float(found.fun), k, n, float(found.x) * body.length)
         else:

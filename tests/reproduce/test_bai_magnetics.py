@@ -1,0 +1,173 @@
+"""Bai 2012, magnetics: the published multipole models in numbers, and what a fit makes of as many dipoles.
+
+Errors of the torque characteristic are over the workspace, against exact bodies: `scale` is the factor that matches
+best, less one; `shape` is what is left after it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from haptorb.devices import table_kernels
+from haptorb.devices.pair_table import torque_table
+from haptorb.devices.state import rotation_to_axis
+from haptorb.physics.multipole import MultipoleSource, multipole_wrench
+from haptorb.physics.multipole_fit import MultipoleFit, fit_multipole, residual, shell_region
+from haptorb.physics.published import COIL_STRENGTHS, MAGNET_STRENGTHS, published
+
+R_PM, R_EM = 67.9e-3, 56.8e-3
+UP_PM, UP_EM = np.array([0, 0, R_PM]), np.array([0, 0, R_EM])
+PM, EM = published("bai2012-pm"), published("bai2012-em")
+#: where the coils are, as one magnet sees them, and where the magnets are, as one coil sees them
+BY_MAGNET = shell_region(R_PM, 53.0e-3, 60.61e-3, 1.2)
+BY_COIL = shell_region(R_EM, 65.36e-3, 70.44e-3, 1.2)
+
+
+def axes(latitude: float, longitudes: np.ndarray) -> np.ndarray:
+    lat, lon = np.deg2rad(latitude), np.deg2rad(longitudes)
+    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.full_like(lon, np.sin(lat))], axis=1)
+
+
+MAGNETS = np.concatenate([axes(-15, 30.0 * np.arange(12)), axes(15, 30.0 * np.arange(12))])
+POLARITY = np.concatenate([(-1.0) ** np.arange(12), -((-1.0) ** np.arange(12))])
+COILS = np.concatenate(
+    [axes(-26, 45.0 * np.arange(8) + 22.5), axes(26, 45.0 * np.arange(8) + 22.5), axes(0, 45.0 * np.arange(8))]
+)
+
+
+def workspace(count: int) -> np.ndarray:
+    rng = np.random.default_rng(12)
+    tilt, spin = rng.uniform(-22.5, 22.5, (count, 2)), rng.uniform(0, 360, (count, 1))
+    return Rotation.from_euler("XYZ", np.hstack([tilt, spin]), degrees=True).as_matrix()
+
+
+WORKSPACE = workspace(25)
+
+
+def modelled(magnet: MultipoleSource, coil: MultipoleSource) -> np.ndarray:
+    """(n, 3, 24) torque on the rotor per ampere by pole pairs: F = Σ q B at every pole, torque about the centre."""
+    frames = np.array([rotation_to_axis(u) for u in MAGNETS])
+    poles = (np.einsum("iab,pb->ipa", frames, magnet.poles) + R_PM * MAGNETS[:, None]).reshape(-1, 3)
+    charges = np.outer(POLARITY, magnet.strengths).ravel()
+    out = np.empty((len(WORKSPACE), 3, len(COILS)))
+    for n, R in enumerate(WORKSPACE):
+        at = poles @ R.T
+        for j, c in enumerate(COILS):
+            frame = rotation_to_axis(c)
+            field = coil.field((at - R_EM * c) @ frame) @ frame.T
+            out[n, :, j] = np.cross(at, charges[:, None] * field).sum(axis=0)
+    return out
+
+
+def exact(body) -> np.ndarray:
+    table = torque_table(PM.body, R_PM, body, R_EM, precision=1e-6)
+    out = np.empty((len(WORKSPACE), 3, len(COILS)))
+    table_kernels.torque_characteristic(table.cells, table.scale, MAGNETS, POLARITY, COILS, WORKSPACE, out)
+    return out
+
+
+def scale_and_shape(model: np.ndarray, true: np.ndarray) -> tuple[float, float]:
+    scale = float((model * true).sum() / (true * true).sum())
+    return scale - 1, float(np.linalg.norm(model - scale * true) / np.linalg.norm(scale * true))
+
+
+@pytest.fixture(scope="module")
+def true() -> np.ndarray:
+    return exact(EM.body)
+
+
+def test_moments_of_the_magnet_in_the_readings_of_table_1():
+    """E1: 825.35 A·m²/m × l of the magnet, 4135.5 l̄ of its poles: they agree for l̄/l = 0.2, not for the printed 0.3."""
+    length = PM.body.length
+    assert PM.body.moment[2] / length == pytest.approx(825.35, abs=0.05)
+    assert PM.model.moment[2] / PM.model.pole_distance == pytest.approx(4135.5, abs=1e-6)
+    assert PM.model.moment[2] / PM.body.moment[2] == pytest.approx(1.002, abs=5e-4)
+    printed = published("bai2012-pm-printed")
+    assert printed.model.moment[2] / printed.body.moment[2] == pytest.approx(1.503, abs=1e-3)
+    counted_ten_times = 10 * sum(MAGNET_STRENGTHS)
+    for ratio in (0.2, 0.3):
+        assert abs(counted_ten_times * ratio / 825.35 - 1) > 0.07
+
+
+def test_moment_of_the_coil_in_the_readings_of_table_1():
+    assert EM.body.moment[2] == pytest.approx(0.36707, abs=5e-6)
+    per_distance = COIL_STRENGTHS[0] + 16 * sum(COIL_STRENGTHS[1:])
+    assert EM.model.moment[2] == pytest.approx(per_distance * 0.442 * 7.62e-3)
+    assert EM.model.moment[2] / EM.body.moment[2] == pytest.approx(1.097, abs=1e-3)
+    aspect = published("bai2012-em-aspect")
+    assert aspect.model.moment[2] / aspect.body.moment[2] == pytest.approx(1.371, abs=1e-3)
+
+
+def test_published_model_against_exact_bodies_over_the_workspace(true):
+    model = modelled(PM.model, EM.model)
+    scale, shape = scale_and_shape(model, true)
+    assert scale == pytest.approx(0.045, abs=0.004)
+    assert shape == pytest.approx(0.025, abs=0.004)
+    rms_of_peak = np.sqrt(np.mean((model - (1 + scale) * true) ** 2)) / np.abs((1 + scale) * true).max()
+    assert rms_of_peak < 0.012
+
+
+def test_other_readings_are_far_off(true):
+    """E1: the coil's length as l/2a = 0.3, or the magnet's l̄/l as printed."""
+    aspect = published("bai2012-em-aspect")
+    assert scale_and_shape(modelled(PM.model, aspect.model), exact(aspect.body))[0] == pytest.approx(0.29, abs=0.02)
+    assert scale_and_shape(modelled(published("bai2012-pm-printed").model, EM.model), true)[0] > 0.5
+
+
+def test_field_of_the_published_models_in_the_gap():
+    assert residual(PM.body, PM.model, BY_MAGNET).rms == pytest.approx(0.098, abs=0.005)
+    assert residual(EM.body, EM.model, BY_COIL).rms == pytest.approx(0.095, abs=0.005)
+
+
+@pytest.fixture(scope="module")
+def fits() -> tuple[MultipoleFit, MultipoleFit]:
+    """As many dipoles as published, in the published arrangement for the magnet and in the best for the coil."""
+    magnet = fit_multipole(PM.body, BY_MAGNET, loops=4, per_loop=10)
+    return magnet, fit_multipole(EM.body, BY_COIL, loops=4, per_loop=24)
+
+
+def test_fitted_models_with_no_more_dipoles_are_within_half_a_percent(true, fits):
+    magnet, coil = fits
+    assert magnet.model.dipoles <= PM.model.dipoles
+    assert coil.model.dipoles <= EM.model.dipoles
+    assert magnet.rms < 0.015
+    assert coil.rms < 0.002
+    found = modelled(magnet.model, coil.model)
+    assert np.linalg.norm(found - true) / np.linalg.norm(true) < 0.005
+
+
+def as_printed(R: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Eq. (9) word by word, one magnet with axis R ẑ and one coil with axis c."""
+    frame, n = rotation_to_axis(c), PM.model.dipoles
+    r = (PM.model.poles + UP_PM) @ R.T
+    s = (EM.model.poles + UP_EM) @ frame.T
+    m, v = PM.model.strengths[:n], EM.model.strengths[: EM.model.dipoles]
+    apart = r[:, None] - s
+    apart /= np.linalg.norm(apart, axis=-1, keepdims=True) ** 3
+    plus = np.einsum("s,rsi->ri", v, apart[:, : len(v)])
+    minus = np.einsum("s,rsi->ri", v, apart[:, len(v) :])
+    first = np.cross(plus[:n] - minus[:n], r[:n])
+    second = np.cross(plus[n:] + minus[n:], r[n:])
+    return 1e-7 * (m[:, None] * (first - second)).sum(axis=0)
+
+
+def test_virtual_work_holds_for_the_corrected_equation_9_and_not_for_the_printed_one():
+    """E5: K = dλ/dθ, with the co-energy of all pole pairs, −μ0/4π Σ q q′/|R|, as λ at one ampere."""
+    c = np.array([np.sin(0.35), 0.1, np.cos(0.35)])
+    c /= np.linalg.norm(c)
+    frame = rotation_to_axis(c)
+
+    def linkage(spin: np.ndarray) -> float:
+        at = (PM.model.poles + UP_PM) @ Rotation.from_rotvec(spin).as_matrix().T
+        apart = np.linalg.norm(at[:, None] - (EM.model.poles + UP_EM) @ frame.T, axis=-1)
+        return float(-1e-7 * PM.model.strengths @ (1 / apart) @ EM.model.strengths)
+
+    h = 1e-5
+    work = np.array([(linkage(h * e) - linkage(-h * e)) / (2 * h) for e in np.eye(3)])
+    place = frame.T @ np.array([0, 0, R_PM]) - np.array([0, 0, R_EM])
+    corrected = frame @ multipole_wrench(EM.model, PM.model, place, frame.T, about=(0, 0, -R_EM))[3:]
+    assert corrected == pytest.approx(work, abs=1e-6 * np.linalg.norm(work))
+    assert np.linalg.norm(as_printed(np.eye(3), c) - work) > 10 * np.linalg.norm(work)
+    assert np.linalg.norm(as_printed(np.eye(3), c) + work) > 10 * np.linalg.norm(work)
