@@ -90,15 +90,39 @@ def test_rows_are_copies() -> None:
     assert ring.since(0)[1].tolist() == [[0, 0, 0], [1, 1, 1]]
 
 
-def test_no_torn_rows(shared: Shared) -> None:
-    def write(other: Shared, i: int) -> None:
-        other.ring.publish(np.full(LAYOUT.width, float(i)))
+def test_rows_that_were_overtaken_while_they_were_copied() -> None:
+    class Rising:
+        """A count that the writer raises between the reader's two looks."""
 
+        def __init__(self) -> None:
+            self.counts = [20, 23]
+
+        def __getitem__(self, at: int) -> int:
+            return self.counts.pop(0)
+
+    ring = _ring(8)
+    for i in range(20):
+        ring.publish(np.full(3, float(i)))
+    ring._words = Rising()  # type: ignore[assignment]
+    end, rows = ring.since(0)
+    assert end == 20
+    assert rows[:, 0].tolist() == [16, 17, 18, 19]  # 13 to 15 may have been overwritten
+
+
+@pytest.mark.parametrize("capacity", [5, 16, CAPACITY])
+def test_no_torn_rows(shared: Shared, capacity: int) -> None:
+    def small(memory: Shared) -> Ring:
+        return Ring(memory.words, Word.ROWS, memory.ring._rows[:capacity])
+
+    def write(other: Shared, i: int) -> None:
+        small(other).publish(np.full(LAYOUT.width, float(i)))
+
+    ring = small(shared)
     with _writing(shared, write):
         cursor, lost, seen, last = 0, 0, 0, 0.0
-        while seen < 200_000:
+        while seen < 20_000:
             before = cursor
-            cursor, rows = shared.ring.since(cursor)
+            cursor, rows = ring.since(cursor)
             lost += cursor - before - len(rows)
             if not len(rows):
                 continue
@@ -107,7 +131,7 @@ def test_no_torn_rows(shared: Shared) -> None:
             assert rows[0, 0] > last
             last = rows[-1, 0]
             seen += len(rows)
-            newest = shared.ring.latest()
+            newest = ring.latest()
             assert newest is not None
             assert (newest == newest[0]).all()
         assert last == seen + lost
