@@ -1,0 +1,49 @@
+"""`haptorb fit-multipole`: a distributed multipole model for a motor's magnet or coil."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptorb.errors import InputError
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `app`."""
+    app.command("fit-multipole")(fit_multipole)
+
+
+def fit_multipole(
+    device: Annotated[str, typer.Argument(help="A spherical motor's name, or the path of its file.")] = "pmsm",
+    part: Annotated[str, typer.Option(help="magnet or coil.")] = "magnet",
+    dipoles: Annotated[int | None, typer.Option(help="At most so many pole pairs [as in the file].")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw exact, fitted and stored field into this file.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Fit loops of dipoles to a part, where it meets its counterparts, and say how far off the model is there."""
+    if dipoles is not None and not 1 <= dipoles <= 2000:
+        raise InputError(f"--dipoles must be between 1 and 2000; got {dipoles}")
+    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
+        raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from haptorb.apps.fit import compare
+    from haptorb.devices.motor_doors import motor
+
+    known = motor(device)
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("fitting", total=None)
+        made = compare(known, part, dipoles, lambda done, total: bar.update(task, completed=done, total=total))
+    if json:
+        from json import dumps
+
+        print(dumps(made.numbers(), indent=2, ensure_ascii=False))
+    else:
+        made.show(Console())
+    if plot is not None:
+        made.plot(plot)
