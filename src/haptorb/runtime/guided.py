@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from haptorb.physics.arrays import Array
+from haptorb.physics.compiled import kernel
 
 __all__ = ["DURATION", "guided_position", "upright"]
 
@@ -24,18 +25,15 @@ _BEARING = math.radians(-60.0)  #: meridian of the slide [rad]
 _TURN = 2 * math.pi  #: once around
 
 
+@kernel
 def _smooth(t: float, start: float, end: float) -> float:
     """0 before `start`, 1 after `end`, between them the path of least jerk (Flash and Hogan 1985): a hand's."""
     s = min(max((t - start) / (end - start), 0.0), 1.0)
     return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
-def guided_position(t: float) -> Array:
-    """(3,) [m] where the hand wants the tool's magnet at time `t` [s], frame S; the summit is +z.
-
-    >>> round(1e3 * float(np.linalg.norm(guided_position(20.0))), 3)
-    48.0
-    """
+@kernel
+def _position(t: float, p: Array) -> None:
     # A signed tilt along one meridian passes the summit without a turn of the hand.
     tilt = (
         _LANDING
@@ -45,7 +43,30 @@ def guided_position(t: float) -> Array:
     bearing = _BEARING + _TURN * _smooth(t, 5.0, 10.5)
     d = _HIGH + (_PRESSED - _HIGH) * _smooth(t, 0.0, 1.5)
     s = d * math.sin(tilt)
-    return np.array((s * math.cos(bearing), s * math.sin(bearing), d * math.cos(tilt)))
+    p[0], p[1], p[2] = s * math.cos(bearing), s * math.sin(bearing), d * math.cos(tilt)
+
+
+@kernel
+def _upright(p: Array, q: Array) -> None:
+    x, y, z = p[0], p[1], p[2]
+    length = math.sqrt(x * x + y * y + z * z)
+    if length == 0.0 or z <= -length * (1 - 1e-12):  # no way is the shortest
+        q[0], q[1], q[2], q[3] = 1.0, 0.0, 0.0, 0.0
+        return
+    w = length + z
+    n = math.sqrt(x * x + y * y + w * w)
+    q[0], q[1], q[2], q[3] = -y / n, x / n, 0.0, w / n
+
+
+def guided_position(t: float) -> Array:
+    """(3,) [m] where the hand wants the tool's magnet at time `t` [s], frame S; the summit is +z.
+
+    >>> round(1e3 * float(np.linalg.norm(guided_position(20.0))), 3)
+    48.0
+    """
+    p = np.empty(3)
+    _position(float(t), p)
+    return p
 
 
 def upright(p: Array) -> Array:
@@ -54,10 +75,6 @@ def upright(p: Array) -> Array:
     >>> upright(np.array([0.0, -0.05, 0.0])).round(3).tolist()
     [0.707, 0.0, 0.0, 0.707]
     """
-    x, y, z = p.tolist()
-    length = math.sqrt(x * x + y * y + z * z)
-    if length == 0.0 or z <= -length * (1 - 1e-12):
-        return np.array((1.0, 0.0, 0.0, 0.0))
-    w = length + z
-    n = math.sqrt(x * x + y * y + w * w)
-    return np.array((-y / n, x / n, 0.0, w / n))
+    q = np.empty(4)
+    _upright(p, q)
+    return q
