@@ -22,6 +22,7 @@ FOLDER = Path(__file__).resolve().parent
 HAPTORB = str(Path(sys.executable).parent / "haptorb")
 COMMANDS: dict[str, list[str]] = {
     "loop": [HAPTORB, "check"],
+    "magnetics": [HAPTORB, "bench", "magnetics"],
     **{path.stem: [sys.executable, str(path)] for path in sorted(FOLDER.glob("[a-z]*.py"))},
 }
 

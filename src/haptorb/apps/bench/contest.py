@@ -98,7 +98,7 @@ class Contest:
 def fastest(work: Callable[[], object], per_call: int = 1, budget: float = 0.5) -> float:
     """Seconds per item of the fastest of several runs; `work` does `per_call` items. The first call does not count.
 
-    Garbage collection waits, as it does in the loop. Three runs at least, unless one alone takes longer than `budget` [s].
+    Garbage collection waits, as it does in the loop. Three runs at least, unless one takes longer than `budget` [s].
     """
     work()
     start = time.perf_counter()
