@@ -50,7 +50,7 @@ def test_currents_settle_at_duty_times_supply_over_resistance(emulator: Any, dri
 def test_identity_limits_and_calibration_can_be_read(started: Callable[..., Any]) -> None:
     for board, name in (("m328p", "ATmega328P"), ("m2560", "ATmega2560")):
         emulator = started(board)
-        device = Board(emulator.port)
+        device = Board(emulator.port, answer=5.0)
         assert device.identity.board == name
         assert device.identity.reset is Reason.POWER_ON
         assert (device.identity.channels, device.identity.hall_sensors) == (3, 9)
@@ -62,14 +62,14 @@ def test_identity_limits_and_calibration_can_be_read(started: Callable[..., Any]
         time.sleep(0.5)
         device.close()
         emulator.tell("reset")  # the EEPROM remembers
-        again = Board(emulator.port)
+        again = Board(emulator.port, answer=5.0)
         assert again.identity.calibration == wanted
         assert again.identity.reset is Reason.RESET_PIN
         again.close()
 
 
 def test_a_session_may_ask_for_less_than_the_limits(emulator: Any) -> None:
-    device = Board(emulator.port)
+    device = Board(emulator.port, answer=5.0)
     time.sleep(0.2)
     emulator.slow()
     assert device.engage(0.25, 30.0).refusal is Refusal.ACCEPTED
@@ -189,6 +189,6 @@ def test_standing_is_off_after_close(emulator: Any, driver: SerialDriver) -> Non
     driver.close()
     driver.close()
     assert emulator.status()["on"] == "0"
-    device = Board(emulator.port)
+    device = Board(emulator.port, answer=5.0)
     assert device.read().standing is Standing.OFF
     device.close()

@@ -32,11 +32,12 @@ class Board:
     """Questions and answers; `post` and `collect` split the one that is asked every millisecond.
 
     Opening waits until the firmware has answered (an Arduino restarts when its port is opened, which takes up to two
-    seconds), and leaves the coils off.
+    seconds), at most `patience` [s], and leaves the coils off. `answer` [s] is how long any later answer may take.
     """
 
-    def __init__(self, path: str, patience: float = 3.0) -> None:
+    def __init__(self, path: str, patience: float = 3.0, answer: float = _ANSWER) -> None:
         self._port = SerialPort(path)
+        self._answer = answer
         self._parser = FrameParser()
         self._sequence = 0
         self._waiting: int | None = None  #: sequence of the SET or READ whose answer has not been collected
@@ -63,7 +64,7 @@ class Board:
         heard = 0
         while True:
             self._send(Frame(Command.IDENTIFY, self._next(), b""))
-            frame, count = self._awaited(0x80 | Command.IDENTIFY, self._sequence, 0.1)
+            frame, count = self._awaited(0x80 | Command.IDENTIFY, self._sequence, max(0.1, self._answer))
             heard += count
             if frame is not None:
                 identity = Identity.parse(frame.payload)
@@ -105,7 +106,7 @@ class Board:
         for _ in range(_TRIES):
             sequence = self._next()
             self._send(Frame(command, sequence, payload))
-            frame, _ = self._awaited(kind, sequence, _ANSWER)
+            frame, _ = self._awaited(kind, sequence, self._answer)
             if frame is not None:
                 return frame
         raise DriverError(f"the firmware at {self.path} does not answer; check the cable and the device's supply")
@@ -114,7 +115,7 @@ class Board:
         for _ in range(_TRIES):
             sequence = self._next()
             self._send(make(sequence))
-            frame, _ = self._awaited(STATE, sequence, _ANSWER)
+            frame, _ = self._awaited(STATE, sequence, self._answer)
             if frame is not None:
                 return BoardState.parse(frame.payload)
         raise DriverError(f"the firmware at {self.path} does not answer; check the cable and the device's supply")
@@ -138,7 +139,7 @@ class Board:
     def set(self, steps: list[int]) -> Reading:
         """New duties in signed steps, and one reading."""
         self.post(steps)
-        reading = self.collect(_ANSWER)
+        reading = self.collect(self._answer)
         if reading is None:
             raise DriverError(f"the firmware at {self.path} does not answer; check the cable and the device's supply")
         return reading
@@ -166,7 +167,7 @@ class Board:
         """Coils off if the line still works, then the port. May be called twice."""
         try:
             self._send(Frame(Command.OFF, self._next(), b""))
-            self._awaited(STATE, self._sequence, _ANSWER)
+            self._awaited(STATE, self._sequence, self._answer)
         except DriverError:
             pass  # the line is dead: the firmware's own watchdog has switched off
         finally:

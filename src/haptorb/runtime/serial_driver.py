@@ -74,6 +74,7 @@ class SerialDriver(Driver):
         self._path = path
         self._pose = pose
         self._patience = patience
+        self._answer = 10 * patience
         positions = getattr(getattr(device, "hall", None), "positions", None)
         if positions is None or len(positions) != HALL_SENSORS:
             raise DriverError(f"the firmware reads {HALL_SENSORS} Hall sensors; device '{device.name}' has others")
@@ -113,7 +114,7 @@ class SerialDriver(Driver):
         """Connect; wait until every sensor has been read once. Raises DriverError naming what is missing."""
         self.close()
         self._start()
-        self._board = Board(self._path)
+        self._board = Board(self._path, answer=self._answer)
         self._opened = True
         try:
             self._warm_up(self._board)
@@ -171,7 +172,7 @@ class SerialDriver(Driver):
             raise DriverError(self._fault)
         self._next_try = monotonic() + _RETRY
         try:
-            self._board = Board(self._path, _MEETING)
+            self._board = Board(self._path, _MEETING, self._answer)
         except DriverError as cause:
             self._next_try = monotonic() + _RETRY
             raise DriverError(f"{self._fault}; trying again: {cause}") from cause

@@ -1,0 +1,195 @@
+"""What every driver keeps: coils off outside open and close, clipping told, reconnection by intent only.
+
+The simulated driver, the I²C driver on simulated chips, and, where the cross-compiler is installed, the serial driver
+on the emulated firmware.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptorb.devices.loader import load
+from haptorb.errors import DriverError, InputError
+from haptorb.physics.arrays import Array
+from haptorb.runtime.driver import Driver
+from haptorb.runtime.emulator import Emulator
+from haptorb.runtime.i2c_driver import I2cDriver
+from haptorb.runtime.serial_driver import SerialDriver
+from haptorb.runtime.sim_driver import SimDriver
+from haptorb.simulation.chips import ChipBus
+
+SOME = np.array([0.05, -0.03, 0.02])
+FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
+
+
+class Subject:
+    """A driver, and a way to see what its coils really get."""
+
+    def __init__(self, driver: Driver, coils: Callable[[], Array], between: Callable[[], None] = lambda: None) -> None:
+        self.driver, self.coils, self.between = driver, coils, between
+        self.now = 0.0
+
+    def tick(self, duties: Array) -> tuple[Any, Array]:
+        self.between()
+        sample = self.driver.read(self.now)
+        self.now += 1e-3
+        return sample, self.driver.write(duties)
+
+
+class _Warm:
+    def ready(self, patience: float) -> bool:
+        return True
+
+    def read(self) -> Array:
+        return np.full(3, 300.0)
+
+    def close(self) -> None:
+        return
+
+
+def simulated() -> Subject:
+    driver = SimDriver.of(load("omni"), 1e-3)
+    return Subject(driver, lambda: driver._duties)
+
+
+class Reopening:
+    """Chips stay where they are when a driver lets go of the bus."""
+
+    def __init__(self, bus: ChipBus) -> None:
+        self._bus = bus
+
+    def transfer(self, messages: Any) -> list[bytes]:
+        return self._bus.transfer(messages)
+
+    def close(self) -> None:
+        return
+
+
+def i2c() -> Subject:
+    bus, pwm, currents, _ = ChipBus.of_device()
+
+    def coils_follow() -> None:
+        for chip, duty in zip(currents, pwm.duties(), strict=True):
+            chip.pass_time(0.6e-3, 20.0 * float(duty))
+
+    driver = I2cDriver(load("omni"), Reopening(bus), thermometers=_Warm)
+    return Subject(driver, pwm.duties, coils_follow)
+
+
+@pytest.fixture(params=["sim", "i2c", pytest.param("serial", marks=[pytest.mark.firmware, pytest.mark.timeout(600)])])
+def subject(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Subject]:
+    if request.param == "sim":
+        yield simulated()
+        return
+    if request.param == "i2c":
+        yield i2c()
+        return
+    if shutil.which("avr-gcc") is None or not Path("/usr/include/simavr/sim_avr.h").exists():
+        pytest.skip("gcc-avr or libsimavr-dev is not installed")
+    subprocess.run(["make", "-C", str(FIRMWARE), "all", "emulator"], check=True, capture_output=True)
+    emulator = Emulator(FIRMWARE / "build", tmp_path / "omni")
+    driver = SerialDriver(load("omni"), emulator.port, patience=1.0)
+    original = driver.open
+
+    def open_then_slow() -> None:
+        emulator.tell("pace 1")
+        original()
+        emulator.slow()
+
+    driver.open = open_then_slow  # type: ignore[method-assign]
+    yield Subject(driver, lambda: np.array([float(one) for one in emulator.status()["duty"].split(",")]))
+    driver.close()
+    emulator.close()
+
+
+def test_coils_are_off_before_open_and_after_close(subject: Subject) -> None:
+    driver = subject.driver
+    assert subject.coils() == pytest.approx(np.zeros(3), abs=0)
+    with pytest.raises(DriverError, match="open"):
+        driver.read(0.0)
+    assert driver.write(SOME).tolist() == [0, 0, 0]
+    driver.open()
+    for _ in range(5):
+        subject.tick(SOME)
+    assert subject.coils() == pytest.approx(SOME, abs=1e-3)
+    driver.close()
+    driver.close()
+    assert subject.coils() == pytest.approx(np.zeros(3), abs=0)
+    assert driver.write(SOME).tolist() == [0, 0, 0]
+
+
+def test_leaving_with_by_an_exception_switches_off(subject: Subject) -> None:
+    def fail() -> None:
+        with subject.driver:
+            for _ in range(5):
+                subject.tick(SOME)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert subject.coils() == pytest.approx(np.zeros(3), abs=0)
+
+
+def test_a_sample_has_the_devices_shapes(subject: Subject) -> None:
+    with subject.driver:
+        sample, _ = subject.tick(np.zeros(3))
+    assert sample.currents.shape == (3,)
+    assert sample.temperatures.shape == (3,)
+    assert sample.field.shape == (9, 3)
+    assert np.isfinite(sample.currents).all()
+    assert np.isfinite(sample.temperatures).all()
+    assert np.isfinite(sample.field).all()
+
+
+def test_what_was_applied_is_told_in_the_choppers_steps(subject: Subject) -> None:
+    with subject.driver:
+        for duties in (SOME, np.array([0.1234567, -0.0001, 0.0])):
+            _, applied = subject.tick(duties)
+            assert applied == pytest.approx(np.round(duties * 4096) / 4096, abs=1e-9)
+
+
+def test_a_duty_that_is_no_number_is_zero_and_too_much_is_clipped(subject: Subject) -> None:
+    with subject.driver:
+        _, applied = subject.tick(np.array([np.nan, 0.01, 0.0]))
+        assert applied[0] == 0
+        subject.tick(np.zeros(3))
+        _, applied = subject.tick(np.array([0.0, 0.0, 7.0]))
+        assert 0.99 <= applied[2] <= 1.0
+        subject.tick(np.zeros(3))
+
+
+def test_it_can_be_opened_again(subject: Subject) -> None:
+    for _ in range(2):
+        with subject.driver as driver:
+            subject.now = 0.0
+            for _ in range(3):
+                subject.tick(SOME)
+            assert subject.coils() == pytest.approx(SOME, abs=1e-3)
+            assert driver.truth().shape == (6,)
+
+
+def test_engaging_what_runs_changes_nothing(subject: Subject) -> None:
+    with subject.driver as driver:
+        for _ in range(3):
+            subject.tick(SOME)
+        driver.engage()
+        _, applied = subject.tick(SOME)
+        assert applied == pytest.approx(SOME, abs=1e-3)
+
+
+def test_a_name_and_whether_it_is_simulated(subject: Subject) -> None:
+    assert subject.driver.name
+    assert isinstance(subject.driver.simulated, bool)
+
+
+def test_a_device_with_other_channels_is_refused() -> None:
+    for make in (lambda: SerialDriver(load("pmsm"), "/dev/null"), lambda: I2cDriver(load("pmsm"), 1)):
+        with pytest.raises((DriverError, InputError), match="coils"):
+            make()
