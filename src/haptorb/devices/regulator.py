@@ -14,6 +14,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from haptorb.physics.arrays import Array
+from haptorb.physics.compiled import kernel
 from haptorb.physics.interaction import wrench
 from haptorb.physics.ring import RingMagnet
 
@@ -55,9 +56,13 @@ class Regulator:
     def stiffness_at(self, cosine: float) -> float:
         """Restoring torque over sin(tilt) [N·m], for cos(tilt); held constant beyond `greatest_tilt`."""
         series, low = self._series
-        node = (2 * max(cosine, low) - (1 + low)) / (1 - low)
-        value = 0.0
-        carry = 0.0  # Clenshaw
-        for a in series[:0:-1]:
-            value, carry = a + 2 * node * value - carry, value
-        return float(series[0] + node * value - carry)
+        return _chebyshev(series, (2 * max(cosine, low) - (1 + low)) / (1 - low))
+
+
+@kernel
+def _chebyshev(series: Array, x: float) -> float:
+    """Σ a_n T_n(x) by Clenshaw's recurrence."""
+    value, carry = 0.0, 0.0
+    for n in range(series.shape[0] - 1, 0, -1):
+        value, carry = series[n] + 2.0 * x * value - carry, value
+    return series[0] + x * value - carry
