@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Timer
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -64,7 +67,7 @@ def run(
 
 
 def _alone(servo: Servo, duration: float | None, json: bool) -> int:
-    with servo:
+    with _opened(servo):
         if not json:
             _say(f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_nature(servo)}. Ctrl-C ends.")
         try:
@@ -83,13 +86,29 @@ def _with_console(servo: Servo, duration: float | None, port: int, browser: bool
 
     from haptorb.apps.console import Console
 
-    with Console(servo, port) as console, servo:
+    with Console(servo, port) as console, _opened(servo):
         _say(f"Open {console.url} in a browser: {servo.device.name}, {_nature(servo)}. Ctrl-C ends.")
         end = float("inf") if duration is None else monotonic() + duration
         number = console.serve(open_browser=browser, until=lambda: monotonic() > end)
         servo.check()  # a servo that died says why, and the exit code says that it did
         _report(servo, json)
     return number or 0
+
+
+@contextmanager
+def _opened(servo: Servo) -> Iterator[None]:
+    """`servo` running, and closed on the way out; people are told why when the start takes long."""
+    hint = Timer(3.0, _say, ["Starting ... The first start after an installation compiles for about half a minute."])
+    hint.daemon = True
+    hint.start()
+    try:
+        servo.open()
+    finally:
+        hint.cancel()
+    try:
+        yield
+    finally:
+        servo.close()
 
 
 def _nature(servo: Servo) -> str:
