@@ -258,6 +258,15 @@ def test_a_damaged_or_foreign_file_is_found_and_made_again(folder, damage):
     assert path.read_bytes() == whole
 
 
+def test_a_sound_table_under_another_tables_name_is_not_believed(folder):
+    first = kept()
+    (path,) = folder.iterdir()
+    table_cache.cached_field_table(MAGNET, R_PM, 51e-3, precision=1e-4)
+    (other,) = set(folder.iterdir()) - {path}
+    path.write_bytes(other.read_bytes())
+    assert (kept().cells == first.cells).all()
+
+
 def test_a_cache_that_cannot_be_written_costs_time_only(tmp_path, monkeypatch):
     (tmp_path / "haptorb").write_text("a file where the folder should be")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
