@@ -65,4 +65,4 @@ def _chebyshev(series: Array, x: float) -> float:
     value, carry = 0.0, 0.0
     for n in range(series.shape[0] - 1, 0, -1):
         value, carry = series[n] + 2.0 * x * value - carry, value
-    return series[0] + x * value - carry
+    return float(series[0] + x * value - carry)
