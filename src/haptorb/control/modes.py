@@ -54,8 +54,8 @@ class Gains:
     rotate_torque      η of T_ψ', T_λ', T_φ'; None: η = (ζ₂, ζ₁, ζ₃)
 
     The defaults render the outlet (a pull of 11.5 N; tilted by 2° 64 N sideways and 1 N·m about the plug's end) on a
-    motor of about 1 N·m: 0.23, 0.26 and 0.25 N·m, and at most 0.6 wherever the handle may go, unless the plug's bevel is
-    forced aside. ±22.5° of handle move the plug by ±8 mm out (its whole way), ±1.6 mm sideways; 8° of spin tilt it by
+    motor of about 1 N·m: 0.23, 0.26 and 0.25 N·m, and at most 0.6 wherever the handle may go, unless the plug's bevel
+    is forced aside. ±22.5° of handle move the plug by ±8 mm out (its whole way), ±1.6 mm sideways; 8° of spin tilt it by
     2°. For the paper's beam, 4.3 times stiffer, use `Gains().scaled(0.25)`.
 
     >>> Gains().verdict, Gains().scaled(0.2).verdict, Gains(rotate_torque=(1, 1, 1)).verdict
@@ -260,7 +260,7 @@ class TwoModes:
         attitude: ArrayLike = (0.0, 0.0, 0.0),
     ) -> Clutch:
         """A clutch, let go, with the target at `position` (3,) [m], turned by `attitude` ψ', λ', φ' (3,) [rad]."""
-        self._known(mode)
+        self.known(mode)
         turned = np.array(_three(attitude, "attitude"))
         if abs(turned[1]) >= STEEPEST:
             raise InputError(
@@ -307,7 +307,7 @@ class TwoModes:
 
     def switched(self, clutch: Clutch, mode: Mode) -> Clutch:
         """The same pose and torque, on the way to `mode`."""
-        self._known(mode)
+        self.known(mode)
         return replace(clutch, mode=mode)
 
     def released(self, clutch: Clutch) -> Clutch:
@@ -319,6 +319,7 @@ class TwoModes:
         return replace(clutch, engaged=True)
 
     @staticmethod
-    def _known(mode: str) -> None:
+    def known(mode: str) -> None:
+        """UnknownName for what is not a mode."""
         if mode not in MODES:
             raise UnknownName("mode", str(mode), MODES)

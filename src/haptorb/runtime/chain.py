@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from haptorb.control.modes import Mode
 from haptorb.control.trip import Trip
 from haptorb.physics.arrays import Array
 from haptorb.runtime.driver import Driver
 from haptorb.worlds.world import World
 
-__all__ = ["Chain", "Tripping"]
+__all__ = ["Chain", "Joining", "Tripping"]
 
 
 class Tripping(Protocol):
@@ -17,6 +18,16 @@ class Tripping(Protocol):
 
     def trip(self, reason: Trip) -> None:
         """Coils off in the next step, and off until `engage`."""
+
+
+class Joining(Protocol):
+    """The part of a linkage that the loop needs."""
+
+    def set_mode(self, mode: Mode) -> None:
+        """Go over to `mode` without a step."""
+
+    def set_clutch(self, engaged: bool) -> None:
+        """Take hold of the world's object, or let it go, without a step."""
 
 
 class Chain(Protocol):
@@ -31,6 +42,10 @@ class Chain(Protocol):
     @property
     def guard(self) -> Tripping:
         """Who can switch off."""
+
+    @property
+    def linkage(self) -> Joining:
+        """What joins the mover to the world's object."""
 
     def step(self, row: Array, now: float) -> None:
         """One tick at `now` [s] on the loop's clock; fills all of `row` except what the clock knows."""

@@ -6,6 +6,7 @@ import traceback
 from time import monotonic_ns
 from typing import final
 
+from haptorb.control.modes import MODES
 from haptorb.control.trip import GuardState, Trip
 from haptorb.errors import HaptorbError
 from haptorb.runtime.chain import Chain
@@ -39,11 +40,13 @@ class Loop:
         self._now = 0.0  # on the loop's clock [s]
         self._stopped = shared.words[Word.STOP]
         self._engaged = shared.words[Word.ENGAGE]
+        self._mode, self._clutch = 0, 0
         self._asked = shared.request.version
         at = shared.layout
         self._given, self._modelled = at["given"].start, at["modelled"].start
         self._guard = at["guard"].start
         self._peak = 0.0  # square of the greatest force so far [N²]
+        self._peak_torque = 0.0  # and of the greatest torque [N²m²]
         self._tripped = False
         self.told_by = ""  #: a signal's name, set by its handler: the loop ends after the present tick
         self.in_step = False  #: whether the chain is being stepped just now
@@ -114,7 +117,7 @@ class Loop:
                 words[Word.ON_TIME] += 1
 
     def _obey(self) -> None:
-        """Stop, engage and change the world as the host has asked since the last tick; a stop wins."""
+        """Stop, engage, clutch and change the world as the host has asked since the last tick; a stop wins."""
         words = self._shared.words
         if words[Word.ENGAGE] != self._engaged:
             self._engaged = words[Word.ENGAGE]
@@ -122,6 +125,12 @@ class Loop:
         if words[Word.STOP] != self._stopped:
             self._stopped = words[Word.STOP]
             self._chain.guard.trip(Trip.STOPPED)
+        if words[Word.MODE] != self._mode:
+            self._mode = words[Word.MODE]
+            self._chain.linkage.set_mode(MODES[self._mode - 1])
+        if words[Word.CLUTCH] != self._clutch:
+            self._clutch = words[Word.CLUTCH]
+            self._chain.linkage.set_clutch(self._clutch == 1)
         if self._shared.request.version != self._asked:
             self._asked, text = self._shared.request.read()
             if text:
@@ -142,7 +151,7 @@ class Loop:
         return answer(number)
 
     def _summarise(self) -> None:
-        """Keep what a report needs of every row: the greatest force, and every trip."""
+        """Keep what a report needs of every row: the greatest force and torque, and every trip."""
         cells = self._cells
         i = self._given
         fx, fy, fz = cells[i], cells[i + 1], cells[i + 2]
@@ -154,6 +163,11 @@ class Loop:
         if square > self._peak:
             self._peak = square
             self._shared.floats[Word.PEAK] = square**0.5
+        tx, ty, tz = cells[i + 3], cells[i + 4], cells[i + 5]
+        square = tx * tx + ty * ty + tz * tz
+        if square > self._peak_torque:
+            self._peak_torque = square
+            self._shared.floats[Word.PEAK_TORQUE] = square**0.5
         tripped = cells[self._guard] == _TRIPPED
         if tripped and not self._tripped:
             self._shared.announce_trip(self._now, cells[self._shared.layout["trip"].start])

@@ -20,7 +20,8 @@ def loop_report(shared: Shared) -> dict[str, Any]:
     """Ticks, success rate, lateness, compute, stages, trips and peak force of the run so far; plain JSON types.
 
     success_rate: ticks that began and ended within their period, over all deadlines that passed. stage_us: medians
-    over the last rows. peak_force_n: of the force really on the mover where it is known, else of the modelled one.
+    over the last rows. peak_force_n, peak_torque_nm: of what is really on the mover where that is known, else of what
+    is modelled.
     """
     words = shared.words
     ticks, missed = words[Word.TICKS], words[Word.MISSED]
@@ -36,6 +37,7 @@ def loop_report(shared: Shared) -> dict[str, Any]:
         "trips": trips(shared),
         "trip_count": words[Word.TRIPS],
         "peak_force_n": shared.floats[Word.PEAK],
+        "peak_torque_nm": shared.floats[Word.PEAK_TORQUE],
         "scheduler": json.loads(facts) if facts else {},
         "recorded": {"rows": words[Word.WRITTEN], "lost": words[Word.LOST]},
     }

@@ -77,6 +77,13 @@ class RowLayout:
             Field("remaining", 1, "s", "time until a winding reaches its derating temperature at the present load"),
             Field("saturated", 1, "1", "1 if the currents could not give the asked wrench"),
             Field("field", 3 * k, "T", "field sensors, x y z each"),
+            Field("mode", 1, "1", "how the mover moves the object: 0 directly, 1 translate, 2 rotate"),
+            Field("engaged", 1, "1", "1 if the hand wants to move the object, 0 if it let go to reach further"),
+            Field("share", 2, "1", "how firmly translation and rotation are clutched now, 0 to 1"),
+            Field("object", 3, "m", "position of what the world acts on: the mover, or a motor's target (X', Y', Z')"),
+            Field("object_q", 4, "1", "its orientation as a quaternion (x, y, z, w)"),
+            Field("object_wrench", 6, "N, N·m", "wrench of the world on it, before modes and guard"),
+            Field("contacts", 16, "m, m, m, N", "two hooks: deflection, place from its root, point (3), force (3)"),
         )
 
     @cached_property

@@ -59,6 +59,8 @@ class Word(IntEnum):
     STOP = 17  #: count
     ENGAGE = 18  #: count
     QUIT = 19  #: 1: end
+    MODE = 20  #: 0: as it is, else number of the mode from 1 on
+    CLUTCH = 21  #: 0: as it is, 1: engaged, 2: let go
     POINTER = 24  #: and the nine after it
     # servo → host
     PID = 40
@@ -71,6 +73,7 @@ class Word(IntEnum):
     TRIPS = 47  #: count
     PEAK = 48  #: float: greatest force on the mover [N]
     WORLD = 49  #: changes of the world
+    PEAK_TORQUE = 50  #: float: greatest torque on the mover [N·m]
     # recorder → host
     RECORDER = 56  #: a Phase
     WRITTEN = 57  #: rows

@@ -5,6 +5,7 @@ The same seven lines run every device, simulated or real; nothing in them asks w
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from haptorb.control.allocator import Allocation, Allocator
 from haptorb.control.drive import Drive
 from haptorb.control.guard import Guard
+from haptorb.control.linkage import NO_CONTACTS, Direct, Felt, Linkage
 from haptorb.control.trip import Trip
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
@@ -57,13 +59,21 @@ class Tick:
     """
 
     def __init__(
-        self, device: Device, world: World, driver: Driver, estimator: Estimator, allocator: Allocator, dt: float
+        self,
+        device: Device,
+        world: World,
+        driver: Driver,
+        estimator: Estimator,
+        allocator: Allocator,
+        dt: float,
+        linkage: Linkage | None = None,
     ) -> None:
         self.world = world.for_device(device)
         self.world_changes = 0
         self.driver = driver
         self.estimator = estimator
         self.allocator = allocator
+        self.linkage = linkage or Direct()
         self.guard = Guard(device, dt)
         self.drive = Drive(device, dt)
         self.layout = RowLayout.of(device)
@@ -72,6 +82,8 @@ class Tick:
         self._zeros = np.zeros(device.channels)
         self._applied = np.zeros(device.channels)
         self._nothing = np.zeros(6)
+        nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
+        self._felt_last = Felt(self._nothing, nowhere, self._nothing, NO_CONTACTS, 0, np.zeros(2), False)
         self._no_currents = Allocation(self._zeros, self._nothing, False, 0.0)
         self._stages = np.zeros(len(STAGES))
         layout = self.layout
@@ -80,8 +92,14 @@ class Tick:
         self._wants_engagement = True
 
     def change_world(self, world: World) -> None:
-        """Render `world` from the next tick on; the guard's slew limit takes the step out of the change."""
-        self.world = world.for_device(self._device)
+        """Render `world` from the next tick on; the guard's slew limit takes the step out of the change.
+
+        In another kind of world the object begins anew; with other parameters it stays where it is.
+        """
+        fitted = world.for_device(self._device)
+        if type(fitted) is not type(self.world):
+            self.linkage.restart()
+        self.world = fitted
         self.world_changes += 1
 
     def engage(self) -> bool:
@@ -112,9 +130,9 @@ class Tick:
             guard.admit(self._nothing, estimate)
             self._wants_engagement = not guard.engage()
         t2 = perf_counter()
-        wrench = self._felt(estimate.state)
+        felt = self._felt(estimate.state)
         t3 = perf_counter()
-        admitted = guard.admit(wrench, estimate)
+        admitted = guard.admit(felt.wrench, estimate)
         allocation = self._allocated(estimate.wrench_map, admitted)
         t4 = perf_counter()
         currents = guard.limit(allocation.currents, sample)
@@ -156,17 +174,25 @@ class Tick:
         row[one["remaining"]] = guard.heat.remaining
         row[one["saturated"]] = allocation.saturated
         row[at["field"]] = sample.field.ravel()
+        row[one["mode"]] = felt.mode
+        row[one["engaged"]] = felt.engaged
+        row[at["share"]] = felt.share
+        row[at["object"]] = felt.thing.p
+        _quaternion(felt.thing.R_SR, row[at["object_q"]])
+        row[at["object_wrench"]] = felt.on_thing
+        row[at["contacts"]] = felt.contacts.ravel()
         stages[6] = perf_counter() - t6
 
-    def _felt(self, state: State) -> Array:
+    def _felt(self, state: State) -> Felt:
         try:
-            wrench = self.world.wrench(state)
-            if wrench.shape != (6,):
-                raise InputError(f"a world must give force and torque, shape (6,); got shape {wrench.shape}")
-            return wrench
+            felt = self.linkage.felt(self.world, state)
+            if felt.wrench.shape != (6,):
+                raise InputError(f"a world must give force and torque, shape (6,); got shape {felt.wrench.shape}")
+            self._felt_last = felt
+            return felt
         except Exception as cause:  # a world is the user's code: whatever it raises must end in coils off
             self._failed(Trip.WORLD_FAILED, cause)
-            return self._nothing
+            return replace(self._felt_last, wrench=self._nothing, on_thing=self._nothing)
 
     def _allocated(self, wrench_map: WrenchMap, wrench: Array) -> Allocation:
         try:

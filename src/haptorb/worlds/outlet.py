@@ -207,6 +207,13 @@ class Outlet(World):
         """(6,) on the plug, about o' [N, N·m]."""
         return self._both(state)[0]
 
+    def touching(self, state: State) -> tuple[Array, Array]:
+        """(6,) the wrench, and (2, 8) both hooks, first the one at +Y': see `World.touching`."""
+        wrench, rows = self._both(state)
+        hooks = np.empty((2, 8))
+        hooks[:, 0], hooks[:, 1], hooks[:, 2:] = rows[:, 0], self.peak, rows[:, 1:]
+        return wrench, hooks
+
     def contacts(self, state: State) -> tuple[Contact, ...]:
         """What each hook does, first the one at +Y'; always on its top."""
         rows = self._both(state)[1].tolist()

@@ -261,6 +261,15 @@ class SnapFit(World):
         """(6,) on the part, about o' [N, N·m]."""
         return self._both(state)[0]
 
+    def touching(self, state: State) -> tuple[Array, Array]:
+        """(6,) the wrench, and (2, 8) the hooks, first the one at +Y': see `World.touching`."""
+        wrench, rows = self._both(state)
+        if self.hooks == 2:
+            return wrench, rows
+        hooks = np.zeros((2, 8))
+        hooks[0] = rows[0]
+        return wrench, hooks
+
     def contacts(self, state: State) -> tuple[Contact, ...]:
         """What each hook does, first the one at +Y'."""
         found = []
