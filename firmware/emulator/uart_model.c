@@ -73,6 +73,10 @@ void uart_model_turns(double *median, double *p99, uint32_t *count)
 
 static avr_cycle_count_t arrive(avr_t *a, avr_cycle_count_t when, void *param)
 {
+    if (line_in == line_out) { /* the cable was pulled while a byte was on its way */
+        line_running = false;
+        return 0;
+    }
     const uint8_t byte = line[line_out++ % LINE_SIZE];
 
     uart_received++;

@@ -58,21 +58,32 @@ class SerialDriver(Driver):
 
     pose(now) is the tracker's word on where the tool is; without it no pose is ever valid. `patience` [s] is how long
     `read` waits for the answer to the last tick's frame; three unanswered in a row are a device that has gone.
+    duty_limit [1] and current_limit [A] are what the firmware is told to hold in this session; by default 5 % above
+    the device's own current limit.
     """
 
     simulated = False
 
     def __init__(
-        self, device: Device, path: str, pose: Callable[[float], Pose] = untracked, *, patience: float = 5e-3
+        self,
+        device: Device,
+        path: str,
+        pose: Callable[[float], Pose] = untracked,
+        *,
+        patience: float = 5e-3,
+        duty_limit: float = 1.0,
+        current_limit: float | None = None,
     ) -> None:
         if device.channels != CHANNELS:
             raise DriverError(
                 f"the serial protocol serves {CHANNELS} coils; device '{device.name}' has {device.channels}"
             )
         self.name = f"serial:{path}"
-        self._device = device
         self._path = path
         self._pose = pose
+        # the guard's limit first, then this one, which the firmware holds by itself
+        limit = 1.05 * float(np.max(device.coils.current_limit)) if current_limit is None else current_limit
+        self._session = (duty_limit, min(limit, 65.5))
         self._patience = patience
         self._answer = 10 * patience
         positions = getattr(getattr(device, "hall", None), "positions", None)
@@ -239,8 +250,7 @@ class SerialDriver(Driver):
         if board.posted:
             board.collect(self._patience)
         self._armed = False
-        limit = float(np.max(self._device.coils.current_limit)) * 1.05  # the guard's limit first, then this one
-        state = board.engage(1.0, min(limit, 65.5))
+        state = board.engage(*self._session)
         if state.refusal is Refusal.ACCEPTED:
             return ""
         reasons = {

@@ -1,0 +1,84 @@
+"""`haptorb hardware probe | monitor | jog`: is the real device there, what does it read, does a coil move."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+__all__ = ["register"]
+
+hardware = typer.Typer(help="Bring a real device up: what answers, what it reads, one coil moved gently.")
+
+DriverOption = Annotated[str, typer.Option("--driver", help="serial:PORT or i2c:BUS, as `probe` says.")]
+DeviceArgument = Annotated[str, typer.Argument(help="A device of the catalogue, or a file.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to `app`."""
+    app.add_typer(hardware, name="hardware", no_args_is_help=True)
+
+
+@hardware.command()
+def probe(
+    port: Annotated[list[str] | None, typer.Option("--port", help="Only these serial ports.")] = None,
+    bus: Annotated[list[int] | None, typer.Option("--bus", help="Only these I²C buses.")] = None,
+) -> None:
+    """What is connected, and what answers. Nothing is switched on."""
+    from haptorb.apps.hardware.probe import probe as findings
+
+    only = bool(port or bus)
+    answered = False
+    for one in findings(port or ([] if only else None), bus or ([] if only else None)):
+        answered |= bool(one.driver)
+        print(f"{one.place}: {'answers' if one.answers else 'no answer'}")
+        for sentence in one.about:
+            print(f"  {sentence}")
+        if one.driver:
+            print(f"  use it with --driver {one.driver}")
+    if not answered:
+        print("no device found: check power and cable, or name a port with --port")
+        raise typer.Exit(1)
+
+
+@hardware.command()
+def monitor(
+    driver: DriverOption,
+    device: DeviceArgument = "omni",
+    rate: Annotated[float, typer.Option(help="Lines per second [Hz].")] = 5.0,
+    duration: Annotated[float, typer.Option(help="Seconds; without it until interrupted.")] = float("inf"),
+) -> None:
+    """Currents, temperatures and fields, live, coils off."""
+    from haptorb.apps.hardware.monitor import line
+    from haptorb.apps.hardware.monitor import monitor as samples
+    from haptorb.devices.loader import load
+    from haptorb.runtime.real_driver import real_driver
+
+    for sample in samples(real_driver(driver, load(device)), rate, duration):
+        print(line(sample), flush=True)
+
+
+@hardware.command()
+def jog(
+    coil: Annotated[str, typer.Argument(help="x, y or z.")],
+    driver: DriverOption,
+    device: Annotated[str, typer.Option("--device", help="A device of the catalogue, or a file.")] = "omni",
+    duty: Annotated[float, typer.Option(help="At the top, at most 0.2 either way.")] = 0.05,
+    seconds: Annotated[float, typer.Option(help="Up, a moment there, and down.")] = 1.0,
+    current: Annotated[float, typer.Option(help="Switch off above this [A].")] = 3.0,
+) -> None:
+    """Move one coil gently and say whether its current fits. Keep the tool away from the dome."""
+    from haptorb.apps.hardware.jog import GENTLE_DUTY
+    from haptorb.apps.hardware.jog import jog as moved
+    from haptorb.devices.loader import load
+    from haptorb.runtime.real_driver import real_driver
+
+    it = load(device)
+    through = real_driver(driver, it, duty_limit=GENTLE_DUTY, current_limit=min(max(current, 0.1), 60.0))
+    seen = moved(it, through, coil, duty, seconds, current)
+    told = ", ".join(f"{name} {one:+.3f} A" for name, one in zip(it.coils.names, seen.currents, strict=True))
+    print(f"coil {seen.coil}: duty {seen.duty:+.4f}, currents {told}, resistance {seen.resistance:.3f} Ω")
+    for sentence in seen.verdict:
+        print(f"  {sentence}")
+    if seen.verdict:
+        raise typer.Exit(1)

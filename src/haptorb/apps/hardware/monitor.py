@@ -1,0 +1,46 @@
+"""What a real device reads, live, with its coils off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from time import monotonic, sleep
+
+import numpy as np
+
+from haptorb.errors import InputError
+from haptorb.runtime.driver import Driver
+from haptorb.sensing.sample import Sample
+
+__all__ = ["line", "monitor"]
+
+
+def monitor(
+    driver: Driver,
+    rate: float = 10.0,
+    duration: float = float("inf"),
+    clock: Callable[[], float] = monotonic,
+    wait: Callable[[float], None] = sleep,
+) -> Iterator[Sample]:
+    """Samples of `driver` (not open yet) at `rate` [Hz] for `duration` [s]; nothing is ever switched on."""
+    if not 0.0 < rate <= 200.0:
+        raise InputError(f"rate must be above 0 and at most 200 Hz; got {rate}")
+    with driver:
+        start = clock()
+        count = 0
+        while clock() - start < duration:
+            yield driver.read(clock() - start)
+            count += 1
+            wait(max(0.0, start + count / rate - clock()))
+
+
+def line(sample: Sample) -> str:
+    """One line for people: time, currents, temperatures, and the field's size at every sensor.
+
+    >>> from haptorb.runtime.serial_driver import untracked
+    >>> line(Sample(1.5, np.array([1.0, -2, 0]), np.full(3, 300.0), np.eye(3) * 1e-3, untracked(0.0)))
+    '   1.50 s   +1.000  -2.000  +0.000 A    26.9  26.9  26.9 °C   1.00 1.00 1.00 mT'
+    """
+    currents = "  ".join(f"{one:+.3f}" for one in sample.currents)
+    heat = "  ".join(f"{one - 273.15:.1f}" for one in sample.temperatures)
+    field = " ".join(f"{one * 1e3:.2f}" for one in np.linalg.norm(sample.field, axis=1))
+    return f"{sample.t:7.2f} s   {currents} A    {heat} °C   {field} mT"
