@@ -6,6 +6,7 @@
     │   └── UnknownName      a device, world, key or level that does not exist (nearest names suggested)
     ├── DeviceError          a device file that does not describe a device
     ├── PrecisionError       the precision asked for was not reached (the best reached is told)
+    ├── CalibrationError     measurements that cannot be what the device is wired to be (which part is named)
     ├── DriverError          hardware or simulation that does not answer as it must
     ├── RecordingError       a recording that cannot be written or read
     └── ServoError           the real-time process did not start, or died
@@ -19,6 +20,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 __all__ = [
+    "CalibrationError",
     "DeviceError",
     "DriverError",
     "GeometryError",
@@ -63,6 +65,10 @@ class DeviceError(HaptorbError):
 
 class PrecisionError(HaptorbError):
     """The precision asked for was not reached; the message tells the best that was."""
+
+
+class CalibrationError(HaptorbError):
+    """Measurements that cannot be what the device is wired to be; the message names the part and what to check."""
 
 
 class DriverError(HaptorbError):

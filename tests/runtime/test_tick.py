@@ -183,6 +183,21 @@ def test_a_broken_world_ends_in_coils_off(what, reason):
     assert rig["guard"][0] == GuardState.RUNNING
 
 
+def test_an_allocation_that_fails_ends_in_coils_off(monkeypatch):
+    rig = Rig().go(500)
+
+    def allocate(wrench_map, wrench):
+        raise InputError("wrench and wrench map must be finite")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(rig.tick.allocator, "allocate", allocate)
+        rig.go(1)
+        assert rig["trip"][0] == Trip.CURRENTS_NOT_FINITE
+        assert rig.is_off()
+    assert rig.is_off()
+    assert rig.tick.engage()
+
+
 @pytest.mark.parametrize("broken", ["reads", "writes"])
 def test_a_device_that_does_not_answer_ends_in_coils_off(broken):
     rig = Rig().go(500)
