@@ -166,5 +166,6 @@ def _followed(device: SphericalElectromagnet, i: Array, B: Array, result: Magnet
         if excess > 0.3 * signal + 6 * device.hall.noise:
             raise CalibrationError(
                 f"field sensor {s + 1} of {len(at)}, at {np.round(1e3 * at[s], 1).tolist()} mm, does not follow the "
-                f"coils (rms {1e3 * excess:.2g} mT off, {1e3 * signal:.2g} mT expected): check its connection and direction"
+                f"coils (rms {1e3 * excess:.2g} mT off, {1e3 * signal:.2g} mT expected): check its connection and "
+                "direction"
             )
