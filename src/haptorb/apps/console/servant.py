@@ -18,10 +18,14 @@ class Servant(Protocol):
     """A running servo as the console sees it."""
 
     @property
-    def device(self) -> Device: ...
+    def device(self) -> Device:
+        """The device that runs."""
+        ...
 
     @property
-    def layout(self) -> RowLayout: ...
+    def layout(self) -> RowLayout:
+        """Which numbers of a row are what."""
+        ...
 
     @property
     def world(self) -> tuple[str, Mapping[str, Any]]:
@@ -34,7 +38,9 @@ class Servant(Protocol):
         ...
 
     @property
-    def alive(self) -> bool: ...
+    def alive(self) -> bool:
+        """Whether the loop runs."""
+        ...
 
     def rows(self, cursor: int = 0) -> tuple[int, Array]:
         """All rows (n, width) since `cursor`, and the cursor after them."""
@@ -44,11 +50,17 @@ class Servant(Protocol):
         """The hand wants the mover at `p`; worth nothing after the device's expiry."""
         ...
 
-    def release(self) -> None: ...
+    def release(self) -> None:
+        """The hand lets go of the pointer."""
+        ...
 
-    def stop(self) -> None: ...
+    def stop(self) -> None:
+        """Coils off within a tick, and off until `engage`."""
+        ...
 
-    def engage(self) -> None: ...
+    def engage(self) -> None:
+        """After a stop or a trip: begin again from zero, unless the guard refuses."""
+        ...
 
     def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
         """Returns when the servo took it, or refused it with UnknownName or InputError."""
