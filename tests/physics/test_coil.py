@@ -145,6 +145,12 @@ def test_wrong_windings_are_refused(arguments, named):
         Coil(*arguments)
 
 
+@pytest.mark.parametrize("precision", [0, 1, -1e-6, np.nan, [1e-6, 1e-6]])
+def test_precision_that_is_none_is_refused(precision):
+    with pytest.raises(InputError, match="precision"):
+        COIL.field_bounded((0, 0, 0), precision)
+
+
 @pytest.mark.parametrize("fill", [0, -0.1, 1.1, np.nan])
 def test_wrong_fill_is_refused(fill):
     with pytest.raises(InputError, match="fill"):

@@ -184,7 +184,7 @@ class Coil(RoundBody):
                 f"inner_radius must be below outer_radius; got {self.inner_radius} m and {self.outer_radius} m"
             )
         self.length = round_body.length(length, "length")
-        self.precision = round_body.length(precision, "precision")
+        self.precision = _relative(precision)
         self._density = MU0 * self.turns / (self.length * (self.outer_radius - self.inner_radius))
         self._shape = np.array([self.inner_radius, self.outer_radius, 0.5 * self.length])
         middle, half = 0.5 * (self.outer_radius + self.inner_radius), 0.5 * (self.outer_radius - self.inner_radius)
@@ -211,6 +211,7 @@ class Coil(RoundBody):
         """Field (..., 3) [T/A] and its error bound (...,) [T/A]; PrecisionError if `precision` is out of reach."""
         at = vectors(points, "points")
         flat = np.ascontiguousarray(at.reshape(-1, 3))
+        precision = _relative(precision)
         out, bound, gross = np.empty_like(flat), np.empty(len(flat)), np.empty(len(flat))
         _field(flat, self._shape, self._series, self._density, precision, self._far2, out, bound, gross)
         _reached(bound, gross, precision, flat)
@@ -290,6 +291,13 @@ def _share(fill: float) -> float:
     if not 0 < float(finite(fill, "fill")) <= 1:
         raise InputError(f"fill must be a share of the winding section in (0, 1]; got {fill!r}")
     return float(fill)
+
+
+def _relative(precision: float) -> float:
+    number = finite(precision, "precision")
+    if number.ndim or not 0 < number < 1:
+        raise InputError(f"precision must be a relative error between 0 and 1; got {precision!r}")
+    return float(number)
 
 
 def _reached(bound: Array, gross: Array, precision: float, points: Array) -> None:
