@@ -6,6 +6,8 @@ from haptorb.control.least_squares import LeastSquaresAllocator
 from haptorb.devices.device import Device
 from haptorb.errors import UnknownName
 from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.pointer_pose import PointerPose
+from haptorb.runtime.real_driver import is_real, real_driver
 from haptorb.runtime.tick import Tick
 from haptorb.sensing.estimator import TrackedPose
 from haptorb.worlds.world import World
@@ -17,9 +19,9 @@ TRACKERS = ("pointer",)
 
 
 def known_driver(name: str) -> str:
-    """`name` itself, or UnknownName."""
-    if name not in DRIVERS:
-        raise UnknownName("driver", name, DRIVERS)
+    """`name` itself, or UnknownName; whether a port or bus is there shows when it is opened."""
+    if name not in DRIVERS and not is_real(name):
+        raise UnknownName("driver", name, (*DRIVERS, "serial:PORT", "i2c:BUS"))
     return name
 
 
@@ -38,10 +40,11 @@ def assemble(
 
     known_driver(driver)
     dt = 1.0 / rate
+    real = is_real(driver)
     return Tick(
         device,
         world,
-        SimDriver.of(device, dt, tracker.goal, seed),
+        real_driver(driver, device, PointerPose(tracker)) if real else SimDriver.of(device, dt, tracker.goal, seed),
         TrackedPose(device, level),
         # What the model at `level` knows of the passive wrench is taken out; at level "dipole" that is nothing.
         LeastSquaresAllocator.force(device.coils.current_limit, compensate_passive=True),

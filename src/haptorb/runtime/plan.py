@@ -23,7 +23,7 @@ class Plan:
     world: World
     rate: float  #: [Hz]
     assemble: Callable[[PointerTracker], Chain]
-    rehearsed: bool  #: the chain may be run for practice before the start: the device is simulated
+    practice: Callable[[PointerTracker], Chain]  #: the same on the simulated device, run before the start
 
 
 def save(plan: Plan, path: Path) -> None:

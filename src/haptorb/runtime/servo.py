@@ -92,8 +92,12 @@ class Servo:
             self.device.known_level(level)
         first = world if isinstance(world, World) else worlds.named(world)()
         first.for_device(self.device)  # refuses here, not in another process, what the device cannot render
-        chain = partial(assemble, self.device, first, self.driver, self.rate, self.seed, level)
-        self._plan = plans.Plan(first, self.rate, chain, rehearsed=self.driver == "sim")
+        # Compiling in the first tick would be a silence at which a real device's firmware switches off.
+        chain, practice = (
+            partial(assemble, self.device, first, through, self.rate, self.seed, level)
+            for through in (self.driver, "sim")
+        )
+        self._plan = plans.Plan(first, self.rate, chain, practice)
         self._record, self._overwrite = record, overwrite
         self._shared: Shared | None = None
         self._children: Children | None = None

@@ -58,8 +58,7 @@ def _run(shared: Shared, path: Path, parent: int) -> int:
     told = _Told(parent)
     plan = plans.load(path)
     shared.announce_world(description(plan.world))
-    if plan.rehearsed:
-        _rehearse(plan, shared)
+    _rehearse(plan, shared)
     tracker = PointerTracker(shared.pointer)
     chain = plan.assemble(tracker)
     loop = Loop(chain, plan.world, shared, plan.rate, parent)
@@ -86,7 +85,7 @@ def _run(shared: Shared, path: Path, parent: int) -> int:
 
 def _rehearse(plan: plans.Plan, shared: Shared) -> None:
     """Run a chain of its own for a few ticks: compiled code is loaded now, and not in the first tick."""
-    chain = plan.assemble(PointerTracker())
+    chain = plan.practice(PointerTracker())
     row = shared.layout.empty()
     with chain.driver:
         for tick in range(_REHEARSAL):

@@ -114,10 +114,9 @@ def _judged(device: Device, which: int, tops: list[tuple[float, np.ndarray]]) ->
             verdict.append(f"the current of coil {names[which]} is negative for a positive duty: swap its two wires")
         ratio = resistance / expected
         if not 1 / _FACTOR < ratio < _FACTOR:
-            likely = (
-                "the shunt's value is wrong by ten" if 6 < max(ratio, 1 / ratio) < 16 else "check coil and contacts"
-            )
+            ten = 6 < max(ratio, 1 / ratio) < 16
             verdict.append(
-                f"coil {names[which]} seems to have {resistance:.3g} Ω where the device file says {expected:g} Ω: {likely}"
+                f"coil {names[which]} seems to have {resistance:.3g} Ω where the device file says {expected:g} Ω: "
+                + ("the shunt's value is wrong by ten" if ten else "check coil and contacts")
             )
     return Jog(names[which], duty, tuple(currents.tolist()), resistance, tuple(verdict))
