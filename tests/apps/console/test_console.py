@@ -9,7 +9,6 @@ import shutil
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 
@@ -17,7 +16,7 @@ import numpy as np
 import pytest
 
 from haptorb.apps.console import Console, application
-from haptorb.apps.console.application import STATIC
+from haptorb.apps.console.site import STATIC
 from haptorb.errors import InputError
 
 BUDGET = 200_000  #: bytes of the whole page, compressed
@@ -69,8 +68,7 @@ def test_ends_when_told(servo):
 
 
 def test_page_that_was_not_built_says_how(servo, tmp_path, monkeypatch):
-    # The package's name `application` is the function; its module has the same name.
-    monkeypatch.setattr(sys.modules["haptorb.apps.console.application"], "STATIC", tmp_path)
+    monkeypatch.setattr("haptorb.apps.console.site.STATIC", tmp_path)
     with pytest.raises(InputError, match="npm run build"):
         application(servo, flat)
 

@@ -145,10 +145,12 @@ def test_vanishing_in_the_middle_of_a_drag_stops_the_refresh(console, servo):
         page = Client(socket)
         page.event("role", control=True)
         page.point(1.0, (0.01, 0.0, 0.047), held=True)
-        eventually(lambda: servo.count("point") == 1)
+        eventually(lambda: servo.count("point") > 0)
         socket.socket.shutdown(SHUT_RDWR)  # no goodbye
+    time.sleep(0.05)  # until the server has noticed
+    last = servo.count("point")
     time.sleep(0.3)
-    assert servo.count("point") == 1, "nobody refreshes: the pose expires and the guard lets go"
+    assert servo.count("point") == last, "nobody refreshes: the pose expires and the guard lets go"
     assert servo.count("release") == 0
 
 
@@ -220,7 +222,7 @@ def test_second_page_watches_but_may_stop(console, client, servo):
         client.socket.close()
         other.event("role", control=True)
         other.point(1.0, (0.01, 0.0, 0.047), held=True)
-        eventually(lambda: servo.count("point") == 1)
+        eventually(lambda: servo.count("point") > 0)
 
 
 def test_health_is_told_and_the_servos_end_too(client, servo):
@@ -237,13 +239,8 @@ def test_a_map_that_cannot_be_painted_is_said(servo):
 
     from haptorb.apps.console import Console
 
-    calls = []
-
     def broken(name, values, points):
-        calls.append(name)
-        if len(calls) > 1:  # the first call is the warm-up
-            raise ValueError("no such force")
-        return np.zeros(len(points)), np.zeros(len(points), dtype=bool)
+        raise ValueError("no such force")
 
     with Console(servo, 0, felt=broken) as console:
         serving = threading.Thread(target=console.serve)

@@ -6,6 +6,8 @@ import { at, make, write } from "./dom";
 
 const EVERY = 33; // ms between two changes sent while a slider is dragged
 
+const SETTLED = 400; // ms after which a hand on a slider counts as at rest
+
 /** One number on the panel; a direction has two. */
 interface Entry {
   id: string;
@@ -25,6 +27,7 @@ export class WorldPanel {
   private readonly rows = new Map<Entry, { range: HTMLInputElement; number: HTMLInputElement }>();
   private readonly picker = at<HTMLSelectElement>("world");
   private timer = 0;
+  private later = 0;
   private last = 0;
   private awaited = 0;
 
@@ -41,8 +44,13 @@ export class WorldPanel {
   /** The world is this now, whoever changed it. */
   show(name: string, values: Values): void {
     const another = name !== this.name;
-    // While somebody drags, their own hand is ahead of what the server says.
-    if (!another && performance.now() - this.last < 400) return;
+    // While somebody drags, their own hand is ahead of what the server says: that is shown when the hand rests.
+    clearTimeout(this.later);
+    const wait = this.last + SETTLED - performance.now();
+    if (!another && wait > 0) {
+      this.later = window.setTimeout(() => this.show(name, values), wait);
+      return;
+    }
     this.name = name;
     this.values = structuredClone(values);
     if (!this.session.worlds.some((world) => world.name === name)) this.picker.append(make("option", { value: name }, name));

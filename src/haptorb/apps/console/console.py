@@ -15,9 +15,9 @@ from typing import Self, final
 
 import uvicorn
 
-from haptorb.apps.console.application import application
 from haptorb.apps.console.felt import FeltMap
 from haptorb.apps.console.servant import Servant
+from haptorb.apps.console.site import application
 from haptorb.errors import InputError
 
 __all__ = ["PORT", "Console"]

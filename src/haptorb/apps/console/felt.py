@@ -11,29 +11,14 @@ import numpy as np
 from haptorb.apps.console.shell import shell
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.physics.arrays import Array
-from haptorb.worlds import named
 
-__all__ = ["FeltMap", "Painter", "felt"]
+__all__ = ["FeltMap", "Flags", "Painter"]
 
 #: shape (n,)
 Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 #: (name and values of the world, points (n, 3) [m]) → radial force (n,) [N] and whether the device is at its limit
 FeltMap = Callable[[str, Mapping[str, Any], Array], tuple[Array, Flags]]
-
-
-def felt(device: SphericalElectromagnet) -> FeltMap:
-    """The map as the simulation of `device` gives it: drive, limits, finite magnet and core included."""
-
-    def simulated(name: str, values: Mapping[str, Any], points: Array) -> tuple[Array, Flags]:
-        from haptorb.simulation.felt_map import felt_map
-
-        return felt_map(device, named(name)(**values).for_device(device), points)
-
-    return simulated
-
-
-_NOTHING: tuple[str, dict[str, Any]] = ("nothing", {})
 
 
 @final
@@ -48,8 +33,6 @@ class Painter:
         self._task: asyncio.Task[None] | None = None
         self.force = np.zeros(len(self.directions))
         self.saturated: Flags = np.zeros(len(self.directions), dtype=np.bool_)
-        # The first call loads compiled code, which holds this process up: now, before a servo counts on its heartbeat.
-        felt(*_NOTHING, self._points[:1])
         self.version = -1  #: which change of the world `force` belongs to; −1: not painted yet
 
     def want(

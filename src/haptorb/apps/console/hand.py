@@ -1,8 +1,9 @@
 """The hand behind the page's pointer: held by a person, or resting where it was let go.
 
-While a person drags, only their own messages keep the pose fresh: if the page freezes or goes away in the middle of a
-drag nobody refreshes it, it expires, and the guard lets go. A hand at rest has no such person behind it, so the server
-keeps it fresh for as long as the page stays connected.
+While a person drags, their own messages keep the pose fresh: if the page freezes or goes away in the middle of a drag
+nobody refreshes it, it expires, and the guard lets go. A browser on a busy computer stutters, though: as long as its
+socket is open, a pause of a few frames is bridged. A hand at rest has no such person behind it, so the server keeps it
+fresh for as long as the page stays connected.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ __all__ = ["Hand"]
 
 #: how close the row's goal must be to the page's to be its answer [m]: float32 on the way
 _SAME = 1e-6
+#: the longest stutter of a page that is bridged while it holds the stylus [s]
+GRACE = 0.15
 #: an answer that has not come by then will not come [s]
 _PATIENCE = 0.5
 
@@ -32,6 +35,7 @@ class Hand:
 
     def __init__(self, servo: Servant) -> None:
         self._servo = servo
+        self._last: tuple[Array, Array | None, float] | None = None  # what is held, and when it was last said
         self._resting: tuple[Array, Array | None] | None = None
         self._pending: deque[tuple[float, float, Array]] = deque(maxlen=64)  # the page's stamp, our time, position
         self.held = False
@@ -41,13 +45,16 @@ class Hand:
         self._servo.point(pointer.p, pointer.q)
         self.held = pointer.held
         self._resting = None if pointer.held else (pointer.p, pointer.q)
+        self._last = (pointer.p, pointer.q, time.monotonic()) if pointer.held else None
         if math.isfinite(pointer.stamp):
             self._pending.append((pointer.stamp, time.monotonic(), pointer.p))
 
     def keep(self) -> None:
-        """Refresh a hand at rest; to be called well within the device's expiry."""
+        """Refresh a hand at rest, or one whose page stutters; to be called well within the device's expiry."""
         if self._resting is not None:
             self._servo.point(*self._resting)
+        elif self._last is not None and time.monotonic() - self._last[2] < GRACE:
+            self._servo.point(self._last[0], self._last[1])
 
     def gone(self) -> None:
         """The page went away: a hand at rest goes home, a drag is left to expire."""
@@ -66,7 +73,7 @@ class Hand:
             self._servo.release()
 
     def _forget(self) -> None:
-        self._resting = None
+        self._resting = self._last = None
         self._pending.clear()
         self.held = False
 

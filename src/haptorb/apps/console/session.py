@@ -16,7 +16,7 @@ from haptorb.errors import InputError
 from haptorb.worlds import CATALOGUE, World
 from haptorb.worlds.parameter import parameters
 
-__all__ = ["session", "worlds"]
+__all__ = ["session", "world_now", "worlds"]
 
 _KELVIN = 273.15
 
@@ -78,10 +78,9 @@ _WORDS = {Trip.STOPPED: "stopped", Trip.POSE_LOST: "tracker lost"}
 
 
 def session(servo: Servant, started: str) -> dict[str, Any]:
-    """The JSON of /api/session; `started` tells one run of the server from another."""
+    """The JSON of /api/session but for the world; `started` tells one run of the server from another."""
     device = servo.device
     heat = device.coils.heat
-    name, values = servo.world
     return {
         "version": haptorb.__version__,
         "started": started,
@@ -100,13 +99,18 @@ def session(servo: Servant, started: str) -> dict[str, Any]:
             "stop": heat.stop - _KELVIN,
         },
         "worlds": worlds(device),
-        "world": {"name": name, "values": {key: _plain(value) for key, value in values.items()}},
         "trips": {
             str(int(trip)): {"word": _WORDS.get(trip, "tripped"), "text": trip.text}
             for trip in Trip
             if trip is not Trip.NONE
         },
     }
+
+
+def world_now(servo: Servant) -> dict[str, Any]:
+    """Name and values of the world that is felt now."""
+    name, values = servo.world
+    return {"name": name, "values": {key: _plain(value) for key, value in values.items()}}
 
 
 def _plain(value: Any) -> Any:

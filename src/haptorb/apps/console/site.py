@@ -17,10 +17,10 @@ from starlette.staticfiles import StaticFiles
 
 from haptorb.apps.console.doors import Doors
 from haptorb.apps.console.felt import FeltMap, Painter
-from haptorb.apps.console.felt import felt as felt_of_device
+from haptorb.apps.console.felt_process import FeltProcess
 from haptorb.apps.console.room import Room
 from haptorb.apps.console.servant import Servant
-from haptorb.apps.console.session import session
+from haptorb.apps.console.session import session, world_now
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 
@@ -42,17 +42,19 @@ def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
             "the console's page has not been built: run `cd web && npm ci && npm run build`, or `make run`"
         )
     device = servo.device
-    painter = None
+    painter, process = None, None
     if isinstance(device, SphericalElectromagnet):
-        painter = Painter(device, felt or felt_of_device(device))
+        if felt is None:
+            felt = process = FeltProcess(device)
+        painter = Painter(device, felt)
     room = Room(servo, painter)
-    started = uuid4().hex
+    known = session(servo, uuid4().hex)
 
     async def index(request: Request) -> Response:
         return FileResponse(page)
 
     async def about(request: Request) -> Response:
-        return JSONResponse(session(servo, started))
+        return JSONResponse(known | {"world": world_now(servo)})
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -63,6 +65,8 @@ def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
             keeping.cancel()
             with suppress(asyncio.CancelledError):
                 await keeping
+            if process is not None:
+                process.close()
 
     return Starlette(
         routes=[

@@ -1,0 +1,142 @@
+"""A real Chromium on the console's page: over the real servo with its simulated Omni, or over an imagined one that can
+show every state."""
+
+from __future__ import annotations
+
+import importlib.util
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from haptorb.apps.console import Console
+from haptorb.runtime.servo import Servo
+
+FLAGS = [
+    *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync"),
+]
+DESK = {"width": 1280, "height": 800}
+
+
+def _fake() -> Any:
+    path = Path(__file__).parents[1] / "apps" / "console" / "fake_servo.py"
+    spec = importlib.util.spec_from_file_location("fake_servo", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@contextmanager
+def served(console: Console) -> Iterator[Console]:
+    """The console answers for as long as the block lasts."""
+    serving = threading.Thread(target=console.serve)
+    serving.start()
+    try:
+        yield console
+    finally:
+        console.close()
+        serving.join(10)
+
+
+class Screen:
+    """A page of the console, and what a test wants to know of it."""
+
+    def __init__(self, page: Any, url: str) -> None:
+        self.page = page
+        self.url = url
+        self.requests: list[str] = []
+        self.troubles: list[str] = []
+        page.on("request", lambda request: self.requests.append(request.url))
+        page.on("pageerror", lambda mistake: self.troubles.append(str(mistake)))
+        page.on("console", lambda line: self.troubles.append(line.text) if line.type == "error" else None)
+        page.goto(url)
+        self.until("window.haptorb && haptorb.frames > 3 && haptorb.status !== 'waiting'")
+
+    def tell(self, expression: str) -> Any:
+        """The value of a JavaScript expression."""
+        return self.page.evaluate(expression)
+
+    def until(self, expression: str, seconds: float = 20.0) -> Any:
+        """Wait until the expression is true. (The page's policy forbids Playwright's own way of waiting.)"""
+        end = time.monotonic() + seconds
+        while not (value := self.page.evaluate(expression)):
+            assert time.monotonic() < end, f"never came true: {expression}; status {self.tell('haptorb.status')}"
+            self.page.wait_for_timeout(40)
+        return value
+
+    def value(self, name: str) -> list[float]:
+        """What the newest row that the page has says."""
+        return self.tell(f"haptorb.value('{name}')")
+
+    def felt(self, direction: Any) -> float:
+        """The painted map in a direction [N]."""
+        return self.tell(f"haptorb.felt({[float(x) for x in direction]}).force")
+
+    def hold(self) -> tuple[float, float]:
+        """Press the mouse on the stylus, above its magnet; the place."""
+        _, magnet, end = self.tell("haptorb.stylus()")
+        x, y = 0.6 * magnet["x"] + 0.4 * end["x"], 0.6 * magnet["y"] + 0.4 * end["y"]
+        self.page.mouse.move(x, y)
+        self.page.mouse.down()
+        return x, y
+
+    def settled(self) -> None:
+        """Wait until the stylus hangs still."""
+        self.until("haptorb.value('p').every(Number.isFinite)")
+        before = self.value("p")
+        for _ in range(100):
+            self.page.wait_for_timeout(120)
+            now = self.value("p")
+            if max(abs(a - b) for a, b in zip(before, now, strict=True)) < 3e-5:
+                return
+            before = now
+        raise AssertionError("the stylus does not come to rest")
+
+
+@pytest.fixture(scope="session")
+def browser(chromium: str) -> Iterator[Any]:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=chromium, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def live(browser: Any) -> Iterator[tuple[Screen, Servo, Console]]:
+    """The real thing: servo in its own process, simulated Omni, page."""
+    servo = Servo("omni", "dome", record=False)
+    with Console(servo, 0) as console, servo, served(console):
+        page = browser.new_page(viewport=DESK)
+        yield Screen(page, console.url), servo, console
+        page.close()
+
+
+@pytest.fixture
+def fake() -> Any:
+    return _fake().FakeServo()
+
+
+@pytest.fixture
+def staged(browser: Any, fake: Any) -> Iterator[Any]:
+    """A function that shows the imagined servo on a page of a given size and theme."""
+    pages = []
+    with Console(fake, 0) as console, served(console):
+
+        def show(width: int = 1280, height: int = 800, **options: Any) -> Screen:
+            query = options.pop("query", "")
+            pages.append(browser.new_page(viewport={"width": width, "height": height}, **options))
+            return Screen(pages[-1], console.url + query)
+
+        show.console = console  # type: ignore[attr-defined]
+        yield show
+        for page in pages:
+            page.close()

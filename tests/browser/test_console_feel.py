@@ -1,0 +1,226 @@
+"""The main job, end to end: load the page, drag the stylus, see what the dome's law says there, and stop."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+from haptorb.control.trip import GuardState, Trip
+from haptorb.devices.loader import load
+from haptorb.devices.state import State
+from haptorb.simulation.felt_map import felt_map
+from haptorb.worlds import Dome
+
+pytestmark = pytest.mark.browser
+
+
+def tilt(p) -> float:
+    return math.degrees(math.acos(p[2] / math.hypot(*p)))
+
+
+def radial(force, p) -> float:
+    return float(np.dot(force[:3], p) / np.linalg.norm(p))
+
+
+def along(degrees: float, azimuth: float = 30.0) -> list[float]:
+    t, a = math.radians(degrees), math.radians(azimuth)
+    return [math.sin(t) * math.cos(a), math.sin(t) * math.sin(a), math.cos(t)]
+
+
+def turned(q) -> np.ndarray:
+    """The mover's z axis for a quaternion."""
+    x, y, z, w = q
+    return np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+
+
+def test_feel_the_dome_and_stop(live):
+    screen, servo, _ = live
+    page = screen.page
+    assert page.get_by_text("SIMULATED", exact=True).is_visible()
+    assert page.get_by_text("drag the stylus", exact=True).is_visible()
+    screen.until("haptorb.status === 'running'")
+
+    # The map is the one that the simulated device would really give: push inside θ1, pull beyond, only the core's own
+    # pull from θ2.
+    screen.until("haptorb.felt([0, 0, 1]).force !== 0")
+    device, dome = load("omni"), Dome()
+    angles = (0.0, 10.0, 26.0, 36.0, 50.0, 58.0, 70.0)
+    points = np.array([along(angle) for angle in angles]) * device.contact_distance
+    computed, _ = felt_map(device, dome, points)
+    painted = [screen.felt(point) for point in points]
+    assert painted == pytest.approx(computed, abs=0.06)  # the nearest vertex is up to 1.2° away
+    assert painted[1] > 0.25
+    assert painted[3] < -0.4
+    assert painted[5] == pytest.approx(-0.053, abs=0.01)
+
+    # Drag it somewhere else: number, arrow and colour follow the law at the place where it gives way to.
+    x, y = screen.hold()
+    for k in range(1, 21):
+        page.mouse.move(x + 6 * k, y + k)
+        page.wait_for_timeout(15)
+    screen.settled()
+    expect_law(screen, device, dome)
+    assert screen.tell("haptorb.arrow")
+    shown = float(page.locator("#asked").inner_text())
+    assert shown == pytest.approx(np.linalg.norm(screen.value("asked")[:3]), abs=0.02)
+    before = screen.value("p")
+    for k in range(1, 21):
+        page.mouse.move(x + 120 - 9 * k, y + 20)
+        page.wait_for_timeout(15)
+    screen.settled()
+    expect_law(screen, device, dome)
+    assert np.linalg.norm(np.subtract(before, screen.value("p"))) > 0.01
+
+    # The pointer's goal and the stylus are two things: the hand is a spring, the gap is the force.
+    gap = np.subtract(screen.value("target"), screen.value("p"))
+    assert np.linalg.norm(gap) > 5e-4
+
+    # Stop while it is held: nothing is asked any more, and what still flows is the sensor's noise.
+    page.keyboard.press("Space")
+    screen.until("haptorb.status === 'stopped'")
+    page.wait_for_timeout(200)
+    assert screen.value("wanted") == [0.0, 0.0, 0.0]
+    assert max(map(abs, screen.value("currents"))) < 0.05
+    assert servo.latest()[servo.layout["trip"].start] == Trip.STOPPED
+    page.mouse.up()
+    assert not screen.troubles
+
+
+def expect_law(screen, device, dome) -> None:
+    row = screen.tell(
+        "({p: haptorb.value('p'), q: haptorb.value('q'), asked: haptorb.value('asked'), given: haptorb.value('given')})"
+    )
+    state = State.at(row["p"], turned(row["q"]))
+    expected = dome.for_device(device).wrench(state)
+    assert row["asked"][:3] == pytest.approx(expected[:3], abs=0.02)
+    # What is given differs by the magnet's length (about +16 %) and the core's pull (about 53 mN).
+    assert radial(row["given"], row["p"]) == pytest.approx(1.156 * radial(row["asked"], row["p"]) - 0.05, abs=0.05)
+
+
+def test_radial_force_vanishes_at_theta_1_and_everything_from_theta_2(live):
+    screen, _, _ = live
+    page = screen.page
+    screen.until("haptorb.control && haptorb.status === 'running'")
+    page.locator("#scene").focus()
+    seen = {}
+    # The guided hand may be anywhere: 'Home' for a hand is the summit, reached and left by keys alone.
+    page.keyboard.press("ArrowRight")
+    screen.settled()
+    for _ in range(26):
+        screen.settled()
+        p, asked = screen.value("p"), screen.value("asked")
+        seen[tilt(p)] = (radial(asked, p), float(np.linalg.norm(asked[:3])))
+        if tilt(screen.value("target")) > 59:
+            break
+        page.keyboard.press("Shift+ArrowRight" if tilt(p) > 24 else "ArrowRight")
+        page.wait_for_timeout(60)
+    for angle, (push, size) in seen.items():
+        if angle < 17.5:
+            assert push > 0, seen
+        elif 18.5 < angle < 53:
+            assert push < 0, seen
+        elif angle > 54.2:
+            assert size == 0.0, seen
+    assert any(angle > 54.2 for angle in seen), seen
+
+
+def test_stop_button_then_two_deliberate_steps(live):
+    screen, servo, _ = live
+    page = screen.page
+    screen.until("haptorb.control && haptorb.status === 'running'")
+    page.get_by_role("button", name="STOP").click()
+    screen.until("haptorb.status === 'stopped'")
+    alert = page.get_by_role("alert").filter(has_text="Stopped by hand")
+    assert alert.is_visible()
+    assert page.get_by_role("button", name="Coils on now").count() == 0
+    page.get_by_role("button", name="Re-engage").click()
+    page.wait_for_timeout(300)
+    assert screen.tell("haptorb.status") == "stopped", "one step is not enough"
+    page.get_by_role("button", name="Coils on now").click()
+    screen.until("haptorb.status === 'running'")
+    assert servo.latest()[servo.layout["guard"].start] == GuardState.RUNNING
+
+
+def test_escape_stops_even_while_typing(live):
+    screen, _, _ = live
+    screen.until("haptorb.control && haptorb.status === 'running'")
+    screen.page.get_by_role("spinbutton", name="moment").focus()
+    screen.page.keyboard.press("Escape")
+    screen.until("haptorb.status === 'stopped'")
+
+
+def test_page_that_goes_in_the_middle_of_a_drag_lets_go(live, browser):
+    screen, servo, console = live
+    screen.until("haptorb.control && haptorb.status === 'running'")
+    x, y = screen.hold()
+    screen.page.mouse.move(x + 40, y)
+    screen.page.wait_for_timeout(300)
+    assert servo.latest()[servo.layout["guard"].start] == GuardState.RUNNING
+    screen.page.close()
+    end = time.monotonic() + 10
+    while servo.latest()[servo.layout["trip"].start] != Trip.POSE_EXPIRED:
+        assert time.monotonic() < end, "the pose never expired"
+        time.sleep(0.02)
+    row = servo.latest()
+    assert row[servo.layout["guard"].start] == GuardState.TRIPPED
+    time.sleep(0.2)
+    assert servo.latest()[servo.layout["wanted"]].tolist() == [0.0, 0.0, 0.0]
+
+    # Another page finds it tripped, says why, and can begin again.
+    again = type(screen)(browser.new_page(), console.url)
+    again.until("haptorb.status === 'tripped'")
+    again.page.get_by_role("button", name="Re-engage").click()
+    again.page.get_by_role("button", name="Coils on now").click()
+    again.until("haptorb.status === 'running'")
+    again.page.close()
+
+
+def test_sliders_act_at_once(live):
+    screen, servo, _ = live
+    page = screen.page
+    screen.until("haptorb.control && haptorb.felt([0, 0, 1]).force > 0.2")
+    moment = page.get_by_role("spinbutton", name="moment")
+    moment.fill("-2")
+    moment.press("Enter")
+    screen.until("haptorb.felt([0, 0, 1]).force < -0.2")
+    assert servo.world[1]["moment"] == -2.0
+    slider = page.get_by_role("slider", name="moment")
+    slider.focus()
+    slider.press("End")
+    screen.until("haptorb.felt([0, 0, 1]).force > 0.5")
+    assert servo.world[1]["moment"] == pytest.approx(4.0)
+    page.get_by_role("button", name="reset", exact=True).first.click()
+    screen.until("Math.abs(haptorb.felt([0, 0, 1]).force - 0.59) < 0.08")
+    tilted = page.get_by_role("spinbutton", name="summit tilt")
+    tilted.fill("30")
+    tilted.press("Enter")
+    turned_to = page.get_by_role("spinbutton", name="summit azimuth")
+    turned_to.fill("90")
+    turned_to.press("Enter")
+    screen.until("haptorb.felt([0, 0.5, 0.866]).force > 0.3")
+    assert servo.world[1]["summit"] == pytest.approx([0, 0.5, math.sqrt(0.75)], abs=1e-3)
+    page.get_by_role("combobox", name="World").select_option("nothing")
+    screen.until("Math.abs(haptorb.felt([0, 0, 1]).force) < 0.1")
+    assert servo.world[0] == "nothing"
+
+
+def test_impossible_value_is_said_and_taken_back(live):
+    screen, servo, _ = live
+    screen.until("haptorb.control")
+    cut = screen.page.get_by_role("spinbutton", name="cut off")
+    cut.fill("6")
+    cut.press("Enter")
+    screen.page.get_by_role("alert").filter(has_text="must not be smaller").wait_for()
+    assert servo.world[1]["cut_off_deg"] == 54.0
+    screen.until("document.getElementById('entry-cut_off_deg').value === '54'")
+
+
+def test_killed_servo_is_said_at_once(live):
+    screen, servo, _ = live
+    screen.until("haptorb.status === 'running'")
+    servo.close()
+    screen.until("['servo ended', 'disconnected'].includes(haptorb.status)")
+    assert screen.page.locator("#given").inner_text() == "–"

@@ -1,0 +1,350 @@
+"""The page itself: its words for every state, its keys, its names, its manners."""
+
+from __future__ import annotations
+
+import http.server
+import threading
+
+import numpy as np
+import pytest
+
+from haptorb.control.trip import GuardState, Trip
+
+pytestmark = pytest.mark.browser
+
+SIZES = [(1280, 800), (1920, 1080), (820, 1180)]
+
+
+def test_nothing_comes_from_elsewhere_and_nothing_goes_wrong(staged):
+    screen = staged()
+    screen.page.wait_for_timeout(500)
+    assert screen.requests
+    assert all(request.startswith((screen.url, screen.url.replace("http", "ws"))) for request in screen.requests)
+    assert not screen.troubles
+
+
+def test_every_state_has_its_word_and_its_way_out(staged, fake):
+    screen = staged()
+    page = screen.page
+    screen.until("haptorb.status === 'running'")
+    assert page.get_by_role("alert").first.is_hidden()
+    fake.winding = np.array([303.0, 341.0, 300.0])
+    screen.until("haptorb.status === 'warm'")
+    assert "68 °C" in page.locator("#alert").inner_text()
+    fake.guard, fake.winding = GuardState.DERATED, np.array([303.0, 361.15, 300.0])
+    screen.until("haptorb.status === 'derated'")
+    assert "70 %" in page.locator("#alert").inner_text()
+    for trip in Trip:
+        if trip in (Trip.NONE, Trip.CLOSING):
+            continue
+        fake.guard, fake.trip = GuardState.TRIPPED, trip
+        wanted = {Trip.STOPPED: "stopped", Trip.POSE_LOST: "tracker lost"}.get(trip, "tripped")
+        screen.until(f"haptorb.status === '{wanted}' && haptorb.value('trip')[0] === {int(trip)}")
+        page.wait_for_timeout(60)
+        assert trip.text in page.locator("#alert").inner_text()
+        assert page.get_by_role("button", name="Re-engage").is_visible()
+    fake.guard, fake.trip = GuardState.OFF, Trip.NONE
+    screen.until("haptorb.status === 'off'")
+    fake.guard = GuardState.RUNNING
+    fake.winding[:] = 300.0
+    screen.until("haptorb.status === 'running'")
+    fake.silent = True
+    screen.until("haptorb.status === 'waiting'")
+    assert page.locator("#asked").inner_text() == "–"
+
+
+def test_second_step_of_engaging_must_follow_soon_and_can_be_taken_back(staged, fake):
+    screen = staged()
+    page = screen.page
+    screen.until("haptorb.control")
+    page.keyboard.press("Escape")
+    page.get_by_role("button", name="Re-engage").click()
+    page.get_by_role("button", name="Cancel").click()
+    assert page.get_by_role("button", name="Coils on now").count() == 0
+    page.get_by_role("button", name="Re-engage").click()
+    page.keyboard.press("Space")
+    page.wait_for_timeout(200)
+    assert page.get_by_role("button", name="Coils on now").count() == 0, "a stop takes the first step back"
+    page.get_by_role("button", name="Re-engage").click()
+    page.wait_for_timeout(6500)
+    assert page.get_by_role("button", name="Coils on now").count() == 0
+    assert fake.count("engage") == 0
+
+
+@pytest.mark.parametrize("focus", ["#stop", "#sound", "#world", "#scene", "input[type=range]", "#pause", "body"])
+def test_space_stops_whatever_has_the_focus_and_does_nothing_else(staged, fake, focus):
+    screen = staged()
+    screen.until("haptorb.control")
+    if focus != "body":
+        screen.page.locator(focus).first.focus()
+    screen.page.keyboard.press("Space")
+    screen.until("haptorb.status === 'stopped'")
+    assert screen.page.locator("#sound").get_attribute("aria-pressed") == "false"
+    assert screen.page.locator("#pause").get_attribute("aria-pressed") == "false"
+
+
+def test_keys_move_the_stylus_along_the_dome(staged, fake):
+    screen = staged()
+    screen.until("haptorb.control")
+    screen.page.locator("#scene").focus()
+    start = fake.target.copy()
+    screen.page.keyboard.press("ArrowRight")
+    screen.until("haptorb.value('target')[0] !== 0")
+    screen.page.wait_for_timeout(150)
+    first = fake.target.copy()
+    angle = np.degrees(np.arccos(start @ first / np.linalg.norm(start) / np.linalg.norm(first)))
+    assert angle == pytest.approx(1.0, abs=0.02)
+    assert np.linalg.norm(first) == pytest.approx(np.linalg.norm(start))
+    screen.page.keyboard.press("+")
+    screen.page.wait_for_timeout(150)
+    assert np.linalg.norm(fake.target) == pytest.approx(np.linalg.norm(start) + 1e-3, abs=1e-6)
+    for _ in range(20):
+        screen.page.keyboard.press("Shift+ArrowRight")
+    screen.page.wait_for_timeout(200)
+    tilt = np.degrees(np.arccos(fake.target[2] / np.linalg.norm(fake.target)))
+    assert tilt == pytest.approx(60.0, abs=0.1), "it stays inside the workspace"
+
+
+def test_drag_and_wheel_move_the_hand_and_letting_go_leaves_it_there(staged, fake):
+    screen = staged()
+    screen.until("haptorb.control")
+    page = screen.page
+    x, y = screen.hold()
+    page.mouse.move(x + 50, y, steps=6)
+    page.wait_for_timeout(150)
+    held = fake.target.copy()
+    assert np.linalg.norm(held - fake.at(24.0, -50.0, 0.048)) > 0.004
+    page.mouse.wheel(0, -100)
+    page.wait_for_timeout(150)
+    assert np.linalg.norm(fake.target) == pytest.approx(np.linalg.norm(held) + 1e-3, abs=1e-6)
+    page.mouse.up()
+    page.wait_for_timeout(100)
+    rest = fake.target.copy()
+    before = fake.count("point")
+    page.wait_for_timeout(300)
+    assert fake.count("point") > before + 10, "the server keeps a resting hand fresh"
+    assert (fake.target == rest).all()
+
+
+def test_drag_beside_the_stylus_turns_the_view_only(staged, fake):
+    screen = staged()
+    screen.until("haptorb.control")
+    before = screen.tell("haptorb.stylus()")
+    box = screen.page.locator("#scene").bounding_box()
+    screen.page.mouse.move(box["x"] + 300, box["y"] + 300)
+    screen.page.mouse.down()
+    screen.page.mouse.move(box["x"] + 420, box["y"] + 320, steps=5)
+    screen.page.mouse.up()
+    assert fake.count("point") == 0
+    assert screen.tell("haptorb.stylus()") != before
+    screen.page.get_by_role("button", name="Reset the view").click()
+    assert screen.tell("haptorb.stylus()[0].x") == pytest.approx(before[0]["x"], abs=1.0)
+
+
+def test_touch_drags_too(staged, fake):
+    screen = staged(820, 1180, has_touch=True)
+    screen.until("haptorb.control")
+    tip = screen.tell("haptorb.stylus()[1]")
+    client = screen.page.context.new_cdp_session(screen.page)
+    for kind, dx in (("touchStart", 0), ("touchMove", 20), ("touchMove", 45)):
+        client.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": tip["x"] + dx, "y": tip["y"]}]})
+        screen.page.wait_for_timeout(60)
+    assert np.linalg.norm(fake.target - fake.at(24.0, -50.0, 0.048)) > 0.003
+    client.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+
+def test_watcher_is_told_and_cannot_move_but_can_stop(staged, fake):
+    first = staged()
+    first.until("haptorb.control")
+    second = staged()
+    second.until("!document.getElementById('watching').hidden")
+    assert not second.tell("haptorb.control")
+    second.hold()
+    second.page.mouse.move(400, 400)
+    second.page.mouse.up()
+    assert fake.count("point") == 0
+    assert second.page.get_by_role("combobox", name="World").is_disabled()
+    second.page.get_by_role("button", name="STOP").click()
+    second.until("haptorb.status === 'stopped'")
+    assert second.page.get_by_role("button", name="Re-engage").count() == 0
+    first.page.close()
+    second.until("haptorb.control")
+
+
+def test_gone_server_is_said_and_nothing_stale_is_shown(staged, fake):
+    screen = staged()
+    screen.until("haptorb.status === 'running'")
+    staged.console.close()
+    screen.until("haptorb.status === 'disconnected'")
+    page = screen.page
+    assert "nothing here is live" in page.locator("#alert").inner_text()
+    for cell in ("#asked", "#given", "#tilt", "#distance", "#coils td", "#remaining"):
+        assert page.locator(cell).first.inner_text() == "–"
+    assert page.locator("#loop").inner_text() == ""
+    assert not screen.tell("haptorb.arrow")
+    assert "dead" in page.locator("#view").get_attribute("class")
+    assert page.get_by_role("combobox", name="World").is_disabled()
+
+
+def test_page_of_another_origin_gets_no_socket(staged, browser):
+    screen = staged()
+
+    class Evil(http.server.BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("content-type", "text/html")
+            self.end_headers()
+            self.wfile.write(b"<title>evil</title>")
+
+        def log_message(self, *words: object) -> None:
+            pass
+
+    with http.server.HTTPServer(("127.0.0.1", 0), Evil) as server:
+        serving = threading.Thread(target=server.serve_forever)
+        serving.start()
+        try:
+            page = browser.new_page()
+            page.goto(f"http://127.0.0.1:{server.server_port}/")
+            outcome = page.evaluate(
+                """url => new Promise(done => {
+                    const socket = new WebSocket(url);
+                    socket.onopen = () => done("open");
+                    socket.onerror = () => done("refused");
+                })""",
+                screen.url.replace("http", "ws") + "ws",
+            )
+            page.close()
+        finally:
+            server.shutdown()
+            serving.join()
+    assert outcome == "refused"
+
+
+def test_everything_has_a_name_and_can_be_reached_by_tab(staged):
+    screen = staged()
+    unnamed = screen.tell(
+        """[...document.querySelectorAll('button, input, select, canvas[tabindex], [role=application]')].filter(e =>
+             !(e.getAttribute('aria-label') || e.textContent.trim() || (e.labels && e.labels.length)))
+             .map(e => e.outerHTML)"""
+    )
+    assert unnamed == []
+    screen.page.locator("body").click(position={"x": 5, "y": 5})
+    reached = set()
+    for _ in range(60):
+        screen.page.keyboard.press("Tab")
+        reached.add(screen.tell("document.activeElement.id || document.activeElement.ariaLabel || ''"))
+    wanted = {"device", "world", "sound", "rumble", "ask", "stop", "scene", "reset", "pause", "span", "export"}
+    assert wanted <= reached
+
+
+def test_help_lists_the_keys(staged):
+    screen = staged()
+    screen.page.locator("#scene").focus()
+    screen.page.keyboard.press("?")
+    text = screen.page.get_by_role("dialog", name="Keys and mouse").inner_text()
+    assert "STOP" in text
+    assert "move the stylus" in text
+
+
+def test_those_who_listen_get_values_and_alerts(staged, fake):
+    screen = staged()
+    screen.until("document.getElementById('polite').textContent.includes('newton given')")
+    assert screen.page.locator("#polite").get_attribute("aria-live") == "polite"
+    fake.stop()
+    screen.until("!document.getElementById('alert').hidden")
+    assert screen.page.locator("#alert").get_attribute("role") == "alert"
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_nothing_is_cut_off_or_too_small_to_read(staged, width, height):
+    screen = staged(width, height)
+    screen.page.wait_for_timeout(300)
+    small = screen.tell(
+        """[...document.querySelectorAll('body *')].filter(e => e.checkVisibility() && !e.closest('.sr')
+             && [...e.childNodes].some(n => n.nodeType === 3 && n.textContent.trim())
+             && parseFloat(getComputedStyle(e).fontSize) < 14).map(e => e.outerHTML)"""
+    )
+    assert small == []
+    assert screen.tell("document.documentElement.scrollWidth <= innerWidth")
+    outside = screen.tell(
+        """['#stop', '#state', '#loop', '#simulated', '#given', '#remaining', '#coils', '#export', '#legend', '#scale',
+            '.camera'].filter(s => { const b = document.querySelector(s).getBoundingClientRect();
+            return b.width === 0 || b.left < 0 || b.top < 0
+                || b.right > innerWidth + 1 || b.bottom > innerHeight + 1 })"""
+    )
+    assert outside == []
+    hidden = screen.tell(
+        """['aside', '.panel.world', '.panel.readouts', 'header'].filter(s => { const e = document.querySelector(s);
+            return e.scrollHeight > e.clientHeight + 1 || e.scrollWidth > e.clientWidth + 1 })"""
+    )
+    assert hidden == []
+
+
+def test_plots_show_every_sample_hold_still_and_export(staged, tmp_path):
+    screen = staged()
+    page = screen.page
+    screen.until("haptorb.samples > 1500")
+    page.get_by_role("button", name="pause").click()
+    page.wait_for_timeout(200)
+    held = screen.tell("haptorb.samples")
+    page.wait_for_timeout(300)
+    assert screen.tell("haptorb.samples") == held
+    with page.expect_download() as coming:
+        page.get_by_role("button", name="CSV").click()
+    lines = coming.value.path().read_text().splitlines()
+    heading = lines[0].split(",")
+    assert heading[:2] == ["t [s]", "tick [1]"]
+    assert len(lines) - 1 == held
+    ticks = [int(line.split(",")[1]) for line in lines[1:]]
+    assert ticks == list(range(ticks[0], ticks[0] + len(ticks)))
+    plot = page.locator(".plot .u-over").first.bounding_box()
+    y = plot["y"] + 40
+    page.mouse.move(plot["x"] + 0.9 * plot["width"], y)
+    page.mouse.down()
+    page.mouse.move(plot["x"] + 0.97 * plot["width"], y, steps=4)
+    page.mouse.up()
+    screen.until(f"haptorb.samples < {held} && haptorb.samples > 100")
+    page.get_by_role("button", name="whole").click()
+    screen.until(f"haptorb.samples === {held}")
+    page.keyboard.press("p")
+    screen.until(f"haptorb.samples > {held}")
+
+
+def test_sound_and_rumble_are_off_until_switched_on(staged):
+    screen = staged()
+    for name in ("Sound", "rumble"):
+        button = screen.page.get_by_role("button", name=name)
+        assert button.get_attribute("aria-pressed") == "false"
+        button.click()
+        assert button.get_attribute("aria-pressed") == "true"
+    screen.page.wait_for_timeout(300)
+    assert not screen.troubles
+
+
+def test_follows_light_and_dark(staged):
+    screen = staged(color_scheme="light")
+    light = screen.tell("getComputedStyle(document.documentElement).backgroundColor")
+    screen.page.emulate_media(color_scheme="dark")
+    dark = screen.tell("getComputedStyle(document.documentElement).backgroundColor")
+    assert light != dark
+    assert not screen.troubles
+
+
+def test_memory_does_not_grow(staged, fake):
+    """Five minutes' worth of samples in seconds: the page keeps one minute, whatever comes."""
+    screen = staged()
+    client = screen.page.context.new_cdp_session(screen.page)
+
+    def heap() -> float:
+        client.send("HeapProfiler.collectGarbage")
+        return client.send("Runtime.getHeapUsage")["usedSize"]
+
+    for _ in range(3):
+        fake._start -= 2.0
+        screen.page.wait_for_timeout(150)
+    before = heap()
+    for _ in range(40):
+        fake._start -= 2.0
+        screen.page.wait_for_timeout(60)
+    screen.page.wait_for_timeout(300)
+    assert heap() < before + 3e6
