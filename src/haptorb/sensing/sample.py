@@ -43,9 +43,14 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What is believed now: the mover's state, what the coils can do there, and how old the belief is."""
+    """What is believed now: the mover's state, what the coils can do there, how old the belief is, and its limits."""
 
     state: State
     wrench_map: WrenchMap
     valid: bool  #: False: where the mover is, is not known; nothing may be asked of the coils
     age: float  #: of the pose behind it [s]
+    oriented: bool = True  #: False: R_SR and w are not estimated, they are NaN; the wrench map was found without them
+    spin_period: float = 0.0  #: turns about the mover's z are known but for a multiple of this [rad]; 0: absolutely
+    covariance: Array | None = None  #: (3, 3) of the orientation as a rotation vector, stator frame [rad²], if known
+    strength: float = 1.0  #: of the mover's magnets, relative to the device file, where the estimator finds it
+    disbelieved: int = 0  #: number of field sensors whose readings were left out

@@ -1,0 +1,55 @@
+"""Which readings of field sensors may be believed at first sight, and what remains of them without the coils' field."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptorb.devices.spherical_motor import SphericalMotor
+from haptorb.errors import InputError
+from haptorb.physics.arrays import Array
+from haptorb.physics.compiled import kernel
+
+__all__ = ["believable", "coil_field_per_ampere", "magnet_field"]
+
+
+def coil_field_per_ampere(motor: SphericalMotor) -> Array:
+    """(3 sensors, channels) what one ampere in each channel adds to every reading [T/A], stator frame."""
+    places = motor.sensor_layout.positions
+    columns = [motor.coil_field(places, one).ravel() for one in np.eye(motor.channels)]
+    return np.ascontiguousarray(np.stack(columns, axis=1))
+
+
+def believable(motor: SphericalMotor, orientations: Array, field: Array, per_ampere: Array) -> float:
+    """A magnitude [T] that no sensor can read unless it is broken: 1.5 times the most that magnets and coils give."""
+    if not len(orientations):
+        raise InputError("no orientations were given to learn the field's range from")
+    most = float(np.sqrt((field**2).sum(axis=2).max()))
+    coils = np.abs(per_ampere) @ motor.coils.current_limit
+    return 1.5 * (most + float(np.sqrt((coils.reshape(-1, 3) ** 2).sum(axis=1).max())))
+
+
+@kernel
+def magnet_field(field: Array, currents: Array, per_ampere: Array, limit: float, out: Array, usable: Array) -> int:
+    """out (k, 3) [T] = field − the coils' part; usable (k,) 1.0 or 0.0; returns how many sensors are usable.
+
+    Not usable is what is not finite, what is beyond `limit` [T], and what reads exactly zero on all three axes: a
+    sensor without supply. What is not usable becomes zero in `out`.
+    """
+    count = 0
+    for k in range(field.shape[0]):
+        square, alive = 0.0, 0.0
+        for i in range(3):
+            reading = field[k, i]
+            square += reading * reading
+            alive += abs(reading)
+            for j in range(currents.shape[0]):
+                reading -= per_ampere[3 * k + i, j] * currents[j]
+            out[k, i] = reading
+        total = out[k, 0] + out[k, 1] + out[k, 2]
+        if square <= limit * limit and alive > 0.0 and np.isfinite(total):  # NaN fails the first
+            usable[k] = 1.0
+            count += 1
+        else:
+            usable[k] = 0.0
+            out[k, 0], out[k, 1], out[k, 2] = 0.0, 0.0, 0.0
+    return count
