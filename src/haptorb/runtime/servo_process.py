@@ -9,6 +9,7 @@ from __future__ import annotations
 import gc
 import json
 import os
+import shutil
 import signal
 import sys
 import traceback
@@ -31,11 +32,15 @@ _REHEARSAL = 5  #: ticks
 
 
 def main(plan_path: str, shared_path: str, parent: int) -> int:
-    """Build what the plan says, run it to its end, and say in the shared memory how it ended; returns the exit code."""
+    """Build what the plan says, run it to its end, and say in the shared memory how it ended; returns the exit code.
+
+    The plan lies in a folder of its own, made for this process alone.
+    """
     shared = Shared.attach(shared_path)
     die_with_parent()
     if orphaned(parent):  # it ended before the kernel was asked to tell
         shared.unlink()
+        shutil.rmtree(Path(plan_path).parent, ignore_errors=True)
         return 1
     shared.words[Word.PID] = os.getpid()
     try:
@@ -50,8 +55,9 @@ def main(plan_path: str, shared_path: str, parent: int) -> int:
         shared.words[Word.PHASE] = Phase.FAILED
         return 1
     finally:
-        if orphaned(parent):
+        if orphaned(parent):  # nobody else will tidy up
             shared.unlink()
+            shutil.rmtree(Path(plan_path).parent, ignore_errors=True)
 
 
 def _run(shared: Shared, path: Path, parent: int) -> int:
