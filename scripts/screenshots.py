@@ -22,7 +22,11 @@ SIZES = {"desk": (1280, 800), "wide": (1920, 1080), "tablet": (820, 1180)}
 
 def settled(page: Page) -> None:
     """Wait until the page holds the pointer's end of the line and has drawn for a while."""
-    page.wait_for_function("window.haptorb && haptorb.control && haptorb.frames > 200", timeout=60_000)
+    for _ in range(600):  # the page's policy forbids wait_for_function's eval
+        if page.evaluate("window.haptorb && haptorb.control && haptorb.frames > 200"):
+            return
+        page.wait_for_timeout(100)
+    raise SystemExit("the console did not come alive within a minute")
 
 
 def drag(page: Page, right: int, down: int) -> None:
