@@ -1,80 +1,153 @@
-"""Take the pictures of the console that README and documentation show: `make screenshots`.
+"""Pictures of the console: every state, both themes, three sizes; to be looked at before each release.
 
-The simulated Omni runs, a real Chromium opens the page, drags the stylus down the dome, and is photographed: light and
-dark, on a desk and on a tablet, and stopped.
+    python scripts/screenshots.py [FOLDER]
+
+Without FOLDER only the pictures of the documentation are taken, into docs/images. The states come from the imagined
+servo of the tests: a healthy device shows few of them.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import shutil
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
 from haptorb.apps.console import Console
-from haptorb.runtime.servo import Servo
+from haptorb.control.trip import GuardState, Trip
 
-FOLDER = Path(__file__).resolve().parent.parent / "docs" / "_static" / "console"
-SIZES = {"desk": (1280, 800), "wide": (1920, 1080), "tablet": (820, 1180)}
-
-
-def settled(page: Page) -> None:
-    """Wait until the page holds the pointer's end of the line and has drawn for a while."""
-    for _ in range(600):  # the page's policy forbids wait_for_function's eval
-        if page.evaluate("window.haptorb && haptorb.control && haptorb.frames > 200"):
-            return
-        page.wait_for_timeout(100)
-    raise SystemExit("the console did not come alive within a minute")
-
-
-def drag(page: Page, right: int, down: int) -> None:
-    """Hold the stylus and lead it some pixels away; it stays held."""
-    _, magnet, end = page.evaluate("haptorb.stylus()")
-    x, y = 0.5 * (magnet["x"] + end["x"]), 0.5 * (magnet["y"] + end["y"])
-    page.mouse.move(x, y)
-    page.mouse.down()
-    for share in range(1, 41):
-        page.mouse.move(x + right * share / 40, y + down * share / 40)
-        page.wait_for_timeout(25)
-    page.wait_for_timeout(2500)
+ROOT = Path(__file__).resolve().parent.parent
+SIZES = {"laptop": (1280, 800), "projector": (1920, 1080), "tablet": (820, 1180)}
+FLAGS = [
+    *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync", "--force-color-profile=srgb"),
+]
+#: what the documentation shows: file → (state, size, theme)
+CHOSEN = {
+    "console.png": ("running", "laptop", "light"),
+    "console-dark.png": ("running", "laptop", "dark"),
+    "console-stopped.png": ("stopped", "laptop", "light"),
+    "console-tablet.png": ("warm", "tablet", "light"),
+}
 
 
-def main() -> int:
-    """Write the pictures; returns the exit code."""
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if chromium is None:
-        print("screenshots need Chromium: apt-get install chromium", file=sys.stderr)
-        return 2
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    servo = Servo("omni", "dome", record=False)
-    with Console(servo, 0) as console, servo, sync_playwright() as play:
-        serving = threading.Thread(target=console.serve)
-        serving.start()
-        browser = play.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        try:
-            for name, (width, height) in SIZES.items():
-                for scheme in ("light", "dark") if name == "desk" else ("light",):
-                    page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
-                    page.goto(console.url)
-                    settled(page)
-                    drag(page, 70, 30)
-                    page.screenshot(path=FOLDER / f"{name}-{scheme}.png")
-                    page.mouse.up()
-                    if (name, scheme) == ("desk", "light"):
-                        page.click("#stop")
-                        page.wait_for_timeout(800)
-                        page.screenshot(path=FOLDER / "desk-stopped.png")
-                        servo.engage()
-                    page.close()
-                    print(FOLDER / f"{name}-{scheme}.png")
-        finally:
-            browser.close()
-            console.close()
-            serving.join()
-    return 0
+def fake_servo() -> Any:
+    """The tests' imagined servo."""
+    path = ROOT / "tests" / "apps" / "console" / "fake_servo.py"
+    spec = importlib.util.spec_from_file_location("fake_servo", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.FakeServo()
+
+
+def _tripped(reason: Trip) -> Callable[[Any], None]:
+    def put(servo: Any) -> None:
+        servo.guard, servo.trip = GuardState.TRIPPED, reason
+
+    return put
+
+
+def _warm(servo: Any) -> None:
+    servo.winding = np.array([317.0, 341.0, 305.0])
+
+
+def _derated(servo: Any) -> None:
+    servo.guard, servo.winding = GuardState.DERATED, np.array([322.0, 361.0, 311.0])
+
+
+def _saturated(servo: Any) -> None:
+    servo.set_world("dome", {"moment": 4.0, "half_width_deg": 30.0, "cut_off_deg": 80.0})
+
+
+def _tilted(servo: Any) -> None:
+    servo.set_world("dome", {"summit": (0.3, -0.4, 0.866), "moment": -2.4})
+
+
+def _nothing(servo: Any) -> None:
+    servo.set_world("nothing", {})
+
+
+def _silent(servo: Any) -> None:
+    servo.silent = True
+
+
+def _ended(servo: Any) -> None:
+    servo.alive = False
+
+
+STATES: dict[str, Callable[[Any], None]] = {
+    "running": lambda servo: None,
+    "warm": _warm,
+    "derated": _derated,
+    "stopped": _tripped(Trip.STOPPED),
+    "tripped": _tripped(Trip.POSE_EXPIRED),
+    "tracker-lost": _tripped(Trip.POSE_LOST),
+    "at-the-limit": _saturated,
+    "pulling": _tilted,
+    "nothing": _nothing,
+    "waiting": _silent,
+    "disconnected": _ended,
+}
+
+
+def _moving(servo: Any, page: Page, milliseconds: int) -> None:
+    """Something to see in the plots: the hand wanders over the dome."""
+    for k in range(milliseconds // 50):
+        servo.target = servo.at(15 + 12 * np.sin(k / 7), -60 + 40 * np.sin(k / 11), 0.0475)
+        servo.winding = servo.winding + 0.02
+        page.wait_for_timeout(50)
+
+
+def take(wanted: list[tuple[str, str, str, Path]]) -> None:
+    """Take the pictures (state, size, theme, file)."""
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=chromium, args=FLAGS)
+        for state, size, theme, path in wanted:
+            servo = fake_servo()
+            with Console(servo, 0) as console:
+                serving = threading.Thread(target=console.serve)
+                serving.start()
+                width, height = SIZES[size]
+                page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=theme)  # type: ignore[arg-type]
+                page.goto(console.url + "?fine")
+                page.wait_for_timeout(1500)
+                _moving(servo, page, 3000)
+                servo.target = servo.at(24.0, -62.0, 0.0475)
+                STATES[state](servo)
+                page.wait_for_timeout(2200)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                page.screenshot(path=path)
+                page.close()
+                console.close()
+                serving.join()
+            print(path, flush=True)
+        browser.close()
+
+
+def main() -> None:
+    """Take what the command line asks for."""
+    if len(sys.argv) > 1:
+        folder = Path(sys.argv[1])
+        wanted = [
+            (state, size, theme, folder / f"{state}-{size}-{theme}.png")
+            for state in STATES
+            for size in SIZES
+            for theme in ("light", "dark")
+            if len(sys.argv) < 3 or any(word in f"{state}-{size}-{theme}" for word in sys.argv[2:])
+        ]
+    else:
+        wanted = [(*what, ROOT / "docs" / "images" / name) for name, what in CHOSEN.items()]
+    take(wanted)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -34,7 +34,7 @@ export class Header {
     const hidden = now.reason === "" || now.word === "waiting";
     if (alert.hidden !== hidden) alert.hidden = hidden;
     alert.dataset["tone"] = now.tone;
-    write(at("alert-word"), hidden ? "" : `${now.word}.`);
+    write(at("alert-word"), hidden ? "" : `${now.word[0]!.toUpperCase()}${now.word.slice(1)}.`);
     write(at("alert-text"), hidden ? "" : now.reason);
     this.offer(now.engageable && control);
   }

@@ -127,9 +127,9 @@ export class Plots {
   }
 
   /** Ticks at round times before the newest sample. */
-  private splits(from: number, to: number): number[] {
+  private splits(from: number, to: number, most: number): number[] {
     const end = this.held?.to ?? this.window.to;
-    const step = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5].find((s) => (to - from) / s <= 6) ?? 10;
+    const step = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5].find((s) => (to - from) / s <= most) ?? 10;
     const ticks: number[] = [];
     for (let k = Math.ceil((from - end) / step); end + k * step <= to + 1e-9; k++) ticks.push(end + k * step);
     return ticks;
@@ -221,7 +221,7 @@ export class Plots {
       {
         width: Math.max(50, canvas.clientWidth),
         height: Math.max(50, canvas.clientHeight),
-        padding: [8, 10, 0, 0],
+        padding: [8, 20, 0, 0],
         legend: { show: false },
         cursor: { sync: { key: "time" }, drag: { x: true, y: false, setScale: false }, points: { size: 6 } },
         scales: {
@@ -229,7 +229,7 @@ export class Plots {
           y: { range: (_, low, high) => padded(low, high, least, limit?.derate) },
         },
         axes: [
-          { ...axis, size: 24, splits: (_, __, from, to) => this.splits(from, to), values: (_, ticks) => ticks.map((t) => clock(t - (this.held?.to ?? this.window.to))) , space: 60 },
+          { ...axis, size: 24, splits: (self, _, from, to) => this.splits(from, to, self.width / 70), values: (_, ticks) => ticks.map((t) => clock(t - (this.held?.to ?? this.window.to))) , space: 60 },
           { ...axis, size: 52, values: (_, ticks) => ticks.map((y) => String(Number(y.toFixed(4))).replace("-", "−")), space: 30 },
         ],
         series: [

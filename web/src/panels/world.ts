@@ -125,7 +125,7 @@ export class WorldPanel {
       const value = entry.read(this.values);
       range.value = String(value);
       range.setAttribute("aria-valuetext", `${number.value} ${entry.unit}`);
-      if (number !== except || document.activeElement !== number) number.value = String(Number(value.toFixed(3)));
+      if (number !== except || document.activeElement !== number) number.value = String(Number(value.toFixed(entry.unit === "°" ? 1 : 3)));
     }
   }
 

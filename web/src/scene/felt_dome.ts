@@ -99,6 +99,8 @@ export class FeltDome {
     geometry.setAttribute("saturated", new BufferAttribute(new Float32Array(directions.length / 3), 1));
     geometry.setIndex(new BufferAttribute(triangles, 1));
     this.mesh.frustumCulled = false;
+    this.mesh.visible = true; // clear, until the map is there
+    this.changed();
   }
 
   paint(force: Float32Array, saturated: Uint8Array): void {
@@ -111,7 +113,6 @@ export class FeltDome {
     (geometry.getAttribute("force") as BufferAttribute).copyArray(force).needsUpdate = true;
     (geometry.getAttribute("saturated") as BufferAttribute).copyArray(saturated).needsUpdate = true;
     material.uniforms["range"]!.value = this.range;
-    this.mesh.visible = true;
     this.changed();
   }
 

@@ -2,10 +2,10 @@
 
 import { Vector3, type PerspectiveCamera } from "three";
 
-const HOME = { azimuth: -62, elevation: 26, distance: 280 };
+const HOME = { azimuth: -62, elevation: 26, distance: 262 };
 
 export class Orbit {
-  readonly centre = new Vector3(0, 0, 44);
+  readonly centre = new Vector3(0, 0, 43);
   private azimuth = HOME.azimuth;
   private elevation = HOME.elevation;
   distance = HOME.distance;

@@ -16,6 +16,7 @@ from typing import Self, final
 import uvicorn
 
 from haptorb.apps.console.felt import FeltMap
+from haptorb.apps.console.felt_process import FeltProcess
 from haptorb.apps.console.servant import Servant
 from haptorb.apps.console.site import application
 from haptorb.errors import InputError
@@ -43,7 +44,7 @@ class Console:
             print(console.url)
             console.serve()
 
-    Made before the servo starts: its first map loads compiled code, and the servo wants its host's heartbeat meanwhile.
+    Best made before the servo starts: then the process that paints the felt map loads at the same time.
 
     port   0 takes any free one
     Raises InputError at once if the port is taken or cannot be had, or the page has not been built.
@@ -51,8 +52,13 @@ class Console:
 
     def __init__(self, servo: Servant, port: int = PORT, *, felt: FeltMap | None = None) -> None:
         self._servo = servo
-        app = application(servo, felt)
         self._socket = _bound(port)
+        try:
+            app = application(servo, felt)
+        except BaseException:
+            self._socket.close()
+            raise
+        self._felt: FeltProcess | None = app.state.felt
         self.port = int(self._socket.getsockname()[1])
         self.url = f"http://{_HOST}:{self.port}/"
         config = uvicorn.Config(
@@ -107,6 +113,8 @@ class Console:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
         self._socket.close()
+        if self._felt is not None:
+            self._felt.close()
 
 
 def _bound(port: int) -> socket.socket:

@@ -29,7 +29,7 @@ _PATIENCE = 1.0  #: for the process to end by itself [s]
 class FeltProcess:
     """Call it like a function: (name and values of a world, points (n, 3) [m]) → radial force (n,) [N], saturated (n,).
 
-    Started at the first call, and again if it died; blocks until the answer is there.
+    Started by `start` or the first call, and again if it died; a call blocks until the answer is there.
     """
 
     def __init__(self, device: SphericalElectromagnet) -> None:
@@ -54,6 +54,11 @@ class FeltProcess:
             force, saturated = answer
             return force, saturated
 
+    def start(self) -> None:
+        """Begin to load, so that the first call need not wait for it."""
+        with self._one_at_a_time:
+            self._running()
+
     def close(self) -> None:
         """End the process, if there is one."""
         # Not under the lock: a call that waits for an answer ends with the process.
@@ -71,6 +76,7 @@ class FeltProcess:
             )
             assert self._process.stdin is not None
             pickle.dump(self._device, self._process.stdin)
+            self._process.stdin.flush()
         return self._process
 
     def _end(self) -> None:
@@ -98,6 +104,7 @@ def main() -> None:
     from haptorb.worlds import named
 
     device = pickle.load(questions)
+    felt_map(device, named("nothing")(), [[0.0, 0.0, device.contact_distance]])  # loads what is compiled
     while True:
         try:
             name, values, points = pickle.load(questions)

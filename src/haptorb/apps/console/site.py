@@ -34,6 +34,7 @@ def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
     """The ASGI application for one running servo.
 
     `felt` answers what the device would give at points in space; by default the simulation of `servo.device` does.
+    `app.state.felt` is the process behind that, to be closed at the end, or None.
     Raises InputError if the page has not been built.
     """
     page = STATIC / "index.html"
@@ -46,6 +47,7 @@ def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
     if isinstance(device, SphericalElectromagnet):
         if felt is None:
             felt = process = FeltProcess(device)
+            process.start()
         painter = Painter(device, felt)
     room = Room(servo, painter)
     known = session(servo, uuid4().hex)
@@ -65,10 +67,8 @@ def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
             keeping.cancel()
             with suppress(asyncio.CancelledError):
                 await keeping
-            if process is not None:
-                process.close()
 
-    return Starlette(
+    app = Starlette(
         routes=[
             Route("/", index),
             Route("/api/session", about),
@@ -78,3 +78,5 @@ def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
         middleware=[Middleware(Doors)],
         lifespan=lifespan,
     )
+    app.state.felt = process
+    return app
