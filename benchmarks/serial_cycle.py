@@ -1,0 +1,88 @@
+"""How long it takes to set three coils and read them back through the emulated firmware, and what the bus manages.
+
+    python benchmarks/serial_cycle.py [--pace 0.1] [--cycles 2000] [--board m328p] [--json]
+
+At pace 1 the round trip is measured on this computer's clock, with this computer's delays. At a lower pace firmware
+time runs slower than ours and only the firmware's own times mean anything: the turn (first bit of the frame to last
+bit of the answer), the rounds of the I²C bus, lost bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from haptorb.runtime.board import Board
+from haptorb.runtime.emulator import Emulator
+from haptorb.runtime.protocol import Standing
+
+BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"
+
+
+def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
+    """Numbers of one run: a frame every millisecond of firmware time, signs changing every 20 ms."""
+    with tempfile.TemporaryDirectory() as folder, Emulator(BUILD, Path(folder, "port"), board) as emulator:
+        device = Board(emulator.port, answer=2.0)
+        time.sleep(0.3)
+        emulator.tell(f"pace {pace}")
+        device.engage(0.5, 20.0)
+        reading = device.set([100, 100, 100])
+        emulator.status()
+        start_rounds, start = reading.rounds, float(emulator.status()["t"])
+        trips = rounds = 0
+        took = np.empty(cycles)
+        cpu, wall = time.process_time(), time.perf_counter()
+        deadline = wall
+        for k in range(cycles):
+            deadline = max(deadline + 1e-3 / pace, time.perf_counter() - 1e-3 / pace)
+            time.sleep(max(0.0, deadline - time.perf_counter()))
+            began = time.perf_counter()
+            reading = device.set([(800 if k % 40 < 20 else -800) + k % 7, 400, -200])
+            took[k] = time.perf_counter() - began
+            rounds += (reading.rounds - start_rounds) & 0xFF
+            start_rounds = reading.rounds
+            if reading.standing is not Standing.ENGAGED:
+                trips += 1
+                device.off()
+                device.engage(0.5, 20.0)
+        cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+        words = emulator.status()
+        device.close()
+        elapsed = float(words["t"]) - start
+        return {
+            "cycles per second of firmware time": cycles / elapsed,
+            "turn, median [ms]": float(words["turn_us"]) / 1e3,
+            "turn, 99 % [ms]": float(words["turn_p99_us"]) / 1e3,
+            "bus rounds per second (3 currents, 4-5 Hall sensors each)": rounds / elapsed,
+            "bus load": float(words["bus_load"]),
+            "bytes lost by the firmware": float(words["overruns"]),
+            "trips": trips,
+            "round trip on this computer, median [ms]": 1e3 * float(np.median(took)),
+            "round trip on this computer, 99 % [ms]": 1e3 * float(np.percentile(took, 99)),
+            "host CPU [%]": 100 * cpu / wall,
+        }
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--pace", type=float, default=1.0)
+    parser.add_argument("--cycles", type=int, default=2000)
+    parser.add_argument("--board", default="m328p")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    result = measured(given.board, given.pace, given.cycles)
+    if given.json:
+        print(json.dumps(result))
+        return
+    for name, value in result.items():
+        print(f"{name:60s} {value:10.3f}")
+
+
+if __name__ == "__main__":
+    main()
