@@ -129,7 +129,14 @@ def fake_servo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
         wants = dict(behaviour or {})
 
         def assemble(
-            device: Any, world: Any, driver: str, rate: float, seed: int, level: str | None, tracker: Any
+            device: Any,
+            world: Any,
+            driver: str,
+            rate: float,
+            seed: int,
+            level: str | None,
+            tracker: Any,
+            **others: Any,
         ) -> FakeChain:
             return FakeChain(layout, world, log, tracker, **wants)
 

@@ -23,13 +23,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb import __version__, worlds
+from haptorb.control.modes import MODES, Gains
 from haptorb.devices.device import Device
 from haptorb.devices.loader import load
-from haptorb.errors import InputError, RecordingError, ServoError
+from haptorb.errors import InputError, RecordingError, ServoError, UnknownName
 from haptorb.physics.arrays import Array, finite
 from haptorb.runtime import plan as plans
 from haptorb.runtime import recording_file
-from haptorb.runtime.assembly import assemble, known_driver, known_tracker
+from haptorb.runtime.assembly import (
+    assemble,
+    default_world,
+    known_driver,
+    known_estimator,
+    known_tracker,
+    modes_of,
+)
 from haptorb.runtime.children import Children
 from haptorb.runtime.device_text import text_of
 from haptorb.runtime.guided import upright
@@ -54,7 +62,7 @@ class Servo:
     """A device, a world under its mover, and the loop between them.
 
     device     name in the catalogue, path of a device file, or a Device
-    world      name in the catalogue, or a World
+    world      name in the catalogue, or a World; None: the one that shows the device best
     driver     "sim": the simulated device
     tracker    "pointer": the tool is where the hand wants it that `point` moves
     rate       of the loop [Hz], 50 to 4000
@@ -62,6 +70,8 @@ class Servo:
     overwrite  whether `record` may replace a file
     seed       of the simulation's noise
     level      fidelity of the device's model in the controller; None: the device's first
+    estimator  how the mover's state is known; None: the device's default
+    gains      of a motor's two modes; None: `assembly.MOTOR_GAINS`
 
     >>> with Servo("omni", "dome") as servo:  # doctest: +SKIP
     ...     servo.run(seconds=5)
@@ -71,7 +81,7 @@ class Servo:
     def __init__(
         self,
         device: str | Path | Device,
-        world: str | World = "dome",
+        world: str | World | None = None,
         *,
         driver: str = "sim",
         tracker: str = "pointer",
@@ -80,6 +90,8 @@ class Servo:
         overwrite: bool = False,
         seed: int = 0,
         level: str | None = None,
+        estimator: str | None = None,
+        gains: Gains | None = None,
     ) -> None:
         self.device = device if isinstance(device, Device) else load(device)
         self._device_text = text_of(self.device, device)
@@ -90,13 +102,20 @@ class Servo:
         self.seed = _known_seed(seed)
         if level is not None:
             self.device.known_level(level)
-        first = world if isinstance(world, World) else worlds.named(world)()
+        self.estimator = known_estimator(self.device, estimator)
+        self.modes = modes_of(self.device)  #: that `set_mode` knows; empty where the device acts directly
+        if gains is not None and not self.modes:
+            raise InputError(f"gains are those of a motor's two modes; device '{self.device.name}' has none")
+        first = world if isinstance(world, World) else worlds.named(world or default_world(self.device))()
         first.for_device(self.device)  # refuses here, not in another process, what the device cannot render
         # Compiling in the first tick would be a silence at which a real device's firmware switches off.
         chain, practice = (
-            partial(assemble, self.device, first, through, self.rate, self.seed, level)
+            partial(
+                assemble, self.device, first, through, self.rate, self.seed, level,
+                estimator=self.estimator, gains=gains,
+            )
             for through in (self.driver, "sim")
-        )
+        )  # fmt: skip
         self._plan = plans.Plan(first, self.rate, chain, practice)
         self._record, self._overwrite = record, overwrite
         self._shared: Shared | None = None
@@ -211,6 +230,24 @@ class Servo:
         """After a stop or a trip: begin again, from zero. Refused by the guard while the reason is still there."""
         self._memory.words[Word.ENGAGE] += 1
 
+    def set_mode(self, mode: str) -> None:
+        """Go over to `mode`, "translate" or "rotate", without a step of the target's pose or of torque.
+
+        Raises UnknownName for a mode that the device does not have.
+        """
+        if mode not in self.modes:
+            raise UnknownName(f"mode of device '{self.device.name}'", str(mode), self.modes)
+        self._memory.words[Word.MODE] = 1 + MODES.index(mode)
+
+    def clutch(self, engaged: bool) -> None:
+        """Let the target go (False) to turn the handle back and reach further, or take hold of it again (True).
+
+        Raises InputError for a device without modes: it has no clutch.
+        """
+        if not self.modes:
+            raise InputError(f"device '{self.device.name}' acts directly; it has no clutch")
+        self._memory.words[Word.CLUTCH] = 1 if engaged else 2
+
     @property
     def world(self) -> tuple[str, dict[str, Any]]:
         """Name and values of the world that is felt now."""
@@ -259,6 +296,7 @@ class Servo:
             "world_values": values,
             "driver": self.driver,
             "tracker": self.tracker,
+            "estimator": self.estimator,
             "rate_hz": self.rate,
             "seed": self.seed,
             "recording": str(self._path) if self._record else None,
@@ -328,6 +366,7 @@ class Servo:
                 "run": {
                     "driver": self.driver,
                     "tracker": self.tracker,
+                    "estimator": self.estimator,
                     "seed": str(self.seed),
                     "rate_hz": repr(self.rate),
                     "first_world": description(self._plan.world),

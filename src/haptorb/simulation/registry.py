@@ -7,7 +7,9 @@ from typing import Any
 
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.spherical_motor import SphericalMotor
 from haptorb.errors import DeviceError
+from haptorb.simulation.motor import SimulatedMotor
 from haptorb.simulation.omni import SimulatedElectromagnet
 from haptorb.simulation.simulation import Simulation
 
@@ -16,6 +18,7 @@ __all__ = ["SIMULATIONS", "simulated"]
 #: class of device → what makes its simulation from (device, seed)
 SIMULATIONS: dict[type[Device], Callable[[Any, int], Simulation]] = {
     SphericalElectromagnet: SimulatedElectromagnet,
+    SphericalMotor: SimulatedMotor,
 }
 
 

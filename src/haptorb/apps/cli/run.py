@@ -28,13 +28,20 @@ def register(app: typer.Typer) -> None:
 
 def run(
     device: Annotated[str, typer.Argument(help="A device's name, or the path of a device file.")] = "omni",
-    world: Annotated[str, typer.Option(help="What is felt; `haptorb worlds` lists.")] = "dome",
+    world: Annotated[
+        str | None,
+        typer.Option(help="What is felt; `haptorb worlds` lists. A dome, on a motor an outlet, unless told."),
+    ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", help="A parameter of the world, as NAME=VALUE or NAME=X,Y,Z; repeatable."),
     ] = None,
-    driver: Annotated[str, typer.Option(help="sim: the simulated device.")] = "sim",
+    driver: Annotated[str, typer.Option(help="sim: the simulated device; serial:PORT, i2c:BUS: a real one.")] = "sim",
     tracker: Annotated[str, typer.Option(help="Who knows where the tool is; pointer: the console's.")] = "pointer",
+    estimator: Annotated[
+        str | None,
+        typer.Option(help="How the mover's state is known: tracker; a motor's field: least-squares, network, linear."),
+    ] = None,
     level: Annotated[str | None, typer.Option(help="Fidelity of the controller's model, dipole or exact.")] = None,
     rate: Annotated[float, typer.Option(help="Of the loop [Hz], 50 to 4000.")] = 1000.0,
     seed: Annotated[int, typer.Option(help="Of the simulation's noise.")] = 0,
@@ -50,15 +57,18 @@ def run(
 ) -> None:
     """Run a device: simulated Omni, a dome under the stylus and the console in the browser, unless told otherwise."""
     from haptorb import worlds
+    from haptorb.devices.loader import load
+    from haptorb.runtime.assembly import default_world
 
-    felt = worlds.named(world)().changed(**_values(settings or []))
+    values = _values(settings or [])
+    felt = worlds.named(world or default_world(load(device)))().changed(**values)
     if duration is not None and not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
     from haptorb.runtime.servo import Servo
 
     servo = Servo(
         device, felt, driver=driver, tracker=tracker, rate=rate, seed=seed, level=level, record=record or False,
-        overwrite=force,
+        overwrite=force, estimator=estimator,
     )  # fmt: skip
     signal.signal(signal.SIGTERM, _end)
     number = _alone(servo, duration, json) if headless else _with_console(servo, duration, port, browser, json)
@@ -130,7 +140,11 @@ def _report(servo: Servo, json: bool) -> None:
     if rate is not None and late is not None:
         _say(
             f"{report['ticks']} ticks, {100 * rate:.2f} % in time, p99 lateness {late:.0f} µs, "
-            f"peak force {report['peak_force_n']:.2f} N"
+            + (
+                f"peak torque {report['peak_torque_nm']:.2f} N·m"
+                if servo.modes
+                else f"peak force {report['peak_force_n']:.2f} N"
+            )
         )
     for trip in report["trips"]:
         _say(f"tripped at {trip['t']:.2f} s: {trip['reason']}")

@@ -1,0 +1,108 @@
+"""Three-axis Hall sensors as they come: gain, offset, cross-axis, noise, quantum, range, and some that fail.
+
+Every sensor reads along its own axes (ϑ̂, φ̂, r̂) and what it reads is turned into the stator frame, as a driver does. The
+errors that stay (gain, offset, cross-axis) are drawn once from the seed; the noise is drawn with every reading.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from haptorb.errors import InputError
+from haptorb.physics.arrays import Array
+from haptorb.physics.compiled import kernel
+from haptorb.simulation.noise import Noise, fill_normal, stepped
+
+__all__ = ["FAILURES", "HALL_CALIBRATED", "HALL_IDEAL", "HallFaults", "HallQuality", "Halls", "halls", "read_halls"]
+
+#: how a sensor can fail, and the number that stands for it
+FAILURES = {"none": 0, "dead": 1, "stuck": 2, "saturated": 3}
+
+
+@dataclass(frozen=True)
+class HallQuality:
+    """Standard deviations of what differs from sensor to sensor; the noise and quantum are the device's."""
+
+    gain: float  #: relative
+    offset: float  #: [T]
+    cross: float  #: share of another axis that is read as well
+
+    def __post_init__(self) -> None:
+        for name in ("gain", "offset", "cross"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError(f"HallQuality.{name} must be a standard deviation from 0 on; got {value!r}")
+
+
+HALL_IDEAL = HallQuality(0.0, 0.0, 0.0)
+#: assumed: what is left of a few per cent and a few millitesla after calibrating each sensor against the field model
+HALL_CALIBRATED = HallQuality(gain=1e-3, offset=0.05e-3, cross=1e-3)
+
+
+class Halls(NamedTuple):
+    """The sensors of one device, for compiled code."""
+
+    frames: Array  #: (k, 3, 3) columns ϑ̂, φ̂, r̂
+    mixing: Array  #: (k, 3, 3) reading per field along the sensor's own axes
+    offset: Array  #: (k, 3) [T]
+    noise: float  #: [T]
+    step: float  #: [T]
+    reach: float  #: greatest reading of an axis [T]
+
+
+class HallFaults(NamedTuple):
+    """Which sensors fail, and what the stuck ones say."""
+
+    kind: Array  #: (k,) numbers of FAILURES
+    held: Array  #: (k, 3) last good reading, own axes [T]
+
+
+def halls(frames: Array, quality: HallQuality, noise: float, step: float, seed: int) -> Halls:
+    """Sensors with `frames` (k, 3, 3) whose lasting errors are those of `seed`."""
+    count = len(frames)
+    draw = np.random.Generator(np.random.PCG64(seed))
+    errors = draw.standard_normal((count, 3, 3))
+    scale = np.where(np.eye(3, dtype=bool), quality.gain, quality.cross)
+    reach = 32767 * step if step > 0 else np.inf  # 16 bits
+    return Halls(
+        np.ascontiguousarray(frames),
+        np.eye(3) + errors * scale,
+        quality.offset * draw.standard_normal((count, 3)),
+        float(noise),
+        float(step),
+        float(reach),
+    )
+
+
+@kernel
+def read_halls(halls: Halls, faults: HallFaults, noise: Noise, field: Array) -> None:
+    """Turn the true `field` (k, 3) [T], stator frame, into what is read of it, in place."""
+    count = field.shape[0]
+    draws = np.empty(3 * count)
+    fill_normal(noise, draws)
+    own, seen = np.empty(3), np.empty(3)
+    for k in range(count):
+        for i in range(3):
+            own[i] = 0.0
+            for j in range(3):
+                own[i] += halls.frames[k, j, i] * field[k, j]
+        kind = faults.kind[k]
+        for i in range(3):
+            value = halls.offset[k, i] + halls.noise * draws[3 * k + i]
+            if kind == 0.0:
+                for j in range(3):
+                    value += halls.mixing[k, i, j] * own[j]
+            elif kind == 2.0:
+                value = faults.held[k, i]
+            elif kind == 3.0:
+                value = halls.reach if own[i] >= 0.0 else -halls.reach
+            seen[i] = stepped(min(max(value, -halls.reach), halls.reach), halls.step)
+            if kind == 0.0:
+                faults.held[k, i] = seen[i]
+        for i in range(3):
+            field[k, i] = 0.0
+            for j in range(3):
+                field[k, i] += halls.frames[k, i, j] * seen[j]

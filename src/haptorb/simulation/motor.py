@@ -1,0 +1,425 @@
+"""A spherical motor and a hand on its handle, simulated: what the driver of a real one would meet.
+
+The coils have inductance, warm up, and feel the turning magnets as an electromotive force from the same torque
+characteristic that turns currents into torque; weight and regulator act on the rotor; the bearing rubs and the rotor
+stops at the edge of its workspace; 48 imperfect Hall sensors see the magnets and the coils. Not modelled: eddy currents
+(all parts but the magnets are non-magnetic, and the frame is taken as non-conducting), mutual inductance of the coils,
+the chopper's ripple, and the bearing's clearance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import ceil, cos, isfinite, radians
+from typing import NamedTuple, final
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike
+
+from haptorb.devices.spherical_motor import GRAVITY, SphericalMotor
+from haptorb.devices.state import State
+from haptorb.devices.table_kernels import sensor_field, torque_characteristic
+from haptorb.errors import DriverError, InputError, UnknownName
+from haptorb.physics.arrays import Array, finite
+from haptorb.physics.compiled import kernel
+from haptorb.physics.thermal import TwoNode
+from haptorb.sensing.sample import Pose, Sample
+from haptorb.simulation.coils import BODY, CURRENT, WINDING, Wires, chop, coil_step, cold, wires
+from haptorb.simulation.hall import (
+    FAILURES,
+    HALL_CALIBRATED,
+    HallFaults,
+    HallQuality,
+    Halls,
+    halls,
+    read_halls,
+)
+from haptorb.simulation.noise import Noise, fill_normal, seeded, stepped
+from haptorb.simulation.rotor import ANGULAR, Joint, angular_velocity, kick, turn
+from haptorb.simulation.simulation import Simulation
+from haptorb.simulation.tool import matrix
+
+__all__ = ["HANDLE_HELD", "HANDLE_LOOSE", "Grasp", "SimulatedMotor"]
+
+_STOP = 200.0  #: assumed, an end stop of hard rubber 70 mm from the centre: 40 N/mm [N·m/rad]
+_STOP_DAMPING = 1.0  #: assumed: rubber; a rotor of 0.01 kg·m² comes back with a third of its speed [N·m·s/rad]
+_HEAT_NOISE, _HEAT_STEP = 0.1, 0.0625  #: assumed: a common digital thermometer at each pair of coils [K]
+_NODES = 24  #: of the polynomial of weight and regulator by cos(tilt); the regulator's own has fourteen
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """A hand on the handle as mass, spring and damper where it holds, towards where it wants the handle to be.
+
+    One stiffness for tilt and spin (a fist twists about as hard as it tilts a handle of 120 mm), so that the spring
+    has a potential. Assumed: between a pen held lightly (0.1 kg, 2 N·s/m, 100 N/m) and a firm grip (0.8 kg, 10 N·s/m,
+    500 N/m).
+    """
+
+    mass: float = 0.3  #: that moves with the handle [kg]
+    stiffness: float = 300.0  #: [N/m]
+    damping: float = 5.0  #: [N·s/m]
+    radius: float = 0.04  #: of the fist: its inertia about the handle is ½ m r² [m]
+
+    def __post_init__(self) -> None:
+        for name in ("mass", "stiffness", "damping", "radius"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError(f"Grasp.{name} must not be negative; got {value!r}")
+
+
+HANDLE_HELD = Grasp()
+HANDLE_LOOSE = Grasp(0.0, 0.0, 0.0, 0.0)  #: no hand at all
+
+
+class _Parts(NamedTuple):
+    """The magnetics for compiled code."""
+
+    torque_cells: Array
+    torque_scale: float
+    field_cells: Array
+    field_scale: float
+    magnets: Array  #: (p, 3) rotor frame
+    strength: Array  #: (p,)
+    coils: Array  #: (c, 3)
+    sensors: Array  #: (k, 3)
+    groups: Array  #: (c, m)
+    coil_field: Array  #: (3 k, m) field of the coils at the sensors [T/A]
+
+
+class _Meters(NamedTuple):
+    """Current and heat sensors: standard deviation and step."""
+
+    current_noise: float
+    current_step: float
+    heat_noise: float
+    heat_step: float
+
+
+@kernel
+def _advance(
+    state: Array, coils: Array, duties: Array, goal: Array, wires: Wires, heat: Array, joint: Joint, parts: _Parts,
+    dt: float, steps: int, truth: Array,
+) -> float:  # fmt: skip
+    """`steps` steps of `dt` [s]; fills truth (3,) with the mean torque; returns how far the stop is pressed [rad]."""
+    channels, count = duties.shape[0], parts.coils.shape[0]
+    R = np.empty((1, 3, 3))
+    single = np.empty((1, 3, count))
+    K = np.empty((3, channels))
+    emf, mean = np.empty(channels), np.empty(channels)
+    w, passive, given = np.empty(3), np.empty(3), np.empty(3)
+    truth[:] = 0.0
+    pressed = 0.0
+    for _ in range(steps):
+        turn(state, joint.inertia, 0.5 * dt)
+        matrix(state[:4], R[0])
+        torque_characteristic(
+            parts.torque_cells, parts.torque_scale, parts.magnets, parts.strength, parts.coils, R, single
+        )
+        for i in range(3):
+            for k in range(channels):
+                K[i, k] = 0.0
+            for j in range(count):
+                for k in range(channels):
+                    K[i, k] += single[0, i, j] * parts.groups[j, k]
+        angular_velocity(state, joint, R[0], w)
+        for k in range(channels):  # the power that leaves the coil's circuit is the power that the rotor gets
+            emf[k] = K[0, k] * w[0] + K[1, k] * w[1] + K[2, k] * w[2]
+        coil_step(coils, wires, heat, duties, emf, dt, mean)
+        for i in range(3):
+            given[i] = 0.0
+            for k in range(channels):
+                given[i] += K[i, k] * mean[k]
+        pressed = kick(state, R[0], joint, goal, passive, given, dt)
+        for i in range(3):
+            truth[i] += (given[i] + passive[i]) / steps
+        turn(state, joint.inertia, 0.5 * dt)
+    return pressed
+
+
+@kernel
+def _sense(
+    state: Array, coils: Array, parts: _Parts, joint: Joint, halls: Halls, faults: HallFaults, meters: _Meters,
+    noise: Noise, R: Array, w: Array, currents: Array, temperatures: Array, field: Array,
+) -> None:  # fmt: skip
+    """One reading of every sensor, and the rotor's true orientation R (1, 3, 3) and angular velocity w (3,)."""
+    matrix(state[:4], R[0])
+    angular_velocity(state, joint, R[0], w)
+    channels = currents.shape[0]
+    draws = np.empty(2 * channels)
+    fill_normal(noise, draws)
+    for k in range(channels):
+        currents[k] = stepped(coils[CURRENT, k] + meters.current_noise * draws[k], meters.current_step)
+        temperatures[k] = stepped(coils[BODY, k] + meters.heat_noise * draws[channels + k], meters.heat_step)
+    out = np.empty((1, field.shape[0], 3))
+    sensor_field(parts.field_cells, parts.field_scale, parts.magnets, parts.strength, parts.sensors, R, out)
+    for k in range(field.shape[0]):
+        for i in range(3):
+            total = out[0, k, i]
+            for j in range(channels):
+                total += parts.coil_field[3 * k + i, j] * coils[CURRENT, j]
+            field[k, i] = total
+    read_halls(halls, faults, noise, field)
+
+
+@final
+class SimulatedMotor(Simulation):
+    """Coils, magnets, rotor, hand and sensors of `device`, in steps of at most `step` [s].
+
+    grasp           the hand; HANDLE_LOOSE for none
+    quality         lasting errors of the field sensors
+    magnet_spread   relative standard deviation of the magnets' strengths, which no controller knows
+
+    >>> from haptorb.devices.loader import load
+    >>> motor = SimulatedMotor(load("pmsm"), seed=1, grasp=HANDLE_LOOSE)
+    >>> upright = np.array([0, 0, 0, 1.0])
+    >>> for _ in range(20):
+    ...     motor.advance(1e-3, np.zeros(12), np.zeros(3), upright)
+    >>> motor.state().axis.tolist(), motor.sample(0.02, 0.02, True).field.shape
+    ([0.0, 0.0, 1.0], (48, 3))
+    """
+
+    def __init__(
+        self,
+        device: SphericalMotor,
+        seed: int = 0,
+        *,
+        grasp: Grasp = HANDLE_HELD,
+        quality: HallQuality = HALL_CALIBRATED,
+        magnet_spread: float = 0.0,
+        step: float = 2.5e-4,
+    ) -> None:
+        if not (np.isfinite(step) and 0.0 < step <= 1e-3):
+            raise InputError(f"step of the simulation must be above 0 and at most 1 ms; got {step} s")
+        if not (np.isfinite(magnet_spread) and 0.0 <= magnet_spread < 1.0):
+            raise InputError(f"magnet_spread must be a share from 0 to below 1; got {magnet_spread!r}")
+        self.device: SphericalMotor = device
+        self.grasp = grasp
+        self._quality, self._spread = quality, float(magnet_spread)
+        self._longest = float(step)
+        self._joint = _joint(device, grasp)
+        self._wires = wires(device)
+        heat = device.coils.heat
+        self._heat = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
+        self._heat_dt, self._heat_step = -1.0, np.zeros((2, 3))
+        places = device.sensor_layout.positions
+        unit = [device.coil_field(places, row).ravel() for row in np.eye(device.channels)]
+        tables = device.tables
+        self._parts = _Parts(
+            tables.torque_pair.cells,
+            float(tables.torque_pair.scale),
+            tables.field_pair.cells,
+            float(tables.field_pair.scale),
+            np.array(device.magnets.directions, order="C"),
+            np.array(device.polarity, dtype=np.float64),
+            np.array(device.electromagnets.directions, order="C"),
+            np.array(device.sensor_layout.directions, order="C"),
+            np.array(device.groups, dtype=np.float64, order="C"),
+            np.ascontiguousarray(np.stack(unit, axis=1)),
+        )
+        supply = device.supply
+        self._meters = _Meters(float(supply.current_noise), float(supply.current_step), _HEAT_NOISE, _HEAT_STEP)
+        self._steps_of_duty = float(2**supply.duty_bits)
+        self._torque = np.zeros(3)
+        self._goal = np.array([0.0, 0.0, 0.0, 1.0])
+        self._faults = HallFaults(np.zeros(device.sensors), np.zeros((device.sensors, 3)))
+        self.reset(seed)
+
+    def reset(self, seed: int = 0) -> None:
+        """Cold coils without currents, the rotor upright and at rest, noise and lasting errors from `seed`."""
+        self._noise = seeded(seed)
+        hall = self.device.hall
+        self._halls = halls(self.device.sensor_layout.frames, self._quality, float(hall.noise), float(hall.step), seed)
+        draw = np.random.Generator(np.random.PCG64([seed, 1]))
+        parts = self._parts
+        spread = 1.0 + self._spread * draw.standard_normal(len(parts.strength))
+        self._parts = parts._replace(strength=np.array(self.device.polarity, dtype=np.float64) * spread)
+        self._coils = cold(self._wires)
+        self._rotor = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+        self._torque[:] = 0.0
+        self._goal[:] = self._rotor[:4]
+        self._t = 0.0
+        self._pressed = 0.0
+
+    def place(self, p: ArrayLike, q: ArrayLike) -> None:
+        """Turn the rotor to `q` (4,), at rest; beyond the edge it is set onto the edge. `p` (3,) means nothing here."""
+        turned = finite(q, "q")
+        if turned.shape != (4,) or not turned.any():
+            raise InputError(f"q must be a quaternion (x, y, z, w) that is not zero; got {q!r}")
+        self._rotor[:4] = _within(turned / np.linalg.norm(turned), self.device.workspace_tilt)
+        self._rotor[ANGULAR:] = 0.0
+        self._goal[:] = turned / np.linalg.norm(turned)
+
+    def spin(self, w: ArrayLike) -> None:
+        """Give the rotor the angular velocity `w` (3,) [rad/s], stator frame."""
+        rate = finite(w, "w")
+        if rate.shape != (3,):
+            raise InputError(f"w must have shape (3,); got {rate.shape}")
+        self._rotor[ANGULAR:] = self._joint.inertia * (self.state().R_SR.T @ rate)
+
+    def fail(self, sensors: Iterable[int], kind: str = "dead") -> None:
+        """Let field sensors (numbered from 0) fail: "dead" (nothing but offset and noise), "stuck" at the last reading,
+        "saturated"; "none" mends them."""
+        if kind not in FAILURES:
+            raise UnknownName("failure of a sensor", kind, FAILURES)
+        for number in sensors:
+            if not 0 <= number < self.device.sensors:
+                raise InputError(f"sensor {number} does not exist; there are 0 to {self.device.sensors - 1}")
+            self._faults.kind[number] = FAILURES[kind]
+
+    def quantised(self, duties: Array) -> Array:
+        """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
+        out = np.empty(self.device.channels)
+        chop(np.ascontiguousarray(duties, dtype=np.float64), self._steps_of_duty, out)
+        return out
+
+    def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
+        """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one, and `goal_p` means nothing here."""
+        if not (0.0 <= dt < 10.0):
+            raise InputError(f"the simulation can advance by 0 to 10 s at once; got {dt} s")
+        if dt == 0.0:
+            return
+        steps = max(ceil(dt / self._longest - 1e-9), 1)
+        h = dt / steps
+        if abs(h - self._heat_dt) > 1e-12 * h:
+            self._heat_dt, self._heat_step = h, self._heat.step(h)
+        a, b, c, d = goal_q.tolist()
+        size = a * a + b * b + c * c + d * d
+        if 0.0 < size < 1e12:  # false for NaN as well
+            self._goal[:] = goal_q
+            self._goal /= size**0.5
+        self._pressed = _advance(
+            self._rotor, self._coils, duties, self._goal, self._wires, self._heat_step, self._joint, self._parts,
+            h, steps, self._torque,
+        )  # fmt: skip
+        self._t += dt
+
+    def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
+        """One reading of every sensor; the pose is the true one, as an external tracker would tell it."""
+        channels = self.device.channels
+        R, w = np.empty((1, 3, 3)), np.empty(3)
+        currents, temperatures = np.empty(channels), np.empty(channels)
+        field = np.empty((self.device.sensors, 3))
+        if not isfinite(sum(self._rotor.tolist())):
+            raise DriverError(
+                "the simulated rotor left the numbers: a value of the device file is far from what can be built; "
+                "compare rotor and regulator with the file of 'pmsm'"
+            )
+        _sense(
+            self._rotor, self._coils, self._parts, self._joint, self._halls, self._faults, self._meters, self._noise,
+            R, w, currents, temperatures, field,
+        )  # fmt: skip
+        pose = Pose(pose_stamp, R[0], np.zeros(3), w, np.zeros(3), pose_valid)
+        return Sample(t, currents, temperatures, field, pose)
+
+    def truth(self) -> Array:
+        """(6,) mean wrench over the last `advance`: torque of coils, regulator and weight on the rotor [N·m]; neither
+        hand, nor bearing, nor end stop. The bearing carries every force: the first three are zero."""
+        wrench = np.zeros(6)
+        wrench[3:] = self._torque
+        return wrench
+
+    def state(self) -> State:
+        """The rotor as it really is."""
+        R, w = np.empty((3, 3)), np.empty(3)
+        matrix(self._rotor[:4], R)
+        angular_velocity(self._rotor, self._joint, R, w)
+        return State(self._t, R, np.zeros(3), w, np.zeros(3))
+
+    @property
+    def currents(self) -> Array:
+        """(m,) the true currents [A]."""
+        currents: Array = self._coils[CURRENT].copy()
+        return currents
+
+    @property
+    def winding(self) -> Array:
+        """(m,) the windings' true temperatures [K]."""
+        winding: Array = self._coils[WINDING].copy()
+        return winding
+
+    @property
+    def pressed(self) -> float:
+        """How far the end stop gives way under the rotor just now [rad]; 0: it is not reached."""
+        return self._pressed
+
+    @property
+    def momentum(self) -> Array:
+        """(3,) angular momentum of rotor and hand, stator frame [N·m·s]."""
+        momentum: Array = self.state().R_SR @ self._rotor[ANGULAR:]
+        return momentum
+
+    @property
+    def energy(self) -> float:
+        """Kinetic energy, and that of weight, regulator, grip and end stop [J]; zero upright at the hand's goal."""
+        from haptorb.simulation.hand import rotation_left
+
+        joint, rotor = self._joint, self._rotor
+        kinetic = 0.5 * float((rotor[ANGULAR:] ** 2 / joint.inertia).sum())
+        left = np.empty(3)
+        rotation_left(rotor[:4], self._goal, left)
+        cosine = float(self.state().R_SR[2, 2])
+        over = max(np.arccos(min(cosine, 1.0)) - np.arccos(joint.edge), 0.0)
+        return (
+            kinetic
+            + 0.5 * joint.grip * float(left @ left)
+            + 0.5 * joint.stop * float(over) ** 2
+            + _raised(joint, cosine)
+        )
+
+
+def _joint(device: SphericalMotor, grasp: Grasp) -> Joint:
+    rotor = device.rotor
+    arm = rotor.handle_length
+    hand = np.array([grasp.mass * arm**2, grasp.mass * arm**2, 0.5 * grasp.mass * grasp.radius**2])
+    damper = grasp.damping * arm**2
+    # Beyond the regulator's tabulated tilts its torque over sin(tilt) is held constant, and so it is here.
+    least = cos(device.regulator.greatest_tilt) if device.regulator is not None else cos(radians(89.0))
+    node = np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
+    weight = rotor.mass * GRAVITY * rotor.centre_of_mass
+    ring = device.regulator
+    back = [
+        (ring.stiffness_at(c) if ring is not None else 0.0) - weight
+        for c in (0.5 * (1 + least) + 0.5 * (1 - least) * node).tolist()
+    ]
+    return Joint(
+        np.array(rotor.inertia, dtype=np.float64) + hand,
+        np.full(3, float(rotor.viscous_friction) + damper),
+        float(rotor.dry_friction),
+        grasp.stiffness * arm**2,
+        np.ascontiguousarray(chebyshev.chebfit(node, np.array(back), _NODES - 1)),
+        least,
+        cos(device.workspace_tilt),
+        _STOP,
+        _STOP_DAMPING,
+    )
+
+
+def _raised(joint: Joint, cosine: float) -> float:
+    """Potential of weight and regulator [J]: dU/d(cos) = −(torque over sin)."""
+    least = joint.least
+
+    def integral(c: float) -> float:
+        x = (2 * c - (1 + least)) / (1 - least)
+        return 0.5 * (1 - least) * float(chebyshev.chebval(x, chebyshev.chebint(joint.leaning)))
+
+    beyond = max(least - cosine, 0.0) * float(chebyshev.chebval(-1.0, joint.leaning))
+    return integral(1.0) - integral(max(cosine, least)) + beyond
+
+
+def _within(q: Array, tilt: float) -> Array:
+    """`q`, its tilt reduced to `tilt` about the same axis if it leans further; the spin stays."""
+    R = np.empty((3, 3))
+    matrix(q, R)
+    nx, ny, nz = R[:, 2].tolist()
+    lean = np.arctan2((nx * nx + ny * ny) ** 0.5, nz)
+    if lean <= tilt:
+        return q
+    half = 0.5 * (lean - tilt)
+    size = (nx * nx + ny * ny) ** 0.5
+    ux, uy = (ny / size, -nx / size) if size > 1e-12 else (1.0, 0.0)
+    x, y, z, w = q.tolist()
+    a, b, d = np.sin(half) * ux, np.sin(half) * uy, np.cos(half)
+    return np.array([d * x + w * a + b * z, d * y + w * b - a * z, d * z + a * y - b * x, d * w - a * x - b * y])
