@@ -1,0 +1,288 @@
+"""Where the tool is, from the field sensors alone, while the coils are driven: `--tracker hall`.
+
+What coils and core do per ampere is known (calibrated), the measured currents give it, and it is subtracted; what is
+left is the tool's magnet and the core's answer to it. Place and axis that explain it best are the estimate; the turn
+about the axis leaves no trace in the field of a round magnet and is taken as zero.
+
+What is measured in every tick goes through an α–β filter, critically damped: place and axis are predicted with their
+velocities and corrected by α = 1 − θ², the velocities by β/dt, β = (1 − θ)², θ = exp(−dt/τ). Its bandwidth (−3 dB) is
+2.482/(2πτ); at steady velocity the place is not late, the velocity is late by 2τ (8 ms at 100 Hz).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.ring_tool import axis_frame
+from haptorb.devices.state import State, rotation_to_axis
+from haptorb.devices.wrench_map import WrenchMap
+from haptorb.errors import GeometryError, InputError
+from haptorb.physics.arrays import Array, finite
+from haptorb.physics.compiled import kernel
+from haptorb.sensing.estimator import Estimator
+from haptorb.sensing.sample import Estimate, Sample
+from haptorb.sensing.tool_field import ToolModel, coil_field, tool_field
+from haptorb.sensing.tool_fit import fitted
+
+__all__ = ["HallTracker"]
+
+_NEAR, _TURN = 1e-3, 0.02  #: a last step below this leaves its square over 70 mm: 0.02 mm
+_EXACT = 1e-6  #: the same for a start from nothing [m, rad]
+_WARM, _COLD = 4, 40  #: evaluations at most
+_MANY = 5.0  #: residuals so many times the sensors' noise are no noise
+_SHARE = 0.01  #: of the coils' own field that calibration may leave unexplained
+_REACH = 15e-3  #: how far outside the shell a tool is still believed to be [m]
+_OUTWARD = -0.2  #: a tool whose axis points inwards by more than this cosine has its magnet the wrong way round
+_VAGUE = 3e-3  #: standard deviation of the place above which it is not known [m]
+_PAUSE = 0.05  #: without a sample for so long the velocity says nothing any more [s]
+_WAIT = 0.02  #: between two searches from nothing [s]: a search takes longer than a tick
+
+
+class HallTracker(Estimator):
+    """Believes the field sensors; the sample's `pose` is not looked at.
+
+    device     a spherical electromagnet with at least two field sensors
+    level      of its wrench map
+    offsets    (k, 3) [T] of the sensors at zero current without a tool, as calibration found them
+    bandwidth  of place and axis [Hz]
+
+    `verdict` says why an estimate is not valid: "lost", "reversed" (the tool's magnet is the wrong way round: forces
+    would invert), or "" where it is.
+
+    >>> from haptorb.devices.loader import load
+    >>> HallTracker(load("omni")).verdict
+    'lost'
+    """
+
+    LOST: Final = "lost"
+    REVERSED: Final = "reversed"
+
+    def __init__(
+        self,
+        device: SphericalElectromagnet,
+        level: str | None = None,
+        *,
+        offsets: ArrayLike | None = None,
+        bandwidth: float = 100.0,
+    ) -> None:
+        if not isinstance(device, SphericalElectromagnet) or device.sensors < 2:
+            raise InputError(
+                f"device '{device.name}': a tool is found by at least two field sensors of a spherical electromagnet; "
+                "use another tracker"
+            )
+        if not 1.0 <= bandwidth <= 1000.0:
+            raise InputError(f"bandwidth must be between 1 and 1000 Hz; got {bandwidth!r}")
+        self._offsets = np.zeros((device.sensors, 3)) if offsets is None else finite(offsets, "offsets").copy()
+        if self._offsets.shape != (device.sensors, 3):
+            raise InputError(f"offsets must have shape ({device.sensors}, 3); got {self._offsets.shape}")
+        self._device = device
+        self._level = device.known_level(level or device.levels[0])
+        self._model = ToolModel.of(device)
+        self._per_ampere = coil_field(device)
+        self._tau = 2.482 / (2 * math.pi * bandwidth)
+        hall, supply = device.hall, device.supply
+        ampere = math.hypot(supply.current_noise, supply.current_step / math.sqrt(12))
+        through_currents = ampere * float(np.sqrt((self._per_ampere**2).sum(axis=2).mean()))
+        self.noise = float(np.hypot(np.hypot(max(hall.noise, 1e-7), hall.step / np.sqrt(12)), through_currents))
+        #: (5, 5) of the last estimate before the filter: place [m²], turns about two axes across the tool's [rad²]
+        self.covariance = np.full((5, 5), np.inf)
+        self.residual = math.inf  #: rms of what the last estimate leaves unexplained [T]
+        self.verdict: str = self.LOST
+        self._grid = _grid(device)
+        self._fields = _fields_at(self._model, self._grid)
+        self._field, self._belief = np.empty((device.sensors, 3)), np.zeros((4, 3))
+        self._found, self._t, self._searched = False, -math.inf, -math.inf
+        nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
+        self._last = Estimate(nowhere, WrenchMap(np.zeros((6, device.channels)), np.zeros(6)), False, math.inf)
+
+    def update(self, sample: Sample) -> Estimate:
+        """The estimate after `sample`."""
+        field = self._field
+        if sample.field.shape != field.shape:
+            raise InputError(
+                f"device '{self._device.name}' has {self._device.sensors} field sensors; the sample has "
+                f"{sample.field.shape[0]}"
+            )
+        coils = _subtracted(sample.field, sample.currents, self._per_ampere, self._offsets, field)
+        limit = math.hypot(_MANY * self.noise, _SHARE * coils)
+        p, R = np.empty(3), np.empty((3, 3))
+        if not math.isfinite(coils):
+            return self._unknown(sample.t, self.LOST)
+        dt = sample.t - self._t
+        found, misfit = False, math.inf
+        if self._found:
+            if not 0.0 <= dt <= _PAUSE:
+                self._belief[2:] = 0.0
+                dt = 0.0
+            _predicted(self._belief, dt, p, R)
+            found, misfit = fitted(self._model, field, _NEAR, _TURN, _WARM, p, R, self.covariance)
+            found = found and self._explained(misfit, limit)
+        if not found:
+            self._found = False
+            if sample.t - self._searched < _WAIT:
+                return self._unknown(sample.t, self.verdict or self.LOST)
+            self._searched = sample.t
+            found, misfit = self._search(field, limit, p, R)
+            dt = -1.0
+        self.residual = math.sqrt(misfit / max(field.size - 5, 1)) if math.isfinite(misfit) else math.inf
+        if not found:
+            return self._unknown(sample.t, self.LOST)
+        self.covariance *= max(self.noise, self.residual) ** 2
+        why = self._doubt(p, R)
+        if why:
+            self._found = False
+            return self._unknown(sample.t, why)
+        v, w = np.empty(3), np.empty(3)
+        _corrected(self._belief, dt, self._tau, p, R, v, w)
+        state = State(sample.t, R, p, w, v)
+        try:
+            wrench_map = self._device.wrench_map(state, self._level)
+        except GeometryError:
+            self._found = False
+            return self._unknown(sample.t, self.LOST)
+        self._found, self._t, self.verdict = True, sample.t, ""
+        self._last = Estimate(state, wrench_map, True, 0.0)
+        return self._last
+
+    def _unknown(self, t: float, why: str) -> Estimate:
+        self.verdict = why
+        last = self._last
+        return Estimate(last.state, last.wrench_map, False, t - self._t)
+
+    def _explained(self, misfit: float, limit: float) -> bool:
+        return misfit <= (self._field.size - 5) * limit * limit
+
+    def _doubt(self, p: Array, R: Array) -> str:
+        device = self._device
+        distance = float(np.linalg.norm(p))
+        nearest = device.contact_distance - _REACH
+        furthest = device.contact_distance + device.shell_thickness + _REACH
+        vague = float(np.trace(self.covariance[:3, :3])) > 3 * _VAGUE**2
+        if not nearest < distance < furthest or vague:
+            return self.LOST
+        if p[2] < distance * math.cos(min(device.workspace_half_angle + math.radians(30), math.pi)):
+            return self.LOST
+        # A reversed magnet looks like one that is held upside down; nobody holds a pen by its tip.
+        return self.REVERSED if float(p @ R[:, 2]) < _OUTWARD * distance else ""
+
+    def _search(self, field: Array, limit: float, p: Array, R: Array) -> tuple[bool, float]:
+        """From nothing: the grid's fields most like what is read, either way round, and the fit from each."""
+        flat = field.ravel()
+        cross = self._fields @ flat
+        misfits = (self._fields**2).sum(axis=1) - 2 * np.abs(cross)
+        best, found = math.inf, False
+        covariance = np.empty((5, 5))
+        for at in _apart(self._grid, np.argsort(misfits).tolist(), 4):
+            q, Q = self._grid[at].copy(), rotation_to_axis(math.copysign(1.0, cross[at]) * self._grid[at])
+            good, misfit = fitted(self._model, field, _EXACT, _EXACT, _COLD, q, Q, covariance)
+            if good and misfit < best:
+                best, found = misfit, True
+                p[:], R[:] = q, Q
+                self.covariance[:] = covariance
+            if found and self._explained(best, 0.5 * limit):
+                break
+        return found and self._explained(best, limit), best
+
+
+def _grid(device: SphericalElectromagnet) -> Array:
+    """(n, 3) [m] places over the shell and a little more; 15 mm apart, from where the fit finds its way."""
+    half = min(device.workspace_half_angle + math.radians(15), math.pi)
+    count = 60
+    z = 1 - (np.arange(count) + 0.5) / count * (1 - math.cos(half))
+    turn = math.pi * (1 + math.sqrt(5)) * np.arange(count)
+    s = np.sqrt(1 - z * z)
+    directions = np.column_stack([s * np.cos(turn), s * np.sin(turn), z])
+    distances = device.contact_distance + device.shell_thickness * np.array([0.1, 0.5, 0.9])
+    places: Array = np.ascontiguousarray((distances[:, None, None] * directions).reshape(-1, 3))
+    return places
+
+
+def _fields_at(model: ToolModel, places: Array) -> Array:
+    """(n, 3 k) [T] of radial tools at `places`."""
+    k = len(model.sensors)
+    B, J = np.empty((k, 3)), np.empty((k, 3, 5))
+    rows = np.empty((len(places), 3 * k))
+    for row, p in zip(rows, places, strict=True):
+        tool_field(model, p, rotation_to_axis(p), B, J)
+        row[:] = B.ravel()
+    return rows
+
+
+def _apart(places: Array, order: list[int], count: int) -> list[int]:
+    """The first `count` of `order` that are at least 12 mm from each other: starts that differ."""
+    chosen: list[int] = []
+    for at in order:
+        if all(float(((places[at] - places[other]) ** 2).sum()) > 12e-3**2 for other in chosen):
+            chosen.append(at)
+            if len(chosen) == count:
+                break
+    return chosen
+
+
+@kernel
+def _subtracted(read: Array, currents: Array, per_ampere: Array, offsets: Array, out: Array) -> float:
+    """out (k, 3) = read − offsets − field of the coils; returns the rms of the coils' field [T], NaN if any is."""
+    total, check = 0.0, 0.0
+    for k in range(read.shape[0]):
+        for i in range(3):
+            coils = 0.0
+            for j in range(currents.shape[0]):
+                coils += per_ampere[k, i, j] * currents[j]
+            out[k, i] = read[k, i] - offsets[k, i] - coils
+            total += coils * coils
+            check += out[k, i]
+    return float(np.sqrt(total / (3 * read.shape[0])) + 0.0 * check)
+
+
+@kernel
+def _predicted(belief: Array, dt: float, p: Array, R: Array) -> None:
+    """Where place and axis should be `dt` [s] after `belief` (4, 3): place, axis, and their rates."""
+    axis = np.empty(3)
+    size = 0.0
+    for i in range(3):
+        p[i] = belief[0, i] + dt * belief[2, i]
+        axis[i] = belief[1, i] + dt * belief[3, i]
+        size += axis[i] * axis[i]
+    for i in range(3):
+        axis[i] /= np.sqrt(size)
+    axis_frame(axis, R)
+
+
+@kernel
+def _corrected(belief: Array, dt: float, tau: float, p: Array, R: Array, v: Array, w: Array) -> None:
+    """One step of the α–β filter; p and R go in as measured and come out filtered. dt ≤ 0: begin anew."""
+    alpha, slope = 1.0, 0.0
+    if dt > 0.0:
+        theta = np.exp(-dt / tau)
+        alpha, slope = 1.0 - theta * theta, (1.0 - theta) * (1.0 - theta) / dt
+    else:
+        belief[2:] = 0.0
+        dt = 0.0
+        belief[0] = p
+        belief[1] = R[:, 2]
+    size, along = 0.0, 0.0
+    for i in range(3):
+        ahead = belief[0, i] + dt * belief[2, i]
+        error = p[i] - ahead
+        belief[0, i] = ahead + alpha * error
+        belief[2, i] += slope * error
+        ahead = belief[1, i] + dt * belief[3, i]
+        error = R[i, 2] - ahead
+        belief[1, i] = ahead + alpha * error
+        belief[3, i] += slope * error
+        size += belief[1, i] * belief[1, i]
+    for i in range(3):
+        belief[1, i] /= np.sqrt(size)
+        along += belief[1, i] * belief[3, i]
+    for i in range(3):
+        belief[3, i] -= along * belief[1, i]  # a unit vector moves across itself only
+        p[i] = belief[0, i]
+        v[i] = belief[2, i]
+    n, r = belief[1], belief[3]
+    w[0], w[1], w[2] = n[1] * r[2] - n[2] * r[1], n[2] * r[0] - n[0] * r[2], n[0] * r[1] - n[1] * r[0]
+    axis_frame(n, R)
