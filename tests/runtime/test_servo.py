@@ -12,9 +12,10 @@ from haptorb.errors import InputError, ServoError, UnknownName
 from haptorb.runtime.servo import Servo
 
 
-def _until(condition: Any, patience: float = 5.0) -> None:
+def _until(servo: Servo, condition: Any, patience: float = 20.0) -> None:
     end = time.monotonic() + patience
     while not condition():
+        servo.check()
         assert time.monotonic() < end, "it did not come to pass"
         time.sleep(0.005)
 
@@ -71,22 +72,22 @@ def test_pointer_reaches_the_loop_and_grows_old(fake_servo: Any) -> None:
     with fake_servo().servo as servo:
         at = servo.layout
         servo.point((0.0, 0.03, 0.04))
-        _until(lambda: (servo.latest()[at["target"]] == (0.0, 0.03, 0.04)).all())
+        _until(servo, lambda: (servo.latest()[at["target"]] == (0.0, 0.03, 0.04)).all())
         young = servo.latest()[at["age"]][0]
         time.sleep(0.2)
         assert 0 <= young < servo.latest()[at["age"]][0]
         assert servo.latest()[at["age"]][0] > 0.15
         servo.release()
-        _until(lambda: servo.latest()[at["age"]][0] == 0.0)
+        _until(servo, lambda: servo.latest()[at["age"]][0] == 0.0)
 
 
 def test_stop_and_engage(fake_servo: Any) -> None:
     with fake_servo().servo as servo:
         at = servo.layout
         servo.stop()
-        _until(lambda: (servo.latest()[at["duties"]] == 0).all())
+        _until(servo, lambda: (servo.latest()[at["duties"]] == 0).all())
         servo.engage()
-        _until(lambda: (servo.latest()[at["duties"]] == 0.5).all())
+        _until(servo, lambda: (servo.latest()[at["duties"]] == 0.5).all())
     trips = servo.report()["trips"]
     assert [trip["code"] for trip in trips] == ["STOPPED"]
     assert "Re-engage" in trips[0]["reason"]
@@ -103,7 +104,7 @@ def test_world_changes_between_ticks(fake_servo: Any) -> None:
         assert servo.world == ("nothing", {})
         servo.set_world("dome", {"summit": np.array([0.0, 1.0, 0.0])})
         assert servo.world[1]["half_width_deg"] == 18.0
-        _until(lambda: servo.latest()[servo.layout["world"]] == 4)
+        _until(servo, lambda: servo.latest()[servo.layout["world"]] == 4)
     worlds = servo.recording.worlds
     assert [note["change"] for note in worlds] == ["0", "1", "2", "3", "4"]
 

@@ -16,6 +16,7 @@ from time import monotonic, monotonic_ns, sleep
 from typing import final
 
 from haptorb.errors import RecordingError, ServoError
+from haptorb.runtime.realtime import urgent
 from haptorb.runtime.shared import Phase, Shared, Word
 
 __all__ = ["Children"]
@@ -127,6 +128,7 @@ class Children:
             )
 
     def _beat(self) -> None:
+        urgent()  # on an overloaded computer half a second may pass before an ordinary thread has its turn
         words, ticks, since = self._shared.words, -1, monotonic()
         while not self._ending.wait(_EVERY):
             words[Word.HEARTBEAT] = monotonic_ns()

@@ -6,7 +6,7 @@ import ctypes
 import os
 import resource
 
-__all__ = ["Facts", "punctual"]
+__all__ = ["Facts", "punctual", "urgent"]
 
 Facts = dict[str, str | bool | int]
 
@@ -25,7 +25,7 @@ def punctual(*, real_time: bool = True) -> Facts:
     """
     # The default lets timers come up to 50 µs late so that wake-ups can be joined.
     slack = _libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0
-    fifo = real_time and _fifo()
+    fifo = real_time and _fifo(_PRIORITY)
     return {
         "policy": "SCHED_FIFO" if fifo else "SCHED_OTHER",
         "priority": _PRIORITY if fifo else 0,
@@ -36,9 +36,14 @@ def punctual(*, real_time: bool = True) -> Facts:
     }
 
 
-def _fifo() -> bool:
+def urgent() -> bool:
+    """Ask for this thread to come before ordinary ones, behind every loop; for threads that sleep nearly always."""
+    return _fifo(1)
+
+
+def _fifo(priority: int) -> bool:
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(_PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except OSError:
         return False
     return True
