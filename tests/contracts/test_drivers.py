@@ -95,7 +95,7 @@ def subject(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Subject]
         pytest.skip("gcc-avr or libsimavr-dev is not installed")
     subprocess.run(["make", "-C", str(FIRMWARE), "all", "emulator"], check=True, capture_output=True)
     emulator = Emulator(FIRMWARE / "build", tmp_path / "omni")
-    driver = SerialDriver(load("omni"), emulator.port, patience=1.0)
+    driver = SerialDriver(load("omni"), emulator.port, patience=1.0, warm_up=90.0)
     original = driver.open
 
     def open_then_slow() -> None:

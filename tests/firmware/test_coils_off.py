@@ -84,9 +84,7 @@ def mended(emulator: Any) -> None:
     for command in ("noise 0", "free", "button 0", "present ina219-y", "resistance 0 0.6"):
         emulator.tell(command)
     emulator.tell("pace 1")
-    end = float(emulator.status()["t"]) + 0.25
-    while float(emulator.status()["t"]) < end:
-        pass
+    emulator.wait(0.25)
     emulator.tell(f"pace {PACE}")
 
 
@@ -157,7 +155,5 @@ def test_coils_are_off_at_boot(started: Callable[..., Any], board: str) -> None:
 def test_a_hung_program_is_restarted_by_the_watchdog(emulator: Any) -> None:
     before = int(emulator.status()["resets"])
     emulator.tell("hang")
-    end = float(emulator.status()["t"]) + 0.1
-    while float((words := emulator.status())["t"]) < end:
-        pass
-    assert int(words["resets"]) == before + 1
+    emulator.wait(0.1)
+    assert int(emulator.status()["resets"]) == before + 1

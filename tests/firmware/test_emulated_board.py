@@ -22,7 +22,7 @@ SMALL = np.array([0.1, -0.05, 0.02])
 
 @pytest.fixture
 def driver(emulator: Any) -> Iterator[SerialDriver]:
-    one = SerialDriver(load("omni"), emulator.port, patience=1.0)
+    one = SerialDriver(load("omni"), emulator.port, patience=1.0, warm_up=90.0)
     one.open()
     emulator.slow()
     yield one
@@ -50,7 +50,7 @@ def test_currents_settle_at_duty_times_supply_over_resistance(emulator: Any, dri
 def test_identity_limits_and_calibration_can_be_read(started: Callable[..., Any]) -> None:
     for board, name in (("m328p", "ATmega328P"), ("m2560", "ATmega2560")):
         emulator = started(board)
-        device = Board(emulator.port, answer=5.0)
+        device = Board(emulator.port, 30.0, answer=5.0)
         assert device.identity.board == name
         assert device.identity.reset is Reason.POWER_ON
         assert (device.identity.channels, device.identity.hall_sensors) == (3, 9)
@@ -59,18 +59,18 @@ def test_identity_limits_and_calibration_can_be_read(started: Callable[..., Any]
         assert device.limits.silence == pytest.approx(0.015)
         wanted = bytes(range(100, 116))
         assert device.store(wanted).refusal is Refusal.ACCEPTED
-        time.sleep(0.5)
+        emulator.wait(0.2)  # the EEPROM takes 3.4 ms a byte
         device.close()
         emulator.tell("reset")  # the EEPROM remembers
-        again = Board(emulator.port, answer=5.0)
+        again = Board(emulator.port, 30.0, answer=5.0)
         assert again.identity.calibration == wanted
         assert again.identity.reset is Reason.RESET_PIN
         again.close()
 
 
 def test_a_session_may_ask_for_less_than_the_limits(emulator: Any) -> None:
-    device = Board(emulator.port, answer=5.0)
-    time.sleep(0.2)
+    device = Board(emulator.port, 30.0, answer=5.0)
+    emulator.wait(0.2)
     emulator.slow()
     assert device.engage(0.25, 30.0).refusal is Refusal.ACCEPTED
     reading = device.set([4095, -4095, 5])
@@ -107,7 +107,7 @@ def test_after_a_trip_nothing_flows_until_somebody_engages(emulator: Any, driver
 def test_silence_is_told_as_silence(emulator: Any, driver: SerialDriver) -> None:
     ticks(driver, SMALL, 5)
     emulator.tell("pace 1")
-    time.sleep(0.2)
+    emulator.wait(0.1)
     with pytest.raises(DriverError, match="host was silent"):
         ticks(driver, SMALL, 3)
 
@@ -160,7 +160,7 @@ def test_a_missing_sensor_is_named_with_its_address(started: Callable[..., Any],
     emulator.tell(f"absent {chip}")
     emulator.tell("reset")
     with pytest.raises(DriverError, match=part):
-        SerialDriver(load("omni"), emulator.port).open()
+        SerialDriver(load("omni"), emulator.port, patience=1.0, warm_up=6.0).open()
 
 
 def test_a_frame_and_its_answer_take_less_than_a_millisecond(emulator: Any, driver: SerialDriver) -> None:
@@ -189,6 +189,6 @@ def test_standing_is_off_after_close(emulator: Any, driver: SerialDriver) -> Non
     driver.close()
     driver.close()
     assert emulator.status()["on"] == "0"
-    device = Board(emulator.port, answer=5.0)
+    device = Board(emulator.port, 30.0, answer=5.0)
     assert device.read().standing is Standing.OFF
     device.close()

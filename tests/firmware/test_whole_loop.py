@@ -23,7 +23,7 @@ from haptorb.worlds.dome import Dome
 
 pytestmark = [pytest.mark.firmware, pytest.mark.timeout(600)]
 
-PACE = 0.05
+PACE = 0.02
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_a_dome_is_felt_through_the_real_firmware(
     omni: SphericalElectromagnet, emulated: tuple[EmulatedDevice, Emulator]
 ) -> None:
     device, emulator = emulated
-    driver = SerialDriver(omni, emulator.port, device.pose, patience=1.0)
+    driver = SerialDriver(omni, emulator.port, device.pose, patience=1.0, warm_up=90.0)
 
     def chain(through: Driver) -> Tick:
         allocator = LeastSquaresAllocator.force(omni.coils.current_limit, compensate_passive=True)

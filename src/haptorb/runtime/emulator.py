@@ -178,9 +178,15 @@ class Emulator:
         for one in kept:
             self._lines.put(one)
 
-    def slow(self, pace: float = 0.05) -> None:
+    def slow(self, pace: float = 0.02) -> None:
         """Let firmware time run at `pace` of ours."""
         self.tell(f"pace {pace}")
+
+    def wait(self, seconds: float) -> None:
+        """Wait until so much firmware time has passed."""
+        end = float(self.status()["t"]) + seconds
+        while float(self.status()["t"]) < end:
+            time.sleep(0.005)
 
     def forget(self) -> None:
         """Drop everything said so far."""

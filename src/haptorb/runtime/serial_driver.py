@@ -33,7 +33,6 @@ __all__ = ["SerialDriver", "untracked"]
 _LOST_IN_A_ROW = 3  #: readings repeated before the device counts as silent
 _RETRY = 0.25  #: between two attempts to reach a port that has gone [s]
 _MEETING = 0.2  #: for an answer when the port is back [s]; no Arduino restarts in the middle of a loop
-_WARM_UP = 4.0  #: until every sensor has been read once [s]
 _REQUIRED = 0xFF  #: every part
 
 _NOTHING_KNOWN = np.full(6, np.nan)
@@ -59,7 +58,7 @@ class SerialDriver(Driver):
     pose(now) is the tracker's word on where the tool is; without it no pose is ever valid. `patience` [s] is how long
     `read` waits for the answer to the last tick's frame; three unanswered in a row are a device that has gone.
     duty_limit [1] and current_limit [A] are what the firmware is told to hold in this session; by default 5 % above
-    the device's own current limit.
+    the device's own current limit. `open` waits at most `warm_up` [s] for every sensor's first reading.
     """
 
     simulated = False
@@ -73,6 +72,7 @@ class SerialDriver(Driver):
         patience: float = 5e-3,
         duty_limit: float = 1.0,
         current_limit: float | None = None,
+        warm_up: float = 4.0,
     ) -> None:
         if device.channels != CHANNELS:
             raise DriverError(
@@ -86,6 +86,7 @@ class SerialDriver(Driver):
         self._session = (duty_limit, min(limit, 65.5))
         self._patience = patience
         self._answer = 10 * patience
+        self._warm_up_time = warm_up
         positions = getattr(getattr(device, "hall", None), "positions", None)
         if positions is None or len(positions) != HALL_SENSORS:
             raise DriverError(f"the firmware reads {HALL_SENSORS} Hall sensors; device '{device.name}' has others")
@@ -134,7 +135,7 @@ class SerialDriver(Driver):
             raise
 
     def _warm_up(self, board: Board) -> None:
-        end = monotonic() + _WARM_UP
+        end = monotonic() + self._warm_up_time
         while True:
             reading = board.read()
             self._take(reading)

@@ -37,11 +37,14 @@ def run(
         typer.Option("--set", help="A parameter of the world, as NAME=VALUE or NAME=X,Y,Z; repeatable."),
     ] = None,
     driver: Annotated[str, typer.Option(help="sim: the simulated device; serial:PORT, i2c:BUS: a real one.")] = "sim",
-    tracker: Annotated[str, typer.Option(help="Who knows where the tool is; pointer: the console's.")] = "pointer",
+    tracker: Annotated[
+        str, typer.Option(help="Who knows where the tool is: pointer, the console's; hall, the field sensors.")
+    ] = "pointer",
     estimator: Annotated[
         str | None,
         typer.Option(help="How the mover's state is known: tracker; a motor's field: least-squares, network, linear."),
     ] = None,
+    calibration: Annotated[Path | None, typer.Option(help="A file of `haptorb calibrate` to believe.")] = None,
     level: Annotated[str | None, typer.Option(help="Fidelity of the controller's model, dipole or exact.")] = None,
     rate: Annotated[float, typer.Option(help="Of the loop [Hz], 50 to 4000.")] = 1000.0,
     seed: Annotated[int, typer.Option(help="Of the simulation's noise.")] = 0,
@@ -68,7 +71,7 @@ def run(
 
     servo = Servo(
         device, felt, driver=driver, tracker=tracker, rate=rate, seed=seed, level=level, record=record or False,
-        overwrite=force, estimator=estimator,
+        overwrite=force, estimator=estimator, calibration=calibration,
     )  # fmt: skip
     signal.signal(signal.SIGTERM, _end)
     number = _alone(servo, duration, json) if headless else _with_console(servo, duration, port, browser, json)
