@@ -56,14 +56,14 @@ class Screen:
         page.on("request", lambda request: self.requests.append(request.url))
         page.on("pageerror", lambda mistake: self.troubles.append(str(mistake)))
         page.on("console", lambda line: self.troubles.append(line.text) if line.type == "error" else None)
-        page.goto(url)
+        page.goto(url, timeout=60_000)
         self.until("window.haptorb && haptorb.frames > 3 && haptorb.status !== 'waiting'")
 
     def tell(self, expression: str) -> Any:
         """The value of a JavaScript expression."""
         return self.page.evaluate(expression)
 
-    def until(self, expression: str, seconds: float = 20.0) -> Any:
+    def until(self, expression: str, seconds: float = 60.0) -> Any:
         """Wait until the expression is true. (The page's policy forbids Playwright's own way of waiting.)"""
         end = time.monotonic() + seconds
         while not (value := self.page.evaluate(expression)):
@@ -94,7 +94,7 @@ class Screen:
         for _ in range(100):
             self.page.wait_for_timeout(120)
             now = self.value("p")
-            if max(abs(a - b) for a, b in zip(before, now, strict=True)) < 3e-5:
+            if max(abs(a - b) for a, b in zip(before, now, strict=True)) < 1e-4:
                 return
             before = now
         raise AssertionError("the stylus does not come to rest")
