@@ -73,8 +73,13 @@ def run(
         device, felt, driver=driver, tracker=tracker, rate=rate, seed=seed, level=level, record=record or False,
         overwrite=force, estimator=estimator, calibration=calibration,
     )  # fmt: skip
-    signal.signal(signal.SIGTERM, _end)
-    number = _alone(servo, duration, json) if headless else _with_console(servo, duration, port, browser, json)
+    before = signal.signal(signal.SIGTERM, _end)
+    try:
+        number = _alone(servo, duration, json) if headless else _with_console(servo, duration, port, browser, json)
+    except _Terminated:  # while it was still starting
+        number = int(signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, before)
     if number:
         raise typer.Exit(128 + number)
 
