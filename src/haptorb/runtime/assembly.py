@@ -8,14 +8,17 @@ from haptorb.control.linkage import Direct, Linkage, ModedLinkage
 from haptorb.control.minimum_power import MinimumPowerAllocator
 from haptorb.control.modes import MODES, Gains, Mode, TwoModes
 from haptorb.devices.device import Device
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.motor_doors import motor
 from haptorb.devices.spherical_motor import SphericalMotor
-from haptorb.errors import UnknownName
+from haptorb.errors import InputError, UnknownName
+from haptorb.physics.arrays import Array
 from haptorb.runtime.guided_handle import Handle
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.pointer_pose import PointerPose
 from haptorb.runtime.real_driver import is_real, real_driver
 from haptorb.runtime.tick import Tick
+from haptorb.sensing.calibration import Calibration
 from haptorb.sensing.estimator import Estimator, TrackedPose
 from haptorb.worlds.world import World
 
@@ -26,6 +29,7 @@ __all__ = [
     "allocator_of",
     "assemble",
     "default_world",
+    "electromagnet",
     "estimator_of",
     "estimators_of",
     "known_driver",
@@ -36,7 +40,7 @@ __all__ = [
 ]
 
 DRIVERS = ("sim",)
-TRACKERS = ("pointer",)
+TRACKERS = ("pointer", "hall")  #: hall: the hand follows the pointer, but where it is, only the field tells
 #: 40° of handle, which a hand can sweep within the workspace, pull the plug all the way out; else the defaults
 MOTOR_GAINS = Gains(translate=(0.024, 0.004, 0.01))
 
@@ -72,26 +76,48 @@ def modes_of(device: Device) -> tuple[Mode, ...]:
 
 def estimators_of(device: Device) -> tuple[str, ...]:
     """Names of the estimators that `device` can have, the default first."""
-    return ("least-squares", "tracker") if isinstance(device, SphericalMotor) else ("tracker",)
+    if not isinstance(device, SphericalMotor):
+        return ("tracker", "hall") if device.sensors > 1 else ("tracker",)
+    from haptorb.sensing.field_estimators import FIELD_ESTIMATORS
+
+    return (*FIELD_ESTIMATORS, "tracker")
 
 
 def known_estimator(device: Device, name: str | None) -> str:
-    """`name` itself, or the default of `device` for None; UnknownName for what it cannot have."""
+    """`name` itself, or the default of `device` for None; UnknownName for what it cannot have, InputError for networks
+    that nobody has trained yet."""
     known = estimators_of(device)
     if name is None:
         return known[0]
     if name not in known:
         raise UnknownName(f"estimator of device '{device.name}'", name, known)
+    if name == "network":
+        from haptorb.sensing.network_file import known_networks
+
+        known_networks(motor(device))
     return name
 
 
-def estimator_of(device: Device, name: str, level: str | None) -> Estimator:
-    """The estimator `name` of `device`, its model at `level`."""
-    if name == "least-squares":
-        from haptorb.sensing.orientation import LeastSquaresOrientation
+def estimator_of(device: Device, name: str, level: str | None, offsets: Array | None = None) -> Estimator:
+    """The estimator `name` of `device`, its model at `level`; `offsets` (k, 3) [T] of its field sensors, if known."""
+    if name == "tracker":
+        return TrackedPose(device, level)
+    if name == "hall":
+        from haptorb.sensing.tool_position import HallTracker
 
-        return LeastSquaresOrientation(motor(device))
-    return TrackedPose(device, level)
+        return HallTracker(electromagnet(device), level, offsets=offsets)
+    from haptorb.sensing.field_estimators import field_estimator
+
+    return field_estimator(name, motor(device))
+
+
+def electromagnet(device: Device) -> SphericalElectromagnet:
+    """`device`, if it is a spherical electromagnet; InputError if not."""
+    if not isinstance(device, SphericalElectromagnet):
+        raise InputError(
+            f"device '{device.name}' is no spherical electromagnet: it has no Hall tracker, and no calibration"
+        )
+    return device
 
 
 def allocator_of(device: Device) -> Allocator:
@@ -120,8 +146,12 @@ def assemble(
     *,
     estimator: str | None = None,
     gains: Gains | None = None,
+    calibration: Calibration | None = None,
 ) -> Tick:
-    """The chain that renders `world` on `device` at `rate` [Hz]; coils are off until its driver is opened."""
+    """The chain that renders `world` on `device` at `rate` [Hz]; coils are off until its driver is opened.
+
+    What `calibration` measured is believed by everything but the simulated device, which stays what its file says.
+    """
     from haptorb.runtime.sim_driver import SimDriver  # the simulation is loaded only where it runs
 
     known_driver(driver)
@@ -129,11 +159,13 @@ def assemble(
     real = is_real(driver)
     if isinstance(device, SphericalMotor):
         tracker.guide = Handle()
+    believed = device if calibration is None else calibration.applied(electromagnet(device))
+    offsets = None if calibration is None else calibration.offsets
     return Tick(
-        device,
+        believed,
         world,
         real_driver(driver, device, PointerPose(tracker)) if real else SimDriver.of(device, dt, tracker.goal, seed),
-        estimator_of(device, known_estimator(device, estimator), level),
+        estimator_of(believed, known_estimator(device, estimator), level, offsets),
         allocator_of(device),
         dt,
         linkage_of(device, gains),

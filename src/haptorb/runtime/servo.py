@@ -33,11 +33,13 @@ from haptorb.runtime import recording_file
 from haptorb.runtime.assembly import (
     assemble,
     default_world,
+    electromagnet,
     known_driver,
     known_estimator,
     known_tracker,
     modes_of,
 )
+from haptorb.runtime.calibration_file import read_calibration
 from haptorb.runtime.children import Children
 from haptorb.runtime.device_text import text_of
 from haptorb.runtime.guided import upright
@@ -46,6 +48,7 @@ from haptorb.runtime.row import RowLayout
 from haptorb.runtime.schedule import known_rate
 from haptorb.runtime.shared import Shared, Word
 from haptorb.runtime.world_change import answered, description, name_of, request
+from haptorb.sensing.calibration import Calibration
 from haptorb.worlds.parameter import values as parameter_values
 from haptorb.worlds.world import World
 
@@ -64,7 +67,8 @@ class Servo:
     device     name in the catalogue, path of a device file, or a Device
     world      name in the catalogue, or a World; None: the one that shows the device best
     driver     "sim": the simulated device
-    tracker    "pointer": the tool is where the hand wants it that `point` moves
+    tracker    "pointer": the tool is where the hand wants it that `point` moves; "hall": the hand follows that as
+               well, but where the tool is, the estimator learns from the field sensors only
     rate       of the loop [Hz], 50 to 4000
     record     file to record to (MCAP); None: a temporary one, deleted at exit; False: no recording
     overwrite  whether `record` may replace a file
@@ -72,6 +76,8 @@ class Servo:
     level      fidelity of the device's model in the controller; None: the device's first
     estimator  how the mover's state is known; None: the device's default
     gains      of a motor's two modes; None: `assembly.MOTOR_GAINS`
+    calibration  file of `haptorb calibrate` (or a Calibration) whose values the controller believes; must be this
+               device's
 
     >>> with Servo("omni", "dome") as servo:  # doctest: +SKIP
     ...     servo.run(seconds=5)
@@ -92,6 +98,7 @@ class Servo:
         level: str | None = None,
         estimator: str | None = None,
         gains: Gains | None = None,
+        calibration: str | Path | Calibration | None = None,
     ) -> None:
         self.device = device if isinstance(device, Device) else load(device)
         self._device_text = text_of(self.device, device)
@@ -102,7 +109,12 @@ class Servo:
         self.seed = _known_seed(seed)
         if level is not None:
             self.device.known_level(level)
-        self.estimator = known_estimator(self.device, estimator)
+        self.estimator = known_estimator(self.device, "hall" if tracker == "hall" and estimator is None else estimator)
+        self.calibration = (
+            read_calibration(calibration) if isinstance(calibration, str | Path) else calibration
+        )  #: what the controller believes of the device beside its file
+        if self.calibration is not None:
+            self.calibration.applied(electromagnet(self.device))  # refuses here what is another device's
         self.modes = modes_of(self.device)  #: that `set_mode` knows; empty where the device acts directly
         if gains is not None and not self.modes:
             raise InputError(f"gains are those of a motor's two modes; device '{self.device.name}' has none")
@@ -112,7 +124,7 @@ class Servo:
         chain, practice = (
             partial(
                 assemble, self.device, first, through, self.rate, self.seed, level,
-                estimator=self.estimator, gains=gains,
+                estimator=self.estimator, gains=gains, calibration=self.calibration,
             )
             for through in (self.driver, "sim")
         )  # fmt: skip
@@ -367,6 +379,7 @@ class Servo:
                     "driver": self.driver,
                     "tracker": self.tracker,
                     "estimator": self.estimator,
+                    "calibration": "" if self.calibration is None else self.calibration.text(),
                     "seed": str(self.seed),
                     "rate_hz": repr(self.rate),
                     "first_world": description(self._plan.world),

@@ -1,0 +1,39 @@
+"""From `--driver` to what calibration needs: a driver without a tool near the device, and who tells the time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptorb.apps.calibrate.measure import Pace
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.physics.arrays import Array
+from haptorb.runtime.driver import Driver
+from haptorb.runtime.real_driver import is_real, real_driver
+
+__all__ = ["door"]
+
+_STEP = 2e-3  #: of the simulated device [s]
+
+
+@dataclass(frozen=True)
+class _Away:
+    """A hand that holds the tool half a metre above the device."""
+
+    p: Array
+    q: Array
+    stamp: float = 0.0
+    held: bool = False
+
+
+def door(name: str, device: SphericalElectromagnet, seed: int = 0) -> tuple[Driver, Pace]:
+    """The driver `name` of `device`, not open yet, and its pace; UnknownName or InputError if there is no such."""
+    if is_real(name):
+        return real_driver(name, device), Pace()
+    from haptorb.runtime.assembly import known_driver
+    from haptorb.runtime.sim_driver import SimDriver
+
+    known_driver(name)
+    away = _Away(np.array([0.0, 0.0, 0.5]), np.array([0.0, 0.0, 0.0, 1.0]))
+    return SimDriver.of(device, _STEP, lambda now: away, seed), Pace.simulated()

@@ -1,0 +1,201 @@
+"""The guided measurement: rest, every coil by itself, then the schedule; each step must be right before the next.
+
+It needs a driver and nothing else, so that the simulated device is calibrated by the same lines as a real one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import monotonic, sleep
+
+import numpy as np
+
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.errors import CalibrationError
+from haptorb.physics.arrays import Array
+from haptorb.runtime.driver import Driver
+from haptorb.sensing.calibration import Calibration
+from haptorb.sensing.magnetic_calibration import excitation, magnetic_calibration
+from haptorb.sensing.sample import Sample
+from haptorb.sensing.thermal_identification import ThermalIdentification
+
+__all__ = ["Pace", "calibrate"]
+
+_RATE = 500.0  #: of readings [Hz]: a firmware's watchdog waits 15 ms
+_REST = 0.4  #: how long the device is read at rest [s]
+_SETTLE, _HOLD = 0.012, 0.03  #: of each current: not looked at, and in all [s]
+_GENTLE = 1.0  #: with which each coil is tried first [A]
+_CLEAR = 0.15e-3  #: field at rest above which a magnet must be near; the earth has 0.05 mT [T]
+_ZERO = 0.1  #: current read at rest above which a current sensor lies [A]
+_FACTOR = 1.6  #: resistance may be off the file's by this
+_LEAK = 0.15  #: share of a coil's current that another's sensor may read
+_NOISY, _SHARE = 2.5, 0.01  #: the regression may leave so many times the sensors' noise, and this share of the field
+_REPEATS = 0.02  #: odd and even readings may differ by this
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Who tells the time and who waits; a simulation's time passes as fast as it is computed."""
+
+    clock: Callable[[], float] = monotonic
+    wait: Callable[[float], None] = sleep
+
+    @classmethod
+    def simulated(cls) -> Pace:
+        """Time that passes by waiting."""
+        now = [0.0]
+
+        def wait(seconds: float) -> None:
+            now[0] += seconds
+
+        return cls(lambda: now[0], wait)
+
+
+def calibrate(
+    device: SphericalElectromagnet,
+    driver: Driver,
+    thermal: ThermalIdentification | None = None,
+    *,
+    pace: Pace | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Calibration:
+    """Measure `device` through `driver` (not open yet); coils are off afterwards in any case.
+
+    Raises CalibrationError naming the part that is not as it must be; then the later steps are not taken.
+    """
+    pace = pace or Pace()
+    with driver:
+        session = _Session(device, driver, pace)
+        say("1/3 at rest: coils off, the tool away")
+        ambient = session.at_rest()
+        say("2/3 each coil by itself, gently: does it conduct, does its current sensor tell the truth")
+        resistance = session.coils_conduct()
+        say("3/3 magnetic: the schedule of currents, fields read")
+        wanted, currents, fields = session.excited(resistance)
+    found = magnetic_calibration(device, wanted, currents, fields)
+    strength = float(np.sqrt((fields**2).mean()))
+    averaged = np.sqrt(_RATE * (_HOLD - _SETTLE))
+    most = _NOISY * np.hypot(device.hall.noise, device.hall.step) / averaged + _SHARE * strength
+    if found.residual > most:
+        raise CalibrationError(
+            f"the coils' field is no dipole's: {found.residual * 1e6:.0f} µT are left where {most * 1e6:.0f} µT may "
+            "be; is something magnetic near the device, or did the tool move?"
+        )
+    if found.repeatability > _REPEATS:
+        raise CalibrationError(
+            f"odd and even readings differ by {100 * found.repeatability:.1f} %, above {100 * _REPEATS:.0f} %: "
+            "keep tool and magnets away and still, and calibrate again"
+        )
+    for (one, other), angle in found.skew(device.coils.names).items():
+        say(f"    coils {one} and {other}: {90 - np.degrees(angle):.2f}° apart")
+    coils = device.coils
+    cold = resistance / (1 + coils.temperature_coefficient * (ambient - coils.reference_temperature))
+    return Calibration(
+        device.name, device.digest, found.moment_per_current, found.uncertainty, found.offsets, cold,
+        found.residual, found.condition, found.repeatability, None if thermal is None else thermal.model,
+        driver.simulated,
+    )  # fmt: skip
+
+
+class _Session:
+    """One open driver, read and written at a steady rate."""
+
+    def __init__(self, device: SphericalElectromagnet, driver: Driver, pace: Pace) -> None:
+        self._device, self._driver, self._pace = device, driver, pace
+        self._start, self._count = pace.clock(), 0
+        self._off = np.zeros(device.channels)
+
+    def _held(self, duties: Array, seconds: float, settle: float = 0.0) -> tuple[list[Sample], Array]:
+        """Samples while `duties` are applied, from `settle` on, and (m,) what was really applied."""
+        samples, applied = [], self._off
+        ticks = max(2, round(seconds * _RATE))
+        for tick in range(ticks):
+            sample = self._driver.read(self._pace.clock() - self._start)
+            if not (np.isfinite(sample.currents).all() and np.isfinite(sample.field).all()):
+                raise CalibrationError("a current or field sensor reads no number; see `haptorb hardware monitor`")
+            hot = int(np.argmax(sample.temperatures))
+            if sample.temperatures[hot] > self._device.coils.heat.warn:
+                raise CalibrationError(
+                    f"coil '{self._device.coils.names[hot]}' is at {sample.temperatures[hot] - 273.15:.0f} °C: "
+                    "let it cool and calibrate again"
+                )
+            if tick > settle * _RATE:
+                samples.append(sample)
+            applied = self._driver.write(duties)
+            self._count += 1
+            self._pace.wait(max(0.0, self._start + self._count / _RATE - self._pace.clock()))
+        return samples, applied
+
+    def at_rest(self) -> Array:
+        """(m,) the coils' temperatures [K]; nothing flows and no magnet is near, or CalibrationError."""
+        samples, _ = self._held(self._off, _REST)
+        device = self._device
+        currents = np.mean([sample.currents for sample in samples], axis=0)
+        worst = int(np.argmax(np.abs(currents)))
+        if abs(currents[worst]) > _ZERO:
+            raise CalibrationError(
+                f"coil '{device.coils.names[worst]}' reads {currents[worst]:+.2f} A with all coils off: its current "
+                "sensor has an offset, or its bridge does not switch off"
+            )
+        field = np.linalg.norm(np.mean([sample.field for sample in samples], axis=0), axis=1)
+        if len(field) and field.max() > _CLEAR:
+            raise CalibrationError(
+                f"field sensor {int(np.argmax(field)) + 1} reads {field.max() * 1e3:.2f} mT with all coils off: take "
+                "the tool, and other magnets, at least 30 cm away"
+            )
+        return np.asarray(np.mean([sample.temperatures for sample in samples], axis=0))
+
+    def coils_conduct(self) -> Array:
+        """(m,) resistance [Ω] of each coil, found with about an ampere either way."""
+        device = self._device
+        names, voltage = device.coils.names, device.supply.voltage
+        resistance = np.empty(device.channels)
+        for coil, name in enumerate(names):
+            swings = []
+            for sign in (1.0, -1.0):
+                duties = self._off.copy()
+                duties[coil] = sign * _GENTLE * device.coils.resistance[coil] / voltage
+                samples, applied = self._held(duties, 0.1, 0.05)
+                swings.append((applied, np.mean([sample.currents for sample in samples], axis=0)))
+                self._held(self._off, 0.02)
+            duty, swing = float(swings[0][0][coil] - swings[1][0][coil]), swings[0][1] - swings[1][1]
+            own, others = swing[coil], np.delete(np.abs(swing), coil)
+            if duty == 0.0:
+                raise CalibrationError(f"coil '{name}': the device applied no duty; is it engaged?")
+            if abs(own) < 0.2 * 2 * _GENTLE:
+                if others.size and others.max() > 2 * _LEAK * _GENTLE:
+                    other = names[int(np.argmax(np.abs(swing)))]
+                    raise CalibrationError(
+                        f"driving coil '{name}' makes the current sensor of coil '{other}' answer: swap their wires"
+                    )
+                raise CalibrationError(
+                    f"coil '{name}' carries {abs(own) / 2:.2g} A where {_GENTLE:g} A were asked: it is unplugged, or "
+                    "its current sensor is; check the connector and the fuse"
+                )
+            if own * duty < 0:
+                raise CalibrationError(
+                    f"the current of coil '{name}' is negative for a positive duty: its current sensor is reversed"
+                )
+            if others.size and others.max() > _LEAK * abs(own):
+                raise CalibrationError(f"driving coil '{name}' shows a current in another coil as well: check wires")
+            resistance[coil] = voltage * duty / own
+            expected = device.coils.resistance[coil]
+            if not 1 / _FACTOR < resistance[coil] / expected < _FACTOR:
+                raise CalibrationError(
+                    f"coil '{name}' has {resistance[coil]:.3g} Ω where the device file says {expected:g} Ω: check the "
+                    "coil, its contacts, and the value of its shunt"
+                )
+        return resistance
+
+    def excited(self, resistance: Array) -> tuple[Array, Array, Array]:
+        """(n, m) wanted and measured currents [A] and (n, k, 3) fields [T] over the schedule."""
+        wanted = excitation(self._device)
+        currents, fields = np.empty_like(wanted), np.empty((len(wanted), self._device.sensors, 3))
+        for n, amperes in enumerate(wanted):
+            duties = np.clip(amperes * resistance / self._device.supply.voltage, -1, 1)
+            samples, _ = self._held(duties, _HOLD, _SETTLE)
+            currents[n] = np.mean([sample.currents for sample in samples], axis=0)
+            fields[n] = np.mean([sample.field for sample in samples], axis=0)
+        self._held(self._off, 0.01)
+        return wanted, currents, fields

@@ -1,0 +1,105 @@
+"""A record of heating and cooling: from a recording of the loop, or from a table as CSV."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from haptorb.devices.device import Device
+from haptorb.errors import CalibrationError
+from haptorb.physics.arrays import Array
+from haptorb.sensing.thermal_identification import ThermalIdentification, thermal_identification
+
+__all__ = ["ThermalRecord", "thermal_record"]
+
+_COLUMNS = ("t_s", "power_w", "winding_degc", "boundary_degc")
+_BIN = 0.5  #: readings of a recording are averaged over so long [s]
+_TRUST = 0.5  #: current from which the resistance tells a temperature [A]
+
+
+@dataclass(frozen=True)
+class ThermalRecord:
+    """One coil's course; winding is NaN where no current told its resistance."""
+
+    t: Array  #: (n,) [s]
+    power: Array  #: (n,) [W]
+    winding: Array  #: (n,) [K]
+    boundary: Array  #: (n,) [K]
+    ambient: float  #: [K]
+
+    def identified(self) -> ThermalIdentification:
+        """The two nodes that explain it; CalibrationError if the record is too short or too cool."""
+        return thermal_identification(self.t, self.power, self.winding, self.boundary, self.ambient)
+
+
+def thermal_record(path: str | Path, device: Device) -> ThermalRecord:
+    """Read `path`: an MCAP recording of `device`, or CSV with the columns t_s, power_w, winding_degc (may be empty),
+    boundary_degc. The ambient temperature is the boundary's at the start: begin cold."""
+    place = Path(path).expanduser()
+    return _from_table(place) if place.suffix.lower() == ".csv" else _from_recording(place, device)
+
+
+def _from_table(path: Path) -> ThermalRecord:
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            missing = [name for name in _COLUMNS if name not in (reader.fieldnames or ())]
+            if missing:
+                raise CalibrationError(
+                    f"{path}: column {missing[0]} is missing; a thermal record has {', '.join(_COLUMNS)}"
+                )
+            rows = []
+            for line in reader:
+                cells = [(line[name] or "").strip() for name in _COLUMNS]
+                try:
+                    rows.append([float(cell) if cell else np.nan for cell in cells])
+                except ValueError as cause:
+                    raise CalibrationError(f"{path}, line {reader.line_num}: {cause}") from cause
+    except (OSError, UnicodeDecodeError) as cause:
+        reason = cause.strerror if isinstance(cause, OSError) else "not a text file"
+        raise CalibrationError(f"thermal record {path}: cannot be read ({reason})") from cause
+    if len(rows) < 20:
+        raise CalibrationError(f"{path} has {len(rows)} readings; a thermal record needs at least 20")
+    table = np.array(rows)
+    if not np.isfinite(table[:, [0, 1, 3]]).all():
+        first = int(np.flatnonzero(~np.isfinite(table[:, [0, 1, 3]]).all(axis=1))[0]) + 2
+        raise CalibrationError(f"{path}, line {first}: t_s, power_w and boundary_degc must be numbers")
+    boundary = table[:, 3] + 273.15
+    return ThermalRecord(table[:, 0], table[:, 1], table[:, 2] + 273.15, boundary, float(boundary[:3].mean()))
+
+
+def _from_recording(path: Path, device: Device) -> ThermalRecord:
+    from haptorb.runtime.recording import Recording
+
+    recording = Recording(path)
+    noted = recording.metadata.get("device", {})
+    if noted.get("digest", device.digest) != device.digest:
+        raise CalibrationError(
+            f"{path} was recorded on device '{noted.get('name')}' with file {noted['digest'][:12]}, not on "
+            f"'{device.name}' with file {device.digest[:12]}"
+        )
+    t, currents = recording.t, recording["currents"].reshape(len(recording), -1)
+    resistance = recording["resistance"].reshape(len(recording), -1)
+    boundary = recording["boundary"].reshape(len(recording), -1)
+    whole = np.isfinite(np.column_stack([t, currents, resistance, boundary])).all(axis=1)
+    t, currents, resistance, boundary = t[whole], currents[whole], resistance[whole], boundary[whole]
+    if len(t) < 20:
+        raise CalibrationError(f"{path} has {len(t)} whole readings; a thermal record needs at least 20")
+    coil = int(np.argmax((currents**2).mean(axis=0)))
+    i, R, edge = currents[:, coil], resistance[:, coil], boundary[:, coil]
+    bins = ((t - t[0]) / _BIN).astype(int)
+    _, where, count = np.unique(bins, return_inverse=True, return_counts=True)
+
+    def mean(values: Array) -> Array:
+        averaged: Array = np.bincount(where, values) / count
+        return averaged
+
+    coils = device.coils
+    warm = coils.reference_temperature + (mean(R) / coils.resistance[coil] - 1) / coils.temperature_coefficient
+    winding = np.where(np.sqrt(mean(i * i)) > _TRUST, warm, np.nan)
+    temperature = mean(edge)
+    start = t[0] + _BIN * np.unique(bins)
+    return ThermalRecord(start, mean(i * i * R), winding, temperature, float(temperature[0]))

@@ -1,0 +1,228 @@
+"""Calibration through a driver: what it finds, what it refuses, and that its file belongs to one device."""
+
+import json
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from haptorb.apps.calibrate import calibrate, thermal_record
+from haptorb.apps.calibrate.door import door
+from haptorb.apps.cli import main
+from haptorb.devices.loader import load
+from haptorb.errors import CalibrationError, InputError, UnknownName
+from haptorb.physics.thermal import TwoNode, endurance_fit
+from haptorb.runtime.calibration_file import read_calibration, write_calibration
+from haptorb.runtime.driver import Driver
+from haptorb.runtime.sim_driver import SimDriver
+from haptorb.sensing.calibration import Calibration
+
+OMNI = load("omni")
+
+
+class Rewired(Driver):
+    """Another driver whose duties and samples are changed on the way."""
+
+    name, simulated = "rewired", True
+
+    def __init__(self, inner, duties=lambda d: d, sample=lambda s: s):
+        self.inner, self.duties, self.sample = inner, duties, sample
+        self.closed = False
+
+    def open(self):
+        self.inner.open()
+
+    def close(self):
+        self.closed = True
+        self.inner.close()
+
+    def read(self, now):
+        return self.sample(self.inner.read(now))
+
+    def write(self, duties):
+        return self.duties(self.inner.write(self.duties(duties)))
+
+    def truth(self):
+        return self.inner.truth()
+
+
+def measured(device=OMNI, truth=None, **changes):
+    """Calibrate `device` on a simulation of `truth`."""
+    inner, pace = door("sim", truth or device, 3)
+    driver = Rewired(inner, **changes)
+    try:
+        return calibrate(device, driver, pace=pace)
+    finally:
+        assert driver.closed
+        assert not inner.simulation.quantised(inner._duties).any()  # coils off, however it ended
+
+
+def told(**changes):
+    with pytest.raises(CalibrationError) as failure:
+        measured(**changes)
+    return str(failure.value)
+
+
+def test_what_differs_from_the_file_is_found():
+    """A device whose moments are 4 % and 2° off its file, and whose coil z has 5 % more resistance."""
+    skew = np.array([[1.04, 0.035, 0.0], [0.0, 0.97, 0.0], [0.0, 0.02, 1.03]])
+    coils = replace(OMNI.coils, resistance=OMNI.coils.resistance * (1.0, 1.0, 1.05))
+    truth = replace(OMNI, moment_per_current=skew @ OMNI.moment_per_current, coils=coils)
+    found = measured(truth=truth)
+    scale = np.linalg.norm(truth.moment_per_current, axis=0)
+    assert np.abs((found.moment_per_current - truth.moment_per_current) / scale).max() < 0.003
+    assert found.resistance == pytest.approx(coils.resistance, rel=0.01)
+    assert found.simulated
+    believed = found.applied(OMNI)
+    assert np.array_equal(believed.moment_per_current, found.moment_per_current)
+    assert believed.digest == OMNI.digest
+
+
+def test_faults_of_the_wiring_are_named():
+    swapped, reversed_z = [1, 0, 2], np.array([1.0, 1.0, -1.0])
+    assert "coil 'x' makes the current sensor of coil 'y' answer" in told(duties=lambda d: d[swapped])
+    assert "coil 'z' is negative" in told(sample=lambda s: replace(s, currents=s.currents * reversed_z))
+    assert "coil 'y' carries" in told(sample=lambda s: replace(s, currents=s.currents * (1, 0, 1)))
+    assert "applied no duty" in told(duties=lambda d: d * (1, 0, 1))
+
+
+def test_a_coil_wound_the_other_way_is_named():
+    moments = OMNI.moment_per_current * (1.0, -1.0, 1.0)
+    assert "coil 'y' makes its moment the wrong way round" in told(truth=replace(OMNI, moment_per_current=moments))
+
+
+def test_a_wrong_shunt_is_named():
+    assert "value of its shunt" in told(sample=lambda s: replace(s, currents=s.currents * (1, 0.5, 1)))
+
+
+def test_a_tool_nearby_is_named_and_nothing_is_driven():
+    driven = []
+
+    def remembered(duties):
+        driven.append(np.abs(duties).max())
+        return duties
+
+    inner = SimDriver.of(OMNI, 2e-3)  # without the hand that holds the tool away
+    _, pace = door("sim", OMNI)
+    with pytest.raises(CalibrationError, match="take the tool"):
+        calibrate(OMNI, Rewired(inner, duties=remembered), pace=pace)
+    assert max(driven) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: replace(s, currents=s.currents + np.array([0, 0.5, 0])), "coil 'y' reads"),
+        (lambda s: replace(s, temperatures=s.temperatures + 80), "let it cool"),
+        (lambda s: replace(s, field=s.field * np.nan), "reads no number"),
+        (lambda s: replace(s, field=s.field * np.linspace(1, 1.5, 9)[:, None]), "no dipole"),
+    ],
+)
+def test_a_device_that_is_not_fit_is_refused(change, message):
+    assert message in told(sample=change)
+
+
+def test_the_file_keeps_every_digit_and_names_its_device(tmp_path):
+    found, path = measured(), tmp_path / "omni.json"
+    heated = replace(found, heat=TwoNode(15.0, 73.0, 1.9, 0.33))
+    write_calibration(heated, path)
+    again = read_calibration(path)
+    assert again.text() == heated.text()
+    assert again.applied(OMNI).coils.heat.body_to_air == 0.33
+    with pytest.raises(CalibrationError, match="exists"):
+        write_calibration(found, path)
+    assert read_calibration(path).heat is not None  # the first one is still there
+    write_calibration(found, path, overwrite=True)
+    assert read_calibration(path).heat is None
+    other = replace(OMNI, digest="0" * 64)
+    with pytest.raises(CalibrationError, match="not of 'omni' with file 000000000000"):
+        found.applied(other)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("format", "haptorb-calibration-99", "format must be"),
+        ("moment_per_current_m2", [[1, 2], [3, 4]], "shape"),
+        ("moment_per_current_m2", [[0, 0, 0]] * 3, "singular"),
+        ("resistance_ohm", [0.6, 0.6, -1], "positive"),
+        ("resistance_ohm", [0.6, "much", 1], "must be numbers"),
+        ("residual_t", None, "finite numbers"),
+        ("digest", 7, "must be a text"),
+        ("heat", {"winding_capacity": 1}, "heat must be"),
+        ("extra", 1, "not a key"),
+    ],
+)
+def test_damaged_files_are_refused(key, value, message):
+    n = OMNI.channels
+    good = Calibration(
+        "omni", OMNI.digest, np.eye(n), np.eye(n), np.zeros((9, 3)), np.ones(n), 0.0, 1.0, 0.0, None, True
+    )
+    raw = json.loads(good.text())
+    raw[key] = value
+    with pytest.raises(CalibrationError, match=message):
+        Calibration.parse(json.dumps(raw), "file")
+    assert Calibration.parse(good.text(), "file").device == "omni"
+    with pytest.raises(CalibrationError, match="is not JSON"):
+        Calibration.parse("{", "file")
+    del raw["device"]
+    with pytest.raises(CalibrationError):
+        Calibration.parse(json.dumps(raw), "file")
+
+
+def table(path, rows):
+    path.write_text("t_s,power_w,winding_degc,boundary_degc\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def test_heat_from_a_table(tmp_path):
+    coil, step, rises = endurance_fit(60.0), 1.0, np.zeros(2)
+    rows = []
+    for n in range(360):
+        watts = 17.0 if n < 180 else 0.0
+        winding = f"{25 + rises[0]:.2f}" if watts else ""
+        rows.append(f"{n * step},{watts},{winding},{25 + rises[1]:.2f}")
+        rises = coil.step(step) @ (*rises, watts)
+    found = thermal_record(table(tmp_path / "heat.csv", rows), OMNI).identified()
+    assert found.endurance(60.0, 240.0) == pytest.approx(5.0, rel=0.1)
+    assert found.endurance(60.0, 60.0) == pytest.approx(60.0, rel=0.1)
+    assert found.model.steady(17.0)[0] == pytest.approx(60.0, rel=0.1)
+    short = [f"{n},17.0,{30 + n // 4},{25 + n // 9}" for n in range(40)]
+    with pytest.raises(CalibrationError, match="does not determine"):
+        thermal_record(table(tmp_path / "short.csv", short), OMNI).identified()
+
+
+def test_tables_that_are_no_records(tmp_path):
+    with pytest.raises(CalibrationError, match="at least 20"):
+        thermal_record(table(tmp_path / "a.csv", ["0,1,25,25"]), OMNI)
+    with pytest.raises(CalibrationError, match="line 3"):
+        thermal_record(table(tmp_path / "b.csv", ["0,1,25,25", "1,1,25,warm"]), OMNI)
+    with pytest.raises(CalibrationError, match="line 22: t_s"):
+        thermal_record(table(tmp_path / "c.csv", [f"{n},1,25,25" for n in range(20)] + ["20,,25,25"]), OMNI)
+    (tmp_path / "d.csv").write_text("t,p\n1,2\n")
+    with pytest.raises(CalibrationError, match="column t_s is missing"):
+        thermal_record(tmp_path / "d.csv", OMNI)
+    with pytest.raises(CalibrationError, match="cannot be read"):
+        thermal_record(tmp_path / "none.csv", OMNI)
+
+
+def test_the_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with suppress(SystemExit):
+        main(["calibrate", "omni"])
+    said = capsys.readouterr()
+    assert "condition" in said.out
+    assert "of a simulation" in said.out
+    assert read_calibration("omni.calibration.json").digest == OMNI.digest
+    assert main(["calibrate", "omni"]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main(["calibrate", "pmsm"]) == 2
+    assert main(["calibrate", "omni", "--out", "nowhere/a.json"]) == 2
+
+
+def test_doors_that_are_none():
+    with pytest.raises(UnknownName, match="driver"):
+        door("usb", OMNI)
+    with pytest.raises(InputError, match="serial:PORT"):
+        door("serial:", OMNI)
