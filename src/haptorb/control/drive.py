@@ -12,7 +12,7 @@ __all__ = ["Drive"]
 
 _WINDOW = 0.05  #: time constant of the sliding window of eq. (6) [s]
 _COLDEST, _HOTTEST = 233.15, 453.15  #: windings outside this are not resistances but faults [K]
-_TRUST = 0.5  #: rms current above which the ratio is believed [A]
+_TRUST = 0.025  #: rms current, as a share of the greatest that may flow, above which the ratio is believed
 
 
 @kernel
@@ -21,6 +21,8 @@ def _update(
     voltage: float,
     duties: Array,
     currents: Array,
+    emf: Array,
+    trusted: Array,
     low: Array,
     high: Array,
     sums: Array,
@@ -32,20 +34,20 @@ def _update(
             continue
         # Eq. (6) is mean duty over mean current; weighting both with the current is the same for steady currents, and
         # has no pole when a current changes sign.
-        sums[0, j] += weight * (voltage * duties[j] * i - sums[0, j])
+        sums[0, j] += weight * ((voltage * duties[j] - emf[j]) * i - sums[0, j])
         sums[1, j] += weight * (i * i - sums[1, j])
-        if sums[1, j] > _TRUST * _TRUST:
+        if sums[1, j] > trusted[j] * trusted[j]:
             resistance[j] = min(max(sums[0, j] / sums[1, j], low[j]), high[j])
 
 
 @kernel
 def _duties(
-    wanted: Array, last: Array, resistance: Array, inductance: Array, voltage: float, dt: float, out: Array
+    wanted: Array, last: Array, emf: Array, resistance: Array, inductance: Array, voltage: float, dt: float, out: Array
 ) -> None:
     largest = 0.0
     for j in range(wanted.size):
-        # Eq. (4), and the voltage that the inductance takes while the current changes.
-        out[j] = (wanted[j] * resistance[j] + inductance[j] * (wanted[j] - last[j]) / dt) / voltage
+        # Eq. (4), and the voltages that the inductance takes while the current changes and the mover while it moves.
+        out[j] = (wanted[j] * resistance[j] + inductance[j] * (wanted[j] - last[j]) / dt + emf[j]) / voltage
         largest = max(largest, abs(out[j]))
         last[j] = wanted[j]
     if largest > 1.0:
@@ -69,16 +71,28 @@ class Drive:
         self.resistance = coils.resistance_at(np.full(channels, coils.heat.ambient))
         self._sums = np.zeros((2, channels))
         self._last = np.zeros(channels)
+        self._trusted = _TRUST * coils.current_limit
+        self._emf = np.zeros(channels)  # under which the last duties were applied
+        self._still = np.zeros(channels)
         self._out = np.zeros(channels)
 
-    def duties(self, wanted: Array, measured: Array, applied: Array) -> Array:
-        """(m,) duties in −1…1 for `wanted` currents, after learning from `measured` currents under `applied` duties."""
-        _update(self._weight, self._voltage, applied, measured, self._low, self._high, self._sums, self.resistance)
-        _duties(wanted, self._last, self.resistance, self._inductance, self._voltage, self._dt, self._out)
+    def duties(self, wanted: Array, measured: Array, applied: Array, emf: Array | None = None) -> Array:
+        """(m,) duties in −1…1 for `wanted` currents, after learning from `measured` currents under `applied` duties.
+
+        emf (m,) [V] is what the moving mover induces against the currents now; None: nothing.
+        """
+        induced = self._still if emf is None else emf
+        _update(
+            self._weight, self._voltage, applied, measured, self._emf, self._trusted, self._low, self._high,
+            self._sums, self.resistance,
+        )  # fmt: skip
+        _duties(wanted, self._last, induced, self.resistance, self._inductance, self._voltage, self._dt, self._out)
+        self._emf[:] = induced
         return self._out
 
     def rest(self) -> Array:
         """(m,) zeros: the coils are off, and the next wanted current starts from nothing."""
         self._last[:] = 0.0
+        self._emf[:] = 0.0
         self._out[:] = 0.0
         return self._out

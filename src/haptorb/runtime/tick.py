@@ -137,7 +137,13 @@ class Tick:
         t4 = perf_counter()
         currents = guard.limit(allocation.currents, sample)
         t5 = perf_counter()
-        duties = self.drive.duties(currents, sample.currents, self._applied) if guard.gain else self.drive.rest()
+        if guard.gain:
+            # What the coils push against: the power that they give to the mover, per ampere.
+            moving = np.concatenate((estimate.state.v, estimate.state.w))
+            emf = moving @ estimate.wrench_map.matrix
+            duties = self.drive.duties(currents, sample.currents, self._applied, emf)
+        else:
+            duties = self.drive.rest()
         try:
             self._applied = self.driver.write(duties)
         except HaptorbError as cause:
