@@ -13,13 +13,14 @@ from haptorb.errors import InputError
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 from haptorb.sensing.estimator import Estimator
-from haptorb.sensing.readings import believable, coil_field_per_ampere, magnet_field
+from haptorb.sensing.readings import believable, coil_field_per_ampere, faint, magnet_field
 from haptorb.sensing.sample import Estimate, Sample
 from haptorb.sensing.training_set import workspace_grid
 
 __all__ = ["FieldToTorque", "TorqueMap"]
 
 _COARSE = (7, 7, 24)  #: orientations from which the field's range is taken
+_EDGE = np.radians(1.0)  #: so far beyond the workspace a map may still be asked
 
 
 class TorqueMap(ABC):
@@ -50,7 +51,9 @@ class FieldToTorque(Estimator):
         self._per_ampere = coil_field_per_ampere(motor)
         coarse = workspace_grid(motor, _COARSE)
         self._limit = believable(motor, coarse, motor.sensor_field(coarse, "table"), self._per_ampere)
-        self._tilt = float(np.cos(motor.workspace_tilt) ** 2 - 1e-3)  # the corner of the workspace
+        edge = motor.workspace_tilt + _EDGE
+        self._sine, self._tangent = float(np.sin(edge)), float(np.tan(edge))
+        self._faint = faint(motor)
         self._groups = np.ascontiguousarray(motor.groups, dtype=np.float64)
         self._field = np.zeros((motor.sensors, 3))
         self._usable = np.zeros(motor.sensors)
@@ -68,7 +71,9 @@ class FieldToTorque(Estimator):
             raise InputError(
                 f"device '{motor.name}' has {motor.sensors} field sensors; the sample has {sample.field.shape[0]}"
             )
-        count = magnet_field(sample.field, sample.currents, self._per_ampere, self._limit, self._field, self._usable)
+        count = magnet_field(
+            sample.field, sample.currents, self._per_ampere, self._faint, self._limit, self._field, self._usable
+        )
         self._map.torque(self._field, self._usable, self._single, self._known)
         matrix = np.zeros((6, motor.channels))
         valid = _grouped(self._single, self._known, self._groups, matrix[3:]) >= self._enough
@@ -80,7 +85,8 @@ class FieldToTorque(Estimator):
             known = WrenchMap(matrix, self._nothing)
             return Estimate(state, known, valid, sample.t - self._t, oriented=False, disbelieved=disbelieved)
         pose = self._orientation.update(sample)
-        inside = bool(pose.state.R_SR[2, 2] >= self._tilt)
+        z = pose.state.R_SR[:, 2].tolist()  # (sin λ, −sin ψ cos λ, cos ψ cos λ)
+        inside = abs(z[0]) <= self._sine and abs(z[1]) <= self._tangent * z[2]
         return Estimate(
             pose.state, WrenchMap(matrix, pose.wrench_map.passive), valid and pose.valid and inside, pose.age,
             pose.oriented, pose.spin_period, pose.covariance, pose.strength, max(disbelieved, pose.disbelieved),

@@ -1,0 +1,58 @@
+"""`haptorb estimators`: the ways of knowing a spherical motor from its field, side by side."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptorb.errors import InputError
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `app`."""
+    app.command()(estimators)
+
+
+def estimators(
+    device: Annotated[str, typer.Argument(help="A spherical motor's name, or the path of its file.")] = "pmsm",
+    orientations: Annotated[int, typer.Option(help="Over the workspace, at which they are judged.")] = 500,
+    networks: Annotated[Path | None, typer.Option(help="A file of trained networks; the device's own if none.")] = None,
+    seed: Annotated[int, typer.Option(help="Of noise and orientations.")] = 0,
+    plot: Annotated[Path | None, typer.Option(help="Draw Fig. 4 and more into this PNG or SVG file.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Network, linear map and least squares against noise, offset, a dead sensor and other magnets."""
+    if not 10 <= orientations <= 100_000 or seed < 0:
+        raise InputError(f"--orientations must be 10 to 100000 and --seed from 0 on; got {orientations} and {seed}")
+    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
+        raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices; a second thread would only wait in a loop
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from haptorb.apps.compare_estimators import compare, plotted, shown
+    from haptorb.apps.progress import build_tables
+    from haptorb.devices.motor_doors import motor
+    from haptorb.sensing.network_file import known_networks, read_networks
+
+    known = motor(device)
+    build_tables(known)
+    trained = known_networks(known) if networks is None else read_networks(networks)
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("comparing", total=1.0)
+        result = compare(
+            known, trained, orientations=orientations, seed=seed, report=lambda done: bar.update(task, completed=done)
+        )
+    if json:
+        from json import dumps
+
+        print(dumps(result.numbers(), indent=2, ensure_ascii=False))
+    else:
+        shown(result, Console())
+    if plot is not None:
+        plotted(result, plot)

@@ -1,0 +1,59 @@
+"""`haptorb train`: networks that map the field at a motor's sensors to its torque characteristic."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `app`."""
+    app.command()(train)
+
+
+def train(
+    device: Annotated[str, typer.Argument(help="A spherical motor's name, or the path of its file.")] = "pmsm",
+    nodes: Annotated[int, typer.Option(help="Of the hidden layer.")] = 10,
+    starts: Annotated[int, typer.Option(help="Random beginnings; the best of them is trained on.")] = 16,
+    iterations: Annotated[int, typer.Option(help="Levenberg–Marquardt steps at most.")] = 120,
+    seed: Annotated[int, typer.Option(help="Of the beginnings.")] = 0,
+    out: Annotated[Path | None, typer.Option(help="Keep the networks in this file, not in the cache.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Let --out replace a file.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Train the networks of a motor's `network` estimator from its own magnetics, and say how good they are."""
+    # Matrices this small gain nothing from a second thread, which on a busy machine spends its time waiting in a loop;
+    # the library looks when it is loaded, which is below.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from haptorb.apps.progress import build_tables
+    from haptorb.apps.train import trained
+    from haptorb.devices.motor_doors import motor
+
+    build_tables(motor(device))
+    columns = (TextColumn("training"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("training", total=1.0)
+        result = trained(
+            device,
+            nodes=nodes,
+            starts=starts,
+            iterations=iterations,
+            seed=seed,
+            path=out,
+            overwrite=out is None or force,
+            report=lambda done: bar.update(task, completed=done),
+        )
+    if json:
+        from json import dumps
+
+        print(dumps(result.numbers(), indent=2, ensure_ascii=False))
+    else:
+        result.show(Console())

@@ -1,0 +1,7 @@
+"""`haptorb train`: networks from field to torque for one device, trained, judged and kept."""
+
+from __future__ import annotations
+
+from haptorb.apps.train.training import Training, trained
+
+__all__ = ["Training", "trained"]

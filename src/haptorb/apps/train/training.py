@@ -1,0 +1,130 @@
+"""Train a motor's networks and say how good they are, over the workspace and on the trajectory of Bai 2012 fig. 4."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from haptorb.apps.compare_estimators.trajectories import figure_4, normalised_error, random_workspace
+from haptorb.devices.motor_doors import motor
+from haptorb.errors import InputError
+from haptorb.physics.arrays import Array
+from haptorb.sensing.network import NetworkTorque, TrainedNetworks, train
+from haptorb.sensing.network_file import networks_path, write_networks
+
+__all__ = ["Training", "trained"]
+
+_ORIENTATIONS = 4000  #: that the networks are judged by; none of them was trained on
+
+
+@dataclass(frozen=True)
+class Training:
+    """Networks, where they are kept, and how good they are."""
+
+    networks: TrainedNetworks
+    path: Path
+
+    def numbers(self) -> dict[str, Any]:
+        """Everything told, as plain JSON types."""
+        return {
+            "device": self.networks.device,
+            "digest": self.networks.digest,
+            "file": str(self.path),
+            **self.networks.record,
+        }
+
+    def show(self, console: Console) -> None:
+        """Print it for people."""
+        record = self.networks.record
+        table = Table(box=None, padding=(0, 2))
+        for heading in ("network of", "inputs", "samples", "steps", "rms of training"):
+            table.add_column(heading, justify="left" if heading == "network of" else "right")
+        for told in record["networks"]:
+            coils = told["electromagnets"]
+            table.add_row(
+                f"EM {coils[0]}–{coils[-1]}",
+                str(told["inputs"]),
+                str(told["samples"]),
+                str(told["iterations"]),
+                f"{100 * told['rms_of_standardised_outputs']:.2f} %",
+            )
+        console.print(table)
+        judged = record["judged"]
+        shares = {name: f"{100 * judged[name]:.2f} %" for name in ("workspace", "figure_4", "all_coils")}
+        console.print(
+            f"K of electromagnet {judged['electromagnet']}: NRMSE {shares['workspace']} over the workspace, "
+            f"{shares['figure_4']} on the trajectory of Fig. 4; all coils {shares['all_coils']}"
+        )
+        console.print(f"{record['seconds']:.0f} s, {record['peak_megabytes']:.0f} MB; kept in {self.path}")
+
+
+def trained(
+    device: str,
+    *,
+    nodes: int = 10,
+    starts: int = 16,
+    iterations: int = 120,
+    seed: int = 0,
+    path: Path | None = None,
+    overwrite: bool = True,
+    report: Callable[[float], None] | None = None,
+) -> Training:
+    """Networks of `device`, judged and written to `path` (the device's own place in the cache if not given).
+
+    Raises InputError before any work where `path` cannot take them.
+    """
+    if not 1 <= nodes <= 200:
+        raise InputError(f"a hidden layer has 1 to 200 nodes; got {nodes}")
+    if not (1 <= starts <= 100 and 1 <= iterations <= 2000) or seed < 0:
+        raise InputError(
+            f"starts must be 1 to 100, iterations 1 to 2000, seed from 0 on; got {starts}, {iterations}, {seed}"
+        )
+    known = motor(device)
+    place = networks_path(known) if path is None else path
+    if path is not None and not path.parent.is_dir():
+        raise InputError(f"the folder of '{path}' does not exist")
+    if place.exists() and not overwrite:
+        raise InputError(f"'{place}' is there already; name another file, or allow replacing it with --force")
+    begun = monotonic()
+    networks = train(known, nodes=nodes, starts=starts, iterations=iterations, seed=seed, report=report)
+    seconds = monotonic() - begun
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    chosen = _reference_coil(known.electromagnets.directions)
+    torque = NetworkTorque(known, networks)
+
+    def judged(R: Array) -> tuple[float, float]:
+        B, K = known.sensor_field(R, "table"), known.torque_characteristic(R, "table")
+        usable, sure = np.ones(known.sensors), np.empty(K.shape[2])
+        found = np.empty_like(K)
+        for number, field in enumerate(B):
+            torque.torque(field, usable, found[number], sure)
+        return normalised_error(found[:, :, chosen], K[:, :, chosen]), normalised_error(found, K)
+
+    over, everywhere = judged(random_workspace(known, _ORIENTATIONS, seed + 1))
+    record = {
+        **networks.record,
+        "seconds": seconds,
+        "peak_megabytes": peak,
+        "judged": {
+            "electromagnet": chosen + 1,
+            "workspace": over,
+            "figure_4": judged(figure_4())[0],
+            "all_coils": everywhere,
+        },
+    }
+    networks = replace(networks, record=record)
+    write_networks(networks, place)
+    return Training(networks, place)
+
+
+def _reference_coil(directions: Array) -> int:
+    """Number, from 0, of the coil on the X axis, as the paper's EM17; of the nearest where there is none."""
+    return int(np.argmax(directions[:, 0]))
