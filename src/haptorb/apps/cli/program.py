@@ -9,7 +9,7 @@ import sys
 
 import typer
 
-from haptorb.apps.cli import bench, check, fit, run, show
+from haptorb.apps.cli import bench, calibrate, check, estimators, feel, fit, hardware, reproduce, run, show, train
 from haptorb.errors import HaptorbError
 
 __all__ = ["app", "main"]
@@ -22,7 +22,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for module in (run, show, check, fit, bench):
+for module in (run, show, check, calibrate, fit, train, estimators, bench, hardware, reproduce, feel):
     module.register(app)
 
 
