@@ -1,0 +1,177 @@
+"""`haptorb study run | simulate | analyse | export | check`: perceptual studies on the dome."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from haptorb.errors import InputError
+
+if TYPE_CHECKING:
+    from haptorb.apps.study.study_file import Study
+
+__all__ = ["register"]
+
+study = typer.Typer(help="Perceptual studies: run one, rehearse it, analyse and export what was answered.")
+
+FileArgument = Annotated[Path, typer.Argument(help="The study file (TOML).")]
+DatabaseArgument = Annotated[str, typer.Argument(help="The study's database: a file, or postgresql://host/name.")]
+DatabaseOption = Annotated[str, typer.Option("--db", help="Where answers are kept: a file, or postgresql://host/name.")]
+NameOption = Annotated[str | None, typer.Option("--study", help="Which, where the database holds several.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to `app`."""
+    app.add_typer(study, name="study", no_args_is_help=True)
+
+
+@study.command()
+def check(file: FileArgument) -> None:
+    """Is the study file right; how long will it take, do the coils stay cool, do maps overlap?"""
+    from haptorb.apps.study.study_file import read_study
+
+    known = read_study(file)
+    print(f"{known.name}: {known.procedure} on '{known.device}', {len(known.points)} set-points")
+    if not _foretold(known):
+        raise typer.Exit(1)
+
+
+@study.command()
+def run(
+    file: FileArgument,
+    participant: Annotated[str, typer.Option("--participant", "-p", help="Pseudonymous code, like P01.")],
+    db: DatabaseOption = "study.db",
+    driver: Annotated[str, typer.Option(help="sim, serial:PORT or i2c:BUS.")] = "sim",
+    tracker: Annotated[str, typer.Option(help="Who knows where the tool is; pointer: the arrow keys.")] = "pointer",
+    record: Annotated[bool, typer.Option(help="Record the tool's course beside the database.")] = True,
+) -> None:
+    """Run a session at the terminal, or resume the one of this participant that was interrupted."""
+    from haptorb.apps.study.database import database
+    from haptorb.apps.study.sitting import Sitting, known_code
+    from haptorb.apps.study.study_file import read_study
+
+    known = read_study(file)
+    known_code(participant)
+    _foretold(known)
+    engine = database(db)  # before the device: without a place for answers nothing is started
+    with Sitting(engine, known, participant, simulated=False) as sitting:
+        if sitting.resumed:
+            _say(f"resuming session {sitting.id} of {participant} at trial {sitting.number + 1}")
+        if sitting.prompt is None:
+            raise InputError(f"participant '{participant}' has answered everything already")
+        from haptorb.apps.study.session_at_terminal import hold
+
+        how = hold(sitting, driver, tracker, _beside(db, sitting.id) if record else None)
+    words = {"done": "done: thank you", "aborted": "aborted: what was answered is kept"}
+    _say(
+        words.get(
+            how, f"left: `haptorb study run {file} -p {participant} --db {db}` resumes at trial {sitting.number + 1}"
+        )
+    )
+
+
+@study.command()
+def simulate(
+    file: FileArgument,
+    db: DatabaseOption = "simulated.db",
+    participants: Annotated[int, typer.Option(help="How many.")] = 6,
+    first: Annotated[int, typer.Option(help="Number of the first one's code, SIM01 and so on.")] = 1,
+    seed: Annotated[int, typer.Option(help="Of the participants' senses and hands.")] = 0,
+) -> None:
+    """Let SIMULATED participants sit the study: a rehearsal, or how many people it needs. No evidence about people."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from haptorb.apps.study.database import database
+    from haptorb.apps.study.rehearsal import rehearse
+    from haptorb.apps.study.study_file import read_study
+
+    known = read_study(file)
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("SIMULATED trials", total=None)
+        answered = rehearse(
+            database(db), known, participants, seed=seed, first=first,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )  # fmt: skip
+    print(f"{answered} SIMULATED trials in {db}; `haptorb study analyse {db}` shows them")
+
+
+@study.command()
+def analyse(
+    db: DatabaseArgument,
+    name: NameOption = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for report and figures.")] = None,
+    figures: Annotated[str, typer.Option(help="svg or png.")] = "svg",
+    json: Annotated[bool, typer.Option("--json", help="Only print the numbers, as JSON.")] = False,
+) -> None:
+    """Confusion, accuracy, where wrong answers went, error over θ, curves; an HTML report and its figures."""
+    from haptorb.apps.study.desk import analysis_of
+
+    if figures not in ("svg", "png"):
+        raise InputError(f"--figures must be svg or png; got '{figures}'")
+    done = analysis_of(db, name)
+    if json:
+        from json import dumps
+
+        print(dumps(done.numbers(), indent=2, ensure_ascii=False))
+        return
+    from haptorb.apps.study.report import write_report
+    from haptorb.apps.study.summary import shown
+
+    shown(done)
+    path = write_report(done, out or Path(f"{done.study.name}-report"), kind=figures)
+    print(f"report: {path}")
+
+
+@study.command()
+def export(
+    db: DatabaseArgument,
+    path: Annotated[Path, typer.Argument(help="NAME.csv, NAME.parquet, or a folder for BIDS.")],
+    name: NameOption = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
+) -> None:
+    """All trials, one row each: tidy CSV, Parquet, or a BIDS folder, with a data dictionary."""
+    from haptorb.apps.study import export as out
+    from haptorb.apps.study.columns import studied, tidy
+    from haptorb.apps.study.database import database
+
+    engine = database(db, make=False)
+    known = studied(engine, name)
+    columns = tidy(engine, known)
+    write: dict[str, Any] = {".csv": out.write_csv, ".parquet": out.write_parquet}
+    if path.suffix in write:
+        write[path.suffix](columns, path, overwrite=force)
+    elif path.suffix:
+        raise InputError(f"export to NAME.csv, NAME.parquet or a folder; got '{path}'")
+    else:
+        out.write_bids(known, columns, path, overwrite=force)
+    print(f"{len(columns['trial'])} trials: {path}")
+
+
+def _foretold(known: Study) -> bool:
+    """Say what a session will be like; whether the thermal budget holds."""
+    from haptorb.apps.study.forecast import forecast, overlap
+
+    told = forecast(known)
+    _say(("" if told.holds else "warning: ") + told.sentence)
+    reach = overlap(known)
+    if reach is not None:
+        _say("note: " + reach.sentence)
+    return told.holds
+
+
+def _beside(db: str, session: int) -> Path:
+    """A name for this stretch of the session's recording that is not taken."""
+    from haptorb.apps.study.database import url_of
+
+    url = url_of(db)
+    folder = Path(url.removeprefix("sqlite:///")).parent if url.startswith("sqlite:///") else Path()
+    number = 1 + len(list(folder.glob(f"session-{session}-*.mcap")))
+    return folder / f"session-{session}-{number}.mcap"
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

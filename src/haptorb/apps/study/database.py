@@ -1,0 +1,147 @@
+"""The tables of a study database and the door to them: SQLite in a file, PostgreSQL by URL.
+
+SQLite runs with a write-ahead log and `synchronous = FULL`: a committed transaction is on the disk, power loss or not.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import (
+    Boolean,
+    Column,
+    Float,
+    ForeignKey,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    Text,
+    UniqueConstraint,
+    create_engine,
+    event,
+    inspect,
+    select,
+)
+from sqlalchemy.engine import Engine, make_url
+from sqlalchemy.exc import ArgumentError, SQLAlchemyError
+
+from haptorb.errors import RecordingError
+
+__all__ = ["SCHEMA", "database", "events", "participants", "sessions", "studies", "trials", "url_of"]
+
+SCHEMA = 1  #: of this version; a database of a newer one is refused
+
+_tables = MetaData()
+versions = Table("haptorb_schema", _tables, Column("version", Integer, primary_key=True))
+studies = Table(
+    "studies", _tables,
+    Column("digest", String(16), primary_key=True),
+    Column("name", String(64), nullable=False),
+    Column("text", Text, nullable=False),  # the study file, word for word
+)  # fmt: skip
+participants = Table(
+    "participants", _tables,
+    Column("id", Integer, primary_key=True),
+    Column("study", ForeignKey("studies.digest"), nullable=False),
+    Column("code", String(16), nullable=False),  # a pseudonym; who it is stands nowhere here
+    Column("ordinal", Integer, nullable=False),  # decides order and seed
+    UniqueConstraint("study", "code"),
+    UniqueConstraint("study", "ordinal"),
+)  # fmt: skip
+sessions = Table(
+    "sessions", _tables,
+    Column("id", Integer, primary_key=True),
+    Column("participant", ForeignKey("participants.id"), nullable=False, unique=True),
+    Column("plan", Text, nullable=False),  # JSON: seed, order, intervals; drawn once
+    Column("simulated", Boolean, nullable=False),
+    Column("started", String(32), nullable=False),
+    Column("ended", String(32)),
+    Column("aborted", Boolean, nullable=False, default=False),
+    Column("versions", Text, nullable=False),  # JSON: what ran it
+)  # fmt: skip
+trials = Table(
+    "trials", _tables,
+    Column("id", Integer, primary_key=True),
+    Column("session", ForeignKey("sessions.id"), nullable=False),
+    Column("number", Integer, nullable=False),  # from 0; with the session unique: nothing doubled
+    Column("prompt", Text, nullable=False),  # JSON
+    Column("answer", Integer),
+    Column("x", Float), Column("y", Float), Column("z", Float),  # tool's magnet at the answer [m]
+    Column("seconds", Float, nullable=False),
+    Column("safety", Text, nullable=False, default="[]"),  # JSON: trips of the device during this trial
+    Column("recording", Text),  # file with the tool's course
+    Column("answered", String(32), nullable=False),
+    UniqueConstraint("session", "number"),
+)  # fmt: skip
+events = Table(
+    "events", _tables,
+    Column("id", Integer, primary_key=True),
+    Column("session", ForeignKey("sessions.id"), nullable=False),
+    Column("kind", String(16), nullable=False),  # begin, resume, pause, abort, repeat, end
+    Column("trial", Integer, nullable=False),
+    Column("at", String(32), nullable=False),
+    Column("text", Text, nullable=False, default=""),
+)  # fmt: skip
+
+
+def url_of(place: str | Path) -> str:
+    """`place` as a URL: a path means SQLite.
+
+    >>> url_of("study.db")
+    'sqlite:///study.db'
+    """
+    text = str(place)
+    return text if "://" in text else f"sqlite:///{text}"
+
+
+def database(place: str | Path, *, make: bool = True) -> Engine:
+    """The database at `place`, with its tables; RecordingError if it cannot be reached, is newer, or is none of ours.
+
+    With `make` false one that is not there is refused rather than made.
+    """
+    try:
+        url = make_url(url_of(place))
+        if url.get_backend_name() == "sqlite" and url.database and not make and not Path(url.database).is_file():
+            raise RecordingError(f"database {place} does not exist: make it with `haptorb study run` or `simulate`")
+        engine = create_engine(url)
+    except ArgumentError as cause:
+        raise RecordingError(
+            f"'{place}' names no database; give a file, or a URL like postgresql://host/name"
+        ) from cause
+    except ImportError as cause:
+        raise RecordingError(f"database {place} needs a driver that is not installed: {cause.name}") from cause
+    if engine.dialect.name == "sqlite":
+        event.listen(engine, "connect", _durable)
+    try:
+        with engine.begin() as connection:
+            known = set(inspect(connection).get_table_names())
+            if known and versions.name not in known:
+                raise RecordingError(f"database {place} holds other tables, not a study's; choose another")
+            if known:
+                version = connection.execute(select(versions.c.version)).scalar_one()
+                if version > SCHEMA:
+                    raise RecordingError(
+                        f"database {place} has schema {version}; this haptorb knows up to {SCHEMA}: update haptorb"
+                    )
+            elif not make:
+                raise RecordingError(f"database {place} holds no study")
+            else:
+                _tables.create_all(connection)
+                connection.execute(versions.insert().values(version=SCHEMA))
+    except SQLAlchemyError as cause:
+        engine.dispose()
+        told = str(getattr(cause, "orig", None) or cause).splitlines()[0]
+        raise RecordingError(f"database {place} cannot be opened: {told}") from cause
+    except RecordingError:
+        engine.dispose()
+        raise
+    return engine
+
+
+def _durable(connection: Any, record: Any) -> None:
+    cursor = connection.cursor()
+    for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", "busy_timeout = 10000"):
+        cursor.execute(f"PRAGMA {pragma}")
+    cursor.close()

@@ -1,0 +1,91 @@
+"""A procedure decides what is asked next from what was answered: a pure state machine, so a session can be replayed.
+
+No clock, no randomness, no file: the same answers give the same prompts. That is how an interrupted session resumes.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import final
+
+from haptorb.apps.study.prompt import Answer, Prompt
+from haptorb.errors import InputError
+
+__all__ = ["InTurn", "Listed", "Procedure"]
+
+
+class Procedure(ABC):
+    """Immutable: `answered` returns the procedure as it is afterwards."""
+
+    @property
+    @abstractmethod
+    def prompt(self) -> Prompt | None:
+        """What to ask now; None: done."""
+
+    @abstractmethod
+    def after(self, answer: Answer) -> Procedure:
+        """The procedure after an answer that has been checked."""
+
+    @property
+    @abstractmethod
+    def expected(self) -> int:
+        """Trials still to come; for an adaptive procedure the most there can be."""
+
+    def answered(self, answer: Answer) -> Procedure:
+        """The procedure after `answer`. Raises InputError if it may not be answered so, or nothing is asked."""
+        prompt = self.prompt
+        if prompt is None:
+            raise InputError("this procedure is over: there is nothing left to answer")
+        return self.after(prompt.checked(answer))
+
+
+@final
+@dataclass(frozen=True)
+class Listed(Procedure):
+    """Trials in an order that was settled beforehand: identification, localisation, constant stimuli, choice, rating.
+
+    >>> start = Listed((Prompt(low=1, high=2), Prompt(low=1, high=2)))
+    >>> start.answered(Answer(1)).answered(Answer(2)).prompt is None
+    True
+    """
+
+    prompts: tuple[Prompt, ...]
+    done: int = 0
+
+    @property
+    def prompt(self) -> Prompt | None:
+        """The next of the list."""
+        return self.prompts[self.done] if self.done < len(self.prompts) else None
+
+    @property
+    def expected(self) -> int:
+        """Exactly what is left."""
+        return len(self.prompts) - self.done
+
+    def after(self, answer: Answer) -> Listed:
+        """One further; what was answered does not matter here."""
+        return replace(self, done=self.done + 1)
+
+
+@final
+@dataclass(frozen=True)
+class InTurn(Procedure):
+    """Several procedures, one after the other: practice, then a staircase per condition."""
+
+    parts: tuple[Procedure, ...]
+
+    @property
+    def prompt(self) -> Prompt | None:
+        """Of the first part that is not done."""
+        return next((prompt for part in self.parts if (prompt := part.prompt) is not None), None)
+
+    @property
+    def expected(self) -> int:
+        """Over all parts."""
+        return sum(part.expected for part in self.parts)
+
+    def after(self, answer: Answer) -> InTurn:
+        """The first part that is not done takes the answer."""
+        at = next(n for n, part in enumerate(self.parts) if part.prompt is not None)
+        return InTurn((*self.parts[:at], self.parts[at].after(answer), *self.parts[at + 1 :]))

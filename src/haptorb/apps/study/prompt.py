@@ -1,0 +1,81 @@
+"""What one trial asks, what may be answered, and what was answered."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields
+from math import isfinite
+from typing import Any
+
+from haptorb.errors import InputError
+
+__all__ = ["Answer", "Prompt"]
+
+
+@dataclass(frozen=True)
+class Prompt:
+    """One trial before it is answered; plain values, so that it can be stored as it is."""
+
+    phase: str = "main"  #: "practice" is stored, but left out of every analysis
+    condition: str = ""  #: which of the study's conditions is rendered
+    other: str = ""  #: forced choice between conditions: the one in the other interval
+    set_point: int = 0  #: number; 0 where there is none
+    level: float = 0.0  #: value of the varied parameter in the comparison interval
+    interval: int = 0  #: 1 or 2: where the comparison (or `condition`) comes; 0: a single interval
+    low: int = 0  #: least and
+    high: int = 0  #: greatest whole number that may be answered; both 0: the answer is the position alone
+    numbers: tuple[int, ...] = ()  #: the numbers that may be answered, where they are no range
+    pause: float = 0.0  #: break before this trial [s]
+
+    @classmethod
+    def read(cls, stored: dict[str, Any]) -> Prompt:
+        """From `stored`, as `row` wrote it."""
+        known = {field.name for field in fields(cls)}
+        values = {key: value for key, value in stored.items() if key in known}
+        values["numbers"] = tuple(values.get("numbers", ()))
+        return cls(**values)
+
+    def row(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        return {**asdict(self), "numbers": list(self.numbers)}
+
+    @property
+    def wants_number(self) -> bool:
+        """Whether a number is to be answered, beside the position."""
+        return bool(self.numbers) or self.high > 0
+
+    def checked(self, answer: Answer) -> Answer:
+        """`answer` itself, or InputError if it is not among what may be answered."""
+        value = answer.value
+        if not self.wants_number:
+            if value is not None:
+                raise InputError("the answer to this trial is the tool's place, not a number: leave the number away")
+            if answer.position is None:
+                raise InputError("the answer to this trial is the tool's place, and no place is known")
+        elif isinstance(value, bool) or not isinstance(value, int):
+            raise InputError(f"answer must be a whole number; got {value!r}")
+        elif self.numbers and value not in self.numbers:
+            raise InputError(f"answer must be one of the set-points' numbers, {_shown(self.numbers)}; got {value}")
+        elif not self.numbers and not self.low <= value <= self.high:
+            raise InputError(f"answer must be a whole number from {self.low} to {self.high}; got {value}")
+        return answer
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was said, where the tool's magnet was then [m, frame S], and how long it took [s]."""
+
+    value: int | None = None
+    position: tuple[float, float, float] | None = None
+    seconds: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.position is not None and (len(self.position) != 3 or not all(map(isfinite, self.position))):
+            raise InputError(f"position of an answer must be 3 finite numbers; got {self.position!r}")
+        if not (isfinite(self.seconds) and self.seconds >= 0):
+            raise InputError(f"duration of an answer must be 0 s or more; got {self.seconds!r}")
+
+
+def _shown(numbers: tuple[int, ...]) -> str:
+    if numbers == tuple(range(numbers[0], numbers[-1] + 1)):
+        return f"{numbers[0]} to {numbers[-1]}"
+    return ", ".join(map(str, numbers))

@@ -1,0 +1,196 @@
+"""One participant's session, as it is run: what is asked now, and every answer durable before the next is asked."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from types import TracebackType
+from typing import Any, Self, final
+
+from sqlalchemy import func, select
+from sqlalchemy.engine import Connection, Engine
+from sqlalchemy.exc import IntegrityError, SQLAlchemyError
+
+from haptorb import __version__
+from haptorb.apps.study.claim import Claim
+from haptorb.apps.study.database import events, participants, sessions, studies, trials
+from haptorb.apps.study.order import plan, procedure_of
+from haptorb.apps.study.procedure import Procedure
+from haptorb.apps.study.prompt import Answer, Prompt
+from haptorb.apps.study.study_file import Study
+from haptorb.errors import InputError, RecordingError
+
+__all__ = ["Sitting", "known_code"]
+
+_CODE = re.compile(r"[A-Z]{1,4}[0-9]{2,6}")
+
+
+def known_code(code: str) -> str:
+    """`code` itself, or InputError: capital letters and digits, so that no name slips in.
+
+    >>> known_code("P01")
+    'P01'
+    """
+    if not _CODE.fullmatch(code):
+        raise InputError(
+            f"participant code must be 1 to 4 capital letters and 2 to 6 digits, like P01 (never a name); got '{code}'"
+        )
+    return code
+
+
+@final
+class Sitting:
+    """Begins a session, or resumes one that was interrupted; use it in a `with` block.
+
+    The procedure is rebuilt from the stored plan and the stored answers, so a resumed session asks exactly what the
+    interrupted one would have asked. Raises RecordingError if the code has finished this study before, or if another
+    experimenter runs the session.
+    """
+
+    def __init__(self, engine: Engine, study: Study, code: str, *, simulated: bool = False) -> None:
+        self.engine, self.study, self.code = engine, study, known_code(code)
+        self.simulated = simulated
+        try:
+            self.id, stored = self._found_or_made()
+            self._claim = Claim(engine, self.id)
+        except SQLAlchemyError as cause:
+            raise _failed(cause) from cause
+        try:
+            self.procedure, self.number = self._replayed(procedure_of(study, stored))
+            self.resumed = self.number > 0
+            self.note("resume" if self.resumed else "begin")
+        except BaseException:
+            self._claim.release()
+            raise
+
+    @property
+    def prompt(self) -> Prompt | None:
+        """What to ask now; None: done."""
+        return self.procedure.prompt
+
+    def answer(self, answer: Answer, *, safety: Sequence[dict[str, Any]] = (), recording: str | None = None) -> None:
+        """Keep `answer`: on the disk when this returns. InputError, and nothing kept, if it may not be answered so."""
+        prompt = self.prompt
+        after = self.procedure.answered(answer)
+        assert prompt is not None
+        x, y, z = answer.position or (None, None, None)
+        row = {
+            "session": self.id,
+            "number": self.number,
+            "prompt": json.dumps(prompt.row(), ensure_ascii=False),
+            "answer": answer.value,
+            "x": x,
+            "y": y,
+            "z": z,
+            "seconds": answer.seconds,
+            "safety": json.dumps(list(safety), ensure_ascii=False),
+            "recording": recording,
+            "answered": _now(),
+        }
+        try:
+            with self.engine.begin() as connection:
+                connection.execute(trials.insert().values(**row))
+                if after.prompt is None:
+                    connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=_now()))
+        except IntegrityError as cause:
+            raise RecordingError(
+                f"trial {self.number} of session {self.id} was answered before; start again"
+            ) from cause
+        except SQLAlchemyError as cause:
+            raise _failed(cause) from cause
+        self.procedure, self.number = after, self.number + 1
+
+    def note(self, kind: str, text: str = "") -> None:
+        """Keep that something happened now: pause, abort, repeat ..."""
+        try:
+            with self.engine.begin() as connection:
+                connection.execute(
+                    events.insert().values(session=self.id, kind=kind, trial=self.number, at=_now(), text=text)
+                )
+        except SQLAlchemyError as cause:
+            raise _failed(cause) from cause
+
+    def abort(self, reason: str = "") -> None:
+        """End for good: what was answered stays, and the session cannot be resumed."""
+        self.note("abort", reason)
+        with self.engine.begin() as connection:
+            done = {"ended": _now(), "aborted": True}
+            connection.execute(sessions.update().where(sessions.c.id == self.id).values(**done))
+
+    def close(self) -> None:
+        """Let somebody else have the session; may be called twice."""
+        self._claim.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def _found_or_made(self) -> tuple[int, dict[str, Any]]:
+        """(id, plan) of the session of this code in this study."""
+        study = self.study
+        with self.engine.begin() as connection:
+            if not connection.execute(select(studies.c.digest).where(studies.c.digest == study.digest)).first():
+                connection.execute(studies.insert().values(digest=study.digest, name=study.name, text=study.text))
+            mine = select(participants.c.id).where(
+                participants.c.study == study.digest, participants.c.code == self.code
+            )
+            known = connection.execute(mine).scalar_one_or_none()
+            if known is not None:
+                return self._unfinished(connection, known)
+            ordinals = select(func.count()).select_from(participants).where(participants.c.study == study.digest)
+            ordinal = connection.execute(ordinals).scalar_one()
+            drawn = plan(study, ordinal)
+            new = participants.insert().values(study=study.digest, code=self.code, ordinal=ordinal)
+            person = connection.execute(new).inserted_primary_key
+            assert person is not None
+            made = connection.execute(
+                sessions.insert().values(
+                    participant=person[0],
+                    plan=json.dumps(drawn),
+                    simulated=self.simulated,
+                    started=_now(),
+                    versions=json.dumps({"haptorb": __version__}),
+                )
+            ).inserted_primary_key
+            assert made is not None
+            return int(made[0]), drawn
+
+    def _unfinished(self, connection: Connection, person: int) -> tuple[int, dict[str, Any]]:
+        row = connection.execute(select(sessions).where(sessions.c.participant == person)).one()
+        if row.ended is not None:
+            how = "aborted" if row.aborted else "finished"
+            raise RecordingError(
+                f"participant code '{self.code}' has {how} study '{self.study.name}' in this database: use another code"
+            )
+        if row.simulated != self.simulated:
+            kind = "simulated" if row.simulated else "real"
+            raise RecordingError(f"participant code '{self.code}' belongs to a {kind} participant: use another code")
+        return int(row.id), json.loads(row.plan)
+
+    def _replayed(self, procedure: Procedure) -> tuple[Procedure, int]:
+        """The procedure after all stored answers, and the number of the next trial."""
+        query = select(trials).where(trials.c.session == self.id).order_by(trials.c.number)
+        with self.engine.connect() as connection:
+            rows = connection.execute(query).all()
+        for number, row in enumerate(rows):
+            asked = procedure.prompt
+            if row.number != number or asked is None or Prompt.read(json.loads(row.prompt)) != asked:
+                raise RecordingError(
+                    f"session {self.id}: trial {row.number} is not what the plan asks; data were changed"
+                )
+            place = None if row.x is None else (row.x, row.y, row.z)
+            procedure = procedure.answered(Answer(row.answer, place, row.seconds))
+        return procedure, len(rows)
+
+
+def _failed(cause: SQLAlchemyError) -> RecordingError:
+    told = str(getattr(cause, "orig", None) or cause).splitlines()[0]
+    return RecordingError(f"the answer could not be kept: {told}; nothing was half written, resume when it is mended")
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
