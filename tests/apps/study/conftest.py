@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import pytest
+
 from haptorb.apps.study.study_file import Study, study_of
 
 IDENTIFY = """
 name = "identify"
 [set_points]
 points = [
-  { number = 1, theta_deg = 0 }, { number = 2, theta_deg = 36, phi_deg = 0 }, { number = 3, theta_deg = 36, phi_deg = 180 },
+  { number = 1, theta_deg = 0 }, { number = 2, theta_deg = 36, phi_deg = 0 },
+  { number = 3, theta_deg = 36, phi_deg = 180 },
 ]
 [trials]
 repetitions = 2

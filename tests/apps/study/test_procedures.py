@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.special import ndtr
+
 from haptorb.apps.study.bayesian import Bayesian
 from haptorb.apps.study.procedure import InTurn, Listed
 from haptorb.apps.study.prompt import Answer, Prompt
 from haptorb.apps.study.staircase import Staircase
 from haptorb.errors import InputError
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.special import ndtr
 
 
 def stairs(intervals: tuple[int, ...], **more: object) -> Staircase:

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+
 from haptorb.apps.study.claim import Claim
 from haptorb.apps.study.columns import COLUMNS, studied, tidy
 from haptorb.apps.study.database import SCHEMA, database

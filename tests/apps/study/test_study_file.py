@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import pytest
+
 from haptorb.apps.study.forecast import forecast, overlap
 from haptorb.apps.study.order import balanced, plan, procedure_of
 from haptorb.apps.study.set_points import published
@@ -67,7 +70,7 @@ def test_the_order_is_the_seeds_and_every_persons_own() -> None:
 def test_counter_balancing_puts_every_condition_after_every_other_equally_often(n: int) -> None:
     rows = [balanced(n, k) for k in range(2 * n)]
     assert all(sorted(row) == list(range(n)) for row in rows)
-    follows = [(a, b) for row in rows for a, b in zip(row, row[1:], strict=False)]
+    follows = [(a, b) for row in rows for a, b in pairwise(row)]
     counts = {follows.count((a, b)) for a in range(n) for b in range(n) if a != b}
     assert counts == {2}
 

@@ -9,7 +9,20 @@ import sys
 
 import typer
 
-from haptorb.apps.cli import bench, calibrate, check, estimators, feel, fit, hardware, reproduce, run, show, train
+from haptorb.apps.cli import (
+    bench,
+    calibrate,
+    check,
+    estimators,
+    feel,
+    fit,
+    hardware,
+    reproduce,
+    run,
+    show,
+    study,
+    train,
+)
 from haptorb.errors import HaptorbError
 
 __all__ = ["app", "main"]
@@ -22,7 +35,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for module in (run, show, check, calibrate, fit, train, estimators, bench, hardware, reproduce, feel):
+for module in (run, show, check, study, calibrate, fit, train, estimators, bench, hardware, reproduce, feel):
     module.register(app)
 
 
