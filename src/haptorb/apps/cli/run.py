@@ -64,11 +64,14 @@ def run(
     from haptorb.runtime.assembly import default_world
 
     values = _values(settings or [])
-    felt = worlds.named(world or default_world(load(device)))().changed(**values)
+    found = load(device)
+    felt = worlds.named(world or default_world(found))().changed(**values)
     if duration is not None and not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
+    from haptorb.apps.progress import build_tables
     from haptorb.runtime.servo import Servo
 
+    build_tables(found)
     servo = Servo(
         device, felt, driver=driver, tracker=tracker, rate=rate, seed=seed, level=level, record=record or False,
         overwrite=force, estimator=estimator, calibration=calibration,

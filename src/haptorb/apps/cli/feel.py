@@ -1,0 +1,185 @@
+"""`haptorb feel`: candidate designs from a file, felt one after another, rated, compared: Bai 2012, Fig. 5(a)."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from haptorb.errors import InputError
+
+if TYPE_CHECKING:
+    from haptorb.apps.design import Candidate, Candidates, Session, Trace
+    from haptorb.runtime.recording import Recording
+    from haptorb.runtime.servo import Servo
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `app`."""
+    app.command()(feel)
+
+
+def feel(
+    designs: Annotated[Path, typer.Argument(help="A TOML file of candidate designs.")],
+    device: Annotated[str, typer.Option(help="A motor's name, or the path of its file.")] = "pmsm",
+    only: Annotated[list[str] | None, typer.Option(help="Feel only this design; repeatable.")] = None,
+    session: Annotated[
+        Path | None, typer.Option(help="Folder of ratings and traces; FILE-session if not given.")
+    ] = None,
+    person: Annotated[str, typer.Option(help="Who feels and rates.")] = "",
+    rate: Annotated[list[str] | None, typer.Option(help="A score that is known already, NAME=1…7; repeatable.")] = None,
+    choose: Annotated[str | None, typer.Option(help="Record that this design is the one.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw the comparison into this PNG or SVG file.")] = None,
+    headless: Annotated[bool, typer.Option("--headless", help="No console: the guided hand feels.")] = False,
+    seconds: Annotated[float, typer.Option(help="How long each design is felt without a console.")] = 15.0,
+    port: Annotated[int, typer.Option(help="Of the console; 0 takes any free one.")] = 8765,
+    json: Annotated[bool, typer.Option("--json", help="The comparison as JSON.")] = False,
+) -> None:
+    """Feel designs one after another, rate each from 1 to 7, and compare them. What was felt and said is kept."""
+    from haptorb.apps.design import Session, load_designs
+
+    candidates = load_designs(designs)
+    wanted = [candidates[name] for name in only] if only else list(candidates.designs)
+    scores = _scores(rate or [], candidates)
+    if choose is not None:
+        candidates[choose]  # refuses a name that there is not before anything is felt
+    if not 0 < seconds < float("inf"):
+        raise InputError(f"--seconds must be greater than 0; got {seconds:g}")
+    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
+        raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
+    kept = Session(session or designs.with_name(f"{designs.stem}-session"), candidates)
+    for design in wanted:
+        for remark in design.remarks:
+            _say(f"{design.name}: {remark}")
+        servo = _servo(device, design, candidates)
+        answer = _alone(servo, seconds) if headless else _at_the_console(servo, design, port)
+        trace = _trace(servo.recording, design)
+        name = kept.keep(trace) if len(trace.rows) else ""
+        score = scores.get(design.name, _score(answer))
+        if score is not None:
+            kept.rate(design.name, score, person=person, trace=name)
+        _say(f"{design.title}: felt for {len(trace.rows) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
+    if choose is not None:
+        kept.choose(choose, person=person)
+    _compared(candidates, kept, plot, json)
+
+
+def _servo(device: str, design: Candidate, candidates: Candidates) -> Servo:
+    from haptorb.runtime.assembly import MOTOR_GAINS
+    from haptorb.runtime.servo import Servo
+
+    # The file scales torques; how far the handle moves the part is the motor's matter.
+    return Servo(device, design.world, gains=MOTOR_GAINS.scaled(float(candidates.gains.torque_per_motion[0])))
+
+
+def _alone(servo: Servo, seconds: float) -> str:
+    with servo:
+        servo.run(seconds)
+    return ""
+
+
+def _at_the_console(servo: Servo, design: Candidate, port: int) -> str:
+    """What the person typed after feeling `design` in the browser."""
+    from haptorb.apps.console import Console
+
+    done, said = Event(), [""]
+
+    def ask() -> None:
+        try:
+            said[0] = input(f"{design.title}: score 1 to 7 and Enter when you have felt it (Enter alone: none): ")
+        except EOFError:
+            return
+        done.set()
+
+    with Console(servo, port) as console, servo:
+        _say(f"Open {console.url} in a browser. Ctrl-C ends.")
+        Thread(target=ask, daemon=True).start()
+        number = console.serve(open_browser=False, until=done.is_set)
+        servo.check()
+    if number:
+        raise typer.Exit(128 + number)
+    return said[0]
+
+
+def _trace(recording: Recording, design: Candidate) -> Trace:
+    """What the part went through, tick by tick."""
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
+    from haptorb.apps.design import Trace
+    from haptorb.devices.state import State
+
+    trace = Trace(design)
+    believed = recording["valid"] > 0
+    p, q, wrench = (recording[name][believed] for name in ("object", "object_q", "object_wrench"))
+    if not len(p):
+        return trace
+    zero = np.zeros(3)
+    turns = Rotation.from_quat(q).as_matrix()
+    for t, place, R, push in zip(recording.t[believed].tolist(), p, turns, wrench, strict=True):
+        trace.append(State(t, R, place, zero, zero), push)
+    return trace
+
+
+def _score(answer: str) -> int | None:
+    text = answer.strip()
+    if not text:
+        return None
+    if not text.isdecimal():
+        raise InputError(f"a score is a whole number from 1 to 7; got '{text}'")
+    return int(text)
+
+
+def _scores(given: list[str], candidates: Candidates) -> dict[str, int]:
+    scores = {}
+    for item in given:
+        name, equals, text = item.partition("=")
+        if not equals or not text.strip().isdecimal():
+            raise InputError(f"--rate must be NAME=SCORE with a whole number from 1 to 7; got '{item}'")
+        scores[candidates[name].name] = int(text)
+    from haptorb.apps.design.session import SCORES
+
+    low, high = SCORES
+    for name, score in scores.items():
+        if not low <= score <= high:
+            raise InputError(f"--rate {name}: a score is a whole number from {low} to {high}; got {score}")
+    return scores
+
+
+def _compared(candidates: Candidates, session: Session, plot: Path | None, json: bool) -> None:
+    from haptorb.apps.design.comparison import comparison, plot_comparison
+
+    table = comparison(candidates, session)
+    if plot is not None:
+        plot_comparison(candidates, plot, session)
+        _say(f"drawn: {plot}")
+    if json:
+        from json import dumps
+
+        tidy = {
+            name: {key: None if value != value else value for key, value in row.items()} for name, row in table.items()
+        }
+        print(dumps(tidy, indent=2, ensure_ascii=False))
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    shown = Table(box=None)
+    for column in ("design", "insert N", "pull out N", "strain %", "ratings", "score", ""):
+        shown.add_column(column)
+    for name, row in table.items():
+        shown.add_row(
+            name, f"{row['insertion_force_n']:.1f}", f"{row['pull_out_force_n']:.1f}",
+            f"{1e2 * row['root_strain']:.2f}",
+            str(row["ratings"]), f"{row['score']:.1f}" if row["ratings"] else "", "chosen" if row["chosen"] else "",
+        )  # fmt: skip
+    Console().print(shown)
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
