@@ -1,0 +1,39 @@
+"""The wrench on the tool once more, by another way and finer than loop and simulation need: what errors are told from.
+
+Charges in plenty on the ring's faces, the field of the electromagnet's dipole at each of them in one plain formula,
+and the core's answer charge by charge from the series: no tables, no kernels shared with the controller's model.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.state import State
+from haptorb.physics import dipole
+from haptorb.physics.arrays import Array, finite
+from haptorb.physics.charged_ring import ChargedRing
+from haptorb.physics.soft_sphere import SoftSphere
+
+__all__ = ["true_wrench"]
+
+
+def true_wrench(
+    device: SphericalElectromagnet, state: State, currents: ArrayLike, *, radial: int = 4, azimuth: int = 16
+) -> Array:
+    """(6,) force [N] and torque about the magnet [N·m] at `state` under `currents` (m,) [A], core's pull included.
+
+    >>> from haptorb.devices.loader import load
+    >>> round(1e3 * float(true_wrench(load("omni"), State.at((0, 0, 0.05)), (0, 0, 0))[2]), 1)    # erratum E18
+    -52.9
+    """
+    tool = device.tool
+    ring = ChargedRing(
+        tool.outer_radius, tool.inner_radius, tool.length, tool.remanence, radial=radial, azimuth=azimuth
+    )
+    at, q = ring.points @ state.R_SR.T + state.p, ring.charges
+    moment = device.moment_per_current @ finite(currents, "currents")
+    forces = q[:, None] * dipole.field(np.broadcast_to(moment, at.shape), at)
+    forces = forces + SoftSphere(device.core_radius, device.core_permeability).forces(at, q, precision=1e-9)
+    return np.concatenate([forces.sum(axis=0), np.cross(at - state.p, forces).sum(axis=0)])

@@ -1,0 +1,78 @@
+"""Drive, heat, inverse and tracker-free position of Zárate 2020: numbers, and that the figures are drawn."""
+
+import numpy as np
+import pytest
+
+from haptorb.apps.reproduce import reproduced
+from haptorb.apps.reproduce.zarate2020_drive import drive_course
+from haptorb.apps.reproduce.zarate2020_figure_6 import heating_course
+from haptorb.apps.reproduce.zarate2020_hall_position import filtered_share, position_map
+from haptorb.devices.loader import load
+from haptorb.errors import CalibrationError, InputError
+from haptorb.sensing.position_accuracy import better_sensors, with_sensors
+
+OMNI = load("omni")
+
+
+def test_sixty_kelvin_are_compensated_within_a_fifth_of_a_second():
+    course = drive_course(OMNI)
+    after = course.t >= 0.2
+    assert np.abs(course.compensated[after] / course.wanted - 1).max() < 0.01
+    assert np.abs(course.uncompensated[after] / course.wanted - 1).min() > 0.15
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_endurances_follow_from_figure_6(seed):
+    found = heating_course(OMNI, seed=seed).identified()
+    assert 60.0 / (1 / found.model.winding_to_body + 1 / found.model.body_to_air) == pytest.approx(17.0, rel=0.1)
+    assert found.endurance(60.0, 240.0) == pytest.approx(5.0, rel=0.1)
+    assert found.endurance(60.0, 60.0) == pytest.approx(60.0, rel=0.1)
+
+
+def test_the_winding_by_its_resistance_is_the_true_one():
+    course = heating_course(OMNI)
+    on = np.isfinite(course.inside)
+    assert np.sqrt(np.mean((course.inside - course.winding)[on] ** 2)) < 0.5
+    assert not np.isfinite(course.inside[course.t >= 180]).any()
+    assert course.current[170] < 0.92 * course.current[0]  # no compensation: the current falls as the wire warms
+
+
+def test_a_record_cut_short_is_refused():
+    with pytest.raises(CalibrationError):
+        heating_course(OMNI, on=20.0, off=0.0).identified()
+    with pytest.raises(InputError, match="duty"):
+        heating_course(OMNI, duty=0.0)
+    with pytest.raises(InputError, match="current"):
+        drive_course(OMNI, wanted=40.0)
+
+
+def test_the_filter_averages_as_its_formula_says():
+    rng, tau = np.random.default_rng(0), 2.482 / (2 * np.pi * 100)
+    theta = np.exp(-1e-3 / tau)
+    x, v, out = 0.0, 0.0, []
+    for reading in rng.normal(size=100_000):
+        error = reading - (x + v)
+        x, v = x + v + (1 - theta**2) * error, v + (1 - theta) ** 2 * error
+        out.append(x)
+    assert np.std(out[100:]) == pytest.approx(filtered_share(), rel=0.02)
+
+
+def test_better_places_are_better_everywhere():
+    distances, angles = np.array([0.05, 0.06, 0.07]), np.linspace(0, np.pi / 3, 5)
+    ours, theirs = (
+        position_map(device, distances, angles, noise=2e-5, amperes=20.0)
+        for device in (with_sensors(OMNI, better_sensors(OMNI)), OMNI)
+    )
+    assert (ours[:, :, 0] < theirs[:, :, 0]).all()
+    louder = position_map(OMNI, distances, angles, noise=4e-5, amperes=20.0)
+    assert (louder > theirs).all()
+
+
+@pytest.mark.parametrize("name", ["figure 6", "drive", "hall position", "inverse error"])
+def test_figures_are_drawn_and_what_is_printed_agrees(name, tmp_path):
+    shares = []
+    items, draw = reproduced("zarate2020", name).made(shares.append)
+    assert shares[-1] == 1.0
+    assert {item.verdict for item in items} <= {"agrees", "no number printed"}
+    path = draw(tmp_path / "figure.png")
+    assert path.stat().st_size > 20_000
