@@ -24,7 +24,10 @@ def main() -> None:
         while not (len(answer) > 4 and len(answer) >= 7 + answer[2]):
             if not select.select((port,), (), (), 2.0)[0]:
                 sys.exit("no answer")
-            answer += os.read(port, 256)
+            heard = os.read(port, 256)
+            if not heard:
+                sys.exit("the line was closed")  # else nobody would ever end this program
+            answer += heard
         return answer[5:-2]
 
     ask(0x05)
