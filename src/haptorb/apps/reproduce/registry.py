@@ -44,6 +44,22 @@ _ALL = (
         "bai2012", "figure 8", "Two phases of pulling a plug, felt through the chain",
         "haptorb.apps.reproduce.bai2012_figure_8",
     ),
+    Reproduction(
+        "zarate2020", "figure 6", "A coil heated and cooled, and the endurances that follow",
+        "haptorb.apps.reproduce.zarate2020_figure_6",
+    ),
+    Reproduction(
+        "zarate2020", "drive", "Currents in a winding that has become 60 K warmer",
+        "haptorb.apps.reproduce.zarate2020_drive",
+    ),
+    Reproduction(
+        "zarate2020", "inverse error", "What the dipole inverse and the exact one deliver over the shell",
+        "haptorb.apps.reproduce.zarate2020_inverse_error",
+    ),
+    Reproduction(
+        "zarate2020", "hall position", "The tool's place from the Hall sensors, without a tracker",
+        "haptorb.apps.reproduce.zarate2020_hall_position",
+    ),
 )  # fmt: skip
 
 

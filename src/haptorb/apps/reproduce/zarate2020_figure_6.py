@@ -135,7 +135,7 @@ def _drawn(course: ThermalCourse, found: ThermalIdentification, path: Path) -> P
     right.plot(minutes, course.current, "C2-", lw=1, label="I_y")
     right.set(ylabel="current [A]", ylim=(0, 1.3 * float(course.current.max())))
     lines = [*panel.get_lines()[:3], *right.get_lines()]
-    panel.legend(lines, [str(line.get_label()) for line in lines], frameon=False, loc="center right")
+    panel.legend(lines, [str(line.get_label()) for line in lines], frameon=False, loc="lower center")
     panel.set_title("30 % duty for 3 min, then 3 min of cooling; fan as in the device file", loc="left")
     panel.grid(alpha=0.3)
     figure.savefig(path, dpi=120)
