@@ -31,27 +31,33 @@ def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
         time.sleep(0.3)
         emulator.tell(f"pace {pace}")
         device.engage(0.5, 20.0)
-        reading = device.set([100, 100, 100])
+        before = device.set([100, 100, 100])
         emulator.status()
-        start_rounds, start = reading.rounds, float(emulator.status()["t"])
+        start = float(emulator.status()["t"])
         trips = rounds = 0
-        took = np.empty(cycles)
         cpu, wall = time.process_time(), time.perf_counter()
         deadline = wall
-        for k in range(cycles):
+        for k in range(cycles):  # as the driver does: collect the answer to the last frame, send the next
             deadline = max(deadline + 1e-3 / pace, time.perf_counter() - 1e-3 / pace)
             time.sleep(max(0.0, deadline - time.perf_counter()))
-            began = time.perf_counter()
-            reading = device.set([(800 if k % 40 < 20 else -800) + k % 7, 400, -200])
-            took[k] = time.perf_counter() - began
-            rounds += (reading.rounds - start_rounds) & 0xFF
-            start_rounds = reading.rounds
+            reading = device.collect(1.0) or before
+            device.post([(800 if k % 40 < 20 else -800) + k % 7, 400, -200])
+            rounds += (reading.rounds - before.rounds) & 0xFF
+            before = reading
             if reading.standing is not Standing.ENGAGED:
                 trips += 1
+                device.collect(1.0)
                 device.off()
                 device.engage(0.5, 20.0)
+                before = device.set([100, 100, 100])
         cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
         words = emulator.status()
+        device.collect(1.0)
+        took = np.empty(300)
+        for k in range(len(took)):
+            began = time.perf_counter()
+            device.set([k, 0, 0])
+            took[k] = time.perf_counter() - began
         device.close()
         elapsed = float(words["t"]) - start
         return {

@@ -11,20 +11,29 @@
 
 enum slot_state { FREE, READY, RUNNING, DONE };
 
-static struct transfer slots[2];
-static volatile uint8_t states[2];
+#define SLOTS 3
+
+static struct transfer slots[SLOTS];
+static volatile uint8_t states[SLOTS];
 static volatile uint8_t running;
 static uint8_t filling, finishing; /* which slot the main loop fills, and looks at, next */
-static volatile uint8_t place;
+
+static uint8_t after(uint8_t slot)
+{
+    return slot == SLOTS - 1 ? 0 : slot + 1;
+}
 
 void twi_start(void)
 {
-    states[0] = states[1] = FREE;
+    for (uint8_t i = 0; i < SLOTS; i++)
+        states[i] = FREE;
     running = filling = finishing = 0;
     TWSR = 0;
     TWBR = (F_CPU / 400000UL - 16) / 2;
     TWCR = _BV(TWEN);
 }
+
+static void begin(void);
 
 struct transfer *twi_free(void)
 {
@@ -36,14 +45,13 @@ void twi_go(void)
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
     {
         if (states[running] == FREE) { /* the bus is idle, and this slot is the one it waits at */
-            states[filling] = RUNNING;
-            place = 0;
+            begin();
             TWCR = GO | _BV(TWSTA);
         } else {
             states[filling] = READY;
         }
     }
-    filling ^= 1;
+    filling = after(filling);
 }
 
 const struct transfer *twi_done(void)
@@ -54,24 +62,37 @@ const struct transfer *twi_done(void)
 void twi_taken(void)
 {
     states[finishing] = FREE;
-    finishing ^= 1;
+    finishing = after(finishing);
 }
 
 bool twi_busy(void)
 {
-    return states[0] == RUNNING || states[1] == RUNNING;
+    return states[running] == RUNNING;
+}
+
+/* What the interrupt needs of the running transfer, so that a byte costs it as little as possible: the clock line is
+ * held low until it has answered. */
+static struct transfer *current;
+static uint8_t *byte;
+static uint8_t left;
+
+static void begin(void)
+{
+    current = &slots[running];
+    byte = current->write;
+    left = current->write_length;
+    states[running] = RUNNING;
 }
 
 /* STOP, and in the same breath START of the transfer that waits, if one does. */
 static void finish(bool failed)
 {
-    slots[running].failed = failed;
+    current->failed = failed;
     states[running] = DONE;
-    running ^= 1;
+    running = after(running);
     if (states[running] == READY) {
-        states[running] = RUNNING;
-        place = 0;
         TWCR = GO | _BV(TWSTO) | _BV(TWSTA);
+        begin();
     } else {
         TWCR = _BV(TWINT) | _BV(TWEN) | _BV(TWSTO);
     }
@@ -79,44 +100,34 @@ static void finish(bool failed)
 
 ISR(TWI_vect)
 {
-    struct transfer *t = &slots[running];
+    const uint8_t status = TW_STATUS;
 
-    switch (TW_STATUS) {
-    case TW_START:
-        TWDR = (uint8_t)(t->address << 1) | (t->write_length == 0);
-        TWCR = GO;
-        break;
-    case TW_REP_START:
-        TWDR = (uint8_t)(t->address << 1) | 1;
-        TWCR = GO;
-        break;
-    case TW_MT_SLA_ACK:
-    case TW_MT_DATA_ACK:
-        if (place < t->write_length) {
-            TWDR = t->write[place++];
+    if (status == TW_MT_DATA_ACK || status == TW_MT_SLA_ACK) {
+        if (left > 0) {
+            TWDR = *byte++;
             TWCR = GO;
-        } else if (t->read_length > 0) {
-            place = 0;
+            left--;
+        } else if (current->read_length > 0) {
             TWCR = GO | _BV(TWSTA);
         } else {
             finish(false);
         }
-        break;
-    case TW_MR_SLA_ACK:
-        place = 0;
-        TWCR = GO | (t->read_length > 1 ? _BV(TWEA) : 0);
-        break;
-    case TW_MR_DATA_ACK:
-        t->read[place++] = TWDR;
-        TWCR = GO | (place + 1 < t->read_length ? _BV(TWEA) : 0);
-        break;
-    case TW_MR_DATA_NACK:
-        t->read[place] = TWDR;
+    } else if (status == TW_MR_DATA_ACK) {
+        *byte++ = TWDR;
+        left--;
+        TWCR = left > 1 ? GO | _BV(TWEA) : GO; /* the last byte is not acknowledged */
+    } else if (status == TW_MR_DATA_NACK) {
+        *byte = TWDR;
         finish(false);
-        break;
-    default: /* somebody did not acknowledge, or a disturbance on the bus */
+    } else if (status == TW_MR_SLA_ACK) {
+        left = current->read_length;
+        TWCR = left > 1 ? GO | _BV(TWEA) : GO;
+        byte = current->read;
+    } else if (status == TW_START || status == TW_REP_START) {
+        TWDR = (uint8_t)(current->address << 1) | (status == TW_REP_START || left == 0);
+        TWCR = GO;
+    } else { /* somebody did not acknowledge, or a disturbance on the bus */
         finish(true);
-        break;
     }
 }
 

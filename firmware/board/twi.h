@@ -1,4 +1,5 @@
-/* The I2C bus at 400 kHz: two transfers are kept ready, so that the bus never waits for the main loop. */
+/* The I2C bus at 400 kHz: up to two transfers wait behind the running one, so that the bus never waits for
+ * the main loop. */
 #ifndef HAPTORB_TWI_H
 #define HAPTORB_TWI_H
 

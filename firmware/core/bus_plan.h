@@ -71,7 +71,7 @@ void plan_millisecond(struct bus_plan *plan);
 /* The next transfer, or false if there is none now. */
 bool plan_next(struct bus_plan *plan, const struct guard *guard, struct transfer *transfer);
 
-/* What came of it; up to two transfers may be planned ahead of their answers. `now` in board clock units. */
+/* What came of it; a few transfers may be planned ahead of their answers. `now` in board clock units. */
 void plan_done(struct bus_plan *plan, struct guard *guard, const struct transfer *transfer, uint16_t now);
 
 /* The PWM chip and the current sensors have all answered, and all duties on the chip are zero. */

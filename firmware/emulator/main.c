@@ -334,9 +334,8 @@ int main(int argc, char **argv)
             }
         }
         step();
-        if (++slices % 2 == 0)
-            uart_model_poll();
-        if (slices % 20 == 0)
+        uart_model_poll();
+        if (++slices % 20 == 0)
             listen_to_commands(behind);
         if (free_running)
             continue;

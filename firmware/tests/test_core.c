@@ -233,18 +233,14 @@ static int run(struct bridge *b, int milliseconds)
 
     for (int ms = 0; ms < milliseconds; ms++) {
         bridge_millisecond(b, false);
-        struct transfer two[2];
-        for (int k = 0; k < 3; k++) { /* two ahead, as the board does */
-            const bool first = plan_next(&b->plan, &b->guard, &two[0]);
-            const bool second = first && plan_next(&b->plan, &b->guard, &two[1]);
-            if (first) {
-                play(&two[0]);
-                plan_done(&b->plan, &b->guard, &two[0], 0);
-                transfers++;
-            }
-            if (second) {
-                play(&two[1]);
-                plan_done(&b->plan, &b->guard, &two[1], 0);
+        struct transfer ahead[3];
+        for (int k = 0; k < 2; k++) { /* three planned before the first is done, as the board does */
+            int planned = 0;
+            while (planned < 3 && plan_next(&b->plan, &b->guard, &ahead[planned]))
+                planned++;
+            for (int i = 0; i < planned; i++) {
+                play(&ahead[i]);
+                plan_done(&b->plan, &b->guard, &ahead[i], 0);
                 transfers++;
             }
         }
