@@ -14,7 +14,9 @@ from rich.table import Table
 
 from haptorb.apps.inspect.card import Card, facts, shown
 from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.feasible_wrench import FeasibleWrench, feasible_wrench
 from haptorb.devices.shell_capability import FORCE_JND, shell_capability
+from haptorb.devices.state import State
 
 __all__ = ["ElectromagnetCard"]
 
@@ -26,6 +28,7 @@ class ElectromagnetCard(Card):
     def __init__(self, device: SphericalElectromagnet) -> None:
         self._device = device
         self._capability = shell_capability(device)
+        self._feasible = _feasible(device)
 
     def numbers(self) -> dict[str, Any]:
         """Everything on the card as plain JSON types."""
@@ -40,6 +43,17 @@ class ElectromagnetCard(Card):
             "shell_m": device.shell_thickness,
             "tool_moment_a_m2": device.tool.moment,
             "layers": [{**asdict(layer), "dipole_error_jnd": layer.dipole_error_jnd} for layer in capability.layers],
+            "feasible": [
+                {
+                    "position_m": state.p.tolist(),
+                    "force_corners_n": able.force.tolist(),
+                    "torque_corners_nm": able.torque.tolist(),
+                    "guaranteed_force_n": able.guaranteed_force,
+                    "guaranteed_torque_nm": able.guaranteed_torque,
+                    "unreachable_torque_axis": able.unreachable.tolist(),
+                }
+                for state, able in self._feasible
+            ],
             "endurance": [
                 {"share_of_full_current": share, "seconds": seconds if math.isfinite(seconds) else None}
                 for share, seconds in capability.endurance
@@ -77,10 +91,40 @@ class ElectromagnetCard(Card):
             )
         console.print(forces)
         console.print(f"[dim]JND: just-noticeable difference, {100 * FORCE_JND:.0f} % of force[/]\n")
+        console.print("Feasible wrench of a radial tool, coils together: least size that every direction can have")
+        able_table = Table(box=SIMPLE_HEAD, padding=(0, 2))
+        for name in ("[mm]", "from the summit", "force [mN]", "torque [mN·m]", "no torque about"):
+            able_table.add_column(name, justify="right")
+        for state, able in self._feasible:
+            polar = math.degrees(math.acos(min(state.p[2] / state.distance, 1.0)))
+            able_table.add_row(
+                f"{state.distance * 1e3:.0f}",
+                f"{polar:.0f}°",
+                f"{1e3 * able.guaranteed_force:.0f}",
+                f"{1e3 * able.guaranteed_torque:.1f}",
+                "({:.2f}, {:.2f}, {:.2f})".format(*(able.unreachable.round(6) + 0.0)),
+            )
+        console.print(able_table)
         lasting = ", ".join(f"{100 * share:.0f} % {_duration(seconds)}" for share, seconds in capability.endurance)
         room = device.coils.heat.ambient - 273.15
         console.print(f"endurance of one coil from {room:.0f} °C by share of full current: {lasting}")
         console.print(f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
+
+    def _polytopes(self, axes: Any) -> None:
+        """Shadows of the force polytopes at contact on the x–z plane."""
+        from scipy.spatial import ConvexHull
+
+        for n, (state, able) in enumerate(self._feasible[:3]):
+            flat = 1e3 * able.force[:, [0, 2]]
+            outline = flat[ConvexHull(flat).vertices]
+            polar = math.degrees(math.acos(min(state.p[2] / state.distance, 1.0)))
+            axes.fill(*outline.T, color=f"C{n}", alpha=0.15)
+            axes.plot(*np.vstack([outline, outline[:1]]).T, f"C{n}", label=f"{polar:.0f}° from the summit")
+        axes.plot(0, 0, "k+")
+        axes.set(xlabel="F_x [mN]", ylabel="F_z [mN]", aspect="equal")
+        axes.set_title("What all coils can give at contact", loc="left")
+        axes.legend(frameon=False, fontsize=8)
+        axes.grid(alpha=0.3)
 
     def plot(self, path: Path) -> None:
         """Draw force over distance, and over the dome, into `path`."""
@@ -88,8 +132,8 @@ class ElectromagnetCard(Card):
 
         layers = self._capability.layers
         distance = [1e3 * layer.distance for layer in layers]
-        figure = Figure(figsize=(10, 4.2), layout="constrained")
-        left, right = figure.subplots(1, 2)
+        figure = Figure(figsize=(14, 4.2), layout="constrained")
+        left, right, able = figure.subplots(1, 3)
         left.plot(distance, [1e3 * layer.peak_radial for layer in layers], "C0-o", label="radial, peak")
         left.plot(distance, [1e3 * layer.peak_tangential for layer in layers], "C1-s", label="tangential, peak")
         left.plot(distance, [1e3 * layer.lasting_radial for layer in layers], "C0--o", label="radial, for ever")
@@ -107,8 +151,19 @@ class ElectromagnetCard(Card):
         right.set(xlabel="tool's magnet from the centre [mm]", ylabel="error of the dipole model [%]", ylim=(0, None))
         right.set_title("What the published model gets wrong", loc="left")
         right.grid(alpha=0.3)
+        self._polytopes(able)
         figure.suptitle(self._device.title, x=0.01, ha="left", fontweight="bold")
         figure.savefig(path, dpi=150)
+
+
+def _feasible(device: SphericalElectromagnet) -> list[tuple[State, FeasibleWrench]]:
+    """At the summit, halfway and at the workspace's edge, in contact and at the shell's end."""
+    found = []
+    for distance in (device.contact_distance, device.contact_distance + device.shell_thickness):
+        for polar in np.array([0.0, 0.5, 1.0]) * device.workspace_half_angle:
+            state = State.at((distance * math.sin(polar), 0.0, distance * math.cos(polar)))
+            found.append((state, feasible_wrench(device, state)))
+    return found
 
 
 def _duration(seconds: float) -> str:
