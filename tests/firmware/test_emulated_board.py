@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from haptorb.apps.hardware.emulate import emulate
 from haptorb.devices.loader import load
-from haptorb.errors import DriverError
+from haptorb.errors import DeviceError, DriverError
 from haptorb.runtime.board import Board
 from haptorb.runtime.protocol import Reason, Refusal, Standing
 from haptorb.runtime.serial_driver import SerialDriver
@@ -192,3 +194,20 @@ def test_standing_is_off_after_close(emulator: Any, driver: SerialDriver) -> Non
     device = Board(emulator.port, 30.0, answer=5.0)
     assert device.read().standing is Standing.OFF
     device.close()
+
+
+def test_anybody_can_start_an_emulated_device(built: Path, tmp_path: Path) -> None:
+    seen: list[Board] = []
+    emulate(
+        load("omni"),
+        built,
+        tmp_path / "port",
+        duration=0.2,
+        ready=lambda: seen.append(Board(str(tmp_path / "port"), 30.0)),
+    )
+    assert seen[0].identity.name == "haptorb"
+    seen[0].close()
+    with pytest.raises(DeviceError, match="another kind"):
+        emulate(load("pmsm"), built, tmp_path / "port")
+    with pytest.raises(DriverError, match="make firmware"):
+        emulate(load("omni"), tmp_path, tmp_path / "port")

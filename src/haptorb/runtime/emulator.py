@@ -204,6 +204,11 @@ class Emulator:
         """When the coils go off next: firmware time, and milliseconds since the last byte and the last mark."""
         return {name: float(value) for name, value in re.findall(r"(\w+)=([-\d.]+)", self.heard("@off", patience))}
 
+    @property
+    def alive(self) -> bool:
+        """It has not ended."""
+        return self._process.poll() is None
+
     def close(self) -> None:
         """May be called twice."""
         if self._process.poll() is None:

@@ -1,7 +1,8 @@
-"""`haptorb hardware probe | monitor | jog`: is the real device there, what does it read, does a coil move."""
+"""`haptorb hardware probe | monitor | jog | emulate`: is the real device there, what does it read, does a coil move."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -82,3 +83,19 @@ def jog(
         print(f"  {sentence}")
     if seen.verdict:
         raise typer.Exit(1)
+
+
+@hardware.command()
+def emulate(
+    port: Annotated[Path, typer.Option(help="Where the serial line appears.")] = Path("/tmp/haptorb-omni"),
+    board: Annotated[str, typer.Option(help="m328p or m2560.")] = "m328p",
+    build: Annotated[Path, typer.Option(help="Where `make firmware` put its files.")] = Path("firmware/build"),
+    device: Annotated[str, typer.Option("--device", help="A spherical electromagnet.")] = "omni",
+    duration: Annotated[float, typer.Option(help="Seconds; without it until interrupted.")] = float("inf"),
+) -> None:
+    """The real firmware on an emulated board that moves a simulated device: hardware to try everything else on."""
+    from haptorb.apps.hardware.emulate import emulate as run
+    from haptorb.devices.loader import load
+
+    print(f"an emulated device is coming up: use it with --driver serial:{port}. Ctrl-C ends.", flush=True)
+    run(load(device), build, port, board, duration)
