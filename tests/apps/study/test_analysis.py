@@ -165,7 +165,8 @@ def test_the_report_needs_nothing_else(identify: Study, tmp_path: Path) -> None:
     sat(identify, tmp_path / "s.db", {1: 1, 2: 1, 3: 3})
     found = analysis_of(tmp_path / "s.db")
     text = page(found)
-    assert "http" not in text
+    assert "src='http" not in text
+    assert "href" not in text
     assert "<script" not in text
     assert "data:image/png" in text
     path = write_report(found, tmp_path / "out")

@@ -41,15 +41,15 @@ class Traits:
     """What a person brings along; the defaults are those of nobody in particular."""
 
     force_jnd: float = 0.085  #: relative; middle of 7 to 10 %
-    direction_jnd_deg: float = 25.0  #: middle of 18 to 32 deg
+    direction_jnd_deg: float = 22.0  #: of 18 to 32 deg
     detection: float = 0.03  #: [N] less is not felt; assumed
-    gravity_left: float = 0.12  #: share of the pen's weight that is taken for the dome's force, on average; calibrated
-    motor_noise: float = 0.8e-3  #: spread of a placed pen [m] per direction; assumed
+    gravity_left: float = 0.5  #: share of the pen's weight that is taken for the dome's force, on average; calibrated
+    motor_noise: float = 1.0e-3  #: spread of a placed pen [m] per direction; assumed
     tremor: float = 0.15e-3  #: [m] per direction; assumed
-    probes: int = 9  #: forces compared about the best place; assumed
-    forgetting: float = 0.22  #: what the newest probe counts at least; assumed
-    recall: float = 3.0e-3  #: typical spread of recalling a place away from the top [m] per direction; calibrated
-    recall_reach_deg: float = 9.0  #: how fast the top stops helping; calibrated
+    probes: int = 14  #: forces compared about the best place; assumed
+    forgetting: float = 0.16  #: what the newest probe counts at least; assumed
+    recall: float = 3.5e-3  #: typical spread of recalling a place away from the top [m] per direction; calibrated
+    recall_reach_deg: float = 9.5  #: how fast the top stops helping; calibrated
     recall_spread: float = 0.6  #: of the logarithm of a trial's recall error; calibrated
     lapse: float = 0.01  #: share of forced choices answered without attention; assumed
     between: float = 0.12  #: how much people differ: of the logarithm of every trait above

@@ -26,9 +26,9 @@ pre{white-space:pre-wrap;background:#f4f7f9;padding:1rem;font-size:13px}.quiet{c
 """
 
 
-def page(analysis: Analysis) -> str:
-    """The report as HTML, self-contained."""
-    drawn = {name: _image(figure, name) for name, figure in figures(analysis).items()}
+def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
+    """The report as HTML, self-contained; `images` are its figures as PNG or SVG, drawn here if they are not given."""
+    drawn = {name: _image(data, name) for name, data in (images or _drawn(analysis, "png")).items()}
     body = [
         f"<h1>{escape(analysis.study.name)}</h1>",
         f"<p class='{'simulated' if analysis.simulated else 'quiet'}'>{escape(analysis.origin)}</p>",
@@ -121,20 +121,30 @@ def write_report(analysis: Analysis, folder: str | Path, *, kind: str = "svg") -
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, figure in figures(analysis).items():
-            figure.savefig(folder / f"{name}.{kind}", dpi=150)
+        images = _drawn(analysis, kind)
+        for name, data in images.items():
+            (folder / f"{name}.{kind}").write_bytes(data)
         numbers = json.dumps(analysis.numbers(), indent=2, ensure_ascii=False)
         (folder / "numbers.json").write_text(numbers + "\n", encoding="utf-8")
-        (folder / "report.html").write_text(page(analysis), encoding="utf-8")
+        (folder / "report.html").write_text(page(analysis, images), encoding="utf-8")
     except OSError as cause:
         raise RecordingError(f"{folder}: the report cannot be written ({cause.strerror})") from cause
     return folder / "report.html"
 
 
-def _image(figure: Any, name: str) -> str:
-    data = BytesIO()
-    figure.savefig(data, format="png", dpi=120)
-    return f"<p><img alt='{name}' src='data:image/png;base64,{b64encode(data.getvalue()).decode()}'></p>"
+def _drawn(analysis: Analysis, kind: str) -> dict[str, bytes]:
+    """Name → figure as a file; drawing is what takes time, so it is done once."""
+    found = {}
+    for name, figure in figures(analysis).items():
+        data = BytesIO()
+        figure.savefig(data, format=kind, dpi=150)
+        found[name] = data.getvalue()
+    return found
+
+
+def _image(data: bytes, name: str) -> str:
+    kind = "png" if data.startswith(b"\x89PNG") else "svg+xml"
+    return f"<p><img alt='{name}' src='data:image/{kind};base64,{b64encode(data).decode()}'></p>"
 
 
 def _table(head: list[str], rows: list[list[Any]]) -> str:
