@@ -28,7 +28,7 @@ run: $(VENV)/.run
 
 # Style, types, import contracts and documentation are tests too (tests/checks): one run, one summary.
 test: $(VENV)/.test packages
-	@$(BIN)/python -m pytest --continue-on-collection-errors -m "not slow" $(ARGS)
+	@$(BIN)/python -m pytest --continue-on-collection-errors --durations=10 -m "not slow" $(ARGS)
 
 nightly: $(VENV)/.test packages
 	@$(BIN)/python -m pytest --continue-on-collection-errors $(ARGS)
