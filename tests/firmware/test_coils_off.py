@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,6 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from haptorb.errors import DriverError
+from haptorb.runtime.emulator import Emulator
 
 pytestmark = [pytest.mark.firmware, pytest.mark.timeout(1200)]
 
@@ -93,7 +97,7 @@ PROMISED = (killed, frozen, pulled, garbage, reset)
 OTHERS = (brown_out, hung, button, bus_stuck, current_sensor_gone, chip_forgot, short_circuit)
 
 
-def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int) -> list[float]:
+def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int, patience: float = 20.0) -> list[float]:
     """Milliseconds of firmware time from the fault to coils off; repeated when the host was kept from running."""
     emulator.tell(f"pace {PACE}")
     times: list[float] = []
@@ -113,7 +117,7 @@ def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int)
             if float(emulator.status()["on"]) != 1:
                 continue  # the host was kept waiting and the firmware has switched off already
             which = fault(emulator, host)
-            times.append(emulator.off()[which])
+            times.append(emulator.off(patience)[which])
         finally:
             host.kill()
             host.wait()
@@ -157,3 +161,35 @@ def test_a_hung_program_is_restarted_by_the_watchdog(emulator: Any) -> None:
     emulator.tell("hang")
     emulator.wait(0.1)
     assert int(emulator.status()["resets"]) == before + 1
+
+
+@pytest.mark.parametrize(
+    ("file", "right", "wrong", "fault"),
+    [
+        ("core/config.h", "#define SILENCE_MS 15", "#define SILENCE_MS 40", killed),
+        ("core/config.h", "#define SILENCE_MS 15", "#define SILENCE_MS 40", garbage),
+        (
+            "core/bridge.c",
+            "guard_trip(&bridge->guard, REASON_STOP_BUTTON);",
+            "guard_millisecond(&bridge->guard);",
+            button,
+        ),
+    ],
+    ids=["silence too long, host killed", "silence too long, garbage", "stop button ignored"],
+)
+def test_the_tests_above_can_fail(
+    built: Path, tmp_path: Path, file: str, right: str, wrong: str, fault: Callable[[Any, Any], str]
+) -> None:
+    """A firmware broken on purpose keeps its coils on for longer than it may."""
+    broken = tmp_path / "firmware"
+    shutil.copytree(built.parent, broken, ignore=shutil.ignore_patterns("build"))
+    source = broken / file
+    assert right in source.read_text()
+    source.write_text(source.read_text().replace(right, wrong))
+    subprocess.run(["make", "-C", str(broken), "boards", "emulator"], check=True, capture_output=True)
+    with Emulator(broken / "build", tmp_path / "port") as emulator:
+        if fault is button:
+            with pytest.raises(DriverError, match="did not say '@off'"):
+                off_times(emulator, fault, 1, patience=3.0)
+        else:
+            assert min(off_times(emulator, fault, 1)) > LIMIT_MS
