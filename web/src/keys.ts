@@ -46,6 +46,8 @@ export function listen(actions: KeyActions): void {
       actions.rest(actions.subject.nudge(step * arrow[0], step * arrow[1]), event.timeStamp);
     } else if ((event.key === "+" || event.key === "-" || event.key === "=") && actions.subject && actions.control) {
       actions.rest(actions.subject.press(event.key === "-" ? -1 : 1), event.timeStamp);
+    } else if (/^[qe]$/i.test(event.key) && actions.subject?.spin && actions.control) {
+      actions.rest(actions.subject.spin((event.key.toLowerCase() === "q" ? 2 : -2) * step), event.timeStamp);
     } else if (event.key === "0") actions.orbit?.reset();
     else if (event.key === "p" || event.key === "P") actions.plots.pause(!actions.plots.paused);
     else if (event.key === "?") document.getElementById("ask")!.click();

@@ -7,19 +7,23 @@ import { fill } from "./panels/dialogs";
 import { at, write } from "./panels/dom";
 import { Header, type Health } from "./panels/header";
 import { Legend } from "./panels/legend";
+import { ModePanel } from "./panels/modes";
+import { MotorReadouts } from "./panels/motor_readouts";
 import { Plots } from "./panels/plots";
 import { Readouts } from "./panels/readouts";
 import { WorldPanel } from "./panels/world";
 import { expose } from "./probe";
 import { dot, norm, Sample } from "./sample";
 import { Grasp } from "./scene/grasp";
-import { Orbit } from "./scene/orbit";
+import { Orbit, type Home } from "./scene/orbit";
 import { Stage } from "./scene/stage";
-import type { Wish } from "./scene/subject";
+import { RotorSubject } from "./scene/rotor_subject";
+import type { Subject, Wish } from "./scene/subject";
+import { TargetPane } from "./scene/target_pane";
 import { ToolSubject } from "./scene/tool_subject";
 import { Rumble } from "./senses/rumble";
 import { Sound } from "./senses/sound";
-import { session as fetchSession, type Session, type Values } from "./session";
+import { session as fetchSession, type Session, type TargetScene, type Values } from "./session";
 import { status, type Silence } from "./status";
 import { Vector3 } from "three";
 import type { Rows } from "./wire";
@@ -28,17 +32,21 @@ const READ = 100; // ms between two readings of the numbers
 const SAY = 4000; // ms between two sentences for those who listen
 const STALE = 500; // ms without a sample after which nothing is live
 
+const MOTOR: Home = { azimuth: -62, elevation: 24, distance: 560, centre: [-22, -12, 0] };
+
 class Console {
   private readonly sample: Sample;
   private readonly history: History;
   private readonly stage: Stage;
   readonly orbit: Orbit;
-  readonly subject: ToolSubject | null;
+  readonly subject: Subject | null;
   private readonly grasp: Grasp | null = null;
   private readonly header: Header;
   private readonly world: WorldPanel;
-  private readonly readouts: Readouts;
-  private readonly legend = new Legend();
+  private readonly readouts: Readouts | MotorReadouts;
+  private readonly legend: Legend;
+  private readonly modes: ModePanel | null = null;
+  private readonly target: TargetPane | null = null;
   readonly plots: Plots;
   private readonly sound = new Sound();
   private readonly rumble = new Rumble();
@@ -66,10 +74,16 @@ class Console {
     this.sample = new Sample(session.columns);
     this.history = new History(session.columns);
     this.stage = new Stage(at<HTMLCanvasElement>("scene"));
-    this.orbit = new Orbit(this.stage.camera, () => this.viewMoved());
+    const rotor = session.mover.kind === "rotor" ? session.mover : null;
+    this.orbit = new Orbit(this.stage.camera, () => this.viewMoved(), ...(rotor ? [MOTOR] : []));
+    this.legend = rotor ? new Legend(["", ""]) : new Legend();
     this.header = new Header(session, () => this.command({ do: "engage" }));
     this.world = new WorldPanel(session, (name, values) => this.command({ do: "world", name, values }));
-    this.readouts = new Readouts(session);
+    this.readouts = rotor ? new MotorReadouts(session) : new Readouts(session);
+    if (session.modes.length) {
+      this.modes = new ModePanel((command) => this.command(command));
+      this.target = new TargetPane(session.world.scene);
+    }
     this.plots = new Plots(this.history, session);
     this.link = new Link({
       opened: () => void this.opened(),
@@ -79,12 +93,18 @@ class Console {
         else if (frame.kind === "mesh") this.subject?.shape(frame);
         else {
           this.subject?.paint(frame);
-          if (this.subject) this.legend.scale(this.subject.dome.range);
+          if (this.subject) this.legend.scale(this.subject.range);
         }
       },
       event: (event) => this.event(event),
     });
-    this.subject = session.mover.kind === "tool" ? new ToolSubject(this.stage, session.mover, session.limits) : null;
+    this.subject =
+      session.mover.kind === "tool"
+        ? new ToolSubject(this.stage, session.mover, session.limits)
+        : session.mover.kind === "rotor"
+          ? new RotorSubject(this.stage, session.mover, session.limits)
+          : null;
+    if (rotor && this.subject) this.legend.coils(this.subject.range);
     if (this.subject) {
       this.grasp = new Grasp(this.stage.canvas, this.subject, this.orbit, (wish, stamp, held) => this.hold(wish, stamp, held));
     }
@@ -109,7 +129,7 @@ class Console {
 
   private hold(wish: Wish, stamp: number, held: boolean): void {
     if (!this.control) return;
-    this.link.point({ stamp, p: wish, held });
+    this.link.point({ stamp, ...wish, held });
     this.touched = true;
     at("hint").hidden = true;
   }
@@ -142,6 +162,9 @@ class Console {
     this.grasp?.letGo(performance.now());
     this.readouts.show(this.sample);
     this.legend.show(this.sample);
+    this.modes?.show(this.sample);
+    this.modes?.enable(false);
+    this.target?.forget();
     this.plots.freeze(true);
     at("view").classList.add("dead");
     at("hint").hidden = true;
@@ -153,9 +176,11 @@ class Console {
   private revive(): void {
     this.wasDead = false;
     this.plots.freeze(false);
-    this.subject?.dome.live(true);
+    this.subject?.live();
     at("view").classList.remove("dead");
     this.world.enable(this.control);
+    this.modes?.enable(this.control);
+    this.target?.live();
   }
 
   private rows(frame: Rows): void {
@@ -181,9 +206,11 @@ class Console {
         at("watching").title = "Another page has the control. This one may still stop.";
         if (this.grasp) this.grasp.enabled = this.control;
         this.world.enable(this.control);
+        this.modes?.enable(this.control);
         break;
       case "world":
         this.world.show(event["name"] as string, event["values"] as Values);
+        this.target?.build((event["scene"] ?? null) as TargetScene | null);
         break;
       case "health":
         this.silence.servoEnded = event["alive"] === false;
@@ -210,6 +237,7 @@ class Console {
     else if (!dead && this.wasDead) this.revive();
     if (this.fresh && !dead) {
       this.subject?.show(this.sample);
+      this.target?.show(this.sample);
       this.legend.show(this.sample);
       this.senses(now);
     }
@@ -218,6 +246,7 @@ class Console {
       this.drawn++;
       keep(this.sceneCosts, performance.now() - begun);
     }
+    this.target?.draw(now);
     this.measure();
     const plotting = performance.now();
     if (this.plots.draw(now, this.fresh && !dead)) keep(this.plotCosts, performance.now() - plotting);
@@ -239,6 +268,7 @@ class Console {
     this.readAt = now;
     if (!dead) {
       this.readouts.show(this.sample);
+      this.modes?.show(this.sample);
       this.header.loop(this.health);
     }
     const lost = at("dropped");
@@ -247,7 +277,8 @@ class Console {
     this.hint(dead);
     if (!dead && now - this.saidAt > SAY) {
       this.saidAt = now;
-      write(at("polite"), this.readouts.sentence(this.sample));
+      const words = [this.readouts.sentence(this.sample), this.modes?.sentence(this.sample) ?? ""];
+      write(at("polite"), words.filter(Boolean).join("; "));
     }
   }
 
@@ -264,10 +295,11 @@ class Console {
   }
 
   private senses(now: number): void {
-    const force = this.sample.vector("given");
+    const turning = this.session.mover.kind === "rotor";
+    const force = this.sample.vector("given", turning ? 3 : 0);
     const size = norm(force);
     const right = new Vector3().setFromMatrixColumn(this.stage.camera.matrixWorld, 0);
-    const share = size / this.session.limits.force;
+    const share = size / (turning ? this.session.limits.torque : this.session.limits.force);
     this.sound.play(share, size > 0.01 ? dot(force, right.toArray()) / size : 0);
     this.rumble.play(share, now);
   }
@@ -326,7 +358,7 @@ class Console {
         return page.subject?.arrowVisible ?? false;
       },
       get range() {
-        return page.subject?.dome.range ?? NaN;
+        return page.subject?.range ?? NaN;
       },
       get control() {
         return page.control;
@@ -338,8 +370,9 @@ class Console {
         return (performance as { memory?: { usedJSHeapSize: number } }).memory?.usedJSHeapSize ?? NaN;
       },
       value: (name) => Array.from(page.sample.list(name)),
-      felt: (direction) => page.subject?.dome.at(direction) ?? { force: NaN, saturated: false },
+      felt: (direction) => page.subject?.felt(direction) ?? { force: NaN, saturated: false },
       stylus: () => page.subject?.places() ?? [],
+      plug: () => page.target?.shown ?? { place: [], bent: [] },
     });
   }
 }

@@ -26,8 +26,9 @@ export class Sample {
     return this.row[this.offset(name)]!;
   }
 
-  vector(name: string): Vector {
-    const i = this.offset(name);
+  /** Three numbers of a column, from its `from`th on. */
+  vector(name: string, from = 0): Vector {
+    const i = this.offset(name) + from;
     return [this.row[i]!, this.row[i + 1]!, this.row[i + 2]!];
   }
 

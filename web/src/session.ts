@@ -37,12 +37,46 @@ export interface ToolMover {
   coil_axes: [number, number, number][];
 }
 
+/** A rotor with magnets around a stator with coils, and a handle; lengths in metres, angles in radians. */
+export interface RotorMover {
+  kind: "rotor";
+  workspace: number;
+  handle_length: number;
+  magnets: { distance: number; directions: [number, number, number][]; polarity: number[]; radius: number; length: number };
+  /** `groups`: for every coil, its share of each channel's current */
+  stator: {
+    distance: number;
+    directions: [number, number, number][];
+    outer_radius: number;
+    inner_radius: number;
+    length: number;
+    groups: number[][];
+  };
+}
+
+/** What the motor moves, in metres; see the server's `target.py`. */
+export interface TargetScene {
+  hooks: number;
+  root: number;
+  back: number;
+  width: number;
+  along: number[];
+  section: number[];
+  at: number[];
+  bends: number[][];
+  outline: [number, number][];
+  floor: number;
+  force: number;
+}
+
 export interface Session {
   version: string;
   started: string;
   simulated: boolean;
   device: { name: string; title: string; source: string };
-  mover: ToolMover | { kind: "other" };
+  mover: ToolMover | RotorMover | { kind: "other" };
+  /** how the mover can move a target; empty where the world acts on it directly */
+  modes: string[];
   columns: Column[];
   coils: string[];
   limits: {
@@ -55,7 +89,7 @@ export interface Session {
     stop: number;
   };
   worlds: World[];
-  world: { name: string; values: Values };
+  world: { name: string; values: Values; scene: TargetScene | null };
   /** the guard's reasons by code: a word, and what happened and what to do */
   trips: Record<string, { word: string; text: string }>;
 }

@@ -66,3 +66,10 @@ export function mapPixels(): Uint8Array {
   }
   return pixels;
 }
+
+/** A colour for one of many channels: hues apart, neighbours light and dark in turn. */
+export function channelColour(channel: number, of: number): string {
+  if (of <= 3) return css(`--s${"xyz"[channel % 3]!}`);
+  const light = (dark.matches ? [72, 56, 84] : [42, 55, 30])[channel % 3]!;
+  return `hsl(${((channel * 360) / of).toFixed(0)} ${dark.matches ? 80 : 75}% ${light}%)`;
+}

@@ -197,6 +197,12 @@ class Outlet(World):
             width=hook.width, retention_deg=round(math.degrees(hook.rear), 9), beam=beam, **others,
         )  # fmt: skip
 
+    @property
+    def outline(self) -> Array:
+        """(8, 2) places along the plug from its inner end up to its full width, and its half width there [m]."""
+        along = np.linspace(0.0, 1.25 * self.lead_in, 8)
+        return np.array([(x, _face(x, self._plug)[0]) for x in along.tolist()])
+
     def _both(self, state: State) -> tuple[Array, Array]:
         wrench, rows = np.empty(6), np.empty((2, 7))
         p, R, v, w = map(np.ascontiguousarray, (state.p, state.R_SR, state.v, state.w))  # one layout: one compilation

@@ -27,6 +27,7 @@ class FakeServo:
     """Keeps a row per millisecond of real time; the stylus gives way to its world's force like a spring."""
 
     driver = "sim"
+    modes: tuple[str, ...] = ()
 
     def __init__(self, device: str = "omni", world: str = "dome") -> None:
         self.device = load(device)
@@ -80,6 +81,12 @@ class FakeServo:
     def engage(self) -> None:
         self.calls.append(("engage",))
         self.guard, self.trip = GuardState.RUNNING, Trip.NONE
+
+    def set_mode(self, mode: str) -> None:
+        self.calls.append(("mode", mode))
+
+    def clutch(self, engaged: bool) -> None:
+        self.calls.append(("clutch", engaged))
 
     def count(self, kind: str) -> int:
         """How often `kind` was called."""

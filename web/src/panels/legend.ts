@@ -6,8 +6,9 @@ import { at, make, shown, write } from "./dom";
 
 export class Legend {
   private range = 0;
+  private felt = true;
 
-  constructor() {
+  constructor(private readonly words: readonly [string, string] = [" pushes", " pulls"]) {
     onThemeChange(() => this.paint());
     this.paint();
   }
@@ -20,7 +21,7 @@ export class Legend {
     const ticks = at("ticks");
     ticks.replaceChildren();
     for (const share of [1, 0.5, 0, -0.5, -1]) {
-      const word = share === 1 ? " pushes" : share === -1 ? " pulls" : "";
+      const word = share === 1 ? this.words[0] : share === -1 ? this.words[1] : "";
       const sign = share > 0 ? "+" : "";
       const tick = make("li", {}, `${sign}${shown(share * range, range < 0.2 ? 3 : 2)}${word}`);
       tick.style.top = `${50 - 50 * share}%`;
@@ -28,7 +29,24 @@ export class Legend {
     }
   }
 
+  /** For a motor: the colours are its coils' currents, full at ±`range` amperes; the arrows are torques. */
+  coils(range: number): void {
+    const legend = at("legend");
+    write(legend.querySelector("figcaption")!, "current in a coil, A");
+    legend.querySelector<HTMLElement>(".key")!.hidden = true;
+    at("bar").ariaLabel = "Colour scale of the coils' currents";
+    this.scale(range);
+    for (const [kind, word] of [["given", "torque given"], ["asked", "torque asked"]] as const) {
+      at("arrows").querySelector(`.arrow.${kind}`)!.nextSibling!.textContent = word;
+    }
+    this.felt = false;
+  }
+
   show(sample: Sample): void {
+    if (!this.felt) {
+      at("marker").hidden = true;
+      return;
+    }
     const p = sample.vector("p");
     const radial = dot(sample.vector("given"), p) / norm(p);
     const marker = at("marker");

@@ -4,7 +4,7 @@ import uPlot from "uplot";
 import { csv, download } from "../csv";
 import type { History } from "../history";
 import type { Session } from "../session";
-import { css, onThemeChange } from "../theme";
+import { channelColour, css, onThemeChange } from "../theme";
 import { at, make, shown, write } from "./dom";
 
 const KELVIN = 273.15;
@@ -46,11 +46,10 @@ export class Plots {
     private readonly history: History,
     private readonly session: Session,
   ) {
-    this.select.append(
-      make("option", { value: "magnitude" }, "magnitude"),
-      make("option", { value: "radial" }, "radial"),
-      make("option", { value: "xyz" }, "x y z"),
-    );
+    this.select.append(make("option", { value: "magnitude" }, "magnitude"));
+    if (!this.turning) this.select.append(make("option", { value: "radial" }, "radial"));
+    else this.select.ariaLabel = "Which part of the torque";
+    this.select.append(make("option", { value: "xyz" }, "x y z"));
     this.select.addEventListener("change", () => this.build());
     at("pause").addEventListener("click", () => this.pause(!this.held));
     at("unzoom").addEventListener("click", () => this.unzoom());
@@ -62,6 +61,11 @@ export class Plots {
     onThemeChange(() => this.build());
     new ResizeObserver(() => this.resize()).observe(at("plots"));
     this.build();
+  }
+
+  /** Whether the device gives torque rather than force. */
+  private get turning(): boolean {
+    return this.session.mover.kind === "rotor";
   }
 
   get paused(): boolean {
@@ -142,7 +146,12 @@ export class Plots {
     const k = i ?? last;
     if (k < 0) return write(reading, "");
     const when = i === null ? "" : `${shown((chart.data[0][k] ?? NaN) - this.history.newest, 3)} s  `;
-    const parts = curves.map(({ label }, c) => `${label} ${shown((chart.data[c + 1]![k] as number) ?? NaN, digits)}`);
+    // Of many channels there is room for the greatest only; the table has them all.
+    const all = curves.map((_, c) => c);
+    const size = (c: number): number => Math.abs((chart.data[c + 1]![k] as number) ?? NaN) || 0;
+    const few = curves.length <= 6 ? all : all.sort((a, b) => size(b) - size(a)).slice(0, 3);
+    const parts = few.map((c) => `${curves[c]!.label} ${shown((chart.data[c + 1]![k] as number) ?? NaN, digits)}`);
+    if (few.length < curves.length) parts.unshift("greatest");
     write(reading, when + parts.join("  "));
   }
 
@@ -167,8 +176,9 @@ export class Plots {
 
   private force(): Curve[] {
     const axes = [0, 1, 2] as const;
-    const of = (name: string): number[] => axes.map((i) => this.index(`${name}_${i}`));
-    const position = of("p");
+    const first = this.turning ? 3 : 0;
+    const of = (name: string): number[] => axes.map((i) => this.index(`${name}_${first + i}`));
+    const position = axes.map((i) => this.index(`p_${i}`));
     const radial = (x: number, y: number, z: number, px: number, py: number, pz: number): number =>
       (x * px + y * py + z * pz) / Math.hypot(px, py, pz);
     const pair = (name: string, colour: string, dashed: boolean): Curve =>
@@ -177,15 +187,15 @@ export class Plots {
         : { label: name, colour, dashed, from: of(name), make: magnitude as Curve["make"] };
     if (this.select.value !== "xyz") return [pair("given", "--given", false), pair("asked", "--asked", true)];
     return axes.flatMap((i) => [
-      { label: "xyz"[i]!, colour: `--s${"xyz"[i]!}`, from: [this.index(`given_${i}`)], make: same },
-      { label: "", colour: `--s${"xyz"[i]!}`, dashed: true, from: [this.index(`asked_${i}`)], make: same },
+      { label: "xyz"[i]!, colour: `--s${"xyz"[i]!}`, from: [this.index(`given_${first + i}`)], make: same },
+      { label: "", colour: `--s${"xyz"[i]!}`, dashed: true, from: [this.index(`asked_${first + i}`)], make: same },
     ]);
   }
 
   private perCoil(name: string, change: (x: number) => number): Curve[] {
     return this.session.coils.map((coil, i) => ({
       label: coil,
-      colour: `--s${"xyz"[i % 3]!}`,
+      colour: channelColour(i, this.session.coils.length),
       from: [this.index(this.session.coils.length > 1 ? `${name}_${i}` : name)],
       make: change,
     }));
@@ -195,8 +205,8 @@ export class Plots {
     for (const { chart } of this.plots.splice(0)) chart.destroy();
     at("plots").replaceChildren();
     const { warn, derate } = this.session.limits;
-    this.add("force N", this.force(), 2, 0.2, this.select);
-    this.add("currents A", this.perCoil("currents", same), 2, 1);
+    this.add(this.turning ? "torque N·m" : "force N", this.force(), this.turning ? 3 : 2, 0.2, this.select);
+    this.add("currents A", this.perCoil("currents", same), 2, this.turning ? 0.2 : 1);
     this.add("temperature °C", this.perCoil("winding", (x) => x - KELVIN), 1, 5, undefined, { warn, derate });
     this.stale = true;
     this.drawn = 0;
@@ -236,7 +246,7 @@ export class Plots {
           {},
           ...curves.map(({ label, colour, dashed }) => ({
             label,
-            stroke: css(colour),
+            stroke: colour.startsWith("--") ? css(colour) : colour,
             width: dashed ? 1.25 : 1.75,
             points: { show: false },
             ...(dashed ? { dash: [6, 4] } : {}),

@@ -146,18 +146,19 @@ export class WorldPanel {
 function entries(parameter: Parameter): Entry[] {
   const { name, low, high, about } = parameter;
   if (typeof parameter.default === "number") {
-    const step = (high - low) / 400;
+    const [unit, factor] = legible(parameter);
+    const step = ((high - low) * factor) / 400;
     return [
       {
         id: `entry-${name}`,
         label: title(name),
-        unit: unitOf(parameter.unit),
-        low,
-        high,
-        step: high - low > 20 ? 0.5 : 10 ** Math.floor(Math.log10(step)),
+        unit,
+        low: low * factor,
+        high: high * factor,
+        step: (high - low) * factor > 20 ? 0.5 : 10 ** Math.floor(Math.log10(step)),
         about,
-        read: (values) => values[name] as number,
-        put: (values, value) => (values[name] = value),
+        read: (values) => (values[name] as number) * factor,
+        put: (values, value) => (values[name] = value / factor),
       },
     ];
   }
@@ -195,4 +196,11 @@ function entries(parameter: Parameter): Entry[] {
 
 /** `half_width_deg` is a half width. */
 const title = (name: string): string => name.replace(/_deg$/, "").replaceAll("_", " ");
+/** The unit in which a parameter is read easily, and how many of them are one of its own. */
+function legible({ unit, high }: Parameter): [string, number] {
+  if (unit === "m" && high <= 0.2) return ["mm", 1e3];
+  if (unit === "Pa" && high >= 1e9) return ["GPa", 1e-9];
+  return [unitOf(unit), 1];
+}
+
 const unitOf = (unit: string): string => (unit === "deg" ? "°" : unit === "1" ? "" : unit);

@@ -2,18 +2,31 @@
 
 import { Vector3, type PerspectiveCamera } from "three";
 
-const HOME = { azimuth: -62, elevation: 26, distance: 262 };
+/** Where a view begins: degrees and millimetres. */
+export interface Home {
+  azimuth: number;
+  elevation: number;
+  distance: number;
+  centre: [number, number, number];
+}
+
+const HOME: Home = { azimuth: -62, elevation: 26, distance: 262, centre: [0, 0, 43] };
 
 export class Orbit {
-  readonly centre = new Vector3(0, 0, 43);
-  private azimuth = HOME.azimuth;
-  private elevation = HOME.elevation;
-  distance = HOME.distance;
+  readonly centre: Vector3;
+  private azimuth: number;
+  private elevation: number;
+  distance: number;
 
   constructor(
     private readonly camera: PerspectiveCamera,
     private readonly moved: () => void,
+    private readonly home: Home = HOME,
   ) {
+    this.centre = new Vector3(...home.centre);
+    this.azimuth = home.azimuth;
+    this.elevation = home.elevation;
+    this.distance = home.distance;
     this.aim();
   }
 
@@ -25,12 +38,14 @@ export class Orbit {
   }
 
   zoom(factor: number): void {
-    this.distance = Math.min(700, Math.max(90, this.distance * factor));
+    this.distance = Math.min(1200, Math.max(90, this.distance * factor));
     this.place();
   }
 
   reset(): void {
-    Object.assign(this, HOME);
+    this.azimuth = this.home.azimuth;
+    this.elevation = this.home.elevation;
+    this.distance = this.home.distance;
     this.place();
   }
 

@@ -3,19 +3,29 @@
 import type { Sample, Vector } from "../sample";
 import type { Felt, Mesh } from "../wire";
 
-/** Where the hand should go next [m]. */
-export type Wish = Vector;
+/** Where the hand should go next [m], and how it turns the mover; without `q` the device decides. */
+export interface Wish {
+  p: Vector;
+  q?: readonly [number, number, number, number];
+}
 
 export interface Subject {
   /** the sentence for the first minute, and what each key does here */
   readonly hint: string;
   readonly keys: readonly (readonly [string, string])[];
+  /** what full colour means: of the felt map [N], or of the coils [A] */
+  readonly range: number;
+  readonly arrowVisible: boolean;
   /** Draw this sample; true if the picture changed visibly. */
   show(sample: Sample): boolean;
   /** Grey, without numbers: nothing is known any more. */
   forget(): void;
+  /** Known again. */
+  live(): void;
   shape(mesh: Mesh): void;
   paint(felt: Felt): void;
+  /** What is painted in a direction. */
+  felt(direction: readonly number[]): { force: number; saturated: boolean };
   /** Whether a pointer at (x, y) [px] would take hold, within `reach` pixels. */
   near(x: number, y: number, reach: number): boolean;
   /** Take hold at (x, y), drag to (x, y), press in or lift by millimetres. Each gives the hand's next wish. */
@@ -24,6 +34,10 @@ export interface Subject {
   press(millimetres: number): Wish;
   /** Move by degrees on the screen: to the right and upwards. */
   nudge(right: number, up: number): Wish;
+  /** Turn the mover about its own axis by degrees, where it can be turned. */
+  spin?(degrees: number): Wish;
   /** Places on the canvas that words refer to [px]. */
   anchor(): { x: number; y: number };
+  /** Near end, middle and far end of what is held, on the page [px]. */
+  places(): { x: number; y: number }[];
 }

@@ -69,6 +69,18 @@ export class ToolSubject implements Subject {
     return this.given.visible || this.asked.visible;
   }
 
+  get range(): number {
+    return this.dome.range;
+  }
+
+  felt(direction: readonly number[]): { force: number; saturated: boolean } {
+    return this.dome.at(direction);
+  }
+
+  live(): void {
+    this.dome.live(true);
+  }
+
   show(sample: Sample): boolean {
     const p = sample.vector("p");
     const target = sample.vector("target");
@@ -199,7 +211,7 @@ export class ToolSubject implements Subject {
 
   private wanted(): Wish {
     const p = this.wish.clone().multiplyScalar((this.contact + this.lift) / MM);
-    return [p.x, p.y, p.z];
+    return { p: [p.x, p.y, p.z] };
   }
 
   private aim(arrow: Arrow, from: Vector3, force: Vector): void {

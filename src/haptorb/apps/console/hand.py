@@ -37,7 +37,8 @@ class Hand:
         self._servo = servo
         self._last: tuple[Array, Array | None, float] | None = None  # what is held, and when it was last said
         self._resting: tuple[Array, Array | None] | None = None
-        self._pending: deque[tuple[float, float, Array]] = deque(maxlen=64)  # the page's stamp, our time, position
+        # the page's stamp, our time, position, orientation
+        self._pending: deque[tuple[float, float, Array, Array | None]] = deque(maxlen=64)
         self.held = False
 
     def point(self, pointer: Pointer) -> None:
@@ -47,7 +48,7 @@ class Hand:
         self._resting = None if pointer.held else (pointer.p, pointer.q)
         self._last = (pointer.p, pointer.q, time.monotonic()) if pointer.held else None
         if math.isfinite(pointer.stamp):
-            self._pending.append((pointer.stamp, time.monotonic(), pointer.p))
+            self._pending.append((pointer.stamp, time.monotonic(), pointer.p, pointer.q))
 
     def keep(self) -> None:
         """Refresh a hand at rest, or one whose page stutters; to be called well within the device's expiry."""
@@ -84,11 +85,20 @@ class Hand:
             self._pending.popleft()
         return bool(self._pending)
 
-    def echo(self, targets: Array) -> float:
-        """The page's time stamp [ms] of the newest pointer that one of the goals `targets` (n, 3) answers, else NaN."""
+    def echo(self, targets: Array, turns: Array | None = None) -> float:
+        """The page's time stamp [ms] of the newest pointer that one of the goals answers, else NaN.
+
+        targets   (n, 3) positions
+        turns     (n, 4) orientations; a rotor's pointers differ in nothing else. None: they do not matter
+        """
         for place in range(len(self._pending) - 1, -1, -1):
-            stamp, _, p = self._pending[place]
-            if len(targets) and bool((np.abs(targets - p).max(axis=1) < _SAME).any()):
+            stamp, _, p, q = self._pending[place]
+            if not len(targets):
+                break
+            same = np.abs(targets - p).max(axis=1) < _SAME
+            if q is not None and turns is not None:
+                same &= np.abs(turns - q / np.linalg.norm(q)).max(axis=1) < _SAME
+            if same.any():
                 for _ in range(place + 1):
                     self._pending.popleft()
                 return stamp

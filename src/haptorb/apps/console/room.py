@@ -16,6 +16,7 @@ from haptorb.apps.console.felt import Painter
 from haptorb.apps.console.hand import Hand
 from haptorb.apps.console.health import Health
 from haptorb.apps.console.servant import Servant
+from haptorb.apps.console.target import target_scene
 from haptorb.apps.console.wire import Columns, felt_frame, mesh_frame, pointer, rows_frame
 from haptorb.errors import HaptorbError, InputError
 
@@ -56,10 +57,11 @@ class Room:
         self._pages: list[Page] = []  # the first has the control
         self._hand = Hand(servo)
         self._health = Health(servo)
-        columns = Columns(servo.layout)
+        columns = Columns(servo.layout, bool(servo.modes))
         self._index = columns.index
         layout = servo.layout
         self._t, self._tick, self._target = layout["t"].start, layout["tick"].start, layout["target"]
+        self._turn = layout["target_q"]
         self._world: tuple[str, dict[str, Any]] = ("", {})
         self._version = 0
         self._asked: tuple[Page, str, dict[str, Any]] | None = None
@@ -85,7 +87,7 @@ class Room:
         self._pages.append(page)
         self._notice_world()
         self._tell_roles()
-        page.tell("world", name=self._world[0], values=self._world[1])
+        page.tell("world", **self._world_event())
         if self._trouble:
             page.tell("mistake", text=self._trouble)
         sending = asyncio.create_task(self._send(page))
@@ -132,6 +134,12 @@ class Room:
                 asyncio.get_running_loop().call_later(FRESH, self._servo.engage)
             case "home":
                 self._hand.home()
+            case "mode":
+                self._servo.set_mode(str(command.get("mode")))
+            case "clutch":
+                if not isinstance(command.get("engaged"), bool):
+                    raise InputError("the clutch is set by `engaged`, true or false")
+                self._servo.clutch(command["engaged"])
             case "world":
                 values = command.get("values", {})
                 if not isinstance(command.get("name"), str) or not isinstance(values, dict):
@@ -140,7 +148,7 @@ class Room:
                 if self._asking is None or self._asking.done():
                     self._asking = asyncio.create_task(self._ask())
             case other:
-                raise InputError(f"unknown command {other!r} (known: stop, engage, home, world)")
+                raise InputError(f"unknown command {other!r} (known: stop, engage, home, mode, clutch, world)")
 
     async def _ask(self) -> None:
         """Ask the servo for the world that was wished for last; it answers within a tick or two, or refuses."""
@@ -150,7 +158,7 @@ class Room:
                 await asyncio.to_thread(self._servo.set_world, name, values)
             except HaptorbError as mistake:
                 page.tell("mistake", text=str(mistake))
-                page.tell("world", name=self._world[0], values=self._world[1])
+                page.tell("world", **self._world_event())
             self._notice_world()
 
     def _notice_world(self) -> None:
@@ -161,9 +169,13 @@ class Room:
             return
         self._world = now
         self._version += 1
-        self._tell_all("world", name=name, values=now[1])
+        self._tell_all("world", **self._world_event())
         if self._painter is not None:
             self._painter.want(name, dict(values), self._version, self._painted, self._not_painted)
+
+    def _world_event(self) -> dict[str, Any]:
+        name, values = self._world
+        return {"name": name, "values": values, "scene": target_scene(name, values) if self._servo.modes else None}
 
     def _painted(self) -> None:
         self._trouble = ""
@@ -203,7 +215,8 @@ class Room:
                 unsent.append(rows)
             echo = math.nan
             if unsent and page is self._pages[0]:
-                echo = self._hand.echo(np.concatenate([part[:, self._target] for part in unsent]))
+                new = np.concatenate(unsent)
+                echo = self._hand.echo(new[:, self._target], new[:, self._turn])
             now = time.monotonic()
             if unsent and (now >= due or math.isfinite(echo)):
                 rows, late = _newest(np.concatenate(unsent), self._t)

@@ -28,6 +28,11 @@ class Servant(Protocol):
         ...
 
     @property
+    def modes(self) -> tuple[str, ...]:
+        """How the mover can move a target; empty where the world acts on the mover itself."""
+        ...
+
+    @property
     def world(self) -> tuple[str, Mapping[str, Any]]:
         """Name and values of what is felt now."""
         ...
@@ -60,6 +65,14 @@ class Servant(Protocol):
 
     def engage(self) -> None:
         """After a stop or a trip: begin again from zero, unless the guard refuses."""
+        ...
+
+    def set_mode(self, mode: str) -> None:
+        """Go over to `mode` without a step; UnknownName for one that there is not."""
+        ...
+
+    def clutch(self, engaged: bool) -> None:
+        """Let the target go, or take hold of it again; InputError where there is no clutch."""
         ...
 
     def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:

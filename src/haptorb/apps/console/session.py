@@ -8,10 +8,12 @@ import numpy as np
 
 import haptorb
 from haptorb.apps.console.servant import Servant
+from haptorb.apps.console.target import target_scene
 from haptorb.apps.console.wire import Columns
 from haptorb.control.trip import Trip
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.spherical_motor import SphericalMotor
 from haptorb.errors import InputError
 from haptorb.worlds import CATALOGUE, World
 from haptorb.worlds.parameter import parameters
@@ -70,6 +72,27 @@ def _mover(device: Device) -> dict[str, Any]:
             },
             "coil_axes": axes.T.tolist(),
         }
+    if isinstance(device, SphericalMotor):
+        return {
+            "kind": "rotor",
+            "workspace": device.workspace_tilt,
+            "handle_length": device.rotor.handle_length,
+            "magnets": {
+                "distance": device.magnets.distance,
+                "directions": device.magnets.directions.tolist(),
+                "polarity": np.asarray(device.polarity, dtype=np.float64).tolist(),
+                "radius": device.magnet.radius,
+                "length": device.magnet.length,
+            },
+            "stator": {
+                "distance": device.electromagnets.distance,
+                "directions": device.electromagnets.directions.tolist(),
+                "outer_radius": device.electromagnet.outer_radius,
+                "inner_radius": device.electromagnet.inner_radius,
+                "length": device.electromagnet.length,
+                "groups": np.asarray(device.groups, dtype=np.float64).tolist(),
+            },
+        }
     return {"kind": "other"}
 
 
@@ -87,7 +110,8 @@ def session(servo: Servant, started: str) -> dict[str, Any]:
         "simulated": servo.driver == "sim",
         "device": {"name": device.name, "title": device.title, "source": device.source},
         "mover": _mover(device),
-        "columns": Columns(servo.layout).described(),
+        "modes": list(servo.modes),
+        "columns": Columns(servo.layout, bool(servo.modes)).described(),
         "coils": list(device.coils.names),
         "limits": {
             "force": device.limits.force,
@@ -108,9 +132,10 @@ def session(servo: Servant, started: str) -> dict[str, Any]:
 
 
 def world_now(servo: Servant) -> dict[str, Any]:
-    """Name and values of the world that is felt now."""
+    """Name and values of the world that is felt now, and what there is to draw of it."""
     name, values = servo.world
-    return {"name": name, "values": {key: _plain(value) for key, value in values.items()}}
+    plain = {key: _plain(value) for key, value in values.items()}
+    return {"name": name, "values": plain, "scene": target_scene(name, values) if servo.modes else None}
 
 
 def _plain(value: Any) -> Any:

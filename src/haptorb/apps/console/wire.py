@@ -31,6 +31,9 @@ COLUMNS = (
     *("p", "q", "target", "target_q", "asked", "given", "wanted", "currents", "winding", "remaining", "saturated"),
 )
 
+#: what it shows besides of a mover that moves a target through modes
+MODED = ("mode", "engaged", "share", "object", "object_q", "object_wrench", "contacts")
+
 #: a pose further away than this is not a hand at a device on a table [m]
 REACH = 1.0
 
@@ -40,17 +43,23 @@ class Columns:
     """Which numbers of a servo's row go to the page, and where they lie in a frame's row."""
 
     layout: RowLayout
+    moded: bool = False  #: whether the device has modes, and a target
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The columns in their order."""
+        return COLUMNS + MODED if self.moded else COLUMNS
 
     @property
     def index(self) -> Array:
         """(width,) positions in the servo's row."""
-        return np.concatenate([np.arange(self.layout.width)[self.layout[name]] for name in COLUMNS])
+        return np.concatenate([np.arange(self.layout.width)[self.layout[name]] for name in self.names])
 
     def described(self) -> list[dict[str, object]]:
         """Name, offset, width, unit and meaning of each column, as the page reads them."""
         fields = {field.name: field for field in self.layout.fields}
         described, offset = [], 0
-        for name in COLUMNS:
+        for name in self.names:
             field = fields[name]
             described.append(
                 {"name": name, "offset": offset, "width": field.width, "unit": field.unit, "about": field.about}

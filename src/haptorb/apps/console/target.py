@@ -1,0 +1,98 @@
+"""What a motor moves, for those who draw it: plug, socket, and how its hooks bend, as the world computes them.
+
+All lengths in metres in the target's frame: X' out of the socket, Y' from one hook to the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from haptorb.errors import HaptorbError
+from haptorb.physics.arrays import Array
+from haptorb.physics.beams import bent_shape, compliance
+from haptorb.physics.hook import Hook
+from haptorb.worlds import Outlet, SnapFit, named
+
+__all__ = ["target_scene"]
+
+_PLACES = 7  #: along a wedge, where the way a hook bends is told; between them it is interpolated
+_STEM = 0.8  #: of the gap between the wedges that the part of a snap-fit fills behind its edges: for the eye
+_HEAD = 1.5e-3  #: thickness of that part's edge: for the eye [m]
+
+
+def target_scene(name: str, values: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Geometry of the world `name` with `values`; None where there is nothing to draw but the target itself.
+
+    hooks     how many, the first at +Y'
+    root      X' of their roots; they reach towards +X'
+    back      |Y'| of the side of a hook that looks away from the plug
+    width     of a hook, along Z'
+    along     (k,) places on a hook from its root
+    section   (k,) its thickness there
+    at        (n,) places where it may be touched
+    bends     (n, k) how far each place is bent per deflection at the touched place, outward positive
+    outline   (j, 2) plug: X from its reference point, and half its width there
+    floor     X' of the socket's floor
+    force     a force of the order of those that come [N]
+    """
+    plain = tuple(sorted((key, value) for key, value in values.items() if isinstance(value, int | float)))
+    return _scene(name, plain)
+
+
+@lru_cache(maxsize=8)
+def _scene(name: str, values: tuple[tuple[str, float], ...]) -> dict[str, Any] | None:
+    try:
+        world = named(name)().changed(**dict(values))
+    except HaptorbError:  # a world of the user's own that this process does not know by name
+        return None
+    match world:
+        case Outlet():
+            hook, half = world.hook, 0.5 * world.plug_width
+            return _described(
+                hook,
+                np.array([hook.peak]),
+                hooks=2,
+                root=world.arm - hook.peak,
+                back=0.5 * world.opening + hook.height + hook.thickness,
+                outline=[*world.outline.tolist(), [world.arm + 4e-3, half]],
+                floor=0.0,
+                force=world.stiffness * (half - 0.5 * world.opening),
+            )
+        case SnapFit():
+            hook, half = world.hook, world.half_width
+            stem = max(_STEM * (half + world.clearance - hook.height), 0.2 * half)
+            places = np.linspace(hook.base_length, hook.tip, _PLACES)
+            soft = compliance(hook, hook.peak, world.beam)
+            return _described(
+                hook,
+                places,
+                hooks=world.hooks,
+                root=-hook.base_length,
+                back=half + world.clearance + hook.thickness,
+                outline=[[-_HEAD, half], [0.0, half], [0.0, stem], [hook.tip - hook.base_length + 6e-3, stem]],
+                floor=-_HEAD,
+                force=hook.youngs_modulus * hook.width * hook.height / float(soft.plus),
+            )
+    return None
+
+
+def _described(hook: Hook, at: Array, **others: Any) -> dict[str, Any]:
+    """The scene of `hook`, touched at `at` (n,), and what else there is."""
+    corners = [hook.base_length, hook.ramp_end, hook.peak, hook.tip]
+    along = np.unique(np.concatenate([np.linspace(0.0, hook.tip, 25), corners]))
+    bends = []
+    for place in at.tolist():
+        shape = bent_shape(hook, place, 1.0, points=65)
+        bends.append(np.interp(along, shape[:, 0], shape[:, 1]).tolist())
+    return {
+        "width": hook.width,
+        "along": along.tolist(),
+        "section": hook.section(along).tolist(),
+        "at": at.tolist(),
+        "bends": bends,
+        **others,
+    }

@@ -1,0 +1,76 @@
+// The numbers of this moment for a motor: torque, the handle's angles, and twelve channels in two columns.
+
+import { norm, type Sample } from "../sample";
+import { angles, axis } from "../scene/turn";
+import type { Session } from "../session";
+import { duration } from "../status";
+import { channelColour, onThemeChange } from "../theme";
+import { at, make, shown, write } from "./dom";
+
+const KELVIN = 273.15;
+const DEGREE = 180 / Math.PI;
+
+export class MotorReadouts {
+  private readonly cells: { current: HTMLElement; temperature: HTMLElement; swatch: HTMLElement }[] = [];
+
+  constructor(private readonly session: Session) {
+    for (const id of ["asked", "given"]) {
+      const box = at(id).closest("div")!;
+      write(box.querySelector("dt")!, `|T| ${id}`);
+      box.querySelector("dd")!.lastChild!.textContent = " N·m";
+    }
+    const distance = at("distance").closest("div")!;
+    write(distance.querySelector("dt")!, "spin");
+    distance.querySelector("dd")!.lastChild!.textContent = "°";
+    const head = at("coils").querySelector("thead tr")!;
+    head.append(...[...head.children].map((cell) => cell.cloneNode(true)));
+    const body = at("coils").querySelector("tbody")!;
+    const half = Math.ceil(session.coils.length / 2);
+    const rows = Array.from({ length: half }, () => make("tr", {}));
+    body.append(...rows);
+    session.coils.forEach((name, i) => {
+      const swatch = make("span", { className: "swatch" });
+      const current = make("td", {}, "–");
+      const temperature = make("td", {}, "–");
+      rows[i % half]!.append(make("th", { scope: "row" }, swatch, name), current, temperature);
+      this.cells.push({ current, temperature, swatch });
+    });
+    onThemeChange(() => this.dress());
+    this.dress();
+  }
+
+  show(sample: Sample): void {
+    write(at("asked"), shown(norm(sample.vector("asked", 3)), 3));
+    write(at("given"), shown(norm(sample.vector("given", 3)), 3));
+    const q = sample.quaternion("q");
+    const known = Number.isFinite(q[0]);
+    const [x, y, z] = axis(q);
+    write(at("tilt"), shown(known ? Math.atan2(Math.hypot(x, y), z) * DEGREE : NaN, 1));
+    write(at("azimuth"), shown(known ? Math.atan2(y, x) * DEGREE : NaN, 0));
+    write(at("distance"), shown(known ? angles(q)[2] * DEGREE : NaN, 1));
+    const currents = sample.list("currents");
+    const windings = sample.list("winding");
+    this.cells.forEach(({ current, temperature }, i) => {
+      const celsius = windings[i]! - KELVIN;
+      write(current, shown(currents[i]!, 2));
+      write(temperature, shown(celsius, 1));
+      temperature.classList.toggle("hot", celsius >= this.session.limits.warn);
+    });
+    const left = sample.number("remaining");
+    write(at("remaining"), Number.isNaN(left) ? "–" : duration(left) || "unlimited");
+  }
+
+  /** The same, as a sentence for those who listen. */
+  sentence(sample: Sample): string {
+    const given = norm(sample.vector("given", 3));
+    if (!Number.isFinite(given)) return "";
+    const q = sample.quaternion("q");
+    const [x, y, z] = axis(q);
+    const tilt = Math.atan2(Math.hypot(x, y), z) * DEGREE;
+    return `${given.toFixed(2)} newton metres given, handle tilted ${tilt.toFixed(0)} degrees, spun ${shown(angles(q)[2] * DEGREE, 0)}`;
+  }
+
+  private dress(): void {
+    this.cells.forEach(({ swatch }, i) => (swatch.style.background = channelColour(i, this.cells.length)));
+  }
+}

@@ -1,0 +1,226 @@
+// The target scene: a plug in its socket, moving as commanded, hooks bent as the world computes them, contact forces.
+
+import {
+  BoxGeometry,
+  BufferAttribute,
+  BufferGeometry,
+  DoubleSide,
+  Group,
+  Mesh,
+  MeshLambertMaterial,
+  Vector3,
+} from "three";
+import type { Sample, Vector } from "../sample";
+import type { TargetScene } from "../session";
+import { css, onThemeChange } from "../theme";
+import { Arrow } from "./arrow";
+import type { Stage } from "./stage";
+
+/** units of the picture per metre: a plug is as large here as a motor there */
+export const UNIT = 5000;
+const LONGEST = 45; // units of arrow at the scene's own force
+const WALL = 2.5e-3; // m: thickness of the socket's walls, for the eye
+
+interface Strip {
+  mesh: Mesh<BufferGeometry, MeshLambertMaterial>;
+  put(station: number, x: number, low: number, high: number, halfDepth: number): void;
+}
+
+interface Beam extends Strip {
+  side: number;
+}
+
+export class Target {
+  private readonly plug = new Group();
+  private readonly socket = new Group();
+  private readonly plastic = new MeshLambertMaterial({ side: DoubleSide, flatShading: true });
+  private readonly metal = new MeshLambertMaterial({ side: DoubleSide, flatShading: true });
+  private readonly wall = new MeshLambertMaterial({ transparent: true, opacity: 0.55, depthWrite: false });
+  private readonly beams: Beam[] = [];
+  private readonly arrows: Arrow[];
+  private scene: TargetScene | null = null;
+  private told = "";
+  private readonly drawn = new Float32Array(23);
+  /** how far the tip of each hook is bent in the picture [m], for tests */
+  bent: [number, number] = [0, 0];
+
+  constructor(private readonly stage: Stage) {
+    const touch = (): void => stage.touch();
+    this.arrows = [new Arrow(true, "--given", 0, 6, touch), new Arrow(true, "--given", 0, 6, touch)];
+    stage.scene.add(this.plug, this.socket, ...this.arrows.map((arrow) => arrow.mesh));
+    const dress = (): void => {
+      this.plastic.color.set(css("--plug"));
+      this.metal.color.set(css("--hook"));
+      this.wall.color.set(css("--base"));
+      touch();
+    };
+    onThemeChange(dress);
+    dress();
+    this.build(null);
+  }
+
+  /** Another world, or other sizes; null: a target without a socket. */
+  build(scene: TargetScene | null): void {
+    const told = JSON.stringify(scene);
+    if (told === this.told) return;
+    this.told = told;
+    this.scene = scene;
+    for (const group of [this.plug, this.socket]) clear(group);
+    this.beams.length = 0;
+    this.drawn.fill(NaN);
+    for (const arrow of this.arrows) arrow.hide();
+    if (scene) {
+      this.plug.add(...this.part(scene.outline, scene.width));
+      this.housing(scene);
+      for (let k = 0; k < scene.hooks; k++) this.beams.push(this.beam(scene, k === 0 ? 1 : -1));
+    } else {
+      this.plug.add(
+        ...this.part(
+          [
+            [0, 3e-3],
+            [16e-3, 3e-3],
+          ],
+          6e-3,
+        ),
+      );
+    }
+    this.stage.touch();
+  }
+
+  show(sample: Sample): boolean {
+    const p = sample.vector("object");
+    const q = sample.quaternion("object_q");
+    const contacts = sample.list("contacts");
+    const scene = this.scene;
+    const now = [...p.map((x) => x * 1e5), ...q.map((x) => x * 4000)];
+    for (let k = 0; k < 2; k++) {
+      now.push(contacts[8 * k]! * 1e6, contacts[8 * k + 1]! * 1e4);
+      for (let i = 2; i < 8; i++) now.push(contacts[8 * k + i]! * (i < 5 ? 1e5 : (200 / (scene?.force ?? 10))));
+    }
+    if (!now.some((x, i) => Math.abs(x - this.drawn[i]!) > 1 || Number.isNaN(this.drawn[i]!) !== Number.isNaN(x))) {
+      return false;
+    }
+    this.drawn.set(now);
+    const known = Number.isFinite(p[0] + q[0]);
+    this.plug.visible = known;
+    if (known) {
+      this.plug.position.set(p[0] * UNIT, p[1] * UNIT, p[2] * UNIT);
+      this.plug.quaternion.set(...q);
+    }
+    this.arrows.forEach((arrow, k) => this.contact(arrow, k, Array.from(contacts.subarray(8 * k, 8 * k + 8))));
+    this.stage.touch();
+    return true;
+  }
+
+  forget(): void {
+    this.drawn.fill(NaN);
+    this.plug.visible = false;
+    for (const arrow of this.arrows) arrow.hide();
+    this.stage.touch();
+  }
+
+  /** Where the plug is in the picture, in metres. */
+  get place(): Vector {
+    return this.plug.position.toArray().map((x) => x / UNIT) as Vector;
+  }
+
+  private contact(arrow: Arrow, k: number, [bent, place, x, y, z, fx, fy, fz]: number[]): void {
+    const beam = this.beams[k];
+    if (!this.scene || !beam || !Number.isFinite(bent!)) return arrow.hide();
+    this.bent[k] = this.bend(beam, bent!, place!);
+    const force = new Vector3(fx, fy, fz).multiplyScalar(LONGEST / this.scene.force);
+    // The arrow's point is where the hook pushes: it lies beside the plug, not inside it.
+    const tip = new Vector3(x, y, z).multiplyScalar(UNIT);
+    arrow.point(tip.sub(force), force, this.stage.camera);
+  }
+
+  /** Bend the beam so that it gives way by `bent` at `place` from its root; how far its tip goes. */
+  private bend({ put, side }: Beam, bent: number, place: number): number {
+    const { along, section, back, root, width, at, bends } = this.scene!;
+    let k = 0;
+    while (k < at.length - 2 && at[k + 1]! < place) k++;
+    const [a, b] = [at[k]!, at[Math.min(k + 1, at.length - 1)]!];
+    const share = b > a ? Math.min(1, Math.max(0, (place - a) / (b - a))) : 0;
+    const [low, high] = [bends[k]!, bends[Math.min(k + 1, bends.length - 1)]!];
+    let last = 0;
+    along.forEach((s, i) => {
+      const aside = (last = bent * (low[i]! * (1 - share) + high[i]! * share));
+      const outer = side * (back + aside) * UNIT;
+      const inner = side * (back - section[i]! + aside) * UNIT;
+      put(i, (root + s) * UNIT, inner, outer, (width / 2) * UNIT);
+    });
+    return last;
+  }
+
+  private beam(scene: TargetScene, side: number): Beam {
+    const strip = this.strip(scene.along.length, this.metal);
+    this.socket.add(strip.mesh);
+    const beam = { ...strip, side };
+    this.bend(beam, 0, scene.at[0]!);
+    return beam;
+  }
+
+  /** A prism with that outline on both sides, and a grip at its outer end. */
+  private part(outline: [number, number][], depth: number): Mesh[] {
+    const z = (0.75 * depth * UNIT) / 2;
+    const { mesh, put } = this.strip(outline.length, this.plastic);
+    outline.forEach(([x, y], i) => put(i, x * UNIT, -y * UNIT, y * UNIT, z));
+    const [end, half] = outline.at(-1)!;
+    const widest = Math.max(...outline.map(([, y]) => y), half);
+    const grip = new BoxGeometry(6e-3 * UNIT, 2.9 * widest * UNIT, 2.8 * z);
+    grip.translate((end + 3e-3) * UNIT, 0, 0);
+    return [mesh, new Mesh(grip, this.plastic)];
+  }
+
+  /** A bar of rectangular section with `n` stations, each put by its place, two sides and half depth. */
+  private strip(n: number, material: MeshLambertMaterial): Strip {
+    const geometry = new BufferGeometry();
+    const positions = new BufferAttribute(new Float32Array(12 * n), 3);
+    geometry.setAttribute("position", positions);
+    const end = 4 * (n - 1);
+    const index = [0, 2, 1, 0, 3, 2, end, end + 1, end + 2, end, end + 2, end + 3];
+    for (let i = 0; i < n - 1; i++) {
+      for (let k = 0; k < 4; k++) {
+        const [a, b] = [4 * i + k, 4 * i + ((k + 1) % 4)];
+        index.push(a, b, a + 4, b, b + 4, a + 4);
+      }
+    }
+    geometry.setIndex(index);
+    const mesh = new Mesh(geometry, material);
+    mesh.frustumCulled = false;
+    return {
+      mesh,
+      put: (i, x, low, high, z) => {
+        positions.setXYZ(4 * i, x, low, -z);
+        positions.setXYZ(4 * i + 1, x, high, -z);
+        positions.setXYZ(4 * i + 2, x, high, z);
+        positions.setXYZ(4 * i + 3, x, low, z);
+        positions.needsUpdate = true;
+      },
+    };
+  }
+
+  private housing({ root, back, section, width, floor, hooks }: TargetScene): void {
+    const plate = Math.min(root, floor);
+    const box = (from: number, to: number, low: number, high: number): void => {
+      if (to - from < 1e-6 || high - low < 1e-6) return;
+      const geometry = new BoxGeometry((to - from) * UNIT, (high - low) * UNIT, 1.15 * width * UNIT);
+      geometry.translate(((from + to) / 2) * UNIT, ((low + high) / 2) * UNIT, 0);
+      this.socket.add(new Mesh(geometry, this.wall));
+    };
+    const outer = back + WALL;
+    box(plate - WALL, plate, -outer, outer);
+    box(plate, floor, -(back - section[0]!) * 0.9, (back - section[0]!) * 0.9);
+    for (const side of hooks === 2 ? [1, -1] : [1]) {
+      const [low, high] = [side * (back - section[0]! - 0.3e-3), side * outer].sort((a, b) => a - b) as [number, number];
+      box(plate, root, low, high);
+    }
+  }
+}
+
+function clear(group: Group): void {
+  for (const child of [...group.children]) {
+    if (child instanceof Mesh) (child.geometry as BufferGeometry).dispose();
+    group.remove(child);
+  }
+}

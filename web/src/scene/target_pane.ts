@@ -1,0 +1,95 @@
+// The second picture: the target scene with its own view, scale bar and buttons.
+
+import { at, write } from "../panels/dom";
+import type { Sample, Vector } from "../sample";
+import type { TargetScene } from "../session";
+import { Orbit, type Home } from "./orbit";
+import { Stage } from "./stage";
+import { Target, UNIT } from "./target";
+
+const HOME: Home = { azimuth: -78, elevation: 52, distance: 360, centre: [56, -14, -22] };
+
+export class TargetPane {
+  private readonly stage = new Stage(at<HTMLCanvasElement>("target-scene"));
+  private readonly orbit = new Orbit(this.stage.camera, () => this.moved(), HOME);
+  private readonly target = new Target(this.stage);
+  private readonly pointers = new Map<number, { x: number; y: number }>();
+
+  constructor(scene: TargetScene | null) {
+    this.target.build(scene);
+    const { canvas } = this.stage;
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    });
+    canvas.addEventListener("pointermove", (event) => this.dragged(event));
+    for (const kind of ["pointerup", "pointercancel", "lostpointercapture"] as const) {
+      canvas.addEventListener(kind, (event) => this.pointers.delete(event.pointerId));
+    }
+    canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
+    const views: Record<string, () => void> = {
+      left: () => this.orbit.turn(-15, 0),
+      right: () => this.orbit.turn(15, 0),
+      in: () => this.orbit.zoom(1 / 1.25),
+      out: () => this.orbit.zoom(1.25),
+      reset: () => this.orbit.reset(),
+    };
+    for (const button of document.querySelectorAll<HTMLElement>("[data-target-view]")) {
+      button.addEventListener("click", views[button.dataset["targetView"]!]!);
+    }
+    new ResizeObserver(() => this.moved()).observe(at("target"));
+  }
+
+  /** Another world, or other sizes. */
+  build(scene: TargetScene | null): void {
+    this.target.build(scene);
+  }
+
+  show(sample: Sample): void {
+    this.target.show(sample);
+  }
+
+  draw(now: number): void {
+    this.stage.draw(now);
+  }
+
+  forget(): void {
+    this.target.forget();
+    at("target").classList.add("dead");
+  }
+
+  live(): void {
+    at("target").classList.remove("dead");
+  }
+
+  /** What is drawn now, for tests. */
+  get shown(): { place: Vector; bent: number[] } {
+    return { place: this.target.place, bent: [...this.target.bent] };
+  }
+
+  private dragged(event: PointerEvent): void {
+    const before = this.pointers.get(event.pointerId);
+    if (!before) return;
+    const now = { x: event.clientX, y: event.clientY };
+    const other = [...this.pointers].find(([id]) => id !== event.pointerId)?.[1];
+    if (other) {
+      const spread = Math.hypot(now.x - other.x, now.y - other.y);
+      if (spread > 1) this.orbit.zoom(Math.hypot(before.x - other.x, before.y - other.y) / spread);
+    } else this.orbit.turn((before.x - now.x) * 0.4, (now.y - before.y) * 0.4);
+    this.pointers.set(event.pointerId, now);
+  }
+
+  private wheel(event: WheelEvent): void {
+    event.preventDefault();
+    this.orbit.zoom(Math.exp(event.deltaY * 0.001));
+  }
+
+  private moved(): void {
+    this.stage.touch();
+    const pixels = (this.stage.scale(this.orbit.distance) * UNIT) / 1000;
+    const millimetres = [1, 2, 5, 10].find((mm) => mm * pixels > 35) ?? 20;
+    const box = at("target-scale");
+    box.querySelector<HTMLElement>("span")!.style.width = `${millimetres * pixels}px`;
+    write(box.querySelector("b")!, `${millimetres} mm`);
+  }
+}
