@@ -148,8 +148,15 @@ def test_one_broken_sensor_is_left_out_whatever_it_says(pmsm, wrong, cold):
         broken.field[k] = wrong
         estimate = estimator.update(broken)
         assert estimate.valid
-        assert estimate.disbelieved == 1
+        near = np.linalg.norm(pmsm.sensor_field(R[None], "table")[0, k] - wrong) < 5e-3  # it may be right by chance
+        assert estimate.disbelieved == 1 or near
         assert but_for_spin(pmsm, estimate.state.R_SR, R) < 0.01
+
+
+def test_between_four_magnets_a_reading_of_zero_is_true(pmsm):
+    upright = sample(pmsm, np.eye(3))
+    assert (np.linalg.norm(upright.field, axis=1) < 1e-9).any()
+    assert LeastSquaresOrientation(pmsm).update(upright).disbelieved == 0
 
 
 def test_a_dozen_broken_sensors_are_left_out_while_it_tracks(pmsm):

@@ -44,7 +44,7 @@ class LinearTorque(TorqueMap):
         x, y = x - self._mean, y - offset
         covariance = x.T @ x / len(x)
         spread = float(np.trace(covariance)) / x.shape[1]
-        if not spread > 0:
+        if not spread > 1e-12 * float((self._mean**2).mean()):
             raise InputError("the readings never change over the training set: nothing can be learnt from it")
         covariance[np.diag_indices(len(covariance))] += max(sigma**2, 1e-9 * spread)
         self._precision = np.linalg.inv(covariance)

@@ -68,6 +68,8 @@ def train(
     `report` is called with the share that is done. Raises InputError for a grid that cannot determine the weights.
     """
     R = workspace_grid(motor, grid)
+    if len(R) < 2 * len(motor.electromagnets):
+        raise InputError(f"a training grid of {len(R)} orientations cannot teach anything; the usual one is {GRID}")
     B, K = motor.sensor_field(R, "table"), motor.torque_characteristic(R, "table")
     groups = neighbourhoods(motor, reach)
     order = np.random.default_rng(seed).permutation(len(R))  # which coil sees which orientation

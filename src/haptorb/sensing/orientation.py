@@ -13,7 +13,7 @@ from haptorb.physics.compiled import kernel
 from haptorb.sensing.cold_start import ColdStart
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.gauss_newton import FieldModel, explained, torque_per_ampere
-from haptorb.sensing.readings import coil_field_per_ampere, faint, magnet_field
+from haptorb.sensing.readings import coil_field_per_ampere, magnet_field
 from haptorb.sensing.sample import Estimate, Sample
 from haptorb.sensing.spin import nearest_branch, spin_period
 from haptorb.sensing.turning import corrected, turn_by
@@ -44,7 +44,6 @@ class LeastSquaresOrientation(Estimator):
         self._model = FieldModel.of(motor)
         self._cold = ColdStart(motor, self._model)
         self._per_ampere = coil_field_per_ampere(motor)
-        self._faint = faint(motor)
         self._tau = 0.5 * lag
         self._floor = float(np.hypot(max(motor.hall.noise, 1e-6), motor.hall.step / np.sqrt(12)))
         self._period = spin_period(motor)
@@ -60,6 +59,11 @@ class LeastSquaresOrientation(Estimator):
         nothing = WrenchMap(np.zeros((6, motor.channels)), np.zeros(6))
         self._last = Estimate(unknown, nothing, False, np.inf, spin_period=self._period)
 
+    @property
+    def trusted(self) -> Array:
+        """(k,) 1.0 for every sensor whose last reading fits the orientation that was found, else 0.0."""
+        return self._trusted
+
     def update(self, sample: Sample) -> Estimate:
         """The estimate after `sample`; its `pose` is not looked at."""
         if sample.field.shape != self._field.shape:
@@ -68,7 +72,7 @@ class LeastSquaresOrientation(Estimator):
                 f"{sample.field.shape[0]}"
             )
         count = magnet_field(
-            sample.field, sample.currents, self._per_ampere, self._faint, self._cold.limit, self._field, self._usable
+            sample.field, sample.currents, self._per_ampere, self._cold.limit, self._field, self._usable
         )
         dt = sample.t - self._t
         R, K, covariance = np.empty((3, 3)), np.zeros((6, self._motor.channels)), np.empty((3, 3))

@@ -9,7 +9,7 @@ from haptorb.errors import InputError
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 
-__all__ = ["believable", "coil_field_per_ampere", "faint", "magnet_field"]
+__all__ = ["believable", "coil_field_per_ampere", "magnet_field"]
 
 
 def coil_field_per_ampere(motor: SphericalMotor) -> Array:
@@ -28,24 +28,12 @@ def believable(motor: SphericalMotor, orientations: Array, field: Array, per_amp
     return 1.5 * (most + float(np.sqrt((coils.reshape(-1, 3) ** 2).sum(axis=1).max())))
 
 
-def faint(motor: SphericalMotor) -> float:
-    """A magnitude [T] below which a reading is noise: eight standard deviations, less than the rotor gives anywhere.
-
-    >>> import haptorb
-    >>> round(1e3 * faint(haptorb.load("pmsm")), 3)
-    0.4
-    """
-    return 8.0 * motor.hall.noise
-
-
 @kernel
-def magnet_field(
-    field: Array, currents: Array, per_ampere: Array, faint: float, limit: float, out: Array, usable: Array
-) -> int:
+def magnet_field(field: Array, currents: Array, per_ampere: Array, limit: float, out: Array, usable: Array) -> int:
     """out (k, 3) [T] = field − the coils' part; usable (k,) 1.0 or 0.0; returns how many sensors are usable.
 
-    Not usable is what is not finite, what is longer than `limit` [T], and what is not longer than `faint` [T]: a sensor
-    that reads nothing but its own noise is dead. What is not usable becomes zero in `out`.
+    Not usable is what is not finite and what is longer than `limit` [T]; it becomes zero in `out`. A reading of zero
+    may be true: between four magnets of a checkerboard there is no field.
     """
     count = 0
     for k in range(field.shape[0]):
@@ -57,7 +45,7 @@ def magnet_field(
                 reading -= per_ampere[3 * k + i, j] * currents[j]
             out[k, i] = reading
         total = out[k, 0] + out[k, 1] + out[k, 2]
-        if faint * faint < square <= limit * limit and np.isfinite(total):  # NaN fails the first
+        if square <= limit * limit and np.isfinite(total):  # NaN fails the first
             usable[k] = 1.0
             count += 1
         else:

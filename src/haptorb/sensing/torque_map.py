@@ -13,7 +13,8 @@ from haptorb.errors import InputError
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 from haptorb.sensing.estimator import Estimator
-from haptorb.sensing.readings import believable, coil_field_per_ampere, faint, magnet_field
+from haptorb.sensing.orientation import LeastSquaresOrientation
+from haptorb.sensing.readings import believable, coil_field_per_ampere, magnet_field
 from haptorb.sensing.sample import Estimate, Sample
 from haptorb.sensing.training_set import workspace_grid
 
@@ -35,25 +36,27 @@ class TorqueMap(ABC):
 
 
 class FieldToTorque(Estimator):
-    """Torque per ampere by `torque_map`; orientation by another estimator, or honestly not estimated.
+    """Torque per ampere by `torque_map`; orientation by least squares beside it, or honestly not estimated.
 
     motor         the device whose sensors are read
     torque_map    `NetworkTorque` or `LinearTorque`
-    orientation   who finds the orientation; None: nobody, the state is NaN and the estimate is not `oriented`
+    orientation   who finds the orientation, and the sensors that do not fit it; None: nobody, the state is NaN and the
+                  estimate is not `oriented`, and only readings that cannot be are noticed
 
     A channel one of whose coils is not known gets no torque per ampere, so that no current is put into it; with fewer
     than half of the channels, or fewer than three, the estimate is not valid. A map cannot tell when it is wrong: with
     an orientation beyond the workspace that it learnt, it is not believed.
     """
 
-    def __init__(self, motor: SphericalMotor, torque_map: TorqueMap, orientation: Estimator | None = None) -> None:
+    def __init__(
+        self, motor: SphericalMotor, torque_map: TorqueMap, orientation: LeastSquaresOrientation | None = None
+    ) -> None:
         self._motor, self._map, self._orientation = motor, torque_map, orientation
         self._per_ampere = coil_field_per_ampere(motor)
         coarse = workspace_grid(motor, _COARSE)
         self._limit = believable(motor, coarse, motor.sensor_field(coarse, "table"), self._per_ampere)
         edge = motor.workspace_tilt + _EDGE
         self._sine, self._tangent = float(np.sin(edge)), float(np.tan(edge))
-        self._faint = faint(motor)
         self._groups = np.ascontiguousarray(motor.groups, dtype=np.float64)
         self._field = np.zeros((motor.sensors, 3))
         self._usable = np.zeros(motor.sensors)
@@ -71,26 +74,30 @@ class FieldToTorque(Estimator):
             raise InputError(
                 f"device '{motor.name}' has {motor.sensors} field sensors; the sample has {sample.field.shape[0]}"
             )
-        count = magnet_field(
-            sample.field, sample.currents, self._per_ampere, self._faint, self._limit, self._field, self._usable
-        )
-        self._map.torque(self._field, self._usable, self._single, self._known)
-        matrix = np.zeros((6, motor.channels))
-        valid = _grouped(self._single, self._known, self._groups, matrix[3:]) >= self._enough
-        disbelieved = motor.sensors - count
+        count = magnet_field(sample.field, sample.currents, self._per_ampere, self._limit, self._field, self._usable)
         if self._orientation is None:
+            matrix, valid = self._torque()
             if valid:
                 self._t = sample.t
             state = State(sample.t, self._turn, self._rest, self._turning, self._rest)
             known = WrenchMap(matrix, self._nothing)
-            return Estimate(state, known, valid, sample.t - self._t, oriented=False, disbelieved=disbelieved)
+            return Estimate(state, known, valid, sample.t - self._t, oriented=False, disbelieved=motor.sensors - count)
         pose = self._orientation.update(sample)
+        if pose.valid:
+            np.minimum(self._usable, self._orientation.trusted, out=self._usable)
+        matrix, valid = self._torque()
         z = pose.state.R_SR[:, 2].tolist()  # (sin λ, −sin ψ cos λ, cos ψ cos λ)
         inside = abs(z[0]) <= self._sine and abs(z[1]) <= self._tangent * z[2]
         return Estimate(
             pose.state, WrenchMap(matrix, pose.wrench_map.passive), valid and pose.valid and inside, pose.age,
-            pose.oriented, pose.spin_period, pose.covariance, pose.strength, max(disbelieved, pose.disbelieved),
+            pose.oriented, pose.spin_period, pose.covariance, pose.strength, pose.disbelieved,
         )  # fmt: skip
+
+    def _torque(self) -> tuple[Array, bool]:
+        """(6, m) per channel, and whether enough channels are known."""
+        matrix = np.zeros((6, self._motor.channels))
+        self._map.torque(self._field, self._usable, self._single, self._known)
+        return matrix, _grouped(self._single, self._known, self._groups, matrix[3:]) >= self._enough
 
 
 @kernel
