@@ -35,7 +35,7 @@ class ToolModel(NamedTuple):
     rows: Array  #: (4, n) charges in the mover's frame: x, y, z [m], q [A·m]
     sensors: Array  #: (k, 3) [m]
     core_radius: float  #: [m]
-    response: Array  #: (L,) the core's answer by degree
+    response: Array  #: (3, L) the core's answer by degree, and (2l + 1)/(l + 1), l/(l + 1) of Legendre's recurrence
 
     @classmethod
     def of(cls, device: SphericalElectromagnet, *, azimuth: int = 4) -> ToolModel:
@@ -53,7 +53,9 @@ class ToolModel(NamedTuple):
         closest = max(device.dome_radius - tool.length / 2, 1.1 * device.core_radius)
         order = sphere.order(closest, float(np.linalg.norm(at, axis=1).min()), precision=1e-3) if len(at) else 1
         ring = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence, radial=1, azimuth=azimuth)
-        return cls(ring.rows, at, float(device.core_radius), sphere.response(order))
+        degree = np.arange(1, order + 1, dtype=np.float64)
+        response = np.stack([sphere.response(order), (2 * degree + 1) / (degree + 1), degree / (degree + 1)])
+        return cls(ring.rows, at, float(device.core_radius), response)
 
 
 def coil_field(device: SphericalElectromagnet) -> Array:
@@ -71,6 +73,18 @@ def tool_field(model: ToolModel, p: Array, R: Array, B: Array, J: Array) -> None
     p (3,) [m] the magnet's centre, R (3, 3) any rotation whose third column is the magnet's axis.
     """
     rows, a = model.rows, model.core_radius
+    placed = np.empty(
+        (rows.shape[1], 10)
+    )  # per charge: from the magnet's centre, from the core's, its direction, 1/|s|
+    for n in range(rows.shape[1]):
+        square = 0.0
+        for i in range(3):
+            placed[n, i] = R[i, 0] * rows[0, n] + R[i, 1] * rows[1, n] + R[i, 2] * rows[2, n]
+            placed[n, 3 + i] = p[i] + placed[n, i]
+            square += placed[n, 3 + i] * placed[n, 3 + i]
+        placed[n, 9] = 1.0 / np.sqrt(square)
+        for i in range(3):
+            placed[n, 6 + i] = placed[n, 3 + i] * placed[n, 9]
     for k in range(model.sensors.shape[0]):
         x, y, z = model.sensors[k, 0], model.sensors[k, 1], model.sensors[k, 2]
         reach = 1.0 / np.sqrt(x * x + y * y + z * z)
@@ -80,11 +94,9 @@ def tool_field(model: ToolModel, p: Array, R: Array, B: Array, J: Array) -> None
             for j in range(5):
                 J[k, i, j] = 0.0
         for n in range(rows.shape[1]):
-            lx, ly, lz, q = rows[0, n], rows[1, n], rows[2, n], _K * rows[3, n]
-            ax = R[0, 0] * lx + R[0, 1] * ly + R[0, 2] * lz
-            ay = R[1, 0] * lx + R[1, 1] * ly + R[1, 2] * lz
-            az = R[2, 0] * lx + R[2, 1] * ly + R[2, 2] * lz
-            sx, sy, sz = p[0] + ax, p[1] + ay, p[2] + az
+            q = _K * rows[3, n]
+            ax, ay, az = placed[n, 0], placed[n, 1], placed[n, 2]
+            sx, sy, sz = placed[n, 3], placed[n, 4], placed[n, 5]
             # The charge itself: q r/r³, and its derivative by s, q (3 r rᵀ/r⁵ − 1/r³).
             rx, ry, rz = x - sx, y - sy, z - sz
             inverse = 1.0 / (rx * rx + ry * ry + rz * rz)
@@ -95,19 +107,18 @@ def tool_field(model: ToolModel, p: Array, R: Array, B: Array, J: Array) -> None
             dxy, dxz, dyz = v * rx * ry, v * rx * rz, v * ry * rz
             dyx, dzx, dzy = dxy, dxz, dyz
             # The core's answer to it.
-            sigma = 1.0 / np.sqrt(sx * sx + sy * sy + sz * sz)
-            hx, hy, hz = sx * sigma, sy * sigma, sz * sigma
+            hx, hy, hz, sigma = placed[n, 6], placed[n, 7], placed[n, 8], placed[n, 9]
             c = ux * hx + uy * hy + uz * hz
             t = a * a * reach * sigma
             power = t * t
             p_now, d_before, d_now, e_before, e_now = c, 0.0, 1.0, 0.0, 0.0
             p_before = 1.0
             s1, s1t, s1c, s2, s2t, s2c = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for l in range(1, model.response.shape[0] + 1):
-                p_after = ((2 * l + 1) * c * p_now - l * p_before) / (l + 1)
+            for l in range(1, model.response.shape[1] + 1):
+                p_after = model.response[1, l - 1] * c * p_now - model.response[2, l - 1] * p_before
                 d_after = d_before + (2 * l + 1) * p_now
                 e_after = e_before + (2 * l + 1) * d_now
-                weight = model.response[l - 1] * power
+                weight = model.response[0, l - 1] * power
                 s1 += weight * d_now
                 s1t += (l + 1) * weight * d_now
                 s1c += weight * e_now

@@ -31,7 +31,8 @@ from haptorb.sensing.tool_fit import fitted
 
 __all__ = ["HallTracker"]
 
-_NEAR, _TURN = 1e-3, 0.02  #: a last step below this leaves its square over 70 mm: 0.02 mm
+#: a last step below this leaves its square over 70 mm, 0.1 mm and 0.2°; typical noise makes half such steps
+_NEAR, _TURN = 3e-3, 0.08
 _EXACT = 1e-6  #: the same for a start from nothing [m, rad]
 _WARM, _COLD = 4, 40  #: evaluations at most
 _MANY = 5.0  #: residuals so many times the sensors' noise are no noise
