@@ -6,11 +6,13 @@ person who knows the map tells how far the summit is and where. The last probes 
 gone to and reported; recall errs little at the top, which is a landmark, and more away from it, in some trials much
 more than in others.
 
-CALIBRATED, not predicted: `recall`, `recall_reach_deg`, `recall_spread` and `gravity_left` were chosen once so that 6
-participants × 50 trials give the errors that Zárate 2020 measured (2.5, 5.7, 6.5, 7.2 mm at θ = 0, 18, 36, 54 deg).
-With them 48 participants of 8 seeds give 2.3, 5.6, 6.4 and 6.8 mm (standard deviations 1.3, 4.3, 4.7 and 5.0; the
-paper's 1.4, 4.6, 5.2 and 5.1). The other values are from the literature or assumed. So it may say how many people a study needs, or which of two
-designs is likely found more exactly; it cannot confirm the paper.
+CALIBRATED, not predicted: `recall`, `recall_reach_deg`, `recall_spread`, `gravity_left`, `probes`, `forgetting` and
+`motor_noise` were chosen once so that 6 participants × 50 trials give the errors that Zárate 2020 measured (2.5, 5.7,
+6.5, 7.2 mm at θ = 0, 18, 36, 54 deg). With them 48 participants of 8 seeds give 2.3, 5.6, 6.4 and 6.8 mm (standard
+deviations 1.3, 4.3, 4.7 and 5.0; the paper's are 1.4, 4.6, 5.2 and 5.1). Single groups of six scatter about that: about
+half of the seeds lie within one standard error at all four angles, among them the default 0. The just-noticeable
+differences are from the literature. So it may say how many people a study needs, or which of two designs is likely found
+more exactly; it cannot confirm the paper.
 """
 
 from __future__ import annotations
@@ -45,10 +47,10 @@ class Traits:
     direction_jnd_deg: float = 22.0  #: of 18 to 32 deg
     detection: float = 0.03  #: [N] less is not felt; assumed
     gravity_left: float = 0.45  #: share of the pen's weight that is taken for the dome's force, on average; calibrated
-    motor_noise: float = 1.0e-3  #: spread of a placed pen [m] per direction; assumed
+    motor_noise: float = 1.0e-3  #: spread of a placed pen [m] per direction; calibrated
     tremor: float = 0.15e-3  #: [m] per direction; assumed
-    probes: int = 14  #: forces compared about the best place; assumed
-    forgetting: float = 0.16  #: what the newest probe counts at least; assumed
+    probes: int = 14  #: forces compared about the best place; calibrated
+    forgetting: float = 0.16  #: what the newest probe counts at least; calibrated
     recall: float = 3.5e-3  #: typical spread of recalling a place away from the top [m] per direction; calibrated
     recall_reach_deg: float = 9.5  #: how fast the top stops helping; calibrated
     recall_spread: float = 0.6  #: of the logarithm of a trial's recall error; calibrated

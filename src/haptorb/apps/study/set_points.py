@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from math import cos, degrees, radians, sin
 
 import numpy as np
@@ -27,6 +28,7 @@ class SetPoint:
         return sin(theta) * cos(phi), sin(theta) * sin(phi), cos(theta)
 
 
+@cache
 def published() -> tuple[SetPoint, ...]:
     """The 25 of Zárate 2020 Fig. 8: one on top, eight each at θ = 18, 36 and 54 deg.
 
