@@ -193,6 +193,54 @@ def test_heat_from_a_table(tmp_path):
         thermal_record(table(tmp_path / "short.csv", short), OMNI).identified()
 
 
+def test_the_angle_between_coils_is_told():
+    said = []
+    inner, pace = door("sim", OMNI)
+    calibrate(OMNI, inner, pace=pace, say=said.append)
+    x, y = OMNI.moment_per_current[:, 0], OMNI.moment_per_current[:, 1]
+    truth = np.degrees(np.arccos(x @ y / np.linalg.norm(x) / np.linalg.norm(y)))
+    told = float(next(line for line in said if "x and y" in line).split(": ")[1].split("°")[0])
+    assert told == pytest.approx(truth, abs=0.1)
+    assert (told < 90) == (truth < 90)
+
+
+def test_heat_from_a_recording(tmp_path, monkeypatch):
+    """Currents, resistances and boundaries of the loop's rows; the warmest coil is taken."""
+    coil, step, rises, rows = endurance_fit(60.0), 0.1, np.zeros(2), []
+    heated, coils = 1, OMNI.coils
+    for n in range(3600):
+        i = 5.0 if n < 1800 else 0.0
+        warm = float(coils.resistance_at(np.full(3, 298.15 + rises[0]))[heated])
+        rows.append((n * step, i, warm, 298.15 + rises[1]))
+        rises = coil.step(step) @ (*rises, i * i * warm)
+    t, i, R, edge = np.array(rows).T
+
+    class Told:
+        digest = OMNI.digest
+
+        def __init__(self, path):
+            self.t, self.metadata = t, {"device": {"name": "omni", "digest": self.digest}}
+
+        def __len__(self):
+            return len(t)
+
+        def __getitem__(self, name):
+            still = {"currents": 0.0, "resistance": 0.6, "boundary": 298.15}[name]
+            out = np.full((len(t), 3), still)
+            out[:, heated] = {"currents": i, "resistance": R, "boundary": edge}[name]
+            return out
+
+    monkeypatch.setattr("haptorb.runtime.recording.Recording", Told)
+    record = thermal_record("heat.mcap", OMNI)
+    assert np.isnan(record.winding[-1])
+    found = record.identified()
+    assert found.endurance(60.0, 60.0) == pytest.approx(60.0, rel=0.1)
+    assert found.model.steady(17.0)[0] == pytest.approx(60.0, rel=0.1)
+    monkeypatch.setattr(Told, "digest", "e" * 64)
+    with pytest.raises(CalibrationError, match="was recorded on device 'omni' with file eeee"):
+        thermal_record("heat.mcap", OMNI)
+
+
 def test_tables_that_are_no_records(tmp_path):
     with pytest.raises(CalibrationError, match="at least 20"):
         thermal_record(table(tmp_path / "a.csv", ["0,1,25,25"]), OMNI)

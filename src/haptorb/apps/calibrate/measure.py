@@ -88,7 +88,7 @@ def calibrate(
             "keep tool and magnets away and still, and calibrate again"
         )
     for (one, other), angle in found.skew(device.coils.names).items():
-        say(f"    coils {one} and {other}: {90 - np.degrees(angle):.2f}° apart")
+        say(f"    coils {one} and {other}: {90 + np.degrees(angle):.2f}° apart")
     coils = device.coils
     cold = resistance / (1 + coils.temperature_coefficient * (ambient - coils.reference_temperature))
     return Calibration(
