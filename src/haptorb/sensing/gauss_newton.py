@@ -26,6 +26,7 @@ __all__ = ["FieldModel", "explained", "torque_per_ampere"]
 
 _OUTLYING = 6.0  #: a residual so many times the middle one is no accident
 _LONGEST = 0.06  #: longest turn of one step [rad]: the field changes over a few millimetres of 62
+_WEAKEST, _STRONGEST = 0.5, 2.0  #: what is called the same rotor
 _FEWEST = 4  #: three-axis sensors that must agree; fewer leave no doubt to be had
 
 
@@ -174,8 +175,11 @@ def explained(
         shorter = min(1.0, _LONGEST / length) if length > 0.0 else 1.0
         turn_by(shorter * step[0], shorter * step[1], shorter * step[2], R, turned)
         R[:] = turned
-        strength = min(max(strength + shorter * step[3], 0.5), 2.0)
+        wanted = strength + shorter * step[3]
+        strength = min(max(wanted, _WEAKEST), _STRONGEST)
         if length <= tolerance:
+            if wanted != strength:  # sensors without supply agree well with magnets without strength
+                return False, strength, rms, length, out_count
             noise = max(total / max(3.0 * kept - 4.0, 1.0), floor * floor)
             for a in range(3):
                 for b in range(3):
