@@ -32,7 +32,7 @@ const READ = 100; // ms between two readings of the numbers
 const SAY = 4000; // ms between two sentences for those who listen
 const STALE = 500; // ms without a sample after which nothing is live
 
-const MOTOR: Home = { azimuth: -62, elevation: 24, distance: 560, centre: [-22, -12, 0] };
+const MOTOR: Home = { azimuth: -62, elevation: 24, distance: 560, centre: [-30, -16, 0] };
 
 class Console {
   private readonly sample: Sample;
@@ -289,7 +289,7 @@ class Console {
     write(hint, this.subject.hint);
     hint.hidden = false;
     const frame = at("view");
-    const left = Math.min(x + 22, frame.clientWidth - 150);
+    const left = Math.min(x + 22, frame.clientWidth - Math.max(150, hint.offsetWidth + 12));
     const top = Math.min(Math.max(y - 4, 8), frame.clientHeight - 40);
     hint.style.transform = `translate(${left.toFixed(0)}px, ${top.toFixed(0)}px)`;
   }

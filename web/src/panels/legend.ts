@@ -32,7 +32,7 @@ export class Legend {
   /** For a motor: the colours are its coils' currents, full at ±`range` amperes; the arrows are torques. */
   coils(range: number): void {
     const legend = at("legend");
-    write(legend.querySelector("figcaption")!, "current in a coil, A");
+    write(legend.querySelector("figcaption")!, "coil current, A");
     legend.querySelector<HTMLElement>(".key")!.hidden = true;
     at("bar").ariaLabel = "Colour scale of the coils' currents";
     this.scale(range);

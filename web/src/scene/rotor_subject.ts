@@ -11,7 +11,7 @@ import type { Subject, Wish } from "./subject";
 import { angles, axis, turned, type Quaternion } from "./turn";
 
 const MM = 1000;
-const LONGEST = 130; // mm of arrow at the greatest torque
+const LONGEST = 200; // mm of arrow at the greatest torque
 const NOTCH = 2; // degrees of spin per notch of the wheel
 const DEGREE = Math.PI / 180;
 
@@ -47,6 +47,8 @@ export class RotorSubject implements Subject {
     this.arrowScale = LONGEST / limits.torque;
     this.rotor = new Rotor(mover, this.range, touch);
     this.goal = new Goal(touch);
+    stage.canvas.ariaLabel =
+      "Motor with a handle. Arrow keys tilt it, Q and E spin it, R and T choose what it does to the plug, C held lets the plug go, question mark lists all keys.";
     this.asked = new Arrow(false, "--asked", 0.35, 7, touch);
     this.given = new Arrow(true, "--given", 0, 6, touch);
     stage.scene.add(this.rotor.stator, this.rotor.group, this.goal.group, this.given.mesh, this.asked.mesh);

@@ -10,13 +10,15 @@ import { Target, UNIT } from "./target";
 const HOME: Home = { azimuth: -78, elevation: 52, distance: 360, centre: [56, -14, -22] };
 
 export class TargetPane {
+  private readonly home: Home = { ...HOME };
+  private framed = "";
   private readonly stage = new Stage(at<HTMLCanvasElement>("target-scene"));
-  private readonly orbit = new Orbit(this.stage.camera, () => this.moved(), HOME);
+  private readonly orbit = new Orbit(this.stage.camera, () => this.moved(), this.home);
   private readonly target = new Target(this.stage);
   private readonly pointers = new Map<number, { x: number; y: number }>();
 
   constructor(scene: TargetScene | null) {
-    this.target.build(scene);
+    this.build(scene);
     const { canvas } = this.stage;
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
@@ -43,6 +45,7 @@ export class TargetPane {
   /** Another world, or other sizes. */
   build(scene: TargetScene | null): void {
     this.target.build(scene);
+    if (scene) this.frame(scene);
   }
 
   show(sample: Sample): void {
@@ -65,6 +68,19 @@ export class TargetPane {
   /** What is drawn now, for tests. */
   get shown(): { place: Vector; bent: number[] } {
     return { place: this.target.place, bent: [...this.target.bent] };
+  }
+
+  /** The whole of socket and plug in view, the plug half out. */
+  private frame({ root, floor, outline }: TargetScene): void {
+    const from = (Math.min(root, floor) - 2.5e-3) * UNIT;
+    const to = (outline.at(-1)![0] + 10e-3) * UNIT;
+    this.home.centre = [(from + to) / 2, -14, -22];
+    this.home.distance = Math.max(300, 2.1 * (to - from));
+    const told = JSON.stringify(this.home);
+    if (told === this.framed) return; // a slider that moves nothing leaves the view as it was turned
+    this.framed = told;
+    this.orbit.centre.set(...this.home.centre);
+    this.orbit.reset();
   }
 
   private dragged(event: PointerEvent): void {

@@ -16,7 +16,7 @@ from haptorb.apps.console.felt import Painter
 from haptorb.apps.console.hand import Hand
 from haptorb.apps.console.health import Health
 from haptorb.apps.console.servant import Servant
-from haptorb.apps.console.target import target_scene
+from haptorb.apps.console.target import prepare, target_scene
 from haptorb.apps.console.wire import Columns, felt_frame, mesh_frame, pointer, rows_frame
 from haptorb.errors import HaptorbError, InputError
 
@@ -62,6 +62,8 @@ class Room:
         layout = servo.layout
         self._t, self._tick, self._target = layout["t"].start, layout["tick"].start, layout["target"]
         self._turn = layout["target_q"]
+        if servo.modes:
+            prepare()
         self._world: tuple[str, dict[str, Any]] = ("", {})
         self._version = 0
         self._asked: tuple[Page, str, dict[str, Any]] | None = None

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -17,11 +18,16 @@ from haptorb.physics.beams import bent_shape, compliance
 from haptorb.physics.hook import Hook
 from haptorb.worlds import Outlet, SnapFit, named
 
-__all__ = ["target_scene"]
+__all__ = ["prepare", "target_scene"]
 
 _PLACES = 7  #: along a wedge, where the way a hook bends is told; between them it is interpolated
 _STEM = 0.8  #: of the gap between the wedges that the part of a snap-fit fills behind its edges: for the eye
 _HEAD = 1.5e-3  #: thickness of that part's edge: for the eye [m]
+
+
+def prepare() -> None:
+    """Load, in a thread, what the first scenes need: it takes a second, and later a hand would wait for it."""
+    Thread(target=lambda: [target_scene(name, {}) for name in ("outlet", "snap_fit")], daemon=True).start()
 
 
 def target_scene(name: str, values: Mapping[str, Any]) -> dict[str, Any] | None:

@@ -1,0 +1,117 @@
+"""The motor's page, end to end: drag the handle, feel the plug, change the mode, let it go, and stop."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptorb.apps.console import Console
+from haptorb.control.trip import Trip
+from haptorb.devices.loader import load
+from haptorb.runtime.servo import Servo
+
+pytestmark = pytest.mark.browser
+
+
+def kit() -> Any:
+    """What all tests of the page share."""
+    spec = importlib.util.spec_from_file_location("browser_kit", Path(__file__).with_name("conftest.py"))
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def motor(browser: Any) -> Iterator[tuple[Any, Servo]]:
+    """A running motor and its page. Its poses last a second: an overloaded test machine stutters."""
+    home = kit()
+    pmsm = load("pmsm")
+    servo = Servo(replace(pmsm, limits=replace(pmsm.limits, expiry=1.0)), "outlet", record=False)
+    with Console(servo, 0) as console, servo, home.served(console):
+        page = browser.new_page(viewport=home.DESK)
+        yield home.Screen(page, console.url), servo
+        page.close()
+
+
+def pull(screen: Any, dx: float, dy: float = 0.0, steps: int = 15) -> tuple[float, float]:
+    """Take the handle's end and drag it by so many pixels; the place where it is held."""
+    _, _, end = screen.tell("haptorb.stylus()")
+    screen.page.mouse.move(end["x"], end["y"])
+    screen.page.mouse.down()
+    for k in range(1, steps + 1):
+        screen.page.mouse.move(end["x"] + dx * k / steps, end["y"] + dy * k / steps)
+        screen.page.wait_for_timeout(20)
+    screen.page.wait_for_timeout(600)
+    return end["x"] + dx, end["y"] + dy
+
+
+def test_pull_the_plug_turn_it_and_stop(motor):
+    screen, servo = motor
+    page = screen.page
+    assert page.get_by_text("drag the handle", exact=True).is_visible()
+    screen.until("haptorb.control && haptorb.status === 'running'")
+    assert page.get_by_role("button", name="translate").get_attribute("aria-pressed") == "true"
+    assert page.locator("#coils tbody td").count() == 24
+
+    # Tilting the handle pulls the plug; friction holds it back, the hooks are bent open, and the hand feels a torque.
+    home = screen.tell("haptorb.plug().place[0]")
+    pull(screen, -30)
+    pull(screen, 70)
+    screen.until(f"Math.abs(haptorb.plug().place[0] - {home}) > 5e-4")
+    row = screen.tell("({object: haptorb.value('object'), drawn: haptorb.plug()})")
+    assert row["drawn"]["place"] == pytest.approx(row["object"], abs=1e-4)
+    assert min(row["drawn"]["bent"]) > 1e-4
+    at = servo.layout
+    _, rows = servo.rows(0)
+    moved = rows[rows[:, at["mode"].start] == 1]
+    torque = np.linalg.norm(moved[:, at["asked"]][:, 3:], axis=1)
+    assert np.percentile(torque, 98) > 0.1, "the pull of an outlet is about 0.23 N·m at the handle"
+    assert (moved[:, at["asked"]][:, :3] == 0).all(), "the bearing carries every force"
+    page.mouse.up()
+
+    # The other mode: the plug turns, and stays where it is.
+    page.keyboard.press("r")
+    screen.until("haptorb.value('mode')[0] === 2 && haptorb.value('share')[1] === 1 && haptorb.value('share')[0] === 0")
+    assert page.get_by_role("button", name="rotate").first.get_attribute("aria-pressed") == "true"
+    before = screen.value("object")
+    _, _, end = screen.tell("haptorb.stylus()")
+    page.mouse.move(end["x"], end["y"])
+    for _ in range(3):
+        page.mouse.wheel(0, 100)
+        page.wait_for_timeout(120)
+    screen.until("Math.abs(haptorb.value('object_q')[2]) > 3e-3")
+    assert screen.value("object") == pytest.approx(before, abs=1e-6)
+    screen.until("Math.abs(haptorb.value('asked')[5]) > 0.005")  # the hooks on a turned plug are felt in the spin
+
+    # Let go while C is down: the handle turns back, the plug does not.
+    page.locator("#target-scene").click(position={"x": 200, "y": 300})
+    page.keyboard.down("c")
+    screen.until("haptorb.value('engaged')[0] === 0 && haptorb.value('share').every((x) => x === 0)")
+    assert page.locator("#clutch-word").inner_text() == "let go"
+    turned, handle = screen.value("object_q"), screen.value("q")
+    for _ in range(3):
+        page.keyboard.press("q")
+        page.wait_for_timeout(120)
+    screen.until(f"Math.abs(haptorb.value('q')[2] - {handle[2]}) > 0.02")
+    assert screen.value("object_q") == pytest.approx(turned, abs=1e-6)
+    page.keyboard.up("c")
+    screen.until("haptorb.value('engaged')[0] === 1 && haptorb.value('share')[1] === 1")
+
+    page.keyboard.press("t")
+    screen.until("haptorb.value('mode')[0] === 1")
+
+    page.keyboard.press("Space")
+    screen.until("haptorb.status === 'stopped'")
+    page.wait_for_timeout(300)
+    assert screen.value("wanted") == [0.0] * 12
+    assert max(map(abs, screen.value("currents"))) < 0.01
+    assert servo.latest()[at["trip"].start] == Trip.STOPPED
+    assert not screen.troubles
