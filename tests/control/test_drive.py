@@ -82,3 +82,27 @@ def test_rest_is_zero_and_forgets_the_last_step():
     assert not drive.rest().any()
     first = drive.duties(np.zeros(3), np.zeros(3), np.zeros(3))
     assert not first.any()
+
+
+def test_what_the_mover_induces_is_fed_forward_and_not_taken_for_resistance():
+    """A coil under 2 V of its mover's making carries what is wanted, and its resistance stays what it is."""
+    cold = OMNI.coils.resistance_at(np.full(3, 298.15))
+    wanted, emf = np.array([5.0, -3.0, 1.0]), np.array([2.0, 2.0, -1.0])
+    drive, measured, applied = Drive(OMNI, DT), np.zeros(3), np.zeros(3)
+    for _ in range(400):
+        applied = drive.duties(wanted, measured, applied, emf).copy()
+        measured = (applied * OMNI.supply.voltage - emf) / cold
+    assert measured == pytest.approx(wanted, rel=1e-3)
+    assert drive.resistance == pytest.approx(cold, rel=1e-3)
+
+
+def test_a_motors_small_currents_teach_as_well():
+    """A twentieth of a motor's ampere is enough to learn by; a fixed half ampere would never be reached."""
+    pmsm = load("pmsm")
+    warm = pmsm.coils.resistance_at(np.full(12, 338.15))
+    drive, measured, applied = Drive(pmsm, DT), np.zeros(12), np.zeros(12)
+    wanted = np.full(12, 0.05)
+    for _ in range(600):
+        applied = drive.duties(wanted, measured, applied).copy()
+        measured = applied * pmsm.supply.voltage / warm
+    assert measured == pytest.approx(wanted, rel=0.01)

@@ -214,6 +214,7 @@ class Servo:
     def point(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
         """The hand wants the tool's magnet at `p` (3,) [m], turned to `q` (4,) (x, y, z, w); None: its axis radial.
 
+        Of a motor only the turn counts: `q`, or a place `p` towards which the handle is to point.
         It must be said again within the device's `limits.expiry`, else the pose counts as lost.
         """
         position = finite(p, "p")
