@@ -3,7 +3,7 @@
 import daqp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -172,6 +172,13 @@ def test_equation_4_refuses_what_it_cannot_invert():
     arrays(float, 3, elements=st.floats(-1e6, 1e6)),
     arrays(float, 12, elements=st.just(0.0) | st.floats(1e-6, 1e3)),
     st.booleans(),
+)
+# One limit a million times narrower than the others, and the strongest coil behind it: the search ended in nothing.
+@example(
+    1e-5 * (1.0 - np.eye(3, 12)) + np.outer((0.0, 0.0, 1.0), 2.0 * np.eye(12)[6]),
+    np.array([0.0, 0.0, 1.0]),
+    np.where(np.arange(12) == 6, 1e-6, 1.0),
+    False,
 )
 @settings(max_examples=400, deadline=None)
 def test_whatever_comes_in_limits_hold_and_the_torque_never_misses_by_more_than_itself(K, T, limit, nearest):

@@ -28,7 +28,7 @@ GIVEN = 0  #: the torque is given in full
 SCALED = 1  #: beyond the limits: cut, direction kept
 NEAREST = 2  #: beyond the limits: the nearest torque there is
 NOT_FINITE = 3  #: NaN or infinity came in; the currents are NaN
-NOT_CONVERGED = 4  #: the search failed (limits a hundred decades apart can do it): the currents are zero
+NOT_CONVERGED = 4  #: within the search only: it failed, as limits many decades apart can make it
 
 _STEPS = 60
 _TOLERANCE = 1e-11
@@ -371,6 +371,22 @@ def _nearest(Q: Array, t: Array, limit: Array) -> None:
 
 
 @kernel
+def _least_norm_within(Q: Array, t: Array, box: Array, y: Array) -> float:
+    """Where rounding hides the way, limits being many decades apart: the shortest y for t, scaled into the box.
+
+    Less than could be had, but in its direction and within every limit. Returns the share of t that y gives.
+    """
+    share = 1.0
+    for j in range(y.size):
+        y[j] = Q[0, j] * t[0] + Q[1, j] * t[1] + Q[2, j] * t[2]
+        if abs(y[j]) * share > box[j]:
+            share = box[j] / abs(y[j])
+    for j in range(y.size):
+        y[j] *= share
+    return share
+
+
+@kernel
 def bounded_power_currents(
     K: Array, T: Array, limit: Array, resistance: Array, nearest: bool, currents: Array
 ) -> tuple[int, float]:
@@ -456,7 +472,8 @@ def bounded_power_currents(
                 break
             hair *= 30.0
             if hair > 0.1:
-                return NOT_CONVERGED, 0.0
+                hair = 1.0 - _least_norm_within(Q, t, box, y)
+                break
         if status != NEAREST:
             scale *= 1.0 - hair
             status = SCALED
