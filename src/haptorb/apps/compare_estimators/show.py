@@ -60,10 +60,12 @@ def plotted(comparison: Comparison, path: Path) -> None:
 
     spaced = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08, wspace=0.04, hspace=0.06)
     figure = Figure(figsize=(13.5, 8.4), layout=spaced)
-    grid = figure.add_gridspec(2, 6)
-    _courses(figure, grid, comparison)
-    _noise(figure.add_subplot(grid[1, :2]), comparison)
-    _disturbed(figure.add_subplot(grid[1, 2:]), comparison)
+    halves: Any = figure.subfigures(2, 1)
+    above, below = halves
+    _courses(above.subplots(1, 3), comparison)
+    left, right = below.subplots(1, 2, width_ratios=(1, 2))
+    _noise(left, comparison)
+    _disturbed(right, comparison)
     figure.suptitle(
         f"From field to torque: three estimators of '{comparison.device}', electromagnet {comparison.coil}",
         x=0.01, ha="left", fontweight="bold", color=INK,
@@ -71,10 +73,10 @@ def plotted(comparison: Comparison, path: Path) -> None:
     figure.savefig(path, dpi=150)
 
 
-def _courses(figure: Any, grid: Any, comparison: Comparison) -> None:
+def _courses(places: Any, comparison: Comparison) -> None:
     course = comparison.course
     for column, (axis, name) in enumerate(((1, "Y"), (2, "Z"))):
-        place = figure.add_subplot(grid[0, 2 * column : 2 * column + 2])
+        place = places[column]
         place.plot(course.t, 1e3 * course.true[:, axis], color=INK, lw=3.5, alpha=0.25, label="true")
         for estimator, K in course.estimated.items():
             style = {"least-squares": "--"}.get(estimator, "-")
@@ -82,7 +84,7 @@ def _courses(figure: Any, grid: Any, comparison: Comparison) -> None:
         _titled(place, f"torque per ampere about {name} along Fig. 4 [mN·m/A]", "t [s]")
         if column == 0:
             place.legend(frameon=False, fontsize=8, loc="best")
-    place = figure.add_subplot(grid[0, 4:])
+    place = places[2]
     for estimator, K in course.estimated.items():
         error = 1e3 * np.linalg.norm(K - course.true, axis=1)
         place.semilogy(course.t, np.maximum(error, 1e-6), color=STYLE[estimator][0], lw=1.2, label=estimator)

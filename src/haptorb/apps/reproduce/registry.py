@@ -41,6 +41,10 @@ class Reproduction:
 
 _ALL = (
     Reproduction(
+        "bai2012", "figure 4", "From field to torque per ampere: network, linear map, least squares",
+        "haptorb.apps.reproduce.bai2012_figure_4",
+    ),
+    Reproduction(
         "bai2012", "figure 8", "Two phases of pulling a plug, felt through the chain",
         "haptorb.apps.reproduce.bai2012_figure_8",
     ),
