@@ -62,11 +62,14 @@ def test_pull_the_plug_turn_it_and_stop(motor):
     assert page.locator("#coils tbody td").count() == 24
 
     # Tilting the handle pulls the plug; friction holds it back, the hooks are bent open, and the hand feels a torque.
+    pull(screen, -120)  # all the way home, wherever the guided motion was
+    page.mouse.up()
+    known = "haptorb.value('object').every(Number.isFinite)"
+    screen.until(known)
     home = screen.tell("haptorb.plug().place[0]")
-    pull(screen, -30)
-    pull(screen, 70)
-    screen.until(f"Math.abs(haptorb.plug().place[0] - {home}) > 5e-4")
-    row = screen.tell("({object: haptorb.value('object'), drawn: haptorb.plug()})")
+    pull(screen, 40)
+    screen.until(f"{known} && haptorb.plug().place[0] - {home} > 5e-4")
+    row = screen.until(f"{known} && {{object: haptorb.value('object'), drawn: haptorb.plug()}}")
     assert row["drawn"]["place"] == pytest.approx(row["object"], abs=1e-4)
     assert min(row["drawn"]["bent"]) > 1e-4
     at = servo.layout

@@ -75,7 +75,7 @@ export class TargetPane {
     const from = (Math.min(root, floor) - 2.5e-3) * UNIT;
     const to = (outline.at(-1)![0] + 10e-3) * UNIT;
     this.home.centre = [(from + to) / 2, -14, -22];
-    this.home.distance = Math.max(300, 2.1 * (to - from));
+    this.home.distance = Math.max(300, 2.4 * (to - from));
     const told = JSON.stringify(this.home);
     if (told === this.framed) return; // a slider that moves nothing leaves the view as it was turned
     this.framed = told;
