@@ -4,6 +4,9 @@ show every state."""
 from __future__ import annotations
 
 import importlib.util
+import json
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -11,10 +14,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from haptorb.apps.console import Console
-from haptorb.runtime.servo import Servo
+from haptorb.devices.loader import load
+from haptorb.runtime.row import RowLayout
 
 FLAGS = [
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
@@ -67,7 +72,9 @@ class Screen:
         """Wait until the expression is true. (The page's policy forbids Playwright's own way of waiting.)"""
         end = time.monotonic() + seconds
         while not (value := self.page.evaluate(expression)):
-            assert time.monotonic() < end, f"never came true: {expression}; status {self.tell('haptorb.status')}"
+            assert time.monotonic() < end, (
+                f"never came true: {expression}; status {self.tell('haptorb.status')}; troubles {self.troubles}"
+            )
             self.page.wait_for_timeout(40)
         return value
 
@@ -81,11 +88,16 @@ class Screen:
 
     def hold(self) -> tuple[float, float]:
         """Press the mouse on the stylus, above its magnet; the place."""
-        _, magnet, end = self.tell("haptorb.stylus()")
-        x, y = 0.6 * magnet["x"] + 0.4 * end["x"], 0.6 * magnet["y"] + 0.4 * end["y"]
-        self.page.mouse.move(x, y)
-        self.page.mouse.down()
-        return x, y
+        for _ in range(40):  # the guided hand moves on while the mouse is on its way
+            _, magnet, end = self.tell("haptorb.stylus()")
+            x, y = 0.6 * magnet["x"] + 0.4 * end["x"], 0.6 * magnet["y"] + 0.4 * end["y"]
+            self.page.mouse.move(x, y)
+            self.page.mouse.down()
+            self.page.wait_for_timeout(60)
+            if not self.tell("haptorb.control") or self.tell("document.querySelector('#scene.holding') !== null"):
+                return x, y
+            self.page.mouse.up()
+        raise AssertionError("the stylus cannot be taken")
 
     def settled(self) -> None:
         """Wait until the stylus hangs still."""
@@ -110,14 +122,63 @@ def browser(chromium: str) -> Iterator[Any]:
         browser.close()
 
 
+class Host:
+    """The servo of `live_host.py`, asked from here."""
+
+    def __init__(self) -> None:
+        self.layout = RowLayout.of(load("omni"))
+        self._process = subprocess.Popen(
+            [sys.executable, Path(__file__).with_name("live_host.py")],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self.url = self._read()
+
+    def _read(self) -> Any:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        assert line, "the host ended; its words are above"
+        return json.loads(line)
+
+    def ask(self, what: str, **more: Any) -> Any:
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps({"what": what, **more}) + "\n")
+        self._process.stdin.flush()
+        return self._read()
+
+    def latest(self, name: str) -> list[float]:
+        """A field of the newest row."""
+        return self.ask("latest")[self.layout[name]]
+
+    def rows(self, cursor: int, *names: str) -> tuple[int, list[np.ndarray]]:
+        """Fields (n, width) of all rows since `cursor`."""
+        columns = [np.arange(self.layout.width)[self.layout[name]] for name in names]
+        cursor, rows = self.ask("rows", cursor=cursor, columns=np.concatenate(columns).tolist())
+        return cursor, np.split(np.array(rows), np.cumsum([len(column) for column in columns])[:-1], axis=1)
+
+    def close(self) -> None:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.close()
+        try:
+            self._process.wait(30)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._process.stdout.close()
+
+
 @pytest.fixture
-def live(browser: Any) -> Iterator[tuple[Screen, Servo, Console]]:
-    """The real thing: servo in its own process, simulated Omni, page."""
-    servo = Servo("omni", "dome", record=False)
-    with Console(servo, 0) as console, servo, served(console):
-        page = browser.new_page(viewport=DESK)
-        yield Screen(page, console.url), servo, console
+def live(browser: Any) -> Iterator[tuple[Screen, Host]]:
+    """The real thing: servo with the simulated Omni, console, page."""
+    host = Host()
+    page = browser.new_page(viewport=DESK)
+    try:
+        yield Screen(page, host.url), host
+    finally:
         page.close()
+        host.close()
 
 
 @pytest.fixture

@@ -30,11 +30,6 @@ export class Grasp {
     canvas.addEventListener("pointercancel", (event) => this.up(event));
     canvas.addEventListener("lostpointercapture", (event) => this.up(event));
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
-    // Nobody holds a stylus on a page that is not seen.
-    document.addEventListener("visibilitychange", () => {
-      if (document.hidden) this.letGo(performance.now());
-    });
-    addEventListener("blur", () => this.letGo(performance.now()));
   }
 
   get held(): boolean {

@@ -74,6 +74,7 @@ class Console:
             timeout_graceful_shutdown=1,
             server_header=False,
         )
+        config.load()  # its modules now, not while a servo counts on this process
         self._server = _Server(config)
 
     def serve(self, *, open_browser: bool = False, until: Callable[[], bool] = lambda: False) -> int | None:

@@ -11,9 +11,8 @@ from uuid import uuid4
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
-from starlette.routing import Mount, Route, WebSocketRoute
-from starlette.staticfiles import StaticFiles
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route, WebSocketRoute
 
 from haptorb.apps.console.doors import Doors
 from haptorb.apps.console.felt import FeltMap, Painter
@@ -29,6 +28,14 @@ __all__ = ["STATIC", "application"]
 #: where the build hook puts the page
 STATIC = Path(__file__).parent / "static"
 
+_KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".svg": "image/svg+xml",
+    ".txt": "text/plain; charset=utf-8",
+}
+
 
 def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
     """The ASGI application for one running servo.
@@ -37,8 +44,9 @@ def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
     `app.state.felt` is the process behind that, to be closed at the end, or None.
     Raises InputError if the page has not been built.
     """
-    page = STATIC / "index.html"
-    if not page.exists():
+    # In memory: it is small, and nothing waits for a disk while a hand is on the device.
+    files = {path.name: (path.read_bytes(), _KINDS[path.suffix]) for path in STATIC.glob("*") if path.suffix in _KINDS}
+    if "index.html" not in files:
         raise InputError(
             "the console's page has not been built: run `cd web && npm ci && npm run build`, or `make run`"
         )
@@ -52,8 +60,12 @@ def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
     room = Room(servo, painter)
     known = session(servo, uuid4().hex)
 
-    async def index(request: Request) -> Response:
-        return FileResponse(page)
+    async def file(request: Request) -> Response:
+        name = request.path_params.get("name", "index.html")
+        if name not in files:
+            return Response("there is no such file\n", status_code=404, media_type="text/plain")
+        content, kind = files[name]
+        return Response(content, media_type=kind)
 
     async def about(request: Request) -> Response:
         return JSONResponse(known | {"world": world_now(servo)})
@@ -70,10 +82,10 @@ def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
 
     app = Starlette(
         routes=[
-            Route("/", index),
+            Route("/", file),
+            Route("/static/{name}", file),
             Route("/api/session", about),
             WebSocketRoute("/ws", room.join),
-            Mount("/static", StaticFiles(directory=STATIC)),
         ],
         middleware=[Middleware(Doors)],
         lifespan=lifespan,
