@@ -14,7 +14,7 @@ from haptorb.sensing.cold_start import ColdStart
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.gauss_newton import FieldModel, explained, torque_per_ampere
 from haptorb.sensing.readings import coil_field_per_ampere, magnet_field
-from haptorb.sensing.sample import Estimate, Sample
+from haptorb.sensing.sample import Estimate, Pose, Sample
 from haptorb.sensing.spin import nearest_branch, spin_period
 from haptorb.sensing.turning import corrected, turn_by
 
@@ -54,10 +54,25 @@ class LeastSquaresOrientation(Estimator):
         self._usable = np.zeros(motor.sensors)
         self._trusted = np.zeros(motor.sensors)
         self._filtered, self._w, self._strength = np.eye(3), np.zeros(3), 1.0
-        self._found, self._t = False, -np.inf
-        unknown = State(0.0, self._near, np.zeros(3), np.zeros(3), np.zeros(3))
-        nothing = WrenchMap(np.zeros((6, motor.channels)), np.zeros(6))
+        self._forget(self._near)
+        self._rehearse()
+
+    def _forget(self, near: Array) -> None:
+        """Nothing is known yet, but that the spin is near that of `near` (3, 3)."""
+        self._found, self._t, self._near, self._strength = False, -np.inf, near, 1.0
+        self._w[:] = 0.0
+        unknown = State(0.0, near, np.zeros(3), np.zeros(3), np.zeros(3))
+        nothing = WrenchMap(np.zeros((6, self._motor.channels)), np.zeros(6))
         self._last = Estimate(unknown, nothing, False, np.inf, spin_period=self._period)
+
+    def _rehearse(self) -> None:
+        """Search and track once, so that everything is compiled before the loop begins."""
+        near, rest = self._near, np.zeros(3)
+        upright = self._motor.sensor_field(np.eye(3)[None], "table")[0]
+        for t in (0.0, 1e-3):
+            pose = Pose(t, np.eye(3), rest, rest, rest, False)
+            self.update(Sample(t, np.zeros(self._motor.channels), np.zeros(self._motor.channels), upright, pose))
+        self._forget(near)
 
     @property
     def trusted(self) -> Array:

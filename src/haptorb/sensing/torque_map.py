@@ -66,6 +66,8 @@ class FieldToTorque(Estimator):
         self._t = -np.inf
         self._turn, self._turning = np.full((3, 3), np.nan), np.full(3, np.nan)
         self._rest, self._nothing = np.zeros(3), np.zeros(6)
+        magnet_field(self._field, np.zeros(motor.channels), self._per_ampere, self._limit, self._field, self._usable)
+        self._torque()  # compiled before the loop begins
 
     def update(self, sample: Sample) -> Estimate:
         """The estimate after `sample`; its `pose` is not looked at."""
