@@ -16,9 +16,11 @@ import numpy as np
 
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.two_phases import ARM, FORCE_SCALE, X_0, Course, two_phases
+from haptorb.devices.motor_doors import motor
 from haptorb.physics.arrays import Array
 from haptorb.physics.beams import appendix_b
 from haptorb.physics.hook import TABLE_3
+from haptorb.sensing.network_file import networks_path
 
 __all__ = ["items"]
 
@@ -27,7 +29,8 @@ _PAPER, _WHERE = "bai2012", "Fig. 8"
 
 def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[Path], Path]]:
     """The statements about Fig. 8, and what draws it."""
-    pull, right = two_phases(report=report)
+    trained = networks_path(motor("pmsm")).is_file()
+    pull, right = two_phases(report=lambda done: report(0.5 * done if trained else done))
     force = pull["object_wrench"]
     place = pull["object"][:, 0]
     line = np.polynomial.Polynomial.fit(place, force[:, 1], 1)
@@ -40,7 +43,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
     def one(name: str, what: str, published: float | None, computed: float, unit: str, tolerance: float | None) -> Item:
         return Item(f"fig8-{name}", _PAPER, _WHERE, what, published, float(computed), unit, tolerance)
 
-    found = (
+    found: tuple[Item, ...] = (
         one("fx", "F_X' of phase 1, eq. (17) with E9 and E10", stiffness * 0.134 * (width - 4.8e-3),
             -force[:, 0].mean(), "N", 0.05),
         one("fx-constant", "greatest change of F_X' over its mean: 'constant'", 0.0,
@@ -59,6 +62,10 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
             max(_unexplained(pull), _unexplained(right)), "A", 5e-3),
         one("torque", "greatest torque asked of the motor", None, torque.max(), "N·m", None),
     )  # fmt: skip
+    if trained:  # by `haptorb train`: the paper's own way from the field to the torque per ampere
+        other = two_phases(estimator="network", report=lambda done: report(0.5 + 0.5 * done))
+        what = "the same with the network in place of least squares"
+        found += (one("given-network", what, None, _departure(*other), "1", None),)
     return found, lambda path: _drawn(pull, right, path)
 
 
