@@ -119,7 +119,10 @@ def take(wanted: list[tuple[str, str, str, Path]]) -> None:
                 width, height = SIZES[size]
                 page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=theme)  # type: ignore[arg-type]
                 page.goto(console.url + "?fine")
-                page.wait_for_timeout(1500)
+                for _ in range(300):
+                    page.wait_for_timeout(100)
+                    if page.evaluate("!document.getElementById('legend').hidden"):
+                        break
                 _moving(servo, page, 3000)
                 servo.target = servo.at(24.0, -62.0, 0.0475)
                 STATES[state](servo)

@@ -26,12 +26,15 @@ def test_a_held_pointer_is_kept_through_a_stutter_only(servo, monkeypatch: pytes
     assert 1 + 13 <= servo.count("point") <= 1 + 15, "0.15 s, then it expires"
 
 
-def test_a_resting_hand_is_kept_fresh_and_goes_home_with_the_page(servo):
+def test_a_resting_hand_is_kept_fresh_and_goes_home_with_the_page(servo, monkeypatch: pytest.MonkeyPatch):
+    now = [100.0]
+    monkeypatch.setattr("haptorb.apps.console.hand.time.monotonic", lambda: now[0])
     hand = Hand(servo)
     hand.point(pointer(1.0, 0.01, held=False))
     for _ in range(5):
         hand.keep()
     assert servo.count("point") == 6
+    now[0] += 1.0
     hand.gone()
     hand.keep()
     assert servo.count("point") == 6
@@ -45,6 +48,16 @@ def test_a_page_that_goes_in_the_middle_of_a_drag_lets_the_pose_expire(servo):
     hand.keep()
     assert servo.count("point") == 1
     assert servo.count("release") == 0
+
+
+def test_letting_go_with_the_last_breath_is_no_rest(servo):
+    hand = Hand(servo)
+    hand.point(pointer(1.0, 0.01, held=True))
+    hand.point(pointer(2.0, 0.01, held=False))
+    hand.gone()
+    hand.keep()
+    assert servo.count("release") == 0
+    assert servo.count("point") == 2
 
 
 def test_before_engaging_an_expired_drag_is_let_go(servo):

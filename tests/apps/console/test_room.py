@@ -134,6 +134,7 @@ def test_resting_hand_is_refreshed_while_the_page_is_there(console, servo):
         page.event("role", control=True)
         page.point(1.0, (0.01, 0.0, 0.047), held=False)
         eventually(lambda: servo.count("point") > 10)
+        time.sleep(0.6)
     eventually(lambda: servo.count("release") == 1)
     before = servo.count("point")
     time.sleep(0.1)

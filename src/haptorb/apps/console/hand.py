@@ -25,6 +25,8 @@ __all__ = ["Hand"]
 _SAME = 1e-6
 #: the longest stutter of a page that is bridged while it holds the stylus [s]
 GRACE = 0.15
+#: a hand that was let go for so long is at rest [s]
+SETTLED = 0.5
 #: an answer that has not come by then will not come [s]
 _PATIENCE = 0.5
 
@@ -36,6 +38,7 @@ class Hand:
     def __init__(self, servo: Servant) -> None:
         self._servo = servo
         self._last: tuple[Array, Array | None, float] | None = None  # what is held, and when it was last said
+        self._rested = 0.0  # when it was let go
         self._resting: tuple[Array, Array | None] | None = None
         # the page's stamp, our time, position, orientation
         self._pending: deque[tuple[float, float, Array, Array | None]] = deque(maxlen=64)
@@ -46,6 +49,8 @@ class Hand:
         self._servo.point(pointer.p, pointer.q)
         self.held = pointer.held
         self._resting = None if pointer.held else (pointer.p, pointer.q)
+        if not pointer.held:
+            self._rested = time.monotonic()
         self._last = (pointer.p, pointer.q, time.monotonic()) if pointer.held else None
         if math.isfinite(pointer.stamp):
             self._pending.append((pointer.stamp, time.monotonic(), pointer.p, pointer.q))
@@ -58,8 +63,11 @@ class Hand:
             self._servo.point(self._last[0], self._last[1])
 
     def gone(self) -> None:
-        """The page went away: a hand at rest goes home, a drag is left to expire."""
-        if self._resting is not None:
+        """The page went away: a hand at rest goes home, a drag is left to expire.
+
+        A browser that closes a page in the middle of a drag says first that the pointer was let go; that is no rest.
+        """
+        if self._resting is not None and time.monotonic() - self._rested > SETTLED:
             self._servo.release()
         self._forget()
 
