@@ -19,6 +19,8 @@ GUARD, GUARD_TESTS = "control/guard.py", "tests/control/test_guard.py"
 DRIVE, DRIVE_TESTS = "control/drive.py", "tests/control/test_drive.py"
 TICK, TICK_TESTS = "runtime/tick.py", "tests/runtime/test_tick.py"
 
+ORIENTATION_TESTS, MAP_TESTS = "tests/sensing/test_orientation.py", "tests/sensing/test_torque_maps.py"
+
 #: (rule, file in the package, code that keeps it, code without it, tests that must go red)
 PROOFS = [
     ("off is the default", GUARD, "self.state = GuardState.OFF", "self.state = GuardState.RUNNING", GUARD_TESTS),
@@ -72,6 +74,27 @@ PROOFS = [
         "if guard.gain else self.drive.rest()",
         "if True else self.drive.rest()",
         TICK_TESTS,
+    ),
+    (
+        "dead sensors are no weak magnets",
+        "sensing/gauss_newton.py",
+        "if wanted != strength:",
+        "if False:",
+        ORIENTATION_TESTS,
+    ),
+    (
+        "readings that cannot be are left out",
+        "sensing/readings.py",
+        "if square <= limit * limit and np.isfinite(total):",
+        "if True:",
+        MAP_TESTS,
+    ),
+    (
+        "networks of another device are refused",
+        "sensing/network.py",
+        "if self.digest != motor.digest:",
+        "if False:",
+        MAP_TESTS,
     ),
 ]
 
