@@ -51,3 +51,15 @@ def test_the_command_refuses_the_printed_layout_unless_overridden(capsys):
         main(["inspect", "pmsm-printed", "--override", "--assumed"])
     assert done.value.code == 0
     assert "rotor.mass" in capsys.readouterr().out
+
+
+def test_what_holds_the_rotor_upright_is_told(made):
+    """The regulator against its exact rings, the weight against its lever; the sum is what must be compensated."""
+    upright = {key: np.array(values) for key, values in made.numbers()["upright"].items()}
+    device = haptorb.load("pmsm")
+    tilt = upright["tilt_rad"]
+    assert upright["weight_nm"] == pytest.approx(-1.3 * 9.80665 * 0.017 * np.sin(tilt))
+    assert upright["regulator_nm"][-1] == pytest.approx(device.regulator.torque(float(tilt[-1])), rel=1e-4)
+    assert (upright["regulator_nm"][1:] > 0).all()
+    assert upright["sum_nm"] == pytest.approx(upright["regulator_nm"] + upright["weight_nm"], abs=1e-12)
+    assert np.abs(upright["sum_nm"]).max() < 0.2 * np.abs(upright["weight_nm"]).max()

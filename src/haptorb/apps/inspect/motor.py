@@ -14,8 +14,9 @@ from rich.table import Table
 from haptorb.apps.inspect.card import Card, facts, shown
 from haptorb.control.motor_capability import motor_capability
 from haptorb.devices.endurance import endurance
-from haptorb.devices.spherical_motor import SphericalMotor
+from haptorb.devices.spherical_motor import GRAVITY, SphericalMotor
 from haptorb.physics.arrays import Array
+from haptorb.physics.rotations import rotation_from_euler
 
 __all__ = ["MotorCard"]
 
@@ -30,6 +31,7 @@ class MotorCard(Card):
         self._device = device
         self._capability = motor_capability(device)
         self._endurance = endurance(device)
+        self._upright = _upright(device)
 
     def numbers(self) -> dict[str, Any]:
         """Everything on the card as plain JSON types."""
@@ -42,6 +44,9 @@ class MotorCard(Card):
             "sensed_dof": "3 angles by the field sensors; spin only modulo the magnets' period",
             "field_sensors": device.sensors,
             "workspace_tilt_deg": math.degrees(device.workspace_tilt),
+            "upright": dict(
+                zip(("tilt_rad", "regulator_nm", "weight_nm", "sum_nm"), self._upright.tolist(), strict=True)
+            ),
             "tilts_rad": capability.tilts.tolist(),
             "spins_per_tilt": capability.spins,
             "peak_torque_nm": capability.peak.tolist(),
@@ -70,6 +75,12 @@ class MotorCard(Card):
         )
         table.add_row("sensed", f"3 angles by {device.sensors} field sensors; spin only modulo the magnets' period")
         table.add_row("condition", f"{capability.condition.min():.2f} to {capability.condition.max():.2f}")
+        tilt, regulator, weight, rest = self._upright
+        table.add_row(
+            "held upright",
+            f"{regulator[-1]:.3f} N·m of regulator and {-weight[-1]:.3f} N·m of weight at {math.degrees(tilt[-1]):g}°; "
+            f"up to {1e3 * np.abs(rest).max():.0f} mN·m remain on the way, which currents take out",
+        )
         console.print(table)
         console.print("\nTorque about each axis alone, over the workspace and every spin")
         torques = Table(box=SIMPLE_HEAD, padding=(0, 2))
@@ -105,12 +116,13 @@ class MotorCard(Card):
         console.print(f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
 
     def plot(self, path: Path) -> None:
-        """Draw maps over tilt (worst spin) of torque, condition and heat, and the channels' shares, into `path`."""
+        """Draw into `path`: maps over tilt (worst spin) of torque, condition and heat, the channels' shares, and what
+        holds the rotor upright."""
         from matplotlib.figure import Figure
 
         capability = self._capability
-        figure = Figure(figsize=(13, 7), layout="constrained")
-        axes = figure.subplots(2, 4)
+        figure = Figure(figsize=(16, 7), layout="constrained")
+        axes = figure.subplots(2, 5)
         degrees = np.degrees(capability.tilts)
 
         def map_of(place: Any, values: Array, title: str) -> None:
@@ -134,8 +146,24 @@ class MotorCard(Card):
         place.set_title("share of the heat [%]", loc="left", fontsize=10)
         place.set_xlabel("channel")
         place.legend(frameon=False, fontsize=8)
+        place = axes[0, 4]
+        for values, name in zip(self._upright[1:], ("regulator", "weight", "both"), strict=True):
+            place.plot(np.degrees(self._upright[0]), values, label=name, linewidth=2 if name == "both" else 1)
+        place.axhline(0.0, color="0.6", linewidth=0.8)
+        place.set(xlabel="tilt [°]")
+        place.set_title("torque back upright [N·m]", loc="left", fontsize=10)
+        place.legend(frameon=False, fontsize=8)
+        axes[1, 4].axis("off")
         figure.suptitle(self._device.title, x=0.01, ha="left", fontweight="bold")
         figure.savefig(path, dpi=150)
+
+
+def _upright(device: SphericalMotor) -> Array:
+    """(4, n): tilt [rad], and what turns the rotor back upright at zero current [N·m]: regulator, weight, both."""
+    tilt = np.linspace(0.0, device.workspace_tilt, 46)
+    both = np.array([device.passive(rotation_from_euler(0.0, angle, 0.0))[4] for angle in tilt])
+    weight = device.rotor.mass * GRAVITY * device.rotor.centre_of_mass * np.sin(tilt)
+    return np.stack([tilt, weight - both, -weight, -both])
 
 
 def _duration(seconds: float) -> str:
