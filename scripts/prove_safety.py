@@ -96,6 +96,20 @@ PROOFS = [
         "if False:",
         MAP_TESTS,
     ),
+    (
+        "a field that nothing explains is no start",
+        "sensing/cold_start.py",
+        "residual <= _POOR * rms and 2 * outliers <= count",
+        "True",
+        ORIENTATION_TESTS,
+    ),
+    (
+        "a field that nothing explains ends the tracking",
+        "sensing/orientation.py",
+        "or not rms * rms <= _POOR * _POOR * square / (3.0 * count)",
+        "",
+        ORIENTATION_TESTS,
+    ),
 ]
 
 

@@ -190,8 +190,9 @@ def test_a_sensor_that_comes_back_is_believed_again(pmsm):
         lambda field: field * (np.arange(48) < 3)[:, None],
         lambda field: field[::-1].copy(),
         lambda field: np.random.default_rng(0).uniform(-0.2, 0.2, field.shape),
+        lambda field: field + 0.03,
     ],
-    ids=["dead", "nan", "saturated", "three left", "wired in reverse", "noise"],
+    ids=["dead", "nan", "saturated", "three left", "wired in reverse", "noise", "a foreign magnet"],
 )
 def test_what_no_orientation_explains_is_not_valid_and_the_guard_trips(pmsm, spoil):
     R = random_orientations(1, 11)[0]
