@@ -258,6 +258,7 @@ def test_those_who_listen_get_values_and_alerts(staged, fake):
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_nothing_is_cut_off_or_too_small_to_read(staged, width, height):
     screen = staged(width, height)
+    screen.until("!document.getElementById('legend').hidden")  # the map comes when its process has loaded
     screen.page.wait_for_timeout(300)
     small = screen.tell(
         """[...document.querySelectorAll('body *')].filter(e => e.checkVisibility() && !e.closest('.sr')

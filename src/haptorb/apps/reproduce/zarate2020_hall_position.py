@@ -31,7 +31,7 @@ def filtered_share(bandwidth: float = 100.0, rate: float = 1000.0) -> float:
     From the variance of a critically damped α–β filter: (2α² + 2β − 3αβ)/(α (4 − 2α − β)).
 
     >>> round(filtered_share(), 2)
-    0.57
+    0.53
     """
     tau = 2.482 / (2 * math.pi * bandwidth)
     theta = math.exp(-1 / (rate * tau))
