@@ -7,14 +7,17 @@ import shutil
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parent.parent
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 # The same examples in every run: a red test stays red until somebody mends it. No deadline: the first call compiles.
-settings.register_profile("fixed", derandomize=True, deadline=None, print_blob=True)
+# Nor a limit on how long drawing an example may take: that would be a test of the machine's other tenants.
+settings.register_profile(
+    "fixed", derandomize=True, deadline=None, print_blob=True, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("fixed")
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")

@@ -190,8 +190,13 @@ with servo:
 def _script(tmp_path: Path, record: str) -> tuple[subprocess.Popen[str], int, int, Path, Path, Path]:
     file = tmp_path / "script.py"
     file.write_text(_SCRIPT)
+    # A shell starts what it puts into the background with SIGINT ignored; a person at a keyboard does not.
     process = subprocess.Popen(
-        [sys.executable, str(file), record], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, str(file), record],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     assert process.stdout is not None
     line = process.stdout.readline().split()
