@@ -137,8 +137,7 @@ def test_stop_button_then_two_deliberate_steps(live):
     screen.until("haptorb.control && haptorb.status === 'running'")
     page.get_by_role("button", name="STOP").click()
     screen.until("haptorb.status === 'stopped'")
-    alert = page.get_by_role("alert").filter(has_text="Stopped by hand")
-    assert alert.is_visible()
+    page.get_by_role("alert").filter(has_text="Stopped by hand").wait_for(state="visible")  # a frame after the word
     assert page.get_by_role("button", name="Coils on now").count() == 0
     page.get_by_role("button", name="Re-engage").click()
     page.wait_for_timeout(300)

@@ -74,6 +74,8 @@ def _run(shared: Shared, path: Path, parent: int) -> int:
     gc.disable()
     shared.facts.write(json.dumps(punctual()))
     told.loop = loop
+    if told.early:
+        sys.exit(128 + told.early)
     chain.driver.open()
     clock = Clock(plan.rate)
     tracker.origin = clock.schedule.origin * 1e-9
@@ -103,6 +105,7 @@ class _Told:
 
     def __init__(self, parent: int) -> None:
         self.loop: Loop | None = None  #: from when on a signal must wait for the present tick
+        self.early = 0  #: a signal from before that; its SystemExit may be lost in a callback that swallows exceptions
         self._parent = parent
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._end)
@@ -111,6 +114,7 @@ class _Told:
 
     def _end(self, number: int, frame: FrameType | None) -> None:
         if self.loop is None:
+            self.early = number
             sys.exit(128 + number)
         self.loop.told_by = signal.Signals(number).name
 
