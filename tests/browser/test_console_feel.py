@@ -107,6 +107,10 @@ def test_radial_force_vanishes_at_theta_1_and_everything_from_theta_2(live):
     screen, host = live
     page = screen.page
     screen.until("haptorb.control && haptorb.status === 'running'")
+    # A high dome may push the stylus round its summit; a low one, of the same shape, lets the hand pass over it.
+    page.get_by_role("spinbutton", name="moment").fill("0.6")
+    page.get_by_role("spinbutton", name="moment").press("Enter")
+    screen.until("haptorb.felt([0, 0, 1]).force < 0.3")
     page.locator("#scene").focus()
     for _ in range(14):
         page.keyboard.press("Shift+ArrowRight")  # down one side, to the edge of the workspace
@@ -130,10 +134,7 @@ def test_radial_force_vanishes_at_theta_1_and_everything_from_theta_2(live):
     assert (push[(angles > 18.2) & (angles < 53.8)] < 0).all()
     assert (asked[angles > 54.1] == 0).all()
     seen = {low: int(((angles > low) & (angles < high)).sum()) for low, high in ((0, 17), (19, 53), (54.2, 62))}
-    # A dome pushes the stylus aside: now and then it goes round the summit, and nothing inside θ1 is visited. (What is
-    # felt there is checked by the map and by the drag of the first test.)
-    assert seen[19] > 50, seen
-    assert seen[54.2] > 50, seen
+    assert min(seen.values()) > 50, (seen, float(angles.min()), float(angles.max()))
 
 
 def test_stop_button_then_two_deliberate_steps(live):

@@ -55,7 +55,7 @@ def test_no_path_of_a_particular_machine(root: Path) -> None:
     ("line", "local"),
     [
         ("open('/home/ada/x')", True),
-        ("see /work/main", True),
+        ("see /home/me/project", True),
         ("../shared/spec", True),
         ("https://example.org/home/page", False),
         ("~/.cache/haptorb", False),
