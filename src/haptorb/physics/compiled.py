@@ -1,15 +1,19 @@
 """How kernels are compiled: one decorator, and a cache that notices changed sources.
 
 A kernel is compiled once per machine and kept under the user's cache folder. numba looks only at the file that holds
-a kernel, not at the kernels that it calls; so the cache folder is named after the state of all the package's sources.
+a kernel, not at the kernels that it calls; so each file's kernels are kept in a folder named after the state of that
+file and of all the package's files that it imports from, directly or by way of others. A change elsewhere costs nobody
+a compilation.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -18,7 +22,8 @@ import numba
 __all__ = ["cache_folder", "kernel"]
 
 _PACKAGE = Path(__file__).resolve().parent.parent
-_KEPT = 4  #: compiled versions kept beside each other, for people who switch branches
+_KEPT = 4  #: compiled versions of a file kept beside each other, for people who switch branches
+_IMPORT = re.compile(r"^\s*from haptorb((?:\.\w+)*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -29,32 +34,55 @@ def cache_folder() -> Path:
     return Path(home) / "haptorb"
 
 
-def _sources_key() -> str:
-    digest = hashlib.sha256(f"{numba.__version__}".encode())
-    for room in ("physics", "devices", "sensing", "control", "worlds", "simulation", "runtime"):
-        for path in sorted((_PACKAGE / room).glob("*.py")):
-            stat = path.stat()
-            digest.update(f"{path.name} {stat.st_size} {stat.st_mtime_ns}".encode())
+def _imported(source: str) -> Iterator[Path]:
+    for dotted, names in _IMPORT.findall(source):
+        place = _PACKAGE.joinpath(*dotted.split(".")[1:])
+        if place.with_suffix(".py").is_file():
+            yield place.with_suffix(".py")
+            continue
+        yield place / "__init__.py"
+        for name in re.findall(r"\w+", names):
+            if (place / f"{name}.py").is_file():
+                yield place / f"{name}.py"
+
+
+@cache
+def _neighbours(path: Path) -> tuple[bytes, tuple[Path, ...]]:
+    source = path.read_bytes()
+    return hashlib.sha256(source).digest(), tuple(_imported(source.decode("utf-8")))
+
+
+def _state(path: Path) -> str:
+    """A name for what `path` and everything that it imports from the package say."""
+    seen: dict[Path, bytes] = {}
+    waiting = [path]
+    while waiting:
+        file = waiting.pop()
+        if file not in seen:
+            seen[file], others = _neighbours(file)
+            waiting.extend(others)
+    digest = hashlib.sha256(numba.__version__.encode())
+    for file in sorted(seen):
+        digest.update(file.relative_to(_PACKAGE).as_posix().encode() + seen[file])
     return digest.hexdigest()[:16]
 
 
-def _choose_folder() -> None:
-    if os.environ.get("NUMBA_CACHE_DIR"):
-        return
-    root = cache_folder() / "kernels"
-    folder = root / _sources_key()
+@cache
+def _folder(path: Path) -> str:
+    """Where the kernels of the file `path` are kept; "" if that is numba's own choice."""
+    if os.environ.get("NUMBA_CACHE_DIR") or not path.is_relative_to(_PACKAGE):
+        return ""
     try:
+        root = cache_folder() / "kernels" / ".".join(path.relative_to(_PACKAGE).with_suffix("").parts)
+        folder = root / _state(path)
         folder.mkdir(parents=True, exist_ok=True)
         folder.touch()
-        old = sorted(root.iterdir(), key=lambda path: path.stat().st_mtime)[:-_KEPT]
+        old = sorted(root.iterdir(), key=lambda entry: entry.stat().st_mtime)[:-_KEPT]
     except OSError:
-        return  # a read-only home: numba falls back to its own choice
-    for path in old:
-        shutil.rmtree(path, ignore_errors=True)
-    setattr(numba.config, "CACHE_DIR", str(folder))  # noqa: B010 (set by numba itself at run time)
-
-
-_choose_folder()
+        return ""  # a read-only home: numba falls back to its own choice
+    for entry in old:
+        shutil.rmtree(entry, ignore_errors=True)
+    return str(folder)
 
 
 def kernel(function: Function) -> Function:
@@ -62,5 +90,10 @@ def kernel(function: Function) -> Function:
 
     Reordering and fused multiply-add are allowed; assuming away NaN is not: the guard must see every NaN.
     """
-    compile = numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy")
-    return cast(Function, compile(function))
+    usual = numba.config.CACHE_DIR
+    setattr(numba.config, "CACHE_DIR", _folder(Path(function.__code__.co_filename).resolve()) or usual)  # noqa: B010
+    try:
+        compile = numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy")
+        return cast(Function, compile(function))
+    finally:
+        setattr(numba.config, "CACHE_DIR", usual)  # noqa: B010 (set by numba itself at run time)
