@@ -274,13 +274,13 @@ def test_two_runs_are_alike_to_the_bit():
 def test_every_orientation_has_its_quaternion():
     from scipy.spatial.transform import Rotation
 
-    from haptorb.runtime.tick import _quaternion
+    from haptorb.runtime.told import fill_quaternion
 
     for R in Rotation.random(200, rng=3).as_matrix():
         q = np.empty(4)
-        _quaternion(R, q)
+        fill_quaternion(R, q)
         assert np.allclose(Rotation.from_quat(q).as_matrix(), R, atol=1e-12)
     for R in (np.eye(3), np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1]), np.diag([-1.0, -1, 1])):
         q = np.empty(4)
-        _quaternion(R, q)
+        fill_quaternion(R, q)
         assert np.allclose(Rotation.from_quat(q).as_matrix(), R)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,11 +10,12 @@ from numpy.typing import ArrayLike
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
 from haptorb.physics.arrays import Array, finite
+from haptorb.physics.record import record
 
 __all__ = ["Allocation", "Allocator", "checked_limit", "checked_problem"]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Allocation:
     """Currents, and an honest account of what they do not give.
 

@@ -16,7 +16,7 @@ _TRUST = 0.025  #: rms current, as a share of the greatest that may flow, above 
 
 
 @kernel
-def _update(
+def _learn(
     weight: float,
     voltage: float,
     duties: Array,
@@ -42,16 +42,20 @@ def _update(
 
 @kernel
 def _duties(
-    wanted: Array, last: Array, emf: Array, resistance: Array, inductance: Array, voltage: float, dt: float, out: Array
-) -> None:
+    weight: float, voltage: float, dt: float, wanted: Array, measured: Array, applied: Array, emf: Array,
+    emf_before: Array, trusted: Array, low: Array, high: Array, sums: Array, resistance: Array, inductance: Array,
+    last: Array, out: Array,
+) -> None:  # fmt: skip
+    _learn(weight, voltage, applied, measured, emf_before, trusted, low, high, sums, resistance)
     largest = 0.0
     for j in range(wanted.size):
         # Eq. (4), and the voltages that the inductance takes while the current changes and the mover while it moves.
         out[j] = (wanted[j] * resistance[j] + inductance[j] * (wanted[j] - last[j]) / dt + emf[j]) / voltage
         largest = max(largest, abs(out[j]))
         last[j] = wanted[j]
-    if largest > 1.0:
-        for j in range(wanted.size):
+    for j in range(wanted.size):
+        emf_before[j] = emf[j]
+        if largest > 1.0:
             out[j] /= largest
 
 
@@ -82,12 +86,10 @@ class Drive:
         emf (m,) [V] is what the moving mover induces against the currents now; None: nothing.
         """
         induced = self._still if emf is None else emf
-        _update(
-            self._weight, self._voltage, applied, measured, self._emf, self._trusted, self._low, self._high,
-            self._sums, self.resistance,
+        _duties(
+            self._weight, self._voltage, self._dt, wanted, measured, applied, induced, self._emf, self._trusted,
+            self._low, self._high, self._sums, self.resistance, self._inductance, self._last, self._out,
         )  # fmt: skip
-        _duties(wanted, self._last, induced, self.resistance, self._inductance, self._voltage, self._dt, self._out)
-        self._emf[:] = induced
         return self._out
 
     def rest(self) -> Array:

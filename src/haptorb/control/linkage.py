@@ -8,7 +8,6 @@ of the chain, besides guard and drive, that remembers something from tick to tic
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import Protocol, final
 
 import numpy as np
@@ -18,6 +17,7 @@ from haptorb.control.modes import MODES, Clutch, Mode, TwoModes
 from haptorb.devices.state import State
 from haptorb.errors import InputError
 from haptorb.physics.arrays import Array
+from haptorb.physics.record import record
 
 __all__ = ["NO_CONTACTS", "Direct", "Felt", "Linkage", "ModedLinkage", "Touching"]
 
@@ -35,7 +35,7 @@ class Touching(Protocol):
         """(6,) the same wrench, and (2, 8) what up to two hooks do, for those who draw them."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Felt:
     """What one tick of a linkage gives.
 

@@ -29,6 +29,7 @@ from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
 from haptorb.physics.arrays import Array, finite
 from haptorb.physics.compiled import kernel
+from haptorb.physics.record import record
 
 __all__ = ["MODES", "Clutch", "Gains", "Mode", "TwoModes"]
 
@@ -116,7 +117,7 @@ class Gains:
         return "active"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Clutch:
     """Where rotor and target are and how firmly they are joined; made by TwoModes, never changed."""
 

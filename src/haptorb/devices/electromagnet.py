@@ -9,11 +9,12 @@ import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.devices.passive_pull import PassivePull
-from haptorb.devices.ring_tool import dipole_wrench_map, ring_wrench_map
+from haptorb.devices.ring_tool import dipole_wrench_map, ring_per_ampere
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import GeometryError
 from haptorb.physics.arrays import Array
+from haptorb.physics.charged_ring import ChargedRing
 from haptorb.physics.dipole import MU0
 
 __all__ = ["Contact", "FieldSensors", "Hand", "SphericalElectromagnet", "Tool"]
@@ -121,10 +122,20 @@ class SphericalElectromagnet(Device):
                 f"device '{self.name}': a tool magnet at {state.distance * 1e3:.1f} mm from the centre would be inside "
                 f"the core; contact is at {self.contact_distance * 1e3:.1f} mm"
             )
-        tool = self.tool
-        if self.known_level(level) == "dipole":
-            return WrenchMap(dipole_wrench_map(state.p, state.axis, tool.moment) @ self.moment_per_current, np.zeros(6))
-        per_moment = ring_wrench_map(
-            state.p, state.axis, tool.outer_radius, tool.inner_radius, tool.length, tool.remanence
-        )
-        return WrenchMap(per_moment @ self.moment_per_current, self.passive_pull.wrench(state.p, state.axis))
+        matrix, passive = np.empty((6, self.channels)), np.zeros(6)
+        if level == "exact":
+            ring_per_ampere(
+                *self._ring, np.ascontiguousarray(state.p), np.ascontiguousarray(state.R_SR), matrix, passive
+            )
+        else:
+            self.known_level(level)
+            matrix[:] = dipole_wrench_map(state.p, state.axis, self.tool.moment) @ self.moment_per_current
+        return WrenchMap(matrix, passive)
+
+    @cached_property
+    def _ring(self) -> tuple[Array, Array, float, Array]:
+        """The tool's magnet and what the core does to it, as kernels take them."""
+        tool, core = self.tool, self.passive_pull
+        rows = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence).rows
+        per_current = np.array(self.moment_per_current, dtype=np.float64, order="C")
+        return rows, np.array(core.table), float(core.nearest), per_current

@@ -10,12 +10,13 @@ from functools import lru_cache
 
 import numpy as np
 
+from haptorb.devices.passive_pull import pull
 from haptorb.physics.arrays import Array
 from haptorb.physics.charged_ring import ChargedRing, dipole_on_charges
 from haptorb.physics.compiled import kernel
 from haptorb.physics.dipole import MU0
 
-__all__ = ["axis_frame", "dipole_wrench_map", "ring_wrench_map"]
+__all__ = ["axis_frame", "dipole_wrench_map", "per_ampere", "ring_per_ampere", "ring_wrench_map"]
 
 _K = MU0 / (4 * np.pi)
 
@@ -65,6 +66,34 @@ def _ring_map(rows: Array, p: Array, axis: Array, out: Array) -> None:
     R = np.empty((3, 3))
     axis_frame(axis, R)
     dipole_on_charges(rows, R, p, out)
+
+
+@kernel
+def per_ampere(per_moment: Array, moment_per_current: Array, out: Array) -> None:
+    """out (6, m) = per_moment (6, 3) times moment_per_current (3, m)."""
+    for i in range(6):
+        for k in range(out.shape[1]):
+            total = 0.0
+            for j in range(3):
+                total += per_moment[i, j] * moment_per_current[j, k]
+            out[i, k] = total
+
+
+@kernel
+def ring_per_ampere(
+    rows: Array, table: Array, nearest: float, moment_per_current: Array, p: Array, R: Array, out: Array, passive: Array
+) -> None:
+    """Fill out (6, m) [N/A, N·m/A] and passive (6,) [N, N·m] for a ring magnet turned by R at p over a soft core.
+
+    rows are the ring's charges, table and nearest its `PassivePull`; the magnet is round: only its axis matters.
+    """
+    axis, per_moment = np.empty(3), np.empty((6, 3))
+    for i in range(3):
+        axis[i] = R[i, 2]
+        passive[i], passive[3 + i] = 0.0, 0.0
+    _ring_map(rows, p, axis, per_moment)
+    per_ampere(per_moment, moment_per_current, out)
+    pull(table, nearest, p, axis, passive)
 
 
 @lru_cache(maxsize=64)

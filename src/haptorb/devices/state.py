@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import InputError
 from haptorb.physics.arrays import Array, finite, rotation, vectors
+from haptorb.physics.record import record
 
 __all__ = ["State", "rotation_to_axis"]
 
@@ -30,7 +29,7 @@ def rotation_to_axis(axis: ArrayLike) -> Array:
     return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, c]])
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class State:
     """Pose and motion of the mover (a tool's magnet, or a rotor) in the stator frame S.
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from haptorb.physics.arrays import Array
+from haptorb.physics.record import record
 
 __all__ = ["WrenchMap"]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class WrenchMap:
     """Wrench on the mover, in the stator frame, torque about the mover's origin p.
 

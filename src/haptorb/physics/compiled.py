@@ -90,10 +90,10 @@ def kernel(function: Function) -> Function:
 
     Reordering and fused multiply-add are allowed; assuming away NaN is not: the guard must see every NaN.
     """
-    usual = numba.config.CACHE_DIR
+    usual = getattr(numba.config, "CACHE_DIR")  # noqa: B009 (set by numba itself at run time)
     setattr(numba.config, "CACHE_DIR", _folder(Path(function.__code__.co_filename).resolve()) or usual)  # noqa: B010
     try:
         compile = numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy")
         return cast(Function, compile(function))
     finally:
-        setattr(numba.config, "CACHE_DIR", usual)  # noqa: B010 (set by numba itself at run time)
+        setattr(numba.config, "CACHE_DIR", usual)  # noqa: B010

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import NamedTuple, final
 
 from haptorb.physics.arrays import Array
+from haptorb.physics.record import record
 from haptorb.runtime.guide import Guide, OverDome
+from haptorb.runtime.pointer_pose import PointerPose
+from haptorb.runtime.tracker import Tracker
+from haptorb.sensing.sample import Pose
 
 __all__ = ["Goal", "Pointed", "PointerSource", "PointerTracker"]
 
@@ -31,7 +34,7 @@ class PointerSource(ABC):
         """The pointer as last written; never waits."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Goal:
     """Where the hand wants the tool, and since when that is known.
 
@@ -48,7 +51,7 @@ class Goal:
 
 
 @final
-class PointerTracker:
+class PointerTracker(Tracker):
     """Follows the host's pointer while it is held; plays the guided motion until it is held for the first time.
 
     After a release the hand goes back to the guided motion's resting place by the smoothest way.
@@ -62,6 +65,7 @@ class PointerTracker:
         self._last: tuple[Array, Array] | None = None  # where a held pointer was last
         self._released = 0.0
         self._rest = self._guide.at(self._guide.duration)
+        self._word = PointerPose(self)
 
     @property
     def guide(self) -> Guide:
@@ -89,3 +93,7 @@ class PointerTracker:
             s = min(since / _RELEASE, 1.0)
             p, q = guide.back(*self._last, s * s * s * (10.0 + s * (6.0 * s - 15.0)))
         return Goal(p, q, now, False)
+
+    def pose(self, now: float) -> Pose:
+        """The pointer as the pose of a real tool: believed only while a person holds it."""
+        return self._word(now)

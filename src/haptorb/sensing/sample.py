@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.physics.arrays import Array
+from haptorb.physics.record import record
 
 __all__ = ["Estimate", "Pose", "Sample"]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Pose:
     """A tracker's word on where the tool is: position and axis, when it was so, and whether to believe it."""
 
@@ -23,7 +22,7 @@ class Pose:
     valid: bool
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Sample:
     """What was read in one tick; arrays have one entry per channel or per sensor.
 
@@ -41,7 +40,7 @@ class Sample:
     pose: Pose
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Estimate:
     """What is believed now: the mover's state, what the coils can do there, how old the belief is, and its limits."""
 

@@ -7,7 +7,7 @@ are noisy. So what is asked and what is given differ here as they would in reali
 
 from __future__ import annotations
 
-from math import ceil, isfinite
+from math import ceil
 from typing import final
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.passive_pull import pull
+from haptorb.devices.ring_tool import per_ampere
 from haptorb.devices.state import State
 from haptorb.errors import DriverError, InputError
 from haptorb.physics import dipole
@@ -38,31 +39,21 @@ _SHORTEST = 5e-6  #: a simulation with finer steps than this is slower than time
 
 
 @kernel
-def _wrench(
-    rows: Array, table: Array, nearest: float, per_ampere: Array, R: Array, p: Array, axis: Array,
-    per_moment: Array, per_current: Array, passive: Array,
-) -> None:  # fmt: skip
-    """Fill per_current (6, m) [N/A, N·m/A] and passive (6,) [N, N·m] at the pose R, p."""
-    dipole_on_charges(rows, R, p, per_moment)
-    for i in range(6):
-        passive[i] = 0.0
-        for k in range(per_ampere.shape[1]):
-            total = 0.0
-            for j in range(3):
-                total += per_moment[i, j] * per_ampere[j, k]
-            per_current[i, k] = total
-    for i in range(3):
-        axis[i] = R[i, 2]
-    pull(table, nearest, p, axis, passive)
-
-
-@kernel
 def _advance(
-    tool: Array, coils: Array, duties: Array, goal_p: Array, goal_q: Array, wires: Wires, heat: Array, body: Body,
-    dome: Dome, grip: Grip, rows: Array, table: Array, nearest: float, per_ampere: Array, dt: float, steps: int,
+    tool: Array, coils: Array, duties: Array, goal_p: Array, goal_q: Array, numbers: Array, resistance: Array,
+    inductance: Array, heat: Array, rows: Array, table: Array, moment_per_current: Array, dt: float, steps: int,
     truth: Array,
 ) -> float:  # fmt: skip
-    """`steps` steps of `dt` [s]; fills truth (6,) with the mean wrench of coils and core; returns the depth [m]."""
+    """`steps` steps of `dt` [s]; fills truth (6,) with the mean wrench of coils and core; returns the depth [m].
+
+    numbers (20,): what is one number of wires, body, dome, grip and core; a call with tuples takes twice as long.
+    """
+    n = numbers
+    wires = Wires(resistance, inductance, n[0], n[1], n[2], n[3])
+    body = Body(n[4], n[5], n[6], n[7], n[8], n[9], n[10])
+    dome = Dome(n[11], n[12], n[13], n[14])
+    grip = Grip(n[15], n[16], n[17], n[18])
+    nearest = n[19]
     count = duties.shape[0]
     R = np.empty((3, 3))
     per_moment, per_current = np.empty((6, 3)), np.empty((6, count))
@@ -73,7 +64,12 @@ def _advance(
     depth = 0.0
     for _ in range(steps):
         matrix(tool[3:7], R)
-        _wrench(rows, table, nearest, per_ampere, R, tool[:3], axis, per_moment, per_current, passive)
+        dipole_on_charges(rows, R, tool[:3], per_moment)
+        per_ampere(per_moment, moment_per_current, per_current)
+        for i in range(3):
+            axis[i] = R[i, 2]
+        passive[:] = 0.0
+        pull(table, nearest, tool[:3], axis, passive)
         for k in range(count):  # the power that leaves the coil's circuit is the power that the tool gets
             emf[k] = 0.0
             for i in range(6):
@@ -137,15 +133,18 @@ class SimulatedElectromagnet(Simulation):
         self.ring = ChargedRing(*size)  #: the tool's magnet as the simulation has it
         self._rows = self.ring.rows
         self._table = np.array(device.passive_pull.table)
-        self._nearest = float(device.passive_pull.nearest)
+        self._numbers = np.array(
+            [*self._wires[2:], *self._body, *self._dome, *self._grip, device.passive_pull.nearest], dtype=np.float64
+        )
         self._per_ampere = np.array(device.moment_per_current, dtype=np.float64, order="C")
         positions = np.array(hall.positions, dtype=np.float64, order="C").reshape(-1, 3)
-        self._senses = Senses(
-            positions,
+        self._positions = positions
+        supply = device.supply
+        senses = Senses(
             float(hall.noise),
             float(hall.step),
-            float(device.supply.current_noise),
-            float(device.supply.current_step),
+            float(supply.current_noise),
+            float(supply.current_step),
             float(device.thermometer_noise),
             float(device.thermometer_step),
         )
@@ -155,6 +154,7 @@ class SimulatedElectromagnet(Simulation):
             closest = max(device.dome_radius - tool.length / 2, 1.1 * device.core_radius)
             order = sphere.order(closest, float(np.linalg.norm(positions, axis=1).min()), precision=1e-3)
         unit = np.stack([dipole.field(np.eye(3)[j], positions) for j in range(3)], axis=-1)  # (k, 3, 3) [T/A·m²]
+        self._sensing = np.array([*senses, device.core_radius])
         self._magnets = Magnets(
             self._rows,
             ChargedRing(*size, radial=1, azimuth=4).rows,
@@ -207,9 +207,10 @@ class SimulatedElectromagnet(Simulation):
         if abs(h - self._heat_dt) > 1e-12 * h:
             self._heat_dt, self._heat_step = h, self._heat.step(h)
         self._want(goal_p, goal_q)
+        wires = self._wires
         self._depth = _advance(
-            self._tool, self._coils, duties, self._goal_p, self._goal_q, self._wires, self._heat_step, self._body,
-            self._dome, self._grip, self._rows, self._table, self._nearest, self._per_ampere, h, steps, self._truth,
+            self._tool, self._coils, duties, self._goal_p, self._goal_q, self._numbers, wires.resistance,
+            wires.inductance, self._heat_step, self._rows, self._table, self._per_ampere, h, steps, self._truth,
         )  # fmt: skip
         self._t += dt
 
@@ -225,21 +226,20 @@ class SimulatedElectromagnet(Simulation):
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
         """One reading of every sensor, and the tool's true pose as the tracker's word."""
-        channels = self.device.channels
-        R = np.empty((3, 3))
-        currents, temperatures = np.empty(channels), np.empty(channels)
-        field = np.empty((len(self._senses.positions), 3))
-        tool = self._tool.copy()
-        matrix(tool[3:7], R)
-        p = tool[:3]
-        if not isfinite(sum(tool.tolist())):
+        channels, places = self.device.channels, len(self._positions)
+        magnets = self._magnets
+        read, pose = np.empty(2 * channels), np.empty((6, 3))
+        field = np.empty((places, 3))
+        if not sense(
+            self._tool, self._coils, self._positions, magnets.ring, magnets.coarse, magnets.response,
+            magnets.per_ampere, self._sensing, self._noise, pose, read, field,
+        ):  # fmt: skip
             raise DriverError(
                 "the simulated tool left the numbers: a value of the device file is far from what can be built; "
                 "compare tool, hand and contact with the file of 'omni'"
             )
-        sense(self._coils, R, p, self._magnets, self._senses, self._noise, currents, temperatures, field)
-        pose = Pose(pose_stamp, R, p, tool[10:], tool[7:10], pose_valid)
-        return Sample(t, currents, temperatures, field, pose)
+        tracked = Pose(pose_stamp, pose[:3], pose[3], pose[5], pose[4], pose_valid)
+        return Sample(t, read[:channels], read[channels:], field, tracked)
 
     def truth(self) -> Array:
         """(6,) mean wrench of coils and core on the tool over the last `advance` [N, N·m about the magnet]."""

@@ -16,6 +16,7 @@ from haptorb.physics.compiled import kernel
 from haptorb.physics.soft_sphere import induced_field
 from haptorb.simulation.coils import BODY, CURRENT
 from haptorb.simulation.noise import Noise, fill_normal, stepped
+from haptorb.simulation.tool import matrix
 
 __all__ = ["Magnets", "Senses", "field_at", "sense"]
 
@@ -33,7 +34,6 @@ class Magnets(NamedTuple):
 class Senses(NamedTuple):
     """How good the sensors are: standard deviation and step of each kind."""
 
-    positions: Array  #: (k, 3) [m]
     field_noise: float  #: [T]
     field_step: float  #: [T]
     current_noise: float  #: [A]
@@ -69,18 +69,34 @@ def field_at(magnets: Magnets, positions: Array, currents: Array, R: Array, p: A
 
 @kernel
 def sense(
-    coils: Array, R: Array, p: Array, magnets: Magnets, senses: Senses, noise: Noise,
-    currents: Array, temperatures: Array, field: Array,
-) -> None:  # fmt: skip
-    """Fill currents (m,), temperatures (m,) and field (k, 3) with one reading of each sensor."""
-    count, places = currents.shape[0], senses.positions.shape[0]
+    tool: Array, coils: Array, positions: Array, ring: Array, coarse: Array, response: Array, per_ampere: Array,
+    numbers: Array, noise: Noise, pose: Array, read: Array, field: Array,
+) -> bool:  # fmt: skip
+    """One reading of each sensor, and the tool's true pose; False, and nothing read, if the tool is nowhere.
+
+    pose (6, 3) becomes R, p, v and w; read (2 m,) currents [A], then temperatures [K]; field (k, 3) [T] at positions.
+    The other arguments are `Magnets` and, in numbers (7,), `Senses` and the core's radius: tuples would take longer.
+    """
+    total = 0.0
+    for i in range(tool.shape[0]):
+        total += tool[i]
+    if not np.isfinite(total):
+        return False
+    n = numbers
+    senses = Senses(n[0], n[1], n[2], n[3], n[4], n[5])
+    magnets = Magnets(ring, coarse, n[6], response, per_ampere)
+    matrix(tool[3:7], pose[:3])
+    for i in range(3):
+        pose[3, i], pose[4, i], pose[5, i] = tool[i], tool[7 + i], tool[10 + i]
+    count, places = coils.shape[1], positions.shape[0]
     draws = np.empty(2 * count + 3 * places)
     fill_normal(noise, draws)
-    field_at(magnets, senses.positions, coils[CURRENT], R, p, field)
+    field_at(magnets, positions, coils[CURRENT], pose[:3], pose[3], field)
     for k in range(count):
-        currents[k] = stepped(coils[CURRENT, k] + senses.current_noise * draws[k], senses.current_step)
-        temperatures[k] = stepped(coils[BODY, k] + senses.heat_noise * draws[count + k], senses.heat_step)
+        read[k] = stepped(coils[CURRENT, k] + senses.current_noise * draws[k], senses.current_step)
+        read[count + k] = stepped(coils[BODY, k] + senses.heat_noise * draws[count + k], senses.heat_step)
     for k in range(places):
         for i in range(3):
             reading = field[k, i] + senses.field_noise * draws[2 * count + 3 * k + i]
             field[k, i] = stepped(reading, senses.field_step)
+    return True

@@ -6,6 +6,7 @@ Its printed argument and inverse have slips (errata E12 to E14); what stands her
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import acos, cos, pi, radians, sin, sqrt
 from typing import ClassVar
 
@@ -86,6 +87,14 @@ class Dome(World):
         """[N] 2|F₀|: cosine and sine under one root never exceed the summit's."""
         return 2 * abs(self.strength)
 
+    @cached_property
+    def _map(self) -> tuple[float, float, float, float, float, float]:
+        """Unit summit, the cut-off [rad], k, and F₀ d_min⁴ [N·m⁴]: what does not change from tick to tick."""
+        x, y, z = self.summit
+        length = sqrt(x * x + y * y + z * z)
+        strength = self.strength * self.contact_distance**4
+        return x / length, y / length, z / length, radians(self.cut_off_deg), 90.0 / self.half_width_deg, strength
+
     def wrench(self, state: State) -> Array:
         """(6,) force of the map at the tool's magnet [N]; no torque asked."""
         wrench = np.zeros(6)
@@ -93,23 +102,21 @@ class Dome(World):
         d = sqrt(px * px + py * py + pz * pz)
         if d >= self.reach or d == 0.0:
             return wrench
-        sx, sy, sz = self.summit
-        length = sqrt(sx * sx + sy * sy + sz * sz)
-        sx, sy, sz = sx / length, sy / length, sz / length
+        sx, sy, sz, cut_off, k, strength = self._map
         rx, ry, rz = px / d, py / d, pz / d
         c = rx * sx + ry * sy + rz * sz
         alpha = acos(min(1.0, max(-1.0, c)))
-        if alpha >= radians(self.cut_off_deg):
+        if alpha >= cut_off:
             return wrench
         # Outside contact the force falls with the fourth power; a tip pressed into the shell does not raise it.
-        F0 = self.strength * (self.contact_distance / max(d, self.contact_distance)) ** 4
-        k = 90.0 / self.half_width_deg
+        F0 = strength / max(d, self.contact_distance) ** 4
         radial = 2 * F0 * cos(k * alpha)
         # e_t: away from the summit along the sphere (E12); at the summit itself there is no such direction, and no F_t
         tx, ty, tz = c * rx - sx, c * ry - sy, c * rz - sz
         t = sqrt(tx * tx + ty * ty + tz * tz)
         tangential = F0 * sin(k * alpha) / t if t > 1e-9 else 0.0
-        wrench[0] = radial * rx + tangential * tx
-        wrench[1] = radial * ry + tangential * ty
-        wrench[2] = radial * rz + tangential * tz
+        out = wrench.data
+        out[0] = radial * rx + tangential * tx
+        out[1] = radial * ry + tangential * ty
+        out[2] = radial * rz + tangential * tz
         return wrench
