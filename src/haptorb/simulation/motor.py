@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import ceil, cos, isfinite, radians
+from math import ceil, cos, radians
 from typing import NamedTuple, final
 
 import numpy as np
@@ -100,11 +100,18 @@ class _Meters(NamedTuple):
 
 @kernel
 def _advance(
-    state: Array, coils: Array, duties: Array, goal: Array, wires: Wires, heat: Array, joint: Joint, parts: _Parts,
-    dt: float, steps: int, truth: Array,
+    state: Array, coils: Array, duties: Array, goal: Array, numbers: Array, resistance: Array, inductance: Array,
+    heat: Array, inertia: Array, damping: Array, lean: Array, torque_cells: Array, magnets: Array, strength: Array,
+    places: Array, groups: Array, dt: float, steps: int, truth: Array,
 ) -> float:  # fmt: skip
-    """`steps` steps of `dt` [s]; fills truth (3,) with the mean torque; returns how far the stop is pressed [rad]."""
-    channels, count = duties.shape[0], parts.coils.shape[0]
+    """`steps` steps of `dt` [s]; fills truth (3,) with the mean torque; returns how far the stop is pressed [rad].
+
+    numbers (11,): what is one number of wires, joint and parts; a call with tuples takes twice as long.
+    """
+    n = numbers
+    wires = Wires(resistance, inductance, n[0], n[1], n[2], n[3])
+    joint = Joint(inertia, damping, n[4], n[5], lean, n[6], n[7], n[8], n[9])
+    channels, count = duties.shape[0], places.shape[0]
     R = np.empty((1, 3, 3))
     single = np.empty((1, 3, count))
     K = np.empty((3, channels))
@@ -115,16 +122,14 @@ def _advance(
     for _ in range(steps):
         turn(state, joint.inertia, 0.5 * dt)
         matrix(state[:4], R[0])
-        torque_characteristic(
-            parts.torque_cells, parts.torque_scale, parts.magnets, parts.strength, parts.coils, R, single
-        )
+        torque_characteristic(torque_cells, n[10], magnets, strength, places, R, single)
         for i in range(3):
             for k in range(channels):
                 K[i, k] = 0.0
             for j in range(count):
                 for k in range(channels):
-                    K[i, k] += single[0, i, j] * parts.groups[j, k]
-        angular_velocity(state, joint, R[0], w)
+                    K[i, k] += single[0, i, j] * groups[j, k]
+        angular_velocity(state, inertia, R[0], w)
         for k in range(channels):  # the power that leaves the coil's circuit is the power that the rotor gets
             emf[k] = K[0, k] * w[0] + K[1, k] * w[1] + K[2, k] * w[2]
         coil_step(coils, wires, heat, duties, emf, dt, mean)
@@ -141,27 +146,41 @@ def _advance(
 
 @kernel
 def _sense(
-    state: Array, coils: Array, parts: _Parts, joint: Joint, halls: Halls, faults: HallFaults, meters: _Meters,
-    noise: Noise, R: Array, w: Array, currents: Array, temperatures: Array, field: Array,
-) -> None:  # fmt: skip
-    """One reading of every sensor, and the rotor's true orientation R (1, 3, 3) and angular velocity w (3,)."""
-    matrix(state[:4], R[0])
-    angular_velocity(state, joint, R[0], w)
-    channels = currents.shape[0]
+    state: Array, coils: Array, numbers: Array, inertia: Array, field_cells: Array, magnets: Array, strength: Array,
+    sensors: Array, coil_field: Array, frames: Array, mixing: Array, offset: Array, failed: Array, held: Array,
+    noise: Noise, pose: Array, read: Array, field: Array,
+) -> bool:  # fmt: skip
+    """One reading of every sensor, and the rotor's true motion; False, and nothing read, if the rotor is nowhere.
+
+    pose (4, 3) becomes R and w; read (2 m,) currents [A], then temperatures [K]; field (k, 3) [T].
+    numbers (8,): what is one number of meters, sensors and table.
+    """
+    total = 0.0
+    for i in range(state.shape[0]):
+        total += state[i]
+    if not np.isfinite(total):
+        return False
+    n = numbers
+    meters = _Meters(n[0], n[1], n[2], n[3])
+    halls = Halls(frames, mixing, offset, n[4], n[5], n[6])
+    matrix(state[:4], pose[:3])
+    angular_velocity(state, inertia, pose[:3], pose[3])
+    channels = coils.shape[1]
     draws = np.empty(2 * channels)
     fill_normal(noise, draws)
     for k in range(channels):
-        currents[k] = stepped(coils[CURRENT, k] + meters.current_noise * draws[k], meters.current_step)
-        temperatures[k] = stepped(coils[BODY, k] + meters.heat_noise * draws[channels + k], meters.heat_step)
+        read[k] = stepped(coils[CURRENT, k] + meters.current_noise * draws[k], meters.current_step)
+        read[channels + k] = stepped(coils[BODY, k] + meters.heat_noise * draws[channels + k], meters.heat_step)
     out = np.empty((1, field.shape[0], 3))
-    sensor_field(parts.field_cells, parts.field_scale, parts.magnets, parts.strength, parts.sensors, R, out)
+    sensor_field(field_cells, n[7], magnets, strength, sensors, pose[:3].copy().reshape(1, 3, 3), out)
     for k in range(field.shape[0]):
         for i in range(3):
             total = out[0, k, i]
             for j in range(channels):
-                total += parts.coil_field[3 * k + i, j] * coils[CURRENT, j]
+                total += coil_field[3 * k + i, j] * coils[CURRENT, j]
             field[k, i] = total
-    read_halls(halls, faults, noise, field)
+    read_halls(halls, HallFaults(failed, held), noise, field)
+    return True
 
 
 @final
@@ -221,6 +240,13 @@ class SimulatedMotor(Simulation):
         )
         supply = device.supply
         self._meters = _Meters(float(supply.current_noise), float(supply.current_step), _HEAT_NOISE, _HEAT_STEP)
+        joint = self._joint
+        self._moving = np.array(
+            [
+                *self._wires[2:], joint.friction, joint.grip, joint.least, joint.edge, joint.stop, joint.stop_damping,
+                self._parts.torque_scale,
+            ]
+        )  # fmt: skip
         self._steps_of_duty = float(2**supply.duty_bits)
         self._torque = np.zeros(3)
         self._goal = np.array([0.0, 0.0, 0.0, 1.0])
@@ -236,6 +262,8 @@ class SimulatedMotor(Simulation):
         parts = self._parts
         spread = 1.0 + self._spread * draw.standard_normal(len(parts.strength))
         self._parts = parts._replace(strength=np.array(self.device.polarity, dtype=np.float64) * spread)
+        drawn = self._halls
+        self._sensing = np.array([*self._meters, drawn.noise, drawn.step, drawn.reach, parts.field_scale])
         self._coils = cold(self._wires)
         self._rotor = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
         self._torque[:] = 0.0
@@ -290,29 +318,30 @@ class SimulatedMotor(Simulation):
         if 0.0 < size < 1e12:  # false for NaN as well
             self._goal[:] = goal_q
             self._goal /= size**0.5
+        wires, joint, parts = self._wires, self._joint, self._parts
         self._pressed = _advance(
-            self._rotor, self._coils, duties, self._goal, self._wires, self._heat_step, self._joint, self._parts,
-            h, steps, self._torque,
+            self._rotor, self._coils, duties, self._goal, self._moving, wires.resistance, wires.inductance,
+            self._heat_step, joint.inertia, joint.damping, joint.leaning, parts.torque_cells, parts.magnets,
+            parts.strength, parts.coils, parts.groups, h, steps, self._torque,
         )  # fmt: skip
         self._t += dt
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
         """One reading of every sensor; the pose is the true one, as an external tracker would tell it."""
-        channels = self.device.channels
-        R, w = np.empty((1, 3, 3)), np.empty(3)
-        currents, temperatures = np.empty(channels), np.empty(channels)
+        channels, parts, halls, faults = self.device.channels, self._parts, self._halls, self._faults
+        read, pose = np.empty(2 * channels), np.empty((4, 3))
         field = np.empty((self.device.sensors, 3))
-        if not isfinite(sum(self._rotor.tolist())):
+        if not _sense(
+            self._rotor, self._coils, self._sensing, self._joint.inertia, parts.field_cells, parts.magnets,
+            parts.strength, parts.sensors, parts.coil_field, halls.frames, halls.mixing, halls.offset, faults.kind,
+            faults.held, self._noise, pose, read, field,
+        ):  # fmt: skip
             raise DriverError(
                 "the simulated rotor left the numbers: a value of the device file is far from what can be built; "
                 "compare rotor and regulator with the file of 'pmsm'"
             )
-        _sense(
-            self._rotor, self._coils, self._parts, self._joint, self._halls, self._faults, self._meters, self._noise,
-            R, w, currents, temperatures, field,
-        )  # fmt: skip
-        pose = Pose(pose_stamp, R[0], np.zeros(3), w, np.zeros(3), pose_valid)
-        return Sample(t, currents, temperatures, field, pose)
+        tracked = Pose(pose_stamp, pose[:3], np.zeros(3), pose[3], np.zeros(3), pose_valid)
+        return Sample(t, read[:channels], read[channels:], field, tracked)
 
     def truth(self) -> Array:
         """(6,) mean wrench over the last `advance`: torque of coils, regulator and weight on the rotor [N·m]; neither
@@ -325,7 +354,7 @@ class SimulatedMotor(Simulation):
         """The rotor as it really is."""
         R, w = np.empty((3, 3)), np.empty(3)
         matrix(self._rotor[:4], R)
-        angular_velocity(self._rotor, self._joint, R, w)
+        angular_velocity(self._rotor, self._joint.inertia, R, w)
         return State(self._t, R, np.zeros(3), w, np.zeros(3))
 
     @property

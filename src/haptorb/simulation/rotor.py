@@ -47,9 +47,9 @@ def leaning(cosine: float, coefficients: Array, least: float) -> float:
 
 
 @kernel
-def angular_velocity(state: Array, joint: Joint, R: Array, w: Array) -> None:
-    """Fill w (3,) [rad/s], stator frame."""
-    a, b, c = state[4] / joint.inertia[0], state[5] / joint.inertia[1], state[6] / joint.inertia[2]
+def angular_velocity(state: Array, inertia: Array, R: Array, w: Array) -> None:
+    """Fill w (3,) [rad/s], stator frame; inertia (3,) is `Joint.inertia`."""
+    a, b, c = state[4] / inertia[0], state[5] / inertia[1], state[6] / inertia[2]
     for i in range(3):
         w[i] = R[i, 0] * a + R[i, 1] * b + R[i, 2] * c
 
@@ -101,7 +101,7 @@ def kick(state: Array, R: Array, joint: Joint, goal: Array, passive: Array, coil
         pressed = np.arctan2(lean, nz) - np.arccos(joint.edge)
         ux, uy = ny / lean, -nx / lean  # about this axis it turns upright
         w = np.empty(3)
-        angular_velocity(state, joint, R, w)
+        angular_velocity(state, joint.inertia, R, w)
         push = joint.stop * pressed - joint.stop_damping * (w[0] * ux + w[1] * uy)
         # A damper that would turn the motion round within a step is cut, and a stop never pulls.
         push = max(push, 0.0)
