@@ -106,3 +106,40 @@ def test_a_motors_small_currents_teach_as_well():
         applied = drive.duties(wanted, measured, applied).copy()
         measured = applied * pmsm.supply.voltage / warm
     assert measured == pytest.approx(wanted, rel=0.01)
+
+
+def through_inductance(wanted, seconds, resistance, inductance):
+    """Currents at the ends of the ticks through coils with inductance, each tick an exponential."""
+    drive, measured, applied = Drive(OMNI, DT), np.zeros(3), np.zeros(3)
+    left, course = np.exp(-resistance * DT / inductance), []
+    for n in range(int(seconds / DT)):
+        applied = drive.duties(np.asarray(wanted(n), float), measured, applied).copy()
+        end = applied * OMNI.supply.voltage / resistance
+        measured = end + (measured - end) * left
+        course.append(measured)
+    return np.array(course), drive
+
+
+def test_a_current_is_there_at_the_end_of_its_tick():
+    """No overshoot at a cold start, and no resistance learned from the inductance's voltage."""
+    cold = OMNI.coils.resistance_at(np.full(3, 298.15))
+    course, drive = through_inductance(lambda n: (5, -3, 8) if n >= 3 else (0, 0, 0), 0.1, cold, OMNI.coils.inductance)
+    assert course[3:] == pytest.approx(np.tile((5.0, -3.0, 8.0), (len(course) - 3, 1)), rel=2e-3)
+    assert drive.resistance == pytest.approx(cold, rel=2e-3)
+
+
+def test_a_step_that_the_supply_cannot_force_does_not_overshoot():
+    cold = OMNI.coils.resistance_at(np.full(3, 298.15))
+    course, _ = through_inductance(lambda n: (19.0, 0, 0), 0.05, cold, OMNI.coils.inductance)
+    assert course[0, 0] < 18.0
+    assert course[:, 0].max() < 19.0 * 1.002
+    assert course[-1, 0] == pytest.approx(19.0, rel=2e-3)
+
+
+def test_an_inductance_that_the_file_has_wrong_is_no_resistance():
+    """Half and twice the file's: the current errs for ticks, the resistance never by more than a few parts in 100."""
+    cold = OMNI.coils.resistance_at(np.full(3, 298.15))
+    for factor in (0.5, 2.0):
+        course, drive = through_inductance(lambda n: (5, -3, 8), 0.3, cold, factor * OMNI.coils.inductance)
+        assert course[-1] == pytest.approx((5.0, -3.0, 8.0), rel=5e-3)
+        assert drive.resistance == pytest.approx(cold, rel=5e-3)

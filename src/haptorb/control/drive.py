@@ -12,26 +12,42 @@ __all__ = ["Drive"]
 
 _WINDOW = 0.05  #: time constant of the sliding window of eq. (6) [s]
 _COLDEST, _HOTTEST = 233.15, 453.15  #: windings outside this are not resistances but faults [K]
+_STEADY = 0.25  #: a current that changes by more than this share in a tick tells more of inductance than resistance
 _TRUST = 0.025  #: rms current, as a share of the greatest that may flow, above which the ratio is believed
+
+
+@kernel
+def _left(resistance: float, inductance: float, dt: float) -> float:
+    """The share of a change of the current that is left after a tick: e^(−R dt/L)."""
+    return float(np.exp(-resistance * dt / inductance)) if inductance > 0.0 else 0.0
 
 
 @kernel
 def _learn(
     weight: float,
     voltage: float,
+    dt: float,
     duties: Array,
     currents: Array,
+    before: Array,
     emf: Array,
     trusted: Array,
     low: Array,
     high: Array,
     sums: Array,
     resistance: Array,
+    inductance: Array,
 ) -> None:
     for j in range(duties.size):
-        i = currents[j]
-        if not np.isfinite(i):
+        now, then = currents[j], before[j]
+        if not np.isfinite(now):
             continue
+        before[j] = now
+        if abs(now - then) > _STEADY * abs(now):
+            continue
+        # What the voltage would have led to if it had lasted: it is this current that the resistance tells.
+        left = _left(resistance[j], inductance[j], dt)
+        i = (now - left * then) / (1.0 - left)
         # Eq. (6) is mean duty over mean current; weighting both with the current is the same for steady currents, and
         # has no pole when a current changes sign.
         sums[0, j] += weight * ((voltage * duties[j] - emf[j]) * i - sums[0, j])
@@ -44,19 +60,25 @@ def _learn(
 def _duties(
     weight: float, voltage: float, dt: float, wanted: Array, measured: Array, applied: Array, emf: Array,
     emf_before: Array, trusted: Array, low: Array, high: Array, sums: Array, resistance: Array, inductance: Array,
-    last: Array, out: Array,
+    last: Array, before: Array, out: Array,
 ) -> None:  # fmt: skip
-    _learn(weight, voltage, applied, measured, emf_before, trusted, low, high, sums, resistance)
+    _learn(weight, voltage, dt, applied, measured, before, emf_before, trusted, low, high, sums, resistance, inductance)
     largest = 0.0
     for j in range(wanted.size):
-        # Eq. (4), and the voltages that the inductance takes while the current changes and the mover while it moves.
-        out[j] = (wanted[j] * resistance[j] + inductance[j] * (wanted[j] - last[j]) / dt + emf[j]) / voltage
+        # Eq. (4) for the current at which this tick's exponential must aim to be at `wanted` when the tick ends, and
+        # the voltage that the moving mover takes.
+        left = _left(resistance[j], inductance[j], dt)
+        out[j] = (resistance[j] * (last[j] + (wanted[j] - last[j]) / (1.0 - left)) + emf[j]) / voltage
         largest = max(largest, abs(out[j]))
-        last[j] = wanted[j]
     for j in range(wanted.size):
         emf_before[j] = emf[j]
         if largest > 1.0:
             out[j] /= largest
+            left = _left(resistance[j], inductance[j], dt)
+            aim = (out[j] * voltage - emf[j]) / resistance[j]
+            last[j] = aim + (last[j] - aim) * left  # as far as the supply can bring it
+        else:
+            last[j] = wanted[j]
 
 
 class Drive:
@@ -74,7 +96,8 @@ class Drive:
         self._high = coils.resistance_at(np.full(channels, _HOTTEST))
         self.resistance = coils.resistance_at(np.full(channels, coils.heat.ambient))
         self._sums = np.zeros((2, channels))
-        self._last = np.zeros(channels)
+        self._last = np.zeros(channels)  # where the currents should be now
+        self._before = np.zeros(channels)  # where they were measured a tick ago
         self._trusted = _TRUST * coils.current_limit
         self._emf = np.zeros(channels)  # under which the last duties were applied
         self._still = np.zeros(channels)
@@ -88,7 +111,8 @@ class Drive:
         induced = self._still if emf is None else emf
         _duties(
             self._weight, self._voltage, self._dt, wanted, measured, applied, induced, self._emf, self._trusted,
-            self._low, self._high, self._sums, self.resistance, self._inductance, self._last, self._out,
+            self._low, self._high, self._sums, self.resistance, self._inductance, self._last,
+            self._before, self._out,
         )  # fmt: skip
         return self._out
 
