@@ -63,7 +63,7 @@ $(VENV)/.run: $(BUILT_FROM) | $(BIN)/python
 
 $(VENV)/.test: $(BUILT_FROM) | $(BIN)/python
 	@echo "Installing haptorb and its tests' packages into $(VENV) (the first time: a few minutes) ..."
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,bench,docs,hardware,study]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,bench,docs,hardware,study,trackers]'
 	@touch $(VENV)/.run $@
 
 clean:

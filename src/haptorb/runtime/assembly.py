@@ -15,9 +15,9 @@ from haptorb.errors import InputError, UnknownName
 from haptorb.physics.arrays import Array
 from haptorb.runtime.guided_handle import Handle
 from haptorb.runtime.pointer import PointerTracker
-from haptorb.runtime.pointer_pose import PointerPose
 from haptorb.runtime.real_driver import is_real, real_driver
 from haptorb.runtime.tick import Tick
+from haptorb.runtime.tracker import Tracker
 from haptorb.sensing.calibration import Calibration
 from haptorb.sensing.estimator import Estimator, TrackedPose
 from haptorb.worlds.world import World
@@ -25,7 +25,6 @@ from haptorb.worlds.world import World
 __all__ = [
     "DRIVERS",
     "MOTOR_GAINS",
-    "TRACKERS",
     "allocator_of",
     "assemble",
     "default_world",
@@ -34,13 +33,11 @@ __all__ = [
     "estimators_of",
     "known_driver",
     "known_estimator",
-    "known_tracker",
     "linkage_of",
     "modes_of",
 ]
 
 DRIVERS = ("sim",)
-TRACKERS = ("pointer", "hall")  #: hall: the hand follows the pointer, but where it is, only the field tells
 #: 40° of handle, which a hand can sweep within the workspace, pull the plug all the way out; else the defaults
 MOTOR_GAINS = Gains(translate=(0.024, 0.004, 0.01))
 
@@ -49,13 +46,6 @@ def known_driver(name: str) -> str:
     """`name` itself, or UnknownName; whether a port or bus is there shows when it is opened."""
     if name not in DRIVERS and not is_real(name):
         raise UnknownName("driver", name, (*DRIVERS, "serial:PORT", "i2c:BUS"))
-    return name
-
-
-def known_tracker(name: str) -> str:
-    """`name` itself, or UnknownName."""
-    if name not in TRACKERS:
-        raise UnknownName("tracker", name, TRACKERS)
     return name
 
 
@@ -142,7 +132,7 @@ def assemble(
     rate: float,
     seed: int,
     level: str | None,
-    tracker: PointerTracker,
+    tracker: Tracker,
     *,
     estimator: str | None = None,
     gains: Gains | None = None,
@@ -157,14 +147,14 @@ def assemble(
     known_driver(driver)
     dt = 1.0 / rate
     real = is_real(driver)
-    if isinstance(device, SphericalMotor):
+    if isinstance(device, SphericalMotor) and isinstance(tracker, PointerTracker):
         tracker.guide = Handle()
     believed = device if calibration is None else calibration.applied(electromagnet(device))
     offsets = None if calibration is None else calibration.offsets
     return Tick(
         believed,
         world,
-        real_driver(driver, device, PointerPose(tracker)) if real else SimDriver.of(device, dt, tracker.goal, seed),
+        real_driver(driver, device, tracker.pose) if real else SimDriver.of(device, dt, tracker.goal, seed),
         estimator_of(believed, known_estimator(device, estimator), level, offsets),
         allocator_of(device),
         dt,

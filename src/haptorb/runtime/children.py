@@ -1,4 +1,4 @@
-"""The servo's and the recorder's process as their parent holds them: start, watch, feed with heartbeats, end.
+"""The processes of servo, recorder and tracker as their parent holds them: start, watch, feed with heartbeats, end.
 
 The parent looks every 50 ms. A servo that vanished is noticed within a tenth of a second; one whose tick never ends is
 told so, and the tick ends with an error.
@@ -15,7 +15,7 @@ from pathlib import Path
 from time import monotonic, monotonic_ns, sleep
 from typing import final
 
-from haptorb.errors import RecordingError, ServoError
+from haptorb.errors import DriverError, RecordingError, ServoError
 from haptorb.runtime.realtime import urgent
 from haptorb.runtime.shared import Phase, Shared, Word
 
@@ -30,7 +30,7 @@ _DRAIN = 20.0  #: for the recorder to write what it has [s]
 
 @final
 class Children:
-    """Starts the servo process at once; `recorder` may be added, then `wait_until_running`."""
+    """Starts the servo process at once; `record` and `track` may add others, then `wait_until_running`."""
 
     def __init__(self, shared: Shared, plan: Path, errors: Path) -> None:
         self._shared = shared
@@ -40,6 +40,7 @@ class Children:
         shared.words[Word.HEARTBEAT] = monotonic_ns()
         self._servo = self._started("haptorb.runtime.servo_process", str(plan), str(shared.path), str(os.getpid()))
         self._recorder: subprocess.Popen[bytes] | None = None
+        self._tracker: subprocess.Popen[bytes] | None = None
         # Not the thread that may be blocked by a user's code: it has nothing else to do.
         self._heart = threading.Thread(target=self._beat, name="haptorb-heartbeat", daemon=True)
         self._heart.start()
@@ -63,12 +64,23 @@ class Children:
         """Start the recorder with `spec` (JSON) and the open file `descriptor`."""
         self._recorder = self._started("haptorb.runtime.recorder_process", spec, descriptor=descriptor)
 
+    def track(self, spec: str, descriptor: int | None) -> None:
+        """Start the tracker's process with `spec` (JSON) and its open socket `descriptor`, if it has one."""
+        self._tracker = self._started("haptorb.runtime.tracker_process", spec, descriptor=descriptor)
+
     def wait_until_running(self) -> None:
-        """Return when the loop has ticked and the recorder is ready. Raises ServoError or RecordingError otherwise."""
+        """Return when the loop has ticked, and recorder and tracker are ready. Raises ServoError, RecordingError or
+        DriverError otherwise."""
         deadline = monotonic() + _START
         words = self._shared.words
-        while not (self.alive and words[Word.TICKS]) or (self._recorder and words[Word.RECORDER] == Phase.STARTING):
+        while (
+            not (self.alive and words[Word.TICKS])
+            or (self._recorder and words[Word.RECORDER] == Phase.STARTING)
+            or (self._tracker and words[Word.TRACKER] == Phase.STARTING)
+        ):
             self.check()
+            if trouble := self.tracker_trouble:
+                raise DriverError(trouble)
             if monotonic() > deadline:
                 raise ServoError(f"the servo did not start within {_START:g} s")
             sleep(0.005)
@@ -93,8 +105,19 @@ class Children:
             return reason
         return f"its process was killed ({_signal(code)})" if code < 0 else f"its process failed: {self._said()}"
 
+    @property
+    def tracker_trouble(self) -> str:
+        """Why there are no poses any more, in one clause; empty while all is well, or there is no such process."""
+        if self._tracker is None:
+            return ""
+        reason = self._shared.tracker_reason.read()[1]
+        code = self._tracker.poll()
+        if reason or not code:
+            return reason
+        return f"the tracker's process was killed ({_signal(code)})" if code < 0 else f"it failed: {self._said()}"
+
     def end(self) -> None:
-        """End both processes: as told if they listen, else by force. May be called twice."""
+        """End all processes: as told if they listen, else by force. May be called twice."""
         if self._told:
             return
         self._told = True
@@ -106,6 +129,12 @@ class Children:
             except subprocess.TimeoutExpired:
                 if force is not None:
                     self._servo.send_signal(force)
+        if self._tracker:
+            try:
+                self._tracker.wait(_FINISH)
+            except subprocess.TimeoutExpired:
+                self._tracker.kill()
+                self._tracker.wait()
         if self._recorder:
             try:
                 self._recorder.wait(_DRAIN)

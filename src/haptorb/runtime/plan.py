@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import cast
 
 from haptorb.runtime.chain import Chain
-from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.tracker import Tracker
 from haptorb.worlds.world import World
 
 __all__ = ["Plan", "load", "save"]
@@ -22,8 +22,9 @@ class Plan:
 
     world: World
     rate: float  #: [Hz]
-    assemble: Callable[[PointerTracker], Chain]
-    practice: Callable[[PointerTracker], Chain]  #: the same on the simulated device, run before the start
+    assemble: Callable[[Tracker], Chain]
+    practice: Callable[[Tracker], Chain]  #: the same on the simulated device, run before the start
+    prediction: float | None = None  #: of a tracker's own process [s]; None: the host's pointer is the tracker
 
 
 def save(plan: Plan, path: Path) -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
 from haptorb.physics.arrays import Array
-from haptorb.runtime.pointer import PointerTracker
 from haptorb.sensing.sample import Pose
+
+if TYPE_CHECKING:
+    from haptorb.runtime.pointer import PointerTracker
 
 __all__ = ["PointerPose"]
 

@@ -21,7 +21,7 @@ def loop_report(shared: Shared) -> dict[str, Any]:
 
     success_rate: ticks that began and ended within their period, over all deadlines that passed. stage_us: medians
     over the last rows. peak_force_n, peak_torque_nm: of what is really on the mover where that is known, else of what
-    is modelled.
+    is modelled. tracking: how well the poses came, see `tracking`.
     """
     words = shared.words
     ticks, missed = words[Word.TICKS], words[Word.MISSED]
@@ -39,6 +39,7 @@ def loop_report(shared: Shared) -> dict[str, Any]:
         "peak_force_n": shared.floats[Word.PEAK],
         "peak_torque_nm": shared.floats[Word.PEAK_TORQUE],
         "scheduler": json.loads(facts) if facts else {},
+        "tracking": tracking(shared),
         "recorded": {"rows": words[Word.WRITTEN], "lost": words[Word.LOST]},
     }
 
@@ -50,6 +51,26 @@ def trips(shared: Shared) -> list[dict[str, Any]]:
         trip = Trip(int(code))
         found.append({"t": t, "code": trip.name, "reason": trip.text})
     return found
+
+
+def tracking(shared: Shared) -> dict[str, Any]:
+    """How fresh the poses were that the loop used, over its last rows, and what the tracker's own process counted.
+
+    poses_hz: different poses a second; age_ms: of the pose in use, 50th and 99th percentile. A tracker with a process
+    of its own adds rate, jitter and latency [Hz, ms] of what arrived, and how many were accepted, lost and refused.
+    """
+    _, rows = shared.ring.since(0)
+    at = shared.layout
+    t, age = rows[:, at["t"].start], rows[:, at["age"].start]
+    known = np.isfinite(t) & np.isfinite(age) & (rows[:, at["valid"].start] == 1.0)
+    t, age = t[known], age[known]
+    found: dict[str, Any] = {"poses_hz": None, "age_ms": None}
+    if len(t) > 1 and t[-1] > t[0]:
+        different = 1 + int((np.abs(np.diff(t - age)) > 1e-6).sum())
+        found["poses_hz"] = different / float(t[-1] - t[0])
+        found["age_ms"] = {f"p{p}": 1e3 * float(np.percentile(age, p)) for p in (50, 99)}
+    _, facts = shared.tracker_facts.read()
+    return {**found, **json.loads(facts)} if facts else found
 
 
 def _percentiles(histogram: Histogram, which: tuple[float, ...]) -> dict[str, float | None]:

@@ -36,17 +36,18 @@ from haptorb.runtime.assembly import (
     electromagnet,
     known_driver,
     known_estimator,
-    known_tracker,
     modes_of,
 )
 from haptorb.runtime.calibration_file import read_calibration
 from haptorb.runtime.children import Children
 from haptorb.runtime.device_text import text_of
+from haptorb.runtime.fed_tracker import PREDICTION, known_prediction
 from haptorb.runtime.guided import upright
 from haptorb.runtime.report import loop_report
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.schedule import known_rate
 from haptorb.runtime.shared import Shared, Word
+from haptorb.runtime.tracker_door import Preparation, fed, known_tracker, prepared
 from haptorb.runtime.world_change import answered, description, name_of, request
 from haptorb.sensing.calibration import Calibration
 from haptorb.worlds.parameter import values as parameter_values
@@ -68,7 +69,9 @@ class Servo:
     world      name in the catalogue, or a World; None: the one that shows the device best
     driver     "sim": the simulated device
     tracker    "pointer": the tool is where the hand wants it that `point` moves; "hall": the hand follows that as
-               well, but where the tool is, the estimator learns from the field sensors only
+               well, but where the tool is, the estimator learns from the field sensors only; "osc:PORT", "lsl:NAME",
+               "replay:FILE", "natnet:HOST": a tracker of its own process, see `tracker_door`
+    prediction  how far such a tracker's pose is carried forward with its own velocity, at most [s]
     rate       of the loop [Hz], 50 to 4000
     record     file to record to (MCAP); None: a temporary one, deleted at exit; False: no recording
     overwrite  whether `record` may replace a file
@@ -91,6 +94,7 @@ class Servo:
         *,
         driver: str = "sim",
         tracker: str = "pointer",
+        prediction: float = PREDICTION,
         rate: float = 1000.0,
         record: str | Path | Literal[False] | None = None,
         overwrite: bool = False,
@@ -104,7 +108,8 @@ class Servo:
         self._device_text = text_of(self.device, device)
         self.layout = RowLayout.of(self.device)
         self.driver = known_driver(driver)
-        self.tracker = known_tracker(tracker)
+        self.tracker = known_tracker(tracker, self.driver)
+        self.tracker_token = ""  #: what senders on other computers must say first; known once the servo is open
         self.rate = known_rate(rate)
         self.seed = _known_seed(seed)
         if level is not None:
@@ -128,7 +133,8 @@ class Servo:
             )
             for through in (self.driver, "sim")
         )  # fmt: skip
-        self._plan = plans.Plan(first, self.rate, chain, practice)
+        ahead = known_prediction(prediction)
+        self._plan = plans.Plan(first, self.rate, chain, practice, ahead if fed(self.tracker) else None)
         self._record, self._overwrite = record, overwrite
         self._shared: Shared | None = None
         self._children: Children | None = None
@@ -141,9 +147,11 @@ class Servo:
         """Start: returns when the loop runs. Raises RecordingError or ServoError, with nothing left running."""
         if self._children is not None:
             raise ServoError("this servo was started before; make a new one")
-        descriptor = self._recording_descriptor()
+        preparation = prepared(self.tracker) if fed(self.tracker) else None
+        descriptor: int | None = None
         try:
-            self._start(descriptor)
+            descriptor = self._recording_descriptor()
+            self._start(descriptor, preparation)
         except BaseException:
             self.close()
             if self._path is not None:
@@ -152,6 +160,8 @@ class Servo:
         finally:
             if descriptor is not None:
                 os.close(descriptor)
+            if preparation is not None:
+                preparation.close()
 
     def close(self) -> None:
         """Coils off, processes ended, recording complete. May be called twice."""
@@ -303,6 +313,7 @@ class Servo:
     def report(self) -> dict[str, Any]:
         """What the run was like so far, as plain JSON types: see `loop_report`."""
         world, values = self.world
+        trouble = self._children.tracker_trouble if self._children is not None else ""
         return {
             "device": self.device.name,
             "world": world,
@@ -314,6 +325,7 @@ class Servo:
             "seed": self.seed,
             "recording": str(self._path) if self._record else None,
             **loop_report(self._memory),
+            **({"tracker_trouble": trouble} if trouble else {}),
         }
 
     @property
@@ -343,7 +355,7 @@ class Servo:
         self._path = path
         return descriptor
 
-    def _start(self, descriptor: int | None) -> None:
+    def _start(self, descriptor: int | None, tracker: Preparation | None) -> None:
         self._folder = Path(tempfile.mkdtemp(prefix="haptorb-"))
         file = self._folder / "plan"
         try:
@@ -354,6 +366,15 @@ class Servo:
         self._children = Children(self._shared, file, self._folder / "errors")
         if descriptor is not None:
             self._children.record(json.dumps(self._recorder_spec(descriptor)), descriptor)
+        if tracker is not None:
+            self.tracker_token = tracker.token
+            spec = {
+                "shared": str(self._shared.path),
+                "descriptor": tracker.descriptor,
+                "parent": os.getpid(),
+                "feed": tracker.spec,
+            }
+            self._children.track(json.dumps(spec), tracker.descriptor if tracker.descriptor >= 0 else None)
         self._children.wait_until_running()
 
     def _recorder_spec(self, descriptor: int) -> dict[str, Any]:

@@ -19,11 +19,13 @@ from types import FrameType
 from haptorb.errors import HaptorbError, ServoError
 from haptorb.runtime import plan as plans
 from haptorb.runtime.clock import Clock
+from haptorb.runtime.fed_tracker import FedTracker
 from haptorb.runtime.loop import Loop
 from haptorb.runtime.orphan import die_with_parent, orphaned
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.realtime import punctual
 from haptorb.runtime.shared import Phase, Shared, Word
+from haptorb.runtime.tracker import Tracker
 from haptorb.runtime.world_change import description
 
 __all__ = ["main"]
@@ -65,7 +67,7 @@ def _run(shared: Shared, path: Path, parent: int) -> int:
     plan = plans.load(path)
     shared.announce_world(description(plan.world))
     _rehearse(plan, shared)
-    tracker = PointerTracker(shared.pointer)
+    tracker = _tracker(plan, shared)
     chain = plan.assemble(tracker)
     loop = Loop(chain, plan.world, shared, plan.rate, parent)
     # No collection from here on: one would hold up the loop. What is alive now is never looked at again.
@@ -98,6 +100,12 @@ def _rehearse(plan: plans.Plan, shared: Shared) -> None:
     with chain.driver:
         for tick in range(_REHEARSAL):
             chain.step(row, tick / plan.rate)
+
+
+def _tracker(plan: plans.Plan, shared: Shared) -> Tracker:
+    if plan.prediction is None:
+        return PointerTracker(shared.pointer)
+    return FedTracker(shared.tracked, plan.prediction)
 
 
 class _Told:

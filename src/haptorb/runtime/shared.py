@@ -18,19 +18,20 @@ import numpy as np
 
 from haptorb.errors import ServoError
 from haptorb.physics.arrays import Array
-from haptorb.runtime import pointer_block, text_slot
+from haptorb.runtime import pointer_block, text_slot, tracked_block
 from haptorb.runtime.histogram import BINS, Histogram
 from haptorb.runtime.pointer_block import PointerBlock
 from haptorb.runtime.ring import Ring
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.text_slot import TextSlot
+from haptorb.runtime.tracked_block import TrackedBlock
 
 __all__ = ["CAPACITY", "TRIPS", "WORLDS", "Phase", "Shared", "Word"]
 
 _MAGIC = int.from_bytes(b"haptorb\0", "little")
-_VERSION = 1
+_VERSION = 2
 _PAGE = 4096
-_TEXTS = 6
+_TEXTS = 8
 CAPACITY = 8192  #: rows: 2 s at the fastest rate
 WORLDS = 32  #: the last changes of the world, kept for the recorder
 TRIPS = 64  #: the first trips, kept for the report
@@ -78,6 +79,9 @@ class Word(IntEnum):
     RECORDER = 56  #: a Phase
     WRITTEN = 57  #: rows
     LOST = 58  #: rows overwritten before they could be recorded
+    # a tracker's process → servo, host
+    TRACKER = 60  #: a Phase
+    TRACKED = 64  #: and the fifteen after it
 
 
 @final
@@ -102,12 +106,14 @@ class Shared:
             raise ServoError(f"{path} holds rows of another layout; end the program that made it")
 
         self.pointer = PointerBlock(self.words, self.floats, Word.POINTER)
+        self.tracked = TrackedBlock(self.words, self.floats, Word.TRACKED)
         at = _PAGE
         slots = []
         for _ in range(_TEXTS + WORLDS):
             slots.append(TextSlot(memory[at : at + text_slot.SIZE]))
             at += text_slot.SIZE
-        self.request, self.answer, self.reason, self.error, self.facts, self.recorder_reason = slots[:_TEXTS]
+        self.request, self.answer, self.reason, self.error, self.facts, self.recorder_reason = slots[:6]
+        self.tracker_reason, self.tracker_facts = slots[6:_TEXTS]
         self._worlds = slots[_TEXTS:]
         self.trips: Array = np.frombuffer(memory[at : at + 16 * TRIPS], dtype=np.float64).reshape(TRIPS, 2)
         at += 16 * TRIPS
@@ -182,3 +188,4 @@ def _size(layout: RowLayout) -> int:
 
 
 assert Word.POINTER + pointer_block.WORDS <= Word.PID
+assert 8 * (Word.TRACKED + tracked_block.WORDS) <= _PAGE

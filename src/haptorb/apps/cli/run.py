@@ -38,8 +38,15 @@ def run(
     ] = None,
     driver: Annotated[str, typer.Option(help="sim: the simulated device; serial:PORT, i2c:BUS: a real one.")] = "sim",
     tracker: Annotated[
-        str, typer.Option(help="Who knows where the tool is: pointer, the console's; hall, the field sensors.")
+        str,
+        typer.Option(
+            help="Who knows where the tool is: pointer, the console's; hall, the field sensors; osc:PORT, "
+            "osc:HOST:PORT, lsl:NAME, natnet:HOST, replay:FILE."
+        ),
     ] = "pointer",
+    prediction: Annotated[
+        float, typer.Option(help="How far such a tracker's pose is carried forward at most [ms], 0 to 20.")
+    ] = 4.0,
     estimator: Annotated[
         str | None,
         typer.Option(help="How the mover's state is known: tracker; a motor's field: least-squares, network, linear."),
@@ -73,7 +80,8 @@ def run(
 
     build_tables(found)
     servo = Servo(
-        device, felt, driver=driver, tracker=tracker, rate=rate, seed=seed, level=level, record=record or False,
+        device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction,
+        rate=rate, seed=seed, level=level, record=record or False,
         overwrite=force, estimator=estimator, calibration=calibration,
     )  # fmt: skip
     before = signal.signal(signal.SIGTERM, _end)
@@ -127,6 +135,8 @@ def _opened(servo: Servo) -> Iterator[None]:
     finally:
         hint.cancel()
     try:
+        if servo.tracker_token:
+            _say(f"Whoever sends poses from another computer must say this token first: {servo.tracker_token}")
         yield
     finally:
         servo.close()
@@ -157,8 +167,22 @@ def _report(servo: Servo, json: bool) -> None:
                 else f"peak force {report['peak_force_n']:.2f} N"
             )
         )
+    if "rate_hz" in (poses := report["tracking"]):
+        _say(_tracked(servo.tracker, poses))
     for trip in report["trips"]:
         _say(f"tripped at {trip['t']:.2f} s: {trip['reason']}")
+
+
+def _tracked(name: str, poses: dict[str, Any]) -> str:
+    """One line on how the poses came."""
+    if not poses["accepted"]:
+        told = "no pose was taken"
+    else:
+        told = f"{poses['accepted']} poses, {poses['rate_hz'] or 0:.0f} Hz"
+        if poses["age_ms"]:
+            told += f", age in use {poses['age_ms']['p50']:.1f} ms (99 %: {poses['age_ms']['p99']:.1f} ms)"
+    refused = ", ".join(f"{count} {why.replace('_', ' ')}" for why, count in poses["refused"].items())
+    return f"tracker {name}: {told}, lost {poses['lost']} times" + (f"; refused: {refused}" if refused else "")
 
 
 def _values(settings: list[str]) -> dict[str, float | tuple[float, ...]]:

@@ -1,0 +1,45 @@
+"""Where poses come from: the abstract feed, one per kind of tracker, and what it hears."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from typing import NamedTuple
+
+__all__ = ["Feed", "Garbage", "Heard"]
+
+
+class Heard(NamedTuple):
+    """One pose as it was heard, judged by nobody yet.
+
+    p and q are as sent: three and four numbers that may be anything. `valid` False: the tracker says that it lost the
+    tool; then they do not matter. `stamp` [s] is the computer's monotonic clock when it was measured; `arrival` when
+    it came.
+    """
+
+    p: tuple[float, ...]
+    q: tuple[float, ...]
+    stamp: float
+    arrival: float
+    valid: bool = True
+
+
+class Garbage(NamedTuple):
+    """Something that is no pose; `why` is the name under which it is counted."""
+
+    why: str
+
+
+class Feed(ABC):
+    """A source of poses, in a process of its own: it may wait, and it may fail."""
+
+    @abstractmethod
+    def heard(self, patience: float) -> Iterator[Heard | Garbage]:
+        """What has come, in the order of arrival; waits at most `patience` [s] for the first.
+
+        Raises HaptorbError if nothing can ever come again.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of sockets. May be called twice."""
