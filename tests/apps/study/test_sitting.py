@@ -2,42 +2,35 @@
 
 from __future__ import annotations
 
-import os
-import random
-import signal
+import importlib.util
 import sqlite3
-import subprocess
-import sys
-import time
 from pathlib import Path
+from typing import Any
 
 import pytest
+from sqlalchemy import Connection, inspect
 
+from haptorb.apps.study import migrations
 from haptorb.apps.study.claim import Claim
-from haptorb.apps.study.columns import COLUMNS, studied, tidy
+from haptorb.apps.study.columns import COLUMNS, replied, studied, tidy
 from haptorb.apps.study.database import SCHEMA, database
 from haptorb.apps.study.prompt import Answer
 from haptorb.apps.study.sitting import Sitting
-from haptorb.apps.study.study_file import Study
+from haptorb.apps.study.study_file import Study, study_of
 from haptorb.errors import InputError, RecordingError
 
 HERE = (0.0, 0.0, 0.05)
+ROOT = Path(__file__).resolve().parents[3]
 
-#: answers at once, and tells every answer only after it was kept
-WORKER = """
-import sys
-from haptorb.apps.study.database import database
-from haptorb.apps.study.prompt import Answer
-from haptorb.apps.study.sitting import Sitting
-from haptorb.apps.study.study_file import study_of
-study = study_of('name = "killed"\\n[trials]\\nrepetitions = 40')
-with Sitting(database(sys.argv[1]), study, "P01") as sitting:
-    print("ready", sitting.number, flush=True)
-    while sitting.prompt is not None:
-        sitting.answer(Answer(sitting.prompt.set_point, (0.0, 0.0, 0.05), 1.0))
-        print("kept", sitting.number - 1, flush=True)
-print("done", flush=True)
-"""
+
+def killed(folder: Path, kills: int) -> dict[str, Any]:
+    """What benchmarks/study_kill.py finds."""
+    spec = importlib.util.spec_from_file_location("study_kill", ROOT / "benchmarks" / "study_kill.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.killed(folder, kills)
 
 
 def test_a_session_is_answered_to_its_end_and_read_back(identify: Study, tmp_path: Path) -> None:
@@ -167,36 +160,121 @@ def test_sqlite_writes_through(tmp_path: Path) -> None:
     assert told == ["wal", 2]
 
 
-def _kill(path: Path, kills: int) -> None:
-    """Kill the worker `kills` times at random moments; every answer it said it kept is there, once."""
-    worker, rng, kept = path / "worker.py", random.Random(4), 0
-    worker.write_text(WORKER)
-    for _ in range(kills):
-        process = subprocess.Popen([sys.executable, str(worker), str(path / "s.db")], stdout=subprocess.PIPE, text=True)
-        assert process.stdout is not None
-        first = process.stdout.readline().split()
-        assert first[0] == "ready"
-        assert int(first[1]) in (kept, kept + 1)  # the one after `kept` may have been kept and not yet told
-        time.sleep(rng.uniform(0.0, 0.03))
-        os.kill(process.pid, signal.SIGKILL)
-        told = process.stdout.read().split("\n")
-        process.wait()
-        process.stdout.close()
-        numbers = [int(line.split()[1]) for line in told[:-1] if line.startswith("kept")]
-        kept = max([int(first[1]), *(n + 1 for n in numbers)])
-    with sqlite3.connect(path / "s.db") as raw:
-        numbers = [row[0] for row in raw.execute("SELECT number FROM trials ORDER BY number")]
-        assert raw.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+def test_an_older_schema_is_brought_forward_and_its_session_goes_on(identify: Study, tmp_path: Path) -> None:
+    with sqlite3.connect(tmp_path / "s.db") as raw:
+        raw.executescript((Path(__file__).parent / "schema_1.sql").read_text(encoding="utf-8"))
     raw.close()
-    assert numbers == list(range(len(numbers)))
-    assert len(numbers) in (kept, kept + 1)
+    engine = database(tmp_path / "s.db")
+    with sqlite3.connect(tmp_path / "s.db") as raw:
+        assert raw.execute("SELECT version FROM haptorb_schema").fetchall() == [(SCHEMA,)]
+    raw.close()
+    with Sitting(engine, identify, "P01") as sitting:
+        assert (sitting.number, sitting.question) == (3, None)
+        while sitting.prompt is not None:
+            sitting.answer(Answer(1, HERE))
+    assert tidy(engine, identify)["trial"].tolist() == list(range(7))
+
+
+def test_migrated_and_new_tables_are_the_same(tmp_path: Path) -> None:
+    with sqlite3.connect(tmp_path / "old.db") as raw:
+        raw.executescript((Path(__file__).parent / "schema_1.sql").read_text(encoding="utf-8"))
+    raw.close()
+    known = [inspect(database(tmp_path / name)) for name in ("old.db", "new.db")]
+    names = [sorted(one.get_table_names()) for one in known]
+    assert names[0] == names[1]
+    for name in names[0]:
+        one, two = ([(c["name"], str(c["type"]), c["nullable"]) for c in k.get_columns(name)] for k in known)
+        assert one == two
+        assert known[0].get_unique_constraints(name) == known[1].get_unique_constraints(name)
+
+
+def test_a_step_that_fails_leaves_the_older_schema_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with sqlite3.connect(tmp_path / "s.db") as raw:
+        raw.executescript((Path(__file__).parent / "schema_1.sql").read_text(encoding="utf-8"))
+        before = list(raw.iterdump())
+    raw.close()
+
+    whole = migrations.STEPS[1]
+
+    def broken(connection: Connection) -> None:
+        whole(connection)
+        connection.exec_driver_sql("SELECT * FROM there_is_no_such_table")
+
+    with monkeypatch.context() as changed:
+        changed.setattr(migrations, "STEPS", {1: broken})
+        with pytest.raises(RecordingError, match="there_is_no_such_table"):
+            database(tmp_path / "s.db")
+    with sqlite3.connect(tmp_path / "s.db") as raw:
+        assert list(raw.iterdump()) == before
+    raw.close()
+
+
+QUESTIONS = """
+name = "asked"
+[set_points]
+points = [{ number = 1, theta_deg = 0 }]
+[trials]
+repetitions = 1
+[[questions]]
+name = "hand"
+text = "Which hand holds the pen?"
+when = "before"
+choices = ["left", "right"]
+[[questions]]
+name = "tired"
+text = "How tired are you, 0 to 10?"
+low = 0
+high = 10
+[[questions]]
+name = "remarks"
+text = "Anything else?"
+"""
+
+
+def test_questions_are_asked_before_and_after_and_kept(tmp_path: Path) -> None:
+    study = study_of(QUESTIONS)
+    engine = database(tmp_path / "s.db")
+    with Sitting(engine, study, "P01") as sitting:
+        asked = sitting.question
+        assert asked is not None
+        assert asked.name == "hand"
+        with pytest.raises(InputError, match="left, right"):
+            sitting.reply(asked, "both")
+        sitting.reply(asked, " right ")
+        assert sitting.question is None
+        sitting.answer(Answer(1, HERE))
+        assert not sitting.over
+    with Sitting(engine, study, "P01") as sitting:  # cut off between trials and questions: goes on there
+        asked = sitting.question
+        assert asked is not None
+        for wrong in ("11", "ten", "", "-1", "5.0"):
+            with pytest.raises(InputError):
+                sitting.reply(asked, wrong)
+        sitting.reply(asked, "3")
+        assert not sitting.over
+        assert sitting.question is not None
+        sitting.reply(sitting.question, "no")
+        assert sitting.over
+    assert replied(engine, study) == {"P01": {"hand": "right", "tired": "3", "remarks": "no"}}
+    with pytest.raises(RecordingError, match="another code"):
+        Sitting(engine, study, "P01")
+
+
+def test_simulated_participants_are_asked_nothing_in_words(tmp_path: Path) -> None:
+    with Sitting(database(tmp_path / "s.db"), study_of(QUESTIONS), "SIM01", simulated=True) as sitting:
+        sitting.answer(Answer(1, HERE))
+        assert sitting.over
 
 
 def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
-    _kill(tmp_path, 4)
+    found = killed(tmp_path, 10)
+    assert (found["kills"], found["lost"], found["doubled"]) == (10, 0, 0)
+    assert found["in_the_middle"] > 0
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_200_times_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
-    _kill(tmp_path, 200)
+    found = killed(tmp_path, 200)
+    assert (found["kills"], found["lost"], found["doubled"]) == (200, 0, 0)
+    assert found["resume_s_median"] < 5.0

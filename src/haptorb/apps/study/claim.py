@@ -11,11 +11,10 @@ from typing import Self, final
 from sqlalchemy import text
 from sqlalchemy.engine import Connection, Engine
 
+from haptorb.apps.study.database import FAMILY
 from haptorb.errors import RecordingError
 
 __all__ = ["Claim"]
-
-_FAMILY = 0x68617074  #: of PostgreSQL advisory locks that are ours
 
 
 @final
@@ -42,7 +41,7 @@ class Claim:
         else:
             self._connection = engine.connect()
             lock = text("SELECT pg_try_advisory_lock(:family, :session)")
-            held = self._connection.execute(lock, {"family": _FAMILY, "session": session}).scalar_one()
+            held = self._connection.execute(lock, {"family": FAMILY, "session": session}).scalar_one()
             self._connection.commit()
             if not held:
                 self._connection.close()

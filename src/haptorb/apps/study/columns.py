@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from sqlalchemy import select
 from sqlalchemy.engine import Engine
 
-from haptorb.apps.study.database import participants, sessions, studies, trials
+from haptorb.apps.study.database import participants, replies, sessions, studies, trials
 from haptorb.apps.study.set_points import angle_between
 from haptorb.apps.study.study_file import Study, study_of
 from haptorb.errors import InputError, RecordingError
 
-__all__ = ["COLUMNS", "Columns", "studied", "tidy"]
+__all__ = ["COLUMNS", "Columns", "replied", "studied", "tidy"]
 
 #: column → what it is; the data dictionary of every export
 COLUMNS = {
@@ -100,6 +100,22 @@ def tidy(engine: Engine, study: Study) -> Columns:
     if not rows:
         raise RecordingError(f"study '{study.name}' has no answered trials yet")
     return {name: _column(values) for name, values in zip(COLUMNS, zip(*rows, strict=True), strict=True)}
+
+
+def replied(engine: Engine, study: Study) -> dict[str, dict[str, str]]:
+    """Participant's code → question's name → what was answered in words."""
+    query = (
+        select(participants.c.code, replies.c.question, replies.c.reply)
+        .join(sessions, replies.c.session == sessions.c.id)
+        .join(participants, sessions.c.participant == participants.c.id)
+        .where(participants.c.study == study.digest)
+        .order_by(participants.c.ordinal, replies.c.id)
+    )
+    found: dict[str, dict[str, str]] = {}
+    with engine.connect() as connection:
+        for code, question, reply in connection.execute(query):
+            found.setdefault(code, {})[question] = reply
+    return found
 
 
 def _correct(study: Study, prompt: dict[str, Any], answer: int | None) -> float:

@@ -1,6 +1,7 @@
 """The tables of a study database and the door to them: SQLite in a file, PostgreSQL by URL.
 
 SQLite runs with a write-ahead log and `synchronous = FULL`: a committed transaction is on the disk, power loss or not.
+A database of an older schema is brought forward when it is opened, one of a newer schema is refused.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Any
 from sqlalchemy import (
     Boolean,
     Column,
+    Connection,
     Float,
     ForeignKey,
     Integer,
@@ -23,15 +25,22 @@ from sqlalchemy import (
     event,
     inspect,
     select,
+    text,
 )
 from sqlalchemy.engine import Engine, make_url
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 
+from haptorb.apps.study.migrations import STEPS, migrate
 from haptorb.errors import RecordingError
 
-__all__ = ["SCHEMA", "database", "events", "participants", "sessions", "studies", "trials", "url_of"]
+__all__ = [
+    "FAMILY", "SCHEMA", "alone", "database", "events", "participants", "replies", "sessions", "studies", "trials",
+    "url_of",
+]  # fmt: skip
 
-SCHEMA = 1  #: of this version; a database of a newer one is refused
+SCHEMA = 1 + len(STEPS)  #: of this version; a database of a newer one is refused
+FAMILY = 0x68617074  #: of PostgreSQL's advisory locks that are ours
+_PATIENCE = 5  #: seconds until a server that does not answer counts as unreachable
 
 _tables = MetaData()
 versions = Table("haptorb_schema", _tables, Column("version", Integer, primary_key=True))
@@ -84,6 +93,15 @@ events = Table(
     Column("at", String(32), nullable=False),
     Column("text", Text, nullable=False, default=""),
 )  # fmt: skip
+replies = Table(
+    "replies", _tables,
+    Column("id", Integer, primary_key=True),
+    Column("session", ForeignKey("sessions.id"), nullable=False),
+    Column("question", String(48), nullable=False),
+    Column("reply", Text, nullable=False),
+    Column("at", String(32), nullable=False),
+    UniqueConstraint("session", "question"),
+)  # fmt: skip
 
 
 def url_of(place: str | Path) -> str:
@@ -105,39 +123,77 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
         url = make_url(url_of(place))
         if url.get_backend_name() == "sqlite" and url.database and not make and not Path(url.database).is_file():
             raise RecordingError(f"database {place} does not exist: make it with `haptorb study run` or `simulate`")
-        engine = create_engine(url)
+        if url.drivername == "postgresql":
+            url = url.set(drivername="postgresql+psycopg")
+        engine = create_engine(url, connect_args=_watched if url.get_backend_name() == "postgresql" else {})
     except ArgumentError as cause:
         raise RecordingError(
             f"'{place}' names no database; give a file, or a URL like postgresql://host/name"
         ) from cause
     except ImportError as cause:
-        raise RecordingError(f"database {place} needs a driver that is not installed: {cause.name}") from cause
+        raise RecordingError(
+            f"database {place} needs a driver that is not installed ({cause.name or cause}): "
+            "pip install 'haptorb[study]' brings PostgreSQL's"
+        ) from cause
     if engine.dialect.name == "sqlite":
         event.listen(engine, "connect", _durable)
     try:
-        with engine.begin() as connection:
-            known = set(inspect(connection).get_table_names())
-            if known and versions.name not in known:
-                raise RecordingError(f"database {place} holds other tables, not a study's; choose another")
-            if known:
-                version = connection.execute(select(versions.c.version)).scalar_one()
-                if version > SCHEMA:
-                    raise RecordingError(
-                        f"database {place} has schema {version}; this haptorb knows up to {SCHEMA}: update haptorb"
-                    )
-            elif not make:
-                raise RecordingError(f"database {place} holds no study")
-            else:
-                _tables.create_all(connection)
-                connection.execute(versions.insert().values(version=SCHEMA))
+        with engine.connect() as connection:
+            version = _version(connection, place)
+        if version is None and not make:
+            raise RecordingError(f"database {place} holds no study")
+        if version is None or version < SCHEMA:
+            with engine.begin() as connection:
+                alone(connection)
+                version = _version(connection, place)  # another station may have been quicker
+                if version is None:
+                    _tables.create_all(connection)
+                    connection.execute(versions.insert().values(version=SCHEMA))
+                else:
+                    migrate(connection, version)
     except SQLAlchemyError as cause:
         engine.dispose()
         told = str(getattr(cause, "orig", None) or cause).splitlines()[0]
-        raise RecordingError(f"database {place} cannot be opened: {told}") from cause
+        raise RecordingError(f"database {_shown(place)} cannot be opened, and nothing was started: {told}") from cause
     except RecordingError:
         engine.dispose()
         raise
     return engine
+
+
+def alone(connection: Connection) -> None:
+    """Nobody else gets past here until the transaction that has just begun on `connection` ends."""
+    if connection.dialect.name == "sqlite":
+        connection.execute(text("BEGIN IMMEDIATE"))  # Python's sqlite3 would begin only at the first change of data
+    else:
+        connection.execute(text("SELECT pg_advisory_xact_lock(:family, 0)"), {"family": FAMILY})
+
+
+def _version(connection: Connection, place: str | Path) -> int | None:
+    """Schema of the tables, None where there are none; RecordingError if they are not ours, or newer."""
+    known = set(inspect(connection).get_table_names())
+    if not known:
+        return None
+    if versions.name not in known:
+        raise RecordingError(f"database {_shown(place)} holds other tables, not a study's; choose another")
+    version = int(connection.execute(select(versions.c.version)).scalar_one())
+    if version > SCHEMA:
+        raise RecordingError(
+            f"database {_shown(place)} has schema {version}; this haptorb knows up to {SCHEMA}: update haptorb"
+        )
+    return version
+
+
+#: a station that loses its power must not hold its session, nor one that loses its server wait, for hours
+_watched = {
+    "connect_timeout": _PATIENCE, "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3,
+    "tcp_user_timeout": 30_000,
+}  # fmt: skip
+
+
+def _shown(place: str | Path) -> str:
+    """`place` without the password that a URL may hold."""
+    return make_url(url_of(place)).render_as_string() if "://" in str(place) else str(place)
 
 
 def _durable(connection: Any, record: Any) -> None:

@@ -15,11 +15,11 @@ from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from haptorb import __version__
 from haptorb.apps.study.claim import Claim
-from haptorb.apps.study.database import events, participants, sessions, studies, trials
+from haptorb.apps.study.database import alone, events, participants, replies, sessions, studies, trials
 from haptorb.apps.study.order import plan, procedure_of
 from haptorb.apps.study.procedure import Procedure
 from haptorb.apps.study.prompt import Answer, Prompt
-from haptorb.apps.study.study_file import Study
+from haptorb.apps.study.study_file import Question, Study
 from haptorb.errors import InputError, RecordingError
 
 __all__ = ["Sitting", "known_code"]
@@ -59,6 +59,7 @@ class Sitting:
             raise _failed(cause) from cause
         try:
             self.procedure, self.number = self._replayed(procedure_of(study, stored))
+            self._replied = self._said()
             self.resumed = self.number > 0
             self.note("resume" if self.resumed else "begin")
         except BaseException:
@@ -69,6 +70,33 @@ class Sitting:
     def prompt(self) -> Prompt | None:
         """What to ask now; None: done."""
         return self.procedure.prompt
+
+    @property
+    def question(self) -> Question | None:
+        """What to ask in words now: before the first trial or after the last; None: nothing. People only."""
+        if self.simulated:
+            return None
+        when = ("before",) if self.prompt is not None else ("before", "after")
+        return next((q for q in self.study.questions if q.when in when and q.name not in self._replied), None)
+
+    @property
+    def over(self) -> bool:
+        """Whether everything is answered."""
+        return self.prompt is None and self.question is None
+
+    def reply(self, question: Question, told: str) -> None:
+        """Keep what was `told` to `question`; InputError, and nothing kept, if it is no answer to it."""
+        reply = question.checked(told)
+        last = self.prompt is None and not self._questions_after(question)
+        try:
+            with self.engine.begin() as connection:
+                row = {"session": self.id, "question": question.name, "reply": reply, "at": _now()}
+                connection.execute(replies.insert().values(**row))
+                if last:
+                    connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=_now()))
+        except SQLAlchemyError as cause:
+            raise _failed(cause) from cause
+        self._replied.add(question.name)
 
     def answer(self, answer: Answer, *, safety: Sequence[dict[str, Any]] = (), recording: str | None = None) -> None:
         """Keep `answer`: on the disk when this returns. InputError, and nothing kept, if it may not be answered so."""
@@ -92,7 +120,7 @@ class Sitting:
         try:
             with self.engine.begin() as connection:
                 connection.execute(trials.insert().values(**row))
-                if after.prompt is None:
+                if after.prompt is None and (self.simulated or not self._questions_after()):
                     connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=_now()))
         except IntegrityError as cause:
             raise RecordingError(
@@ -133,6 +161,7 @@ class Sitting:
         """(id, plan) of the session of this code in this study."""
         study = self.study
         with self.engine.begin() as connection:
+            alone(connection)  # two stations must not count participants at the same moment
             if not connection.execute(select(studies.c.digest).where(studies.c.digest == study.digest)).first():
                 connection.execute(studies.insert().values(digest=study.digest, name=study.name, text=study.text))
             mine = select(participants.c.id).where(
@@ -170,6 +199,16 @@ class Sitting:
             kind = "simulated" if row.simulated else "real"
             raise RecordingError(f"participant code '{self.code}' belongs to a {kind} participant: use another code")
         return int(row.id), json.loads(row.plan)
+
+    def _questions_after(self, but: Question | None = None) -> list[str]:
+        """Names of the questions that are still unanswered, but for one."""
+        return [q.name for q in self.study.questions if q.name not in self._replied and q != but]
+
+    def _said(self) -> set[str]:
+        """Names of the questions that were answered."""
+        query = select(replies.c.question).where(replies.c.session == self.id)
+        with self.engine.connect() as connection:
+            return set(connection.execute(query).scalars())
 
     def _replayed(self, procedure: Procedure) -> tuple[Procedure, int]:
         """The procedure after all stored answers, and the number of the next trial."""

@@ -20,6 +20,9 @@ from haptorb.worlds.world import World
 __all__ = ["PROCEDURES", "Study", "read_study", "study_of"]
 
 PROCEDURES = ("identification", "localisation", "constant", "staircase", "bayesian", "forced-choice", "rating")
+_LONGEST = 4000  #: characters of a reply
+#: left out of the digest where they are not used: studies that were begun before there were such things go on
+_LATER = ("mask", "questions")
 _LEVELLED = ("constant", "staircase", "bayesian")
 Value = float | tuple[float, float, float]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,40}$")]
@@ -103,6 +106,49 @@ class Rating(_Part):
         return self
 
 
+class Mask(_Part):
+    """Noise on the participant's headphones, so that nobody hears the device; the participant's page plays it."""
+
+    noise: Literal["pink", "white"] = "pink"
+    volume_db: Annotated[float, Field(ge=-60, le=0)] = -20.0  #: effective value over that of the loudest sine [dB]
+
+
+class Question(_Part):
+    """What is asked in words: one of `choices`, a whole number from `low` to `high`, or free text."""
+
+    name: Name
+    text: Annotated[str, Field(min_length=1)]
+    when: Literal["before", "after"] = "after"  #: the trials
+    choices: tuple[Annotated[str, Field(min_length=1)], ...] = ()
+    low: int | None = None
+    high: int | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        if (self.low is None) != (self.high is None) or (self.low or 0) > (self.high or 0):
+            raise ValueError(f"low and high go together, low first; got {self.low} and {self.high}")
+        if self.choices and self.low is not None:
+            raise ValueError("give either choices or low and high, not both")
+        if len(set(self.choices)) < len(self.choices):
+            raise ValueError("choices must differ")
+        return self
+
+    def checked(self, reply: str) -> str:
+        """`reply` without spaces about it; InputError if it does not answer this question."""
+        told = reply.strip()
+        if not told:
+            raise InputError("please answer the question first")
+        if self.choices and told not in self.choices:
+            raise InputError(f"the answer must be one of {', '.join(self.choices)}; got '{told}'")
+        if self.low is not None and self.high is not None:
+            number = int(told) if told.lstrip("-").isdecimal() and told.isascii() else None
+            if number is None or not self.low <= number <= self.high:
+                raise InputError(f"the answer must be a whole number from {self.low} to {self.high}; got '{told}'")
+        if len(told) > _LONGEST:
+            raise InputError(f"the answer must have at most {_LONGEST} characters; got {len(told)}")
+        return told
+
+
 class Study(_Part):
     """One study; `text` is the file as it was read, kept with the data."""
 
@@ -120,6 +166,8 @@ class Study(_Part):
     conditions: tuple[Condition, ...] = (Condition(name="base"),)
     levels: Levels | None = None
     rating: Rating = Rating()
+    mask: Mask | None = None
+    questions: tuple[Question, ...] = ()
     _text: str = PrivateAttr("")
 
     @model_validator(mode="after")
@@ -129,6 +177,9 @@ class Study(_Part):
             raise ValueError("conditions must not be empty; leave the key away for a single one")
         if len(set(names)) < len(names):
             raise ValueError(f"condition names must differ; got {', '.join(names)}")
+        asked = [question.name for question in self.questions]
+        if len(set(asked)) < len(asked):
+            raise ValueError(f"names of questions must differ; got {', '.join(asked)}")
         if self.procedure in _LEVELLED:
             _levels(self)
         elif self.levels is not None:
@@ -147,7 +198,8 @@ class Study(_Part):
     @property
     def digest(self) -> str:
         """Of everything that matters: sessions of one study share it."""
-        return sha256(self.model_dump_json().encode()).hexdigest()[:16]
+        unused = {name for name in _LATER if not getattr(self, name)}
+        return sha256(self.model_dump_json(exclude=unused).encode()).hexdigest()[:16]
 
     @property
     def points(self) -> tuple[SetPoint, ...]:
