@@ -8,7 +8,7 @@ from starlette.datastructures import Headers
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from haptorb.apps.console.doors import Doors
+from haptorb.apps.web.doors import Doors
 
 OWN = "127.0.0.1:8765"
 

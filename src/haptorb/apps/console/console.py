@@ -4,38 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import errno
 import os
-import signal
-import socket
-import sys
 import threading
 import webbrowser
-from collections.abc import Callable, Generator
-from types import FrameType, TracebackType
+from collections.abc import Callable
+from types import TracebackType
 from typing import Self, final
-
-import uvicorn
 
 from haptorb.apps.console.felt import FeltMap
 from haptorb.apps.console.felt_process import FeltProcess
 from haptorb.apps.console.servant import Servant
 from haptorb.apps.console.site import application
-from haptorb.errors import InputError
+from haptorb.apps.web.server import HOST, bound, hurry, server, signals
 
 __all__ = ["PORT", "Console"]
 
 PORT = 8765  #: unless told otherwise
-_HOST = "127.0.0.1"
-_URGENT = -10  #: niceness of the serving thread
-
-
-class _Server(uvicorn.Server):
-    """uvicorn, without its own idea of what a signal means: ending a servo is the program's business."""
-
-    @contextlib.contextmanager
-    def capture_signals(self) -> Generator[None, None, None]:
-        yield
 
 
 @final
@@ -55,7 +39,7 @@ class Console:
 
     def __init__(self, servo: Servant, port: int = PORT, *, felt: FeltMap | None = None) -> None:
         self._servo = servo
-        self._socket = _bound(port)
+        self._socket = bound(port)
         try:
             app = application(servo, felt)
         except BaseException:
@@ -63,19 +47,8 @@ class Console:
             raise
         self._felt: FeltProcess | None = app.state.felt
         self.port = int(self._socket.getsockname()[1])
-        self.url = f"http://{_HOST}:{self.port}/"
-        config = uvicorn.Config(
-            app,
-            log_level="warning",
-            access_log=False,
-            ws="websockets-sansio",
-            ws_max_size=65536,
-            ws_per_message_deflate=False,
-            timeout_graceful_shutdown=1,
-            server_header=False,
-        )
-        config.load()  # its modules now, not while a servo counts on this process
-        self._server = _Server(config)
+        self.url = f"http://{HOST}:{self.port}/"
+        self._server = server(app)
 
     def serve(self, *, open_browser: bool = False, until: Callable[[], bool] = lambda: False) -> int | None:
         """Serve until `close`, SIGINT or SIGTERM (the signal's number is returned), `until()`, or the servo's end.
@@ -88,7 +61,7 @@ class Console:
             heard.append(number)
             self.close()
 
-        with _signals(end), _hurry():
+        with signals(end), hurry():
             asyncio.run(self._serve(open_browser, until))
         return heard[0] if heard else None
 
@@ -121,64 +94,8 @@ class Console:
             self._felt.close()
 
 
-def _bound(port: int) -> socket.socket:
-    """A listening socket on this computer's own address, or InputError that says who to ask."""
-    if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= 65535:
-        raise InputError(f"port must be a whole number from 0 to 65535; got {port!r}")
-    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listening.bind((_HOST, port))
-        listening.listen(16)
-    except OSError as cause:
-        listening.close()
-        if cause.errno == errno.EADDRINUSE:
-            raise InputError(
-                f"port {port} of {_HOST} is taken: end the program that holds it (`ss -ltnp 'sport = :{port}'` shows "
-                "which), or choose another with --port (0 takes any free one)"
-            ) from cause
-        raise InputError(
-            f"port {port} of {_HOST} cannot be had: {cause.strerror}; choose another with --port"
-        ) from cause
-    return listening
-
-
-@contextlib.contextmanager
-def _hurry() -> Generator[None, None, None]:
-    """This thread keeps a hand's pose fresh: it goes before ordinary programs, where that is permitted (on Linux)."""
-    if not sys.platform.startswith("linux"):
-        yield
-        return
-    before = os.getpriority(os.PRIO_PROCESS, 0)  # 0: the calling thread
-    with contextlib.suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, _URGENT)
-    try:
-        yield
-    finally:
-        with contextlib.suppress(OSError):
-            os.setpriority(os.PRIO_PROCESS, 0, before)
-
-
 def _opened(url: str) -> None:
     """Open the browser, which is an ordinary program."""
     with contextlib.suppress(OSError, AttributeError):
         os.setpriority(os.PRIO_PROCESS, 0, 0)
     webbrowser.open(url)
-
-
-@contextlib.contextmanager
-def _signals(heard: Callable[[int], None]) -> Generator[None, None, None]:
-    """SIGINT and SIGTERM call `heard`, in the main thread; elsewhere nothing changes."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def handler(number: int, frame: FrameType | None) -> None:
-        heard(number)
-
-    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, old in before.items():
-            signal.signal(number, old)

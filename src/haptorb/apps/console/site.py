@@ -14,12 +14,12 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 
-from haptorb.apps.console.doors import Doors
 from haptorb.apps.console.felt import FeltMap, Painter
 from haptorb.apps.console.felt_process import FeltProcess
 from haptorb.apps.console.room import Room
 from haptorb.apps.console.servant import Servant
 from haptorb.apps.console.session import session, world_now
+from haptorb.apps.web.doors import Doors
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 

@@ -63,13 +63,13 @@ class Doors:
         """Why this request may not come in, or None."""
         host = headers.get("host", "")
         if _host(host) not in LOOPBACK:
-            return f"this console answers on 127.0.0.1 only, not as '{host}'"
+            return f"this server answers on 127.0.0.1 only, not as '{host}'"
         origin = headers.get("origin")
         # Programs send no Origin; browsers always send it with a WebSocket.
         if origin is not None and (
             urlsplit(origin).scheme != "http" or urlsplit(origin).netloc.lower() != host.lower()
         ):
-            return f"pages of '{origin}' may not use this console"
+            return f"pages of '{origin}' may not use this server"
         return None
 
 

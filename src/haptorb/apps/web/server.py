@@ -1,0 +1,103 @@
+"""One port on this computer only, and a server on it that leaves signals to the program."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Callable, Generator
+from types import FrameType
+from typing import Any
+
+import uvicorn
+
+from haptorb.errors import InputError
+
+__all__ = ["HOST", "Server", "bound", "hurry", "server", "signals"]
+
+HOST = "127.0.0.1"
+_URGENT = -10  #: niceness of the serving thread
+
+
+class Server(uvicorn.Server):
+    """uvicorn, without its own idea of what a signal means: ending a servo is the program's business."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Generator[None, None, None]:
+        yield
+
+
+def server(app: Any) -> Server:
+    """`app` (ASGI) as it is served here, its modules loaded: later a servo may count on this process."""
+    config = uvicorn.Config(
+        app,
+        log_level="warning",
+        access_log=False,
+        ws="websockets-sansio",
+        ws_max_size=65536,
+        ws_per_message_deflate=False,
+        timeout_graceful_shutdown=1,
+        server_header=False,
+    )
+    config.load()
+    return Server(config)
+
+
+def bound(port: int) -> socket.socket:
+    """A listening socket on this computer's own address, or InputError that says who to ask."""
+    if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= 65535:
+        raise InputError(f"port must be a whole number from 0 to 65535; got {port!r}")
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((HOST, port))
+        listening.listen(16)
+    except OSError as cause:
+        listening.close()
+        if cause.errno == errno.EADDRINUSE:
+            raise InputError(
+                f"port {port} of {HOST} is taken: end the program that holds it (`ss -ltnp 'sport = :{port}'` shows "
+                "which), or choose another with --port (0 takes any free one)"
+            ) from cause
+        raise InputError(
+            f"port {port} of {HOST} cannot be had: {cause.strerror}; choose another with --port"
+        ) from cause
+    return listening
+
+
+@contextlib.contextmanager
+def hurry() -> Generator[None, None, None]:
+    """This thread keeps a hand's pose fresh: it goes before ordinary programs, where that is permitted (on Linux)."""
+    if not sys.platform.startswith("linux"):
+        yield
+        return
+    before = os.getpriority(os.PRIO_PROCESS, 0)  # 0: the calling thread
+    with contextlib.suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, _URGENT)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, 0, before)
+
+
+@contextlib.contextmanager
+def signals(heard: Callable[[int], None]) -> Generator[None, None, None]:
+    """SIGINT and SIGTERM call `heard`, in the main thread; elsewhere nothing changes."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def handler(number: int, frame: FrameType | None) -> None:
+        heard(number)
+
+    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)
