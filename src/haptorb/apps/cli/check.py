@@ -1,10 +1,17 @@
-"""`haptorb check`: is this computer fit for a real-time loop?"""
+"""`haptorb check`: is this computer fit for a real-time loop, and is a world inside what a loop can render?"""
 
 from __future__ import annotations
 
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from haptorb.errors import InputError
+
+if TYPE_CHECKING:
+    from haptorb.apps.check import WorldVerdict
+    from haptorb.devices.device import Device
 
 __all__ = ["register"]
 
@@ -17,11 +24,30 @@ def register(app: typer.Typer) -> None:
 def check(
     duration: Annotated[float, typer.Option(help="How many seconds to measure.")] = 30.0,
     rate: Annotated[float, typer.Option(help="Of the loop [Hz], 50 to 4000.")] = 1000.0,
-    device: Annotated[str, typer.Option(help="The simulated device that is run.")] = "omni",
+    device: Annotated[str, typer.Option(help="The device; the computer is measured with a simulated one.")] = "omni",
     alone: Annotated[bool, typer.Option("--alone", help="Without a client that drags and reads at 60 Hz.")] = False,
+    world: Annotated[
+        str | None, typer.Option(help="Judge this world instead of the computer: can your loop render it stably?")
+    ] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="A parameter of the world, as NAME=VALUE or NAME=X,Y,Z.")
+    ] = None,
+    tracker_rate: Annotated[
+        float | None, typer.Option(help="Of the tracker [Hz]; without it there is a pose in every tick.")
+    ] = None,
+    latency: Annotated[float, typer.Option(help="How old a pose is when the tracker tells it [ms].")] = 0.0,
+    grip: Annotated[
+        str, typer.Option(help="Who holds it: loose, light, firm, or MASS,DAMPING,STIFFNESS in kg, N·s/m, N/m.")
+    ] = "light",
+    plot: Annotated[Path | None, typer.Option(help="With --world: draw the Z-width into this PNG or SVG file.")] = None,
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
-    """Is this computer fit? Runs the loop, counts what was late, and says yes or no."""
+    """Is this computer fit? Or, with --world: is that world inside what your loop can render? Exit code 1 for no."""
+    if world is not None:
+        _world(device, world, settings or [], rate, tracker_rate, latency, grip, plot, json)
+        return
+    if plot is not None or settings or tracker_rate is not None or latency:
+        raise InputError("--plot, --set, --tracker-rate and --latency belong to --world: haptorb check --world dome")
     from haptorb.apps.check import measured, shown
 
     result = measured(duration, rate=rate, device=device, dragging=not alone)
@@ -33,3 +59,58 @@ def check(
         shown(result)
     if not result.fit:
         raise typer.Exit(1)
+
+
+def _world(
+    device: str, world: str, settings: list[str], rate: float, tracker_rate: float | None, latency: float, grip: str,
+    plot: Path | None, json: bool,
+) -> None:  # fmt: skip
+    from math import isfinite
+
+    from haptorb import worlds
+    from haptorb.apps.check import Setting, drawn_world, judged, shown_world
+    from haptorb.apps.cli.run import values_of
+    from haptorb.control.hand_grip import known_grip
+    from haptorb.devices.loader import load
+    from haptorb.runtime.schedule import known_rate
+
+    if not (isfinite(latency) and latency >= 0):
+        raise InputError(f"--latency must be at least 0 ms; got {latency:g}")
+    if tracker_rate is not None and not (isfinite(tracker_rate) and tracker_rate > 0):
+        raise InputError(f"--tracker-rate must be above 0 Hz; got {tracker_rate:g}")
+    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
+        raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
+    setting = Setting(known_rate(rate), tracker_rate, 1e-3 * latency, grip, known_grip(grip))
+    found = load(device)
+    felt = worlds.named(world)().changed(**values_of(settings))
+    verdict = judged(found, felt, setting, world)
+    if json:
+        from json import dumps
+
+        print(dumps(verdict.numbers(), indent=2, ensure_ascii=False))
+    else:
+        shown_world(verdict)
+    if plot is not None:
+        drawn_world(verdict, plot, _tried(found, verdict))
+    if not verdict.fit:
+        raise typer.Exit(1)
+
+
+def _tried(device: Device, verdict: WorldVerdict) -> list[tuple[float, float]]:
+    """(damping, largest stiffness) of the whole simulated chain for a few hands; none for a motor."""
+    from dataclasses import replace
+
+    from rich.console import Console
+    from rich.progress import track
+
+    from haptorb.apps.check import boundary
+    from haptorb.devices.electromagnet import SphericalElectromagnet
+
+    if not isinstance(device, SphericalElectromagnet):
+        return []
+    setting, found = verdict.setting, []
+    for damping in track((0.5, 1.0, 2.0, 5.0, 10.0), "trying springs", console=Console(stderr=True), transient=True):
+        hand = replace(setting.hand, damping=damping)
+        expected = verdict.loop.largest(verdict.place.holding(hand))
+        found.append((damping, boundary(device, hand, expected, setting.rate, setting.tracker_rate, setting.latency)))
+    return found

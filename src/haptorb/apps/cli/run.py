@@ -18,7 +18,7 @@ from haptorb.errors import InputError
 if TYPE_CHECKING:
     from haptorb.runtime.servo import Servo
 
-__all__ = ["register"]
+__all__ = ["register", "values_of"]
 
 
 def register(app: typer.Typer) -> None:
@@ -70,7 +70,7 @@ def run(
     from haptorb.devices.loader import load
     from haptorb.runtime.assembly import default_world
 
-    values = _values(settings or [])
+    values = values_of(settings or [])
     found = load(device)
     felt = worlds.named(world or default_world(found))().changed(**values)
     if duration is not None and not 0 < duration < float("inf"):
@@ -185,7 +185,8 @@ def _tracked(name: str, poses: dict[str, Any]) -> str:
     return f"tracker {name}: {told}, lost {poses['lost']} times" + (f"; refused: {refused}" if refused else "")
 
 
-def _values(settings: list[str]) -> dict[str, float | tuple[float, ...]]:
+def values_of(settings: list[str]) -> dict[str, float | tuple[float, ...]]:
+    """A world's parameters from NAME=VALUE and NAME=X,Y,Z."""
     values: dict[str, float | tuple[float, ...]] = {}
     for setting in settings:
         name, equals, text = setting.partition("=")

@@ -1,0 +1,106 @@
+"""Where a device's mover can be, and what a world asks of it there, in the coordinates in which a hand holds it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptorb.control.gradient import Field
+from haptorb.control.hand_grip import HandGrip
+from haptorb.devices.device import Device
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.spherical_motor import SphericalMotor
+from haptorb.devices.state import State, rotation_to_axis
+from haptorb.errors import InputError
+from haptorb.physics.arrays import Array
+from haptorb.runtime.assembly import MOTOR_GAINS
+from haptorb.worlds.world import World
+
+__all__ = ["Workspace", "workspace"]
+
+_PLACES = 400
+_UPRIGHT, _STILL = np.eye(3), np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """What the analysis needs of a device.
+
+    places   (n, 3) all over the workspace: [m] of a tool, ψ, λ, φ [rad] of a rotor
+    inside   whether a place belongs to it
+    force    "N" or "N·m"
+    length   "m" or "rad"
+    holding  a grip as it is met in these coordinates, with the mover in it
+    """
+
+    places: Array
+    inside: Callable[[Array], bool]
+    force: str
+    length: str
+    holding: Callable[[HandGrip], HandGrip]
+    field: Callable[[World], Field]
+
+
+def workspace(device: Device) -> Workspace:
+    """The workspace of `device`."""
+    if isinstance(device, SphericalElectromagnet):
+        return _shell(device)
+    if isinstance(device, SphericalMotor):
+        return _tilts(device)
+    raise InputError(f"device '{device.name}': nothing is known of its workspace")
+
+
+def _shell(device: SphericalElectromagnet) -> Workspace:
+    rng = np.random.default_rng(0)
+    near, far = device.contact_distance, device.contact_distance + device.shell_thickness
+    lowest = float(np.cos(device.workspace_half_angle))
+    z, turn = rng.uniform(lowest, 1.0, _PLACES), rng.uniform(0, 2 * np.pi, _PLACES)
+    flat = np.sqrt(1 - z * z)
+    directions = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
+    distances = np.where(np.arange(_PLACES) % 4 == 0, near, rng.uniform(near, far, _PLACES))  # a tool mostly touches
+
+    def inside(p: Array) -> bool:
+        d = float(np.linalg.norm(p))
+        return near <= d <= far and p[2] >= lowest * d
+
+    def field(world: World) -> Field:
+        fitted = world.for_device(device)
+
+        def force(p: Array, v: Array, t: float) -> Array:
+            out: Array = fitted.wrench(State(t, rotation_to_axis(p), p, _STILL, v))[:3]
+            return out
+
+        return force
+
+    places = directions * distances[:, None]
+    return Workspace(places, inside, "N", "m", lambda grip: grip.holding(device.tool.mass), field)
+
+
+def _tilts(device: SphericalMotor) -> Workspace:
+    """Translational mode with the default gains, eq. (6b): the target moves with the tilts, its force comes back."""
+    rng = np.random.default_rng(0)
+    tilt = device.workspace_tilt
+    zeta, (eta_psi, eta_lam, eta_phi) = MOTOR_GAINS.translate, MOTOR_GAINS.translate_torque or (0.0, 0.0, 0.0)
+    arm = device.rotor.handle_length
+    inertia = float(device.rotor.inertia[0])
+
+    def field(world: World) -> Field:
+        fitted = world.for_device(device)
+
+        def torque(q: Array, rate: Array, t: float) -> Array:
+            """(3,) about ψ, λ, φ [N·m]."""
+            at, moving = (np.array([zeta[0] * x[1], zeta[1] * x[0], zeta[2] * x[2]]) for x in (q, rate))
+            x, y, z = fitted.wrench(State(t, _UPRIGHT, at, _STILL, moving))[:3]
+            return np.array([eta_psi * y, eta_lam * x, eta_phi * z])
+
+        return torque
+
+    def holding(grip: HandGrip) -> HandGrip:
+        return HandGrip(inertia + grip.mass * arm**2, grip.damping * arm**2, grip.stiffness * arm**2)
+
+    def inside(q: Array) -> bool:
+        return bool((np.abs(q) <= tilt).all())
+
+    return Workspace(rng.uniform(-tilt, tilt, (_PLACES, 3)), inside, "N·m", "rad", holding, field)

@@ -1,0 +1,191 @@
+"""Is a world inside what your loop can render? Its steepest places against the loop's own boundary."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+
+from haptorb.apps.check.workspace import Workspace, workspace
+from haptorb.control.gradient import Steepest, Steepness, steepest
+from haptorb.control.hand_grip import GRIPS, HandGrip
+from haptorb.control.stability import SampledLoop
+from haptorb.devices.device import Device
+from haptorb.errors import InputError
+from haptorb.worlds.world import World
+
+__all__ = ["ENOUGH", "Setting", "WorldVerdict", "judged"]
+
+ENOUGH = 1.5  #: a world should be so many times weaker than the strongest that is stable: hands differ
+_FASTEST = 4000.0  #: no servo here is faster [Hz]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How a device is run, and who holds it."""
+
+    rate: float = 1000.0  #: of the servo [Hz]
+    tracker_rate: float | None = None  #: [Hz]; None: a pose in every tick
+    latency: float = 0.0  #: age of a pose when it is told [s]
+    grip: str = "light"
+    hand: HandGrip = GRIPS["light"]  #: the hand alone
+
+    def loop(self, device: Device) -> SampledLoop:
+        """The loop of `device` under this setting."""
+        coils = device.coils
+        constant = float(np.max(coils.inductance / coils.resistance))
+        return SampledLoop.of(self.rate, self.tracker_rate, self.latency, constant)
+
+
+@final
+@dataclass(frozen=True)
+class WorldVerdict:
+    """A world's steepest places, the loop, and the hand that holds the mover.
+
+    margin   by how much the world could be stronger before the loop oscillates, at its most critical place
+    """
+
+    device: str
+    world: str
+    passive: bool
+    setting: Setting
+    loop: SampledLoop
+    hand: HandGrip  #: with the mover in it, in the mover's own coordinates
+    place: Workspace
+    steep: Steepest
+
+    @cached_property
+    def margins(self) -> tuple[tuple[float, Steepness], ...]:
+        """The factor to the boundary at every critical place, smallest first."""
+        found = [(_factor(self.loop, self.hand, one), one) for one in self.steep.candidates]
+        return tuple(sorted(found, key=lambda pair: pair[0]))
+
+    @property
+    def margin(self) -> float:
+        """The smallest; inf for a world without slopes."""
+        return self.margins[0][0] if self.margins else math.inf
+
+    @property
+    def verdict(self) -> str:
+        """ "inside", "close" or "outside"."""
+        if self.margin >= ENOUGH:
+            return "inside"
+        return "close" if self.margin > 1.0 else "outside"
+
+    @property
+    def fit(self) -> bool:
+        """Whether the loop is stable."""
+        return self.margin > 1.0
+
+    @cached_property
+    def largest(self) -> float:
+        """The largest stiffness that this loop and hand stand [N/m]; exact."""
+        return self.loop.largest(self.hand)
+
+    @cached_property
+    def advice(self) -> tuple[str, ...]:
+        """What to change, each by itself enough; empty for a world that is inside."""
+        if self.margin >= ENOUGH:
+            return ()
+        found = [f"Make the world {ENOUGH / self.margin:.3g} times weaker or wider (`--set`)."]
+        setting = self.setting
+        if setting.tracker_rate is not None:
+            faster = _least(lambda x: self._with(tracker_rate=x * setting.tracker_rate), 64.0)
+            if faster is not None:
+                found.append(f"Use a tracker of {faster * setting.tracker_rate:.0f} Hz at the same latency.")
+        if setting.latency > 0.0:
+            earlier = _least(lambda x: self._with(latency=setting.latency / x), 1000.0)
+            if earlier is not None:
+                found.append(f"Bring the latency down to {1e3 * setting.latency / earlier:.1f} ms.")
+        quicker = _least(lambda x: self._with(rate=x * setting.rate), _FASTEST / setting.rate)
+        if quicker is not None:
+            found.append(f"Run the servo at --rate {math.ceil(quicker * setting.rate):d}.")
+        if self.margins and self.margins[0][1].damping * abs(self.loop.period) > self.hand.mass:
+            found.append("It is the world's damping that is late, not its stiffness: lessen that.")
+        damper = _least(lambda x: self._held(replace(self.hand, damping=x * self.hand.damping)), 100.0)
+        if damper is not None and self.hand.damping > 0.0:
+            found.append(
+                f"Hold it more firmly: {damper * self.setting.hand.damping:.1f} N·s/m instead of "
+                f"{self.setting.hand.damping:g} would do; a sleeve or a glove adds damping as well."
+            )
+        return tuple(found)
+
+    def _held(self, hand: HandGrip) -> float:
+        return min((_factor(self.loop, hand, one) for _, one in self.margins), default=math.inf)
+
+    def _with(self, **changes: float) -> float:
+        setting = replace(self.setting, **changes)  # type: ignore[arg-type]
+        loop = SampledLoop.of(setting.rate, setting.tracker_rate, setting.latency, self.loop.time_constant)
+        return min((_factor(loop, self.hand, one) for _, one in self.margins), default=math.inf)
+
+    def numbers(self) -> dict[str, Any]:
+        """Everything as plain JSON types; lengths are angles for a motor."""
+        grip = self.hand.damping
+        worst = self.margins[0][1] if self.margins else None
+        return {
+            "device": self.device,
+            "world": self.world,
+            "declared_passive": self.passive,
+            "verdict": self.verdict,
+            "margin": _number(self.margin),
+            "unit": f"{self.place.force}/{self.place.length}",
+            "steepest": self.steep.stiffness,
+            "pushes_away": self.steep.away,
+            "damping": self.steep.damping,
+            "jump_n": self.steep.jump,
+            "largest_exact": _number(self.largest),
+            "largest_delay_bound": self.loop.delay_bound(grip),
+            "largest_passive_bound": self.loop.passive_bound(grip),
+            "critical": None
+            if worst is None
+            else {
+                "stiffness": worst.stiffness.real,
+                "turning": abs(worst.stiffness.imag),
+                "damping": worst.damping,
+                "place": worst.place,
+            },
+            "rate_hz": self.setting.rate,
+            "tracker_rate_hz": self.setting.tracker_rate,
+            "latency_s": self.setting.latency,
+            "period_s": self.loop.period,
+            "lateness_s": self.loop.lateness,
+            "grip": self.setting.grip,
+            "hand": asdict(self.hand),
+            "advice": list(self.advice),
+        }
+
+
+def judged(device: Device, world: World, setting: Setting, name: str = "") -> WorldVerdict:
+    """Look at `world` all over the workspace of `device`; seconds."""
+    if setting.latency > device.limits.expiry:
+        raise InputError(
+            f"a latency of {1e3 * setting.latency:g} ms is beyond the {1e3 * device.limits.expiry:g} ms after which "
+            f"the guard of '{device.name}' lets no pose count: the coils would stay off"
+        )
+    place = workspace(device)
+    steep = steepest(place.field(world), place.places, place.inside)
+    loop, hand = setting.loop(device), place.holding(setting.hand)
+    return WorldVerdict(device.name, name or type(world).__name__, world.passive, setting, loop, hand, place, steep)
+
+
+def _factor(loop: SampledLoop, hand: HandGrip, one: Steepness) -> float:
+    spring = one.stiffness if one.stiffness.real > 0.0 or one.stiffness.imag else 0.0  # what pushes away is no fault
+    return loop.largest(hand, spring, one.damping)
+
+
+def _least(margin: Any, most: float) -> float | None:
+    """The least factor from 1 to `most` with which margin(factor) is enough; None if there is none."""
+    if most <= 1.0 or margin(most) < ENOUGH:
+        return None
+    low, high = 1.0, most
+    while high - low > 0.01 * high:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if margin(middle) >= ENOUGH else (middle, high)
+    return high
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
