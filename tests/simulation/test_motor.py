@@ -1,6 +1,7 @@
 """The simulated spherical motor: a body that keeps its energy, coils that pay for what they give, a hand, a stop."""
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,11 +10,11 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from haptorb.devices.handle import HALL_IDEAL, HANDLE_LOOSE, HallQuality
 from haptorb.devices.loader import load
 from haptorb.devices.motor_doors import torque_characteristic
 from haptorb.errors import InputError, UnknownName
-from haptorb.simulation.hall import HALL_IDEAL, HallQuality
-from haptorb.simulation.motor import HANDLE_LOOSE, Grasp, SimulatedMotor
+from haptorb.simulation.motor import SimulatedMotor
 from haptorb.simulation.registry import simulated
 from haptorb.simulation.rotor import leaning
 
@@ -31,7 +32,7 @@ def tilted(psi=0.0, lam=0.0, phi=0.0):
 def frictionless(**changes):
     """No hand, nothing that rubs, magnets that no coil feels."""
     motor = SimulatedMotor(PMSM, grasp=HANDLE_LOOSE)
-    motor._joint = motor._joint._replace(damping=np.zeros(3), friction=0.0, stop_damping=0.0, **changes)
+    motor._hang(motor._joint._replace(damping=np.zeros(3), friction=0.0, stop_damping=0.0, **changes))
     motor._parts = motor._parts._replace(strength=np.zeros_like(motor._parts.strength))
     return motor
 
@@ -109,7 +110,7 @@ def test_dry_friction_holds_what_is_too_weak():
 
 
 def test_passive_torque_is_the_devices_own():
-    motor = SimulatedMotor(PMSM, grasp=Grasp(stiffness=1e6, damping=1e3))
+    motor = SimulatedMotor(PMSM, grasp=replace(PMSM.hand, stiffness=1e6, damping=1e3))
     for angles in ((10, 5, 40), (-20, 3, 0), (0, 0, 0), (7, -19, 123)):
         q = tilted(*angles)
         motor.place(NOWHERE, q)
@@ -119,7 +120,7 @@ def test_passive_torque_is_the_devices_own():
 
 def test_torque_is_the_characteristic_times_the_currents():
     q = tilted(10, 5, 5)
-    motor = SimulatedMotor(PMSM, grasp=Grasp(stiffness=1e6, damping=1e3))
+    motor = SimulatedMotor(PMSM, grasp=replace(PMSM.hand, stiffness=1e6, damping=1e3))
     motor.place(NOWHERE, q)
     duties = 0.3 * np.sin(np.arange(12.0))
     go(motor, 0.05, duties, q)
@@ -133,7 +134,7 @@ def test_torque_is_the_characteristic_times_the_currents():
 def test_the_coils_pay_for_what_the_rotor_gets():
     """Energy from the supply = heat + field + motion: checked over a swing under constant duty, no friction."""
     motor = SimulatedMotor(PMSM, grasp=HANDLE_LOOSE)
-    motor._joint = motor._joint._replace(damping=np.zeros(3), friction=0.0, stop=0.0, stop_damping=0.0)
+    motor._hang(motor._joint._replace(damping=np.zeros(3), friction=0.0, stop=0.0, stop_damping=0.0))
     motor.place(NOWHERE, tilted(3, -4, 10))
     duties = np.where(np.arange(12) % 3 == 0, 0.08, -0.05)
     start = motor.energy
@@ -154,7 +155,7 @@ def test_the_coils_pay_for_what_the_rotor_gets():
 
 def test_the_hand_leads_and_yields():
     """Mass, spring and damper: at rest the handle stands off by torque over stiffness."""
-    grasp = Grasp()
+    grasp = PMSM.hand
     motor = SimulatedMotor(PMSM, grasp=grasp)
     go(motor, 1.5, OFF, tilted(lam=10.0))
     off = 10.0 - np.degrees(Rotation.from_matrix(motor.state().R_SR).as_euler("XYZ")[1])
@@ -222,7 +223,7 @@ def test_the_same_seed_gives_the_same_bits():
 def test_magnets_of_uneven_strength_give_another_torque():
     def torque(spread):
         q = tilted(10, 5, 5)
-        motor = SimulatedMotor(PMSM, seed=1, grasp=Grasp(stiffness=1e6, damping=1e3), magnet_spread=spread)
+        motor = SimulatedMotor(PMSM, seed=1, grasp=replace(PMSM.hand, stiffness=1e6, damping=1e3), magnet_spread=spread)
         motor.place(NOWHERE, q)
         go(motor, 0.03, 0.2 * np.cos(np.arange(12.0)), q)
         return motor.truth()[3:]
@@ -244,8 +245,8 @@ def test_what_is_no_number_changes_nothing():
         lambda: SimulatedMotor(PMSM, step=0.1),
         lambda: SimulatedMotor(PMSM, magnet_spread=-1),
         lambda: SimulatedMotor(PMSM, -1),
-        lambda: Grasp(stiffness=-1),
-        lambda: Grasp(mass=float("nan")),
+        lambda: replace(PMSM.hand, stiffness=-1),
+        lambda: replace(PMSM.hand, mass=float("nan")),
         lambda: HallQuality(-1e-3, 0, 0),
         lambda: SimulatedMotor(PMSM).place(NOWHERE, np.zeros(4)),
         lambda: SimulatedMotor(PMSM).place(NOWHERE, (0, 0, np.nan, 1)),

@@ -12,10 +12,19 @@ from pydantic import BeforeValidator, Field, model_validator
 from haptorb.devices import quantity as q
 from haptorb.devices.device import Coils
 from haptorb.devices.electromagnet import FieldSensors
+from haptorb.devices.handle import EndStop, Grasp, HallQuality
 from haptorb.devices.layouts import Layout, Ring, alternating
 from haptorb.devices.motor_validation import findings, grouping
 from haptorb.devices.regulator import Regulator
-from haptorb.devices.schema import HeatSection, LimitsSection, Name, Positive, Section, SupplySection
+from haptorb.devices.schema import (
+    HeatSection,
+    LimitsSection,
+    Name,
+    Positive,
+    Section,
+    SupplySection,
+    ThermometerSection,
+)
 from haptorb.devices.spherical_motor import Rotor, SphericalMotor
 from haptorb.errors import DeviceError
 from haptorb.physics.arrays import Array
@@ -126,6 +135,9 @@ class SensorsSection(Section):
     rings: Rings
     noise: Annotated[q.Polarization, Ge(0)]
     step: Annotated[q.Polarization, Ge(0)]
+    gain: Annotated[q.Number, Ge(0)]
+    offset: Annotated[q.Polarization, Ge(0)]
+    cross: Annotated[q.Number, Ge(0)]
 
 
 class GroupsSection(Section):
@@ -149,6 +161,22 @@ class WorkspaceSection(Section):
     """[workspace]: |ψ| and |λ| up to `tilt`, any φ."""
 
     tilt: Annotated[q.Angle, Field(gt=0, lt=np.pi / 2)]
+
+
+class EndStopSection(Section):
+    """[end_stop]: what the rotor meets at the edge of the workspace."""
+
+    stiffness: Annotated[q.TurnStiffness, Positive]
+    damping: Annotated[q.TurnDamping, Ge(0)]
+
+
+class GripSection(Section):
+    """[hand]: who holds the handle's end."""
+
+    mass: Annotated[q.Mass, Ge(0)]
+    stiffness: Annotated[q.Stiffness, Ge(0)]
+    damping: Annotated[q.Damping, Ge(0)]
+    radius: Annotated[q.Length, Ge(0)]
 
 
 class RotorSection(Section):
@@ -211,6 +239,9 @@ class MotorFile(Section):
     supply: SupplySection
     limits: LimitsSection
     workspace: WorkspaceSection
+    end_stop: EndStopSection
+    thermometer: ThermometerSection
+    hand: GripSection
     rotor: RotorSection
     regulator: RegulatorSection | None = None
 
@@ -247,10 +278,15 @@ class MotorFile(Section):
             electromagnet=coil,
             sensor_layout=sensors,
             hall=FieldSensors(sensors.positions, s.noise, s.step),
+            hall_spread=HallQuality(s.gain, s.offset, s.cross),
             groups=groups,
             magnet_model=None if m.multipole is None else m.multipole.built(m.radius, m.length),
             coil_model=None if e.multipole is None else e.multipole.built(e.outer_radius, e.length),
             workspace_tilt=self.workspace.tilt,
+            end_stop=EndStop(self.end_stop.stiffness, self.end_stop.damping),
+            thermometer_step=self.thermometer.step,
+            thermometer_noise=self.thermometer.noise,
+            hand=Grasp(self.hand.mass, self.hand.stiffness, self.hand.damping, self.hand.radius),
             rotor=Rotor(**{**self.rotor.model_dump(), "inertia": np.array(self.rotor.inertia)}),
             regulator=self._regulator(),
         )

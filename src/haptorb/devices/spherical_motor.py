@@ -10,6 +10,7 @@ import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet import FieldSensors
+from haptorb.devices.handle import EndStop, Grasp, HallQuality
 from haptorb.devices.layouts import Layout
 from haptorb.devices.motor_levels import (
     coils_field,
@@ -66,10 +67,15 @@ class SphericalMotor(Device):
     electromagnet: Coil  #: one of them; positive current is right-handed about the outward axis
     sensor_layout: Layout  #: in the stator's frame
     hall: FieldSensors
+    hall_spread: HallQuality  #: how the field sensors differ from what they should be
     groups: Array  #: (24, m) current of every coil per current of every channel: 0, +1 or −1
     magnet_model: MultipoleSource | None  #: the published model of one magnet
     coil_model: MultipoleSource | None  #: the published model of one coil, per ampere
     workspace_tilt: float  #: greatest |ψ| and |λ| [rad]
+    end_stop: EndStop  #: at its edge
+    thermometer_step: float  #: [K]
+    thermometer_noise: float  #: [K]
+    hand: Grasp  #: who holds the handle
     rotor: Rotor
     regulator: Regulator | None
     findings: tuple[str, ...] = ()  #: what validation objected to, where it was overridden

@@ -6,40 +6,19 @@ errors that stay (gain, offset, cross-axis) are drawn once from the seed; the no
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from haptorb.errors import InputError
+from haptorb.devices.handle import HallQuality
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 from haptorb.simulation.noise import Noise, fill_normal, stepped
 
-__all__ = ["FAILURES", "HALL_CALIBRATED", "HALL_IDEAL", "HallFaults", "HallQuality", "Halls", "halls", "read_halls"]
+__all__ = ["FAILURES", "HallFaults", "Halls", "halls", "read_halls"]
 
 #: how a sensor can fail, and the number that stands for it
 FAILURES = {"none": 0, "dead": 1, "stuck": 2, "saturated": 3}
-
-
-@dataclass(frozen=True)
-class HallQuality:
-    """Standard deviations of what differs from sensor to sensor; the noise and quantum are the device's."""
-
-    gain: float  #: relative
-    offset: float  #: [T]
-    cross: float  #: share of another axis that is read as well
-
-    def __post_init__(self) -> None:
-        for name in ("gain", "offset", "cross"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InputError(f"HallQuality.{name} must be a standard deviation from 0 on; got {value!r}")
-
-
-HALL_IDEAL = HallQuality(0.0, 0.0, 0.0)
-#: assumed: what is left of a few per cent and a few millitesla after calibrating each sensor against the field model
-HALL_CALIBRATED = HallQuality(gain=1e-3, offset=0.05e-3, cross=1e-3)
 
 
 class Halls(NamedTuple):

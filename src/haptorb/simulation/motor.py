@@ -10,7 +10,6 @@ the chopper's ripple, and the bearing's clearance.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from math import ceil, cos, radians
 from typing import NamedTuple, final
 
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
+from haptorb.devices.handle import Grasp, HallQuality
 from haptorb.devices.spherical_motor import GRAVITY, SphericalMotor
 from haptorb.devices.state import State
 from haptorb.devices.table_kernels import sensor_field, torque_characteristic
@@ -29,9 +29,7 @@ from haptorb.sensing.sample import Pose, Sample
 from haptorb.simulation.coils import BODY, CURRENT, WINDING, Wires, chop, coil_step, cold, wires
 from haptorb.simulation.hall import (
     FAILURES,
-    HALL_CALIBRATED,
     HallFaults,
-    HallQuality,
     Halls,
     halls,
     read_halls,
@@ -41,37 +39,9 @@ from haptorb.simulation.rotor import ANGULAR, Joint, angular_velocity, kick, tur
 from haptorb.simulation.simulation import Simulation
 from haptorb.simulation.tool import matrix
 
-__all__ = ["HANDLE_HELD", "HANDLE_LOOSE", "Grasp", "SimulatedMotor"]
+__all__ = ["SimulatedMotor"]
 
-_STOP = 200.0  #: assumed, an end stop of hard rubber 70 mm from the centre: 40 N/mm [N·m/rad]
-_STOP_DAMPING = 1.0  #: assumed: rubber; a rotor of 0.01 kg·m² comes back with a third of its speed [N·m·s/rad]
-_HEAT_NOISE, _HEAT_STEP = 0.1, 0.0625  #: assumed: a common digital thermometer at each pair of coils [K]
 _NODES = 24  #: of the polynomial of weight and regulator by cos(tilt); the regulator's own has fourteen
-
-
-@dataclass(frozen=True)
-class Grasp:
-    """A hand on the handle as mass, spring and damper where it holds, towards where it wants the handle to be.
-
-    One stiffness for tilt and spin (a fist twists about as hard as it tilts a handle of 120 mm), so that the spring
-    has a potential. Assumed: between a pen held lightly (0.1 kg, 2 N·s/m, 100 N/m) and a firm grip (0.8 kg, 10 N·s/m,
-    500 N/m).
-    """
-
-    mass: float = 0.3  #: that moves with the handle [kg]
-    stiffness: float = 300.0  #: [N/m]
-    damping: float = 5.0  #: [N·s/m]
-    radius: float = 0.04  #: of the fist: its inertia about the handle is ½ m r² [m]
-
-    def __post_init__(self) -> None:
-        for name in ("mass", "stiffness", "damping", "radius"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InputError(f"Grasp.{name} must not be negative; got {value!r}")
-
-
-HANDLE_HELD = Grasp()
-HANDLE_LOOSE = Grasp(0.0, 0.0, 0.0, 0.0)  #: no hand at all
 
 
 class _Parts(NamedTuple):
@@ -187,10 +157,11 @@ def _sense(
 class SimulatedMotor(Simulation):
     """Coils, magnets, rotor, hand and sensors of `device`, in steps of at most `step` [s].
 
-    grasp           the hand; HANDLE_LOOSE for none
-    quality         lasting errors of the field sensors
+    grasp           another hand than the device's; HANDLE_LOOSE for none
+    quality         other lasting errors of the field sensors than the device's
     magnet_spread   relative standard deviation of the magnets' strengths, which no controller knows
 
+    >>> from haptorb.devices.handle import HANDLE_LOOSE
     >>> from haptorb.devices.loader import load
     >>> motor = SimulatedMotor(load("pmsm"), seed=1, grasp=HANDLE_LOOSE)
     >>> upright = np.array([0, 0, 0, 1.0])
@@ -205,8 +176,8 @@ class SimulatedMotor(Simulation):
         device: SphericalMotor,
         seed: int = 0,
         *,
-        grasp: Grasp = HANDLE_HELD,
-        quality: HallQuality = HALL_CALIBRATED,
+        grasp: Grasp | None = None,
+        quality: HallQuality | None = None,
         magnet_spread: float = 0.0,
         step: float = 2.5e-4,
     ) -> None:
@@ -215,10 +186,9 @@ class SimulatedMotor(Simulation):
         if not (np.isfinite(magnet_spread) and 0.0 <= magnet_spread < 1.0):
             raise InputError(f"magnet_spread must be a share from 0 to below 1; got {magnet_spread!r}")
         self.device: SphericalMotor = device
-        self.grasp = grasp
-        self._quality, self._spread = quality, float(magnet_spread)
+        self.grasp = grasp or device.hand
+        self._quality, self._spread = quality or device.hall_spread, float(magnet_spread)
         self._longest = float(step)
-        self._joint = _joint(device, grasp)
         self._wires = wires(device)
         heat = device.coils.heat
         self._heat = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
@@ -239,19 +209,20 @@ class SimulatedMotor(Simulation):
             np.ascontiguousarray(np.stack(unit, axis=1)),
         )
         supply = device.supply
-        self._meters = _Meters(float(supply.current_noise), float(supply.current_step), _HEAT_NOISE, _HEAT_STEP)
-        joint = self._joint
-        self._moving = np.array(
-            [
-                *self._wires[2:], joint.friction, joint.grip, joint.least, joint.edge, joint.stop, joint.stop_damping,
-                self._parts.torque_scale,
-            ]
-        )  # fmt: skip
+        heat_meter = float(device.thermometer_noise), float(device.thermometer_step)
+        self._meters = _Meters(float(supply.current_noise), float(supply.current_step), *heat_meter)
+        self._hang(_joint(device, self.grasp))
         self._steps_of_duty = float(2**supply.duty_bits)
         self._torque = np.zeros(3)
         self._goal = np.array([0.0, 0.0, 0.0, 1.0])
         self._faults = HallFaults(np.zeros(device.sensors), np.zeros((device.sensors, 3)))
         self.reset(seed)
+
+    def _hang(self, joint: Joint) -> None:
+        """Put the rotor on `joint`."""
+        self._joint = joint
+        one = (joint.friction, joint.grip, joint.least, joint.edge, joint.stop, joint.stop_damping)
+        self._moving = np.array([*self._wires[2:], *one, self._parts.torque_scale])
 
     def reset(self, seed: int = 0) -> None:
         """Cold coils without currents, the rotor upright and at rest, noise and lasting errors from `seed`."""
@@ -421,8 +392,8 @@ def _joint(device: SphericalMotor, grasp: Grasp) -> Joint:
         np.ascontiguousarray(chebyshev.chebfit(node, np.array(back), _NODES - 1)),
         least,
         cos(device.workspace_tilt),
-        _STOP,
-        _STOP_DAMPING,
+        device.end_stop.stiffness,
+        device.end_stop.damping,
     )
 
 

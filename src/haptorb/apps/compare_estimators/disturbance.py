@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from haptorb.devices.handle import HallQuality
 from haptorb.devices.spherical_motor import SphericalMotor
 from haptorb.physics.arrays import Array
-from haptorb.simulation.hall import FAILURES, HallFaults, HallQuality, halls, read_halls
+from haptorb.simulation.hall import FAILURES, HallFaults, halls, read_halls
 from haptorb.simulation.noise import seeded
 
 __all__ = ["NOISES", "Disturbance", "disturbances"]
