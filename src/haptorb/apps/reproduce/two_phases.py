@@ -17,6 +17,7 @@ import numpy as np
 from haptorb.control.linkage import ModedLinkage
 from haptorb.control.minimum_power import MinimumPowerAllocator
 from haptorb.control.modes import Gains, TwoModes
+from haptorb.devices.handle import Grasp
 from haptorb.devices.motor_doors import motor
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.physics.arrays import Array
@@ -28,7 +29,7 @@ from haptorb.runtime.sim_driver import SimDriver
 from haptorb.runtime.tick import Tick
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.sample import Estimate, Sample
-from haptorb.simulation.motor import Grasp, SimulatedMotor
+from haptorb.simulation.motor import SimulatedMotor
 from haptorb.worlds.outlet import PublishedOutlet
 
 __all__ = ["ARM", "FORCE_SCALE", "TILT", "X_0", "Course", "two_phases"]
@@ -44,7 +45,7 @@ _DT = 1e-3
 _FROM, _PULL = math.radians(-12.0), 0.3  #: λ at the start, and turned by in phase 1 [rad]: 6 mm of pull
 _READY, _PHASE_1, _SWITCH, _PHASE_2 = 0.8, 1.0, 0.5, 1.0  #: duration of settling, pulling, clutching, righting [s]
 #: a hand of steel: the paper prescribes the motion, so the handle must not yield
-_STEEL = Grasp(mass=0.3, stiffness=1e5, damping=500.0)
+_STEEL = Grasp(mass=0.3, stiffness=1e5, damping=500.0, radius=0.04)
 
 
 @dataclass(frozen=True)
