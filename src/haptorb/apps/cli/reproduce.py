@@ -1,17 +1,17 @@
-"""`haptorb reproduce`: tables and figures of both papers again, number by number."""
+"""`haptorb reproduce`: every table, figure and number of both papers again, as one page and as JSON."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
-    from haptorb.apps.reproduce import Item, Reproduction
+    from haptorb.apps.reproduce import Made, Reproduction
 
 __all__ = ["register"]
 
@@ -24,63 +24,95 @@ def register(app: typer.Typer) -> None:
 def reproduce(
     paper: Annotated[str | None, typer.Argument(help="bai2012 or zarate2020; both if not given.")] = None,
     figure: Annotated[int | None, typer.Option(help="Only this figure.")] = None,
-    table: Annotated[int | None, typer.Option(help="Only this table.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for the figures; the present one if not given.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace figures that are there.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="The numbers as JSON.")] = False,
+    table: Annotated[str | None, typer.Option(help="Only this table: 1, 2, 3 or A.1.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for page and JSON; the present one if not given.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Leave out what takes long.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="The numbers as JSON on standard output, too.")] = False,
 ) -> None:
-    """Compute what the papers print, say whether it agrees, and draw the figures. Exit code 1 where it differs."""
+    """Compute what the papers state, say whether it agrees, and write page and JSON. Exit code 1 where it differs."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # training: small matrices, a second thread only waits in a loop
-    from haptorb.apps.reproduce import reproduced, reproductions
+    from haptorb.apps.reproduce import report_page
 
     folder = out or Path()
     if not folder.is_dir():
         raise InputError(f"--out: the folder '{folder}' does not exist")
-    chosen = reproductions(paper)
-    if figure is not None or table is not None:
-        if paper is None or (figure is not None and table is not None):
-            raise InputError("--figure or --table is one of a paper: haptorb reproduce bai2012 --figure 8")
-        chosen = (reproduced(paper, f"figure {figure}" if figure is not None else f"table {table}"),)
-    paths = {one: folder / f"{one.paper}-{one.name.replace(' ', '-')}.png" for one in chosen}
-    there = [str(path) for path in paths.values() if path.exists()]
+    chosen, name = _chosen(paper, figure, table, quick)
+    paths = [folder / f"{name}.html", folder / f"{name}.json"]
+    there = [str(path) for path in paths if path.exists()]
     if there and not force:
         raise InputError(f"{there[0]} exists; use --force to replace it, or --out for another folder")
-    every: list[Item] = []
-    for one, path in paths.items():
-        items, draw = _made(one)
-        every += items
-        draw(path)
-    _shown(every, list(paths.values()), json)
+    made = _made(chosen)
+    every = [item for one in made for item in one.items]
+    from json import dumps
+
+    numbers = dumps([item.numbers() for item in every], indent=2, ensure_ascii=False)
+    for path, text in zip(paths, (report_page(made), numbers + "\n"), strict=True):
+        part = path.with_name(path.name + ".part")  # never half a report under its name
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    if json:
+        print(numbers)
+    else:
+        _shown(made, paths)
     if any(item.verdict == "differs" for item in every):
         raise typer.Exit(1)
 
 
-def _made(one: Reproduction) -> tuple[tuple[Item, ...], Any]:
+def _chosen(
+    paper: str | None, figure: int | None, table: str | None, quick: bool
+) -> tuple[tuple[Reproduction, ...], str]:
+    """What is to be made, and the name of the files."""
+    from haptorb.apps.reproduce import reproduced, reproductions
+
+    chosen = reproductions(paper)
+    if figure is not None or table is not None:
+        if paper is None or (figure is not None and table is not None):
+            raise InputError("--figure or --table is one of a paper: haptorb reproduce bai2012 --figure 8")
+        one = reproduced(paper, f"figure {figure}" if figure is not None else f"table {table}")
+        return (one,), f"{one.paper}-{one.name.replace(' ', '-')}"
+    if quick:
+        chosen = tuple(one for one in chosen if not one.slow)
+    return chosen, f"reproduction-{paper}" if paper else "reproduction"
+
+
+def _made(chosen: tuple[Reproduction, ...]) -> list[Made]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn(f"{one.paper}, {one.name}"), BarColumn(), TimeRemainingColumn())
+    from haptorb.apps.reproduce import Made
+
+    # The slow ones take about as long as thirty others each; so the bar moves evenly.
+    weights = [30.0 if one.slow else 1.0 for one in chosen]
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    made = []
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(one.name, total=1.0)
-        return one.made(lambda share: bar.update(task, completed=share))
+        task = bar.add_task("", total=sum(weights))
+        for n, one in enumerate(chosen):
+            bar.update(task, description=f"{one.paper}, {one.name}", completed=sum(weights[:n]))
+
+            def told(share: float, before: float = sum(weights[:n]), weight: float = weights[n]) -> None:
+                bar.update(task, completed=before + weight * share)
+
+            made.append(Made(one, *one.made(told)))
+    return made
 
 
-def _shown(items: list[Item], paths: list[Path], json: bool) -> None:
-    if json:
-        from json import dumps
-
-        print(dumps([item.numbers() for item in items], indent=2, ensure_ascii=False))
-        return
+def _shown(made: list[Made], paths: list[Path]) -> None:
     from rich.console import Console
     from rich.table import Table
+
+    from haptorb.apps.reproduce import summary
 
     table = Table(box=None)
     for column in ("", "published", "here", "", "verdict"):
         table.add_column(column)
-    for item in items:
-        published = "" if item.published is None else f"{item.published:.5g}"
-        table.add_row(f"{item.where}: {item.what}", published, f"{item.computed:.5g}", item.unit, item.verdict)
+    for item in (item for one in made for item in one.items):
+        numbers = ("" if value is None else f"{value:.5g}" for value in (item.published, item.computed))
+        table.add_row(f"{item.where}: {item.what}", *numbers, item.unit, item.verdict)
     console = Console()
     console.print(table)
+    counts = summary(item for one in made for item in one.items)
+    console.print(", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
     for path in paths:
-        console.print(f"drawn: {path}", highlight=False)
+        console.print(f"written: {path}", highlight=False)

@@ -1,6 +1,7 @@
-"""Both papers again: every reproduced number beside the printed one, and the figures drawn from the chain itself."""
+"""Both papers again: every number that they state beside the one computed here, and figures drawn from the chain."""
 
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import PAPERS, Reproduction, reproduced, reproductions
+from haptorb.apps.reproduce.report import Made, report_page, summary
 
-__all__ = ["PAPERS", "Item", "Reproduction", "reproduced", "reproductions"]
+__all__ = ["PAPERS", "Item", "Made", "Reproduction", "report_page", "reproduced", "reproductions", "summary"]

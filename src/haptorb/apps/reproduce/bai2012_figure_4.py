@@ -33,19 +33,28 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
     own = networks.record["networks"][-1]  # of electromagnet 17
     peak = np.abs(result.course.true).max(axis=0)
 
-    def one(name: str, what: str, published: float | None, computed: float, unit: str, tolerance: float | None) -> Item:
-        return Item(f"fig4-{name}", _PAPER, _WHERE, what, published, float(computed), unit, tolerance)
+    def one(
+        name: str,
+        what: str,
+        published: float | None,
+        computed: float,
+        unit: str,
+        tolerance: float | None,
+        why: str = "",
+    ) -> Item:
+        return Item(f"fig4-{name}", _PAPER, _WHERE, what, published, float(computed), unit, tolerance, why=why)
 
     def error(name: str, where: str = "figure_4", reading: str = "ideal sensors") -> float:
         return float(getattr(result.row(name, reading), where))
 
     found = (
-        one("samples", "samples of the training", 16200, own["samples"], "1", 0),
-        one("nodes", "nodes of the hidden layer", 10, networks.networks[-1].nodes, "1", 0),
-        one("network", "NRMSE of K17 by the network: 'agrees excellently well'", 0.0, error("network"), "1", 0.025),
+        one("samples", "samples of the training", 16200, own["samples"], "1", 0, "a count"),
+        one("nodes", "nodes of the hidden layer", 10, networks.networks[-1].nodes, "1", 0, "a count"),
+        one("network", "NRMSE of K17 by the network: 'agrees excellently well'", 0.0, error("network"), "1", 0.025,
+            "what ten nodes can do; the curves' width in print"),
         one("network-workspace", "the same over the workspace", None, error("network", "workspace"), "1", None),
         one("linear", "NRMSE of K17 by a linear map of all readings", None, error("linear"), "1", None),
-        one("least-squares", "NRMSE of K17 by least squares", 0.0, error("least-squares"), "1", 1e-4),
+        one("least-squares", "NRMSE of K17 by least squares", 0.0, error("least-squares"), "1", 1e-4, "no noise"),
         one("least-squares-noise", "the same with 0.1 mT of noise", None,
             error("least-squares", reading="noise 0.1 mT"), "1", None),
         one("peak-y", "greatest K17 about Y", None, peak[1], "N·m/A", None),

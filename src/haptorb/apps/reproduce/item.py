@@ -6,21 +6,26 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Item"]
+__all__ = ["VERDICTS", "Item", "unchecked"]
+
+VERDICTS = ("reproduced", "reproduced with erratum", "cannot be checked", "differs")
 
 
 @dataclass(frozen=True)
 class Item:
-    """A number of a paper against ours.
+    """A statement of a paper against ours.
 
     id          short and unique within its paper
     paper       key in references.bib
-    where       figure, table or equation
+    where       figure, table, equation or section
     what        the quantity, in words
     published   as printed or as the text says; None where the paper gives no number
-    computed    here, in `unit`
+    computed    here, in `unit`; None where nothing can be computed
+    unit        of both; "1" for plain numbers
     tolerance   greatest difference that still agrees, in `unit`; None where there is nothing to compare with
-    erratum     of ours that explains a difference, such as "E7"; empty for none
+    erratum     of ours that stands behind the number, such as "E7"; empty for none
+    corrected   what stands in the print's place by that erratum; None where the printed number itself is kept
+    why         why this tolerance, or why it cannot be checked
     """
 
     id: str
@@ -28,26 +33,50 @@ class Item:
     where: str
     what: str
     published: float | None
-    computed: float
+    computed: float | None
     unit: str
     tolerance: float | None
     erratum: str = ""
+    corrected: float | None = None
+    why: str = ""
 
     @property
     def verdict(self) -> str:
-        """ "agrees", "differs", "differs as erratum E… says", or "no number printed"; NaN always differs.
+        """One of VERDICTS, the second one with its erratum's name. NaN differs, and so does a correction missed.
 
         >>> Item("x", "bai2012", "Fig. 8", "a force", 1.0, 1.02, "N", 0.05).verdict
-        'agrees'
+        'reproduced'
+        >>> Item("y", "zarate2020", "§II.B", "current", 24.0, 20.0, "A", 0.1, "E15", corrected=20.0).verdict
+        'reproduced with erratum E15'
         """
-        if not math.isfinite(self.computed):
+        if self.computed is not None and not math.isfinite(self.computed):
             return "differs"
-        if self.published is None or self.tolerance is None:
-            return "no number printed"
-        if abs(self.computed - self.published) <= self.tolerance:
-            return "agrees"
-        return f"differs as erratum {self.erratum} says" if self.erratum else "differs"
+        goal = self.published if self.corrected is None else self.corrected
+        if self.computed is None or goal is None or self.tolerance is None:
+            return "cannot be checked"
+        if not abs(self.computed - goal) <= self.tolerance:
+            return "differs"
+        return f"reproduced with erratum {self.erratum}" if self.erratum else "reproduced"
+
+    @property
+    def checked(self) -> bool:
+        """Whether a number of ours was held against one of the paper."""
+        return self.verdict != "cannot be checked"
+
+    @property
+    def reason(self) -> str:
+        """`why`, and where nothing was said, that the paper prints no number."""
+        return self.why or ("" if self.checked else "the paper prints no number; this is ours")
 
     def numbers(self) -> dict[str, Any]:
         """As plain JSON types."""
-        return {**self.__dict__, "verdict": self.verdict}
+        return {**self.__dict__, "why": self.reason, "verdict": self.verdict}
+
+
+def unchecked(id: str, paper: str, where: str, what: str, why: str) -> Item:
+    """A statement that no computation can check, and why.
+
+    >>> unchecked("photo", "zarate2020", "Fig. 1", "the prototype in use", "a photograph").verdict
+    'cannot be checked'
+    """
+    return Item(id, paper, where, what, None, None, "", None, why=why)

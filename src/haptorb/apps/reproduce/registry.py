@@ -10,60 +10,71 @@ from pathlib import Path
 from haptorb.apps.reproduce.item import Item
 from haptorb.errors import UnknownName
 
-__all__ = ["PAPERS", "Report", "Reproduction", "reproduced", "reproductions"]
+__all__ = ["PAPERS", "Drawing", "Report", "Reproduction", "reproduced", "reproductions"]
 
 PAPERS = ("bai2012", "zarate2020")
 
 #: called with (share done, from 0 to 1)
 Report = Callable[[float], None]
+#: called with a path that ends in .png or .svg; returns it
+Drawing = Callable[[Path], Path]
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """One figure or table.
+    """One figure, table, appendix or section.
 
     paper    key in references.bib
-    name     "figure 8", "table 1", ...
+    name     "figure 8", "table A.1", "section III", ...
     title    one line
-    module   that has `items(report) -> (items, draw)`; loaded only when it is asked for
+    module   below haptorb.apps.reproduce; has `items(report) -> (items, drawing or None)`; loaded only when asked for
+    slow     takes more than a few seconds
     """
 
     paper: str
     name: str
     title: str
     module: str
+    slow: bool = False
 
-    def made(self, report: Report = lambda share: None) -> tuple[tuple[Item, ...], Callable[[Path], Path]]:
-        """The items, and what draws the figure into a PNG or SVG file."""
-        items, draw = import_module(self.module).items(report)
+    def made(self, report: Report = lambda share: None) -> tuple[tuple[Item, ...], Drawing | None]:
+        """The items, and what draws the figure into a PNG or SVG file, where there is one."""
+        items, draw = import_module(f"haptorb.apps.reproduce.{self.module}").items(report)
         return items, draw
 
 
+# In the order of the papers; a figure or table of your own is one line here.
 _ALL = (
-    Reproduction(
-        "bai2012", "figure 4", "From field to torque per ampere: network, linear map, least squares",
-        "haptorb.apps.reproduce.bai2012_figure_4",
-    ),
-    Reproduction(
-        "bai2012", "figure 8", "Two phases of pulling a plug, felt through the chain",
-        "haptorb.apps.reproduce.bai2012_figure_8",
-    ),
-    Reproduction(
-        "zarate2020", "figure 6", "A coil heated and cooled, and the endurances that follow",
-        "haptorb.apps.reproduce.zarate2020_figure_6",
-    ),
-    Reproduction(
-        "zarate2020", "drive", "Currents in a winding that has become 60 K warmer",
-        "haptorb.apps.reproduce.zarate2020_drive",
-    ),
-    Reproduction(
-        "zarate2020", "inverse error", "What the dipole inverse and the exact one deliver over the shell",
-        "haptorb.apps.reproduce.zarate2020_inverse_error",
-    ),
-    Reproduction(
-        "zarate2020", "hall position", "The tool's place from the Hall sensors, without a tracker",
-        "haptorb.apps.reproduce.zarate2020_hall_position",
-    ),
+    Reproduction("bai2012", "text", "What the prose says of the motor", "bai2012_text"),
+    Reproduction("bai2012", "equations 1 to 6", "Linear torque, least power, two modes", "bai2012_equations_1_6"),
+    Reproduction("bai2012", "table 1", "The bodies and the poles that stand for them", "bai2012_table_1"),
+    Reproduction("bai2012", "equations 7 to 9", "Poles, their field, and the torque that follows",
+                 "bai2012_equations_7_9"),
+    Reproduction("bai2012", "table 2", "Twelve pairs of coils", "bai2012_table_2"),
+    Reproduction("bai2012", "figure 5", "Design loop, and what holds the rotor up", "bai2012_figure_5"),
+    Reproduction("bai2012", "table A.1", "Where everything sits", "bai2012_table_a1"),
+    Reproduction("bai2012", "figure 4", "From field to torque per ampere: network, linear map, least squares",
+                 "bai2012_figure_4", slow=True),
+    Reproduction("bai2012", "figure 6", "A hook, and friction on its faces", "bai2012_figure_6"),
+    Reproduction("bai2012", "table 3", "The outlet's sizes and metals", "bai2012_table_3"),
+    Reproduction("bai2012", "figure 7", "A tilted plug between two hooks", "bai2012_figure_7"),
+    Reproduction("bai2012", "appendix B", "Compliances in closed form", "bai2012_appendix_b"),
+    Reproduction("bai2012", "figure 8", "Two phases of pulling a plug, felt through the chain",
+                 "bai2012_figure_8", slow=True),
+    Reproduction("zarate2020", "equations 1 and 2", "Two dipoles, and the fall with distance",
+                 "zarate2020_equations_1_2"),
+    Reproduction("zarate2020", "figure 3", "The code of map and inverse", "zarate2020_figure_3"),
+    Reproduction("zarate2020", "hardware", "Parts of the prototype, and the core's answer", "zarate2020_hardware"),
+    Reproduction("zarate2020", "equations 3 to 6", "From moment to duty, and calibration", "zarate2020_equations_3_6"),
+    Reproduction("zarate2020", "forces", "Power, current, force and heat", "zarate2020_forces"),
+    Reproduction("zarate2020", "figure 6", "A coil heated and cooled, and the endurances that follow",
+                 "zarate2020_figure_6"),
+    Reproduction("zarate2020", "drive", "Currents in a winding that has become 60 K warmer", "zarate2020_drive"),
+    Reproduction("zarate2020", "inverse error", "What the dipole inverse and the exact one deliver over the shell",
+                 "zarate2020_inverse_error"),
+    Reproduction("zarate2020", "hall position", "The tool's place from the Hall sensors, without a tracker",
+                 "zarate2020_hall_position"),
+    Reproduction("zarate2020", "study", "Set-points and order of the study", "zarate2020_study"),
 )  # fmt: skip
 
 

@@ -1,0 +1,92 @@
+"""Bai 2012, Fig. 6 and eqs. (10), (11): a hook, how pulling softens it, and friction on its faces (errata E22, E25)."""
+
+from __future__ import annotations
+
+import math
+
+from scipy.integrate import quad
+
+from haptorb.apps.reproduce.item import Item
+from haptorb.apps.reproduce.place import Place
+from haptorb.apps.reproduce.registry import Report
+from haptorb.physics.beams import appendix_b, bent_shape, compliance, force_ratio
+from haptorb.physics.hook import TABLE_3
+
+__all__ = ["items"]
+
+_AT = Place("bai2012", "fig6", "Fig. 6, eqs. (10)–(11)")
+_FRICTION = 0.134
+
+
+def items(report: Report) -> tuple[tuple[Item, ...], None]:
+    """Normalised sizes, both senses of s, the friction formulas by statics, and the work of a pull."""
+    hook, mm = TABLE_3, 1e3
+    soft = appendix_b(hook)
+    hard = soft.plus - _FRICTION * soft.minus
+    chord, slope = _slopes()
+    found = (
+        _AT.item("lb", "L_b = ℓ_b/h₀ of Table 3", 9.0, hook.base_length / hook.thickness, "1", 1e-9),
+        _AT.item("lm", "L_m = ℓ_m/h₀ of Table 3", 16.0, hook.peak / hook.thickness, "1", 1e-9),
+        _AT.item("hb", "H_b = h_b/h₀ of Table 3", 3.0, hook.height / hook.thickness, "1", 1e-9),
+        _AT.item("s", "(10): stiffness while pushed in over stiffness while pulled out, s = ∓1", 1.30,
+                 (soft.plus + _FRICTION * soft.minus) / hard, "1", 0.01,
+                 "from the printed Ω₊ and corrected Ω₋; a hand that wriggles gains by it", erratum="E25"),
+        _AT.item("dwelling", "(11) on a level top: f_x/f_y = μ", 0.134, force_ratio(0.0, _FRICTION, True), "1", 1e-12),
+        _AT.item("insertion", "(11): tan(γ' + arctan μ) at γ' = 30°, and by the balance of forces",
+                 math.tan(math.radians(30) + math.atan(_FRICTION)), _statics(math.radians(30), 1.0), "1", 1e-12),
+        _AT.item("retention-back", "(11): tan(γ' − arctan μ) at γ' = 58.8°, sliding down the face",
+                 math.tan(math.radians(58.8) - math.atan(_FRICTION)), _statics(math.radians(58.8), -1.0), "1", 1e-12,
+                 erratum="E22"),
+        _AT.item("retention", "(11): work of the hand over energy stored, pulled up the rear face",
+                 _work(loading=False), _work(loading=True), "1", 1e-3, "quadrature", erratum="E22", corrected=1.156),
+        _AT.item("retention-frictionless", "the same without friction: all is stored", 1.0, _work(True, 0.0), "1", 1e-6,
+                 "quadrature"),
+        _AT.item("slope", "(11): turn of the face at the peak per deflection: δ/x as printed, and the beam's slope",
+                 chord, slope, "rad/m", 0.05, "difference of the bent shape, against a quadrature", erratum="E27",
+                 corrected=_turn()),
+        _AT.unchecked("alpha", "front angle α and tip ℓ_t", f"no value is printed; α = {math.degrees(hook.front):.0f}° "
+                      f"(ℓ_t = {hook.tip * mm:.1f} mm) is assumed, and the outlet never touches that face"),
+    )  # fmt: skip
+    report(1.0)
+    return found, None
+
+
+def _statics(slope: float, uphill: float) -> float:
+    """f_x/f_y where the normal force and friction μN along the face hold the part: no tangent of a sum in it."""
+    along, across = math.sin(slope), math.cos(slope)
+    return (along + uphill * _FRICTION * across) / (across - uphill * _FRICTION * along)
+
+
+def _work(loading: bool, friction: float = _FRICTION) -> float:
+    """Of a slow pull from the foot of the rear face to its top, over the energy that the hook then stores."""
+    hook = TABLE_3
+    at_top = compliance(hook, hook.ramp_end, "paper")
+    kappa = float(at_top.minus / at_top.plus)
+    stiffness = hook.youngs_modulus * hook.width / float(at_top.plus)
+    ratio = float(force_ratio(hook.rear, friction, loading))
+    # corner at X = x + κ δ(x), δ = (x − ℓ_b) tan β; f_y + κ f_x = k δ by (10)
+    stretch = 1.0 / math.tan(hook.rear) + kappa
+    done = quad(lambda bent: ratio * stiffness * bent / (1 + kappa * ratio) * stretch, 0.0, hook.height)[0]
+    return float(done / (0.5 * stiffness * hook.height**2))
+
+
+def _turn() -> float:
+    """The beam's slope at the peak over its deflection there [rad/m], by quadrature of the moment of the load."""
+    hook, h0 = TABLE_3, TABLE_3.thickness
+    peak, knots = hook.peak / h0, [hook.base_length / h0, hook.ramp_end / h0]
+
+    def thickness(x: float) -> float:
+        return float(hook.section(x * h0)) / h0
+
+    slope = quad(lambda x: 12 * (peak - x) / thickness(x) ** 3, 0, peak, points=knots)[0]
+    bending = quad(lambda x: 12 * (peak - x) ** 2 / thickness(x) ** 3, 0, peak, points=knots)[0]
+    shear = 1.2 * hook.shear_ratio * quad(lambda x: 1 / thickness(x), 0, peak, points=knots)[0]
+    return float(slope / (bending + shear) / h0)
+
+
+def _slopes() -> tuple[float, float]:
+    """Turn of the hook at its peak per deflection [rad/m]: the chord that (11) takes, and the beam's own slope."""
+    hook = TABLE_3
+    shape = bent_shape(hook, hook.peak, 1e-3, points=4001)
+    beyond = shape[shape[:, 0] > hook.peak]
+    return 1 / hook.peak, float((beyond[-1, 1] - beyond[0, 1]) / (beyond[-1, 0] - beyond[0, 0]) / 1e-3)

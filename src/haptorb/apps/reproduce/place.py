@@ -1,0 +1,61 @@
+"""Where in a paper statements come from: makes the items of one module without saying paper and place every time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import SupportsFloat
+
+from haptorb.apps.reproduce.item import Item, unchecked
+
+__all__ = ["ROUNDING", "Place"]
+
+ROUNDING = "rounding"  #: a reason for a tolerance: the number is kept as it is printed
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place in a paper.
+
+    paper    key in references.bib
+    prefix   of the items' ids
+    where    figure, table, equation or section
+
+    >>> Place("bai2012", "t1", "Table 1").item("a", "radius", 15.875, 15.875, "mm", 1e-9).id
+    't1-a'
+    """
+
+    paper: str
+    prefix: str
+    where: str
+
+    def item(
+        self,
+        name: str,
+        what: str,
+        published: SupportsFloat,
+        computed: SupportsFloat,
+        unit: str = "1",
+        tolerance: float = 1e-9,
+        why: str = ROUNDING,
+        *,
+        erratum: str = "",
+        corrected: float | None = None,
+        where: str = "",
+    ) -> Item:
+        """A number of the paper against one of ours, in `unit`."""
+        return Item(
+            f"{self.prefix}-{name}", self.paper, where or self.where, what, float(published), float(computed), unit,
+            float(tolerance), erratum, None if corrected is None else float(corrected), why,
+        )  # fmt: skip
+
+    def ours(
+        self, name: str, what: str, computed: SupportsFloat, unit: str = "1", why: str = "", where: str = ""
+    ) -> Item:
+        """A number of ours that belongs here, though the paper prints none."""
+        return Item(
+            f"{self.prefix}-{name}", self.paper, where or self.where, what, None, float(computed), unit, None, why=why
+        )
+
+    def unchecked(self, name: str, what: str, why: str, where: str = "") -> Item:
+        """A statement that no computation can check, and why."""
+        return unchecked(f"{self.prefix}-{name}", self.paper, where or self.where, what, why)
