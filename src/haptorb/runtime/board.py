@@ -132,6 +132,11 @@ class Board:
         """Write the 16-byte id of the calibration that belongs to this device; refused while the coils are engaged."""
         return self._state(lambda sequence: Frame(Command.STORE, sequence, calibration))
 
+    def identify(self) -> Identity:
+        """Who answers, asked once more: what was stored shows here."""
+        self.identity = Identity.parse(self._asked(Command.IDENTIFY, b"", 0x80 | Command.IDENTIFY).payload)
+        return self.identity
+
     def read(self) -> Reading:
         """One reading, and nothing else."""
         return Reading.parse(self._asked(Command.READ, b"", READING).payload)

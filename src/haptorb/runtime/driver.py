@@ -39,6 +39,21 @@ class Driver(ABC):
         """Apply `duties` (m,) in −1…1 of the supply voltage; returns (m,) what was really applied, after clipping
         and quantisation."""
 
+    @property
+    def field_axes(self) -> Array | None:
+        """(k, 3) the one direction, stator frame, in which each field sensor measures; None: they measure all three."""
+        return None
+
+    @property
+    def calibration(self) -> bytes | None:
+        """Which calibration the open device says is its own: 16 bytes, zeros for none; None: it has no memory."""
+        return None
+
+    def remember(self, calibration: bytes) -> bool:
+        """Let the open device keep the 16-byte id of its calibration; False if it has no memory for it. Raises
+        DriverError if it has one and does not."""
+        return False
+
     def engage(self) -> None:
         """A person wants the coils on again after a trip. A driver whose hardware latches trips by itself forgets them
         here; nothing flows before the next `write`. Raises DriverError if that cannot be."""

@@ -110,6 +110,11 @@ class I2cDriver(Driver):
         self._applied = np.zeros(CHANNELS)
 
     @property
+    def field_axes(self) -> Array:
+        """(9, 3) every Hall sensor looks along its own radius."""
+        return self._hall_sensors.directions
+
+    @property
     def fault(self) -> str:
         """Why no current flows, in one clause; empty if it may."""
         return self._fault

@@ -25,6 +25,7 @@ class Plan:
     assemble: Callable[[Tracker], Chain]
     practice: Callable[[Tracker], Chain]  #: the same on the simulated device, run before the start
     prediction: float | None = None  #: of a tracker's own process [s]; None: the host's pointer is the tracker
+    calibration: bytes | None = None  #: id of what the controller believes of the device beside its file
 
 
 def save(plan: Plan, path: Path) -> None:

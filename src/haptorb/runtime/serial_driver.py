@@ -34,6 +34,7 @@ _LOST_IN_A_ROW = 3  #: readings repeated before the device counts as silent
 _RETRY = 0.25  #: between two attempts to reach a port that has gone [s]
 _MEETING = 0.2  #: for an answer when the port is back [s]; no Arduino restarts in the middle of a loop
 _REQUIRED = 0xFF  #: every part
+_EEPROM = 5.0  #: sixteen bytes take 54 ms; an emulated processor may be slow [s]
 
 _NOTHING_KNOWN = np.full(6, np.nan)
 
@@ -111,6 +112,34 @@ class SerialDriver(Driver):
     def identity(self) -> Identity | None:
         """Who answers; None while nobody does."""
         return None if self._board is None else self._board.identity
+
+    @property
+    def field_axes(self) -> Array:
+        """(9, 3) every Hall sensor looks along its own radius."""
+        return self._hall.directions
+
+    @property
+    def calibration(self) -> bytes | None:
+        """The id in the firmware's EEPROM."""
+        return None if self._board is None else self._board.identity.calibration
+
+    def remember(self, calibration: bytes) -> bool:
+        """Write the id into the EEPROM and read it back; coils off."""
+        if self._board is None:
+            raise DriverError(f"the device at {self._path} is not open; nothing was stored")
+        if self._board.posted:
+            self._board.collect(self._patience)
+        self._engaged = False
+        self._applied = np.zeros(CHANNELS)
+        self._board.off()
+        state = self._board.store(calibration)
+        if state.refusal is not Refusal.ACCEPTED:
+            raise DriverError(f"the firmware did not store the calibration's id: {state.refusal.name}")
+        end = monotonic() + _EEPROM
+        while self._board.identify().calibration != calibration:
+            if monotonic() > end:
+                raise DriverError("the firmware's EEPROM does not keep the calibration's id: the chip may be worn out")
+        return True
 
     @property
     def fault(self) -> str:

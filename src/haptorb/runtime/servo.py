@@ -134,7 +134,10 @@ class Servo:
             for through in (self.driver, "sim")
         )  # fmt: skip
         ahead = known_prediction(prediction)
-        self._plan = plans.Plan(first, self.rate, chain, practice, ahead if fed(self.tracker) else None)
+        self._plan = plans.Plan(
+            first, self.rate, chain, practice, ahead if fed(self.tracker) else None,
+            None if self.calibration is None else self.calibration.id,
+        )  # fmt: skip
         self._record, self._overwrite = record, overwrite
         self._shared: Shared | None = None
         self._children: Children | None = None
@@ -193,6 +196,11 @@ class Servo:
     def recording_trouble(self) -> str:
         """Why the recording ended before the servo did; empty while all is well."""
         return self._children.recorder_trouble if self._children is not None else ""
+
+    @property
+    def warning(self) -> str:
+        """What a person should know of the device that answered; empty if there is nothing."""
+        return self._shared.warning.read()[1] if self._shared is not None else ""
 
     def check(self) -> None:
         """Raise ServoError with the servo's own reason if the loop no longer runs, RecordingError if the recorder
@@ -325,6 +333,7 @@ class Servo:
             "seed": self.seed,
             "recording": str(self._path) if self._record else None,
             **loop_report(self._memory),
+            "warning": self.warning,
             **({"tracker_trouble": trouble} if trouble else {}),
         }
 

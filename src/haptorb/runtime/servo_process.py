@@ -18,6 +18,7 @@ from types import FrameType
 
 from haptorb.errors import HaptorbError, ServoError
 from haptorb.runtime import plan as plans
+from haptorb.runtime.calibration_match import disagreement
 from haptorb.runtime.clock import Clock
 from haptorb.runtime.fed_tracker import FedTracker
 from haptorb.runtime.loop import Loop
@@ -79,6 +80,7 @@ def _run(shared: Shared, path: Path, parent: int) -> int:
     if told.early:
         sys.exit(128 + told.early)
     chain.driver.open()
+    shared.warning.write(disagreement(chain.driver.calibration, plan.calibration))
     clock = Clock(plan.rate)
     tracker.origin = clock.schedule.origin * 1e-9
     well = loop.run(clock)

@@ -31,7 +31,7 @@ __all__ = ["CAPACITY", "TRIPS", "WORLDS", "Phase", "Shared", "Word"]
 _MAGIC = int.from_bytes(b"haptorb\0", "little")
 _VERSION = 2
 _PAGE = 4096
-_TEXTS = 8
+_TEXTS = 9
 CAPACITY = 8192  #: rows: 2 s at the fastest rate
 WORLDS = 32  #: the last changes of the world, kept for the recorder
 TRIPS = 64  #: the first trips, kept for the report
@@ -113,7 +113,7 @@ class Shared:
             slots.append(TextSlot(memory[at : at + text_slot.SIZE]))
             at += text_slot.SIZE
         self.request, self.answer, self.reason, self.error, self.facts, self.recorder_reason = slots[:6]
-        self.tracker_reason, self.tracker_facts = slots[6:_TEXTS]
+        self.tracker_reason, self.tracker_facts, self.warning = slots[6:_TEXTS]
         self._worlds = slots[_TEXTS:]
         self.trips: Array = np.frombuffer(memory[at : at + 16 * TRIPS], dtype=np.float64).reshape(TRIPS, 2)
         at += 16 * TRIPS

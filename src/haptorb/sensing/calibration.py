@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -59,6 +60,11 @@ class Calibration:
             heat = replace(coils.heat, **{name: getattr(self.heat, name) for name in _HEAT})
             coils = replace(coils, heat=heat)
         return replace(device, moment_per_current=self.moment_per_current, coils=coils)
+
+    @property
+    def id(self) -> bytes:
+        """16 bytes that name this very calibration: the beginning of its text's SHA-256. A device may keep them."""
+        return hashlib.sha256(self.text().encode()).digest()[:16]
 
     def text(self) -> str:
         """As JSON, every digit kept."""

@@ -80,9 +80,16 @@ def excitation(device: SphericalElectromagnet, share: float = 0.25, levels: int 
 
 
 def magnetic_calibration(
-    device: SphericalElectromagnet, wanted: ArrayLike, currents: ArrayLike, fields: ArrayLike
+    device: SphericalElectromagnet,
+    wanted: ArrayLike,
+    currents: ArrayLike,
+    fields: ArrayLike,
+    axes: ArrayLike | None = None,
 ) -> MagneticCalibration:
     """Regress moments from `currents` (n, m) [A] and `fields` (n, k, 3) [T] measured under `wanted` (n, m) [A].
+
+    `axes` (k, 3), unit vectors: each sensor measures along its own only, and its reading lies along it; None: they
+    measure all three.
 
     Raises CalibrationError naming the coil that is unplugged, swapped or reversed, or the sensor that does not follow;
     InputError if the schedule does not excite every coil.
@@ -95,19 +102,31 @@ def magnetic_calibration(
             f"device '{device.name}' needs currents (n, {channels}) and fields (n, {places}, 3); "
             f"got {want.shape}, {i.shape} and {B.shape}"
         )
+    seen = np.broadcast_to(np.eye(3), (places, 3, 3)) if axes is None else _along(finite(axes, "axes"), places)
     _conducts(device, want, i)
-    result = _regressed(device, i, B)
+    result = _regressed(device, seen, i, B)
     _wired(device, result.moment_per_current)
-    _followed(device, i, B, result)
-    odd, even = (_regressed(device, i[k::2], B[k::2]).moment_per_current for k in (1, 0))
+    _followed(device, seen, i, B, result)
+    odd, even = (_regressed(device, seen, i[k::2], B[k::2]).moment_per_current for k in (1, 0))
     scale = np.linalg.norm(result.moment_per_current, axis=0)
     return replace(result, repeatability=float((np.abs(odd - even) / scale).max()))
 
 
-def _regressed(device: SphericalElectromagnet, i: Array, B: Array) -> MagneticCalibration:
-    """Linear least squares for M and the offsets, in closed form: M = C⁻¹ D S⁻¹ from centred readings."""
+def _along(axes: Array, places: int) -> Array:
+    """(k, 3, 3) what a sensor makes of a field: its part along the sensor's axis."""
+    if axes.shape != (places, 3) or not np.allclose(np.linalg.norm(axes, axis=1), 1.0):
+        raise InputError(f"axes must be {places} unit vectors; got shape {axes.shape}")
+    projection: Array = axes[:, :, None] * axes[:, None, :]
+    return projection
+
+
+def _regressed(device: SphericalElectromagnet, seen: Array, i: Array, B: Array) -> MagneticCalibration:
+    """Linear least squares for M and the offsets, in closed form: M = C⁻¹ D S⁻¹ from centred readings.
+
+    `seen` (k, 3, 3) is what each sensor makes of a field.
+    """
     at = device.hall.positions
-    U = np.stack([dipole.field(np.broadcast_to(e, at.shape), at) for e in np.eye(3)], axis=2)  # (k, 3, 3)
+    U = seen @ np.stack([dipole.field(np.broadcast_to(e, at.shape), at) for e in np.eye(3)], axis=2)  # (k, 3, 3)
     x, y = i - i.mean(axis=0), B - B.mean(axis=0)
     S = x.T @ x
     C = np.einsum("sji,sjk->ik", U, U)
@@ -116,7 +135,8 @@ def _regressed(device: SphericalElectromagnet, i: Array, B: Array) -> MagneticCa
         raise InputError("the currents do not excite every coil by itself; use the schedule of `excitation`")
     M = np.linalg.solve(C, D) @ np.linalg.inv(S)
     rest = y - np.einsum("sij,jm,nm->nsi", U, M, x)
-    freedom = max(1, rest.size - M.size - 3 * len(at))
+    directions = round(float(np.trace(seen, axis1=1, axis2=2).sum()))  # that are measured at all
+    freedom = max(1, len(i) * directions - M.size - directions)
     variance = float((rest**2).sum() / freedom)
     spread = np.sqrt(variance * np.outer(np.diag(np.linalg.inv(C)), np.diag(np.linalg.inv(S))))
     offsets = B.mean(axis=0) - np.einsum("sij,jm,m->si", U, M, i.mean(axis=0))
@@ -155,12 +175,12 @@ def _wired(device: SphericalElectromagnet, measured: Array) -> None:
             )
 
 
-def _followed(device: SphericalElectromagnet, i: Array, B: Array, result: MagneticCalibration) -> None:
+def _followed(device: SphericalElectromagnet, seen: Array, i: Array, B: Array, result: MagneticCalibration) -> None:
     """Every sensor must see what the others agree on."""
     at = device.hall.positions
     x, y = i - i.mean(axis=0), B - B.mean(axis=0)
     for s in range(len(at)):
-        modelled = np.array([dipole.field(result.moment_per_current @ row, at[s]) for row in x])
+        modelled = np.array([seen[s] @ dipole.field(result.moment_per_current @ row, at[s]) for row in x])
         excess = float(((y[:, s] - modelled) ** 2).mean() ** 0.5)
         signal = float((modelled**2).mean() ** 0.5)
         if excess > 0.3 * signal + 6 * device.hall.noise:

@@ -12,14 +12,14 @@ from haptorb.physics.arrays import Array
 from haptorb.runtime.driver import Driver
 from haptorb.runtime.real_driver import is_real, real_driver
 
-__all__ = ["door"]
+__all__ = ["door", "hold_tool"]
 
 _STEP = 2e-3  #: of the simulated device [s]
 
 
 @dataclass(frozen=True)
-class _Away:
-    """A hand that holds the tool half a metre above the device."""
+class _Held:
+    """A hand that holds the tool still, upright."""
 
     p: Array
     q: Array
@@ -35,5 +35,16 @@ def door(name: str, device: SphericalElectromagnet, seed: int = 0) -> tuple[Driv
     from haptorb.runtime.sim_driver import SimDriver
 
     known_driver(name)
-    away = _Away(np.array([0.0, 0.0, 0.5]), np.array([0.0, 0.0, 0.0, 1.0]))
-    return SimDriver.of(device, _STEP, lambda now: away, seed), Pace.simulated()
+    driver = SimDriver.of(device, _STEP, seed=seed)
+    hold_tool(driver, device, near=False)
+    return driver, Pace.simulated()
+
+
+def hold_tool(driver: Driver, device: SphericalElectromagnet, *, near: bool) -> None:
+    """Let a simulated hand hold the tool on the summit, or half a metre above it; with a real device a person does."""
+    from haptorb.runtime.sim_driver import SimDriver
+
+    if isinstance(driver, SimDriver):
+        height = device.contact_distance if near else 0.5
+        held = _Held(np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 0.0, 1.0]))
+        driver.goal = lambda now: held

@@ -14,18 +14,20 @@ import numpy as np
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError
 from haptorb.physics.arrays import Array
+from haptorb.physics.thermal import TwoNode
 from haptorb.runtime.driver import Driver
 from haptorb.sensing.calibration import Calibration
-from haptorb.sensing.magnetic_calibration import excitation, magnetic_calibration
+from haptorb.sensing.magnetic_calibration import MagneticCalibration, excitation, magnetic_calibration
 from haptorb.sensing.sample import Sample
 from haptorb.sensing.thermal_identification import ThermalIdentification
 
-__all__ = ["Pace", "calibrate"]
+__all__ = ["RATE", "Pace", "Session", "calibrate", "composed"]
 
-_RATE = 500.0  #: of readings [Hz]: a firmware's watchdog waits 15 ms
+RATE = 500.0  #: of readings [Hz]: a firmware's watchdog waits 15 ms
 _REST = 0.4  #: how long the device is read at rest [s]
 _SETTLE, _HOLD = 0.012, 0.03  #: of each current: not looked at, and in all [s]
 _GENTLE = 1.0  #: with which each coil is tried first [A]
+_NOTHING = 0.03  #: of it is no current; a tenth is a wrong shunt
 _CLEAR = 0.15e-3  #: field at rest above which a magnet must be near; the earth has 0.05 mT [T]
 _ZERO = 0.1  #: current read at rest above which a current sensor lies [A]
 _FACTOR = 1.6  #: resistance may be off the file's by this
@@ -66,50 +68,55 @@ def calibrate(
     """
     pace = pace or Pace()
     with driver:
-        session = _Session(device, driver, pace)
+        session = Session(device, driver, pace)
         say("1/3 at rest: coils off, the tool away")
         ambient = session.at_rest()
         say("2/3 each coil by itself, gently: does it conduct, does its current sensor tell the truth")
         resistance = session.coils_conduct()
         say("3/3 magnetic: the schedule of currents, fields read")
-        wanted, currents, fields = session.excited(resistance)
-    found = magnetic_calibration(device, wanted, currents, fields)
-    strength = float(np.sqrt((fields**2).mean()))
-    averaged = np.sqrt(_RATE * (_HOLD - _SETTLE))
-    most = _NOISY * np.hypot(device.hall.noise, device.hall.step) / averaged + _SHARE * strength
-    if found.residual > most:
-        raise CalibrationError(
-            f"the coils' field is no dipole's: {found.residual * 1e6:.0f} µT are left where {most * 1e6:.0f} µT may "
-            "be; is something magnetic near the device, or did the tool move?"
-        )
-    if found.repeatability > _REPEATS:
-        raise CalibrationError(
-            f"odd and even readings differ by {100 * found.repeatability:.1f} %, above {100 * _REPEATS:.0f} %: "
-            "keep tool and magnets away and still, and calibrate again"
-        )
+        found = session.magnetic(resistance)
     for (one, other), angle in found.skew(device.coils.names).items():
         say(f"    coils {one} and {other}: {90 + np.degrees(angle):.2f}° apart")
+    return composed(device, ambient, resistance, found, None if thermal is None else thermal.model, driver.simulated)
+
+
+def composed(
+    device: SphericalElectromagnet,
+    ambient: Array,
+    resistance: Array,
+    found: MagneticCalibration,
+    heat: TwoNode | None,
+    simulated: bool,
+) -> Calibration:
+    """The calibration that the steps' results make: `ambient` (m,) [K], `resistance` (m,) [Ω] at that temperature."""
     coils = device.coils
     cold = resistance / (1 + coils.temperature_coefficient * (ambient - coils.reference_temperature))
     return Calibration(
         device.name, device.digest, found.moment_per_current, found.uncertainty, found.offsets, cold,
-        found.residual, found.condition, found.repeatability, None if thermal is None else thermal.model,
-        driver.simulated,
+        found.residual, found.condition, found.repeatability, heat, simulated,
     )  # fmt: skip
 
 
-class _Session:
-    """One open driver, read and written at a steady rate."""
+class Session:
+    """One open driver, read and written at a steady rate; `passed` is told of every reading's time [s]."""
 
-    def __init__(self, device: SphericalElectromagnet, driver: Driver, pace: Pace) -> None:
-        self._device, self._driver, self._pace = device, driver, pace
-        self._start, self._count = pace.clock(), 0
+    def __init__(
+        self,
+        device: SphericalElectromagnet,
+        driver: Driver,
+        pace: Pace,
+        passed: Callable[[float], None] = lambda seconds: None,
+    ) -> None:
+        self._device, self._driver, self._pace, self._passed = device, driver, pace, passed
+        self._start = self._due = pace.clock()
         self._off = np.zeros(device.channels)
 
-    def _held(self, duties: Array, seconds: float, settle: float = 0.0) -> tuple[list[Sample], Array]:
+    def held(
+        self, duties: Array, seconds: float, settle: float = 0.0, rate: float = RATE
+    ) -> tuple[list[Sample], Array]:
         """Samples while `duties` are applied, from `settle` on, and (m,) what was really applied."""
         samples, applied = [], self._off
-        ticks = max(2, round(seconds * _RATE))
+        ticks = max(2, round(seconds * rate))
         for tick in range(ticks):
             sample = self._driver.read(self._pace.clock() - self._start)
             if not (np.isfinite(sample.currents).all() and np.isfinite(sample.field).all()):
@@ -120,16 +127,17 @@ class _Session:
                     f"coil '{self._device.coils.names[hot]}' is at {sample.temperatures[hot] - 273.15:.0f} °C: "
                     "let it cool and calibrate again"
                 )
-            if tick > settle * _RATE:
+            if tick > settle * rate:
                 samples.append(sample)
             applied = self._driver.write(duties)
-            self._count += 1
-            self._pace.wait(max(0.0, self._start + self._count / _RATE - self._pace.clock()))
+            self._due += 1 / rate
+            self._pace.wait(max(0.0, self._due - self._pace.clock()))
+            self._passed(1 / rate)
         return samples, applied
 
     def at_rest(self) -> Array:
         """(m,) the coils' temperatures [K]; nothing flows and no magnet is near, or CalibrationError."""
-        samples, _ = self._held(self._off, _REST)
+        samples, _ = self.held(self._off, _REST)
         device = self._device
         currents = np.mean([sample.currents for sample in samples], axis=0)
         worst = int(np.argmax(np.abs(currents)))
@@ -156,14 +164,14 @@ class _Session:
             for sign in (1.0, -1.0):
                 duties = self._off.copy()
                 duties[coil] = sign * _GENTLE * device.coils.resistance[coil] / voltage
-                samples, applied = self._held(duties, 0.1, 0.05)
+                samples, applied = self.held(duties, 0.1, 0.05)
                 swings.append((applied, np.mean([sample.currents for sample in samples], axis=0)))
-                self._held(self._off, 0.02)
+                self.held(self._off, 0.02)
             duty, swing = float(swings[0][0][coil] - swings[1][0][coil]), swings[0][1] - swings[1][1]
             own, others = swing[coil], np.delete(np.abs(swing), coil)
             if duty == 0.0:
                 raise CalibrationError(f"coil '{name}': the device applied no duty; is it engaged?")
-            if abs(own) < 0.2 * 2 * _GENTLE:
+            if abs(own) < _NOTHING * 2 * _GENTLE:
                 if others.size and others.max() > 2 * _LEAK * _GENTLE:
                     other = names[int(np.argmax(np.abs(swing)))]
                     raise CalibrationError(
@@ -181,21 +189,47 @@ class _Session:
                 raise CalibrationError(f"driving coil '{name}' shows a current in another coil as well: check wires")
             resistance[coil] = voltage * duty / own
             expected = device.coils.resistance[coil]
-            if not 1 / _FACTOR < resistance[coil] / expected < _FACTOR:
+            ratio = resistance[coil] / expected
+            if not 1 / _FACTOR < ratio < _FACTOR:
+                ten = 6 < max(ratio, 1 / ratio) < 16
                 raise CalibrationError(
-                    f"coil '{name}' has {resistance[coil]:.3g} Ω where the device file says {expected:g} Ω: check the "
-                    "coil, its contacts, and the value of its shunt"
+                    f"coil '{name}' seems to have {resistance[coil]:.3g} Ω where the device file says {expected:g} Ω: "
+                    + (
+                        "the value of its shunt is wrong by ten"
+                        if ten
+                        else "check the coil, its contacts, and the value of its shunt"
+                    )
                 )
         return resistance
 
-    def excited(self, resistance: Array) -> tuple[Array, Array, Array]:
+    def magnetic(self, resistance: Array, schedule: Array | None = None) -> MagneticCalibration:
+        """The regression over `schedule` (n, m) [A]; CalibrationError where its result cannot be a device's."""
+        device = self._device
+        wanted, currents, fields = self.excited(resistance, schedule)
+        found = magnetic_calibration(device, wanted, currents, fields, self._driver.field_axes)
+        strength = float(np.sqrt((fields**2).mean()))
+        averaged = np.sqrt(RATE * (_HOLD - _SETTLE))
+        most = _NOISY * np.hypot(device.hall.noise, device.hall.step) / averaged + _SHARE * strength
+        if found.residual > most:
+            raise CalibrationError(
+                f"the coils' field is no dipole's: {found.residual * 1e6:.0f} µT are left where {most * 1e6:.0f} µT "
+                "may be; is something magnetic near the device, or did the tool move?"
+            )
+        if found.repeatability > _REPEATS:
+            raise CalibrationError(
+                f"odd and even readings differ by {100 * found.repeatability:.1f} %, above {100 * _REPEATS:.0f} %: "
+                "keep tool and magnets away and still, and calibrate again"
+            )
+        return found
+
+    def excited(self, resistance: Array, schedule: Array | None = None) -> tuple[Array, Array, Array]:
         """(n, m) wanted and measured currents [A] and (n, k, 3) fields [T] over the schedule."""
-        wanted = excitation(self._device)
+        wanted = excitation(self._device) if schedule is None else schedule
         currents, fields = np.empty_like(wanted), np.empty((len(wanted), self._device.sensors, 3))
         for n, amperes in enumerate(wanted):
             duties = np.clip(amperes * resistance / self._device.supply.voltage, -1, 1)
-            samples, _ = self._held(duties, _HOLD, _SETTLE)
+            samples, _ = self.held(duties, _HOLD, _SETTLE)
             currents[n] = np.mean([sample.currents for sample in samples], axis=0)
             fields[n] = np.mean([sample.field for sample in samples], axis=0)
-        self._held(self._off, 0.01)
+        self.held(self._off, 0.01)
         return wanted, currents, fields

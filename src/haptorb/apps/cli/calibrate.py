@@ -1,14 +1,19 @@
-"""`haptorb calibrate`: what this very device does per ampere and per watt, into a file that names it."""
+"""`haptorb calibrate`: what this very device does per ampere and per watt, step by step, into a file that names it."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from haptorb.errors import InputError
+
+if TYPE_CHECKING:
+    from haptorb.apps.calibrate.steps import Step
 
 __all__ = ["register"]
 
@@ -22,35 +27,48 @@ def calibrate(
     device: Annotated[str, typer.Argument(help="A device's name, or the path of a device file.")] = "omni",
     driver: Annotated[str, typer.Option(help="sim, serial:PORT or i2c:BUS.")] = "sim",
     out: Annotated[Path | None, typer.Option(help="File to write [DEVICE.calibration.json].")] = None,
+    steps: Annotated[
+        str | None, typer.Option(help="Only these, with commas between: rest, currents, magnetic, heat, tool.")
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing: the device is ready for every step.")] = False,
     thermal: Annotated[
         Path | None,
-        typer.Option(help="A record of heating and cooling: an MCAP recording, or CSV with t_s, power_w, "
+        typer.Option(help="Heat from a record instead of the heat step: an MCAP recording, or CSV with t_s, power_w, "
                           "winding_degc, boundary_degc."),
     ] = None,
+    restart: Annotated[bool, typer.Option("--restart", help="Forget steps that were taken already.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
     seed: Annotated[int, typer.Option(help="Of the simulation's noise.")] = 0,
     json: Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")] = False,
 ) -> None:  # fmt: skip
-    """Calibrate a device: polarity, current sensing, field per ampere, and heat from a record. Take the tool away."""
-    from haptorb.apps.calibrate import calibrate as measured
+    """Calibrate a device: polarity, current sensing, field per ampere, heat, tool. Goes on where it was interrupted."""
     from haptorb.apps.calibrate import thermal_record
     from haptorb.apps.calibrate.door import door
+    from haptorb.apps.calibrate.guided import Guide, guided, known_steps
     from haptorb.devices.electromagnet import SphericalElectromagnet
     from haptorb.devices.loader import load
-    from haptorb.runtime.calibration_file import writable, write_calibration
+    from haptorb.runtime.calibration_file import writable
 
     found = load(device)
     if not isinstance(found, SphericalElectromagnet) or not found.sensors:
         raise InputError(f"device '{found.name}': only spherical electromagnets with field sensors are calibrated")
+    names = None if steps is None else [name.strip() for name in steps.split(",")]
+    chosen = known_steps(names, () if thermal is None else ("heat",))
     path = writable(out or Path(f"{found.name}.calibration.json"), overwrite=force)
-    heat = None if thermal is None else thermal_record(thermal, found).identified()
-
-    def say(text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
-
+    heat = None if thermal is None else thermal_record(thermal, found).identified().model
     through, pace = door(driver, found, seed)
-    result = measured(found, through, heat, pace=pace, say=say)
-    write_calibration(result, path, overwrite=force)
+    asks = not (yes or through.simulated)
+    if asks and not sys.stdin.isatty():
+        raise InputError(
+            "calibrating a real device asks a person before every step, and there is no terminal: add --yes if the "
+            "device is ready for all of them (--steps leaves some out)"
+        )
+    result = guided(
+        found, through, path, steps=chosen, heat=heat, pace=pace, restart=restart, overwrite=force,
+        guide=Guide(_say, _ask if asks else lambda step: True, _bar),
+    )  # fmt: skip
+    if result is None:
+        raise typer.Exit(1)
     if json:
         print(result.text(), end="")
         return
@@ -60,11 +78,29 @@ def calibrate(
         print("  " + "  ".join(f"{value:+.5f} ± {s:.5f}" for value, s in zip(row, spread, strict=True)))
     print("coils: " + ", ".join(f"{name} {r:.4f} Ω" for name, r in zip(found.coils.names, result.resistance,
                                                                       strict=True)))  # fmt: skip
-    if heat is not None:
-        rise = found.coils.heat.derate - found.coils.heat.ambient
-        hot, half = heat.endurance(rise, 240.0), heat.endurance(rise, 60.0)
-        model = heat.model
+    if result.heat is not None:
+        model, rise = result.heat, found.coils.heat.derate - found.coils.heat.ambient
+        hot, half = model.time_to(rise, 240.0), model.time_to(rise, 60.0)
         sustained = rise / (1 / model.winding_to_body + 1 / model.body_to_air)
-        print(f"heat: {sustained:.1f} W for ever, 240 W for {hot:.1f} s, 60 W for {half:.0f} s; rms left "
-              f"{heat.residual:.2f} K")  # fmt: skip
-    print(f"written: {path}{' (of a simulation)' if result.simulated else ''}")
+        print(f"heat: {sustained:.1f} W for ever, 240 W for {hot:.1f} s, 60 W for {half:.0f} s")
+    print(f"written: {path}{' (of a simulation)' if result.simulated else ''}, id {result.id.hex()}")
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def _ask(step: Step) -> bool:
+    return typer.confirm("    ready", default=True, err=True)
+
+
+@contextmanager
+def _bar(step: Step, seconds: float) -> Iterator[Callable[[float], None]]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn(f"    {step.title}"), BarColumn(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(step.name, total=seconds)
+        yield lambda passed: bar.update(task, advance=passed)

@@ -135,6 +135,8 @@ def _opened(servo: Servo) -> Iterator[None]:
     finally:
         hint.cancel()
     try:
+        if servo.warning:
+            _say(f"Warning: {servo.warning}")
         if servo.tracker_token:
             _say(f"Whoever sends poses from another computer must say this token first: {servo.tracker_token}")
         yield

@@ -1,0 +1,145 @@
+"""`haptorb calibrate`, step by step: ask, measure, keep; refuse to go on when a step fails, and go on where it ended.
+
+The driver is opened for every step anew, so that nothing is engaged while a person reads a question.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+from haptorb.apps.calibrate.door import hold_tool
+from haptorb.apps.calibrate.heating import HEATING, Course
+from haptorb.apps.calibrate.measure import Pace, Session
+from haptorb.apps.calibrate.progress_file import ProgressFile
+from haptorb.apps.calibrate.steps import STEPS, Bench, Step, calibration_of, schedule_of
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.errors import CalibrationError, DriverError, InputError, UnknownName
+from haptorb.physics.thermal import TwoNode
+from haptorb.runtime.calibration_file import write_calibration
+from haptorb.runtime.driver import Driver
+from haptorb.sensing.calibration import Calibration
+
+__all__ = ["Guide", "guided", "known_steps"]
+
+NEEDED = ("rest", "currents", "magnetic")  #: without these there is no file
+
+Bar = Callable[[Step, float], AbstractContextManager[Callable[[float], None]]]
+
+
+def _silent(text: str) -> None:
+    """Says nothing."""
+
+
+def _ready(step: Step) -> bool:
+    """Always ready."""
+    return True
+
+
+def _no_bar(step: Step, seconds: float) -> AbstractContextManager[Callable[[float], None]]:
+    """No bar."""
+    return nullcontext(lambda passed: None)
+
+
+@dataclass(frozen=True)
+class Guide:
+    """Who talks to the person.
+
+    say   a line
+    ask   before a step; True: go on, False: not now, the steps so far are kept
+    bar   a context for a step of so many seconds, which gives what is to be told of time passing
+    """
+
+    say: Callable[[str], None] = _silent
+    ask: Callable[[Step], bool] = _ready
+    bar: Bar = _no_bar
+
+
+def known_steps(names: Sequence[str] | None, skip: Sequence[str] = ()) -> tuple[Step, ...]:
+    """The steps `names` in the order in which they are taken; all but `skip` for None. UnknownName for others."""
+    known = {step.name: step for step in STEPS}
+    for name in names or ():
+        if name not in known:
+            raise UnknownName("step", name, known)
+    return tuple(step for step in STEPS if (step.name in names if names is not None else step.name not in skip))
+
+
+def guided(
+    device: SphericalElectromagnet,
+    driver: Driver,
+    out: Path,
+    *,
+    steps: Sequence[Step] = STEPS,
+    heat: TwoNode | None = None,
+    pace: Pace | None = None,
+    guide: Guide | None = None,
+    restart: bool = False,
+    overwrite: bool = False,
+    levels: int = 5,
+    repeats: int = 4,
+    course: Course = HEATING,
+) -> Calibration | None:
+    """Take `steps` that were not taken yet, and write `out`; None if the person stopped, or if steps are still missing.
+
+    Raises CalibrationError at the first step that fails: what was measured before it is kept beside `out`, and the same
+    call goes on there. The id of what was written is stored in the device, if it can keep one.
+    """
+    pace, guide = pace or Pace(), guide or Guide()
+    progress = ProgressFile(out, device, driver.name)
+    if restart:
+        progress.forget()
+    elif progress.left:
+        guide.say(progress.left)
+    done = [step.name for step in STEPS if step.name in progress.results]
+    if done:
+        guide.say(f"taken up where it ended; done already: {', '.join(done)} (--restart begins anew)")
+    for number, step in enumerate(steps, start=1):
+        if step.name in progress.results:
+            continue
+        missing = [name for name in step.needs if name not in progress.results]
+        if missing:
+            raise InputError(f"step '{step.name}' needs the steps before it: {', '.join(missing)}")
+        guide.say(f"{number}/{len(steps)} {step.title}: {step.asks}")
+        if not guide.ask(step):
+            guide.say(f"stopped before '{step.name}'; the same command goes on here")
+            return None
+        try:
+            progress.keep(step.name, _taken(step, device, driver, pace, guide, progress, (levels, repeats), course))
+        except (CalibrationError, DriverError) as cause:
+            raise type(cause)(
+                f"step '{step.name}': {cause}. Then run the same command: it goes on at this step"
+            ) from cause
+        guide.say(f"    {step.told(device, progress.results[step.name])}")
+    absent = [name for name in NEEDED if name not in progress.results]
+    if absent:
+        guide.say(f"kept in {progress.path}; a calibration needs {', '.join(absent)} as well")
+        return None
+    calibration = calibration_of(device, progress.results, driver.simulated, heat)
+    write_calibration(calibration, out, overwrite=overwrite)
+    progress.forget()
+    with driver:
+        if driver.remember(calibration.id):
+            guide.say(f"the device keeps its id, {calibration.id.hex()}")
+    return calibration
+
+
+def _taken(
+    step: Step,
+    device: SphericalElectromagnet,
+    driver: Driver,
+    pace: Pace,
+    guide: Guide,
+    progress: ProgressFile,
+    effort: tuple[int, int],
+    course: Course,
+) -> dict[str, object]:
+    hold_tool(driver, device, near=step.near)
+    schedule = schedule_of(device, *effort)
+    with driver:
+        blank = Bench(device, Session(device, driver, pace), driver.field_axes, schedule, course)
+        with guide.bar(step, step.seconds(blank)) as passed:
+            session = Session(device, driver, pace, passed)
+            bench = Bench(device, session, driver.field_axes, schedule, course)
+            return step.measured(bench, progress.results)

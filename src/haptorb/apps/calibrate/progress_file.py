@@ -1,0 +1,71 @@
+"""What a guided calibration has measured so far: kept beside the file that it will become, whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from time import time
+from typing import Any, final
+
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.errors import CalibrationError
+
+__all__ = ["ProgressFile"]
+
+FORMAT = "haptorb-calibration-steps-1"
+_STALE = 24 * 3600.0  #: a device may have been rewired since [s]
+
+
+@final
+class ProgressFile:
+    """Results by step, in a file that is replaced after every one of them.
+
+    `left` says what was found and not taken up, in one sentence; empty if all was.
+    """
+
+    def __init__(
+        self, out: Path, device: SphericalElectromagnet, driver: str, clock: Callable[[], float] = time
+    ) -> None:
+        self.path = out.with_name(out.name + ".steps")
+        self._head = {"format": FORMAT, "device": device.name, "digest": device.digest, "driver": driver}
+        self._clock = clock
+        self.results: dict[str, dict[str, Any]] = {}
+        self.left = ""
+        if self.path.exists():
+            self.left = self._taken_up()
+
+    def _taken_up(self) -> str:
+        try:
+            raw = json.loads(self.path.read_text(encoding="utf-8"))
+            head = {key: raw[key] for key in self._head}
+            written, results = float(raw["written"]), dict(raw["steps"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return f"{self.path} is damaged and is not taken up"
+        if head != self._head:
+            return f"{self.path} is of driver {raw['driver']} and another file of the device; it is not taken up"
+        if not 0.0 <= self._clock() - written <= _STALE:
+            return f"{self.path} is older than a day and is not taken up"
+        self.results = results
+        return ""
+
+    def keep(self, name: str, result: dict[str, Any]) -> None:
+        """Add the result of a step; CalibrationError if it cannot be written."""
+        self.results[name] = result
+        content = {**self._head, "written": self._clock(), "steps": self.results}
+        part = self.path.with_name(self.path.name + ".part")
+        try:
+            with part.open("w", encoding="utf-8") as file:
+                file.write(json.dumps(content, indent=1, allow_nan=False) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(part, self.path)
+        except OSError as cause:
+            part.unlink(missing_ok=True)
+            raise CalibrationError(f"cannot write {self.path}: {cause.strerror}") from cause
+
+    def forget(self) -> None:
+        """Begin anew, or be done."""
+        self.results = {}
+        self.path.unlink(missing_ok=True)

@@ -1,0 +1,247 @@
+"""The steps of a guided calibration: what each asks of the person, measures, and leaves for those after it.
+
+A result is plain JSON, so that it can be kept between two sittings. A step that fails raises CalibrationError naming
+the part, and leaves nothing.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from haptorb.apps.calibrate.heating import HEATING, Course, heated
+from haptorb.apps.calibrate.measure import Session, composed
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.state import rotation_to_axis
+from haptorb.errors import CalibrationError
+from haptorb.physics.arrays import Array
+from haptorb.physics.thermal import TwoNode
+from haptorb.sensing.calibration import Calibration
+from haptorb.sensing.magnetic_calibration import MagneticCalibration, excitation
+from haptorb.sensing.tool_field import ToolModel, tool_field
+
+__all__ = ["STEPS", "Bench", "Step", "calibration_of"]
+
+Results = Mapping[str, Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Bench:
+    """One device with its driver open: what a step may use.
+
+    axes      (k, 3) directions of one-axis field sensors; None: three axes each
+    schedule  (n, m) [A] of the magnetic step
+    course    of the heat step
+    """
+
+    device: SphericalElectromagnet
+    session: Session
+    axes: Array | None
+    schedule: Array
+    course: Course = HEATING
+
+
+class Step(ABC):
+    """One thing to be measured; `needs` are the steps before it."""
+
+    name: str
+    title: str
+    asks: str  #: of the person, before it begins
+    needs: tuple[str, ...] = ()
+    near = False  #: the tool is at the summit, not away
+
+    @abstractmethod
+    def seconds(self, bench: Bench) -> float:
+        """How long it takes, for a bar."""
+
+    @abstractmethod
+    def measured(self, bench: Bench, before: Results) -> dict[str, Any]:
+        """Do it; CalibrationError names what is not as it must be."""
+
+    @abstractmethod
+    def told(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+        """The result in one line."""
+
+
+@final
+class Rest(Step):
+    """Nothing flows, nothing is near."""
+
+    name, title = "rest", "at rest"
+    asks = "Take the tool and other magnets at least 30 cm away, switch the coils' supply on."
+
+    def seconds(self, bench: Bench) -> float:
+        """As long as readings are averaged."""
+        return 0.4
+
+    def measured(self, bench: Bench, before: Results) -> dict[str, Any]:
+        """Temperatures of the cold device."""
+        return {"temperatures_k": bench.session.at_rest().tolist()}
+
+    def told(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+        """In degrees."""
+        return "no current, no magnet; coils at " + ", ".join(f"{t - 273.15:.1f} °C" for t in result["temperatures_k"])
+
+
+@final
+class Currents(Step):
+    """Every coil by itself, gently: polarity, current sensing, resistance."""
+
+    name, title, needs = "currents", "polarity and current sensing", ("rest",)
+    asks = "One ampere goes through each coil, either way."
+
+    def seconds(self, bench: Bench) -> float:
+        """Two signs a coil."""
+        return 0.24 * bench.device.channels
+
+    def measured(self, bench: Bench, before: Results) -> dict[str, Any]:
+        """Resistances."""
+        return {"resistance_ohm": bench.session.coils_conduct().tolist()}
+
+    def told(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+        """In ohms."""
+        pairs = zip(device.coils.names, result["resistance_ohm"], strict=True)
+        return ", ".join(f"{name} {r:.4f} Ω" for name, r in pairs)
+
+
+@final
+class Magnetic(Step):
+    """Moment per ampere, and the sensors' offsets: Zárate 2020 eq. (5)."""
+
+    name, title, needs = "magnetic", "field per ampere", ("rest", "currents")
+    asks = "Five amperes go through each coil, either way, in steps. Keep the tool away."
+
+    def seconds(self, bench: Bench) -> float:
+        """30 ms a row."""
+        return 0.03 * len(bench.schedule) + 0.01
+
+    def measured(self, bench: Bench, before: Results) -> dict[str, Any]:
+        """The regression, every number of it."""
+        found = bench.session.magnetic(np.array(before["currents"]["resistance_ohm"]), bench.schedule)
+        return {
+            "moment_per_current_m2": found.moment_per_current.tolist(),
+            "uncertainty_m2": found.uncertainty.tolist(),
+            "offsets_t": found.offsets.tolist(),
+            "residual_t": found.residual,
+            "condition": found.condition,
+            "repeatability": found.repeatability,
+        }
+
+    def told(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+        """How well it fits, and the coils' skew."""
+        skew = _magnetic(result).skew(device.coils.names)
+        angles = ", ".join(f"{a} and {b} {90 + np.degrees(angle):.2f}° apart" for (a, b), angle in skew.items())
+        return f"rms left {1e6 * result['residual_t']:.1f} µT; coils {angles}"
+
+
+@final
+class Heat(Step):
+    """Two nodes of heat, from one coil warmed and cooled."""
+
+    name, title, needs = "heat", "heat", ("rest", "currents")
+    asks = "One coil is warmed by 25 K or so for three minutes and cools for three. Begin cold; do not touch it."
+
+    def seconds(self, bench: Bench) -> float:
+        """Both halves."""
+        return bench.course.seconds + 0.22
+
+    def measured(self, bench: Bench, before: Results) -> dict[str, Any]:
+        """Capacities and conductances, and how sure they are."""
+        found = heated(bench.session, bench.device, np.array(before["currents"]["resistance_ohm"]), bench.course)
+        model = found.model
+        return {
+            "winding_capacity": model.winding_capacity,
+            "body_capacity": model.body_capacity,
+            "winding_to_body": model.winding_to_body,
+            "body_to_air": model.body_to_air,
+            "uncertainty": found.uncertainty.tolist(),
+            "residual_k": found.residual,
+        }
+
+    def told(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+        """What it stands for ever."""
+        heat = device.coils.heat
+        watts = (heat.derate - heat.ambient) / (1 / result["winding_to_body"] + 1 / result["body_to_air"])
+        return f"{watts:.1f} W for ever; rms left {result['residual_k']:.2f} K"
+
+
+@final
+class Tool(Step):
+    """The tool's magnet at the summit: which way round it is. Coils stay off."""
+
+    name, title, needs, near = "tool", "the tool's magnet", ("rest", "magnetic"), True
+    asks = "Hold the tool upright on the summit of the dome. Coils stay off."
+
+    def seconds(self, bench: Bench) -> float:
+        """As long as readings are averaged."""
+        return 0.6
+
+    def measured(self, bench: Bench, before: Results) -> dict[str, Any]:
+        """The field's likeness to that of the device file's tool (1: the same, −1: the other way round), and size."""
+        samples, _ = bench.session.held(np.zeros(bench.device.channels), 0.6, 0.2)
+        field = np.mean([sample.field for sample in samples], axis=0) - np.array(before["magnetic"]["offsets_t"])
+        likeness, strength = _likeness(bench.device, field, bench.axes)
+        size = float(np.sqrt((field**2).mean()))
+        if size < 2 * max(bench.device.hall.noise, bench.device.hall.step) or abs(likeness) < 0.7:
+            raise CalibrationError(
+                f"no tool is seen at the summit (likeness {likeness:+.2f}, {1e3 * size:.2f} mT): hold it upright on "
+                "the dome's top, and nothing else magnetic near"
+            )
+        if likeness < 0.0:
+            raise CalibrationError(
+                "the tool's magnet is the wrong way round: the dome would pull where it must push; turn the magnet"
+            )
+        return {"likeness": likeness, "strength": strength}
+
+    def told(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+        """The magnet as seen."""
+        return f"the right way round, {100 * result['strength']:.0f} % of the device file's strength"
+
+
+#: in the order in which they are taken
+STEPS: tuple[Step, ...] = (Rest(), Currents(), Magnetic(), Heat(), Tool())
+
+
+def calibration_of(
+    device: SphericalElectromagnet, results: Results, simulated: bool, heat: TwoNode | None = None
+) -> Calibration:
+    """The file's content; `heat` from elsewhere stands where the step was not taken."""
+    if "heat" in results:
+        names = ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air")
+        heat = TwoNode(*(float(results["heat"][name]) for name in names))
+    ambient, resistance = results["rest"]["temperatures_k"], results["currents"]["resistance_ohm"]
+    return composed(device, np.array(ambient), np.array(resistance), _magnetic(results["magnetic"]), heat, simulated)
+
+
+def schedule_of(device: SphericalElectromagnet, levels: int, repeats: int) -> Array:
+    """(n, m) [A] the magnetic step's currents."""
+    return excitation(device, levels=levels, repeats=repeats)
+
+
+def _magnetic(result: Mapping[str, Any]) -> MagneticCalibration:
+    return MagneticCalibration(
+        np.array(result["moment_per_current_m2"]), np.array(result["uncertainty_m2"]), np.array(result["offsets_t"]),
+        float(result["residual_t"]), float(result["condition"]), float(result["repeatability"]),
+    )  # fmt: skip
+
+
+def _likeness(device: SphericalElectromagnet, field: Array, axes: Array | None) -> tuple[float, float]:
+    """Cosine between `field` (k, 3) [T] and that of the tool near the summit, where it fits best; ratio of sizes."""
+    model = ToolModel.of(device)
+    B, J = np.empty((device.sensors, 3)), np.empty((device.sensors, 3, 5))
+    best, strength = 0.0, 0.0
+    for height in (0.0, 0.003, 0.006, 0.010):
+        for tilt in np.radians((0.0, 10.0, 20.0)):
+            for turn in np.radians((0.0, 60.0, 120.0, 180.0, 240.0, 300.0)):
+                up = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+                tool_field(model, (device.contact_distance + height) * up, rotation_to_axis(up), B, J)
+                seen = B if axes is None else np.einsum("ki,ki->k", B, axes)[:, None] * axes
+                size = float(np.linalg.norm(seen) * np.linalg.norm(field))
+                cosine = float((seen * field).sum()) / size if size > 0 else 0.0
+                if abs(cosine) > abs(best):
+                    best, strength = cosine, float(np.linalg.norm(field) / np.linalg.norm(seen))
+    return best, strength

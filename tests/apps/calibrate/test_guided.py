@@ -1,0 +1,300 @@
+"""The guided calibration: it refuses to go on, goes on where it ended, and writes one file at the end."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptorb.apps.calibrate.door import door
+from haptorb.apps.calibrate.guided import Guide, guided, known_steps
+from haptorb.apps.calibrate.heating import Course
+from haptorb.apps.calibrate.progress_file import ProgressFile
+from haptorb.apps.cli import main
+from haptorb.devices.loader import load
+from haptorb.errors import CalibrationError, InputError, UnknownName
+from haptorb.runtime.calibration_file import read_calibration
+from haptorb.runtime.calibration_match import disagreement
+from haptorb.runtime.driver import Driver
+from haptorb.sensing.magnetic_calibration import excitation, magnetic_calibration
+
+OMNI = load("omni")
+QUICK = known_steps(["rest", "currents", "magnetic", "tool"])
+EFFORT: dict[str, Any] = {"levels": 2, "repeats": 2}
+
+
+class Bench(Driver):
+    """The simulated device with a mistake in its wiring, and a memory for the calibration's id."""
+
+    name, simulated = "bench", True
+
+    def __init__(self, sample: Any = lambda s: s, truth: Any = OMNI) -> None:
+        self.inner, self.pace = door("sim", truth, 5)
+        self.sample, self.kept, self.opened, self.written = sample, bytes(16), 0, 0
+
+    @property
+    def goal(self) -> Any:
+        return self.inner.goal
+
+    def open(self) -> None:
+        self.opened += 1
+        self.inner.open()
+
+    def close(self) -> None:
+        self.inner.close()
+
+    def read(self, now: float) -> Any:
+        return self.sample(self.inner.read(now))
+
+    def write(self, duties: Any) -> Any:
+        self.written += bool(np.any(duties))
+        return self.inner.write(duties)
+
+    def truth(self) -> Any:
+        return self.inner.truth()
+
+    @property
+    def calibration(self) -> bytes:
+        return self.kept
+
+    def remember(self, calibration: bytes) -> bool:
+        self.kept = calibration
+        return True
+
+
+@pytest.fixture
+def held(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The simulated hand behind a bench is held by the same words."""
+    from haptorb.apps.calibrate import door as doors
+    from haptorb.apps.calibrate import guided as guides
+
+    def hold(driver: Any, device: Any, *, near: bool) -> None:
+        doors.hold_tool(getattr(driver, "inner", driver), device, near=near)
+
+    monkeypatch.setattr(guides, "hold_tool", hold)
+
+
+def through(bench: Bench, out: Path, **wants: Any) -> Any:
+    return guided(OMNI, bench, out, pace=bench.pace, **{"steps": QUICK, **EFFORT, **wants})
+
+
+def test_all_steps_make_one_file_and_its_id_is_kept_by_the_device(tmp_path: Path) -> None:
+    said: list[str] = []
+    out = tmp_path / "omni.json"
+    inner, pace = door("sim", OMNI, 3)
+    course = Course(heating=90.0, cooling=60.0)
+    found = guided(OMNI, inner, out, pace=pace, guide=Guide(said.append), course=course)
+    assert found is not None
+    assert read_calibration(out).text() == found.text()
+    assert found.heat is not None
+    assert found.heat.body_to_air == pytest.approx(OMNI.coils.heat.body_to_air, rel=0.25)
+    assert found.heat.winding_to_body == pytest.approx(OMNI.coils.heat.winding_to_body, rel=0.25)
+    assert sum("5/5" in line for line in said) == 1
+    assert any("the right way round" in line for line in said)
+    assert [path.name for path in tmp_path.iterdir()] == ["omni.json"]  # nothing else is left
+
+
+@pytest.mark.usefixtures("held")
+def test_the_device_keeps_the_id_of_what_was_written(tmp_path: Path) -> None:
+    bench = Bench()
+    found = through(bench, tmp_path / "omni.json")
+    assert bench.kept == found.id == read_calibration(tmp_path / "omni.json").id
+    assert len(found.id) == 16
+    assert replace(found, residual=2 * found.residual).id != found.id
+
+
+@pytest.mark.usefixtures("held")
+def test_a_step_that_fails_is_named_and_nothing_after_it_is_taken(tmp_path: Path) -> None:
+    out = tmp_path / "omni.json"
+    wrong = Bench(lambda s: replace(s, currents=0.1 * s.currents))
+    with pytest.raises(CalibrationError, match=r"step 'currents': .*shunt is wrong by ten.*the same command"):
+        through(wrong, out)
+    assert not out.exists()
+    assert wrong.opened == 2  # rest, currents, and not again
+    mended, said = Bench(), []
+    assert through(mended, out, guide=Guide(said.append)) is not None
+    assert "rest" in said[0]
+    assert not any("1/4" in line for line in said)
+    assert out.exists()
+    assert not (tmp_path / "omni.json.steps").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: replace(s, currents=10 * s.currents), "shunt is wrong by ten"),
+        (lambda s: replace(s, currents=s.currents * (1, 0, 1)), "coil 'y' carries.*unplugged"),
+        (lambda s: replace(s, currents=s.currents[[1, 0, 2]]), "current sensor of coil 'y' answer"),
+        (lambda s: replace(s, currents=s.currents * (1, 1, -1)), "current sensor is reversed"),
+    ],
+)
+def test_wiring_mistakes_are_named(change: Callable[[Any], Any], message: str, tmp_path: Path) -> None:
+    with pytest.raises(CalibrationError, match=message):
+        through(Bench(change), tmp_path / "omni.json")
+
+
+@pytest.mark.usefixtures("held")
+def test_a_tool_with_its_magnet_the_wrong_way_round_is_named(tmp_path: Path) -> None:
+    reversed_tool = replace(OMNI, tool=replace(OMNI.tool, remanence=-OMNI.tool.remanence))
+    with pytest.raises(CalibrationError, match="wrong way round: the dome would pull"):
+        through(Bench(truth=reversed_tool), tmp_path / "omni.json")
+    assert not (tmp_path / "omni.json").exists()
+
+
+def test_a_summit_without_a_tool_is_named(tmp_path: Path) -> None:
+    with pytest.raises(CalibrationError, match="no tool is seen"):
+        through(Bench(), tmp_path / "omni.json")  # nobody brings the bench's tool
+
+
+@pytest.mark.usefixtures("held")
+def test_who_stops_goes_on_later(tmp_path: Path) -> None:
+    out, asked = tmp_path / "omni.json", []
+
+    def until_magnetic(step: Any) -> bool:
+        asked.append(step.name)
+        return step.name != "magnetic"
+
+    bench = Bench()
+    assert through(bench, out, guide=Guide(ask=until_magnetic)) is None
+    assert asked == ["rest", "currents", "magnetic"]
+    assert not out.exists()
+    asked.clear()
+    assert through(Bench(), out, guide=Guide(ask=lambda step: bool(asked.append(step.name) or True))) is not None
+    assert asked == ["magnetic", "tool"]
+
+
+@pytest.mark.usefixtures("held")
+def test_an_interruption_keeps_what_was_measured_and_leaves_the_coils_off(tmp_path: Path) -> None:
+    out, bench = tmp_path / "omni.json", Bench()
+
+    def interrupted(s: Any) -> Any:
+        if bench.written > 400:  # in the middle of the schedule
+            raise KeyboardInterrupt
+        return s
+
+    bench.sample = interrupted
+    with pytest.raises(KeyboardInterrupt):
+        through(bench, out)
+    assert not bench.inner._duties.any()
+    assert set(json.loads((tmp_path / "omni.json.steps").read_text())["steps"]) == {"rest", "currents"}
+    assert through(Bench(), out) is not None
+
+
+@pytest.mark.usefixtures("held")
+def test_restart_forgets(tmp_path: Path) -> None:
+    out = tmp_path / "omni.json"
+    through(Bench(), out, steps=known_steps(["rest", "currents"]))
+    bench = Bench()
+    through(bench, out, restart=True)
+    assert bench.opened == 5  # all four steps, and once for the id
+
+
+def test_a_state_that_is_not_ours_is_not_taken_up(tmp_path: Path) -> None:
+    out = tmp_path / "omni.json"
+    kept = ProgressFile(out, OMNI, "serial:/dev/a", lambda: 1000.0)
+    kept.keep("rest", {"temperatures_k": [298.0] * 3})
+    assert ProgressFile(out, OMNI, "serial:/dev/a", lambda: 2000.0).results
+    for other, driver, now, why in (
+        (OMNI, "serial:/dev/b", 2000.0, "of driver serial:/dev/a"),
+        (replace(OMNI, digest="f" * 64), "serial:/dev/a", 2000.0, "not taken up"),
+        (OMNI, "serial:/dev/a", 1e6, "older than a day"),
+        (OMNI, "serial:/dev/a", 0.0, "older than a day"),
+    ):
+        again = ProgressFile(out, other, driver, lambda now=now: now)
+        assert not again.results
+        assert why in again.left
+    for damage in ("{", "[]", '{"format": "haptorb-calibration-steps-1"}', "\0"):
+        kept.path.write_text(damage)
+        assert "damaged" in ProgressFile(out, OMNI, "serial:/dev/a", lambda: 2000.0).left
+
+
+def test_steps_have_names_and_an_order(tmp_path: Path) -> None:
+    assert [step.name for step in known_steps(["magnetic", "rest"])] == ["rest", "magnetic"]
+    with pytest.raises(UnknownName, match=r"step 'magnetics'.*did you mean 'magnetic'"):
+        known_steps(["magnetics"])
+    with pytest.raises(InputError, match="'tool' needs the steps before it: rest, magnetic"):
+        through(Bench(), tmp_path / "omni.json", steps=known_steps(["tool"]))
+
+
+def test_sensors_of_one_axis_are_enough() -> None:
+    """The radial readings of the nine real sensors: the same moments, and no bias from what they do not see."""
+    draw = np.random.default_rng(4)
+    wanted = excitation(OMNI)
+    axes = OMNI.hall.positions / np.linalg.norm(OMNI.hall.positions, axis=1, keepdims=True)
+    from haptorb.physics import dipole
+
+    full = np.array([[dipole.field(OMNI.moment_per_current @ i, at) for at in OMNI.hall.positions] for i in wanted])
+    radial = (full * axes).sum(axis=2, keepdims=True) * axes
+    noisy = radial + 2e-5 * draw.standard_normal((len(wanted), 9, 1)) * axes
+    found = magnetic_calibration(OMNI, wanted, wanted, noisy, axes)
+    scale = np.linalg.norm(OMNI.moment_per_current, axis=0)
+    assert np.abs((found.moment_per_current - OMNI.moment_per_current) / scale).max() < 5e-3
+    error = (found.moment_per_current - OMNI.moment_per_current) / found.uncertainty
+    assert 0.3 < np.sqrt((error**2).mean()) < 2.0  # the uncertainty is what it says
+    assert found.residual == pytest.approx(2e-5, rel=0.1)
+    wrong = magnetic_calibration(OMNI, wanted, wanted, noisy)  # taken for three axes they would tell other moments
+    assert np.abs((wrong.moment_per_current - OMNI.moment_per_current) / scale).max() > 0.2
+    with pytest.raises(InputError, match="unit vectors"):
+        magnetic_calibration(OMNI, wanted, wanted, noisy, 2 * axes)
+
+
+def test_ids_that_disagree_are_told() -> None:
+    mine, other, none = b"a" * 16, b"b" * 16, bytes(16)
+    assert disagreement(None, mine) == disagreement(none, None) == disagreement(mine, mine) == ""
+    assert "--calibration" in disagreement(mine, None)
+    assert "keeps no calibration" in disagreement(none, mine)
+    assert mine.hex() in disagreement(other, mine)
+    assert other.hex() in disagreement(other, mine)
+
+
+def test_a_warning_reaches_the_person(fake_bench: Any) -> None:
+    assert fake_bench.warning.startswith("the device was calibrated")
+
+
+@pytest.fixture
+def fake_bench(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A running servo whose device keeps an id that nobody believes."""
+    import sys
+
+    import cloudpickle
+
+    from haptorb.runtime import servo as servo_module
+    from haptorb.runtime.assembly import assemble
+    from haptorb.runtime.sim_driver import SimDriver
+
+    cloudpickle.register_pickle_by_value(sys.modules[__name__])
+
+    def calibrated(*arguments: Any, **named: Any) -> Any:
+        tick = assemble(*arguments, **named)
+        type(tick.driver).calibration = property(lambda self: b"k" * 16)
+        assert isinstance(tick.driver, SimDriver)
+        return tick
+
+    monkeypatch.setattr(servo_module, "assemble", calibrated)
+    with servo_module.Servo(OMNI, record=False) as servo:
+        yield servo
+
+
+def test_the_command_in_a_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["calibrate", "omni", "--driver", "serial:/dev/haptorb-nowhere"]) == 2
+    assert "--yes" in capsys.readouterr().err  # pytest's standard input is no terminal
+    assert main(["calibrate", "omni", "--driver", "serial:/dev/haptorb-nowhere", "--yes"]) == 2
+    assert "there is no port" in capsys.readouterr().err
+    assert main(["calibrate", "omni", "--steps", "rest,heating"]) == 2
+    with suppress(SystemExit):
+        main(["calibrate", "omni", "--steps", "rest,currents"])
+    assert "needs magnetic as well" in capsys.readouterr().err
+    assert (tmp_path / "omni.calibration.json.steps").exists()
+    with suppress(SystemExit):
+        main(["calibrate", "omni", "--steps", "magnetic"])
+    said = capsys.readouterr()
+    assert "taken up where it ended; done already: rest, currents" in said.err
+    assert "id " in said.out
+    assert read_calibration("omni.calibration.json").heat is None

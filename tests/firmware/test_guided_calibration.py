@@ -1,0 +1,82 @@
+"""The guided calibration through the real firmware: what differs from the file is found, the id kept in the EEPROM."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptorb.apps.calibrate.guided import Guide, guided, known_steps
+from haptorb.apps.calibrate.measure import Pace
+from haptorb.apps.calibrate.steps import Step
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.loader import load
+from haptorb.runtime.calibration_match import disagreement
+from haptorb.runtime.emulator import EmulatedDevice, Emulator
+from haptorb.runtime.serial_driver import SerialDriver
+
+pytestmark = [pytest.mark.firmware, pytest.mark.timeout(900)]
+
+PACE = 0.05
+UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+class Person:
+    """Holds the simulated tool where each step wants it."""
+
+    def __init__(self, device: SphericalElectromagnet) -> None:
+        self._device = device
+        self.at = np.array([0.0, 0.0, 0.5])
+
+    def goal(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        return self.at, UPRIGHT
+
+    def place(self, step: Step, emulated: EmulatedDevice) -> bool:
+        self.at = np.array([0.0, 0.0, self._device.contact_distance if step.near else 0.5])
+        with emulated._lock:
+            emulated.simulation.place(self.at, UPRIGHT)
+        return True
+
+
+def slowly(driver: SerialDriver, emulator: Emulator) -> SerialDriver:
+    """Opened at real time, measured at a twentieth of it: a busy computer may then be silent for a moment."""
+    original = driver.open
+
+    def open_then_slow() -> None:
+        emulator.tell("pace 1")
+        original()
+        emulator.tell(f"pace {PACE}")
+
+    driver.open = open_then_slow  # type: ignore[method-assign]
+    return driver
+
+
+def test_a_device_behind_the_real_firmware_is_calibrated(built: Path, tmp_path: Path) -> None:
+    omni = load("omni")
+    assert isinstance(omni, SphericalElectromagnet)
+    skew = np.array([[1.04, 0.03, 0.0], [0.0, 0.97, 0.0], [0.0, 0.02, 1.03]])
+    truth = replace(omni, moment_per_current=skew @ omni.moment_per_current)
+    person, out, said = Person(omni), tmp_path / "omni.json", []
+    emulated = EmulatedDevice(truth, tmp_path / "physics", person.goal)
+    pace = Pace(lambda: time.monotonic() * PACE, lambda seconds: time.sleep(seconds / PACE))
+    try:
+        with Emulator(built, tmp_path / "omni", physics=emulated) as emulator:
+            driver = slowly(SerialDriver(omni, emulator.port, patience=1.0, warm_up=90.0), emulator)
+            guide = Guide(said.append, lambda step: person.place(step, emulated))
+            steps = known_steps(["rest", "currents", "magnetic", "tool"])
+            found = guided(omni, driver, out, steps=steps, pace=pace, guide=guide, levels=1, repeats=2)
+            assert found is not None, said
+            assert not found.simulated
+            scale = np.linalg.norm(truth.moment_per_current, axis=0)
+            assert np.abs((found.moment_per_current - truth.moment_per_current) / scale).max() < 0.02
+            assert found.resistance == pytest.approx(omni.coils.resistance, rel=0.02)
+            assert any(found.id.hex() in line for line in said)
+            with driver:
+                assert driver.calibration == found.id
+                assert disagreement(driver.calibration, found.id) == ""
+                assert "give its file" in disagreement(driver.calibration, None)
+    finally:
+        emulated.close()
