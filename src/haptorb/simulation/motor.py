@@ -10,147 +10,33 @@ the chopper's ripple, and the bearing's clearance.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import ceil, cos, radians
-from typing import NamedTuple, final
+from math import ceil
+from typing import final
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from haptorb.devices.handle import Grasp, HallQuality
-from haptorb.devices.spherical_motor import GRAVITY, SphericalMotor
+from haptorb.devices.spherical_motor import SphericalMotor
 from haptorb.devices.state import State
-from haptorb.devices.table_kernels import sensor_field, torque_characteristic
 from haptorb.errors import DriverError, InputError, UnknownName
 from haptorb.physics.arrays import Array, finite
-from haptorb.physics.compiled import kernel
 from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.sample import Pose, Sample
-from haptorb.simulation.coils import BODY, CURRENT, WINDING, Wires, chop, coil_step, cold, wires
+from haptorb.simulation.coils import CURRENT, WINDING, chop, cold, wires
 from haptorb.simulation.hall import (
     FAILURES,
     HallFaults,
-    Halls,
     halls,
-    read_halls,
 )
-from haptorb.simulation.noise import Noise, fill_normal, seeded, stepped
-from haptorb.simulation.rotor import ANGULAR, Joint, angular_velocity, kick, turn
+from haptorb.simulation.hanging import joint_of, raised, within
+from haptorb.simulation.motor_kernels import Meters, Parts, advance, sense
+from haptorb.simulation.noise import seeded
+from haptorb.simulation.rotor import ANGULAR, Joint, angular_velocity
 from haptorb.simulation.simulation import Simulation
 from haptorb.simulation.tool import matrix
 
 __all__ = ["SimulatedMotor"]
-
-_NODES = 24  #: of the polynomial of weight and regulator by cos(tilt); the regulator's own has fourteen
-
-
-class _Parts(NamedTuple):
-    """The magnetics for compiled code."""
-
-    torque_cells: Array
-    torque_scale: float
-    field_cells: Array
-    field_scale: float
-    magnets: Array  #: (p, 3) rotor frame
-    strength: Array  #: (p,)
-    coils: Array  #: (c, 3)
-    sensors: Array  #: (k, 3)
-    groups: Array  #: (c, m)
-    coil_field: Array  #: (3 k, m) field of the coils at the sensors [T/A]
-
-
-class _Meters(NamedTuple):
-    """Current and heat sensors: standard deviation and step."""
-
-    current_noise: float
-    current_step: float
-    heat_noise: float
-    heat_step: float
-
-
-@kernel
-def _advance(
-    state: Array, coils: Array, duties: Array, goal: Array, numbers: Array, resistance: Array, inductance: Array,
-    heat: Array, inertia: Array, damping: Array, lean: Array, torque_cells: Array, magnets: Array, strength: Array,
-    places: Array, groups: Array, dt: float, steps: int, truth: Array,
-) -> float:  # fmt: skip
-    """`steps` steps of `dt` [s]; fills truth (3,) with the mean torque; returns how far the stop is pressed [rad].
-
-    numbers (11,): what is one number of wires, joint and parts; a call with tuples takes twice as long.
-    """
-    n = numbers
-    wires = Wires(resistance, inductance, n[0], n[1], n[2], n[3])
-    joint = Joint(inertia, damping, n[4], n[5], lean, n[6], n[7], n[8], n[9])
-    channels, count = duties.shape[0], places.shape[0]
-    R = np.empty((1, 3, 3))
-    single = np.empty((1, 3, count))
-    K = np.empty((3, channels))
-    emf, mean = np.empty(channels), np.empty(channels)
-    w, passive, given = np.empty(3), np.empty(3), np.empty(3)
-    truth[:] = 0.0
-    pressed = 0.0
-    for _ in range(steps):
-        turn(state, joint.inertia, 0.5 * dt)
-        matrix(state[:4], R[0])
-        torque_characteristic(torque_cells, n[10], magnets, strength, places, R, single)
-        for i in range(3):
-            for k in range(channels):
-                K[i, k] = 0.0
-            for j in range(count):
-                for k in range(channels):
-                    K[i, k] += single[0, i, j] * groups[j, k]
-        angular_velocity(state, inertia, R[0], w)
-        for k in range(channels):  # the power that leaves the coil's circuit is the power that the rotor gets
-            emf[k] = K[0, k] * w[0] + K[1, k] * w[1] + K[2, k] * w[2]
-        coil_step(coils, wires, heat, duties, emf, dt, mean)
-        for i in range(3):
-            given[i] = 0.0
-            for k in range(channels):
-                given[i] += K[i, k] * mean[k]
-        pressed = kick(state, R[0], joint, goal, passive, given, dt)
-        for i in range(3):
-            truth[i] += (given[i] + passive[i]) / steps
-        turn(state, joint.inertia, 0.5 * dt)
-    return pressed
-
-
-@kernel
-def _sense(
-    state: Array, coils: Array, numbers: Array, inertia: Array, field_cells: Array, magnets: Array, strength: Array,
-    sensors: Array, coil_field: Array, frames: Array, mixing: Array, offset: Array, failed: Array, held: Array,
-    noise: Noise, pose: Array, read: Array, field: Array,
-) -> bool:  # fmt: skip
-    """One reading of every sensor, and the rotor's true motion; False, and nothing read, if the rotor is nowhere.
-
-    pose (4, 3) becomes R and w; read (2 m,) currents [A], then temperatures [K]; field (k, 3) [T].
-    numbers (8,): what is one number of meters, sensors and table.
-    """
-    total = 0.0
-    for i in range(state.shape[0]):
-        total += state[i]
-    if not np.isfinite(total):
-        return False
-    n = numbers
-    meters = _Meters(n[0], n[1], n[2], n[3])
-    halls = Halls(frames, mixing, offset, n[4], n[5], n[6])
-    matrix(state[:4], pose[:3])
-    angular_velocity(state, inertia, pose[:3], pose[3])
-    channels = coils.shape[1]
-    draws = np.empty(2 * channels)
-    fill_normal(noise, draws)
-    for k in range(channels):
-        read[k] = stepped(coils[CURRENT, k] + meters.current_noise * draws[k], meters.current_step)
-        read[channels + k] = stepped(coils[BODY, k] + meters.heat_noise * draws[channels + k], meters.heat_step)
-    out = np.empty((1, field.shape[0], 3))
-    sensor_field(field_cells, n[7], magnets, strength, sensors, pose[:3].copy().reshape(1, 3, 3), out)
-    for k in range(field.shape[0]):
-        for i in range(3):
-            total = out[0, k, i]
-            for j in range(channels):
-                total += coil_field[3 * k + i, j] * coils[CURRENT, j]
-            field[k, i] = total
-    read_halls(halls, HallFaults(failed, held), noise, field)
-    return True
 
 
 @final
@@ -196,7 +82,7 @@ class SimulatedMotor(Simulation):
         places = device.sensor_layout.positions
         unit = [device.coil_field(places, row).ravel() for row in np.eye(device.channels)]
         tables = device.tables
-        self._parts = _Parts(
+        self._parts = Parts(
             tables.torque_pair.cells,
             float(tables.torque_pair.scale),
             tables.field_pair.cells,
@@ -210,8 +96,8 @@ class SimulatedMotor(Simulation):
         )
         supply = device.supply
         heat_meter = float(device.thermometer_noise), float(device.thermometer_step)
-        self._meters = _Meters(float(supply.current_noise), float(supply.current_step), *heat_meter)
-        self._hang(_joint(device, self.grasp))
+        self._meters = Meters(float(supply.current_noise), float(supply.current_step), *heat_meter)
+        self._hang(joint_of(device, self.grasp))
         self._steps_of_duty = float(2**supply.duty_bits)
         self._torque = np.zeros(3)
         self._goal = np.array([0.0, 0.0, 0.0, 1.0])
@@ -247,7 +133,7 @@ class SimulatedMotor(Simulation):
         turned = finite(q, "q")
         if turned.shape != (4,) or not turned.any():
             raise InputError(f"q must be a quaternion (x, y, z, w) that is not zero; got {q!r}")
-        self._rotor[:4] = _within(turned / np.linalg.norm(turned), self.device.workspace_tilt)
+        self._rotor[:4] = within(turned / np.linalg.norm(turned), self.device.workspace_tilt)
         self._rotor[ANGULAR:] = 0.0
         self._goal[:] = turned / np.linalg.norm(turned)
 
@@ -290,7 +176,7 @@ class SimulatedMotor(Simulation):
             self._goal[:] = goal_q
             self._goal /= size**0.5
         wires, joint, parts = self._wires, self._joint, self._parts
-        self._pressed = _advance(
+        self._pressed = advance(
             self._rotor, self._coils, duties, self._goal, self._moving, wires.resistance, wires.inductance,
             self._heat_step, joint.inertia, joint.damping, joint.leaning, parts.torque_cells, parts.magnets,
             parts.strength, parts.coils, parts.groups, h, steps, self._torque,
@@ -302,7 +188,7 @@ class SimulatedMotor(Simulation):
         channels, parts, halls, faults = self.device.channels, self._parts, self._halls, self._faults
         read, pose = np.empty(2 * channels), np.empty((4, 3))
         field = np.empty((self.device.sensors, 3))
-        if not _sense(
+        if not sense(
             self._rotor, self._coils, self._sensing, self._joint.inertia, parts.field_cells, parts.magnets,
             parts.strength, parts.sensors, parts.coil_field, halls.frames, halls.mixing, halls.offset, faults.kind,
             faults.held, self._noise, pose, read, field,
@@ -366,60 +252,5 @@ class SimulatedMotor(Simulation):
             kinetic
             + 0.5 * joint.grip * float(left @ left)
             + 0.5 * joint.stop * float(over) ** 2
-            + _raised(joint, cosine)
+            + raised(joint, cosine)
         )
-
-
-def _joint(device: SphericalMotor, grasp: Grasp) -> Joint:
-    rotor = device.rotor
-    arm = rotor.handle_length
-    hand = np.array([grasp.mass * arm**2, grasp.mass * arm**2, 0.5 * grasp.mass * grasp.radius**2])
-    damper = grasp.damping * arm**2
-    # Beyond the regulator's tabulated tilts its torque over sin(tilt) is held constant, and so it is here.
-    least = cos(device.regulator.greatest_tilt) if device.regulator is not None else cos(radians(89.0))
-    node = np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
-    weight = rotor.mass * GRAVITY * rotor.centre_of_mass
-    ring = device.regulator
-    back = [
-        (ring.stiffness_at(c) if ring is not None else 0.0) - weight
-        for c in (0.5 * (1 + least) + 0.5 * (1 - least) * node).tolist()
-    ]
-    return Joint(
-        np.array(rotor.inertia, dtype=np.float64) + hand,
-        np.full(3, float(rotor.viscous_friction) + damper),
-        float(rotor.dry_friction),
-        grasp.stiffness * arm**2,
-        np.ascontiguousarray(chebyshev.chebfit(node, np.array(back), _NODES - 1)),
-        least,
-        cos(device.workspace_tilt),
-        device.end_stop.stiffness,
-        device.end_stop.damping,
-    )
-
-
-def _raised(joint: Joint, cosine: float) -> float:
-    """Potential of weight and regulator [J]: dU/d(cos) = −(torque over sin)."""
-    least = joint.least
-
-    def integral(c: float) -> float:
-        x = (2 * c - (1 + least)) / (1 - least)
-        return 0.5 * (1 - least) * float(chebyshev.chebval(x, chebyshev.chebint(joint.leaning)))
-
-    beyond = max(least - cosine, 0.0) * float(chebyshev.chebval(-1.0, joint.leaning))
-    return integral(1.0) - integral(max(cosine, least)) + beyond
-
-
-def _within(q: Array, tilt: float) -> Array:
-    """`q`, its tilt reduced to `tilt` about the same axis if it leans further; the spin stays."""
-    R = np.empty((3, 3))
-    matrix(q, R)
-    nx, ny, nz = R[:, 2].tolist()
-    lean = np.arctan2((nx * nx + ny * ny) ** 0.5, nz)
-    if lean <= tilt:
-        return q
-    half = 0.5 * (lean - tilt)
-    size = (nx * nx + ny * ny) ** 0.5
-    ux, uy = (ny / size, -nx / size) if size > 1e-12 else (1.0, 0.0)
-    x, y, z, w = q.tolist()
-    a, b, d = np.sin(half) * ux, np.sin(half) * uy, np.cos(half)
-    return np.array([d * x + w * a + b * z, d * y + w * b - a * z, d * z + a * y - b * x, d * w - a * x - b * y])

@@ -1,0 +1,127 @@
+"""A motor's physics in compiled code: some steps of rotor and coils, and one reading of every sensor."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from haptorb.devices.table_kernels import sensor_field, torque_characteristic
+from haptorb.physics.arrays import Array
+from haptorb.physics.compiled import kernel
+from haptorb.simulation.coils import BODY, CURRENT, Wires, coil_step
+from haptorb.simulation.hall import HallFaults, Halls, read_halls
+from haptorb.simulation.noise import Noise, fill_normal, stepped
+from haptorb.simulation.rotor import Joint, angular_velocity, kick, turn
+from haptorb.simulation.tool import matrix
+
+__all__ = ["Meters", "Parts", "advance", "sense"]
+
+
+class Parts(NamedTuple):
+    """The magnetics for compiled code."""
+
+    torque_cells: Array
+    torque_scale: float
+    field_cells: Array
+    field_scale: float
+    magnets: Array  #: (p, 3) rotor frame
+    strength: Array  #: (p,)
+    coils: Array  #: (c, 3)
+    sensors: Array  #: (k, 3)
+    groups: Array  #: (c, m)
+    coil_field: Array  #: (3 k, m) field of the coils at the sensors [T/A]
+
+
+class Meters(NamedTuple):
+    """Current and heat sensors: standard deviation and step."""
+
+    current_noise: float
+    current_step: float
+    heat_noise: float
+    heat_step: float
+
+
+@kernel
+def advance(
+    state: Array, coils: Array, duties: Array, goal: Array, numbers: Array, resistance: Array, inductance: Array,
+    heat: Array, inertia: Array, damping: Array, lean: Array, torque_cells: Array, magnets: Array, strength: Array,
+    places: Array, groups: Array, dt: float, steps: int, truth: Array,
+) -> float:  # fmt: skip
+    """`steps` steps of `dt` [s]; fills truth (3,) with the mean torque; returns how far the stop is pressed [rad].
+
+    numbers (11,): what is one number of wires, joint and parts; a call with tuples takes twice as long.
+    """
+    n = numbers
+    wires = Wires(resistance, inductance, n[0], n[1], n[2], n[3])
+    joint = Joint(inertia, damping, n[4], n[5], lean, n[6], n[7], n[8], n[9])
+    channels, count = duties.shape[0], places.shape[0]
+    R = np.empty((1, 3, 3))
+    single = np.empty((1, 3, count))
+    K = np.empty((3, channels))
+    emf, mean = np.empty(channels), np.empty(channels)
+    w, passive, given = np.empty(3), np.empty(3), np.empty(3)
+    truth[:] = 0.0
+    pressed = 0.0
+    for _ in range(steps):
+        turn(state, joint.inertia, 0.5 * dt)
+        matrix(state[:4], R[0])
+        torque_characteristic(torque_cells, n[10], magnets, strength, places, R, single)
+        for i in range(3):
+            for k in range(channels):
+                K[i, k] = 0.0
+            for j in range(count):
+                for k in range(channels):
+                    K[i, k] += single[0, i, j] * groups[j, k]
+        angular_velocity(state, inertia, R[0], w)
+        for k in range(channels):  # the power that leaves the coil's circuit is the power that the rotor gets
+            emf[k] = K[0, k] * w[0] + K[1, k] * w[1] + K[2, k] * w[2]
+        coil_step(coils, wires, heat, duties, emf, dt, mean)
+        for i in range(3):
+            given[i] = 0.0
+            for k in range(channels):
+                given[i] += K[i, k] * mean[k]
+        pressed = kick(state, R[0], joint, goal, passive, given, dt)
+        for i in range(3):
+            truth[i] += (given[i] + passive[i]) / steps
+        turn(state, joint.inertia, 0.5 * dt)
+    return pressed
+
+
+@kernel
+def sense(
+    state: Array, coils: Array, numbers: Array, inertia: Array, field_cells: Array, magnets: Array, strength: Array,
+    sensors: Array, coil_field: Array, frames: Array, mixing: Array, offset: Array, failed: Array, held: Array,
+    noise: Noise, pose: Array, read: Array, field: Array,
+) -> bool:  # fmt: skip
+    """One reading of every sensor, and the rotor's true motion; False, and nothing read, if the rotor is nowhere.
+
+    pose (4, 3) becomes R and w; read (2 m,) currents [A], then temperatures [K]; field (k, 3) [T].
+    numbers (8,): what is one number of meters, sensors and table.
+    """
+    total = 0.0
+    for i in range(state.shape[0]):
+        total += state[i]
+    if not np.isfinite(total):
+        return False
+    n = numbers
+    meters = Meters(n[0], n[1], n[2], n[3])
+    halls = Halls(frames, mixing, offset, n[4], n[5], n[6])
+    matrix(state[:4], pose[:3])
+    angular_velocity(state, inertia, pose[:3], pose[3])
+    channels = coils.shape[1]
+    draws = np.empty(2 * channels)
+    fill_normal(noise, draws)
+    for k in range(channels):
+        read[k] = stepped(coils[CURRENT, k] + meters.current_noise * draws[k], meters.current_step)
+        read[channels + k] = stepped(coils[BODY, k] + meters.heat_noise * draws[channels + k], meters.heat_step)
+    out = np.empty((1, field.shape[0], 3))
+    sensor_field(field_cells, n[7], magnets, strength, sensors, pose[:3].copy().reshape(1, 3, 3), out)
+    for k in range(field.shape[0]):
+        for i in range(3):
+            total = out[0, k, i]
+            for j in range(channels):
+                total += coil_field[3 * k + i, j] * coils[CURRENT, j]
+            field[k, i] = total
+    read_halls(halls, HallFaults(failed, held), noise, field)
+    return True
