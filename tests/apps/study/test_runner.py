@@ -20,6 +20,7 @@ from haptorb.apps.study.runner import Runner, View
 from haptorb.apps.study.sitting import Sitting
 from haptorb.apps.study.stage import Stage
 from haptorb.apps.study.study_file import Study, study_of
+from haptorb.control.trip import Trip
 from haptorb.devices.loader import load
 from haptorb.runtime.row import RowLayout
 
@@ -41,7 +42,7 @@ class FakeServo:
         self.layout = RowLayout.of(self.device)
         self.tracker, self.driver = "pointer", "sim"
         self.told: list[Any] = []
-        self.trips: list[dict[str, Any]] = []
+        self.trips: list[Trip] = []
         self.p = np.array([0.0, 0.0, 0.05])
 
     def set_world(self, name: str, values: dict[str, Any] | None = None) -> None:
@@ -55,13 +56,18 @@ class FakeServo:
 
     def stop(self) -> None:
         self.told.append("stop")
-        self.trips.append({"t": 0.0, "code": "STOPPED", "reason": ""})
+        self.trips.append(Trip.STOPPED)
+
+    def rows(self, cursor: int = 0) -> tuple[int, np.ndarray]:
+        """Two rows per trip: running, then tripped."""
+        rows = np.zeros((2 * len(self.trips), self.layout.width))
+        rows[:, self.layout["guard"]] = 2
+        for n, trip in enumerate(self.trips):
+            rows[2 * n + 1, self.layout["guard"]], rows[2 * n + 1, self.layout["trip"]] = 4, trip
+        return len(rows), rows[cursor:]
 
     def engage(self) -> None:
         self.told.append("engage")
-
-    def report(self) -> dict[str, Any]:
-        return {"trips": list(self.trips), "trip_count": len(self.trips)}
 
     def latest(self) -> np.ndarray:
         row = np.zeros(self.layout.width)
@@ -113,7 +119,7 @@ def test_a_wrong_number_is_told_and_may_be_typed_again(short: Study, tmp_path: P
     ran = run(short, tmp_path / "s.db", "7", "enter", "enter", "1", "3", "back", "2", "enter", "1", "enter")
     assert ran.how == "done"
     assert any("1, 12" in message for _, _, message in ran.views)
-    assert any("type the number first" in message for _, _, message in ran.views)
+    assert any("choose the number first" in message for _, _, message in ran.views)
     assert tidy(database(tmp_path / "s.db"), short)["answer"].tolist() == [12, 1]
 
 
@@ -135,7 +141,7 @@ def test_a_pause_switches_the_coils_off_and_is_no_safety_event(short: Study, tmp
 
 def test_a_trip_is_marked_on_its_trial_only(short: Study, tmp_path: Path) -> None:
     servo = FakeServo()
-    hot = {"t": 1.0, "code": "OVERHEATED", "reason": "too hot"}
+    hot = Trip.OVERHEATED
     run(short, tmp_path / "s.db", lambda: servo.trips.append(hot), "1", "enter", "1", "enter", servo=servo)
     assert tidy(database(tmp_path / "s.db"), short)["safety"].tolist() == ["OVERHEATED", ""]
 
@@ -167,8 +173,8 @@ def test_a_session_at_the_command_line_with_the_real_loop(tmp_path: Path) -> Non
     command = [sys.executable, "-c", "import sys; from haptorb.apps.cli import main; sys.exit(main())", "study"]
     environment = {**os.environ, "COLUMNS": "120"}
     ran = subprocess.run(
-        [*command, "run", "s.toml", "-p", "P01", "--db", "s.db"], cwd=tmp_path, input=b"\n1\n1\n", timeout=200,
-        capture_output=True, env=environment, check=False,
+        [*command, "run", "s.toml", "--terminal", "-p", "P01", "--db", "s.db"], cwd=tmp_path, input=b"\n1\n1\n",
+        timeout=200, capture_output=True, env=environment, check=False,
     )  # fmt: skip
     assert ran.returncode == 0, ran.stderr.decode()
     assert b"done" in ran.stderr
@@ -177,7 +183,7 @@ def test_a_session_at_the_command_line_with_the_real_loop(tmp_path: Path) -> Non
     assert np.isfinite(columns["x_m"]).all()
     assert (tmp_path / "session-1-1.mcap").is_file()
     again = subprocess.run(
-        [*command, "run", "s.toml", "-p", "P01", "--db", "s.db"], cwd=tmp_path, input=b"", timeout=100,
+        [*command, "run", "s.toml", "--terminal", "-p", "P01", "--db", "s.db"], cwd=tmp_path, input=b"", timeout=100,
         capture_output=True, env=environment, check=False,
     )  # fmt: skip
     assert again.returncode == 2

@@ -11,6 +11,8 @@ import typer
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
+    from sqlalchemy.engine import Engine
+
     from haptorb.apps.study.study_file import Study
 
 __all__ = ["register"]
@@ -42,35 +44,91 @@ def check(file: FileArgument) -> None:
 @study.command()
 def run(
     file: FileArgument,
-    participant: Annotated[str, typer.Option("--participant", "-p", help="Pseudonymous code, like P01.")],
+    participant: Annotated[
+        str | None, typer.Option("--participant", "-p", help="Pseudonymous code, like P01; in the browser optional.")
+    ] = None,
     db: DatabaseOption = "study.db",
     driver: Annotated[str, typer.Option(help="sim, serial:PORT or i2c:BUS.")] = "sim",
-    tracker: Annotated[str, typer.Option(help="Who knows where the tool is; pointer: the arrow keys.")] = "pointer",
+    tracker: Annotated[
+        str, typer.Option(help="Who knows where the tool is; pointer: the page, or the arrow keys.")
+    ] = "pointer",
     record: Annotated[bool, typer.Option(help="Record the tool's course beside the database.")] = True,
+    terminal: Annotated[bool, typer.Option("--terminal", help="At the terminal instead of in the browser.")] = False,
+    lsl: Annotated[
+        str | None, typer.Option(help="Streams for other equipment (LSL), to be seen on this: computer or network.")
+    ] = None,
+    port: Annotated[int, typer.Option(help="Of the pages; 0 takes any free one.")] = 8766,
 ) -> None:
-    """Run a session at the terminal, or resume the one of this participant that was interrupted."""
+    """Run sessions: a page for the participant and one for the experimenter; interrupted ones are resumed."""
     from haptorb.apps.study.database import database
-    from haptorb.apps.study.sitting import Sitting, known_code
+    from haptorb.apps.study.sitting import known_code
     from haptorb.apps.study.study_file import read_study
 
     known = read_study(file)
-    known_code(participant)
+    if participant is not None:
+        known_code(participant)
+    elif terminal:
+        raise InputError("--terminal needs --participant CODE, like P01")
+    if terminal and (known.mask is not None or lsl is not None):
+        raise InputError("noise that masks the device and LSL streams need the browser: leave --terminal away")
     _foretold(known)
     engine = database(db)  # before the device: without a place for answers nothing is started
+    if terminal:
+        _at_terminal(known, engine, str(participant), file, db, driver, tracker, record)
+    else:
+        _in_browser(known, engine, participant, db, driver, tracker, record, lsl, port)
+
+
+def _at_terminal(
+    known: Study, engine: Engine, participant: str, file: Path, db: str, driver: str, tracker: str, record: bool
+) -> None:
+    from haptorb.apps.study.sitting import Sitting
+
     with Sitting(engine, known, participant, simulated=False) as sitting:
         if sitting.resumed:
             _say(f"resuming session {sitting.id} of {participant} at trial {sitting.number + 1}")
-        if sitting.prompt is None:
+        if sitting.over:
             raise InputError(f"participant '{participant}' has answered everything already")
         from haptorb.apps.study.session_at_terminal import hold
 
         how = hold(sitting, driver, tracker, _beside(db, sitting.id) if record else None)
     words = {"done": "done: thank you", "aborted": "aborted: what was answered is kept"}
-    _say(
-        words.get(
-            how, f"left: `haptorb study run {file} -p {participant} --db {db}` resumes at trial {sitting.number + 1}"
-        )
+    again = f"haptorb study run {file} --terminal -p {participant} --db {db}"
+    _say(words.get(how, f"left: `{again}` resumes at trial {sitting.number + 1}"))
+
+
+def _in_browser(
+    known: Study, engine: Engine, participant: str | None, db: str, driver: str, tracker: str, record: bool,
+    lsl: str | None, port: int,
+) -> None:  # fmt: skip
+    from haptorb.apps.study.database import shown
+    from haptorb.apps.study.forecast import forecast
+    from haptorb.apps.study.pages.host import Host
+    from haptorb.apps.study.pages.reception import Reception
+    from haptorb.runtime.servo import Servo
+
+    streams = None
+    if lsl is not None:
+        from haptorb.apps.study.streams import opened
+
+        streams = opened(lsl)
+
+    def start(recording: Path | None) -> Servo:
+        return Servo(known.device, "nothing", driver=driver, tracker=tracker, record=recording or False)
+
+    start(None)  # not opened: driver and tracker are refused now, not when somebody sits there
+    reception = Reception(
+        engine, known, start, (lambda session: _beside(db, session)) if record else (lambda session: None), streams
     )
+    more = {"database": shown(db), "foretold": forecast(known).sentence, "code": participant or ""}
+    with Host(reception, port, simulated=driver == "sim", more=more) as host:
+        nature = "SIMULATED DEVICE" if driver == "sim" else f"driver {driver}"
+        _say(f"participant:  {host.participant}\nexperimenter: {host.experimenter}\n{nature}. Ctrl-C ends.")
+        if participant is not None:
+            reception.ask({"do": "begin", "code": participant}, _say)
+        number = host.serve()
+    if number:
+        _say("ended: a session that was running can be resumed with the same command")
 
 
 @study.command()

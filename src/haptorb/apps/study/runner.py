@@ -1,13 +1,13 @@
-"""A session at the terminal: what to do, what is felt, the answer typed; pause, repeat, leave, abort at any time."""
+"""A session at the terminal: keys in, a view of it out; pause, repeat, leave, abort at any time."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from time import monotonic
 from typing import final
 
+from haptorb.apps.study.conduct import OVER, Conduct
 from haptorb.apps.study.keys import END, Keys
-from haptorb.apps.study.prompt import Answer, Prompt
+from haptorb.apps.study.prompt import Prompt
 from haptorb.apps.study.sitting import Sitting
 from haptorb.apps.study.stage import Stage
 from haptorb.errors import InputError
@@ -17,19 +17,22 @@ __all__ = ["Runner", "View"]
 _TICK = 0.02  #: the pen's place is said anew so often [s]; a device forgets it after some 50 ms
 _STEP = 3.0  #: an arrow key moves the pen by so much [deg]
 _STEER = {"up": (0.0, _STEP), "down": (0.0, -_STEP), "left": (-_STEP, 0.0), "right": (_STEP, 0.0)}
+_TYPED = 4  #: digits of a number at most; words may be longer
 
 
 @final
 class View:
     """What the participant sees now."""
 
-    def __init__(self, sitting: Sitting, prompt: Prompt) -> None:
+    def __init__(self, conduct: Conduct, typed: str, message: str, abort: bool) -> None:
+        sitting = conduct.sitting
         self.number, self.left = sitting.number + 1, sitting.procedure.expected
-        self.prompt = prompt
-        self.typed = ""
-        self.which = 1  #: interval that is felt
-        self.state = "running"  #: running, paused, break, time is up, off, abort?
-        self.message = ""
+        self.prompt = conduct.prompt or Prompt()
+        self.question = conduct.question
+        self.typed = typed
+        self.which = conduct.which  #: interval that is felt
+        self.state = "abort?" if abort else conduct.state
+        self.message = message
 
 
 @final
@@ -39,126 +42,94 @@ class Runner:
     def __init__(
         self, sitting: Sitting, stage: Stage, keys: Keys, show: Callable[[View], None], recording: str | None = None
     ) -> None:
-        self._sitting, self._stage, self._keys, self._show = sitting, stage, keys, show
-        self._recording = recording
+        self._stage, self._keys, self._show = stage, keys, show
+        self._conduct = Conduct(sitting, stage, recording)
+        self._typed, self._message, self._abort = "", "", False
 
     def run(self) -> str:
         """'done', 'left' (the session can be resumed) or 'aborted'."""
-        while (prompt := self._sitting.prompt) is not None:
-            view = View(self._sitting, prompt)
-            ended = self._between(view) or self._trial(view)
-            if ended:
-                return ended
-        self._stage.rest()
-        return "done"
+        conduct = self._conduct
+        while conduct.state not in OVER:
+            self._stage.refresh()
+            conduct.tick()
+            self._show(View(conduct, self._typed, self._message or self._told(), self._abort))
+            key = self._keys.pressed(_TICK)
+            if key is not None:
+                try:
+                    self._pressed(key)
+                except InputError as mistake:
+                    self._typed, self._message = "", str(mistake)
+        return conduct.state
 
-    def _between(self, view: View) -> str:
-        """Rest before a trial; Enter cuts a break short, though not a pause of the study file's."""
-        trials = self._sitting.study.trials
-        wait = view.prompt.pause or (trials.pause_seconds if self._sitting.number else 0.0)
-        self._stage.rest()
-        end = monotonic() + wait
-        while (left := end - monotonic()) > 0:
-            view.state = "break" if view.prompt.pause else "pause"
-            view.message = f"{left:.0f} s"
-            key = self._tick(view)
-            if key in ("q", END):
-                return self._leave()
-            if key == "enter" and view.prompt.pause:
-                break
-        view.state, view.message = "running", ""
+    def _told(self) -> str:
+        """What there is to say of the present state."""
+        match self._conduct.state:
+            case "pause" | "break":
+                return f"{self._conduct.left:.0f} s"
+            case "paused":
+                return "paused: coils are off; space goes on"
+            case "time is up":
+                return "time is up: please answer now"
+            case "running" if self._stage.off:
+                return "the device is off: press e to switch it on again"
         return ""
 
-    def _trial(self, view: View) -> str:
-        """One trial, until its answer is on the disk ('') or the session ends."""
-        stage, prompt = self._stage, view.prompt
-        stage.begin(prompt)
-        limit = self._sitting.study.trials.time_limit
-        felt = 0.0  # time in the trial without pauses [s]
-        last = monotonic()
-        while True:
-            key = self._tick(view)
-            now = monotonic()
-            felt += now - last if view.state != "paused" else 0.0
-            last = now
-            if limit is not None and felt > limit and view.state == "running":
-                stage.rest()
-                view.state, view.message = "time is up", "time is up: please answer now"
-            if view.state == "running" and stage.off:
-                view.message = "the device is off: press e to switch it on again"
-            if key is None:
-                continue
-            if view.state == "abort?":
-                if key == "y":
-                    stage.rest()
-                    self._sitting.abort("by the experimenter, at the terminal")
-                    return "aborted"
-                view.state, view.message = "running", ""
-            elif key in ("q", END):
-                return self._leave()
-            elif key == "enter":
-                if self._answered(view, felt):
-                    return ""
+    def _pressed(self, key: str) -> None:
+        conduct = self._conduct
+        if self._abort:
+            self._abort = False
+            if key == "y":
+                conduct.abort("by the experimenter, at the terminal")
+        elif conduct.state == "question" and key != END:
+            self._worded(key)
+        elif key in ("q", END):
+            conduct.leave()
+        elif key == "A":
+            self._abort = True
+        elif key == "space":
+            if conduct.state == "paused":
+                conduct.resume()
             else:
-                self._pressed(view, key)
+                conduct.pause()
+        elif conduct.state == "break" and key == "enter":
+            conduct.skip()
+        elif conduct.state in ("running", "time is up"):
+            self._in_trial(key)
 
-    def _pressed(self, view: View, key: str) -> None:
-        stage, prompt = self._stage, view.prompt
-        if key == "space":
-            if view.state == "paused":
-                stage.servo.engage()
-                view.state, view.message = "running", ""
-                self._sitting.note("resume")
-            else:
-                stage.servo.stop()
-                view.state, view.message = "paused", "paused: coils are off; space goes on"
-                self._sitting.note("pause")
-        elif view.state == "paused":
-            return
+    def _in_trial(self, key: str) -> None:
+        conduct, stage = self._conduct, self._stage
+        if key == "enter":
+            conduct.answer(int(self._typed) if self._typed else None)
+            self._typed = self._message = ""
         elif key in _STEER and stage.steered:
             stage.steer(*_STEER[key])
-        elif key == "tab" and prompt.interval:
-            view.which = 3 - view.which
-            stage.interval(prompt, view.which)
+        elif key == "tab" and conduct.prompt is not None and conduct.prompt.interval:
+            conduct.interval(3 - conduct.which)
         elif key == "e":
-            stage.servo.engage()
-            view.message = ""
+            conduct.engage()
+            self._message = ""
         elif key == "r":
-            self._sitting.note("repeat")
-            view.typed, view.which, view.state, view.message = "", 1, "running", "from the beginning"
-            stage.interval(prompt, 1)
-        elif key == "A":
-            view.state, view.message = "abort?", "abort for good? y aborts, any other key goes on"
+            conduct.repeat()
+            self._typed, self._message = "", "from the beginning"
         elif key == "back":
-            view.typed = view.typed[:-1]
-        elif key.isdigit() and key.isascii() and len(view.typed) < 4:
-            view.typed += key
-            view.message = ""
+            self._typed = self._typed[:-1]
+        elif key.isdigit() and key.isascii() and len(self._typed) < _TYPED:
+            self._typed += key
+            self._message = ""
 
-    def _answered(self, view: View, seconds: float) -> bool:
-        """Whether the answer was kept; else the view says what was wrong with it."""
-        if view.state == "paused":
-            return False
-        value = int(view.typed) if view.typed else None
-        try:
-            if value is None and view.prompt.wants_number:
-                raise InputError("type the number first, then press Enter")
-            stage = self._stage
-            # Pauses switch the coils off by hand, which is no safety event.
-            trips = [trip for trip in stage.safety() if trip.get("code") != "STOPPED"]
-            answer = Answer(value, stage.position, seconds)
-            self._sitting.answer(answer, safety=trips, recording=stage.course(self._recording))
-        except InputError as mistake:
-            view.typed, view.message = "", str(mistake)
-            return False
-        return True
-
-    def _leave(self) -> str:
-        self._sitting.note("leave")
-        self._stage.rest()
-        return "left"
-
-    def _tick(self, view: View) -> str | None:
-        self._stage.refresh()
-        self._show(view)
-        return self._keys.pressed(_TICK)
+    def _worded(self, key: str) -> None:
+        """A key while a question is answered in words; choices may be given by their number."""
+        if key == "enter":
+            question = self._conduct.question
+            told = self._typed
+            if question is not None and question.choices and told.isdecimal() and 1 <= int(told) <= len(
+                question.choices
+            ):  # fmt: skip
+                told = question.choices[int(told) - 1]
+            self._conduct.reply(told)
+            self._typed = self._message = ""
+        elif key == "back":
+            self._typed = self._typed[:-1]
+        elif key == "space" or len(key) == 1:
+            self._typed += " " if key == "space" else key
+            self._message = ""

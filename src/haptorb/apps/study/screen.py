@@ -46,6 +46,13 @@ class Screen:
         if stage.simulated:
             head += " · SIMULATED DEVICE"
         parts: list[RenderableType] = []
+        if view.question is not None:
+            choices = [f"{n}: {choice}" for n, choice in enumerate(view.question.choices, 1)]
+            answer = Text.assemble("answer: ", (view.typed or "_", "bold reverse"))
+            parts += [Text(view.question.text, style="bold"), *map(Text, choices), answer]
+            if view.message:
+                parts.append(Text(view.message, style="bold yellow"))
+            return Panel(Group(*parts, Text("Enter answers", style="dim")), title=head, width=_WIDE + 6)
         if view.state in ("break", "pause"):
             early = "; Enter goes on" if prompt.pause else ""
             parts.append(Text(f"\n  {view.state}: {view.message}{early}\n", style="bold"))
@@ -63,8 +70,9 @@ class Screen:
             parts += [Text(task, style="bold"), self._map()]
             if prompt.wants_number:
                 parts.append(Text.assemble("answer: ", (view.typed or "_", "bold reverse")))
-            if view.message:
-                parts.append(Text(view.message, style="bold yellow"))
+            told = "abort for good? y aborts, any other key goes on" if view.state == "abort?" else view.message
+            if told:
+                parts.append(Text(told, style="bold yellow"))
         steer = "arrow keys move the pen · " if stage.steered else ""
         return Panel(Group(*parts, Text(steer + _KEYS, style="dim")), title=head, width=_WIDE + 6)
 

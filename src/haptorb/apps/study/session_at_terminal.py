@@ -30,10 +30,7 @@ def hold(sitting: Sitting, driver: str, tracker: str, recording: Path | None) ->
                 sitting.note("leave")
                 return "left"
         console.print("starting the device ...")
-        first = sitting.prompt
-        assert first is not None
-        world = study.rendered(first.condition, first.set_point or study.points[0].number, first.level or None)
-        servo = Servo(study.device, world, driver=driver, tracker=tracker, record=recording or False)
+        servo = Servo(study.device, "nothing", driver=driver, tracker=tracker, record=recording or False)
         with servo, Live(console=console, auto_refresh=False, screen=sys.stderr.isatty()) as live:
             stage = Stage(study, servo)
             drawn = Screen(stage, live)

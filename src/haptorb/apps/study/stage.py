@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from math import atan2, degrees, hypot
+from math import atan2, degrees, hypot, isfinite
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from haptorb.apps.study.prompt import Prompt
 from haptorb.apps.study.study_file import Study
+from haptorb.control.trip import GuardState, Trip
 from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.errors import InputError
 from haptorb.physics.arrays import Array
 
 if TYPE_CHECKING:
@@ -30,12 +32,15 @@ class Stage:
         self.steered = servo.tracker == "pointer"
         self.simulated = servo.driver == "sim"
         self._pen = (0.0, 0.0)  #: (x, y): angle from the top towards +x and +y [deg]
-        self._trips = 0
+        self.trips: list[dict[str, Any]] = []  #: since the loop began, as far as `look` has looked
+        self._since_trip = 0  # of the trial
+        self._cursor, self._reason = 0, 0.0
         self._since = 0.0
 
     def begin(self, prompt: Prompt) -> None:
         """Render the first interval of `prompt`; trips and course count from here."""
-        self._trips = int(self.servo.report()["trip_count"])
+        self.look()
+        self._since_trip = len(self.trips)
         self._since = self._time()
         self.interval(prompt, 1)
 
@@ -52,9 +57,19 @@ class Stage:
         """Between trials: nothing is felt."""
         self.servo.set_world("nothing")
 
+    @property
+    def pen(self) -> tuple[float, float]:
+        """Where the hand wants the pen: angle from the top towards +x and +y [deg]."""
+        return self._pen
+
     def steer(self, dx: float, dy: float) -> None:
         """Move the pen by so many degrees; it stays within the workspace."""
-        x, y = self._pen[0] + dx, self._pen[1] + dy
+        self.aim(self._pen[0] + dx, self._pen[1] + dy)
+
+    def aim(self, x: float, y: float) -> None:
+        """The pen at angle (x, y) from the top [deg]; it stays within the workspace."""
+        if not (isfinite(x) and isfinite(y)):
+            raise InputError("the pen's place must be two finite angles")
         theta = hypot(x, y)
         if theta > self.limit:
             x, y = x * self.limit / theta, y * self.limit / theta
@@ -63,6 +78,10 @@ class Stage:
     def refresh(self) -> None:
         """Say again where the hand is, before the pose counts as lost; ServoError if the loop ended."""
         self.servo.check()
+        self.hold()
+
+    def hold(self) -> None:
+        """Say again where the hand is; of a pen that is steered from here."""
         if self.steered:
             x, y = np.radians(self._pen)
             theta, phi = hypot(x, y), atan2(y, x)
@@ -94,12 +113,28 @@ class Stage:
         row = self.servo.latest()
         return row is None or row[self.servo.layout["guard"]][0] in (0, 4)
 
+    def look(self) -> None:
+        """Add new trips to `trips`: read off the loop's rows, which costs less than its report."""
+        before = self._cursor
+        self._cursor, rows = self.servo.rows(before)
+        if not len(rows):
+            return
+        layout = self.servo.layout
+        t, guard, code = (rows[:, layout[name]][:, 0] for name in ("t", "guard", "trip"))
+        reason = np.where(guard == GuardState.TRIPPED, code, 0.0)
+        fresh = np.flatnonzero((reason != 0) & (reason != np.concatenate([[self._reason], reason[:-1]])))
+        self._reason = float(reason[-1])
+        found = [
+            {"t": float(t[n]), "code": Trip(int(reason[n])).name, "reason": Trip(int(reason[n])).text} for n in fresh
+        ]
+        if self._cursor - before > len(rows) and before:
+            found.append({"t": float(t[0]), "code": "NOT_WATCHED", "reason": "rows were lost: trips may be missing"})
+        self.trips += found
+
     def safety(self) -> list[dict[str, Any]]:
         """Trips since the trial began."""
-        report = self.servo.report()
-        fresh = report["trips"][self._trips :]
-        missing = int(report["trip_count"]) - self._trips - len(fresh)
-        return [*fresh, *({"code": "NOT_LISTED", "reason": "more trips than are listed"} for _ in range(missing))]
+        self.look()
+        return self.trips[self._since_trip :]
 
     def course(self, recording: str | None) -> str | None:
         """The part of the recording that is this trial: FILE#t=from,to on the loop's clock [s]."""

@@ -110,7 +110,9 @@ class Mask(_Part):
     """Noise on the participant's headphones, so that nobody hears the device; the participant's page plays it."""
 
     noise: Literal["pink", "white"] = "pink"
-    volume_db: Annotated[float, Field(ge=-60, le=0)] = -20.0  #: effective value over that of the loudest sine [dB]
+    volume_db: Annotated[
+        float, Field(ge=-60, le=-12)
+    ] = -20.0  #: effective value over the loudest sine's [dB]; louder clips
 
 
 class Question(_Part):

@@ -1,0 +1,120 @@
+"""What each page is told: the participant nothing that would give an answer away, the experimenter everything."""
+
+from __future__ import annotations
+
+from math import hypot
+from typing import Any
+
+import numpy as np
+
+from haptorb.apps.study.pages.reception import Reception
+from haptorb.apps.study.prompt import Prompt
+from haptorb.apps.study.stage import Stage
+from haptorb.apps.study.study_file import Study
+
+__all__ = ["about", "for_experimenter", "for_participant", "pen"]
+
+_MOST_BUTTONS = 21  #: on a rating scale; beyond that a number is typed
+
+
+def about(study: Study, simulated: bool) -> dict[str, Any]:
+    """What does not change: texts, places on the drawing, and the noise that is to be played."""
+    return {
+        "study": study.name,
+        "procedure": study.procedure,
+        "instructions": study.instructions,
+        "consent": study.consent,
+        "simulated": simulated,
+        "places": [{"number": p.number, "theta": p.theta_deg, "phi": p.phi_deg} for p in study.points],
+        "limit": study.loaded_device().workspace_half_angle * 180 / np.pi,
+        "mask": study.mask.model_dump() if study.mask is not None else None,
+    }
+
+
+def for_participant(reception: Reception) -> dict[str, Any]:
+    """State, task, progress; never what is prompted, nor which interval holds what."""
+    view: dict[str, Any] = {"state": reception.now, "session": reception.number, "task": None, "question": None}
+    conduct, sitting = reception.conduct, reception.sitting
+    if sitting is not None:
+        view["resumed"] = sitting.resumed
+    if conduct is None or sitting is None:
+        return view
+    prompt, expected = conduct.prompt, sitting.procedure.expected
+    view |= {
+        "trial": sitting.number,
+        "done": sitting.number,
+        "total": sitting.number + expected,
+        "left": round(conduct.left),
+        "off": conduct.stage.off,
+        "steered": conduct.stage.steered,
+        "which": conduct.which,
+    }
+    if prompt is not None:
+        view["practice"] = prompt.phase == "practice"
+        view["task"] = _task(reception.study, prompt)
+    if (question := conduct.question) is not None:
+        view["question"] = {
+            "name": question.name, "text": question.text, "choices": list(question.choices), "low": question.low,
+            "high": question.high,
+        }  # fmt: skip
+    return view
+
+
+def for_experimenter(reception: Reception, pages: int, draft: Any) -> dict[str, Any]:
+    """Everything: what is prompted, what is being answered, what the device did."""
+    view = for_participant(reception) | {
+        "trouble": reception.trouble,
+        "pages": pages,
+        "draft": draft,
+        "log": reception.log[-200:],
+        "code": "",
+    }
+    conduct, sitting = reception.conduct, reception.sitting
+    if sitting is not None:
+        view["code"] = sitting.code
+    if conduct is not None:
+        view["seconds"] = round(conduct.seconds)
+        view["trips"] = conduct.trips
+        if conduct.prompt is not None:
+            view["prompt"] = conduct.prompt.row()
+    return view
+
+
+def pen(stage: Stage) -> dict[str, Any] | None:
+    """Where the tool is, seen from above [deg], and the force on it [N]: outwards, and sideways towards +x and +y."""
+    position, force = stage.position, stage.force
+    if position is None:
+        return None
+    x, y, z = position
+    distance = hypot(x, y, z)
+    round_ = hypot(x, y)
+    theta = float(np.degrees(np.arctan2(round_, z)))
+    told: dict[str, Any] = {
+        "x": theta * x / round_ if round_ else 0.0, "y": theta * y / round_ if round_ else 0.0, "off": stage.off,
+    }  # fmt: skip
+    if force is not None and distance > 0:
+        way = np.array(position) / distance
+        out = float(force @ way)
+        # Along the sphere: towards the rim, and round it.
+        outward = np.array([x, y, 0.0]) / round_ if round_ else np.array([1.0, 0.0, 0.0])
+        about_ = np.array([-outward[1], outward[0], 0.0])
+        down = np.cos(np.radians(theta)) * outward - np.sin(np.radians(theta)) * np.array([0.0, 0.0, 1.0])
+        side = float(force @ down) * outward + float(force @ about_) * about_
+        told |= {"out": out, "fx": float(side[0]), "fy": float(side[1])}
+    return {key: round(value, 3) if isinstance(value, float) else value for key, value in told.items()}
+
+
+def _task(study: Study, prompt: Prompt) -> dict[str, Any]:
+    if prompt.interval:
+        ask = "Which do you prefer?" if prompt.other else "Which one pushed harder?"
+        return {"kind": "compare", "ask": ask, "numbers": [1, 2]}
+    if prompt.high:
+        numbers = list(range(prompt.low, prompt.high + 1))
+        few = len(numbers) <= _MOST_BUTTONS
+        return {
+            "kind": "rate", "ask": study.rating.question, "numbers": numbers if few else [],
+            "low": prompt.low, "high": prompt.high,
+        }  # fmt: skip
+    if prompt.wants_number:
+        return {"kind": "number", "ask": "Which place pushes?", "numbers": list(prompt.numbers)}
+    return {"kind": "place", "ask": "Find the place that pushes, and stay there", "numbers": []}

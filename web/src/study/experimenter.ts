@@ -1,0 +1,262 @@
+// The experimenter's page: where the session stands, what is asked and answered, what the device did, and the levers.
+
+import { element, Line, say, show, type About, type Pen, type View } from "./line";
+import { draw, felt } from "./plan";
+
+interface Trip {
+  t: number;
+  code: string;
+  reason: string;
+  trial: number;
+}
+
+interface Prompt {
+  phase: string;
+  condition: string;
+  other: string;
+  set_point: number;
+  level: number;
+  interval: number;
+}
+
+interface Row extends Prompt {
+  trial: number;
+  answer: number | null;
+  seconds: number;
+  safety: string[];
+}
+
+interface Everything extends View {
+  trouble: string;
+  pages: number;
+  draft: number | null;
+  code: string;
+  log: Row[];
+  seconds?: number;
+  trips?: Trip[];
+  prompt?: Prompt;
+}
+
+const WORDS: Record<string, [string, string]> = {
+  connecting: ["connecting", "off"],
+  waiting: ["waiting for a participant", "off"],
+  starting: ["device is starting", "warn"],
+  consent: ["instructions and consent", "warn"],
+  question: ["a question in words", "good"],
+  pause: ["between trials", "good"],
+  break: ["break", "good"],
+  running: ["trial", "good"],
+  "time is up": ["time is up, answer awaited", "warn"],
+  paused: ["paused, coils off", "warn"],
+  done: ["done", "off"],
+  left: ["ended, resumable", "off"],
+  aborted: ["aborted", "off"],
+  failed: ["ended by a failure, resumable", "bad"],
+};
+const SURE = 6000; // ms in which aborting must be confirmed
+
+let about: About | null = null;
+let view: Everything | null = null;
+let pen: Pen | null = null;
+let shown = 0; // safety events
+let rows = -1;
+const pad = element<HTMLCanvasElement>("pad");
+const code = element<HTMLInputElement>("code");
+
+const line = new Line<Everything>(
+  "/ws/experimenter",
+  {
+    about(told) {
+      about = told;
+      document.title = `${told.study}: experimenter`;
+      say("study", told.study);
+      show("simulated", told.simulated);
+      say("facts-below", `answers: ${told.database ?? ""} · ${told.foretold ?? ""}`);
+      if (!code.value && told.code) code.value = told.code;
+    },
+    view(told) {
+      view = told;
+      render();
+    },
+    pen(told) {
+      pen = told;
+      paint();
+    },
+    mistake,
+    gone(refused) {
+      view = null;
+      pen = null;
+      say("state-word", refused || "no connection");
+      element("state").dataset["tone"] = "bad";
+      show("session-panel", false);
+      show("begin-panel", false);
+      show("alert", refused !== "");
+      say("alert-word", refused ? "Not let in" : "");
+      say("alert-text", refused);
+      show("engage", false);
+      paint();
+    },
+  },
+  location.hash.slice(1) || "none",
+);
+
+function mistake(text: string): void {
+  show("mistake", text !== "");
+  say("mistake", text);
+  if (element("session-panel").hidden) say("last", text);
+}
+
+function asked(prompt: Prompt): string {
+  const parts = [];
+  if (prompt.set_point) parts.push(`set-point ${prompt.set_point}`);
+  if (prompt.condition && prompt.condition !== "base") parts.push(prompt.other ? `${prompt.condition} or ${prompt.other}` : prompt.condition);
+  if (prompt.level) parts.push(`level ${Number(prompt.level.toPrecision(4))}`);
+  if (prompt.interval) parts.push(`${prompt.other ? "first named" : "comparison"} in ${prompt.interval}`);
+  if (prompt.phase === "practice") parts.push("practice");
+  return parts.join(", ");
+}
+
+function render(): void {
+  if (!view) return;
+  const running = view.code !== "";
+  const [word, tone] = WORDS[view.state] ?? [view.state, "off"];
+  say("state-word", word);
+  element("state").dataset["tone"] = tone;
+  show("begin-panel", !running);
+  show("session-panel", running);
+  const inTrial = view.state === "running" || view.state === "time is up";
+  const stoppable = inTrial || view.state === "pause" || view.state === "break";
+  element<HTMLButtonElement>("stop").disabled = !stoppable;
+  show("resume", view.state === "paused");
+  show("repeat", inTrial);
+  show("skip", view.state === "break");
+  const total = view.total ?? 0;
+  const bar = element<HTMLProgressElement>("progress");
+  bar.max = Math.max(total, 1);
+  bar.value = view.done ?? 0;
+  say("progress-word", total ? `${view.done ?? 0} of ${about?.procedure === "staircase" ? "at most " : ""}${total} answered` : "");
+  facts();
+  alarm(inTrial);
+  if (!running) {
+    const ends: Record<string, string> = { done: "The last session is complete.", left: "The last session can be resumed with its code.", aborted: "The last session was aborted; its answers are kept." };
+    const told = view.trouble || ends[view.state];
+    if (told) say("last", told);
+  }
+  safety();
+  log();
+  paint();
+}
+
+function facts(): void {
+  const v = view!;
+  const told: [string, string][] = [
+    ["participant", `${v.code}${v.resumed ? " (resumed)" : ""}`],
+    ["participant's page", v.pages ? (v.pages > 1 ? `${v.pages} are open: close all but one` : "open") : "not open"],
+  ];
+  if (v.prompt) told.push(["asked", asked(v.prompt)]);
+  if (v.prompt && v.which && v.prompt.interval) told.push(["felt now", `interval ${v.which}`]);
+  if (v.state === "running" || v.state === "time is up") {
+    told.push(["answer so far", v.draft === null ? "–" : `${v.draft} (not confirmed)`]);
+    told.push(["time in trial", `${v.seconds ?? 0} s`]);
+  }
+  if (v.left) told.push(["left of the rest", `${v.left} s`]);
+  if (v.question) told.push(["question", v.question.text]);
+  const list = element("facts");
+  const key = JSON.stringify(told);
+  if (list.dataset["key"] === key) return;
+  list.dataset["key"] = key;
+  list.replaceChildren(
+    ...told.map(([name, value]) => {
+      const row = document.createElement("div");
+      const [dt, dd] = [document.createElement("dt"), document.createElement("dd")];
+      dt.textContent = name;
+      dd.textContent = value;
+      row.append(dt, dd);
+      return row;
+    }),
+  );
+}
+
+function alarm(inTrial: boolean): void {
+  const v = view!;
+  const last = v.trips?.[v.trips.length - 1];
+  const off = inTrial && v.off === true;
+  show("alert", off || v.state === "failed");
+  show("engage", off);
+  say("alert-word", v.state === "failed" ? "The session ended." : "The device is off.");
+  say("alert-text", v.state === "failed" ? v.trouble : last && last.trial === v.trial ? last.reason : "Switch it on again to go on.");
+}
+
+function safety(): void {
+  const trips = view!.trips ?? [];
+  if (trips.length === shown && element("safety").childElementCount) return;
+  shown = trips.length;
+  element("safety").replaceChildren(
+    ...(trips.length ? trips : [null]).map((trip) => {
+      const item = document.createElement("li");
+      item.textContent = trip ? `trial ${trip.trial + 1}, ${trip.t?.toFixed(1)} s: ${trip.code}. ${trip.reason}` : "none";
+      return item;
+    }),
+  );
+}
+
+function log(): void {
+  const answered = view!.log;
+  if (answered.length === rows) return;
+  rows = answered.length;
+  element("log").replaceChildren(
+    ...[...answered].reverse().map((row) => {
+      const line = document.createElement("tr");
+      const cells = [row.trial + 1, asked(row), row.answer ?? "place", row.seconds.toFixed(1), row.safety.join(", ")];
+      line.append(
+        ...cells.map((cell) => {
+          const made = document.createElement("td");
+          made.textContent = String(cell);
+          return made;
+        }),
+      );
+      return line;
+    }),
+  );
+}
+
+function paint(): void {
+  if (!about) return;
+  const prompted = view?.prompt?.set_point;
+  draw(pad, { limit: about.limit, places: about.places, pen, ...(prompted ? { prompted } : {}) });
+  say("felt", view?.code && pen ? felt(pen) : "");
+}
+
+const levers: Record<string, string> = { resume: "resume", repeat: "repeat", skip: "skip", leave: "leave", engage: "engage", stop: "pause" };
+for (const [id, command] of Object.entries(levers)) {
+  element(id).addEventListener("click", () => {
+    mistake("");
+    line.send({ do: command });
+  });
+}
+element("abort").addEventListener("click", () => {
+  show("abort-sure", true);
+  element("abort-sure").focus();
+  setTimeout(() => show("abort-sure", false), SURE);
+});
+element("abort-sure").addEventListener("click", () => {
+  show("abort-sure", false);
+  line.send({ do: "abort" });
+});
+element("begin").addEventListener("submit", (event) => {
+  event.preventDefault();
+  mistake("");
+  line.send({ do: "begin", code: code.value.trim() });
+});
+addEventListener("keydown", (event) => {
+  if (event.key === "Escape") line.send({ do: "pause" });
+});
+addEventListener("resize", paint);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", paint);
+Object.assign(window, {
+  study: {
+    get view() {
+      return view;
+    },
+  },
+});

@@ -1,0 +1,126 @@
+// The connection to the study's server: what it says, and that it is there. It comes back by itself.
+
+export interface Place {
+  number: number;
+  theta: number;
+  phi: number;
+}
+
+export interface About {
+  study: string;
+  procedure: string;
+  instructions: string;
+  consent: string;
+  simulated: boolean;
+  places: Place[];
+  limit: number;
+  mask: { noise: "pink" | "white"; volume_db: number } | null;
+  database?: string;
+  foretold?: string;
+  code?: string;
+}
+
+export interface Task {
+  kind: "number" | "compare" | "rate" | "place";
+  ask: string;
+  numbers: number[];
+  low?: number;
+  high?: number;
+}
+
+export interface Question {
+  name: string;
+  text: string;
+  choices: string[];
+  low: number | null;
+  high: number | null;
+}
+
+export interface View {
+  state: string;
+  session: number;
+  task: Task | null;
+  question: Question | null;
+  resumed?: boolean;
+  watching?: boolean;
+  trial?: number;
+  done?: number;
+  total?: number;
+  left?: number;
+  off?: boolean;
+  steered?: boolean;
+  which?: number;
+  practice?: boolean;
+}
+
+/** Where the tool is [deg from the top, seen from above] and the force on it [N]. */
+export interface Pen {
+  x: number;
+  y: number;
+  off: boolean;
+  out?: number;
+  fx?: number;
+  fy?: number;
+}
+
+export interface Hears<V extends View> {
+  about(about: About): void;
+  view(view: V): void;
+  pen(pen: Pen | null): void;
+  mistake(text: string): void;
+  /** nothing that is shown may be taken for live any more */
+  gone(refused: string): void;
+}
+
+const AGAIN = 1000; // ms
+
+export class Line<V extends View> {
+  private socket: WebSocket | null = null;
+
+  constructor(
+    private readonly path: string,
+    private readonly hears: Hears<V>,
+    private readonly token = "",
+  ) {
+    this.open();
+  }
+
+  send(command: Record<string, unknown>): void {
+    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(command));
+  }
+
+  private open(): void {
+    const socket = new WebSocket(`ws://${location.host}${this.path}`);
+    this.socket = socket;
+    socket.onopen = () => {
+      if (this.token) socket.send(this.token);
+    };
+    socket.onmessage = (message: MessageEvent<string>) => {
+      const told = JSON.parse(message.data) as { event: string; is?: unknown; text?: string };
+      if (told.event === "about") this.hears.about(told as unknown as About);
+      else if (told.event === "view") this.hears.view(told.is as V);
+      else if (told.event === "pen") this.hears.pen(told.is as Pen | null);
+      else if (told.event === "mistake") this.hears.mistake(told.text ?? "");
+    };
+    socket.onclose = (end) => {
+      this.hears.gone(end.code === 1008 ? end.reason : "");
+      if (end.code !== 1008) setTimeout(() => this.open(), AGAIN);
+    };
+  }
+}
+
+export function element<E extends HTMLElement>(id: string): E {
+  const found = document.getElementById(id);
+  if (!found) throw new Error(`the page has no #${id}`);
+  return found as E;
+}
+
+/** Set text only where it changed: screen readers and selections are left in peace. */
+export function say(id: string, text: string): void {
+  const place = element(id);
+  if (place.textContent !== text) place.textContent = text;
+}
+
+export function show(id: string, shown: boolean): void {
+  element(id).hidden = !shown;
+}

@@ -1,0 +1,386 @@
+// The participant's page: what to do, what is felt where nobody can feel it, and one answer that cannot be mistaken.
+
+import { element, Line, say, show, type About, type Pen, type Question, type Task, type View } from "./line";
+import { Mask } from "./mask";
+import { across, draw, felt, under } from "./plan";
+
+const STEP = 3; // deg that an arrow key moves the pen
+const SOON = 20; // ms between two places of a dragged pen
+const ARROWS: Record<string, [number, number]> = { ArrowUp: [0, STEP], ArrowDown: [0, -STEP], ArrowLeft: [-STEP, 0], ArrowRight: [STEP, 0] };
+
+let about: About | null = null;
+let view: View = { state: "connecting", session: 0, task: null, question: null };
+let pen: Pen | null = null;
+let aim: { x: number; y: number } | null = null;
+let chosen: number | null = null;
+let mask: Mask | null = null;
+let drawn = ""; // what the answer field shows
+let worded = ""; // what the message shows
+let sent = 0;
+let wrong = ""; // shown until the next key
+
+const typed = element<HTMLInputElement>("typed");
+const pad = element<HTMLCanvasElement>("pad");
+
+const line = new Line<View>("/ws/participant", {
+  about(told) {
+    about = told;
+    mask ??= told.mask ? new Mask(told.mask.noise, told.mask.volume_db) : null;
+    document.title = told.study;
+    say("study", told.study);
+    show("simulated", told.simulated);
+  },
+  view(told) {
+    const other = told.trial !== view.trial || told.state !== view.state;
+    view = told;
+    if (other) mistake("");
+    render();
+  },
+  pen(told) {
+    pen = told;
+    paint();
+  },
+  mistake,
+  gone() {
+    view = { state: "connecting", session: 0, task: null, question: null };
+    pen = aim = null;
+    mask?.stop();
+    render();
+  },
+});
+
+function inTrial(): boolean {
+  return (view.state === "running" || view.state === "time is up") && view.task !== null && !view.watching;
+}
+
+function mistake(text: string): void {
+  wrong = text;
+  show("mistake", text !== "");
+  say("mistake", text);
+}
+
+function render(): void {
+  const trial = inTrial();
+  show("trial", trial);
+  show("message", !trial);
+  show("stop", ["running", "time is up", "pause", "break"].includes(view.state) && !view.watching);
+  const total = view.total ?? 0;
+  show("progress", total > 0);
+  element<HTMLProgressElement>("progress").max = Math.max(total, 1);
+  element<HTMLProgressElement>("progress").value = view.done ?? 0;
+  say("progress-word", total ? `${view.done ?? 0} of ${adaptive() ? "at most " : ""}${total} answered` : "");
+  if (trial) renderTrial(view.task!);
+  else renderMessage();
+}
+
+function adaptive(): boolean {
+  return about?.procedure === "staircase";
+}
+
+function renderTrial(task: Task): void {
+  say("ask", view.state === "time is up" ? "Time is up: please answer now" : task.ask);
+  show("practice", view.practice === true);
+  show("pen", view.steered === true);
+  const key = `${view.session} ${view.trial} ${task.kind}`;
+  if (key !== drawn) {
+    drawn = key;
+    worded = "";
+    choose(null);
+    answers(task);
+    say("polite", `${task.ask} Trial ${(view.trial ?? 0) + 1}.`);
+    if (task.kind !== "place") typed.focus();
+    else element("sure").focus();
+  }
+  intervals(task);
+  const keys = [task.kind === "place" ? "Enter answers" : "type the number, Enter answers", "Space stops"];
+  if (view.steered) keys.unshift("arrow keys move the pen", "F says the force");
+  if (task.kind === "compare") keys.unshift("O feels the other one");
+  say("keys", keys.join(" · "));
+  paint();
+}
+
+/** Buttons for what may be answered; typing the number does the same. */
+function answers(task: Task): void {
+  const field = element("answers");
+  field.replaceChildren();
+  field.className = task.kind;
+  show("confirm", true);
+  show("typed", task.kind !== "place");
+  show("typed-label", task.kind !== "place");
+  typed.value = "";
+  for (const number of task.numbers) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = String(number);
+    button.dataset["number"] = String(number);
+    button.setAttribute("aria-pressed", "false");
+    const place = task.kind === "number" ? about?.places.find((p) => p.number === number) : undefined;
+    if (place && about) {
+      const [x, y] = across(place.theta, place.phi, about.limit);
+      button.style.left = `${50 + 50 * x}%`;
+      button.style.top = `${50 + 50 * y}%`;
+    }
+    button.addEventListener("click", () => {
+      choose(number);
+      element("sure").focus();
+    });
+    field.append(button);
+  }
+}
+
+function intervals(task: Task): void {
+  const field = element("intervals");
+  show("intervals", task.kind === "compare");
+  if (task.kind !== "compare") return;
+  if (!field.childElementCount) {
+    for (const which of [1, 2]) {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = `feel ${which}`;
+      button.addEventListener("click", () => line.send({ do: "interval", which }));
+      field.append(button);
+    }
+  }
+  [...field.children].forEach((button, n) => button.setAttribute("aria-pressed", String(view.which === n + 1)));
+}
+
+function choose(number: number | null): void {
+  chosen = number;
+  if (number !== null) typed.value = String(number);
+  for (const button of element("answers").children) {
+    button.setAttribute("aria-pressed", String((button as HTMLElement).dataset["number"] === String(number)));
+  }
+  say("sure", view.task?.kind === "place" ? "Here it is" : number === null ? "Answer" : `Answer ${number}`);
+  // Not `disabled`: Enter must be able to say what is wrong with the number.
+  element("sure").setAttribute("aria-disabled", String(view.task?.kind !== "place" && number === null));
+  line.send({ do: "draft", value: number });
+}
+
+function allowed(number: number): boolean {
+  const task = view.task;
+  if (!task) return false;
+  if (task.numbers.length) return task.numbers.includes(number);
+  return number >= (task.low ?? 0) && number <= (task.high ?? 0);
+}
+
+typed.addEventListener("input", () => {
+  typed.value = typed.value.replace(/\D/g, "");
+  const number = typed.value === "" ? null : Number(typed.value);
+  choose(number !== null && allowed(number) ? number : null);
+});
+
+element("confirm").addEventListener("submit", (event) => {
+  event.preventDefault();
+  if (!inTrial()) return;
+  if (view.task?.kind !== "place" && chosen === null) {
+    mistake(typed.value ? `${typed.value} is not among the answers` : "Choose the number first.");
+    typed.focus();
+    return;
+  }
+  line.send({ do: "answer", trial: view.trial, value: view.task?.kind === "place" ? null : chosen });
+});
+
+function renderMessage(): void {
+  const question = view.question ? view.question.name : "";
+  const key = `${view.session} ${view.state} ${question} ${view.watching}`;
+  const state = view.watching ? "watching" : view.state;
+  if (state === "break") say("message-text", `${view.left ?? 0} s. Rest your hand.`);
+  if (key === worded) return;
+  worded = key;
+  drawn = "";
+  const buttons = element("message-buttons");
+  buttons.replaceChildren();
+  show("mask", mask !== null && state === "consent");
+  say("mask", mask?.told ?? "");
+  say("keys", "");
+  const [title, text] = words(state);
+  say("message-title", title);
+  const place = element("message-text");
+  place.replaceChildren(...text.split("\n\n").filter(Boolean).map(paragraph));
+  if (state === "consent") {
+    const consent = about?.consent ?? "";
+    button(consent ? "I agree: begin" : "Begin", "sure", () => {
+      mask?.start();
+      line.send({ do: "agree", agreed: true });
+    });
+    if (consent) button("I do not agree", "", () => line.send({ do: "agree", agreed: false }));
+  } else if (state === "break") {
+    say("message-text", `${view.left ?? 0} s. Rest your hand.`);
+    button("Go on now", "sure", () => line.send({ do: "skip" }));
+  } else if (state === "question" && view.question) ask(view.question);
+  if (["done", "left", "aborted", "failed"].includes(state)) mask?.stop();
+  say("polite", `${title} ${state === "consent" ? "" : text}`);
+  (buttons.querySelector("button, input, textarea") as HTMLElement | null)?.focus();
+
+  function button(text: string, kind: string, then: () => void): void {
+    const made = document.createElement("button");
+    made.type = "button";
+    made.textContent = text;
+    made.className = kind;
+    made.addEventListener("click", then);
+    buttons.append(made);
+  }
+}
+
+function words(state: string): [string, string] {
+  switch (state) {
+    case "connecting":
+      return ["No connection", "The study's program does not answer. This page comes back by itself."];
+    case "waiting":
+      return ["Welcome", "Please wait for the experimenter."];
+    case "starting":
+      return ["One moment", "The device is starting."];
+    case "consent":
+      return [view.resumed ? "Welcome back" : "Welcome", `${about?.instructions ?? ""}\n\n${about?.consent ?? ""}`];
+    case "pause":
+      return ["Next trial", ""];
+    case "break":
+      return ["Break", ""];
+    case "paused":
+      return ["Paused", "The device is off. The experimenter will go on with you."];
+    case "question":
+      return [view.question?.text ?? "", ""];
+    case "watching":
+      return ["Another page is open", "Answers are given there. Close it first to answer here."];
+    case "done":
+      return ["Thank you", "Everything is answered and kept."];
+    case "left":
+      return ["Until next time", "What you answered is kept."];
+    case "aborted":
+      return ["The session has ended", "What you answered is kept."];
+    case "failed":
+      return ["Something went wrong", "What you answered is kept. Please call the experimenter."];
+  }
+  return ["", ""];
+}
+
+function paragraph(text: string): HTMLElement {
+  const made = document.createElement("p");
+  made.textContent = text;
+  return made;
+}
+
+/** A question in words: a button per choice, a number, or free text. */
+function ask(question: Question): void {
+  const place = element("message-buttons");
+  const form = document.createElement("form");
+  form.className = "question";
+  form.addEventListener("submit", (event) => event.preventDefault());
+  const reply = (text: string) => line.send({ do: "reply", question: question.name, reply: text });
+  if (question.choices.length) {
+    for (const choice of question.choices) {
+      const made = document.createElement("button");
+      made.type = "button";
+      made.textContent = choice;
+      made.addEventListener("click", () => reply(choice));
+      form.append(made);
+    }
+  } else {
+    const number = question.low !== null;
+    const input = document.createElement(number ? "input" : "textarea") as HTMLInputElement | HTMLTextAreaElement;
+    input.setAttribute("aria-labelledby", "message-title");
+    if (input instanceof HTMLInputElement) {
+      input.inputMode = "numeric";
+      input.autocomplete = "off";
+      input.placeholder = `${question.low} to ${question.high}`;
+    } else input.rows = 4;
+    const made = document.createElement("button");
+    made.className = "sure";
+    made.textContent = "Answer";
+    form.append(input, made);
+    form.addEventListener("submit", () => reply(input.value));
+  }
+  place.append(form);
+}
+
+function paint(): void {
+  if (!about || !view.steered || !inTrial()) return;
+  draw(pad, { limit: about.limit, places: about.places, aim: aim ?? undefined, pen });
+  say("felt", view.off ? "The device is off; the experimenter sees why." : felt(pen));
+}
+
+function steer(x: number, y: number): void {
+  const limit = about?.limit ?? 60;
+  const far = Math.hypot(x, y);
+  const scale = far > limit ? limit / far : 1;
+  aim = { x: x * scale, y: y * scale };
+  line.send({ do: "steer", ...aim });
+  paint();
+}
+
+function stop(): void {
+  line.send({ do: "stop" });
+}
+
+pad.addEventListener("pointerdown", (event) => {
+  pad.setPointerCapture(event.pointerId);
+  drag(event);
+});
+pad.addEventListener("pointermove", (event) => {
+  if (pad.hasPointerCapture(event.pointerId) && event.timeStamp - sent > SOON) drag(event);
+});
+
+function drag(event: PointerEvent): void {
+  if (!about || !inTrial()) return;
+  sent = event.timeStamp;
+  const box = pad.getBoundingClientRect();
+  const { x, y } = under(pad, event.clientX - box.left, event.clientY - box.top, about.limit);
+  steer(x, y);
+}
+
+element("stop").addEventListener("click", stop);
+addEventListener("resize", paint);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", paint);
+addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.altKey || event.metaKey) return;
+  const writing = event.target instanceof HTMLTextAreaElement;
+  if (wrong && !writing && event.key !== "Enter") mistake("");
+  const stops = !element("stop").hidden;
+  if (event.key === "Escape" && stops) stop();
+  if (!inTrial()) {
+    if (event.key === " " && stops && !writing && !(event.target instanceof HTMLInputElement)) {
+      event.preventDefault();
+      stop();
+    }
+    return;
+  }
+  const arrow = ARROWS[event.key];
+  if (event.key === " ") {
+    event.preventDefault();
+    stop();
+  } else if (arrow && view.steered) {
+    event.preventDefault();
+    steer((aim?.x ?? pen?.x ?? 0) + arrow[0], (aim?.y ?? pen?.y ?? 0) + arrow[1]);
+  } else if (event.key.toLowerCase() === "o" && view.task?.kind === "compare") {
+    event.preventDefault();
+    line.send({ do: "interval", which: 3 - (view.which ?? 1) });
+  } else if (event.key.toLowerCase() === "f" && view.steered) {
+    event.preventDefault();
+    say("polite", felt(pen));
+  } else if (/^\d$/.test(event.key) && event.target !== typed && view.task?.kind !== "place") {
+    typed.focus(); // the digit itself goes there
+    typed.select();
+  }
+});
+addEventListener("keyup", (event) => {
+  if (event.key === " " && !(event.target instanceof HTMLTextAreaElement)) event.preventDefault();
+});
+
+declare global {
+  interface Window {
+    study: unknown;
+  }
+}
+// For the browser tests, and for whoever looks for a fault: what the page knows.
+window.study = {
+  get view() {
+    return view;
+  },
+  get pen() {
+    return pen;
+  },
+  get mask() {
+    return mask?.playing ?? null;
+  },
+};
+render();

@@ -1,0 +1,119 @@
+// The dome seen from above, +x to the right: distance from the middle is the angle from the top.
+
+import type { Pen, Place } from "./line";
+
+export interface Plan {
+  limit: number;
+  places: Place[];
+  /** the place that is prompted; only experimenters know it */
+  prompted?: number;
+  /** where the hand wants the pen, if it is steered from this page */
+  aim?: { x: number; y: number } | undefined;
+  pen: Pen | null;
+}
+
+const RIM = 0.9; // of half the canvas
+const TAU = 2 * Math.PI;
+const NEWTON = 0.45; // of half the canvas, that an arrow of 1 N is long
+
+/** Share of half the drawing's size, right and down, of a place `theta` from the top at `phi` [deg]. */
+export function across(theta: number, phi: number, limit: number): [number, number] {
+  const r = (RIM * theta) / limit;
+  return [r * Math.cos((phi * Math.PI) / 180), -r * Math.sin((phi * Math.PI) / 180)];
+}
+
+/** Angles [deg] under a point of the canvas, in pixels from its left upper corner. */
+export function under(canvas: HTMLCanvasElement, px: number, py: number, limit: number): { x: number; y: number } {
+  const half = canvas.clientWidth / 2;
+  return { x: ((px - half) / half / RIM) * limit, y: (-(py - half) / half / RIM) * limit };
+}
+
+export function draw(canvas: HTMLCanvasElement, plan: Plan): void {
+  const size = canvas.clientWidth;
+  if (!size) return;
+  const dots = Math.round(size * devicePixelRatio);
+  if (canvas.width !== dots) canvas.width = canvas.height = dots;
+  const ink = getComputedStyle(canvas);
+  const colour = (name: string) => ink.getPropertyValue(name).trim();
+  const c = canvas.getContext("2d")!;
+  const half = size / 2;
+  c.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, half * devicePixelRatio, half * devicePixelRatio);
+  c.clearRect(-half, -half, size, size);
+  const rim = RIM * half;
+  const scale = rim / plan.limit;
+  c.beginPath();
+  c.arc(0, 0, rim, 0, TAU);
+  c.fillStyle = colour("--panel");
+  c.fill();
+  c.lineWidth = 1.5;
+  c.strokeStyle = colour("--base");
+  c.stroke();
+  c.strokeStyle = colour("--line");
+  c.lineWidth = 1;
+  for (const theta of new Set(plan.places.map((place) => place.theta))) {
+    c.beginPath();
+    c.arc(0, 0, theta * scale, 0, TAU);
+    c.stroke();
+  }
+  for (const place of plan.places) {
+    const [x, y] = across(place.theta, place.phi, plan.limit);
+    c.beginPath();
+    c.arc(x * half, y * half, 3, 0, TAU);
+    c.fillStyle = colour("--base");
+    c.fill();
+    if (place.number === plan.prompted) {
+      c.beginPath();
+      c.arc(x * half, y * half, 13, 0, TAU);
+      c.lineWidth = 3;
+      c.strokeStyle = colour("--accent");
+      c.stroke();
+    }
+  }
+  if (plan.aim) {
+    c.beginPath();
+    c.arc(plan.aim.x * scale, -plan.aim.y * scale, 13, 0, TAU);
+    c.setLineDash([3, 3]);
+    c.lineWidth = 1.5;
+    c.strokeStyle = colour("--goal");
+    c.stroke();
+    c.setLineDash([]);
+  }
+  if (plan.pen) {
+    const x = plan.pen.x * scale;
+    const y = -plan.pen.y * scale;
+    if (plan.pen.fx !== undefined && plan.pen.fy !== undefined) arrow(c, x, y, plan.pen.fx, plan.pen.fy, half, colour("--given"));
+    c.beginPath();
+    c.arc(x, y, 7, 0, TAU);
+    c.fillStyle = colour(plan.pen.off ? "--muted" : "--text");
+    c.fill();
+    c.lineWidth = 2;
+    c.strokeStyle = colour("--panel");
+    c.stroke();
+  }
+}
+
+function arrow(c: CanvasRenderingContext2D, x: number, y: number, fx: number, fy: number, half: number, colour: string): void {
+  const size = Math.hypot(fx, fy);
+  if (size < 0.02) return;
+  const long = Math.min(size * NEWTON, 0.6) * half;
+  const [ex, ey] = [x + (fx / size) * long, y - (fy / size) * long];
+  const turn = Math.atan2(ey - y, ex - x);
+  c.strokeStyle = c.fillStyle = colour;
+  c.lineWidth = 4;
+  c.beginPath();
+  c.moveTo(x, y);
+  c.lineTo(ex, ey);
+  c.stroke();
+  c.beginPath();
+  for (const [r, a] of [[9, 0], [8, 2.4], [8, -2.4]] as const) c.lineTo(ex + r * Math.cos(turn + a), ey + r * Math.sin(turn + a));
+  c.fill();
+}
+
+/** Force in words: what nobody can feel of a simulated device. */
+export function felt(pen: Pen | null): string {
+  if (!pen) return "the tool's place is not known";
+  if (pen.off) return "coils off";
+  if (pen.out === undefined) return "";
+  const aside = Math.hypot(pen.fx ?? 0, pen.fy ?? 0);
+  return `${pen.out < 0 ? "pulls" : "pushes"} ${Math.abs(pen.out).toFixed(2)} N, aside ${aside.toFixed(2)} N`;
+}
