@@ -18,6 +18,8 @@ ROOT = Path(__file__).resolve().parent.parent
 GUARD, GUARD_TESTS = "control/guard.py", "tests/control/test_guard.py"
 DRIVE, DRIVE_TESTS = "control/drive.py", "tests/control/test_drive.py"
 TICK, TICK_TESTS = "runtime/tick.py", "tests/runtime/test_tick.py"
+TRACKER_TESTS, FEED_TESTS = "tests/contracts/test_trackers.py", "tests/runtime/test_trackers.py"
+GUIDED_TESTS = "tests/apps/calibrate/test_guided.py"
 
 ORIENTATION_TESTS, MAP_TESTS = "tests/sensing/test_orientation.py", "tests/sensing/test_torque_maps.py"
 
@@ -109,6 +111,76 @@ PROOFS = [
         "or not rms * rms <= _POOR * _POOR * square / (3.0 * count)",
         "",
         ORIENTATION_TESTS,
+    ),
+    (
+        "poses that are not finite are refused",
+        "runtime/reception.py",
+        "if not isfinite(sum(map(abs, heard.p)) + sum(map(abs, heard.q))):",
+        "if False:",
+        TRACKER_TESTS,
+    ),
+    (
+        "poses in millimetres are refused",
+        "runtime/reception.py",
+        "if sqrt(sum(x * x for x in heard.p)) > _REACH:",
+        "if False:",
+        TRACKER_TESTS,
+    ),
+    (
+        "poses that come late are refused",
+        "runtime/reception.py",
+        "not heard.stamp > self._stamp",
+        "False",
+        TRACKER_TESTS,
+    ),
+    (
+        "a tracker that lost the tool says so",
+        "runtime/reception.py",
+        "self._block.write(before._replace(valid=False, stamp=heard.stamp))",
+        "pass",
+        TRACKER_TESTS,
+    ),
+    (
+        "prediction has an end",
+        "runtime/fed_tracker.py",
+        "min(max(age, 0.0), self._prediction)",
+        "max(age, 0.0)",
+        TRACKER_TESTS,
+    ),
+    (
+        "a predicted pose does not grow younger",
+        "runtime/fed_tracker.py",
+        "return min(stamp, now)",
+        "return now",
+        TRACKER_TESTS,
+    ),
+    (
+        "a sender beyond this computer needs the token",
+        "runtime/osc_feed.py",
+        "if self._token:",
+        "if False:",
+        FEED_TESTS,
+    ),
+    (
+        "a replay never moves a real device",
+        "runtime/tracker_door.py",
+        "if kind is _Replay and is_real(driver):",
+        "if False:",
+        FEED_TESTS,
+    ),
+    (
+        "a calibration does not go on behind a failed step",
+        "apps/calibrate/measure.py",
+        "if not 1 / _FACTOR < ratio < _FACTOR:",
+        "if False:",
+        GUIDED_TESTS,
+    ),
+    (
+        "a tool whose magnet is reversed is refused",
+        "apps/calibrate/steps.py",
+        "if likeness < 0.0:",
+        "if False:",
+        GUIDED_TESTS,
     ),
 ]
 

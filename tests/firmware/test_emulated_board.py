@@ -12,7 +12,7 @@ import pytest
 
 from haptorb.apps.hardware.emulate import emulate
 from haptorb.devices.loader import load
-from haptorb.errors import DeviceError, DriverError
+from haptorb.errors import DeviceError, DriverError, InputError
 from haptorb.runtime.board import Board
 from haptorb.runtime.protocol import Reason, Refusal, Standing
 from haptorb.runtime.serial_driver import SerialDriver
@@ -207,6 +207,8 @@ def test_anybody_can_start_an_emulated_device(built: Path, tmp_path: Path) -> No
     )
     assert seen[0].identity.name == "haptorb"
     seen[0].close()
+    with pytest.raises(InputError, match="the dome, to 2000 mm"):
+        emulate(load("omni"), built, tmp_path / "port", height=0.01)
     with pytest.raises(DeviceError, match="another kind"):
         emulate(load("pmsm"), built, tmp_path / "port")
     with pytest.raises(DriverError, match="make firmware"):

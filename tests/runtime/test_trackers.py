@@ -188,8 +188,20 @@ def test_beyond_this_computer_only_with_a_token(monkeypatch: pytest.MonkeyPatch)
 # what is heard
 
 
+_FEEDS: list[OscFeed] = []
+
+
 def feed(token: str = "") -> OscFeed:
-    return OscFeed(socket.socket(socket.AF_INET, socket.SOCK_DGRAM), token)
+    _FEEDS.append(OscFeed(socket.socket(socket.AF_INET, socket.SOCK_DGRAM), token))
+    return _FEEDS[-1]
+
+
+@pytest.fixture(autouse=True)
+def closed() -> Iterator[None]:
+    """Every feed of a test is closed, also when the test fails."""
+    yield
+    while _FEEDS:
+        _FEEDS.pop().close()
 
 
 def test_the_token_comes_first_or_nothing_is_heard() -> None:

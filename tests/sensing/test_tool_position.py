@@ -15,7 +15,7 @@ from haptorb.physics.charged_ring import ChargedRing
 from haptorb.physics.soft_sphere import SoftSphere
 from haptorb.sensing.position_accuracy import better_sensors, position_accuracy, with_sensors
 from haptorb.sensing.sample import Pose, Sample
-from haptorb.sensing.tool_field import coil_field
+from haptorb.sensing.tool_field import ToolModel, coil_field, tool_field
 from haptorb.sensing.tool_position import HallTracker
 
 OMNI = load("omni")
@@ -217,3 +217,16 @@ def test_accuracy_follows_noise_current_and_calibration():
 
 def replace_step(device):
     return replace(device, hall=replace(device.hall, step=0.0))
+
+
+def test_nine_sensors_of_one_axis_do_not_find_the_tool():
+    """Why the Hall tracker is refused behind drivers whose sensors look along their radius only."""
+    omni, B, J = OMNI, np.empty((9, 3)), np.empty((9, 3, 5))
+    axes = omni.hall.positions / np.linalg.norm(omni.hall.positions, axis=1, keepdims=True)
+    up = np.array([0.0, 0.0, omni.contact_distance])
+    tool_field(ToolModel.of(omni), up, rotation_to_axis(up), B, J)
+    radial = np.einsum("ki,kia->ka", axes, J)
+    across = np.sqrt(np.diag(np.linalg.inv(radial.T @ radial)))[:2] * omni.hall.noise
+    all_three = np.sqrt(np.diag(np.linalg.inv(J.reshape(-1, 5).T @ J.reshape(-1, 5))))[:2] * omni.hall.noise
+    assert across.min() > 10e-3
+    assert all_three.max() < 1.5e-3

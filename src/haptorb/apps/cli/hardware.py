@@ -91,6 +91,10 @@ def emulate(
     board: Annotated[str, typer.Option(help="m328p or m2560.")] = "m328p",
     build: Annotated[Path, typer.Option(help="Where `make firmware` put its files.")] = Path("firmware/build"),
     device: Annotated[str, typer.Option("--device", help="A spherical electromagnet.")] = "omni",
+    height: Annotated[
+        float | None,
+        typer.Option(help="Of the tool's magnet above the device's centre [mm]; 500 is away, as calibration wants it."),
+    ] = None,
     duration: Annotated[float, typer.Option(help="Seconds; without it until interrupted.")] = float("inf"),
 ) -> None:
     """The real firmware on an emulated board that moves a simulated device: hardware to try everything else on."""
@@ -98,4 +102,4 @@ def emulate(
     from haptorb.devices.loader import load
 
     print(f"an emulated device is coming up: use it with --driver serial:{port}. Ctrl-C ends.", flush=True)
-    run(load(device), build, port, board, duration)
+    run(load(device), build, port, board, duration, height=None if height is None else 1e-3 * height)

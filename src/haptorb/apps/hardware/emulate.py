@@ -7,9 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from time import monotonic, sleep
 
+import numpy as np
+
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.errors import DeviceError
+from haptorb.errors import DeviceError, InputError
+from haptorb.physics.arrays import Array
 from haptorb.runtime.emulator import EmulatedDevice, Emulator
 
 __all__ = ["emulate"]
@@ -22,15 +25,25 @@ def emulate(
     board: str = "m328p",
     duration: float = float("inf"),
     ready: Callable[[], None] = lambda: None,
+    height: float | None = None,
 ) -> None:
     """Emulate `device` behind the pseudo-terminal `port` for `duration` [s]; `ready` is called when it answers.
 
-    The simulated tool rests above the dome's summit: where a pointer is, the emulated device cannot know.
+    The simulated tool stands upright on the axis, its magnet `height` [m] above the centre (None: above the summit, as
+    the simulation begins): where a pointer is, the emulated device cannot know.
     """
     if not isinstance(device, SphericalElectromagnet):
         raise DeviceError(f"the firmware serves a spherical electromagnet; '{device.name}' is another kind of device")
+    if height is not None and not device.contact_distance <= height <= 2.0:
+        raise InputError(
+            f"height of the tool's magnet must be from {1e3 * device.contact_distance:g} mm, the dome, to 2000 mm; got "
+            f"{1e3 * height:g} mm"
+        )
     with tempfile.TemporaryDirectory() as folder:
-        physics = EmulatedDevice(device, Path(folder, "physics"))
+        goal = None if height is None else _standing(height)
+        physics = EmulatedDevice(device, Path(folder, "physics"), goal)
+        if goal is not None:
+            physics.simulation.place(*goal(0.0))
         try:
             with Emulator(build, port, board, physics) as emulator:
                 ready()
@@ -39,3 +52,8 @@ def emulate(
                     sleep(0.05)
         finally:
             physics.close()
+
+
+def _standing(height: float) -> Callable[[float], tuple[Array, Array]]:
+    p, q = np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 0.0, 1.0])
+    return lambda t: (p, q)
