@@ -103,6 +103,12 @@ class Drive:
         self._still = np.zeros(channels)
         self._out = np.zeros(channels)
 
+    @property
+    def lag(self) -> float:
+        """By how much the currents' rise within a tick is late, on average over it and at worst over the coils [s]."""
+        x = self.resistance * self._dt / np.maximum(self._inductance, 1e-12)
+        return float(self._dt * np.max(1 + 1 / x + 1 / np.expm1(-x)))
+
     def duties(self, wanted: Array, measured: Array, applied: Array, emf: Array | None = None) -> Array:
         """(m,) duties in −1…1 for `wanted` currents, after learning from `measured` currents under `applied` duties.
 

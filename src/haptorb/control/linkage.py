@@ -61,6 +61,8 @@ class Linkage(ABC):
     """From the mover's state to what the hand feels of a world."""
 
     modes: tuple[Mode, ...]  #: that can be chosen; empty for a direct linkage
+    passive: bool  #: whether it gives no energy that the world did not give
+    arm: float  #: at which a hand holds a mover that turns [m]; 0 where the mover is a tool
 
     @abstractmethod
     def felt(self, world: Touching, mover: State) -> Felt:
@@ -84,6 +86,8 @@ class Direct(Linkage):
     """The world acts on the mover itself."""
 
     modes = ()
+    passive = True
+    arm = 0.0
 
     def felt(self, world: Touching, mover: State) -> Felt:
         """The world's wrench at the mover."""
@@ -107,6 +111,7 @@ class ModedLinkage(Linkage):
     """A rotor moves a target through `modes`; the wrench on the target comes back as torque.
 
     position, attitude   where the target begins: X', Y', Z' [m] and ψ', λ', φ' [rad]; the plug fully home is at zero
+    arm                  from the motor's centre to the hand on its handle [m]
 
     Mode and clutch are told between two ticks and act in the next; the target's pose goes on from where it is, at any
     moment and in any state (`Clutch`: the mapping is by increments, and the shares slide).
@@ -125,8 +130,11 @@ class ModedLinkage(Linkage):
         *,
         position: ArrayLike = (0.0, 0.0, 0.0),
         attitude: ArrayLike = (0.0, 0.0, 0.0),
+        arm: float = 0.1,
     ) -> None:
         self.mapping = modes or TwoModes()
+        self.arm = arm
+        self.passive = self.mapping.gains.verdict != "active"
         self._begin = (np.asarray(position, dtype=np.float64), np.asarray(attitude, dtype=np.float64))
         self.mapping.start(State.turned(np.eye(3)), position=position, attitude=attitude)  # refuses what cannot be
         self._mode: Mode = "translate"

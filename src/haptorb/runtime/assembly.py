@@ -121,7 +121,7 @@ def allocator_of(device: Device) -> Allocator:
 def linkage_of(device: Device, gains: Gains | None = None) -> Linkage:
     """How `device` moves the world's object: a motor through two modes, a tool is the object itself."""
     if isinstance(device, SphericalMotor):
-        return ModedLinkage(TwoModes(gains or MOTOR_GAINS))
+        return ModedLinkage(TwoModes(gains or MOTOR_GAINS), arm=device.rotor.handle_length)
     return Direct()
 
 

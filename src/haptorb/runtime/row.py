@@ -84,6 +84,9 @@ class RowLayout:
             Field("object_q", 4, "1", "its orientation as a quaternion (x, y, z, w)"),
             Field("object_wrench", 6, "N, N·m", "wrench of the world on it, before modes and guard"),
             Field("contacts", 16, "m, m, m, N", "two hooks: deflection, place from its root, point (3), force (3)"),
+            Field("energy", 1, "J", "given to the hand since the world began, by what was asked; negative: taken"),
+            Field("balance", 1, "J", "what the hand's least damping took less what sampling and delay made"),
+            Field("injected", 1, "N·s/m", "damping added because the balance was negative"),
         )
 
     @cached_property

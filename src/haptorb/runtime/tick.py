@@ -15,6 +15,7 @@ from haptorb.control.allocator import Allocation, Allocator
 from haptorb.control.drive import Drive
 from haptorb.control.guard import Guard
 from haptorb.control.linkage import NO_CONTACTS, Direct, Felt, Linkage
+from haptorb.control.passivity import PassivityControl
 from haptorb.control.trip import Trip
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
@@ -54,6 +55,8 @@ class Tick:
         self.linkage = linkage or Direct()
         self.guard = Guard(device, dt)
         self.drive = Drive(device, dt)
+        self.passivity = PassivityControl(dt, self.linkage.arm, self.drive.lag)
+        self._passive = self.world.passive and self.linkage.passive
         self.layout = RowLayout.of(device)
         self.error = ""  #: what a failed world or driver said
         self._device = device
@@ -70,6 +73,7 @@ class Tick:
         layout = self.layout
         self._at = {field.name: layout[field.name] for field in layout.fields}
         self._one = {field.name: layout[field.name].start for field in layout.fields if field.width == 1}
+        self._energies = slice(layout["energy"].start, layout["injected"].stop)  # one after the other
         self._wants_engagement = True
 
     def change_world(self, world: World) -> None:
@@ -81,6 +85,8 @@ class Tick:
         if type(fitted) is not type(self.world):
             self.linkage.restart()
         self.world = fitted
+        self._passive = fitted.passive and self.linkage.passive
+        self.passivity.restart()
         self.world_changes += 1
 
     def engage(self) -> bool:
@@ -113,7 +119,11 @@ class Tick:
         t2 = perf_counter()
         felt = self._felt(estimate.state)
         t3 = perf_counter()
-        admitted = guard.admit(felt.wrench, estimate)
+        state = estimate.state
+        damped = self.passivity.damped(
+            felt.wrench, state.p, state.R_SR, sample.t, estimate.age, guard.gain, passive=self._passive
+        )
+        admitted = guard.admit(damped, estimate)
         allocation = self._allocated(estimate.wrench_map, admitted)
         t4 = perf_counter()
         currents = guard.limit(allocation.currents, sample)
@@ -132,7 +142,7 @@ class Tick:
         stages[0], stages[1], stages[2], stages[3], stages[4], stages[5] = (
             t1 - t0, t2 - t1, t3 - t2, t4 - t3, t5 - t4, t6 - t5,
         )  # fmt: skip
-        one, state, thing = self._one, estimate.state, felt.thing
+        one, thing = self._one, felt.thing
         tell(
             row, self._places, state.p, state.R_SR, state.v, state.w, self.driver.target(), admitted,
             estimate.wrench_map.matrix, self.driver.truth(), currents, sample.currents, self._applied,
@@ -151,6 +161,7 @@ class Tick:
         cells[one["saturated"]] = allocation.saturated
         cells[one["mode"]] = felt.mode
         cells[one["engaged"]] = felt.engaged
+        row[self._energies] = self.passivity.numbers
         stages[6] = perf_counter() - t6
 
     def _felt(self, state: State) -> Felt:

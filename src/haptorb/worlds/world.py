@@ -67,6 +67,11 @@ class Sum(World):
 
     parts: tuple[World, ...] = ()
 
+    def __post_init__(self) -> None:
+        World.__post_init__(self)
+        for promise in ("passive", "continuous"):  # of the class, but a sum keeps only what all of its parts keep
+            object.__setattr__(self, promise, all(getattr(part, promise) for part in self.parts))
+
     @property
     def bound(self) -> float:
         """The parts' bounds together [N]."""

@@ -1,6 +1,8 @@
 """`haptorb check --world`: the verdict follows the loop, the whole simulated chain confirms it, mistakes are named."""
 
 import json
+import re
+from dataclasses import replace
 
 import pytest
 
@@ -8,7 +10,7 @@ from haptorb import worlds
 from haptorb.apps.check import Setting, boundary, drawn_world, judged
 from haptorb.apps.check.rendered import grows
 from haptorb.apps.cli import main
-from haptorb.control.hand_grip import GRIPS
+from haptorb.control.hand_grip import GRIPS, HandGrip
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
 
@@ -36,10 +38,16 @@ def test_a_world_outside_does_oscillate_and_its_advice_cures_it():
     assert verdict.margin == pytest.approx(verdict.largest / 400.0, rel=1e-3)
     assert grows(OMNI, GRIPS["light"], 400.0, 1000.0, 240.0, 5e-3)
     assert not grows(OMNI, GRIPS["light"], 0.66 * verdict.largest, 1000.0, 240.0, 5e-3)
-    words = " ".join(verdict.advice)
-    assert "weaker" in words
-    assert "ms" in words
-    assert "N·s/m" in words
+    weaker, firmer = (float(re.search(r"[\d.]+", advice)[0]) for advice in verdict.advice)
+    assert judged(OMNI, worlds.Wall(stiffness=400.0 / weaker, damping=0.0, greatest=20.0), LATE).margin > 1.49
+    held = replace(LATE, hand=HandGrip(0.1, firmer, 100.0))
+    assert judged(OMNI, worlds.Wall(stiffness=400.0, damping=0.0, greatest=20.0), held).margin > 1.45
+
+
+def test_advice_on_the_tracker():
+    words = " ".join(judged(OMNI, worlds.Wall(stiffness=250.0, damping=0.0, greatest=20.0), LATE).advice)
+    assert re.search(r"latency down to [0-4]\.\d ms", words)
+    assert re.search(r"tracker of \d+ Hz", words) is None  # at 5 ms no rate is enough by itself
 
 
 def test_margins_and_words():

@@ -1,0 +1,96 @@
+"""The run-time passivity control over all worlds: untouched where the loop is good enough, at work where it is not."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from haptorb import worlds
+from haptorb.apps.check.late_tracker import LateTracker
+from haptorb.control.hand_grip import GRIPS
+from haptorb.devices.electromagnet import Hand
+from haptorb.devices.loader import load
+from haptorb.runtime.assembly import allocator_of, assemble, estimator_of
+from haptorb.runtime.pointer import Goal, PointerTracker
+from haptorb.runtime.sim_driver import SimDriver
+from haptorb.runtime.tick import Tick
+from haptorb.worlds.world import World
+
+HOMES = {name: "pmsm" if name in ("outlet", "outlet-published", "snap_fit") else "omni" for name in worlds.CATALOGUE}
+PASSIVE = [name for name in worlds.CATALOGUE if worlds.named(name).passive]
+
+
+def rows_of(tick, seconds, *fields):
+    """One array per field over a run at 1 kHz."""
+    row, out = tick.layout.empty(), []
+    with tick.driver:
+        for n in range(round(1e3 * seconds)):
+            tick.step(row, n * 1e-3)
+            out.append(np.concatenate([row[tick.layout[field]] for field in fields]))
+    return np.array(out).T
+
+
+@pytest.mark.parametrize("name", PASSIVE)
+def test_a_passive_world_stays_untouched_in_a_well_sampled_loop(name):
+    """Zero injection over the guided motion, landing, sliding and circling: not little, none."""
+    device = load(HOMES[name])
+    tick = assemble(device, worlds.named(name)(), "sim", 1000.0, 0, None, PointerTracker())
+    seconds = 4.0 if HOMES[name] == "omni" else 1.5
+    energy, balance, injected, asked = rows_of(tick, seconds, "energy", "balance", "injected", "asked")[[0, 1, 2, 3]]
+    assert not injected.any()
+    assert (balance > 0.0).all()
+    assert np.isfinite(energy).all()
+    assert len(asked) == len(energy)
+
+
+@dataclass(frozen=True)
+class Spring(World):
+    """Back to the plane x = 0."""
+
+    stiffness: float = 0.0
+    passive = True
+
+    def wrench(self, state):
+        wrench = np.zeros(6)
+        wrench[0] = -self.stiffness * state.p[0]
+        return wrench
+
+
+class Declared(Spring):
+    """The same, declared active."""
+
+    passive = False
+
+
+def pushed(world, tracker_rate, latency, seconds=2.5):
+    """The tool's place across `world` in a light hand that leans on it once, and what was injected."""
+    omni, grip = load("omni"), GRIPS["light"]
+    held = Hand(grip.mass, grip.damping, grip.stiffness, omni.hand.turn_damping, omni.hand.turn_stiffness)
+    device = replace(omni, hand=held)
+    middle, upright = np.array([0.0, 0.0, 0.06]), np.array([0.0, 0.0, 0.0, 1.0])
+
+    def goal(now):
+        leaning = 0.45 <= now < 0.5
+        return Goal(middle + np.array([1e-3 * leaning, 0, 0]), upright, now, False)
+
+    driver = LateTracker(SimDriver.of(device, 1e-3, goal), tracker_rate, latency)
+    tick = Tick(device, world, driver, estimator_of(device, "tracker", "exact"), allocator_of(device), 1e-3)
+    p, injected = rows_of(tick, seconds, "p", "injected")[[0, 3]]
+    return p, injected
+
+
+@pytest.mark.parametrize(("tracker_rate", "latency", "stiffness"), [(240.0, 5e-3, 400.0), (120.0, 10e-3, 165.0)])
+def test_a_spring_beyond_the_loops_bound_is_quieted(tracker_rate, latency, stiffness):
+    """1.6 and 1.2 times what the loop stands: left alone it ends in the limits, with the control it dies away."""
+    alone, nothing = pushed(Declared(stiffness=stiffness), tracker_rate, latency)
+    damped, injected = pushed(Spring(stiffness=stiffness), tracker_rate, latency)
+    assert not nothing.any()
+    assert injected.max() > 0.5
+    assert np.std(damped[-500:]) < 0.1 * np.std(alone[-500:])
+
+
+def test_a_sum_is_passive_only_if_all_its_parts_are():
+    assert (worlds.Wall() + worlds.Magnet()).passive
+    assert not (worlds.Wall() + worlds.Dome()).passive
+    assert not (worlds.Wall() + worlds.Dome() + worlds.Magnet()).continuous
+    assert (worlds.Wall() + worlds.Magnet()).for_device(load("omni")).continuous
