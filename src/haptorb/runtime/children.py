@@ -1,7 +1,7 @@
 """The processes of servo, recorder and tracker as their parent holds them: start, watch, feed with heartbeats, end.
 
-The parent looks every 50 ms. A servo that vanished is noticed within a tenth of a second; one whose tick never ends is
-told so, and the tick ends with an error.
+The parent looks every 50 ms, and takes hold of the ticks before a trip. A servo that vanished is noticed within a
+tenth of a second; one whose tick never ends is told so, and the tick ends with an error.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from time import monotonic, monotonic_ns, sleep
 from typing import final
 
 from haptorb.errors import DriverError, RecordingError, ServoError
+from haptorb.runtime.black_box import BlackBox
 from haptorb.runtime.realtime import urgent
 from haptorb.runtime.shared import Phase, Shared, Word
 
@@ -32,8 +33,9 @@ _DRAIN = 20.0  #: for the recorder to write what it has [s]
 class Children:
     """Starts the servo process at once; `record` and `track` may add others, then `wait_until_running`."""
 
-    def __init__(self, shared: Shared, plan: Path, errors: Path) -> None:
+    def __init__(self, shared: Shared, plan: Path, errors: Path, black_box: BlackBox) -> None:
         self._shared = shared
+        self._black_box = black_box
         self._errors = errors
         self._ending = threading.Event()
         self._told = False
@@ -143,6 +145,7 @@ class Children:
                 self._recorder.wait()
         self._ending.set()
         self._heart.join()
+        self._black_box.finish()
 
     def _started(self, module: str, *arguments: str, descriptor: int | None = None) -> subprocess.Popen[bytes]:
         # A session of its own: Ctrl-C in the terminal reaches the parent alone, which then ends them in order.
@@ -161,6 +164,7 @@ class Children:
         words, ticks, since = self._shared.words, -1, monotonic()
         while not self._ending.wait(_EVERY):
             words[Word.HEARTBEAT] = monotonic_ns()
+            self._black_box.look()
             if not self.alive or words[Word.TICKS] != ticks:
                 ticks, since = words[Word.TICKS], monotonic()
             elif monotonic() - since > _STUCK:

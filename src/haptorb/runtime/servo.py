@@ -38,6 +38,7 @@ from haptorb.runtime.assembly import (
     known_estimator,
     modes_of,
 )
+from haptorb.runtime.black_box import BlackBox, Tripped
 from haptorb.runtime.calibration_file import read_calibration
 from haptorb.runtime.children import Children
 from haptorb.runtime.device_text import text_of
@@ -81,6 +82,7 @@ class Servo:
     gains      of a motor's two modes; None: `assembly.MOTOR_GAINS`
     calibration  file of `haptorb calibrate` (or a Calibration) whose values the controller believes; must be this
                device's
+    black_box  folder for a recording of the last 100 ticks before every trip; None: they are in `trips` only
 
     >>> with Servo("omni", "dome") as servo:  # doctest: +SKIP
     ...     servo.run(seconds=5)
@@ -103,6 +105,7 @@ class Servo:
         estimator: str | None = None,
         gains: Gains | None = None,
         calibration: str | Path | Calibration | None = None,
+        black_box: str | Path | None = None,
     ) -> None:
         self.device = device if isinstance(device, Device) else load(device)
         self._device_text = text_of(self.device, device)
@@ -139,6 +142,8 @@ class Servo:
             None if self.calibration is None else self.calibration.id,
         )  # fmt: skip
         self._record, self._overwrite = record, overwrite
+        self._trips_folder = None if black_box is None else Path(black_box).expanduser().absolute()
+        self._black_box: BlackBox | None = None
         self._shared: Shared | None = None
         self._children: Children | None = None
         self._folder: Path | None = None
@@ -338,6 +343,19 @@ class Servo:
         }
 
     @property
+    def trips(self) -> tuple[Tripped, ...]:
+        """The first 64 trips, each with the last 100 ticks up to it."""
+        if self._black_box is None:
+            return ()
+        self._black_box.look()
+        return tuple(self._black_box.trips)
+
+    @property
+    def trip_files(self) -> tuple[Path, ...]:
+        """The recordings in the `black_box` folder so far."""
+        return () if self._black_box is None else tuple(file for file in self._black_box.files if file is not None)
+
+    @property
     def recording(self) -> Recording:
         """What was recorded up to now. While the loop runs, and after a crash, it is marked as truncated."""
         from haptorb.runtime.recording import Recording
@@ -372,7 +390,8 @@ class Servo:
         except Exception as cause:
             raise InputError(f"world or device cannot be sent to the servo's process: {cause}") from cause
         self._shared = Shared.create(self.layout)
-        self._children = Children(self._shared, file, self._folder / "errors")
+        self._black_box = BlackBox(self._shared, self.device.name, self.rate, self._trips_folder)
+        self._children = Children(self._shared, file, self._folder / "errors", self._black_box)
         if descriptor is not None:
             self._children.record(json.dumps(self._recorder_spec(descriptor)), descriptor)
         if tracker is not None:

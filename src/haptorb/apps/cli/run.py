@@ -76,17 +76,20 @@ def run(
     if duration is not None and not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
     from haptorb.apps.progress import build_tables
+    from haptorb.runtime.black_box import state_folder
     from haptorb.runtime.servo import Servo
 
     build_tables(found)
     servo = Servo(
         device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction,
         rate=rate, seed=seed, level=level, record=record or False,
-        overwrite=force, estimator=estimator, calibration=calibration,
+        overwrite=force, estimator=estimator, calibration=calibration, black_box=state_folder() / "trips",
     )  # fmt: skip
     before = signal.signal(signal.SIGTERM, _end)
     try:
         number = _alone(servo, duration, json) if headless else _with_console(servo, duration, port, browser, json)
+        for file in servo.trip_files:
+            _say(f"the last ticks before that trip: {file}")
     except _Terminated:  # while it was still starting
         number = int(signal.SIGTERM)
     finally:
