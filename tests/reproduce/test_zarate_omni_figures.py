@@ -10,6 +10,7 @@ from haptorb.apps.reproduce.zarate2020_hall_position import filtered_share, posi
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError
 from haptorb.sensing.position_accuracy import better_sensors, with_sensors
+from haptorb.worlds.dome import Dome
 
 OMNI = load("omni")
 
@@ -68,7 +69,7 @@ def test_better_places_are_better_everywhere():
     assert (louder > theirs).all()
 
 
-@pytest.mark.parametrize("name", ["figure 6", "drive", "hall position", "inverse error"])
+@pytest.mark.parametrize("name", ["figure 2", "figure 6", "figure 7", "drive", "hall position", "inverse error"])
 def test_figures_are_drawn_and_what_is_printed_agrees(name, tmp_path):
     shares = []
     items, draw = reproduced("zarate2020", name).made(shares.append)
@@ -76,3 +77,26 @@ def test_figures_are_drawn_and_what_is_printed_agrees(name, tmp_path):
     assert [item.id for item in items if item.verdict == "differs"] == []
     path = draw(tmp_path / "figure.png")
     assert path.stat().st_size > 20_000
+
+
+def test_the_published_map_is_cut_and_zero_where_the_text_has_it():
+    """And a map that follows the printed argument is neither: the figure can fail."""
+    from haptorb.apps.reproduce.zarate2020_figure_2 import radial_zero
+
+    plain, sharp = (Dome(half_width_deg=half, cut_off_deg=180.0).for_device(OMNI) for half in (90.0, 18.0))
+    assert np.degrees(radial_zero(plain, 0.05)) == pytest.approx(90.0, abs=1e-6)
+    assert np.degrees(radial_zero(sharp, 0.05)) == pytest.approx(18.0, abs=1e-6)
+    assert np.isnan(radial_zero(sharp, 0.05, top=np.radians(17.0)))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_moment_course_is_the_devices_own(seed):
+    """From sensors alone: the map within 0.3 %, and every reading on its line."""
+    from haptorb.apps.reproduce.zarate2020_figure_7 import moment_course
+
+    course = moment_course(OMNI, seed)
+    error = np.abs(course.calibration.moment_per_current - OMNI.moment_per_current).max()
+    assert error < 3e-3 * np.abs(OMNI.moment_per_current).max()
+    line = course.currents @ course.calibration.moment_per_current.T
+    assert np.abs(course.moments - line).max() < 0.02 * np.abs(line).max()
+    assert np.abs(course.currents).max() == pytest.approx(12.9, rel=0.05)
