@@ -16,7 +16,7 @@ help:
 	@echo 'make run          set up and start the simulated Omni; ARGS="--world wall" and the like are passed on'
 	@echo 'make test         set up and run every check: style, types, imports, tests, documentation'
 	@echo 'make nightly      the same, with the long reproductions'
-	@echo 'make bench        the benchmarks, as a table'
+	@echo 'make bench        all benchmarks, against peers and limits; ARGS="--store docs/benchmarks.json" keeps them'
 	@echo 'make docs         the documentation, into docs/_build/html'
 	@echo 'make firmware     cross-compile the firmware and its emulator'
 	@echo 'make screenshots  take the pictures of the console again'
@@ -34,7 +34,7 @@ nightly: $(VENV)/.test packages
 	@$(BIN)/python -m pytest --continue-on-collection-errors $(ARGS)
 
 bench: $(VENV)/.test
-	@$(BIN)/python -m benchmarks $(ARGS)
+	@$(BIN)/haptorb bench $(ARGS)
 
 docs: $(VENV)/.test
 	@$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html $(ARGS)

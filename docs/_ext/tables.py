@@ -131,7 +131,15 @@ def command_line() -> str:
     return "\n".join(parts)
 
 
+def benchmarks() -> str:
+    """The stored figures of `haptorb bench`."""
+    from haptorb.apps.bench import stored
+
+    return stored(Path(__file__).resolve().parents[1] / "benchmarks.json").markdown()
+
+
 PAGES = {
+    "benchmarks": benchmarks,
     "row-table": row_table,
     "trip-table": trip_table,
     "world-table": world_table,

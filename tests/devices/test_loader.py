@@ -95,3 +95,12 @@ def test_a_device_of_ones_own(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(OMNI.replace('name = "omni"', 'name = "mine"'))
     assert haptorb.load(path).name == "mine"
+
+
+def test_an_electromagnet_may_be_based_on_another(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('based_on = "omni"\nname = "mine"\ntitle = "a shorter magnet"\n\n[tool]\nlength = "16 mm"\n')
+    mine, omni = load(path), load("omni")
+    assert (mine.name, mine.tool.length) == ("mine", 16e-3)
+    assert mine.tool.outer_radius == omni.tool.outer_radius
+    assert mine.digest != omni.digest

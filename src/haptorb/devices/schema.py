@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from haptorb.devices import quantity as q
 from haptorb.devices.device import Coils, Heat, Limits, Supply
 from haptorb.devices.electromagnet import Contact, FieldSensors, Hand, SphericalElectromagnet, Tool
+from haptorb.devices.windings import Windings
 
 __all__ = ["ElectromagnetFile", "Section"]
 
@@ -191,6 +192,19 @@ class HandSection(Section):
     turn_stiffness: Annotated[q.TurnStiffness, Positive]
 
 
+class WindingsSection(Section):
+    """[windings]"""
+
+    turns: Annotated[tuple[Annotated[q.Number, Positive], ...], Len(3, 3)]
+    inner_radius: Annotated[tuple[Annotated[q.Length, Positive], ...], Len(3, 3)]
+    outer_radius: Annotated[tuple[Annotated[q.Length, Positive], ...], Len(3, 3)]
+    length: Annotated[tuple[Annotated[q.Length, Positive], ...], Len(3, 3)]
+
+    def built(self) -> Windings:
+        """As the device has it."""
+        return Windings(*(np.array(part) for part in (self.turns, self.inner_radius, self.outer_radius, self.length)))
+
+
 class ThermometerSection(Section):
     """[thermometer]"""
 
@@ -202,12 +216,28 @@ class ElectromagnetFile(CommonFile):
     """A file of kind "spherical-electromagnet"."""
 
     kind: Literal["spherical-electromagnet"]
+    based_on: str | None = None
     electromagnet: ElectromagnetSection
     dome: DomeSection
     tool: ToolSection
     hand: HandSection
     hall: FieldSensorsSection
     thermometer: ThermometerSection
+    windings: WindingsSection | None = None
+
+    @model_validator(mode="after")
+    def _clear(self) -> ElectromagnetFile:
+        if self.windings is None:
+            return self
+        core, dome = self.electromagnet.core_radius, self.dome.radius
+        sizes = zip(self.coils.names, self.windings.inner_radius, self.windings.outer_radius, strict=True)
+        for name, inner, outer in sizes:
+            if not core < inner < outer < dome:
+                raise ValueError(
+                    f"windings of coil '{name}' reach from {inner * 1e3:g} to {outer * 1e3:g} mm; they must lie between "
+                    f"the core ({core * 1e3:g} mm) and the dome ({dome * 1e3:g} mm), the inner radius first"
+                )
+        return self
 
     @model_validator(mode="after")
     def _fits(self) -> ElectromagnetFile:
@@ -244,4 +274,5 @@ class ElectromagnetFile(CommonFile):
             hall=FieldSensors(np.array(hall.positions).reshape(-1, 3), hall.noise, hall.step),
             thermometer_step=self.thermometer.step,
             thermometer_noise=self.thermometer.noise,
+            windings=None if self.windings is None else self.windings.built(),
         )

@@ -86,7 +86,16 @@ def test_fastest_is_per_item():
 
 
 @pytest.mark.parametrize(
-    "arguments", [["fields"], ["--budget", "0"], ["--budget", "nan"], ["--device", "omni"], ["--plot", "x.pdf"]]
+    "arguments",
+    [
+        ["fields"],
+        ["--effort", "0"],
+        ["--effort", "nan"],
+        ["--plot", "x.pdf"],
+        ["--plot", "x.png", "--device", "omni"],
+        ["tick", "--plot", "x.png"],
+        ["--store", "/no/such/folder/x.json"],
+    ],
 )
 def test_mistakes_are_told(arguments, capsys):
     assert main(["bench", *arguments]) == 2

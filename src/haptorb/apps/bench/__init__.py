@@ -1,8 +1,7 @@
-"""`haptorb bench`: this library against its peers, same run, same geometry, error beside every time."""
+"""This library against its peers and its own promises: same run, same problem, one table."""
 
-from __future__ import annotations
-
-from haptorb.apps.bench.contest import Contest, Result
+from haptorb.apps.bench.gathered import BENCHMARKS, Gathered, gathered, stored
 from haptorb.apps.bench.magnetics import magnetics
+from haptorb.apps.bench.row import Row
 
-__all__ = ["Contest", "Result", "magnetics"]
+__all__ = ["BENCHMARKS", "Gathered", "Row", "gathered", "magnetics", "stored"]

@@ -14,13 +14,14 @@ import numpy as np
 
 from haptorb.apps.bench import peers
 from haptorb.apps.bench.contest import Contest, Result, fastest
+from haptorb.apps.bench.row import Row
 from haptorb.devices.loader import load
 from haptorb.devices.motor_doors import motor, sensor_field, torque_characteristic
 from haptorb.devices.motor_levels import exact_field, exact_torque
 from haptorb.physics.arrays import Array
 from haptorb.physics.rotations import rotation_from_euler
 
-__all__ = ["magnetics"]
+__all__ = ["magnetics", "rows"]
 
 _BATCH = 2000  #: orientations in a batch
 _FILAMENTS = (3, 2, 36)  #: across, along, around: what peers use
@@ -95,6 +96,26 @@ def magnetics(device: str = "pmsm", budget: float = 0.5, report: Callable[[str],
     run(task, "magpylib", "getB", None if objects is None else lambda: objects(sensors), field)
     run(task, "cfsem", "magnets as 16 loops", None if cfsem is None else lambda: cfsem(sensors), field)
     return Contest(f"Magnetics of '{known.name}', one thread", tuple(rows), _machine())
+
+
+def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
+    """The contest as rows: the table in one call against each peer's own way, [µs] per orientation."""
+    contest = magnetics(budget=0.5 * effort, report=tell)
+    out = []
+    for task in dict.fromkeys(result.task for result in contest.results):
+        mine = [result for result in contest.results if result.task == task]
+        table = next(result for result in mine if result.how == "table, one call")
+        own = 1e6 * (table.seconds or 0.0)
+        peers_ = [result for result in mine if result.who != "haptorb" and result.seconds is not None]
+        what = task.removesuffix(", one orientation")
+        if not peers_:
+            out.append(Row("magnetics", what, own, "µs", note="no peer is installed"))
+        for peer in peers_:
+            note = f"errors {table.error:.0e} and {peer.error:.0e}"
+            out.append(
+                Row("magnetics", what, own, "µs", f"{peer.who}, {peer.how}", 1e6 * (peer.seconds or 0.0), note=note)
+            )
+    return out
 
 
 def _machine() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""`haptorb bench magnetics`: this library against its peers."""
+"""`haptorb bench`: this library against its peers and its limits."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from haptorb.errors import InputError, UnknownName
+from haptorb.errors import InputError
 
 __all__ = ["register"]
 
@@ -18,30 +18,41 @@ def register(app: typer.Typer) -> None:
 
 
 def bench(
-    subject: Annotated[str, typer.Argument(help="What to compare: magnetics.")] = "magnetics",
-    device: Annotated[str, typer.Option(help="The spherical motor that is computed.")] = "pmsm",
-    budget: Annotated[float, typer.Option(help="Seconds spent on each row.")] = 0.5,
-    plot: Annotated[Path | None, typer.Option(help="Draw time against error into this PNG or SVG file.")] = None,
+    names: Annotated[list[str] | None, typer.Argument(help="Which ones; all of them if none is named.")] = None,
+    effort: Annotated[float, typer.Option(help="Length of the measurements; 0.1 is short and noisy.")] = 1.0,
+    store: Annotated[
+        Path | None, typer.Option(help="Keep the result in this JSON file; README and docs quote it.")
+    ] = None,
+    device: Annotated[str, typer.Option(help="The spherical motor of the contest that --plot draws.")] = "pmsm",
+    plot: Annotated[Path | None, typer.Option(help="Draw the contest of magnetics into this PNG or SVG file.")] = None,
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
-    """This library against its peers: same run, same geometry, error against one reference beside each time."""
+    """This library against its peers and its limits: same run, same problems, with the facts of this machine."""
+    import os
+
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from rich.console import Console
 
-    if subject != "magnetics":
-        raise UnknownName("benchmark", subject, ["magnetics"])
-    if not 0 < budget <= 60:
-        raise InputError(f"--budget must be between 0 and 60 seconds; got {budget:g}")
     if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
         raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
-    from haptorb.apps.bench import magnetics
+    if store is not None and not store.parent.is_dir():
+        raise InputError(f"--store: the folder '{store.parent}' does not exist")
+    from haptorb.apps.bench import BENCHMARKS, gathered, magnetics
 
+    if plot is not None:
+        if names not in (None, [], ["magnetics"]):
+            raise InputError("--plot draws the contest of magnetics: haptorb bench magnetics --plot FILE")
+        with Console(stderr=True).status("magnetics") as status:
+            magnetics(device, 0.5 * effort, lambda text: status.update(text)).plot(plot)
+        return
+    command = " ".join(["haptorb bench", *(names or []), *([f"--effort {effort:g}"] if effort != 1.0 else [])])
     with Console(stderr=True).status("compiling") as status:
-        contest = magnetics(device, budget, lambda text: status.update(text))
+        found = gathered(names or BENCHMARKS, effort, command, lambda name, what: status.update(f"{name}: {what}"))
+    if store is not None:
+        found.store(store)
     if json:
         from json import dumps
 
-        print(dumps(contest.numbers(), indent=2, ensure_ascii=False))
+        print(dumps(found.numbers(), indent=1, ensure_ascii=False))
     else:
-        contest.show(Console())
-    if plot is not None:
-        contest.plot(plot)
+        found.show(Console())

@@ -1,0 +1,62 @@
+"""How long one update of each of a spherical motor's estimators takes, while the rotor swings at hand speed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+
+import numpy as np
+
+from haptorb.apps.bench.row import Row
+from haptorb.devices.motor_doors import motor
+from haptorb.physics.rotations import rotation_from_euler
+from haptorb.sensing.estimator import Estimator
+from haptorb.sensing.linear_map import LinearTorque
+from haptorb.sensing.network import NetworkTorque, train
+from haptorb.sensing.orientation import LeastSquaresOrientation
+from haptorb.sensing.sample import Pose, Sample
+from haptorb.sensing.torque_map import FieldToTorque
+
+__all__ = ["rows"]
+
+_PERIOD = 1e-3
+
+
+def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
+    """Medians and 99 percentiles over 4000 updates times `effort`."""
+    device = motor("pmsm")
+    ticks = max(int(4000 * effort), 300)
+    t = _PERIOD * np.arange(ticks)
+    R = rotation_from_euler(0.17 * np.sin(6 * t), 0.09 * np.sin(6 * t), 0.1 + 0.3 * np.sin(3 * t))
+    field = device.sensor_field(R, "table")
+    field += device.hall.noise * np.random.default_rng(0).standard_normal(field.shape)
+    rest, none, cool = np.zeros(3), np.zeros(device.channels), np.full(device.channels, 293.0)
+    nobody = Pose(0.0, np.eye(3), rest, rest, rest, False)
+    samples = [Sample(float(at), none, cool, reading, nobody) for at, reading in zip(t, field, strict=True)]
+    tell("training a network")  # how well does not change how long it takes
+    networks = NetworkTorque(device, train(device, starts=1, iterations=2, grid=(9, 9, 32)))
+    out = []
+    for name, estimator, limit in (
+        ("least squares", LeastSquaresOrientation(device), 40.0),
+        ("network", FieldToTorque(device, networks), 15.0),
+        ("linear map", FieldToTorque(device, LinearTorque(device)), None),
+    ):
+        tell(name)
+        median, p99 = _percentiles(estimator, samples)
+        out += [
+            Row("estimation", f"144 readings to torque per ampere, {name}, median", median, "µs", limit=limit),
+            Row("estimation", f"the same, {name}, 99 %", p99, "µs"),
+        ]
+    return out
+
+
+def _percentiles(estimator: Estimator, samples: list[Sample]) -> tuple[float, float]:
+    """Median and 99 % of one update [µs], without the first hundred."""
+    seconds = []
+    for sample in samples:
+        begun = perf_counter()
+        estimate = estimator.update(sample)
+        seconds.append(perf_counter() - begun)
+        assert estimate.valid
+    median, p99 = np.percentile(seconds[100:], (50, 99)) * 1e6
+    return float(median), float(p99)

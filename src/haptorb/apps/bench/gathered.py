@@ -1,0 +1,178 @@
+"""All benchmarks in one table, with the facts of the machine: measured, kept as JSON, told as text or Markdown."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from datetime import date
+from importlib import import_module, metadata
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from haptorb.apps.bench.row import Row
+from haptorb.errors import InputError, UnknownName
+
+__all__ = ["BENCHMARKS", "Gathered", "gathered", "stored"]
+
+#: name → module beside this one and its function; a benchmark of your own is one line here
+BENCHMARKS = {
+    "magnetics": ("magnetics", "rows"),
+    "estimation": ("estimation", "rows"),
+    "allocation": ("allocation", "rows"),
+    "tick": ("ticking", "rows"),
+    "loop": ("outside", "loop"),
+    "console": ("outside", "console"),
+    "serial": ("outside", "serial"),
+    "recording": ("recording", "rows"),
+    "training": ("training", "rows"),
+    "study": ("outside", "study"),
+}
+_PACKAGES = ("haptorb", "numpy", "numba", "scipy", "magpylib", "cfsem", "daqp")
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """What one run of `haptorb bench` found.
+
+    machine   processor, cores, load before the run, system, versions
+    command   that measured it
+    day       of the run, ISO
+    rows      all figures, in the order of BENCHMARKS
+    """
+
+    machine: dict[str, str]
+    command: str
+    day: str
+    rows: tuple[Row, ...]
+
+    def numbers(self) -> dict[str, Any]:
+        """Everything as plain JSON types."""
+        return {
+            "command": self.command,
+            "day": self.day,
+            "machine": self.machine,
+            "rows": [row.numbers() for row in self.rows],
+        }
+
+    def store(self, path: Path) -> None:
+        """Write the numbers to `path`, whole or not at all."""
+        part = path.with_name(path.name + ".part")
+        part.write_text(json.dumps(self.numbers(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        part.replace(path)
+
+    def show(self, console: Console) -> None:
+        """Print the table for people."""
+        console.print("[dim]" + ", ".join(f"{key} {value}" for key, value in self.machine.items()) + "[/]")
+        for name in dict.fromkeys(row.benchmark for row in self.rows):
+            table = Table(box=SIMPLE_HEAD, title=name, title_justify="left", title_style="bold")
+            for n, heading in enumerate(("", "here", "limit", "against", "there", "ratio", "")):
+                table.add_column(heading, justify="right" if n in (1, 2, 4, 5) else "left")
+            for row in self.rows:
+                if row.benchmark == name:
+                    table.add_row(*_cells(row))
+            console.print(table)
+
+    def markdown(self, benchmarks: Iterable[str] = BENCHMARKS) -> str:
+        """The table of some benchmarks as Markdown, with command and machine above it."""
+        wanted = list(benchmarks)
+        lines = [
+            f"Measured by `{self.command}` on {self.day}: {self.machine.get('processor', 'unknown')}, "
+            f"{self.machine.get('cores', '?')} cores, {self.machine.get('system', '')}, "
+            f"load before {self.machine.get('load before', '?')}.",
+            "",
+            "| | here | limit | against | there | ratio |",
+            "| --- | ---: | ---: | --- | ---: | ---: |",
+        ]
+        for row in self.rows:
+            if row.benchmark in wanted:
+                what, *rest, note = _cells(row)
+                lines.append(
+                    "| " + " | ".join([f"{row.benchmark}: {what}" + (f" ({note})" if note else ""), *rest]) + " |"
+                )
+        return "\n".join(lines) + "\n"
+
+
+def gathered(names: Iterable[str], effort: float, command: str, tell: Callable[[str, str], None]) -> Gathered:
+    """Run the benchmarks `names`, one after the other; `tell(name, what)` is told what is running.
+
+    `effort` 1 is the full length of each, less is shorter and noisier. Raises UnknownName, InputError.
+    """
+    chosen = list(names)
+    for name in chosen:
+        if name not in BENCHMARKS:
+            raise UnknownName("benchmark", name, BENCHMARKS)
+    if not 0.0 < effort <= 10.0:
+        raise InputError(f"--effort must be above 0 and at most 10; got {effort:g}")
+    facts = machine()
+    rows: list[Row] = []
+    for name in chosen:
+        module, function = BENCHMARKS[name]
+        run = getattr(import_module(f"haptorb.apps.bench.{module}"), function)
+        rows += run(effort, lambda what, name=name: tell(name, what))
+    return Gathered(facts, command, date.today().isoformat(), tuple(rows))
+
+
+def stored(path: Path) -> Gathered:
+    """What `Gathered.store` wrote. Raises InputError for a file that is none."""
+    try:
+        numbers = json.loads(path.read_text(encoding="utf-8"))
+        rows = tuple(Row.read(row) for row in numbers["rows"])
+        return Gathered(numbers["machine"], numbers["command"], numbers["day"], rows)
+    except (OSError, ValueError, KeyError, TypeError) as cause:
+        raise InputError(f"{path} holds no benchmarks; `haptorb bench --store {path}` writes them") from cause
+
+
+def machine() -> dict[str, str]:
+    """What the numbers are measured on."""
+    cpu = Path("/proc/cpuinfo")
+    lines = cpu.read_text(encoding="utf-8").splitlines() if cpu.is_file() else []
+    facts = {
+        "processor": next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), "unknown"),
+        "cores": str(len(os.sched_getaffinity(0))),
+        "load before": f"{os.getloadavg()[0]:.1f}",
+        "system": f"{platform.system()} {platform.release()}",
+        "python": platform.python_version(),
+    }
+    for package in _PACKAGES:
+        try:
+            facts[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return facts
+
+
+def _cells(row: Row) -> tuple[str, str, str, str, str, str, str]:
+    """What, here, limit, against, there, ratio, note."""
+    limit = (
+        "" if row.limit is None else f"{'≥' if row.at_least else '≤'} {spelled_number(row.limit)} {_unit(row)}".strip()
+    )
+    if row.kept is False:
+        limit += " (missed)"
+    here = "not measured" if row.value is None else f"{spelled_number(row.value)} {_unit(row)}".strip()
+    there = "" if row.peer_value is None else f"{spelled_number(row.peer_value)} {_unit(row)}".strip()
+    ratio = "" if row.ratio is None else f"{spelled_number(row.ratio)} ×"
+    return row.what, here, limit, row.peer, there, ratio, row.note
+
+
+def _unit(row: Row) -> str:
+    return "" if row.unit == "1" else row.unit
+
+
+def spelled_number(value: float) -> str:
+    """Three digits, thousands apart, no exponent where people would not want one.
+
+    >>> [spelled_number(x) for x in (12345.6, 0.99953, 21.44, 0.0312)]
+    ['12,346', '0.9995', '21.4', '0.0312']
+    """
+    if abs(value) >= 1000:
+        return f"{value:,.0f}"
+    if 0.99 < value < 1:
+        return f"{value:.4f}"
+    return f"{value:.3g}"

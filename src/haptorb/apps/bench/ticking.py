@@ -1,0 +1,70 @@
+"""One tick of the whole chain, in this process and without a clock: what the computer needs, nothing else."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable
+from time import perf_counter
+
+import numpy as np
+
+from haptorb import worlds
+from haptorb.apps.bench.row import Row
+from haptorb.devices.device import Device
+from haptorb.devices.loader import load
+from haptorb.runtime.assembly import allocator_of, default_world, estimator_of, estimators_of, linkage_of
+from haptorb.runtime.sim_driver import SimDriver
+from haptorb.runtime.tick import Tick
+from haptorb.simulation.registry import simulated
+
+__all__ = ["rows"]
+
+_DT = 1e-3
+#: device, estimator, limit of the median [µs]
+_CHAINS = (("omni", "tracker", 60.0), ("omni", "hall", 60.0), ("pmsm", "least-squares", 90.0))
+
+
+def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
+    """Median and 99 % over 6000 ticks times `effort`, simulation of the device included and without it."""
+    out = []
+    for name, estimator, limit in _CHAINS:
+        device = load(name)
+        if estimator not in estimators_of(device):
+            continue
+        tell(f"{name}, {estimator}")
+        whole, chain = _measured(device, estimator, max(int(6000 * effort), 400))
+        out += [
+            Row("tick", f"{name}, {estimator}: chain without the simulated device, median", float(np.median(chain)),
+                "µs", limit=limit),
+            Row("tick", f"{name}, {estimator}: the same, 99 %", float(np.percentile(chain, 99)), "µs"),
+            Row("tick", f"{name}, {estimator}: with the simulated device, median", float(np.median(whole)), "µs"),
+        ]  # fmt: skip
+    return out
+
+
+def _measured(device: Device, estimator: str, ticks: int) -> tuple[list[float], list[float]]:
+    """[µs] of each tick, and of its stages without reading and writing."""
+    driver = SimDriver(simulated(device, 0), _DT, seed=0)
+    level = "exact" if device.name == "omni" else None
+    tick = Tick(
+        device, worlds.CATALOGUE[default_world(device)](), driver, estimator_of(device, estimator, level),
+        allocator_of(device), _DT, linkage_of(device),
+    )  # fmt: skip
+    row = tick.layout.empty()
+    stages = tick.layout["stages"]
+    whole, chain = [], []
+    collecting = gc.isenabled()
+    gc.disable()  # as in the loop
+    try:
+        with driver:
+            for n in range(ticks + 200):
+                begun = perf_counter()
+                tick.step(row, n * _DT)
+                took = perf_counter() - begun
+                if n >= 200:  # compiled, settled
+                    whole.append(1e6 * took)
+                    chain.append(1e6 * float(row[stages][1:-1].sum()))
+    finally:
+        if collecting:
+            gc.enable()
+    return whole, chain

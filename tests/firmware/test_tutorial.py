@@ -1,0 +1,69 @@
+"""The tutorial "Bring up hardware" does what it says: its commands, in its order, on the emulated board."""
+
+import re
+import shlex
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "tutorials" / "hardware.md"
+HAPTORB = "import sys; from haptorb.apps.cli import main; sys.exit(main(sys.argv[1:]))"
+
+pytestmark = pytest.mark.firmware
+
+
+def commands(port: Path, built: Path) -> list[list[str]]:
+    """The page's commands, run from this virtual environment, on a port of this test's own."""
+    found = []
+    for block in re.findall(r"^```sh\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
+        for line in block.splitlines():
+            words = shlex.split(line.replace("/tmp/omni", str(port)))
+            assert words[0] == "haptorb"
+            found.append([sys.executable, "-c", HAPTORB, *words[1:]])
+    found[0] += ["--build", str(built), "--duration", "240"]
+    return found
+
+
+def done(words: list[str]) -> str:
+    """What a command says; again where this computer was too busy for a device that switches off after 15 ms."""
+    for _ in range(8):
+        ended = subprocess.run(words, capture_output=True, text=True, check=False, timeout=120)
+        if "the host was silent" not in ended.stderr:
+            break
+    assert ended.returncode == 0, f"{words[3:]}: {ended.stdout}{ended.stderr}"
+    return ended.stdout + ended.stderr
+
+
+@pytest.mark.timeout(280)
+def test_the_tutorial(built, tmp_path):
+    port = tmp_path / "omni"
+    emulate, *others = commands(port, built)
+    assert [words[3:6] for words in (emulate, *others)] == [
+        ["hardware", "emulate", "--port"],
+        ["hardware", "probe", "--port"],
+        ["hardware", "monitor", "--driver"],
+        ["hardware", "jog", "x"],
+        ["run", "omni", "--driver"],
+    ]
+    with subprocess.Popen(emulate, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as emulator:
+        try:
+            until = time.monotonic() + 60
+            while not port.exists() and emulator.poll() is None and time.monotonic() < until:
+                time.sleep(0.1)
+            assert port.exists()
+            told = []
+            for words in others:
+                told.append(done(words))
+        finally:
+            emulator.terminate()
+            started = emulator.communicate(timeout=30)[0]
+    probe, monitor, jog, run = told
+    assert "an emulated device is coming up" in started
+    assert "firmware" in probe
+    assert re.search(r"^ +\d\.\d\d s .* A .* °C .* mT$", monitor, re.MULTILINE)
+    assert "x" in jog
+    assert "ticks" in run or "%" in run
