@@ -11,11 +11,13 @@ from haptorb.devices.device import Device
 from haptorb.devices.passive_pull import PassivePull
 from haptorb.devices.ring_tool import dipole_wrench_map, ring_per_ampere
 from haptorb.devices.state import State
+from haptorb.devices.windings import Windings
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import GeometryError
 from haptorb.physics.arrays import Array
 from haptorb.physics.charged_ring import ChargedRing
 from haptorb.physics.dipole import MU0
+from haptorb.physics.soft_sphere import SoftSphere
 
 __all__ = ["Contact", "FieldSensors", "Hand", "SphericalElectromagnet", "Tool"]
 
@@ -88,6 +90,7 @@ class SphericalElectromagnet(Device):
     hall: FieldSensors
     thermometer_step: float  #: [K]
     thermometer_noise: float  #: [K]
+    windings: Windings | None = None  #: the coils' sizes, where somebody gave or assumed them
 
     levels: tuple[str, ...] = ("dipole", "exact")
 
@@ -114,6 +117,13 @@ class SphericalElectromagnet(Device):
             remanence=tool.remanence,
             nearest=self.core_radius + tool.length / 2 + 5e-3,
         )
+
+    def predicted_moments(self) -> Array | None:
+        """(3, 3) [m²] m_e per ampere from the coils' sizes and the core, to be held against `moment_per_current`; None
+        where the sizes are not known."""
+        if self.windings is None:
+            return None
+        return self.windings.moment_per_current(SoftSphere(self.core_radius, self.core_permeability))
 
     def wrench_map(self, state: State, level: str) -> WrenchMap:
         """(6, 3) per ampere and (6,) passive, torque about the tool's magnet; GeometryError inside the dome's core."""

@@ -234,8 +234,8 @@ class ElectromagnetFile(CommonFile):
         for name, inner, outer in sizes:
             if not core < inner < outer < dome:
                 raise ValueError(
-                    f"windings of coil '{name}' reach from {inner * 1e3:g} to {outer * 1e3:g} mm; they must lie between "
-                    f"the core ({core * 1e3:g} mm) and the dome ({dome * 1e3:g} mm), the inner radius first"
+                    f"windings of coil '{name}' reach from {inner * 1e3:g} to {outer * 1e3:g} mm; they must lie "
+                    f"between the core ({core * 1e3:g} mm) and the dome ({dome * 1e3:g} mm), the inner radius first"
                 )
         return self
 

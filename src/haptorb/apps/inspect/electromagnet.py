@@ -29,6 +29,7 @@ class ElectromagnetCard(Card):
         self._device = device
         self._capability = shell_capability(device)
         self._feasible = _feasible(device)
+        self._predicted = device.predicted_moments()
 
     def numbers(self) -> dict[str, Any]:
         """Everything on the card as plain JSON types."""
@@ -42,6 +43,8 @@ class ElectromagnetCard(Card):
             "contact_distance_m": device.contact_distance,
             "shell_m": device.shell_thickness,
             "tool_moment_a_m2": device.tool.moment,
+            "moment_per_current_m2": device.moment_per_current.tolist(),
+            "predicted_moment_per_current_m2": None if self._predicted is None else self._predicted.tolist(),
             "layers": [{**asdict(layer), "dipole_error_jnd": layer.dipole_error_jnd} for layer in capability.layers],
             "feasible": [
                 {
@@ -105,10 +108,30 @@ class ElectromagnetCard(Card):
                 "({:.2f}, {:.2f}, {:.2f})".format(*(able.unreachable.round(6) + 0.0)),
             )
         console.print(able_table)
+        self._moments(console)
         lasting = ", ".join(f"{100 * share:.0f} % {_duration(seconds)}" for share, seconds in capability.endurance)
         room = device.coils.heat.ambient - 273.15
         console.print(f"endurance of one coil from {room:.0f} °C by share of full current: {lasting}")
         console.print(f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
+
+    def _moments(self, console: Console) -> None:
+        """m_e per ampere: as calibrated, and as the coils' sizes and the core would have it."""
+        device = self._device
+        console.print("Moment per ampere along x, y, z [A·m²/A]")
+        table = Table(box=SIMPLE_HEAD, padding=(0, 2))
+        table.add_column("coil")
+        table.add_column("calibrated", justify="right")
+        if self._predicted is not None:
+            table.add_column("from its sizes\nand the core", justify="right")
+            table.add_column("off by", justify="right")
+        for k, name in enumerate(device.coils.names):
+            measured = device.moment_per_current[:, k]
+            cells = ["  ".join(f"{value:+.4f}" for value in measured)]
+            if self._predicted is not None:
+                predicted = self._predicted[:, k]
+                cells += [f"{predicted[k]:+.4f}", f"{100 * (predicted[k] / measured[k] - 1):+.1f} %"]
+            table.add_row(name, *cells)
+        console.print(table)
 
     def _polytopes(self, axes: Any) -> None:
         """Shadows of the force polytopes at contact on the x–z plane."""
