@@ -478,6 +478,23 @@ def test_a_trackers_process_that_dies_is_a_lost_tracker_with_a_reason() -> None:
         assert servo.alive
 
 
+def test_a_flood_of_messages_takes_neither_the_loop_nor_the_computer() -> None:
+    port = free_port()
+    with Servo("omni", tracker=f"osc:{port}", record=False) as servo:
+        tracker = servo._children._tracker
+        end = time.monotonic() + 1.5
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+            data = message("/haptorb/pose", 1.0)  # no pose: garbage
+            while time.monotonic() < end:
+                one.sendto(data, ("127.0.0.1", port))
+        until(servo, lambda: servo.report()["tracking"].get("refused", {}).get("garbage", 0) > 1000)
+        assert os.sched_getscheduler(tracker.pid) & 0xF == os.SCHED_OTHER
+        assert servo.alive
+        assert servo.report()["tracking"]["accepted"] == 0
+        before = servo.report()["ticks"]
+        until(servo, lambda: servo.report()["ticks"] > before + 50)
+
+
 def test_the_trackers_process_ends_with_the_servo() -> None:
     port = free_port()
     servo = Servo("omni", tracker=f"osc:{port}", record=False)

@@ -204,7 +204,7 @@ class Console {
         this.control = event["control"] === true;
         at("watching").hidden = this.control;
         at("watching").title = "Another page has the control. This one may still stop.";
-        if (this.grasp) this.grasp.enabled = this.control;
+        if (this.grasp) this.grasp.enabled = this.control && this.session.steered;
         this.world.enable(this.control);
         this.modes?.enable(this.control);
         break;
@@ -284,7 +284,7 @@ class Console {
 
   private hint(dead: boolean): void {
     const hint = at("hint");
-    if (this.touched || dead || !this.control || !this.subject) return;
+    if (this.touched || dead || !this.control || !this.subject || !this.session.steered) return;
     const { x, y } = this.subject.anchor();
     write(hint, this.subject.hint);
     hint.hidden = false;

@@ -73,6 +73,8 @@ export interface Session {
   version: string;
   started: string;
   simulated: boolean;
+  /** whether the pointer on this page is the tracker; else dragging moves nothing */
+  steered: boolean;
   device: { name: string; title: string; source: string };
   mover: ToolMover | RotorMover | { kind: "other" };
   /** how the mover can move a target; empty where the world acts on it directly */

@@ -5,8 +5,9 @@ from __future__ import annotations
 import ctypes
 import os
 import resource
+from contextlib import suppress
 
-__all__ = ["Facts", "punctual", "urgent"]
+__all__ = ["Facts", "ordinary", "punctual", "urgent"]
 
 Facts = dict[str, str | bool | int]
 
@@ -39,6 +40,12 @@ def punctual(*, real_time: bool = True) -> Facts:
 def urgent() -> bool:
     """Ask for this thread to come before ordinary ones, behind every loop; for threads that sleep nearly always."""
     return _fifo(1)
+
+
+def ordinary() -> None:
+    """This process takes its turn like any other again."""
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def _fifo(priority: int) -> bool:

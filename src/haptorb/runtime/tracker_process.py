@@ -11,11 +11,12 @@ import signal
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from time import monotonic, sleep
+from time import monotonic, process_time, sleep
 from typing import Any
 
 from haptorb.errors import HaptorbError
 from haptorb.runtime.orphan import die_with_parent, orphaned
+from haptorb.runtime.realtime import ordinary, urgent
 from haptorb.runtime.reception import Reception
 from haptorb.runtime.shared import Phase, Shared, Word
 from haptorb.runtime.tracker_door import feed_of
@@ -24,6 +25,7 @@ __all__ = ["main"]
 
 _PATIENCE = 0.05  #: longest wait for a pose before looking whether to end [s]
 _TELL = 0.25  #: between two reports [s]
+_FLOOD = 0.3  #: a process that needs this share of a processor nearly never sleeps: somebody floods it
 
 
 class _Over(Exception):
@@ -61,13 +63,16 @@ def main(spec: Mapping[str, Any]) -> int:
         return _failed(shared, str(cause))
     reception = Reception(feed, shared.tracked)
     words[Word.TRACKER] = Phase.RUNNING
-    told = float("-inf")
+    urgent()  # it sleeps nearly always, and a pose that waits for its turn on a busy computer grows old
+    told, spent = monotonic(), process_time()
     try:
         while True:
             look()
             reception.listen(_PATIENCE)
-            if monotonic() - told > _TELL:
-                told = monotonic()
+            if (passed := monotonic() - told) > _TELL:
+                if process_time() - spent > _FLOOD * passed:
+                    ordinary()
+                told, spent = monotonic(), process_time()
                 shared.tracker_facts.write(json.dumps(reception.facts()))
     except _Over:
         shared.tracker_facts.write(json.dumps(reception.facts()))

@@ -27,6 +27,7 @@ class FakeServo:
     """Keeps a row per millisecond of real time; the stylus gives way to its world's force like a spring."""
 
     driver = "sim"
+    tracker = "pointer"
     modes: tuple[str, ...] = ()
 
     def __init__(self, device: str = "omni", world: str = "dome") -> None:

@@ -88,6 +88,7 @@ def eventually(what: Callable[[], Any]) -> None:
 def test_session_tells_all_that_a_page_needs(console):
     told = httpx.get(console.url + "api/session").json()
     assert told["simulated"] is True
+    assert told["steered"] is True
     assert told["device"]["name"] == "omni"
     assert told["coils"] == ["x", "y", "z"]
     assert told["mover"]["contact_distance"] == pytest.approx(0.05)
@@ -231,6 +232,7 @@ def test_health_is_told_and_the_servos_end_too(client, servo):
     assert told["rate_hz"] == pytest.approx(1000, rel=0.05)
     assert told["success"] == pytest.approx(1.0)
     assert told["lateness_p99_us"] == pytest.approx(4.0)
+    assert told["pose_age_ms"] == 0.0
     servo.alive = False
     client.event("health", alive=False)
 

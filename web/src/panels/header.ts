@@ -10,6 +10,7 @@ export interface Health {
   rate_hz: number | null;
   success: number | null;
   lateness_p99_us: number | null;
+  pose_age_ms: number | null; // 99 % of the believed poses are younger
 }
 
 export class Header {
@@ -49,6 +50,8 @@ export class Header {
       `${shown(100 * health.success, 2)} %`,
       `p99 ${shown(health.lateness_p99_us, 0)} µs`,
     ];
+    // A hand that nobody tracks has no age.
+    if (health.pose_age_ms) parts.push(`pose ${shown(health.pose_age_ms, 0)} ms`);
     write(at("loop"), parts.join(" · "));
   }
 

@@ -24,17 +24,27 @@ class Health:
         self._servo = servo
         layout = servo.layout
         self._t, self._missed, self._lateness = (layout[name].start for name in ("t", "missed", "lateness"))
+        self._valid, self._age = layout["valid"].start, layout["age"].start
         self._stages = layout["stages"]
         self._cursor = 0
-        self._kept: deque[Array] = deque()  # each (n, 4): t, missed, lateness, compute time
+        self._kept: deque[Array] = deque()  # each (n, 5): t, missed, lateness, compute time, age of the pose
 
     def look(self) -> dict[str, float | None]:
-        """Rate [Hz], share of deadlines met, 50th and 99th percentile of lateness and median compute time [µs]."""
+        """Rate [Hz], share of deadlines met, 50th and 99th percentile of lateness and median compute time [µs], 99th
+        percentile of the age of poses that were believed [ms]."""
         self._cursor, rows = self._servo.rows(self._cursor)
         if len(rows):
             compute = rows[:, self._stages].sum(axis=1)
             self._kept.append(
-                np.column_stack([rows[:, self._t], rows[:, self._missed], rows[:, self._lateness], compute])
+                np.column_stack(
+                    [
+                        rows[:, self._t],
+                        rows[:, self._missed],
+                        rows[:, self._lateness],
+                        compute,
+                        np.where(rows[:, self._valid] == 1.0, rows[:, self._age], np.nan),
+                    ]
+                )
             )
             newest = float(rows[-1, self._t])
             while len(self._kept) > 1 and float(self._kept[0][-1, 0]) < newest - WINDOW:
@@ -48,16 +58,19 @@ class Health:
                 "lateness_p50_us": None,
                 "lateness_p99_us": None,
                 "compute_us": None,
+                "pose_age_ms": None,
             }
         kept = np.concatenate(list(self._kept))
         span = float(kept[-1, 0] - kept[0, 0])
         missed = float(np.nansum(kept[1:, 1]))
         late = kept[:, 2][np.isfinite(kept[:, 2])]
         spent = kept[:, 3][np.isfinite(kept[:, 3])]
+        ages = kept[:, 4][np.isfinite(kept[:, 4])]
         return {
             "rate_hz": (len(kept) - 1) / span if span > 0 else None,
             "success": (len(kept) - 1) / (len(kept) - 1 + missed) if len(kept) > 1 else None,
             "lateness_p50_us": float(np.percentile(late, 50)) * 1e6 if len(late) else None,
             "lateness_p99_us": float(np.percentile(late, 99)) * 1e6 if len(late) else None,
             "compute_us": float(np.median(spent)) * 1e6 if len(spent) else None,
+            "pose_age_ms": float(np.percentile(ages, 99)) * 1e3 if len(ages) else None,
         }

@@ -43,6 +43,11 @@ class Servant(Protocol):
         ...
 
     @property
+    def tracker(self) -> str:
+        """Who knows where the mover is, as in `--tracker`."""
+        ...
+
+    @property
     def alive(self) -> bool:
         """Whether the loop runs."""
         ...

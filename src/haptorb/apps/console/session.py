@@ -15,6 +15,7 @@ from haptorb.devices.device import Device
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.spherical_motor import SphericalMotor
 from haptorb.errors import InputError
+from haptorb.runtime.tracker_door import fed
 from haptorb.worlds import CATALOGUE, World
 from haptorb.worlds.parameter import parameters
 
@@ -108,6 +109,7 @@ def session(servo: Servant, started: str) -> dict[str, Any]:
         "version": haptorb.__version__,
         "started": started,
         "simulated": servo.driver == "sim",
+        "steered": not fed(servo.tracker),
         "device": {"name": device.name, "title": device.title, "source": device.source},
         "mover": _mover(device),
         "modes": list(servo.modes),
