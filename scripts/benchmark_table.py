@@ -23,7 +23,7 @@ def with_table(readme: str) -> str:
     _, mark, after = rest.partition(END)
     if not mark:
         raise SystemExit(f"README.md lacks the marks {BEGIN.strip()} and {END}")
-    return before + BEGIN + stored(ROOT / "docs" / "benchmarks.json").markdown(SHOWN) + END + after
+    return before + BEGIN + stored(ROOT / "docs" / "benchmarks.json").markdown(SHOWN, short=True) + END + after
 
 
 def main() -> int:

@@ -72,9 +72,9 @@ def test_ratio_and_limit(row, ratio, kept):
 
 def test_what_is_stored_comes_back_and_is_told(tmp_path):
     rows = (
-        Row("a", "fast", 2.0, "µs", "peer", 9000.0, limit=3.0),
-        Row("b", "slow", 4.0, "µs", limit=3.0),
-        Row("b", "absent", None, "ms", note="needs a browser"),
+        Row("tick", "fast", 2.0, "µs", "peer", 9000.0, limit=3.0),
+        Row("loop", "slow", 4.0, "µs", limit=3.0),
+        Row("loop", "absent", None, "ms", note="needs a browser"),
     )
     found = Gathered({"processor": "one", "cores": "2"}, "haptorb bench", "2026-01-01", rows)
     found.store(tmp_path / "b.json")
@@ -82,7 +82,10 @@ def test_what_is_stored_comes_back_and_is_told(tmp_path):
     told = found.markdown()
     for said in ("`haptorb bench`", "4,500 ×", "≤ 3 µs (missed)", "not measured", "needs a browser"):
         assert said in told
-    assert "slow" not in found.markdown(["a"])
+    assert "9.00 ms" in told
+    assert "slow" not in found.markdown(["tick"])
+    assert "absent" in found.markdown()
+    assert "other" not in Gathered({}, "", "", (Row("tick", "other", 1.0, "µs"),)).markdown(short=True)
     console = Console(file=io.StringIO(), width=160)
     found.show(console)
     assert "needs a browser" in console.file.getvalue()
@@ -116,7 +119,10 @@ def test_a_program_that_fails_is_a_row_that_says_so(monkeypatch, tmp_path):
 
 
 def test_the_command(capsys, tmp_path):
-    assert main(["bench", "allocation", "--effort", "0.02", "--json", "--store", str(tmp_path / "b.json")]) in (0, None)
+    words = ["bench", "allocation", "--effort", "0.02", "--json", "--store", str(tmp_path / "b.json")]
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    assert not end.value.code
     told = json.loads(capsys.readouterr().out)
     assert told == json.loads((tmp_path / "b.json").read_text())
     assert told["command"] == "haptorb bench allocation --effort 0.02"

@@ -16,6 +16,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from haptorb.apps.bench.contest import spelled
 from haptorb.apps.bench.row import Row
 from haptorb.errors import InputError, UnknownName
 
@@ -34,6 +35,7 @@ BENCHMARKS = {
     "training": ("training", "rows"),
     "study": ("outside", "study"),
 }
+_SHORT = 45  #: longest note in a short table
 _PACKAGES = ("haptorb", "numpy", "numba", "scipy", "magpylib", "cfsem", "daqp")
 
 
@@ -79,8 +81,11 @@ class Gathered:
                     table.add_row(*_cells(row))
             console.print(table)
 
-    def markdown(self, benchmarks: Iterable[str] = BENCHMARKS) -> str:
-        """The table of some benchmarks as Markdown, with command and machine above it."""
+    def markdown(self, benchmarks: Iterable[str] = BENCHMARKS, *, short: bool = False) -> str:
+        """The table of some benchmarks as Markdown, with command and machine above it.
+
+        `short` leaves out what has neither peer nor limit, and long notes.
+        """
         wanted = list(benchmarks)
         lines = [
             f"Measured by `{self.command}` on {self.day}: {self.machine.get('processor', 'unknown')}, "
@@ -91,11 +96,12 @@ class Gathered:
             "| --- | ---: | ---: | --- | ---: | ---: |",
         ]
         for row in self.rows:
-            if row.benchmark in wanted:
+            if row.benchmark in wanted and not (short and row.limit is None and not row.peer):
                 what, *rest, note = _cells(row)
-                lines.append(
-                    "| " + " | ".join([f"{row.benchmark}: {what}" + (f" ({note})" if note else ""), *rest]) + " |"
-                )
+                said = f"{row.benchmark}: {what}"
+                if note and len(note) <= (_SHORT if short else 1000):
+                    said += f" ({note})"
+                lines.append("| " + " | ".join([said, *rest]) + " |")
         return "\n".join(lines) + "\n"
 
 
@@ -150,19 +156,20 @@ def machine() -> dict[str, str]:
 
 def _cells(row: Row) -> tuple[str, str, str, str, str, str, str]:
     """What, here, limit, against, there, ratio, note."""
-    limit = (
-        "" if row.limit is None else f"{'≥' if row.at_least else '≤'} {spelled_number(row.limit)} {_unit(row)}".strip()
-    )
+    sign = "≥" if row.at_least else "≤"
+    limit = "" if row.limit is None else f"{sign} {_figure(row, row.limit)}"
     if row.kept is False:
         limit += " (missed)"
-    here = "not measured" if row.value is None else f"{spelled_number(row.value)} {_unit(row)}".strip()
-    there = "" if row.peer_value is None else f"{spelled_number(row.peer_value)} {_unit(row)}".strip()
+    here = "not measured" if row.value is None else _figure(row, row.value)
+    there = "" if row.peer_value is None else _figure(row, row.peer_value)
     ratio = "" if row.ratio is None else f"{spelled_number(row.ratio)} ×"
     return row.what, here, limit, row.peer, there, ratio, row.note
 
 
-def _unit(row: Row) -> str:
-    return "" if row.unit == "1" else row.unit
+def _figure(row: Row, value: float) -> str:
+    if row.unit == "µs" and value >= 1000:
+        return spelled(1e-6 * value)
+    return spelled_number(value) + ("" if row.unit == "1" else f" {row.unit}")
 
 
 def spelled_number(value: float) -> str:

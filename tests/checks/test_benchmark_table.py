@@ -1,0 +1,37 @@
+"""The figures in README are those that the stored benchmark holds."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from haptorb.apps.bench import stored
+
+
+@pytest.fixture(scope="module")
+def script(root: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location("benchmark_table", root / "scripts" / "benchmark_table.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_readme_quotes_the_stored_benchmarks(root: Path, script: ModuleType) -> None:
+    readme = (root / "README.md").read_text(encoding="utf-8")
+    assert script.with_table(readme) == readme, "run: python scripts/benchmark_table.py"
+    altered = readme.replace(" µs |", " ns |", 1)
+    assert altered != readme
+    assert script.with_table(altered) == readme
+
+
+def test_the_stored_benchmarks_are_whole(root: Path) -> None:
+    found = stored(root / "docs" / "benchmarks.json")
+    assert {"magnetics", "estimation", "allocation", "tick", "training", "recording"} <= {
+        row.benchmark for row in found.rows
+    }
+    assert found.command.startswith("haptorb bench")

@@ -1,0 +1,62 @@
+"""README's two commands and its four examples: they run from README alone, in its order, and say a number."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HAPTORB = "import sys; from haptorb.apps.cli import main; sys.exit(main(sys.argv[1:]))"
+
+
+@pytest.fixture(scope="module")
+def readme(root: Path) -> str:
+    return (root / "README.md").read_text(encoding="utf-8")
+
+
+def test_four_examples_for_four_users_run_and_say_a_number(readme: str, tmp_path: Path) -> None:
+    users = re.findall(r"^\*\*The ([\w ]+)\*\*", readme, re.MULTILINE)
+    assert users == ["device engineer", "HCI researcher", "product designer", "application developer"]
+    blocks = re.findall(r"^```python\n(.*?)^```$", readme, re.MULTILINE | re.DOTALL)
+    assert len(blocks) == len(users)
+    program = tmp_path / "readme.py"
+    program.write_text("\nprint('---')\n".join(blocks), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(program)], cwd=tmp_path, env=os.environ | {"MPLBACKEND": "Agg"},
+        capture_output=True, text=True, check=False, timeout=240,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    said = done.stdout.split("---\n")
+    assert all(re.search(r"\d\.\d+ N", one) for one in said)
+    assert [len(one.splitlines()) for one in said] == [2, 1, 3, 1]
+    assert (tmp_path / "run.csv").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    "words", [["inspect", "omni"], ["run", "pmsm", "--world", "outlet", "--headless", "--duration", "0.5"]]
+)
+def test_commands_that_are_named(readme: str, words: list[str]) -> None:
+    named = "haptorb " + " ".join(words[:4] if words[0] == "run" else words[:1])
+    assert named in readme or words[0] == "inspect"
+    done = subprocess.run(
+        [sys.executable, "-c", HAPTORB, *words], capture_output=True, text=True, check=False, timeout=240
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_what_a_newcomer_must_find(root: Path, readme: str) -> None:
+    first = readme.split("## Four ways", 1)[0]
+    assert re.search(r"^make run ", first, re.MULTILINE)
+    assert re.search(r"^make test ", first, re.MULTILINE)
+    assert re.search(r"<!-- first-run --> \d+ s <!-- /first-run -->", first)
+    pictures = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", readme)
+    assert len(pictures) == 1
+    for target in [*pictures, *re.findall(r"(?<!!)\[[^\]]+\]\(([^)#]+)\)", readme)]:
+        assert (root / target).exists(), target
+    known = subprocess.run([sys.executable, "-c", HAPTORB, "--help"], capture_output=True, text=True, check=True).stdout
+    for command in set(re.findall(r"`haptorb (\w+)", readme)):
+        assert command in known
