@@ -2,6 +2,8 @@
 
     python benchmarks/serial_cycle.py [--pace 0.1] [--cycles 2000] [--board m328p] [--json]
 
+Beside what is measured it says what the line alone takes: bytes of a frame each way, ten bits a byte at 1 Mbaud.
+
 At pace 1 the round trip is measured on this computer's clock, with this computer's delays. At a lower pace firmware
 time runs slower than ours and only the firmware's own times mean anything: the turn (first bit of the frame to last
 bit of the answer), the rounds of the I²C bus, lost bytes.
@@ -19,7 +21,9 @@ import numpy as np
 
 from haptorb.runtime.board import Board
 from haptorb.runtime.emulator import Emulator
-from haptorb.runtime.protocol import Standing
+from haptorb.runtime.frames import Frame, encoded
+from haptorb.runtime.protocol import READING, Reading, Standing, set_duties
+from haptorb.runtime.serial_port import BAUD
 
 BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"
 
@@ -60,8 +64,13 @@ def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
             took[k] = time.perf_counter() - began
         device.close()
         elapsed = float(words["t"]) - start
+        asked = len(encoded(set_duties(0, [0, 0, 0])))
+        answered = len(encoded(Frame(READING, 0, bytes(Reading._LAYOUT.size))))
         return {
             "cycles per second of firmware time": cycles / elapsed,
+            "bytes of a SET": asked,
+            "bytes of its answer (3 currents, 4-5 Hall sensors, 1 thermometer)": answered,
+            "line time of both [ms]": 1e3 * 10 * (asked + answered) / BAUD,
             "turn, median [ms]": float(words["turn_us"]) / 1e3,
             "turn, 99 % [ms]": float(words["turn_p99_us"]) / 1e3,
             "bus rounds per second (3 currents, 4-5 Hall sensors each)": rounds / elapsed,
@@ -87,7 +96,7 @@ def main() -> None:
         print(json.dumps(result))
         return
     for name, value in result.items():
-        print(f"{name:60s} {value:10.3f}")
+        print(f"{name:66s} {value:10.3f}")
 
 
 if __name__ == "__main__":
