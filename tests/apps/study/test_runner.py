@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,8 +22,6 @@ from haptorb.apps.study.sitting import Sitting
 from haptorb.apps.study.stage import Stage
 from haptorb.apps.study.study_file import Study, study_of
 from haptorb.control.trip import Trip
-from haptorb.devices.loader import load
-from haptorb.runtime.row import RowLayout
 
 STUDY = """
 name = "short"
@@ -34,45 +33,16 @@ pause_seconds = 0.0
 """
 
 
-class FakeServo:
-    """Remembers what it was told; its pen is where it was pointed."""
+def _module() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("fake_servo", Path(__file__).with_name("fake_servo.py"))
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
-    def __init__(self) -> None:
-        self.device = load("omni")
-        self.layout = RowLayout.of(self.device)
-        self.tracker, self.driver = "pointer", "sim"
-        self.told: list[Any] = []
-        self.trips: list[Trip] = []
-        self.p = np.array([0.0, 0.0, 0.05])
 
-    def set_world(self, name: str, values: dict[str, Any] | None = None) -> None:
-        self.told.append((name, (values or {}).get("summit")))
-
-    def point(self, p: np.ndarray) -> None:
-        self.p = p
-
-    def check(self) -> None:
-        pass
-
-    def stop(self) -> None:
-        self.told.append("stop")
-        self.trips.append(Trip.STOPPED)
-
-    def rows(self, cursor: int = 0) -> tuple[int, np.ndarray]:
-        """Two rows per trip: running, then tripped."""
-        rows = np.zeros((2 * len(self.trips), self.layout.width))
-        rows[:, self.layout["guard"]] = 2
-        for n, trip in enumerate(self.trips):
-            rows[2 * n + 1, self.layout["guard"]], rows[2 * n + 1, self.layout["trip"]] = 4, trip
-        return len(rows), rows[cursor:]
-
-    def engage(self) -> None:
-        self.told.append("engage")
-
-    def latest(self) -> np.ndarray:
-        row = np.zeros(self.layout.width)
-        row[self.layout["valid"]], row[self.layout["guard"]], row[self.layout["p"]] = 1, 2, self.p
-        return row
+FakeServo: Any = _module().FakeServo
 
 
 class Script(Keys):
@@ -91,7 +61,7 @@ def short() -> Study:
     return study_of(STUDY)
 
 
-def run(study: Study, place: Path, *keys: Any, servo: FakeServo | None = None) -> SimpleNamespace:
+def run(study: Study, place: Path, *keys: Any, servo: Any = None) -> SimpleNamespace:
     servo, views = servo or FakeServo(), []
 
     def show(view: View) -> None:
@@ -142,7 +112,7 @@ def test_a_pause_switches_the_coils_off_and_is_no_safety_event(short: Study, tmp
 def test_a_trip_is_marked_on_its_trial_only(short: Study, tmp_path: Path) -> None:
     servo = FakeServo()
     hot = Trip.OVERHEATED
-    run(short, tmp_path / "s.db", lambda: servo.trips.append(hot), "1", "enter", "1", "enter", servo=servo)
+    run(short, tmp_path / "s.db", lambda: servo.trip(hot), "1", "enter", "1", "enter", servo=servo)
     assert tidy(database(tmp_path / "s.db"), short)["safety"].tolist() == ["OVERHEATED", ""]
 
 

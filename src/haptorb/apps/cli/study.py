@@ -1,4 +1,4 @@
-"""`haptorb study run | simulate | analyse | export | check`: perceptual studies on the dome."""
+"""`haptorb study check | run | simulate | power | analyse | export`: perceptual studies on the dome."""
 
 from __future__ import annotations
 
@@ -155,6 +155,52 @@ def simulate(
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )  # fmt: skip
     print(f"{answered} SIMULATED trials in {db}; `haptorb study analyse {db}` shows them")
+
+
+@study.command()
+def power(
+    file: FileArgument,
+    between: Annotated[
+        tuple[str, str] | None, typer.Option(help="The two conditions to compare; the file's first two.")
+    ] = None,
+    measure: Annotated[
+        str | None, typer.Option(help="error, accuracy, rating, threshold or choice, as the procedure has it.")
+    ] = None,
+    pool: Annotated[int, typer.Option(help="Simulated participants that everything is drawn from.")] = 40,
+    people: Annotated[list[int] | None, typer.Option(help="Number of participants to look at; repeatable.")] = None,
+    alpha: Annotated[float, typer.Option(help="Level of the test.")] = 0.05,
+    wanted: Annotated[float, typer.Option("--power", help="Wanted probability to see the difference.")] = 0.8,
+    seed: Annotated[int, typer.Option(help="Of the participants' senses and hands.")] = 0,
+    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """How many participants see a difference between two conditions? Foretold with SIMULATED ones."""
+    from rich.console import Console
+    from rich.progress import Progress
+    from rich.table import Table
+
+    from haptorb.apps.study.power import PEOPLE
+    from haptorb.apps.study.power import power as foretold
+    from haptorb.apps.study.study_file import read_study
+
+    known = read_study(file)
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("SIMULATED participants", total=None)
+        found = foretold(
+            known, between, measure, pool=pool, people=people or PEOPLE, alpha=alpha, wanted=wanted, seed=seed,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )  # fmt: skip
+    if json:
+        from json import dumps
+
+        print(dumps(found.numbers(), indent=2, ensure_ascii=False))
+        return
+    table = Table(box=None)
+    for column in ("participants", "power", "95 %"):
+        table.add_column(column, justify="right")
+    for n, share, low, high in zip(found.people, found.power, found.low, found.high, strict=True):
+        table.add_row(str(n), f"{share:.2f}", f"{low:.2f} to {high:.2f}")
+    Console().print(table)
+    print(found.sentence)
 
 
 @study.command()

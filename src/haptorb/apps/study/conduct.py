@@ -114,10 +114,10 @@ class Conduct:
         if self.state == "break":
             self._begin()
 
-    def interval(self, which: int) -> None:
+    def interval(self, which: int | None) -> None:
         """Let interval `which`, 1 or 2, be felt."""
         prompt = self.prompt
-        if which not in (1, 2) or prompt is None or not prompt.interval:
+        if not isinstance(which, int) or which not in (1, 2) or prompt is None or not prompt.interval:
             raise InputError("there is no such interval in this trial")
         if self.state == "running":
             self.which = which

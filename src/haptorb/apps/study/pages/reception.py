@@ -141,7 +141,7 @@ class Reception:
             case "skip":
                 conduct.skip()
             case "interval":
-                conduct.interval(int(command["which"]))
+                conduct.interval(command.get("which"))
             case "pause":
                 conduct.pause(str(command.get("why", "")))
             case "resume":
