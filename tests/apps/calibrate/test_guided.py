@@ -298,3 +298,52 @@ def test_the_command_in_a_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert "taken up where it ended; done already: rest, currents" in said.err
     assert "id " in said.out
     assert read_calibration("omni.calibration.json").heat is None
+
+
+@pytest.mark.parametrize(("factor", "complaint"), [(1.0, ""), (0.1, "shunt is wrong by ten")])
+def test_the_i2c_driver_is_calibrated_by_the_same_steps(factor: float, complaint: str, tmp_path: Path) -> None:
+    """On simulated chips, whose currents follow the duties; `factor` is what a wrong shunt makes of them."""
+    from haptorb.apps.calibrate.measure import Pace
+    from haptorb.runtime.i2c_driver import I2cDriver
+    from haptorb.simulation.chips import ChipBus
+
+    class Warm:
+        def ready(self, patience: float) -> bool:
+            return True
+
+        def read(self) -> Any:
+            return np.full(3, 300.0)
+
+        def close(self) -> None:
+            return
+
+    class Reopening:
+        def __init__(self, bus: ChipBus) -> None:
+            self._bus = bus
+
+        def transfer(self, messages: Any) -> list[bytes]:
+            return self._bus.transfer(messages)
+
+        def close(self) -> None:
+            return
+
+    bus, pwm, currents, _ = ChipBus.of_device()
+    now = [0.0]
+
+    def wait(seconds: float) -> None:
+        now[0] += seconds
+        for chip, duty in zip(currents, pwm.duties(), strict=True):
+            chip.pass_time(2e-3, 20.0 * factor * float(duty))
+
+    driver = I2cDriver(OMNI, Reopening(bus), thermometers=Warm)
+    steps, out, said = known_steps(["rest", "currents"]), tmp_path / "omni.json", []
+    wants: dict[str, Any] = {"steps": steps, "pace": Pace(lambda: now[0], wait), "guide": Guide(said.append)}
+    if complaint:
+        with pytest.raises(CalibrationError, match=complaint):
+            guided(OMNI, driver, out, **wants)
+    else:
+        assert guided(OMNI, driver, out, **wants) is None
+        kept = json.loads((tmp_path / "omni.json.steps").read_text())["steps"]
+        assert kept["currents"]["resistance_ohm"] == pytest.approx([0.6] * 3, rel=0.01)
+        assert "needs magnetic as well" in said[-1]
+    assert pwm.duties().tolist() == [0, 0, 0]

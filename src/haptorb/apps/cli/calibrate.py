@@ -48,6 +48,7 @@ def calibrate(
     from haptorb.devices.electromagnet import SphericalElectromagnet
     from haptorb.devices.loader import load
     from haptorb.runtime.calibration_file import writable
+    from haptorb.runtime.realtime import urgent
 
     found = load(device)
     if not isinstance(found, SphericalElectromagnet) or not found.sensors:
@@ -63,6 +64,8 @@ def calibrate(
             "calibrating a real device asks a person before every step, and there is no terminal: add --yes if the "
             "device is ready for all of them (--steps leaves some out)"
         )
+    if not through.simulated:
+        urgent()  # a firmware switches off after 15 ms of silence, however busy this computer is
     result = guided(
         found, through, path, steps=chosen, heat=heat, pace=pace, restart=restart, overwrite=force,
         guide=Guide(_say, _ask if asks else lambda step: True, _bar),
