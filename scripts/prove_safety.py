@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 GUARD, GUARD_TESTS = "control/guard.py", "tests/control/test_guard.py"
 DRIVE, DRIVE_TESTS = "control/drive.py", "tests/control/test_drive.py"
+PASSIVITY, PASSIVITY_TESTS = "control/passivity.py", "tests/control/test_passivity.py"
 TICK, TICK_TESTS = "runtime/tick.py", "tests/runtime/test_tick.py"
 TRACKER_TESTS, FEED_TESTS = "tests/contracts/test_trackers.py", "tests/runtime/test_trackers.py"
 GUIDED_TESTS = "tests/apps/calibrate/test_guided.py"
@@ -59,6 +60,17 @@ PROOFS = [
         "min(max(sums[0, j] / sums[1, j], low[j]), high[j])",
         "sums[0, j] / sums[1, j]",
         DRIVE_TESTS,
+    ),
+    ("a reversed magnet trips", GUARD, "if estimate.reversed:", "if False:", "tests/runtime/test_hall_loop.py"),
+    ("damping brakes", PASSIVITY, "out[i] -= damping *", "out[i] += damping *", PASSIVITY_TESTS),
+    ("damping is bounded", PASSIVITY, "min(most, -balance * passed / square)", "1e3 * most", PASSIVITY_TESTS),
+    ("active worlds are left alone", PASSIVITY, "if passive and balance < 0.0", "if balance < 0.0", PASSIVITY_TESTS),
+    (
+        "late poses meet the forces of their time",
+        PASSIVITY,
+        "_acted(memory, numbers[_STAMP] - lag, stamp - lag)",
+        "_acted(memory, numbers[_STAMP] + late, stamp + late)",
+        PASSIVITY_TESTS,
     ),
     ("duties are bounded", DRIVE, "if largest > 1.0:", "if False:", DRIVE_TESTS),
     ("a world that fails trips", TICK, "self._failed(Trip.WORLD_FAILED, cause)", "pass", TICK_TESTS),

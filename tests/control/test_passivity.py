@@ -73,16 +73,17 @@ def test_an_active_world_is_watched_and_left_alone():
 def test_what_is_injected_brakes_and_is_bounded():
     control, injected, _ = spring(5000.0, late=5, seconds=4.0)
     assert 0 < injected.max() <= 0.25 * 0.1 / (2 * DT + 5 * DT) + 1e-9
-    wrench = np.array([1.0, -2.0, 0.5, 0, 0, 0])
-    p = np.array([0.0, 0.0, 0.06])
-    control = PassivityControl(DT)
-    for n in range(400):  # a force that always pushes along the motion and never was the world's at that place
-        p[0] += 1e-4
-        out = control.damped(wrench * (-1) ** n, p.copy(), UPRIGHT, n * DT, 0.0, 1.0, passive=True).copy()
-        added = out - wrench * (-1) ** n
-        assert added[0] <= 0.0  # against the motion
-        assert abs(added[0]) <= 10.0 * 0.1 + 1e-9
+    control, late, braked = PassivityControl(DT), 5, 0
+    x = 1e-3 * np.sin(2 * np.pi * 5 * np.arange(2000) * DT)
+    for n in range(late + 1, 2000):
+        wrench = np.array([-5000.0 * x[n - late], 0, 0, 0, 0, 0])
+        out = control.damped(wrench, np.array([x[n - late], 0, 0.06]), UPRIGHT, n * DT, late * DT, 1.0, passive=True)
+        added, speed = out - wrench, (x[n - late] - x[n - late - 1]) / DT
+        assert added[0] * speed <= 1e-12  # against the motion
+        assert abs(added[0]) <= 10.0 * abs(speed) + 1e-9
         assert not added[1:].any()
+        braked += added[0] * speed < 0
+    assert braked > 500
 
 
 def test_a_rotor_is_watched_in_its_turning():

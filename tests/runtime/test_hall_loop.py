@@ -8,6 +8,7 @@ import pytest
 from haptorb.apps.calibrate import calibrate
 from haptorb.apps.calibrate.door import door
 from haptorb.control.guard import Guard
+from haptorb.control.trip import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
 from haptorb.runtime.assembly import allocator_of, assemble, estimator_of, known_estimator
@@ -58,6 +59,8 @@ def test_a_reversed_magnet_is_never_pushed():
     assert not rows[:, tick.layout["valid"].start].any()
     assert not rows[:, tick.layout["duties"]].any()
     assert tick.estimator.verdict == HallTracker.REVERSED
+    assert rows[-1, tick.layout["guard"].start] == GuardState.TRIPPED
+    assert rows[-1, tick.layout["trip"].start] == Trip.MAGNET_REVERSED  # the console shows its sentence
 
 
 def test_who_has_no_such_tracker_is_told():

@@ -196,3 +196,9 @@ def test_the_catalogue():
         named("doom")
     assert set(parameters(Dome)) == {"summit", "half_width_deg", "cut_off_deg", "moment"}
     assert all(issubclass(world, World) for world in CATALOGUE.values())
+
+
+def test_a_summit_below_the_rim_is_refused():
+    with pytest.raises(InputError, match="below the rim"):
+        Dome(summit=(0.2, 0, -1)).for_device(load("omni"))
+    Dome(summit=(1, 0, 0)).for_device(load("omni"))  # at the rim there is still dome

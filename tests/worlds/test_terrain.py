@@ -79,3 +79,27 @@ def test_images_that_cannot_be(tmp_path):
     Image.fromarray(np.zeros((10, 20), np.uint8)).save(tmp_path / "b.png")
     with pytest.raises(InputError, match="20 × 10"):
         Terrain.image(tmp_path / "b.png")
+
+
+def test_holes_are_told_with_their_place():
+    """NaN, infinities and masked cells are holes, and so are the transparent pixels of an image."""
+    heights = np.zeros((8, 8))
+    heights[2, 3] = np.nan
+    with pytest.raises(InputError, match=r"1 holes .* \[2, 3\]"):
+        Terrain(heights=heights)
+    with pytest.raises(InputError, match=r"8 holes .* \[0, 0\]"):
+        Terrain(heights=np.ma.masked_array(np.zeros((8, 8)), mask=np.eye(8)))
+    with pytest.raises(InputError, match="64 holes"):
+        Terrain(heights=[[None] * 8] * 8)
+    with pytest.raises(InputError, match="numbers"):
+        Terrain(heights=[["high"] * 8] * 8)
+
+
+def test_transparent_pixels_are_holes(tmp_path):
+    picture = Image.new("RGBA", (16, 16), (128, 128, 128, 255))
+    picture.save(tmp_path / "whole.png")
+    assert Terrain.image(tmp_path / "whole.png").heights.shape == (16, 16)
+    picture.putpixel((3, 4), (128, 128, 128, 0))
+    picture.save(tmp_path / "holes.png")
+    with pytest.raises(InputError, match="transparent"):
+        Terrain.image(tmp_path / "holes.png")

@@ -112,7 +112,9 @@ class Guard:
     def admit(self, wrench: Array, estimate: Estimate) -> Array:
         """The part of the world's `wrench` (6,) that may be asked now: clamped, faded; zero when anything is wrong."""
         self._fresh = estimate.valid and estimate.age <= self._limits.expiry
-        if not self._fresh and self.state not in (GuardState.OFF, GuardState.TRIPPED):
+        if estimate.reversed:  # said even while off: nobody could engage, and would not know why
+            self.trip(Trip.MAGNET_REVERSED)
+        elif not self._fresh and self.state not in (GuardState.OFF, GuardState.TRIPPED):
             self.trip(Trip.POSE_EXPIRED if estimate.valid else Trip.POSE_LOST)
         self._fade()
         fx, fy, fz, tx, ty, tz = wrench.tolist()

@@ -34,6 +34,7 @@ class Trip(IntEnum):
     DRIVER_FAILED = 11
     CLOSING = 12
     LOOP_FAILED = 13
+    MAGNET_REVERSED = 14
 
     @property
     def text(self) -> str:
@@ -60,4 +61,8 @@ _TEXT = {
     Trip.DRIVER_FAILED: "The device did not answer. Check cable and supply, then re-engage.",
     Trip.CLOSING: "The servo is closing.",
     Trip.LOOP_FAILED: "The servo itself failed; its report says how. Start it again.",
+    Trip.MAGNET_REVERSED: (
+        "The tool's magnet is the wrong way round, or the tool upside down: every force would invert. "
+        "Turn it round, then re-engage."
+    ),
 }

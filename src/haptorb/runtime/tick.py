@@ -113,7 +113,8 @@ class Tick:
             return
         t1 = perf_counter()
         estimate = self.estimator.update(sample)
-        if self._wants_engagement and estimate.valid:  # the first belief starts the ramp; after that only people do
+        # The first belief starts the ramp; after that, and after a reversed magnet, only people do.
+        if self._wants_engagement and estimate.valid and guard.reason is not Trip.MAGNET_REVERSED:
             guard.admit(self._nothing, estimate)
             self._wants_engagement = not guard.engage()
         t2 = perf_counter()

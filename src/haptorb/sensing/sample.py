@@ -53,3 +53,4 @@ class Estimate:
     covariance: Array | None = None  #: (3, 3) of the orientation as a rotation vector, stator frame [rad²], if known
     strength: float = 1.0  #: of the mover's magnets, relative to the device file, where the estimator finds it
     disbelieved: int = 0  #: number of field sensors whose readings were left out
+    reversed: bool = False  #: the mover's magnet is the wrong way round: every force would invert

@@ -153,7 +153,7 @@ class HallTracker(Estimator):
     def _unknown(self, t: float, why: str) -> Estimate:
         self.verdict = why
         last = self._last
-        return Estimate(last.state, last.wrench_map, False, t - self._t)
+        return Estimate(last.state, last.wrench_map, False, t - self._t, reversed=why == self.REVERSED)
 
     def _explained(self, misfit: float, limit: float) -> bool:
         return misfit <= (self._field.size - 5) * limit * limit

@@ -69,6 +69,11 @@ class Dome(World):
         """With the tool's moment, the contact distance and the shell of `device`."""
         if not isinstance(device, SphericalElectromagnet):
             raise InputError(f"world 'dome' is for a tool over a sphere; device '{device.name}' has none")
+        if self.summit[2] < 0.0:
+            raise InputError(
+                f"Dome.summit {tuple(self.summit)} lies below the rim of the dome of device '{device.name}': its z "
+                "must not be negative"
+            )
         contact = device.contact_distance
         return replace(
             self,

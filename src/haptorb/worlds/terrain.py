@@ -15,7 +15,7 @@ from haptorb.devices.device import Device
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State
 from haptorb.errors import InputError
-from haptorb.physics.arrays import Array, finite
+from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.world import World
@@ -55,6 +55,22 @@ def _height(heights: Array, u: float, v: float, out: Array) -> None:
     out[0], out[1], out[2] = h, hx * (columns - 1), hy * (rows - 1)
 
 
+def _whole(heights: ArrayLike) -> Array:
+    """`heights` as an array, or InputError saying where its first hole is."""
+    try:
+        filled = np.ma.filled(np.ma.asarray(heights, dtype=np.float64), np.nan)
+    except (TypeError, ValueError) as cause:
+        raise InputError(f"Terrain.heights must be a table of numbers; {cause}") from cause
+    holes = np.argwhere(~np.isfinite(filled))
+    if len(holes):
+        raise InputError(
+            f"Terrain.heights has {len(holes)} holes (NaN, infinite or masked), the first at {holes[0].tolist()}; "
+            "fill them first"
+        )
+    whole: Array = np.ascontiguousarray(filled)
+    return whole
+
+
 def hills(size: int = 65) -> Array:
     """(size, size) a landscape of three mountains and two valleys, heights within −1…1."""
     v, u = np.meshgrid(np.linspace(-1, 1, size), np.linspace(-1, 1, size), indexing="ij")
@@ -87,7 +103,7 @@ class Terrain(World):
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
-        heights = finite(self.heights, "Terrain.heights (holes and NaN must be filled first)")
+        heights = _whole(self.heights)
         if heights.ndim != 2 or heights.shape[0] != heights.shape[1] or len(heights) < 4:
             raise InputError(f"Terrain.heights must be square, shape (n, n) with n of at least 4; got {heights.shape}")
         if np.abs(heights).max() > 1 + 1e-9:
@@ -110,7 +126,7 @@ class Terrain(World):
         """From a function of tilt and azimuth [rad] (arrays) to heights."""
         half = radians(values.get("half_angle_deg", 60.0))
         v, u = np.meshgrid(np.linspace(-1, 1, size), np.linspace(-1, 1, size), indexing="ij")
-        return cls(heights=finite(function(half * np.hypot(u, v), np.arctan2(v, u)), "heights"), **values)
+        return cls(heights=np.asarray(function(half * np.hypot(u, v), np.arctan2(v, u))), **values)
 
     @classmethod
     def image(cls, path: str | Path, **values: float) -> Terrain:
@@ -120,6 +136,8 @@ class Terrain(World):
         try:
             with Image.open(path) as picture:
                 deep = picture.mode.startswith("I")  # 16-bit grey
+                if picture.mode in ("LA", "PA", "RGBA") and np.asarray(picture.getchannel("A")).min() < 255:
+                    raise InputError(f"height map '{path}' has transparent pixels: holes; fill them first")
                 grey = np.asarray(picture if deep else picture.convert("L"), dtype=float) / (65535 if deep else 255)
         except (OSError, UnidentifiedImageError, ValueError) as cause:
             raise InputError(f"height map '{path}' cannot be read as an image: {cause}") from cause
