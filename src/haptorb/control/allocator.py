@@ -60,6 +60,10 @@ def checked_problem(wrench_map: WrenchMap, wrench: ArrayLike, channels: int) -> 
     """Matrix (6, m), passive wrench (6,) and wrench (6,) as contiguous float64 arrays of the right shape.
 
     Finiteness is left to the kernels, which look at every number anyway.
+
+    Raises InputError for a wrench or a map of another shape, or that is no number.
+
+    The matrix is in [N/A, N·m/A], the wrenches in [N, N·m].
     """
     try:
         asked = np.ascontiguousarray(wrench, dtype=np.float64)

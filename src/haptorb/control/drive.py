@@ -123,7 +123,7 @@ class Drive:
         return self._out
 
     def rest(self) -> Array:
-        """(m,) zeros: the coils are off, and the next wanted current starts from nothing."""
+        """(m,) zeros: the coils are off, and the next wanted current starts from nothing. In duties from −1 to 1."""
         self._last[:] = 0.0
         self._emf[:] = 0.0
         self._out[:] = 0.0

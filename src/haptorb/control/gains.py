@@ -14,7 +14,7 @@ __all__ = ["Gains", "three"]
 
 
 def three(value: ArrayLike, what: str) -> tuple[float, float, float]:
-    """`value` as three finite numbers, or InputError naming `what`."""
+    """`value` as three finite numbers, or InputError naming `what`. Shape (3,). In the unit of `value`: [any]."""
     numbers = finite(value, what)
     if numbers.shape != (3,):
         raise InputError(f"{what} must be three numbers; got shape {numbers.shape}")
@@ -53,7 +53,10 @@ class Gains:
             object.__setattr__(self, name, three(value, f"gains.{name}"))
 
     def scaled(self, factor: float) -> Gains:
-        """The same motion with all torques multiplied by `factor`: a stronger or weaker world, still passive."""
+        """The same motion with all torques multiplied by `factor`: a stronger or weaker world, still passive.
+
+        Raises InputError for a negative factor.
+        """
         factor = float(finite(factor, "factor"))
         if factor < 0:
             raise InputError(f"factor must not be negative: the torques would push the wrong way; got {factor:g}")

@@ -51,6 +51,8 @@ GRIPS = {
 def known_grip(text: str) -> HandGrip:
     """The grip called `text`, or the one that its three numbers MASS,DAMPING,STIFFNESS describe.
 
+    Raises UnknownName for what is neither.
+
     >>> known_grip("firm").damping, known_grip("0.2,3,50").mass
     (10.0, 0.2)
     """

@@ -180,6 +180,8 @@ class LeastSquaresAllocator(Allocator):
     truncation           relative singular value up to which a direction counts as unreachable
     compensate_passive   subtract the wrench that is there at zero current
 
+    Raises InputError for weights that are not six, negative or all zero, and for damping or truncation outside 0 to 1.
+
     >>> from haptorb.devices.wrench_map import WrenchMap
     >>> pull = WrenchMap(np.vstack([np.eye(3), np.zeros((3, 3))]), np.zeros(6))
     >>> allocation = LeastSquaresAllocator((2.0, 2.0, 2.0)).allocate(pull, (3.0, 0, 4.0, 0, 0, 0))
@@ -219,13 +221,16 @@ class LeastSquaresAllocator(Allocator):
 
     @classmethod
     def both(cls, current_limit: ArrayLike, arm: float, *, compensate_passive: bool = False) -> LeastSquaresAllocator:
-        """Force and torque together; 1 N counts as much as `arm` [m] × 1 N of torque."""
+        """Force and torque together; 1 N counts as much as `arm` [m] × 1 N of torque.
+
+        Raises InputError for an arm that is no length.
+        """
         if not (np.isfinite(arm) and arm > 0):
             raise InputError(f"arm must be a length greater than zero [m]; got {arm!r}")
         return cls(current_limit, (1, 1, 1, 1 / arm, 1 / arm, 1 / arm), compensate_passive=compensate_passive)
 
     def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
-        """Currents (m,) [A] for `wrench` (6,) [N, N·m]."""
+        """Currents (m,) [A] for `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""
         limit = self.current_limit
         matrix, passive, asked = checked_problem(wrench_map, wrench, limit.shape[0])
         currents = np.empty(limit.shape[0])

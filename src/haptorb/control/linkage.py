@@ -29,10 +29,13 @@ class Touching(Protocol):
     """The part of a world that a linkage needs."""
 
     def wrench(self, state: State) -> Array:
-        """(6,) on the thing at `state`."""
+        """(6,) on the thing at `state` [N, N·m]."""
 
     def touching(self, state: State) -> tuple[Array, Array]:
-        """(6,) the same wrench, and (2, 8) what up to two hooks do, for those who draw them."""
+        """(6,) the same wrench, and (2, 8) what up to two hooks do, for those who draw them.
+
+        In [N, N·m], and [m] and [N] as in `Felt`.
+        """
 
 
 @record
@@ -95,11 +98,11 @@ class Direct(Linkage):
         return Felt(wrench, mover, wrench, NO_CONTACTS, 0, _CLOSED, True)
 
     def set_mode(self, mode: Mode) -> None:
-        """There is nothing to choose."""
+        """There is nothing to choose. Raises InputError."""
         raise InputError(f"mode '{mode}': this device acts directly, it has no modes")
 
     def set_clutch(self, engaged: bool) -> None:
-        """There is no clutch."""
+        """There is no clutch. Raises InputError."""
         raise InputError("this device acts directly, it has no clutch")
 
     def restart(self) -> None:

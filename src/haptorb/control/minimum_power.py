@@ -78,6 +78,8 @@ class MinimumPowerAllocator(Allocator):
     resistance           (m,) [Ω], alike for all channels if not given: the heat is Σ R i²
     compensate_passive   subtract the torque that is there at zero current (a weight-compensating regulator's)
 
+    Raises UnknownName for another `infeasible`, InputError for limits or resistances that cannot be.
+
     >>> from haptorb.devices.wrench_map import WrenchMap
     >>> motor = WrenchMap(np.vstack([np.zeros((3, 4)), [[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0]]]), np.zeros(6))
     >>> MinimumPowerAllocator([1.0, 1, 1, 1]).allocate(motor, (0, 0, 0, 1.0, 0, 0)).currents.round(12).tolist()
@@ -105,7 +107,7 @@ class MinimumPowerAllocator(Allocator):
         self._compensated = 1.0 if compensate_passive else 0.0
 
     def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
-        """Currents (m,) [A] for the torque in `wrench` (6,) [N, N·m]."""
+        """Currents (m,) [A] for the torque in `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""
         limit = self.current_limit
         matrix, passive, asked = checked_problem(wrench_map, wrench, limit.shape[0])
         currents = np.empty(limit.shape[0])

@@ -153,6 +153,8 @@ class TwoModes:
     gap     longest time between two rotor states for which they count as one motion [s]; after a longer one the clutch
             lets go at once and takes hold again from where the rotor then is
 
+    Raises InputError for a time that is not above zero.
+
     >>> modes = TwoModes()
     >>> clutch = modes.start(State.turned(np.eye(3)))
     >>> modes.torque(clutch, (1.0, 0, 0, 0, 0, 0)).tolist()       # it starts let go, and takes hold within `ramp`
@@ -182,7 +184,10 @@ class TwoModes:
         position: ArrayLike = (0.0, 0.0, 0.0),
         attitude: ArrayLike = (0.0, 0.0, 0.0),
     ) -> Clutch:
-        """A clutch, let go, with the target at `position` (3,) [m], turned by `attitude` ψ', λ', φ' (3,) [rad]."""
+        """A clutch, let go, with the target at `position` (3,) [m], turned by `attitude` ψ', λ', φ' (3,) [rad].
+
+        Raises InputError for an attitude beyond ±80° of λ'.
+        """
         self.known(mode)
         turned = np.array(three(attitude, "attitude"))
         if abs(turned[1]) >= STEEPEST:
@@ -220,7 +225,10 @@ class TwoModes:
         return State(clutch.t, R, clutch.position, w, v)
 
     def torque(self, clutch: Clutch, wrench: ArrayLike) -> Array:
-        """Torque (3,) [N·m] on the rotor, stator frame, for the `wrench` (6,) on the target about o', primed frame."""
+        """Torque (3,) [N·m] on the rotor, stator frame, for the `wrench` (6,) on the target about o', primed frame.
+
+        Raises InputError for another shape.
+        """
         asked = np.ascontiguousarray(wrench, dtype=np.float64)
         if asked.shape != (6,):
             raise InputError(f"wrench must have shape (6,); got {asked.shape}")

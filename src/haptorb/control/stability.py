@@ -67,6 +67,8 @@ class SampledLoop:
 
         None: the pose is read in every tick. A tracker with a clock of its own makes its pose wait for the next tick,
         at worst the shorter of the two periods.
+
+        Raises InputError for a rate that is not above zero.
         """
         rates = [rate] if tracker_rate is None else [rate, tracker_rate]
         if not all(math.isfinite(one) and one > 0 for one in rates):

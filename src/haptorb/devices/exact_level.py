@@ -57,7 +57,10 @@ def exact_torque_characteristic(
 
 
 def exact_sensor_field(rotor: Source, sensors: ArrayLike, R_SR: ArrayLike) -> Array:
-    """(..., k, 3) flux density [T], stator frame, at sensor positions (k, 3) [m] for orientations R_SR (..., 3, 3)."""
+    """(..., k, 3) flux density [T], stator frame, at sensor positions (k, 3) [m] for orientations R_SR (..., 3, 3).
+
+    Raises GeometryError for a sensor inside a magnet.
+    """
     turns, places = rotation(R_SR, "R_SR"), vectors(sensors, "sensors")
     own = np.einsum("...ji,kj->...ki", turns, places)  # Rᵀ p: the sensors as the rotor sees them
     inside = rotor.contains(own)

@@ -92,6 +92,8 @@ def alternating(counts: Sequence[int], pattern: str) -> Array:
     "checkerboard" alternates along a ring and from ring to ring, as the distances say (along a ring and across the two
     rings neighbours are equally far apart); "in-phase" alternates along every ring alike (erratum E4).
 
+    Raises InputError for another pattern.
+
     >>> alternating([4, 4], "checkerboard").tolist()
     [1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0]
     """

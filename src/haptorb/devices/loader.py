@@ -59,7 +59,10 @@ def _read(text: str) -> tuple[str, str]:
 
 
 def parse(content: str, name: str, *, override: bool = False) -> Device:
-    """The device that the TOML text `content` describes; `name` is what mistakes are reported under."""
+    """The device that the TOML text `content` describes; `name` is what mistakes are reported under.
+
+    Raises DeviceError with all mistakes of the text.
+    """
     from pydantic import ValidationError
 
     raw, whole = _with_base(content, name, 0)

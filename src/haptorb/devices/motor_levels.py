@@ -42,7 +42,7 @@ def exact_field(motor: SphericalMotor, R: Array, points: Array) -> Array:
 
 
 def multipole_field(motor: SphericalMotor, R: Array, points: Array) -> Array:
-    """The same by the published model, Bai 2012 eq. (8)."""
+    """The same by the published model, Bai 2012 eq. (8). (n, p, 3) [T]."""
     return _summed_field(motor, _models(motor)[0], R, points)
 
 
@@ -58,7 +58,7 @@ def _summed_field(motor: SphericalMotor, magnet: Source, R: Array, points: Array
 
 
 def dipole_field(motor: SphericalMotor, R: Array, points: Array) -> Array:
-    """The same with every magnet as a point moment."""
+    """The same with every magnet as a point moment. (n, p, 3) [T]."""
     u = np.einsum("nab,ib->nia", R, motor.magnets.directions)[:, :, None]
     moment = u * (motor.polarity[:, None, None] * motor.magnet.moment[2])
     out: Array = dipole.field(moment, points - motor.magnets.distance * u).sum(axis=1)
@@ -78,6 +78,8 @@ def exact_torque(motor: SphericalMotor, R: Array, precision: float = PRECISION) 
     """The magnets' field integrated over every coil's filaments; refined until two levels agree to `precision`.
 
     Raises PrecisionError, telling the best reached.
+
+    (n, 3, coils) [N·m/A].
     """
     last = _integrated(motor, R, _REFINEMENTS[0])
     best = np.inf
@@ -108,7 +110,7 @@ def _integrated(motor: SphericalMotor, R: Array, level: tuple[int, int, int]) ->
 
 
 def dipole_torque(motor: SphericalMotor, R: Array) -> Array:
-    """Every magnet and every coil as one point moment at its centre."""
+    """Every magnet and every coil as one point moment at its centre. (n, 3, coils) [N·m/A]."""
     u = np.einsum("nab,ib->nia", R, motor.magnets.directions)[:, :, None]
     c = motor.electromagnets.directions[None, None]
     magnet = u * (motor.polarity[:, None, None] * motor.magnet.moment[2])

@@ -121,6 +121,8 @@ def _not_facing(layout: Layout, groups: Sequence[Sequence[int]]) -> list[str]:
 def workspace_sample(tilt: float, tilts: int, spins: int) -> Array:
     """(n, 3, 3) orientations over |ψ|, |λ| ≤ `tilt` (a square grid) and 0 ≤ φ < 360°.
 
+    `tilt` in [rad].
+
     >>> workspace_sample(0.4, 3, 8).shape
     (72, 3, 3)
     """

@@ -15,6 +15,8 @@ __all__ = ["State", "rotation_to_axis"]
 def rotation_to_axis(axis: ArrayLike) -> Array:
     """The rotation R_SR, shape (3, 3), that turns the mover's z axis to `axis` by the shortest way.
 
+    Raises InputError for the zero vector.
+
     >>> bool((rotation_to_axis((0, 0, 2)) == np.eye(3)).all())
     True
     """
@@ -58,6 +60,8 @@ class State:
         t: float = 0.0,
     ) -> State:
         """A tool at `position` (3,) [m], its axis radial unless `axis` (3,) or `R_SR` (3, 3) says otherwise.
+
+        Raises InputError for other shapes, for both orientations at once, and for the centre without one.
 
         >>> State.at((0.0, 0.05, 0.0)).axis.tolist()
         [0.0, 1.0, 0.0]

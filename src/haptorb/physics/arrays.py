@@ -17,6 +17,8 @@ Array: TypeAlias = NDArray[np.float64]
 def finite(value: ArrayLike, what: str) -> Array:
     """`value` as a float64 array, or InputError naming `what` if a number in it is not finite.
 
+    Any shape (...); the unit [SI] is the caller's.
+
     >>> finite([1, 2], "currents")
     array([1., 2.])
     """
@@ -31,6 +33,8 @@ def finite(value: ArrayLike, what: str) -> Array:
 
 def vectors(value: ArrayLike, what: str) -> Array:
     """`value` as an array of 3-vectors, shape (..., 3).
+
+    Raises InputError for another shape or what is not finite.
 
     >>> vectors([0, 0, 1], "points").shape
     (3,)

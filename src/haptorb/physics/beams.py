@@ -169,6 +169,8 @@ def bent_shape(hook: Hook, x: float, deflection: float, points: int = 33) -> Arr
 
     Timoshenko's shape (sideways load only), straight beyond the load: for drawing, and for reading off the slope.
 
+    Raises InputError for a load off the hook.
+
     >>> from haptorb.physics.hook import TABLE_3
     >>> shape = bent_shape(TABLE_3, TABLE_3.tip, 1e-3)
     >>> shape[0].tolist(), bool(abs(shape[-1, 1] - 1e-3) < 1e-12)

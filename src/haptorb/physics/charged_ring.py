@@ -98,6 +98,8 @@ class ChargedRing(Source):
     and `azimuth` steps on each face. The moment is exact for any number of points; the field nearer to a face than its
     own radius wants more of them than the default.
 
+    Raises GeometryError for radii or a length that make no ring, InputError for too few nodes.
+
     >>> ring = ChargedRing(6e-3, 2.5e-3, 24e-3, 1.348)
     >>> round(float(ring.moment[2]), 2)      # 48 mN/A at 50 mm needs 2.41 A·m²
     2.41

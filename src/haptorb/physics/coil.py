@@ -165,6 +165,8 @@ class Coil(RoundBody):
     the turns give before their fields cancel; `field_bounded` also tells the bound. Finite everywhere, in the winding
     too. Left out: the wire's helix, its single turns and its leads.
 
+    Raises InputError for turns or lengths that are not positive, or an inner radius that is not the smaller one.
+
     >>> coil = Coil(turns=1000, inner_radius=4.764e-3, outer_radius=15.88e-3, length=7.62e-3)
     >>> float(coil.moment[2].round(5))      # N π (rₒ² + rₒrᵢ + rᵢ²)/3
     0.36707

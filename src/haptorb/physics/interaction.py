@@ -43,7 +43,10 @@ _ROUNDING = 4e-15  #: what summing leaves, relative to the sum of magnitudes
 
 @dataclass(frozen=True, slots=True)
 class Bounded:
-    """A value with the bound of its numerical error, in the same unit: how far two refinements still differ."""
+    """A value with the bound of its numerical error, in the same unit: how far two refinements still differ.
+
+    Of the unit of what was asked, such as [N, N·m].
+    """
 
     value: Array
     bound: Array
@@ -106,6 +109,8 @@ def wrench_on_charges(
 
     Arguments, result and errors are those of `wrench`. It costs more where the source is a coil, whose field is itself
     an integral; it shares nothing with `wrench` but the fields.
+
+    Value (6,) [N, N·m] with its error bound.
     """
     place, R = _pose(position, turn)
     pivot = place if about is None else vectors(about, "about")

@@ -67,6 +67,8 @@ class MultipoleSource(Source):
     `loop_strengths` (k + 1,) are the pole strengths m_j [A·m] (coils: per ampere) of each single pair on loop j, the
     axis first; `per_loop` is n. Curl and divergence vanish everywhere off the poles, where the field is infinite.
 
+    Raises InputError for strengths that are no list, or pairs that are no whole number.
+
     >>> pair = MultipoleSource(radius=0.01, pole_distance=0.002, loop_strengths=[5.0, 1.0], per_loop=10)
     >>> float(pair.moment[2].round(6))      # (5 + 10·1) l̄
     0.03

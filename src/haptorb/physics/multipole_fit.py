@@ -49,6 +49,8 @@ def shell_region(distance: float, inner: float, outer: float, half_angle: float,
     between radii `inner` and `outer` [m] about the joint's centre that lies within `half_angle` [rad] of that axis,
     evenly by volume (a Kronecker sequence: the same points every time).
 
+    Raises InputError for an empty region.
+
     >>> points = shell_region(67.9e-3, 53.0e-3, 60.6e-3, 1.0)
     >>> bool(points[:, 2].max() < -7.2e-3)
     True

@@ -19,6 +19,8 @@ __all__ = ["Placed", "Together"]
 class Placed(Source):
     """`source` with its centre at `position` (3,) [m], turned by `turn` (3, 3) (body vectors to common ones).
 
+    Raises InputError for other shapes.
+
     >>> from haptorb.physics.dipole import Dipole
     >>> turned = Placed(Dipole((0, 0, 1.0)), (0, 0, 0.1), [[0, 0, 1], [0, 1, 0], [-1, 0, 0]])
     >>> turned.moment.tolist()

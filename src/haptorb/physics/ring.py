@@ -23,6 +23,8 @@ class RingMagnet(RoundBody):
     The difference of two cylinders' closed forms (see `current_sheet`). B is defined in the matter, in the hole and
     outside; on the two side walls B_z jumps by J and the mean is returned. Left out: the magnet's permeability.
 
+    Raises InputError for radii or a length that make no ring.
+
     >>> ring = RingMagnet(outer_radius=0.006, inner_radius=0.0025, length=0.024, polarization=1.348)
     >>> round(float(ring.moment[2]), 3)
     2.406
@@ -61,7 +63,10 @@ class RingMagnet(RoundBody):
         return self._sheets.field_gradient(points)
 
     def filaments(self, across: int, along: int) -> tuple[Array, Array, Array]:
-        """The bound currents ±M on both side walls as `along` loops each: radii [m], heights [m], currents [A]."""
+        """The bound currents ±M on both side walls as `along` loops each: radii [m], heights [m], currents [A].
+
+        Three arrays (loops,).
+        """
         nodes, weights = np.polynomial.legendre.leggauss(along)
         currents = self.polarization / MU0 * 0.5 * self.length * weights
         radii = np.repeat([self.outer_radius, self.inner_radius], along)

@@ -18,6 +18,8 @@ __all__ = ["euler_from_rotation", "rotation_from_euler"]
 def rotation_from_euler(psi: ArrayLike, lam: ArrayLike, phi: ArrayLike) -> Array:
     """R_SR (..., 3, 3) that turns rotor vectors into stator vectors, from angles [rad] that broadcast together.
 
+    Raises InputError where they do not broadcast or are not finite.
+
     >>> rotation_from_euler(0.0, 0.0, np.pi / 2).round(12)[:, 0].tolist()      # spin turns x into y
     [0.0, 1.0, 0.0]
     >>> rotation_from_euler(0.1, 0.2, np.zeros(5)).shape

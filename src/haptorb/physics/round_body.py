@@ -25,6 +25,8 @@ __all__ = ["RoundBody", "SheetStack", "length", "tensor"]
 def length(value: ArrayLike, what: str) -> float:
     """`value` as a positive length [m], or InputError naming `what`.
 
+    A single number, shape ().
+
     >>> length(0.01, "radius")
     0.01
     """
@@ -132,6 +134,8 @@ class RoundBody(Source):
 
         `across` and `along` are Gauss points over each wall's thickness and over the length; sums over smooth
         integrands converge exponentially in both.
+
+        Three arrays (loops,).
         """
 
     @property

@@ -121,6 +121,8 @@ class SoftSphere:
     def order(self, nearest: float, other: float | None = None, precision: float = 1e-10) -> int:
         """How many terms leave out less than `precision` of the sum, for points at `nearest` and `other` [m].
 
+        Raises GeometryError for a charge in the sphere, PrecisionError where the series would be too long.
+
         >>> SoftSphere(15e-3).order(0.038)
         14
         """
@@ -171,6 +173,8 @@ class SoftSphere:
 
     def induced_field(self, points: ArrayLike, charges: ArrayLike, at: ArrayLike, *, precision: float = 1e-10) -> Array:
         """(..., 3) [T] the sphere's own part of the field at `at` (..., 3) [m] outside it.
+
+        Raises GeometryError for a point inside the sphere.
 
         >>> far = SoftSphere(0.015).induced_field([(0, 0, 0.05)], [1.0], (0, 0, 1.0))
         >>> bool(far[2] < 0)         # the near pole attracts the charge

@@ -85,6 +85,8 @@ class TwoNode:
     def step(self, dt: float) -> Array:
         """(2, 3) exact step over `dt` [s]: rises after = step @ (winding rise, body rise, power held in between).
 
+        Raises InputError for a negative time.
+
         >>> bool((TwoNode(15.0, 73.0, 1.9, 1 / 3).step(0.0) == [[1, 0, 0], [0, 1, 0]]).all())
         True
         """
@@ -121,6 +123,8 @@ class TwoNode:
 
         drive says what is held while the wire's resistance grows with `coefficient` [1/K] of its value at ambient:
         "power": the power itself; "current": power grows with resistance, which may run away; "voltage": power falls.
+
+        Raises InputError for another drive, another shape, or a negative load.
 
         >>> coil = TwoNode(15.0, 73.0, 1.9, 1 / 3)
         >>> times = [coil.time_to(60.0, 60.0, drive=drive) for drive in ("current", "power", "voltage")]
@@ -197,6 +201,8 @@ def _root(function: Callable[[float], float], low: float, high: float, xtol: flo
 
 def single_time_constant(power: float, time: float, sustained: float) -> float:
     """The time constant [s] that one body needs to stand `power` [W] for `time` [s] if it stands `sustained` for ever.
+
+    Raises InputError where no time constant could do it.
 
     >>> [round(single_time_constant(p, t, 17.0)) for p, t in ((230.0, 5.0), (57.5, 60.0))]    # they contradict
     [65, 171]

@@ -43,6 +43,8 @@ def field_estimator(name: str, motor: SphericalMotor, networks: Path | None = No
     `network` and `linear` find only the torque per ampere themselves; the orientation, which every world needs, comes
     from least squares beside them. `networks` names a network file; the device's own from `haptorb train` if not given.
 
+    Raises UnknownName for another.
+
     >>> import haptorb
     >>> type(field_estimator("least-squares", haptorb.load("pmsm"))).__name__
     'LeastSquaresOrientation'

@@ -28,6 +28,8 @@ class LinearTorque(TorqueMap):
     motor          whose tables teach the map
     noise          of one reading [T]; the device's own if not given
     orientations   (n, 3, 3) to learn from; the workspace's grid if not given
+
+    Raises InputError for a noise that cannot be, and for readings that teach nothing.
     """
 
     def __init__(self, motor: SphericalMotor, *, noise: float | None = None, orientations: Array | None = None) -> None:

@@ -61,6 +61,8 @@ def excitation(device: SphericalElectromagnet, share: float = 0.25, levels: int 
 
     A quarter of full current heats a coil by less than a kelvin per step of 20 ms.
 
+    Raises InputError for an empty schedule or a share outside 0 to 1.
+
     >>> from haptorb.devices.loader import load
     >>> excitation(load("omni"), levels=1, repeats=1).tolist()[1]
     [5.0, 0.0, 0.0]

@@ -129,7 +129,7 @@ class NetworkTorque(TorqueMap):
                 self._output[coil, :, -1] = frame[:, :2] @ output[:, -1]
 
     def torque(self, field: Array, usable: Array, out: Array, known: Array) -> None:
-        """As `TorqueMap.torque`."""
+        """As `TorqueMap.torque`. (3, coils) [N·m/A]."""
         _forward(self._sensors, self._hidden, self._output, field, usable, out, known)
 
 

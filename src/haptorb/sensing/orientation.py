@@ -35,6 +35,8 @@ class LeastSquaresOrientation(Estimator):
 
     The estimate's `strength` is that of the rotor's magnets against the device file: the torque per ampere follows it.
     It is not valid while too few sensors can be believed, or none of the orientations explains what they read.
+
+    Raises InputError for a lag outside 0 to 1 s, or a start that is no rotation.
     """
 
     def __init__(self, motor: SphericalMotor, start: Array | None = None, lag: float = 5e-3) -> None:
@@ -80,7 +82,10 @@ class LeastSquaresOrientation(Estimator):
         return self._trusted
 
     def update(self, sample: Sample) -> Estimate:
-        """The estimate after `sample`; its `pose` is not looked at."""
+        """The estimate after `sample`; its `pose` is not looked at.
+
+        Raises InputError for readings of other sensors than the device's.
+        """
         if sample.field.shape != self._field.shape:
             raise InputError(
                 f"device '{self._motor.name}' has {self._motor.sensors} field sensors; the sample has "

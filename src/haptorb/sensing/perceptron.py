@@ -18,6 +18,8 @@ class Scaling:
 
     mean     (n,)
     spread   (n,) standard deviations
+
+    Mean and spread are in the values' own unit; scaled values are standardised.
     """
 
     mean: Array
@@ -48,7 +50,10 @@ class Scaling:
 
 @dataclass(frozen=True, slots=True)
 class Perceptron:
-    """The network's weights; `hidden` (h, n + 1) with the biases b last, `output` (m, h + 1) with d last."""
+    """The network's weights; `hidden` (h, n + 1) with the biases b last, `output` (m, h + 1) with d last.
+
+    Inputs and outputs are in their own units, such as [T] and [N·m/A]; inside they are standardised.
+    """
 
     hidden: Array
     output: Array
@@ -73,7 +78,10 @@ class Perceptron:
         return self.outputs.from_standard(h @ self.output[:, :-1].T + self.output[:, -1])
 
     def folded(self) -> tuple[Array, Array]:
-        """(hidden, output) that take inputs and give outputs in their own units: both scalings multiplied in."""
+        """(hidden, output) that take inputs and give outputs in their own units: both scalings multiplied in.
+
+        Weights are standardised numbers over the inputs' units.
+        """
         hidden, output = self.hidden.copy(), self.output.copy()
         hidden[:, :-1] /= self.inputs.spread
         hidden[:, -1] -= hidden[:, :-1] @ self.inputs.mean

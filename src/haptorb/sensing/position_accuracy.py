@@ -36,6 +36,8 @@ def position_accuracy(
     device's where none is given; calibration: standard deviation of each entry of the 3 × m moment map, as a share of
     its column.
 
+    Raises InputError for other shapes, and where nothing is noisy.
+
     >>> from haptorb.devices.loader import load
     >>> deviation = position_accuracy(load("omni"), [(0.0, 0.0, 0.05)])[0]
     >>> bool(5e-4 < deviation[0] < 2e-3)          # across the axis it is about a millimetre at the assumed places
@@ -72,7 +74,10 @@ def position_accuracy(
 
 
 def with_sensors(device: SphericalElectromagnet, positions: ArrayLike) -> SphericalElectromagnet:
-    """`device` with its field sensors at `positions` (k, 3) [m]: a study, not another file."""
+    """`device` with its field sensors at `positions` (k, 3) [m]: a study, not another file.
+
+    Raises InputError for fewer than two, or one inside the core.
+    """
     at = vectors(positions, "positions").reshape(-1, 3)
     if len(at) < 2 or float(np.linalg.norm(at, axis=1).min()) <= device.core_radius:
         raise InputError("field sensors must be at least two, outside the core")

@@ -20,7 +20,10 @@ def coil_field_per_ampere(motor: SphericalMotor) -> Array:
 
 
 def believable(motor: SphericalMotor, orientations: Array, field: Array, per_ampere: Array) -> float:
-    """A magnitude [T] that no sensor can read unless it is broken: 1.5 times the most that magnets and coils give."""
+    """A magnitude [T] that no sensor can read unless it is broken: 1.5 times the most that magnets and coils give.
+
+    Over orientations (n, 3, 3). Raises InputError where there are none.
+    """
     if not len(orientations):
         raise InputError("no orientations were given to learn the field's range from")
     most = float(np.sqrt((field**2).sum(axis=2).max()))

@@ -70,7 +70,10 @@ class FieldToTorque(Estimator):
         self._torque()  # compiled before the loop begins
 
     def update(self, sample: Sample) -> Estimate:
-        """The estimate after `sample`; its `pose` is not looked at."""
+        """The estimate after `sample`; its `pose` is not looked at.
+
+        Raises InputError for readings of other sensors than the device's.
+        """
         motor = self._motor
         if sample.field.shape != self._field.shape:
             raise InputError(

@@ -21,6 +21,8 @@ def workspace_grid(motor: SphericalMotor, counts: tuple[int, int, int] = GRID) -
     Spin repeats with the magnets' period (60°): 72 values around the circle are 12 different ones. Here they are spread
     over one period, so that each orientation teaches something.
 
+    Raises InputError for a count below one. Rotations have no unit: [1].
+
     >>> import haptorb
     >>> workspace_grid(haptorb.load("pmsm")).shape
     (16200, 3, 3)

@@ -47,7 +47,10 @@ def wires(device: Device) -> Wires:
 
 
 def cold(wires: Wires) -> Array:
-    """(3, m) a coil state with no current, everything at the ambient temperature."""
+    """(3, m) a coil state with no current, everything at the ambient temperature.
+
+    Rows: current [A], winding [K], body [K].
+    """
     state = np.zeros((3, len(wires.resistance)))
     state[WINDING:] = wires.ambient
     return state

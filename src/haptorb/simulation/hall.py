@@ -40,7 +40,7 @@ class HallFaults(NamedTuple):
 
 
 def halls(frames: Array, quality: HallQuality, noise: float, step: float, seed: int) -> Halls:
-    """Sensors with `frames` (k, 3, 3) whose lasting errors are those of `seed`."""
+    """Sensors with `frames` (k, 3, 3) whose lasting errors are those of `seed`. Fields in [T]."""
     count = len(frames)
     draw = np.random.Generator(np.random.PCG64(seed))
     errors = draw.standard_normal((count, 3, 3))

@@ -59,7 +59,10 @@ def raised(joint: Joint, cosine: float) -> float:
 
 
 def within(q: Array, tilt: float) -> Array:
-    """`q`, its tilt reduced to `tilt` about the same axis if it leans further; the spin stays."""
+    """`q`, its tilt reduced to `tilt` about the same axis if it leans further; the spin stays.
+
+    Quaternions (4,), `tilt` in [rad].
+    """
     R = np.empty((3, 3))
     matrix(q, R)
     nx, ny, nz = R[:, 2].tolist()

@@ -47,6 +47,8 @@ class SimulatedMotor(Simulation):
     quality         other lasting errors of the field sensors than the device's
     magnet_spread   relative standard deviation of the magnets' strengths, which no controller knows
 
+    Raises InputError for a step above 1 ms, or a spread that is no share.
+
     >>> from haptorb.devices.handle import HANDLE_LOOSE
     >>> from haptorb.devices.loader import load
     >>> motor = SimulatedMotor(load("pmsm"), seed=1, grasp=HANDLE_LOOSE)
@@ -129,7 +131,10 @@ class SimulatedMotor(Simulation):
         self._pressed = 0.0
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
-        """Turn the rotor to `q` (4,), at rest; beyond the edge it is set onto the edge. `p` (3,) means nothing here."""
+        """Turn the rotor to `q` (4,), at rest; beyond the edge it is set onto the edge. `p` (3,) means nothing here.
+
+        Raises InputError for what is no quaternion.
+        """
         turned = finite(q, "q")
         if turned.shape != (4,) or not turned.any():
             raise InputError(f"q must be a quaternion (x, y, z, w) that is not zero; got {q!r}")
@@ -138,7 +143,7 @@ class SimulatedMotor(Simulation):
         self._goal[:] = turned / np.linalg.norm(turned)
 
     def spin(self, w: ArrayLike) -> None:
-        """Give the rotor the angular velocity `w` (3,) [rad/s], stator frame."""
+        """Give the rotor the angular velocity `w` (3,) [rad/s], stator frame. Raises InputError for another shape."""
         rate = finite(w, "w")
         if rate.shape != (3,):
             raise InputError(f"w must have shape (3,); got {rate.shape}")
@@ -146,7 +151,10 @@ class SimulatedMotor(Simulation):
 
     def fail(self, sensors: Iterable[int], kind: str = "dead") -> None:
         """Let field sensors (numbered from 0) fail: "dead" (nothing but offset and noise), "stuck" at the last reading,
-        "saturated"; "none" mends them."""
+        "saturated"; "none" mends them.
+
+        Raises UnknownName for another failure, InputError for a sensor that there is not.
+        """
         if kind not in FAILURES:
             raise UnknownName("failure of a sensor", kind, FAILURES)
         for number in sensors:
@@ -161,7 +169,10 @@ class SimulatedMotor(Simulation):
         return out
 
     def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
-        """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one, and `goal_p` means nothing here."""
+        """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one, and `goal_p` means nothing here.
+
+        Raises InputError for less than 0 or more than 10 s.
+        """
         if not (0.0 <= dt < 10.0):
             raise InputError(f"the simulation can advance by 0 to 10 s at once; got {dt} s")
         if dt == 0.0:
@@ -184,7 +195,10 @@ class SimulatedMotor(Simulation):
         self._t += dt
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
-        """One reading of every sensor; the pose is the true one, as an external tracker would tell it."""
+        """One reading of every sensor; the pose is the true one, as an external tracker would tell it.
+
+        Raises DriverError where the simulation has left the numbers.
+        """
         channels, parts, halls, faults = self.device.channels, self._parts, self._halls, self._faults
         read, pose = np.empty(2 * channels), np.empty((4, 3))
         field = np.empty((self.device.sensors, 3))

@@ -21,6 +21,8 @@ _U17, _U19, _U23, _U41, _U45, _U11 = (np.uint64(n) for n in (17, 19, 23, 41, 45,
 def seeded(seed: int) -> Noise:
     """(4,) a generator's state for `seed`, any integer from 0 on.
 
+    Raises InputError for what is none.
+
     >>> bool((seeded(1) == seeded(1)).all() and (seeded(1) != seeded(2)).any())
     True
     """

@@ -93,6 +93,8 @@ class SimulatedElectromagnet(Simulation):
 
     held=False lets the tool go: no hand, and gravity acts on it. With a hand, the hand carries the tool's weight.
 
+    Raises InputError for a step above 1 ms.
+
     >>> from haptorb.devices.loader import load
     >>> omni = SimulatedElectromagnet(load("omni"), seed=1)
     >>> omni.place((0, 0, 0.06), (0, 0, 0, 1))
@@ -178,7 +180,10 @@ class SimulatedElectromagnet(Simulation):
         self.place((0.0, 0.0, self.device.contact_distance + _ABOVE), (0.0, 0.0, 0.0, 1.0))
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
-        """Put the tool at `p` (3,) [m] with quaternion `q` (4,), at rest; nearer than contact is lifted to contact."""
+        """Put the tool at `p` (3,) [m] with quaternion `q` (4,), at rest; nearer than contact is lifted to contact.
+
+        Raises InputError for the centre, and for what is no quaternion.
+        """
         at, turned = vectors(p, "p"), finite(q, "q")
         if at.shape != (3,) or turned.shape != (4,) or not turned.any() or not at.any():
             raise InputError(
@@ -197,7 +202,10 @@ class SimulatedElectromagnet(Simulation):
         return out
 
     def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
-        """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one."""
+        """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one.
+
+        Raises InputError for less than 0 or more than 10 s.
+        """
         if not (0.0 <= dt < 10.0):
             raise InputError(f"the simulation can advance by 0 to 10 s at once; got {dt} s")
         if dt == 0.0:
@@ -225,7 +233,10 @@ class SimulatedElectromagnet(Simulation):
             self._goal_q /= size**0.5
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
-        """One reading of every sensor, and the tool's true pose as the tracker's word."""
+        """One reading of every sensor, and the tool's true pose as the tracker's word.
+
+        Raises DriverError where the simulation has left the numbers.
+        """
         channels, places = self.device.channels, len(self._positions)
         magnets = self._magnets
         read, pose = np.empty(2 * channels), np.empty((6, 3))

@@ -44,7 +44,7 @@ class Varying(World):
         return replace(self, device=device)
 
     def wrench(self, state: State) -> Array:
-        """(6,) of the world that holds now."""
+        """(6,) of the world that holds now [N, N·m]."""
         assert self.at is not None
         world = self.at(state)
         return (world if self.device is None else world.for_device(self.device)).wrench(state)

@@ -23,5 +23,5 @@ class Nothing(World):
         return 0.0
 
     def wrench(self, state: State) -> Array:
-        """(6,) zeros."""
+        """(6,) zeros [N, N·m]."""
         return np.zeros(6)

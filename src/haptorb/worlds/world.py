@@ -78,7 +78,7 @@ class Sum(World):
         return sum(part.bound for part in self.parts)
 
     def wrench(self, state: State) -> Array:
-        """(6,) the sum over the parts."""
+        """(6,) the sum over the parts [N, N·m]."""
         total = np.zeros(6)
         for part in self.parts:
             total += part.wrench(state)

@@ -1,0 +1,143 @@
+"""What every public name must say of itself: shapes of arrays, units of numbers, and what it raises.
+
+The rules, for functions, methods and constructors that a module declares in `__all__`:
+
+shape    a parameter or result that is an array has its shape in the docstring: "(n, 3)", "(...)", "(m,)", "same shape"
+unit     a docstring with shapes names a unit in brackets: [m], [N·m/A], [T], [1]; or says that numbers have none
+raises   one whose own body raises an error of haptorb names that error, or says "Raises"
+source   a module of physics that has an equation in it names where it is from: a paper's key or author, a textbook, or
+         the law by name
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import pkgutil
+import re
+import textwrap
+from collections.abc import Iterator
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+import haptorb
+from haptorb import errors
+
+ROOMS = ("physics", "devices", "sensing", "control", "worlds", "simulation")
+_SIZE = r"(?:[\w′']+|\.\.\.|\d+)"
+SHAPE = re.compile(
+    rf"\(({_SIZE}([ ,·+*]+({_SIZE}|\w+ [+·] \w+))*,?)?\)|same shape|shape of|their shape|points' shape|square|matrix"
+)
+UNIT = re.compile(
+    r"\[[^\]\n]*\]|\bdegrees?\b|\bunit vectors?\b|\brotations?\b|\bquaternions?\b|\bsigns?\b|\bcosines?\b|"
+    r"without dimension|\bshares?\b|\bnormalised|\bcoefficients?\b|\bfactor|\bstandardised|\bratio|\bduties\b|±1"
+)
+ERRORS = {*errors.__all__, "ValueError"}
+
+
+def modules() -> list[ModuleType]:
+    """Every module of the rooms whose names are asked."""
+    names = [found.name for found in pkgutil.walk_packages(haptorb.__path__, "haptorb.")]
+    wanted = tuple(f"haptorb.{room}" for room in ROOMS)
+    return [
+        import_module(name)
+        for name in names
+        if name.startswith(wanted) and not any(part.startswith("_") for part in name.split("."))
+    ]
+
+
+def callables(module: ModuleType) -> Iterator[tuple[str, Any, str]]:
+    """(name, function, docstring that must tell) of what a module declares: functions, methods, constructors."""
+    for name in getattr(module, "__all__", ()):
+        thing = getattr(module, name)
+        if getattr(thing, "__module__", None) != module.__name__:
+            continue
+        if inspect.isfunction(thing):
+            yield name, thing, inspect.getdoc(thing) or ""
+        elif inspect.isclass(thing):
+            own = inspect.getdoc(thing) or ""
+            for key, member in vars(thing).items():
+                function = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
+                if not inspect.isfunction(function) or (key.startswith("_") and key != "__init__"):
+                    continue
+                if getattr(function, "__qualname__", "").startswith(thing.__name__):
+                    # what a class says of its fields, in its docstring or beside them, holds for its methods too
+                    told = "\n".join([inspect.getdoc(getattr(thing, key)) or "", own, *_remarks(thing)])
+                    yield f"{name}.{key}", function, told
+
+
+def _remarks(thing: type) -> list[str]:
+    """The comments beside a class's fields: #: (3,) ... [m]."""
+    try:
+        return re.findall(r"#: (.*)", inspect.getsource(thing))
+    except (OSError, TypeError):
+        return []
+
+
+def arrays(function: Any) -> tuple[bool, bool]:
+    """Whether parameters, and whether the result, are arrays."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):
+        return False, False
+    kinds = [str(parameter.annotation) for name, parameter in signature.parameters.items() if name != "self"]
+    return any(re.search(r"\bArray(Like)?\b", kind) for kind in kinds), "Array" in str(signature.return_annotation)
+
+
+def raised(function: Any) -> set[str]:
+    """Errors of haptorb that the function's own body raises."""
+    try:
+        tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
+    except (OSError, TypeError, SyntaxError):
+        return set()
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and isinstance(node.exc.func, ast.Name):
+            found.add(node.exc.func.id)
+    return found & ERRORS
+
+
+MODULES = modules()
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__.removeprefix("haptorb."))
+def test_arrays_have_shapes_and_units(module: ModuleType) -> None:
+    mute = []
+    for name, function, told in callables(module):
+        takes, gives = arrays(function)
+        if not (takes or gives):
+            continue
+        if not SHAPE.search(told):
+            mute.append(f"{name}: no shape")
+        elif not UNIT.search(told):
+            mute.append(f"{name}: no unit")
+    assert mute == []
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__.removeprefix("haptorb."))
+def test_what_is_raised_is_told(module: ModuleType) -> None:
+    mute = []
+    for name, function, told in callables(module):
+        errors_ = raised(function)
+        said = told + "\n" + (module.__doc__ or "")
+        if errors_ and not (any(error in said for error in errors_) or re.search(r"[Rr]aise|[Rr]efuse", told)):
+            mute.append(f"{name}: raises {', '.join(sorted(errors_))}")
+    assert mute == []
+
+
+@pytest.mark.parametrize(
+    "module",
+    [one for one in MODULES if one.__name__.startswith("haptorb.physics.")],
+    ids=lambda module: module.__name__.removeprefix("haptorb.physics."),
+)
+def test_physics_names_its_source(module: ModuleType) -> None:
+    said = (module.__doc__ or "") + "".join(told for _, _, told in callables(module))
+    if not re.search(r"[∫Σ]", said):
+        return
+    named = (
+        r"\b(19|20)\d\d\b|[Ee]qs?\.|Gauss|Maxwell|Biot|Ampère|Coulomb|Timoshenko|Legendre|Euler|Ohm|erratum|Bulirsch"
+    )
+    assert re.search(named, said), "where are its equations from?"
