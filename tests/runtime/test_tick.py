@@ -284,3 +284,27 @@ def test_every_orientation_has_its_quaternion():
         q = np.empty(4)
         fill_quaternion(R, q)
         assert np.allclose(Rotation.from_quat(q).as_matrix(), R)
+
+
+@dataclass(frozen=True)
+class Odd(World):
+    """Gives the same wrench in ever other arrays, as people's own worlds may."""
+
+    def wrench(self, state):
+        plain = np.array([0.0, 0, 0.1, 0, 0, 0])
+        frozen = plain.copy()
+        frozen.flags.writeable = False
+        kinds = (plain, frozen, np.stack([plain, plain], axis=1)[:, 0], plain.astype(np.float32), plain[::-1][::-1])
+        return kinds[int(state.t / DT + 0.5) % len(kinds)]
+
+
+def test_nothing_is_compiled_in_a_tick_whatever_arrays_a_world_gives():
+    """A compilation would be a silence of a second."""
+    from numba.core import event
+
+    rig = Rig().go(5)  # a plain world: what the rehearsal sees
+    rig.tick.change_world(Odd())
+    with event.install_recorder("numba:compile") as compiled:
+        rig.go(20)
+    assert [entry.data for _, entry in compiled.buffer] == []
+    assert rig.row[rig.tick.layout["object_wrench"]] == pytest.approx([0, 0, 0.1, 0, 0, 0], abs=1e-7)

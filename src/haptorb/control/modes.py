@@ -229,7 +229,7 @@ class TwoModes:
 
         Raises InputError for another shape.
         """
-        asked = np.ascontiguousarray(wrench, dtype=np.float64)
+        asked = np.array(wrench, dtype=np.float64)  # a copy: a read-only array would be compiled for anew
         if asked.shape != (6,):
             raise InputError(f"wrench must have shape (6,); got {asked.shape}")
         out = np.empty(3)

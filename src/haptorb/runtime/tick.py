@@ -68,7 +68,7 @@ class Tick:
         self._no_currents = Allocation(self._zeros, self._nothing, False, 0.0)
         self._stages = np.zeros(len(STAGES))
         self._emf = np.zeros(device.channels)
-        self._on_thing = np.zeros(6)
+        self._rendered, self._on_thing = np.zeros(6), np.zeros(6)
         self._places = places(self.layout)
         layout = self.layout
         self._at = {field.name: layout[field.name] for field in layout.fields}
@@ -122,7 +122,7 @@ class Tick:
         t3 = perf_counter()
         state = estimate.state
         damped = self.passivity.damped(
-            felt.wrench, state.p, state.R_SR, sample.t, estimate.age, guard.gain, passive=self._passive
+            self._rendered, state.p, state.R_SR, sample.t, estimate.age, guard.gain, passive=self._passive
         )
         admitted = guard.admit(damped, estimate)
         allocation = self._allocated(estimate.wrench_map, admitted)
@@ -170,12 +170,13 @@ class Tick:
             felt = self.linkage.felt(self.world, state)
             if felt.wrench.shape != (6,):
                 raise InputError(f"a world must give force and torque, shape (6,); got shape {felt.wrench.shape}")
-            self._on_thing[:] = felt.on_thing
+            # Copied: in another memory layout a user's array would have the kernels compiled in the middle of a tick.
+            self._rendered[:], self._on_thing[:] = felt.wrench, felt.on_thing
             self._felt_last = felt
             return felt
         except Exception as cause:  # a world is the user's code: whatever it raises must end in coils off
             self._failed(Trip.WORLD_FAILED, cause)
-            self._on_thing[:] = 0.0
+            self._rendered[:] = self._on_thing[:] = 0.0
             return replace(self._felt_last, wrench=self._nothing, on_thing=self._nothing)
 
     def _allocated(self, wrench_map: WrenchMap, wrench: Array) -> Allocation:
