@@ -20,7 +20,12 @@ settings.register_profile(
 )
 settings.load_profile("fixed")
 
-AGAINST_TIME = {"browser", "firmware", "runtime", "console", "study"}  #: folders whose tests run beside a clock
+#: folders and files whose tests run beside a clock: a browser, an emulator, a servo or a server in a process of its own
+AGAINST_TIME = {
+    *("browser", "firmware", "test_black_box.py", "test_cli.py", "test_console.py", "test_examples.py"),
+    *("test_pages.py", "test_postgres.py", "test_recording.py", "test_room.py", "test_runner.py", "test_safety.py"),
+    *("test_serial_port.py", "test_servo.py", "test_streams.py", "test_trackers.py", "test_tutorial.py"),
+}
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 FIRMWARE = {
     "avr-gcc": lambda: shutil.which("avr-gcc"),
