@@ -13,9 +13,9 @@ import tempfile
 import time
 from pathlib import Path
 
+from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.database import database, trials
 from haptorb.apps.study.desk import analysis_of
-from haptorb.apps.study.prompt import Answer
 from haptorb.apps.study.report import write_report
 from haptorb.apps.study.sitting import Sitting
 from haptorb.apps.study.study_file import study_of

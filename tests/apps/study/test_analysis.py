@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 from scipy.stats import binom
 
+from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.analysis import analysed
 from haptorb.apps.study.columns import COLUMNS, tidy
 from haptorb.apps.study.database import database
 from haptorb.apps.study.desk import analysis_of
 from haptorb.apps.study.export import write_bids, write_csv, write_parquet
-from haptorb.apps.study.prompt import Answer
 from haptorb.apps.study.report import page, write_report
 from haptorb.apps.study.sitting import Sitting
 from haptorb.apps.study.statistics import above_chance, bootstrap, psychometric_fit, sign_flip, wilson

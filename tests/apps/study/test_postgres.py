@@ -17,9 +17,9 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
+from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.columns import tidy
 from haptorb.apps.study.database import SCHEMA, database
-from haptorb.apps.study.prompt import Answer
 from haptorb.apps.study.sitting import Sitting
 from haptorb.apps.study.study_file import Study, study_of
 from haptorb.errors import RecordingError
@@ -93,7 +93,7 @@ EACH = 10  #: sessions at each station
 STATION = """
 import json, sys
 from haptorb.apps.study.database import database
-from haptorb.apps.study.prompt import Answer
+from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.sitting import Sitting
 from haptorb.apps.study.study_file import study_of
 url, first, each, text = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4]

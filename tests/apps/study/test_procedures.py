@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ndtr
 
+from haptorb.apps.asking.procedure import InTurn, Listed
+from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.bayesian import Bayesian
-from haptorb.apps.study.procedure import InTurn, Listed
-from haptorb.apps.study.prompt import Answer, Prompt
 from haptorb.apps.study.staircase import Staircase
 from haptorb.errors import InputError
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.analysis import Ring
 from haptorb.apps.study.columns import tidy
 from haptorb.apps.study.database import database
 from haptorb.apps.study.desk import analysis_of
 from haptorb.apps.study.participant import PUBLISHED_ERRORS, Participant
-from haptorb.apps.study.prompt import Answer, Prompt
 from haptorb.apps.study.rehearsal import rehearse, sit
 from haptorb.apps.study.report import page
 from haptorb.apps.study.sitting import Sitting

@@ -10,11 +10,12 @@ from typing import Any
 import pytest
 from sqlalchemy import Connection, inspect
 
+from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study import migrations
 from haptorb.apps.study.claim import Claim
 from haptorb.apps.study.columns import COLUMNS, replied, studied, tidy
 from haptorb.apps.study.database import SCHEMA, database
-from haptorb.apps.study.prompt import Answer
+from haptorb.apps.study.export import write_bids, write_replies
 from haptorb.apps.study.sitting import Sitting
 from haptorb.apps.study.study_file import Study, study_of
 from haptorb.errors import InputError, RecordingError
@@ -256,6 +257,12 @@ def test_questions_are_asked_before_and_after_and_kept(tmp_path: Path) -> None:
         sitting.reply(sitting.question, "no")
         assert sitting.over
     assert replied(engine, study) == {"P01": {"hand": "right", "tired": "3", "remarks": "no"}}
+    path = write_replies(study, replied(engine, study), tmp_path / "q.csv")
+    assert path.read_text(encoding="utf-8").splitlines()[2] == 'P01,tired,"How tired are you, 0 to 10?",3'
+    folder = write_bids(study, tidy(engine, study), tmp_path / "bids", replies=replied(engine, study))
+    lines = (folder / "participants.tsv").read_text(encoding="utf-8").splitlines()
+    assert lines == ["participant_id\tsimulated\thand\ttired\tremarks", "sub-P01\tfalse\tright\t3\tno"]
+    assert "How tired" in (folder / "participants.json").read_text(encoding="utf-8")
     with pytest.raises(RecordingError, match="another code"):
         Sitting(engine, study, "P01")
 

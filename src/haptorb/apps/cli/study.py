@@ -239,19 +239,22 @@ def export(
 ) -> None:
     """All trials, one row each: tidy CSV, Parquet, or a BIDS folder, with a data dictionary."""
     from haptorb.apps.study import export as out
-    from haptorb.apps.study.columns import studied, tidy
+    from haptorb.apps.study.columns import replied, studied, tidy
     from haptorb.apps.study.database import database
 
     engine = database(db, make=False)
     known = studied(engine, name)
-    columns = tidy(engine, known)
+    columns, replies = tidy(engine, known), replied(engine, known)
     write: dict[str, Any] = {".csv": out.write_csv, ".parquet": out.write_parquet}
     if path.suffix in write:
         write[path.suffix](columns, path, overwrite=force)
+        if replies:
+            words = out.write_replies(known, replies, path.with_name(f"{path.stem}-questions.csv"), overwrite=force)
+            print(f"answers to questions: {words}")
     elif path.suffix:
         raise InputError(f"export to NAME.csv, NAME.parquet or a folder; got '{path}'")
     else:
-        out.write_bids(known, columns, path, overwrite=force)
+        out.write_bids(known, columns, path, overwrite=force, replies=replies)
     print(f"{len(columns['trial'])} trials: {path}")
 
 

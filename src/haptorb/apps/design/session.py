@@ -20,6 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from haptorb.apps.asking.prompt import Answer
+from haptorb.apps.asking.rating import SCALE
+from haptorb.apps.asking.rating import rating as rating_of
 from haptorb.apps.design.candidates import Candidate, Candidates
 from haptorb.devices.state import State
 from haptorb.errors import InputError, RecordingError
@@ -27,7 +30,7 @@ from haptorb.physics.arrays import Array
 
 __all__ = ["COLUMNS", "SCORES", "Choice", "Rating", "Session", "Trace"]
 
-SCORES = (1, 7)  #: from "not at all" to "just right"
+SCORES = SCALE  #: the scale that studies have as well
 COLUMNS = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
 
 
@@ -99,9 +102,10 @@ class Session:
     def rate(self, name: str, score: int, *, person: str = "", comment: str = "", trace: str = "") -> Rating:
         """Keep what `person` says of design `name`; on the disk when this returns."""
         design = self.candidates[name]
-        low, high = SCORES
-        if isinstance(score, bool) or not isinstance(score, int) or not low <= score <= high:
-            raise InputError(f"a score is a whole number from {low} to {high}; got {score!r}")
+        try:
+            rating_of(name, SCORES).checked(Answer(score))
+        except InputError as cause:
+            raise InputError(f"a score is a whole number from {SCORES[0]} to {SCORES[1]}; got {score!r}") from cause
         if trace and not (self.folder / trace).is_file():
             raise InputError(f"{self.folder}: there is no trace '{trace}'")
         rating = Rating(name, design.digest, score, person, comment, _now(), trace)

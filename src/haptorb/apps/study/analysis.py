@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.study.columns import Columns
-from haptorb.apps.study.procedure import Procedure
 from haptorb.apps.study.statistics import Curve, above_chance, bootstrap, psychometric_fit, sign_flip, wilson
 from haptorb.apps.study.study_file import Study
 from haptorb.errors import InputError

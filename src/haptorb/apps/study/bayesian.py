@@ -12,8 +12,8 @@ from typing import final
 
 import numpy as np
 
-from haptorb.apps.study.procedure import Procedure
-from haptorb.apps.study.prompt import Answer, Prompt
+from haptorb.apps.asking.procedure import Procedure
+from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.errors import InputError
 from haptorb.physics.arrays import Array
 

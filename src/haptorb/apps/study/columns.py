@@ -12,7 +12,7 @@ from sqlalchemy import select
 from sqlalchemy.engine import Engine
 
 from haptorb.apps.study.database import participants, replies, sessions, studies, trials
-from haptorb.apps.study.set_points import angle_between
+from haptorb.apps.study.set_points import angles_between
 from haptorb.apps.study.study_file import Study, study_of
 from haptorb.errors import InputError, RecordingError
 
@@ -74,32 +74,48 @@ def tidy(engine: Engine, study: Study) -> Columns:
         .where(participants.c.study == study.digest)
         .order_by(participants.c.ordinal, trials.c.number)
     )
-    places = {point.number: point for point in study.points}
-    contact = study.loaded_device().contact_distance
-    rows = []
     with engine.connect() as connection:
-        for row in connection.execute(query):
-            prompt = json.loads(row.prompt)
-            point = places.get(prompt["set_point"])
-            position = None if row.x is None else np.array([row.x, row.y, row.z])
-            distance = angle = float("nan")
-            if point is not None and position is not None:
-                way = np.array(point.direction)
-                distance = float(np.linalg.norm(position - contact * way)) * 1e3
-                angle = angle_between(position, way)
-            rows.append(
-                (
-                    row.code, row.simulated, row.session, row.number, prompt["phase"], prompt["condition"],
-                    prompt["other"], prompt["set_point"], point.theta_deg if point else np.nan,
-                    point.phi_deg if point else np.nan, prompt["level"], prompt["interval"], row.answer,
-                    _correct(study, prompt, row.answer),
-                    *((np.nan,) * 3 if position is None else position.tolist()),
-                    distance, angle, row.seconds, "|".join(_reasons(row.safety)), row.recording or "", row.answered,
-                )
-            )  # fmt: skip
+        rows = connection.execute(query).all()
     if not rows:
         raise RecordingError(f"study '{study.name}' has no answered trials yet")
-    return {name: _column(values) for name, values in zip(COLUMNS, zip(*rows, strict=True), strict=True)}
+    asked: dict[str, dict[str, Any]] = {}  # the same prompt comes again and again: read it once
+    prompts = [asked.get(row.prompt) or asked.setdefault(row.prompt, json.loads(row.prompt)) for row in rows]
+    reasons: dict[str, str] = {}
+    for row in rows:
+        if row.safety not in reasons:
+            reasons[row.safety] = "|".join(_reasons(row.safety))
+    answers = _column(tuple(row.answer for row in rows))
+    position = np.array([(row.x, row.y, row.z) for row in rows], dtype=float)  # None becomes NaN
+    places = {p.number: p for p in study.points}
+    number = np.array([prompt["set_point"] for prompt in prompts])
+    there = [places.get(n) for n in number.tolist()]
+    theta, phi = (
+        np.array([np.nan if p is None else getattr(p, f"{name}_deg") for p in there]) for name in ("theta", "phi")
+    )
+    ways = np.array([(np.nan,) * 3 if p is None else p.direction for p in there])
+    return {
+        "participant": np.array([row.code for row in rows]),
+        "simulated": np.array([row.simulated for row in rows]),
+        "session": np.array([row.session for row in rows]),
+        "trial": np.array([row.number for row in rows]),
+        **{name: np.array([prompt[name] for prompt in prompts]) for name in ("phase", "condition", "other")},
+        "set_point": number,
+        "theta_deg": theta,
+        "phi_deg": phi,
+        "level": np.array([prompt["level"] for prompt in prompts], dtype=float),
+        "interval": np.array([prompt["interval"] for prompt in prompts]),
+        "answer": answers,
+        "correct": _correct(study, number, np.array([prompt["interval"] for prompt in prompts]), answers),
+        "x_m": position[:, 0],
+        "y_m": position[:, 1],
+        "z_m": position[:, 2],
+        "distance_mm": 1e3 * np.linalg.norm(position - study.loaded_device().contact_distance * ways, axis=1),
+        "angle_deg": angles_between(position, ways),
+        "seconds": np.array([row.seconds for row in rows]),
+        "safety": np.array([reasons[row.safety] for row in rows]),
+        "recording": np.array([row.recording or "" for row in rows]),
+        "answered": np.array([row.answered for row in rows]),
+    }
 
 
 def replied(engine: Engine, study: Study) -> dict[str, dict[str, str]]:
@@ -118,12 +134,13 @@ def replied(engine: Engine, study: Study) -> dict[str, dict[str, str]]:
     return found
 
 
-def _correct(study: Study, prompt: dict[str, Any], answer: int | None) -> float:
-    if study.procedure == "identification":
-        return float(answer == prompt["set_point"])
-    if study.procedure in ("staircase", "bayesian"):
-        return float(answer == prompt["interval"])
-    return float("nan")  # of constant stimuli either answer may be right: the curve tells; the rest has no right answer
+def _correct(study: Study, number: NDArray[Any], interval: NDArray[Any], answers: NDArray[Any]) -> NDArray[Any]:
+    right = {"identification": number, "staircase": interval, "bayesian": interval}.get(study.procedure)
+    if right is None:
+        # Of constant stimuli either answer may be right: the curve tells; the rest has no right answer.
+        return np.full(len(answers), np.nan)
+    found: NDArray[Any] = np.equal(answers, right).astype(float)
+    return found
 
 
 def _reasons(stored: str) -> Iterable[str]:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from time import monotonic
 from typing import Any, final
 
-from haptorb.apps.study.prompt import Answer, Prompt
+from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.sitting import Sitting
 from haptorb.apps.study.stage import Stage
 from haptorb.apps.study.study_file import Question

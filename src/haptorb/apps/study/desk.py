@@ -9,12 +9,12 @@ import numpy as np
 from sqlalchemy import select
 from sqlalchemy.engine import Engine
 
+from haptorb.apps.asking.procedure import Procedure
+from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.analysis import Analysis, analysed
 from haptorb.apps.study.columns import Columns, studied, tidy
 from haptorb.apps.study.database import database, participants, sessions
 from haptorb.apps.study.order import procedure_of
-from haptorb.apps.study.procedure import Procedure
-from haptorb.apps.study.prompt import Answer
 from haptorb.apps.study.study_file import Study
 
 __all__ = ["analysis_of"]

@@ -15,7 +15,9 @@ from haptorb.apps.study.columns import COLUMNS, Columns
 from haptorb.apps.study.study_file import Study
 from haptorb.errors import RecordingError
 
-__all__ = ["write_bids", "write_csv", "write_parquet"]
+__all__ = ["Replies", "write_bids", "write_csv", "write_parquet", "write_replies"]
+
+Replies = dict[str, dict[str, str]]  #: participant's code → question's name → what was answered
 
 
 def write_csv(columns: Columns, path: str | Path, *, overwrite: bool = False) -> Path:
@@ -56,8 +58,30 @@ def write_parquet(columns: Columns, path: str | Path, *, overwrite: bool = False
     return path
 
 
-def write_bids(study: Study, columns: Columns, folder: str | Path, *, overwrite: bool = False) -> Path:
-    """A table per participant, sub-CODE/beh/sub-CODE_task-NAME_beh.tsv, and what BIDS wants beside it."""
+def write_replies(study: Study, replies: Replies, path: str | Path, *, overwrite: bool = False) -> Path:
+    """Answers to the questions in words: one row per participant and question."""
+    path = _free(path, overwrite)
+    part = path.with_name(path.name + ".part")
+    try:
+        with part.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(("participant", "question", "text", "reply"))
+            for code, mine in replies.items():
+                writer.writerows((code, q.name, q.text, mine[q.name]) for q in study.questions if q.name in mine)
+        os.replace(part, path)
+    except OSError as cause:
+        part.unlink(missing_ok=True)
+        raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
+    return path
+
+
+def write_bids(
+    study: Study, columns: Columns, folder: str | Path, *, overwrite: bool = False, replies: Replies | None = None
+) -> Path:
+    """A table per participant, sub-CODE/beh/sub-CODE_task-NAME_beh.tsv, and what BIDS wants beside it.
+
+    `replies` to the questions in words become columns of participants.tsv.
+    """
     folder = Path(folder)
     if folder.exists() and not overwrite:
         raise RecordingError(f"{folder} exists; choose another name, or allow it to be overwritten")
@@ -85,15 +109,18 @@ def write_bids(study: Study, columns: Columns, folder: str | Path, *, overwrite:
         (part / "code").mkdir()
         (part / "code" / "study.toml").write_text(study.text, encoding="utf-8")
         codes = list(dict.fromkeys(columns["participant"].tolist()))
-        lines = ["participant_id\tsimulated"]
+        asked = study.questions if replies else ()
+        lines = ["\t".join(["participant_id", "simulated", *(question.name for question in asked)])]
         for code in codes:
             mine = {name: values[columns["participant"] == code] for name, values in columns.items()}
-            lines.append(f"sub-{code}\t{'true' if mine['simulated'][0] else 'false'}")
+            told = [" ".join((replies or {}).get(code, {}).get(q.name, "n/a").split()) for q in asked]
+            lines.append("\t".join([f"sub-{code}", "true" if mine["simulated"][0] else "false", *told]))
             place = part / f"sub-{code}" / "beh"
             place.mkdir(parents=True)
             _table(mine, place / f"sub-{code}_task-{task}_beh.tsv", "\t", "n/a")
         (part / "participants.tsv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-        _json(part / "participants.json", {"simulated": {"Description": COLUMNS["simulated"]}})
+        described = {"simulated": COLUMNS["simulated"], **{question.name: question.text for question in asked}}
+        _json(part / "participants.json", {name: {"Description": text} for name, text in described.items()})
         about = {name: {"Description": text} for name, text in COLUMNS.items()}
         _json(part / f"task-{task}_beh.json", {"TaskName": task, "Instructions": study.instructions, **about})
         if folder.exists():

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.order import plan, procedure_of
-from haptorb.apps.study.prompt import Prompt
 from haptorb.control.least_squares import LeastSquaresAllocator
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State, rotation_to_axis

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from haptorb.apps.asking.procedure import InTurn, Listed
+from haptorb.apps.asking.prompt import Prompt
+from haptorb.apps.asking.rating import rating
 from haptorb.apps.study.bayesian import Bayesian
-from haptorb.apps.study.procedure import InTurn, Listed
-from haptorb.apps.study.prompt import Prompt
 from haptorb.apps.study.staircase import Staircase
 from haptorb.apps.study.study_file import Study
 
@@ -113,7 +114,7 @@ def _prompts(study: Study, name: str, draw: np.random.Generator) -> list[Prompt]
             for _ in range(repetitions)
         ]
     scale = study.rating
-    return [Prompt(condition=name, set_point=top, low=scale.low, high=scale.high)] * repetitions
+    return [rating(name, (scale.low, scale.high), top)] * repetitions
 
 
 def _shuffled(prompts: list[Prompt], draw: np.random.Generator) -> list[Prompt]:

@@ -22,8 +22,8 @@ from typing import final
 
 import numpy as np
 
+from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.delivered import Delivered
-from haptorb.apps.study.prompt import Answer, Prompt
 from haptorb.apps.study.set_points import directions, nearest
 from haptorb.apps.study.study_file import Study
 from haptorb.devices.electromagnet import SphericalElectromagnet

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from haptorb.apps.asking.procedure import Procedure
+from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.order import plan, procedure_of
 from haptorb.apps.study.participant import Participant
-from haptorb.apps.study.procedure import Procedure
-from haptorb.apps.study.prompt import Answer, Prompt
 from haptorb.apps.study.study_file import Study
 from haptorb.errors import InputError
 from haptorb.physics.arrays import Array

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import final
 
+from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.conduct import OVER, Conduct
 from haptorb.apps.study.keys import END, Keys
-from haptorb.apps.study.prompt import Prompt
 from haptorb.apps.study.sitting import Sitting
 from haptorb.apps.study.stage import Stage
 from haptorb.errors import InputError

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from math import cos, degrees, radians, sin
+from math import cos, radians, sin
 
 import numpy as np
 
 from haptorb.physics.arrays import Array
 
-__all__ = ["SetPoint", "angle_between", "directions", "nearest", "published"]
+__all__ = ["SetPoint", "angles_between", "directions", "nearest", "published"]
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,11 @@ def directions(points: tuple[SetPoint, ...]) -> Array:
     return np.array([point.direction for point in points]).reshape(-1, 3)
 
 
-def angle_between(a: Array, b: Array) -> float:
-    """Angle between two directions (3,) [deg]."""
-    cosine = float(a @ b / np.linalg.norm(a) / np.linalg.norm(b))
-    return degrees(float(np.arccos(np.clip(cosine, -1.0, 1.0))))
+def angles_between(a: Array, b: Array) -> Array:
+    """(n,) angles between directions (n, 3) and (n, 3) [deg]; NaN where one is."""
+    cosine = np.sum(a * b, axis=-1) / np.linalg.norm(a, axis=-1) / np.linalg.norm(b, axis=-1)
+    angles: Array = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    return angles
 
 
 def nearest(points: tuple[SetPoint, ...], position: Array) -> int:

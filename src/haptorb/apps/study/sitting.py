@@ -14,11 +14,11 @@ from sqlalchemy.engine import Connection, Engine
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from haptorb import __version__
+from haptorb.apps.asking.procedure import Procedure
+from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.claim import Claim
 from haptorb.apps.study.database import alone, events, participants, replies, sessions, studies, trials
 from haptorb.apps.study.order import plan, procedure_of
-from haptorb.apps.study.procedure import Procedure
-from haptorb.apps.study.prompt import Answer, Prompt
 from haptorb.apps.study.study_file import Question, Study
 from haptorb.errors import InputError, RecordingError
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from haptorb.apps.study.prompt import Prompt
+from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.study_file import Study
 from haptorb.control.trip import GuardState, Trip
 from haptorb.devices.electromagnet import SphericalElectromagnet

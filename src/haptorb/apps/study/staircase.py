@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import final
 
-from haptorb.apps.study.procedure import Procedure
-from haptorb.apps.study.prompt import Answer, Prompt
+from haptorb.apps.asking.procedure import Procedure
+from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.errors import InputError
 
 __all__ = ["Staircase"]

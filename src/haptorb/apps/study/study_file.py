@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
 from haptorb import worlds
+from haptorb.apps.asking.rating import SCALE
 from haptorb.apps.study.set_points import SetPoint, published
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
@@ -96,8 +97,8 @@ class Rating(_Part):
     """The scale of a rating."""
 
     question: str = "How well does this feel?"
-    low: Annotated[int, Field(ge=0)] = 1
-    high: Annotated[int, Field(ge=1, le=100)] = 7
+    low: Annotated[int, Field(ge=0)] = SCALE[0]
+    high: Annotated[int, Field(ge=1, le=100)] = SCALE[1]
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

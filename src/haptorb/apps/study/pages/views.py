@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.pages.reception import Reception
-from haptorb.apps.study.prompt import Prompt
 from haptorb.apps.study.stage import Stage
 from haptorb.apps.study.study_file import Study
 

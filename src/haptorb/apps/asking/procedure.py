@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import final
 
-from haptorb.apps.study.prompt import Answer, Prompt
+from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.errors import InputError
 
 __all__ = ["InTurn", "Listed", "Procedure"]
