@@ -22,7 +22,8 @@ settings.load_profile("fixed")
 
 #: folders and files whose tests run beside a clock: a browser, an emulator, a servo or a server in a process of its own
 AGAINST_TIME = {
-    *("browser", "firmware", "test_black_box.py", "test_cli.py", "test_console.py", "test_examples.py"),
+    *("browser", "firmware", "test_black_box.py", "test_cli.py", "test_console.py", "test_design_session.py"),
+    *("test_examples.py", "test_hall_loop.py", "test_motor_chain.py"),
     *("test_pages.py", "test_postgres.py", "test_recording.py", "test_room.py", "test_runner.py", "test_safety.py"),
     *("test_serial_port.py", "test_servo.py", "test_streams.py", "test_trackers.py", "test_tutorial.py"),
 }
@@ -72,3 +73,18 @@ def chromium() -> str:
     if found is None:
         pytest.skip(f"no Chromium on this machine{_why_missing()}")
     return found
+
+
+@pytest.fixture(scope="session")
+def reproduction():
+    """(paper, name) → that part of `haptorb reproduce`, made once for all tests of a run."""
+    from functools import cache
+
+    from haptorb.apps.reproduce import Made, reproduced
+
+    @cache
+    def made(paper: str, name: str) -> Made:
+        one = reproduced(paper, name)
+        return Made(one, *one.made())
+
+    return made

@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 
 import pytest
 
-from haptorb.apps.reproduce import Item, reproduced
-
-
-@cache
-def _items(paper: str, name: str) -> dict[str, Item]:
-    made, _ = reproduced(paper, name).made()
-    return {item.id: item for item in made}
+from haptorb.apps.reproduce import Made
 
 
 @pytest.fixture(scope="session")
-def numbers() -> Callable[..., list[float]]:
+def numbers(reproduction: Callable[[str, str], Made]) -> Callable[..., list[float]]:
     """The computed numbers of some items of one reproduction, after a look that each of them holds."""
 
     def told(paper: str, name: str, *ids: str) -> list[float]:
-        items = _items(paper, name)
+        items = {item.id: item for item in reproduction(paper, name).items}
         chosen = [items[one] for one in ids]
         assert [item.id for item in chosen if item.verdict == "differs"] == []
         return [item.computed for item in chosen if item.computed is not None]
@@ -30,11 +23,11 @@ def numbers() -> Callable[..., list[float]]:
 
 
 @pytest.fixture(scope="session")
-def printed() -> Callable[..., list[float]]:
+def printed(reproduction: Callable[[str, str], Made]) -> Callable[..., list[float]]:
     """What the paper prints for some items, evaluated."""
 
     def told(paper: str, name: str, *ids: str) -> list[float]:
-        items = _items(paper, name)
+        items = {item.id: item for item in reproduction(paper, name).items}
         return [items[one].published for one in ids if items[one].published is not None]
 
     return told

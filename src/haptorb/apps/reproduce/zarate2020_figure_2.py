@@ -130,7 +130,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
 
 def _angle(name: str, what: str, published: float, computed: float, erratum: str, corrected: float | None) -> Item:
     return Item(f"fig2{name}", "zarate2020", f"Fig. 2{name[0]}", what, published, float(computed), "°", 0.01, erratum,
-                corrected)  # fmt: skip
+                corrected, "a hundredth of a degree: found by bisection")  # fmt: skip
 
 
 def _edge(world: World, distance: float) -> float:

@@ -68,8 +68,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                       "nothing computed here depends on them", "§II.B, Fig. 4"),
         _AT.unchecked("fem", "sizes of magnet and coils were tuned with FEM", "neither the model nor its results are "
                       "printed"),
-        _AT.unchecked("coil-shape", "shape and turns of the three coils", "not printed; only m_e per ampere is, and "
-                      "that is measured (Fig. 7)", "Fig. 4"),
+        _AT.unchecked("coil-shape", "shape and turns of the three coils", "not printed, only m_e per ampere (Fig. 7); "
+                      "`haptorb inspect omni` predicts it from assumed windings", "Fig. 4"),
         _AT.unchecked("figure-1", "the device in use", "a photograph", "Fig. 1"),
         _AT.unchecked("figure-5", "the software's pipeline", "a diagram; its parts are equations (3) to (6) and Fig. 3",
                       "Fig. 5"),
