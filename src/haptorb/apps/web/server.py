@@ -28,6 +28,7 @@ class Server(uvicorn.Server):
 
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None, None, None]:
+        """Leave every signal to whoever has it."""
         yield
 
 
