@@ -42,7 +42,7 @@ def test_turns_add_and_wider_coils_carry_more_moment_but_less_core():
 
 
 def test_the_assumed_coils_of_omni_predict_the_calibrated_moments_within_5_percent():
-    """Nothing was fitted: 80 turns of 22 to 25 mm give what the paper measured, and the order of its three coils."""
+    """Plausible, not proven: the sizes are assumed, knowing the moments; the order of the coils is the paper's."""
     predicted = np.diag(OMNI.predicted_moments())
     assert predicted == pytest.approx(np.diag(OMNI.moment_per_current), rel=0.05)
     assert (np.diff(predicted) > 0).all()

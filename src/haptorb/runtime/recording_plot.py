@@ -1,4 +1,4 @@
-"""A recording as a figure: force asked and given, currents, temperatures, lateness."""
+"""A recording as a figure: force (or torque) asked and given, energy, currents, temperatures, lateness."""
 
 from __future__ import annotations
 
@@ -32,15 +32,16 @@ def plot(recording: Recording, path: str | Path | None = None) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 9.6), layout="constrained", facecolor="white")
+    figure = Figure(figsize=(9.0, 11.0), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)  # no window, no global state: also usable in a server
-    force, currents, heat, late = figure.subplots(4, 1, sharex=True, height_ratios=(3, 2, 2, 1.6))
+    force, energy, currents, heat, late = figure.subplots(5, 1, sharex=True, height_ratios=(3, 1.6, 2, 2, 1.6))
     t = recording.t
-    _force(force, recording, t)
+    _wrench(force, recording, t)
+    _energy(energy, recording, t)
     _currents(currents, recording, t)
     _temperatures(heat, recording, t)
     _lateness(late, recording, t)
-    for axes in (force, currents, heat, late):
+    for axes in (force, energy, currents, heat, late):
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(visible=True, color="#e6e6e6", linewidth=0.7)
         axes.margins(x=0)
@@ -59,18 +60,35 @@ def plot(recording: Recording, path: str | Path | None = None) -> Figure:
     return figure
 
 
-def _force(axes: Axes, recording: Recording, t: Array) -> None:
-    """Asked dashed, given solid; where nobody knows what was given, the controller's own model stands in."""
+def _wrench(axes: Axes, recording: Recording, t: Array) -> None:
+    """Asked dashed, given solid; where nobody knows what was given, the controller's own model stands in.
+
+    The force; of a device that gave and was asked for none, the torque.
+    """
     given, label = recording["given"], "given"
     if not np.isfinite(given).any():
         given, label = recording["modelled"], "modelled"
     asked = recording["asked"]
+    turning = not (np.nan_to_num(given[:, :3]).any() or asked[:, :3].any()) and asked[:, 3:].any()
+    first, letter = (3, "T") if turning else (0, "F")
     for i, name in enumerate("xyz"):
-        axes.plot(*_joined(t, given[:, i]), color=_COLOURS[i], linewidth=1.1, label=f"$F_{name}$")
-        axes.plot(*_joined(t, asked[:, i]), color=_COLOURS[i], linewidth=1.1, linestyle=(0, (4, 2)))
+        axes.plot(*_joined(t, given[:, first + i]), color=_COLOURS[i], linewidth=1.1, label=f"${letter}_{name}$")
+        axes.plot(*_joined(t, asked[:, first + i]), color=_COLOURS[i], linewidth=1.1, linestyle=(0, (4, 2)))
     axes.plot([], [], color=_INK, linewidth=1.1, label=label)
     axes.plot([], [], color=_INK, linewidth=1.1, linestyle=(0, (4, 2)), label="asked")
-    axes.set_ylabel("force [N]")
+    axes.set_ylabel("torque [N·m]" if turning else "force [N]")
+
+
+def _energy(axes: Axes, recording: Recording, t: Array) -> None:
+    """What the hand was given, and where damping was injected because sampling and delay had made energy."""
+    if "energy" not in {field.name for field in recording.fields}:  # an older recording
+        return
+    axes.plot(*_joined(t, 1e3 * recording["energy"]), color=_COLOURS[0], linewidth=1.1, label="given to the hand")
+    damped = recording["injected"] > 0
+    if damped.any():
+        lowest = axes.get_ylim()[0]
+        axes.plot(t[damped], np.full(int(damped.sum()), lowest), "|", color=_COLOURS[1], label="damping injected")
+    axes.set_ylabel("energy [mJ]")
 
 
 def _currents(axes: Axes, recording: Recording, t: Array) -> None:
@@ -81,10 +99,10 @@ def _currents(axes: Axes, recording: Recording, t: Array) -> None:
 
 def _temperatures(axes: Axes, recording: Recording, t: Array) -> None:
     """Windings solid (observed), boundaries dotted (measured)."""
+    for i, values in enumerate(_columns(recording["boundary"])):  # first: their noise must not hide the windings
+        axes.plot(*_joined(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=0.7, linestyle=":", alpha=0.4)
     for i, values in enumerate(_columns(recording["winding"])):
         axes.plot(*_joined(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=1.1, label=f"winding {i + 1}")
-    for i, values in enumerate(_columns(recording["boundary"])):
-        axes.plot(*_joined(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=0.9, linestyle=":")
     axes.plot([], [], color=_INK, linewidth=0.9, linestyle=":", label="boundary")
     axes.set_ylabel("temperature [°C]")
 
@@ -110,8 +128,11 @@ def _trips(axes: Axes, recording: Recording, t: Array) -> None:
 
 
 def _legend(axes: Axes) -> None:
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, fontsize=8.5, handlelength=1.8)
+    if entries := len(axes.get_legend_handles_labels()[0]):
+        axes.legend(
+            loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, fontsize=8.5, handlelength=1.8,
+            ncols=1 if entries < 8 else 2, columnspacing=1.0,
+        )  # fmt: skip
 
 
 def _columns(values: Array) -> Array:

@@ -136,9 +136,9 @@ class Servo:
             )
             for through in (self.driver, "sim")
         )  # fmt: skip
-        ahead = known_prediction(prediction)
+        self._ahead = known_prediction(prediction)
         self._plan = plans.Plan(
-            first, self.rate, chain, practice, ahead if fed(self.tracker) else None,
+            first, self.rate, chain, practice, self._ahead if fed(self.tracker) else None,
             None if self.calibration is None else self.calibration.id,
         )  # fmt: skip
         self._record, self._overwrite = record, overwrite
@@ -428,6 +428,7 @@ class Servo:
                 "run": {
                     "driver": self.driver,
                     "tracker": self.tracker,
+                    "prediction_s": repr(self._ahead) if fed(self.tracker) else "",
                     "estimator": self.estimator,
                     "calibration": "" if self.calibration is None else self.calibration.text(),
                     "seed": str(self.seed),
