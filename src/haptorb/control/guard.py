@@ -110,7 +110,10 @@ class Guard:
         return True
 
     def admit(self, wrench: Array, estimate: Estimate) -> Array:
-        """The part of the world's `wrench` (6,) that may be asked now: clamped, faded; zero when anything is wrong."""
+        """The part of the world's `wrench` (6,) that may be asked now: clamped, faded; zero when anything is wrong.
+
+        In [N, N·m].
+        """
         self._fresh = estimate.valid and estimate.age <= self._limits.expiry
         if estimate.reversed:  # said even while off: nobody could engage, and would not know why
             self.trip(Trip.MAGNET_REVERSED)
@@ -132,7 +135,10 @@ class Guard:
         return out
 
     def limit(self, currents: Array, sample: Sample) -> Array:
-        """(m,) the currents that may flow: within limits and slew, derated when warm, zero when off or tripped."""
+        """(m,) the currents that may flow: within limits and slew, derated when warm, zero when off or tripped.
+
+        In [A].
+        """
         seen = _look(sample.currents, sample.temperatures, self._broken)
         if seen == 1:
             self.trip(Trip.SAMPLE_NOT_FINITE)

@@ -55,6 +55,8 @@ class HallTracker(Estimator):
     `verdict` says why an estimate is not valid: "lost", "reversed" (the tool's magnet is the wrong way round: forces
     would invert), or "" where it is.
 
+    Raises InputError for a device without such sensors, a bandwidth or offsets that cannot be.
+
     >>> from haptorb.devices.loader import load
     >>> HallTracker(load("omni")).verdict
     'lost'
@@ -102,7 +104,7 @@ class HallTracker(Estimator):
         self._last = Estimate(nowhere, WrenchMap(np.zeros((6, device.channels)), np.zeros(6)), False, math.inf)
 
     def update(self, sample: Sample) -> Estimate:
-        """The estimate after `sample`."""
+        """The estimate after `sample`. Raises InputError for readings of other sensors than the device's."""
         field = self._field
         if sample.field.shape != field.shape:
             raise InputError(

@@ -66,7 +66,10 @@ class Dome(World):
             )
 
     def for_device(self, device: Device) -> Dome:
-        """With the tool's moment, the contact distance and the shell of `device`."""
+        """With the tool's moment, the contact distance and the shell of `device`.
+
+        Raises InputError for a device without a dome, or a summit below its rim.
+        """
         if not isinstance(device, SphericalElectromagnet):
             raise InputError(f"world 'dome' is for a tool over a sphere; device '{device.name}' has none")
         if self.summit[2] < 0.0:

@@ -72,7 +72,7 @@ def _whole(heights: ArrayLike) -> Array:
 
 
 def hills(size: int = 65) -> Array:
-    """(size, size) a landscape of three mountains and two valleys, heights within −1…1."""
+    """(size, size) a landscape of three mountains and two valleys, heights within −1…1. Heights without dimension."""
     v, u = np.meshgrid(np.linspace(-1, 1, size), np.linspace(-1, 1, size), indexing="ij")
     places = (
         (0.35, 0.1, 0.22, 1.0),
@@ -130,7 +130,10 @@ class Terrain(World):
 
     @classmethod
     def image(cls, path: str | Path, **values: float) -> Terrain:
-        """From a grey image file (PNG): black is −1, white is +1; the top of the image is +y. It must be square."""
+        """From a grey image file (PNG): black is −1, white is +1; the top of the image is +y. It must be square.
+
+        Raises InputError for a file that is no square picture, or has holes.
+        """
         from PIL import Image, UnidentifiedImageError
 
         try:
@@ -146,7 +149,7 @@ class Terrain(World):
         return cls(heights=2 * grey[::-1] - 1, **values)
 
     def for_device(self, device: Device) -> Terrain:
-        """With the contact distance and the shell of `device`."""
+        """With the contact distance and the shell of `device`. Raises InputError for a device without a dome."""
         if not isinstance(device, SphericalElectromagnet):
             raise InputError(f"world 'terrain' is for a tool over a sphere; device '{device.name}' has none")
         contact = device.contact_distance

@@ -141,7 +141,7 @@ def _drawn(device: SphericalMotor, printed: SphericalMotor, path: Path) -> Path:
             (height,), (middle,) = _angles(frame[None, :, 2])
             middle = middle % 360
             panel.plot((lon - middle + 180) % 360 - 180 + middle, lat, f"C{n // 8}", lw=1.2)
-            panel.text(middle, height, str(n + 1), ha="center", va="center", fontsize=8)
+            panel.text(middle, height + 5, str(n + 1), ha="center", va="center", fontsize=8)
         lat, lon = _angles(motor_.sensor_layout.directions)
         panel.plot(lon % 360, lat, "k.", ms=3)
         panel.set(ylabel="latitude [°]", aspect="equal", xlim=(-25, 362))
