@@ -203,6 +203,31 @@ def test_the_participants_page_is_never_told_what_is_prompted(begun: tuple[Desk,
             assert set(told["is"]["task"] or {}) <= {"kind", "ask", "numbers", "low", "high"}
 
 
+def test_places_that_are_to_be_found_freely_are_not_drawn_for_the_participant(tmp_path: Path) -> None:
+    desk = Desk(
+        study_of(STUDY.replace('name = "short"', 'name = "free"\nprocedure = "localisation"')), tmp_path / "s.db"
+    )
+    try:
+        participant, experimenter = desk.participant(), desk.experimenter()
+        participant.until(lambda page: page.about)
+        experimenter.until(lambda page: page.about)
+        assert participant.about["places"] == []
+        assert [place["number"] for place in experimenter.about["places"]] == [1, 12]
+        experimenter.do("begin", code="P01")
+        participant.state("consent")
+        participant.do("agree", agreed=True)
+        participant.state("running", 0)
+        participant.do("steer", x=0.0, y=36.0)
+        participant.until(lambda page: desk.servo.p[1] > 0.02)
+        participant.do("answer", trial=0, value=None)
+        participant.state("running", 1)
+        columns = tidy(desk.engine, desk.study)
+        assert columns["y_m"][0] == pytest.approx(0.05 * 0.5878, abs=1e-3)
+        assert columns["distance_mm"][0] > 0
+    finally:
+        desk.close()
+
+
 @pytest.mark.parametrize("command", ["pause", "resume", "repeat", "engage", "leave", "abort", "begin"])
 def test_a_participants_page_cannot_steer(begun: tuple[Desk, Page, Page], command: str) -> None:
     desk, participant, _ = begun

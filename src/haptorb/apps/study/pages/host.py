@@ -11,7 +11,7 @@ from typing import Any, Self, final
 from haptorb.apps.study.pages.reception import Reception
 from haptorb.apps.study.pages.room import Room
 from haptorb.apps.study.pages.site import application
-from haptorb.apps.study.pages.views import about
+from haptorb.apps.study.pages.views import about, places
 from haptorb.apps.web.server import HOST, bound, hurry, server, signals
 
 __all__ = ["PORT", "Host"]
@@ -39,7 +39,8 @@ class Host:
         # Behind the #: browsers keep that to themselves, so it is in no request, no log and no referrer.
         self.experimenter = f"http://{HOST}:{self.port}/experimenter#{token}"
         try:
-            room = Room(reception, token, about(reception.study, simulated), more or {})
+            everything = {"places": places(reception.study), **(more or {})}
+            room = Room(reception, token, about(reception.study, simulated), everything)
             self._server = server(application(room))
         except BaseException:
             self._socket.close()

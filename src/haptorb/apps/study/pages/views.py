@@ -12,23 +12,31 @@ from haptorb.apps.study.pages.reception import Reception
 from haptorb.apps.study.stage import Stage
 from haptorb.apps.study.study_file import Study
 
-__all__ = ["about", "for_experimenter", "for_participant", "pen"]
+__all__ = ["about", "for_experimenter", "for_participant", "pen", "places"]
 
 _MOST_BUTTONS = 21  #: on a rating scale; beyond that a number is typed
 
 
 def about(study: Study, simulated: bool) -> dict[str, Any]:
-    """What does not change: texts, places on the drawing, and the noise that is to be played."""
+    """What does not change: texts, places on the drawing, and the noise that is to be played.
+
+    Places are drawn where they are the answers; where they are to be found freely they would give them away.
+    """
     return {
         "study": study.name,
         "procedure": study.procedure,
         "instructions": study.instructions,
         "consent": study.consent,
         "simulated": simulated,
-        "places": [{"number": p.number, "theta": p.theta_deg, "phi": p.phi_deg} for p in study.points],
+        "places": places(study) if study.procedure == "identification" else [],
         "limit": study.loaded_device().workspace_half_angle * 180 / np.pi,
         "mask": study.mask.model_dump() if study.mask is not None else None,
     }
+
+
+def places(study: Study) -> list[dict[str, float]]:
+    """Number and angles [deg] of every set-point."""
+    return [{"number": p.number, "theta": p.theta_deg, "phi": p.phi_deg} for p in study.points]
 
 
 def for_participant(reception: Reception) -> dict[str, Any]:
