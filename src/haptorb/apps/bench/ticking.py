@@ -34,10 +34,10 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
         tell(f"{name}, {estimator}")
         whole, chain = _measured(device, estimator, max(int(6000 * effort), 400))
         out += [
-            Row("tick", f"{name}, {estimator}: chain without the simulated device, median", float(np.median(chain)),
+            Row("tick", f"{name}, {estimator}: estimate, world, allocate and guard, median", float(np.median(chain)),
                 "µs", limit=limit),
             Row("tick", f"{name}, {estimator}: the same, 99 %", float(np.percentile(chain, 99)), "µs"),
-            Row("tick", f"{name}, {estimator}: with the simulated device, median", float(np.median(whole)), "µs"),
+            Row("tick", f"{name}, {estimator}: whole tick, simulated device included, median", float(np.median(whole)), "µs"),
         ]  # fmt: skip
     return out
 
