@@ -13,6 +13,7 @@ from haptorb.errors import InputError
 if TYPE_CHECKING:
     from sqlalchemy.engine import Engine
 
+    from haptorb.apps.study.streams import Streams
     from haptorb.apps.study.study_file import Study
 
 __all__ = ["register"]
@@ -72,11 +73,20 @@ def run(
     if terminal and (known.mask is not None or lsl is not None):
         raise InputError("noise that masks the device and LSL streams need the browser: leave --terminal away")
     _foretold(known)
+    from haptorb.runtime.servo import Servo
+
+    # Not opened: a driver, tracker or stream that there is not is refused before a database is made.
+    Servo(known.device, "nothing", driver=driver, tracker=tracker, record=False)
+    streams = None
+    if lsl is not None:
+        from haptorb.apps.study.streams import opened
+
+        streams = opened(lsl)
     engine = database(db)  # before the device: without a place for answers nothing is started
     if terminal:
         _at_terminal(known, engine, str(participant), file, db, driver, tracker, record)
     else:
-        _in_browser(known, engine, participant, db, driver, tracker, record, lsl, port)
+        _in_browser(known, engine, participant, db, driver, tracker, record, streams, port)
 
 
 def _at_terminal(
@@ -99,7 +109,7 @@ def _at_terminal(
 
 def _in_browser(
     known: Study, engine: Engine, participant: str | None, db: str, driver: str, tracker: str, record: bool,
-    lsl: str | None, port: int,
+    streams: Streams | None, port: int,
 ) -> None:  # fmt: skip
     from haptorb.apps.study.database import shown
     from haptorb.apps.study.forecast import forecast
@@ -107,16 +117,9 @@ def _in_browser(
     from haptorb.apps.study.pages.reception import Reception
     from haptorb.runtime.servo import Servo
 
-    streams = None
-    if lsl is not None:
-        from haptorb.apps.study.streams import opened
-
-        streams = opened(lsl)
-
     def start(recording: Path | None) -> Servo:
         return Servo(known.device, "nothing", driver=driver, tracker=tracker, record=recording or False)
 
-    start(None)  # not opened: driver and tracker are refused now, not when somebody sits there
     reception = Reception(
         engine, known, start, (lambda session: _beside(db, session)) if record else (lambda session: None), streams
     )
