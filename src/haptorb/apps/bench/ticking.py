@@ -37,7 +37,8 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
             Row("tick", f"{name}, {estimator}: estimate, world, allocate and guard, median", float(np.median(chain)),
                 "µs", limit=limit),
             Row("tick", f"{name}, {estimator}: the same, 99 %", float(np.percentile(chain, 99)), "µs"),
-            Row("tick", f"{name}, {estimator}: whole tick, simulated device included, median", float(np.median(whole)), "µs"),
+            Row("tick", f"{name}, {estimator}: whole tick, simulated device included, median",
+                float(np.median(whole)), "µs"),
         ]  # fmt: skip
     return out
 
