@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
 import re
 import shutil
 from collections.abc import Callable, Iterator
@@ -18,6 +19,8 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from llvmlite.binding import llvm_version_info
+from numba.core.codegen import get_host_cpu_features
 
 __all__ = ["cache_folder", "kernel"]
 
@@ -83,6 +86,21 @@ def _folder(path: Path) -> str:
     for entry in old:
         shutil.rmtree(entry, ignore_errors=True)
     return str(folder)
+
+
+def _without_gathers() -> None:
+    """Have tables looked up one number at a time.
+
+    The microcode against "Downfall" (Intel, 2023) makes the vector instruction for it several times slower than single
+    loads, and a guest cannot see whether its host has that microcode. Not if somebody chose the features already.
+    """
+    chosen = getattr(numba.config, "CPU_FEATURES")  # noqa: B009 (set by numba itself at run time)
+    if chosen is None and platform.machine() == "x86_64" and llvm_version_info >= (18,):
+        host: str = get_host_cpu_features()  # type: ignore[no-untyped-call]
+        setattr(numba.config, "CPU_FEATURES", f"{host},+prefer-no-gather")  # noqa: B010
+
+
+_without_gathers()
 
 
 def kernel(function: Function) -> Function:

@@ -21,7 +21,7 @@ class SenderClock:
     """The least offset over the present window and the one before it.
 
     >>> clock = SenderClock()
-    >>> clock.stamp(5.000, 100.010), clock.stamp(5.010, 100.025)       # the second was held up by 5 ms
+    >>> clock.stamp(5.000, 100.010), round(clock.stamp(5.010, 100.025), 9)       # the second was held up by 5 ms
     (100.01, 100.02)
     """
 
