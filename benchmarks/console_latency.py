@@ -27,6 +27,13 @@ FLAGS = (
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
     *("--disable-component-update", "--disable-sync"),
 )
+#: what the browser itself needs: from a pointer's event to its telling the page, and from frame to frame [ms]
+OWN = """() => {
+  window.told = []; window.paces = []; let last = 0;
+  document.getElementById("scene").addEventListener("pointermove", (e) => told.push(performance.now() - e.timeStamp));
+  const frame = (now) => { paces.push(now - last); last = now; requestAnimationFrame(frame); };
+  requestAnimationFrame(frame);
+}"""
 HOLDING = "document.querySelector('#scene.holding') !== null"
 
 
@@ -59,6 +66,7 @@ def measured(seconds: float) -> dict[str, float | int | str]:
                 page.goto(console.url)
                 while not page.evaluate("window.haptorb && haptorb.control && haptorb.frames > 100"):
                     page.wait_for_timeout(100)
+                page.evaluate(OWN)
                 x, y = taken(page)
                 for k in range(int(seconds * 40)):
                     angle = 2 * math.pi * k / 80
@@ -76,6 +84,7 @@ def measured(seconds: float) -> dict[str, float | int | str]:
                     "return gl.getParameter(gl.getExtension('WEBGL_debug_renderer_info').UNMASKED_RENDERER_WEBGL) })()"
                 )
                 drawn = page.evaluate("haptorb.drawn")
+                told, paces = page.evaluate("told"), page.evaluate("paces")
                 browser.close()
             report = servo.report()
         finally:
@@ -86,6 +95,8 @@ def measured(seconds: float) -> dict[str, float | int | str]:
         "median_ms": round(statistics.median(times), 1),
         "p90_ms": round(times[int(0.9 * len(times))], 1),
         "arrived_median_ms": round(statistics.median(arrivals), 1),
+        "event_told_median_ms": round(statistics.median(told), 1),
+        "frame_median_ms": round(statistics.median(paces), 1),
         "scene_ms": round(costs["scene"], 1),
         "plots_ms": round(costs["plots"], 1),
         "frames_drawn": drawn,
