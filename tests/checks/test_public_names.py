@@ -26,7 +26,7 @@ import pytest
 import haptorb
 from haptorb import errors
 
-ROOMS = ("physics", "devices", "sensing", "control", "worlds", "simulation")
+ROOMS = ("physics", "devices", "sensing", "control", "worlds", "simulation", "runtime")
 _SIZE = r"(?:[\w′']+|\.\.\.|\d+)"
 SHAPE = re.compile(
     rf"\(({_SIZE}([ ,·+*]+({_SIZE}|\w+ [+·] \w+))*,?)?\)|same shape|shape of|their shape|points' shape|square|matrix"

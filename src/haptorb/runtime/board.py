@@ -33,6 +33,9 @@ class Board:
 
     Opening waits until the firmware has answered (an Arduino restarts when its port is opened, which takes up to two
     seconds), at most `patience` [s], and leaves the coils off. `answer` [s] is how long any later answer may take.
+
+    Raises DriverError if the port cannot be opened, if nothing answers there, or if what answers is not haptorb's
+    firmware with this version's protocol.
     """
 
     def __init__(self, path: str, patience: float = 3.0, answer: float = _ANSWER) -> None:
@@ -142,7 +145,7 @@ class Board:
         return Reading.parse(self._asked(Command.READ, b"", READING).payload)
 
     def set(self, steps: list[int]) -> Reading:
-        """New duties in signed steps, and one reading."""
+        """New duties in signed steps, and one reading. Raises DriverError if the firmware refuses them or is silent."""
         self.post(steps)
         reading = self.collect(self._answer)
         if reading is None:

@@ -22,7 +22,10 @@ def read_calibration(path: str | Path) -> Calibration:
 
 
 def writable(path: str | Path, *, overwrite: bool) -> Path:
-    """`path`, if a calibration may be written there; asked before anything is measured."""
+    """`path`, if a calibration may be written there; asked before anything is measured.
+
+    Raises CalibrationError if the file exists and `overwrite` is not set, or if there is no folder for it.
+    """
     place = Path(path).expanduser()
     if place.exists() and not overwrite:
         raise CalibrationError(f"{path} exists; choose another name, or allow it to be replaced (--force)")
@@ -32,7 +35,10 @@ def writable(path: str | Path, *, overwrite: bool) -> Path:
 
 
 def write_calibration(calibration: Calibration, path: str | Path, *, overwrite: bool = False) -> None:
-    """Write the file; nothing is written half."""
+    """Write the file; nothing is written half.
+
+    Raises CalibrationError for what `writable` does not allow, or if the system cannot write it.
+    """
     place = writable(path, overwrite=overwrite)
     part = place.with_name(place.name + ".part")
     try:

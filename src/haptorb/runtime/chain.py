@@ -48,7 +48,8 @@ class Chain(Protocol):
         """What joins the mover to the world's object."""
 
     def step(self, row: Array, now: float) -> None:
-        """One tick at `now` [s] on the loop's clock; fills all of `row` except what the clock knows."""
+        """One tick at `now` [s] on the loop's clock; fills all of `row` (width,) except what the clock knows, each
+        number in the unit of its field."""
 
     def engage(self) -> bool:
         """After a stop or a trip: begin again, from zero; False while the reason is still there."""

@@ -41,7 +41,8 @@ class Driver(ABC):
 
     @property
     def field_axes(self) -> Array | None:
-        """(k, 3) the one direction, stator frame, in which each field sensor measures; None: they measure all three."""
+        """(k, 3) unit vectors, stator frame: the one direction in which each field sensor measures; None: they measure
+        all three."""
         return None
 
     @property
@@ -61,11 +62,11 @@ class Driver(ABC):
 
     @abstractmethod
     def truth(self) -> Array:
-        """(6,) the wrench that the coils and the core really put on the mover in the last tick, if the driver can
-        know it (a simulated one can); NaN where it cannot."""
+        """(6,) the wrench [N, N·m] that the coils and the core really put on the mover in the last tick, if the driver
+        can know it (a simulated one can); NaN where it cannot."""
 
     def target(self) -> Array:
-        """(7,) where the hand wants the mover, position then quaternion (x, y, z, w), if the driver can know it (a
+        """(7,) where the hand wants the mover, position [m] then quaternion (x, y, z, w), if the driver can know it (a
         simulated hand says so); NaN where it cannot."""
         return _UNKNOWN
 

@@ -95,7 +95,7 @@ class EmulatedDevice:
             return Pose(now, state.R_SR.copy(), state.p.copy(), state.w.copy(), state.v.copy(), valid=True)
 
     def truth(self) -> Array:
-        """(6,) the wrench that coils and core really put on the tool."""
+        """(6,) the wrench that coils and core really put on the tool [N, N·m]."""
         with self._lock:
             return self.simulation.truth().copy()
 
@@ -113,6 +113,9 @@ class Emulator:
 
     Firmware time runs at real time; `slow` lets it run slower, for computers that are too busy to keep a watchdog of
     15 ms content. Times that it tells are firmware times.
+
+    Raises DriverError if `board` is not known, if emulator or firmware has not been built, or if it does not become
+    ready within 20 s.
     """
 
     def __init__(self, build: Path, port: Path, board: str = "m328p", physics: EmulatedDevice | None = None) -> None:
@@ -142,7 +145,7 @@ class Emulator:
                     self._lines.put(line.strip())
 
     def heard(self, start: str, patience: float = 20.0) -> str:
-        """The next line that begins so; others before it are dropped."""
+        """The next line that begins so; others before it are dropped. DriverError if none comes in `patience` [s]."""
         end = time.monotonic() + patience
         while True:
             try:
@@ -153,7 +156,7 @@ class Emulator:
                 return line
 
     def say(self, command: str) -> None:
-        """Give a command and do not wait."""
+        """Give a command and do not wait. Raises DriverError if the emulator has ended."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(command + "\n")
@@ -162,7 +165,10 @@ class Emulator:
             raise DriverError("the emulator has ended") from cause
 
     def tell(self, command: str) -> None:
-        """Give a command and wait until it is done; what happens meanwhile can still be heard."""
+        """Give a command and wait until it is done; what happens meanwhile can still be heard.
+
+        Raises DriverError if the emulator refuses the command, says nothing for 20 s, or has ended.
+        """
         kept: list[str] = []
         self.say(command)
         while True:

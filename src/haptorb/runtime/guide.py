@@ -25,7 +25,8 @@ class Guide(ABC):
 
     @abstractmethod
     def back(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
-        """The way from where a hand let go, `p` and `q`, to rest; `share` runs from 0 to 1."""
+        """(3,) position [m] and (4,) quaternion on the way to rest from where a hand let go, `p` (3,) [m] and `q` (4,);
+        `share` of the way runs from 0 to 1."""
 
 
 @final
@@ -38,12 +39,15 @@ class OverDome(Guide):
         self._rest = guided_position(DURATION)
 
     def at(self, t: float) -> tuple[Array, Array]:
-        """The tool's magnet and its turn, axis radial."""
+        """(3,) the tool's magnet [m] and (4,) its turn as a quaternion (x, y, z, w), axis radial."""
         p = guided_position(t)
         return p, upright(p)
 
     def back(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
-        """Along the sphere, not through the device."""
+        """(3,) position [m] on the way from `p` (3,) [m] along the sphere, not through the device, and (4,) quaternion.
+
+        The axis is radial all the way, however the hand let go: `q` (4,) does not count.
+        """
         place = np.empty(3)
         _around(np.ascontiguousarray(p), self._rest, share, place)
         return place, upright(place)

@@ -74,7 +74,7 @@ class Handle(Guide):
         self._rest = self.at(self.duration)[1]
 
     def at(self, t: float) -> tuple[Array, Array]:
-        """No position; how the handle is turned.
+        """No position, (3,) zeros [m]; how the handle is turned, (4,) quaternion (x, y, z, w).
 
         >>> Handle().at(0.0)[1].round(4).tolist()
         [0.0, -0.1736, 0.0, 0.9848]
@@ -84,7 +84,7 @@ class Handle(Guide):
         return _NOWHERE, q
 
     def back(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
-        """Turned the short way."""
+        """No position, (3,) zeros [m], whatever `p` (3,); turned from `q` (4,) the short way, (4,) quaternion."""
         rest = self._rest if float(q @ self._rest) >= 0.0 else -self._rest
         way = (1.0 - share) * q + share * rest
         length = float(way @ way) ** 0.5

@@ -40,7 +40,7 @@ class HallAdc:
             raise DriverError(f"what answers at {self._address:#04x} is not a MAX11616")
 
     def read(self, group: int) -> Array:
-        """(5,) or (4,) the sensors of `group`, 0…1 of the supply."""
+        """(5,) or (4,) the sensors of `group`, in shares of the supply, 0…1 [1]."""
         count = 2 * len(GROUPS[group])
         (raw,) = self._bus.transfer([(self._address, _SCANS[group]), (self._address, count)])
         codes: Array = (np.frombuffer(raw, dtype=">u2") & 0x0FFF) / 4095.0

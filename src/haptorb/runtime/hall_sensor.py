@@ -21,6 +21,8 @@ class RadialHallSensors:
 
     What they do not measure is zero in `field`: the tangential parts. An estimator must use the radial parts only.
 
+    Raises InputError if a position is not finite, no 3-vector, or at the centre, where no radius is.
+
     >>> sensors = RadialHallSensors([[0.0, 0.0, -0.055]])
     >>> sensors.field(np.array([0.6])).round(4).tolist()        # 10 mT outward: along −z
     [[0.0, 0.0, -0.01]]
@@ -34,12 +36,12 @@ class RadialHallSensors:
         self.directions: Array = at / distance
 
     def field(self, share: Array) -> Array:
-        """(k, 3) [T] from the converter's range (k,) 0…1."""
+        """(k, 3) [T] from the converter's range (k,) 0…1 [1]."""
         field: Array = ((share - 0.5) * HALL_SPAN)[:, None] * self.directions
         return field
 
     def share(self, field: Array) -> Array:
-        """(k,) the converter's range 0…1 at a true field (k, 3) [T], clipped as the sensor does."""
+        """(k,) the converter's range 0…1 [1] at a true field (k, 3) [T], clipped as the sensor does."""
         radial = np.einsum("ki,ki->k", field, self.directions)
         share: Array = np.clip(radial / HALL_SPAN + 0.5, 0.0, 1.0)
         return share

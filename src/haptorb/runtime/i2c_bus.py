@@ -33,7 +33,10 @@ def bus_list() -> list[int]:
 
 @final
 class LinuxBus:
-    """/dev/i2c-N through smbus2. A Raspberry Pi's controller takes one read per transfer, as its last message."""
+    """/dev/i2c-N through smbus2. A Raspberry Pi's controller takes one read per transfer, as its last message.
+
+    Raises DriverError if smbus2 is not installed, or if the bus is not there or may not be opened.
+    """
 
     def __init__(self, number: int) -> None:
         try:

@@ -68,6 +68,9 @@ class I2cDriver(Driver):
     raises DriverError with the reason until `engage`.
 
     `bus` is the number of a Linux bus; for tests a bus of simulated chips, with their thermometers and no guardian.
+    `shunt` is the resistance over which each coil's current is measured [Ω].
+
+    Raises DriverError for a device that has not three coils and nine Hall sensors.
     """
 
     simulated = False
@@ -111,7 +114,7 @@ class I2cDriver(Driver):
 
     @property
     def field_axes(self) -> Array:
-        """(9, 3) every Hall sensor looks along its own radius."""
+        """(9, 3) unit vectors: every Hall sensor looks along its own radius."""
         return self._hall_sensors.directions
 
     @property
@@ -197,7 +200,10 @@ class I2cDriver(Driver):
         return DriverError(why)
 
     def read(self, now: float) -> Sample:
-        """The three currents, one group of Hall sensors and the last temperatures, at `now` [s]."""
+        """The three currents, one group of Hall sensors and the last temperatures, at `now` [s].
+
+        Raises DriverError while not open, or with the reason why the coils are switched off.
+        """
         if self._bus is None or self._thermometers is None:
             raise DriverError(f"the device at {self.name} is not open; use it in a `with` block or call open() first")
         if self._fault:
@@ -226,7 +232,8 @@ class I2cDriver(Driver):
         )
 
     def write(self, duties: Array) -> Array:
-        """One burst to the PWM chip; returns (3,) what was applied, zeros while the coils are off."""
+        """One burst of `duties` (3,) in −1…1 [1] to the PWM chip; returns (3,) what was applied, zeros while the coils
+        are off. Raises DriverError if the chip does not answer or the guardian has switched off."""
         steps = counts(duties)
         if self._bus is None or self._fault or not (self._engaged or (self._armed and any(steps))):
             return np.zeros(CHANNELS)
@@ -243,5 +250,5 @@ class I2cDriver(Driver):
         return self._applied.copy()
 
     def truth(self) -> Array:
-        """(6,) NaN: nobody can know it on a real device."""
+        """(6,) NaN for the wrench [N, N·m]: nobody can know it on a real device."""
         return _NOTHING_KNOWN

@@ -45,7 +45,10 @@ def watch(heartbeats: int, off: Callable[[], None], patience: float = PATIENCE) 
 
 @final
 class Guardian:
-    """The other process, seen from the one with the loop."""
+    """The other process, seen from the one with the loop.
+
+    Raises DriverError if it ends before it has opened the bus.
+    """
 
     def __init__(self, bus: int, address: int) -> None:
         self._process = subprocess.Popen(

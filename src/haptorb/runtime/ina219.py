@@ -23,7 +23,10 @@ _STEP = 10e-6  # [V]
 
 @final
 class Ina219:
-    """Three bytes a reading: the register pointer stays where it was put."""
+    """Three bytes a reading: the register pointer stays where it was put.
+
+    Raises InputError if `shunt` is not a resistance above 0 and below 10 [Ω].
+    """
 
     def __init__(self, bus: I2cBus, address: int, shunt: float = 0.01) -> None:
         if not 0.0 < shunt < 10.0:

@@ -26,7 +26,7 @@ class PointerBlock(PointerSource):
         self._pointed = Pointed(False, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), 0.0)
 
     def write(self, held: bool, p: Array, q: Array, stamp: float) -> None:
-        """Say where the pointer is; for the one writer."""
+        """Say where the pointer is, `p` (3,) [m] and `q` (4,) (x, y, z, w), at `stamp` [s]; for the one writer."""
         words, floats, at = self._words, self._floats, self._at
         sequence = words[at] | 1
         words[at] = sequence

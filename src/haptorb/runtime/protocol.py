@@ -157,7 +157,9 @@ def missing_chips(mask: int) -> tuple[str, ...]:
 
 
 def counts(duties: ArrayLike) -> list[int]:
-    """Duties (3,) in −1…1 as signed PWM steps, clipped; what is not a number is zero.
+    """Duties (3,) in −1…1 [1] as signed PWM steps, clipped; what is not a number is zero.
+
+    Raises InputError for another shape.
 
     >>> counts([0.5, -2.0, float("nan")])
     [2048, -4095, 0]
@@ -181,6 +183,8 @@ def engage(sequence: int, duty_limit: float = 1.0, current_limit: float = 65.5) 
     """The frame that engages the coils for a session, at most `duty_limit` [1] and `current_limit` [A].
 
     The firmware never goes above its own limits, whatever is asked here.
+
+    Raises InputError for a duty that is not above 0 and at most 1, or a current not above 0 and at most 65.5 A.
     """
     if not 0.0 < finite(duty_limit, "duty_limit") <= 1.0:
         raise InputError(f"duty_limit must be above 0 and at most 1; got {duty_limit}")
@@ -278,7 +282,7 @@ class BoardLimits:
 
     @classmethod
     def parse(cls, payload: bytes) -> BoardLimits:
-        """From the answer to LIMITS."""
+        """From the answer to LIMITS; DriverError if that has another length."""
         duty, current, s_duty, s_current, silence, sustained, heat, hot, _, step = _unpack(
             cls._LAYOUT, payload, "limits"
         )
@@ -308,7 +312,7 @@ class BoardState:
 
     @classmethod
     def parse(cls, payload: bytes) -> BoardState:
-        """From its payload."""
+        """From its payload; DriverError if that has another length."""
         standing, reason, missing, refusal = _unpack(cls._LAYOUT, payload, "state")
         refused = Refusal(refusal) if _known(Refusal, refusal) else Refusal.FRAME
         return cls(_standing(standing), _reason(reason), missing, refused)
@@ -343,7 +347,8 @@ class Reading:
 
     @classmethod
     def parse(cls, payload: bytes) -> Reading:
-        """From its payload."""
+        """From its payload. Raises DriverError if that has another length, or names a Hall group or a thermometer that
+        there is not."""
         values = _unpack(cls._LAYOUT, payload, "reading")
         group, thermometer = values[9], values[15]
         if group > 1 or thermometer >= THERMOMETERS:

@@ -92,7 +92,10 @@ class Recording:
         return layout
 
     def to_csv(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write all rows as text, one column per number, named `p[0]`, every digit kept. Nothing is written half."""
+        """Write all rows as text, one column per number, named `p[0]`, every digit kept. Nothing is written half.
+
+        Raises RecordingError if the file exists and `overwrite` is not set, or if it cannot be written.
+        """
         path = Path(path)
         if path.exists() and not overwrite:
             raise RecordingError(f"{path} exists; choose another name, or allow it to be overwritten")
@@ -114,7 +117,7 @@ class Recording:
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """A figure of the run: force asked and given, currents, temperatures, lateness; written to `path` (PNG, SVG,
-        PDF) if one is given."""
+        PDF) if one is given. Raises RecordingError if there are no rows, or if `path` cannot be written."""
         from haptorb.runtime.recording_plot import plot
 
         return plot(self, path)

@@ -33,7 +33,7 @@ def opened(path: Path, *, overwrite: bool) -> int:
 
 
 def temporary() -> tuple[Path, int]:
-    """(path, descriptor) of a new file in the system's temporary folder."""
+    """(path, descriptor) of a new file in the system's temporary folder; RecordingError if none can be made there."""
     folder = Path(tempfile.gettempdir())
     try:
         descriptor, name = tempfile.mkstemp(prefix="haptorb-", suffix=".mcap", dir=folder)

@@ -26,7 +26,10 @@ _POINTS = 4000  #: per curve; more are joined so that no peak is lost
 
 
 def plot(recording: Recording, path: str | Path | None = None) -> Figure:
-    """The figure; written to `path` if one is given. Needs at least one row."""
+    """The figure; written to `path` if one is given.
+
+    Raises RecordingError if the recording has no rows, or if the figure cannot be written.
+    """
     if not len(recording):
         raise RecordingError(f"{recording.path} holds no rows: there is nothing to plot")
     from matplotlib.backends.backend_agg import FigureCanvasAgg

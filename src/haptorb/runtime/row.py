@@ -111,5 +111,5 @@ class RowLayout:
         return self._slices[name]
 
     def empty(self) -> Array:
-        """A row of NaN, shape (width,)."""
+        """A row of NaN, shape (width,); the unit of a number, [m] of `p`, [A] of `currents`, is that of its field."""
         return np.full(self.width, np.nan)

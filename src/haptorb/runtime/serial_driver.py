@@ -115,7 +115,7 @@ class SerialDriver(Driver):
 
     @property
     def field_axes(self) -> Array:
-        """(9, 3) every Hall sensor looks along its own radius."""
+        """(9, 3) unit vectors: every Hall sensor looks along its own radius."""
         return self._hall.directions
 
     @property
@@ -291,5 +291,5 @@ class SerialDriver(Driver):
         return reasons.get(state.refusal, state.refusal.name)
 
     def truth(self) -> Array:
-        """(6,) NaN: nobody can know it on a real device."""
+        """(6,) NaN for the wrench [N, N·m]: nobody can know it on a real device."""
         return _NOTHING_KNOWN

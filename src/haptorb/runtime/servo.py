@@ -84,6 +84,10 @@ class Servo:
                device's
     black_box  folder for a recording of the last 100 ticks before every trip; None: they are in `trips` only
 
+    Raises UnknownName for a name that is not in its list, InputError for a value that cannot be used, or a world,
+    tracker or gains that do not fit the device, DeviceError for a file that describes no device, and CalibrationError
+    for a calibration that cannot be read or is another device's.
+
     >>> with Servo("omni", "dome") as servo:  # doctest: +SKIP
     ...     servo.run(seconds=5)
     ...     print(servo.report()["peak_force_n"])
@@ -215,7 +219,8 @@ class Servo:
         self._children.check()
 
     def run(self, seconds: float) -> None:
-        """Let the loop run for `seconds`. Raises ServoError as soon as it ends by itself.
+        """Let the loop run for `seconds`. Raises ServoError as soon as it ends by itself, RecordingError if the
+        recorder does; InputError if `seconds` is negative or not finite.
 
         Ctrl-C closes the servo first, then goes on its way.
         """
@@ -239,6 +244,9 @@ class Servo:
 
         Of a motor only the turn counts: `q`, or a place `p` towards which the handle is to point.
         It must be said again within the device's `limits.expiry`, else the pose counts as lost.
+
+        Raises InputError for another shape, a number that is not finite, or a quaternion of zeros; ServoError before
+        the start.
         """
         position = finite(p, "p")
         if position.shape != (3,):
@@ -357,7 +365,10 @@ class Servo:
 
     @property
     def recording(self) -> Recording:
-        """What was recorded up to now. While the loop runs, and after a crash, it is marked as truncated."""
+        """What was recorded up to now. While the loop runs, and after a crash, it is marked as truncated.
+
+        Raises RecordingError if nothing was, or if the file cannot be read.
+        """
         from haptorb.runtime.recording import Recording
 
         if self._path is None:

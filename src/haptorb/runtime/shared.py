@@ -86,7 +86,10 @@ class Word(IntEnum):
 
 @final
 class Shared:
-    """The mapped file. `create` makes it, `attach` opens one that another process made."""
+    """The mapped file. `create` makes it, `attach` opens one that another process made.
+
+    Raises ServoError if the file is not a servo's shared memory of this version and layout.
+    """
 
     def __init__(self, path: Path, *, populate: bool = False) -> None:
         flags = mmap.MAP_SHARED | (mmap.MAP_POPULATE if populate else 0)
@@ -126,7 +129,7 @@ class Shared:
 
     @classmethod
     def create(cls, layout: RowLayout) -> Shared:
-        """A new one, all zeros, in memory where the system has a place for that."""
+        """A new one, all zeros, in memory where the system has a place for that; ServoError if nowhere is room."""
         size = _size(layout)
         for folder in (Path("/dev/shm"), Path(tempfile.gettempdir())):
             try:

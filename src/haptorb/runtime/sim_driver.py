@@ -48,6 +48,8 @@ class SimDriver(Driver):
     period [s] is the servo's. `goal(now)` says where the hand wants the mover; without it the hand stays at the start.
     The pose is as old as the goal while a person holds the pointer, so that a console that has gone lets it expire;
     else it is fresh. Time is what `read` is told: two runs with the same times, goals and duties are alike to the bit.
+
+    Raises InputError if `period` is not above 0 and at most 0.1 s.
     """
 
     name = "sim"
@@ -96,7 +98,8 @@ class SimDriver(Driver):
         self._open = False
 
     def read(self, now: float) -> Sample:
-        """The sample at `now` [s]; `now` may stand still but never go back."""
+        """The sample at `now` [s]; `now` may stand still but never go back. Raises DriverError if it does, if it is not
+        finite, and while the driver is not open."""
         if not self._open:
             raise DriverError("the simulated device is not open; use it in a `with` block or call open() first")
         if not now - now == 0.0:

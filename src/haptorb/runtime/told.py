@@ -18,7 +18,7 @@ SHAPED = (
 
 
 def places(layout: RowLayout) -> Array:
-    """(21,) where each of SHAPED begins in a row; `target_q` follows `target`."""
+    """(21,) the index [1] in a row at which each of SHAPED begins; `target_q` follows `target`."""
     return np.array([layout[name].start for name in SHAPED], dtype=np.float64)
 
 

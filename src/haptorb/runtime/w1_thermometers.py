@@ -18,7 +18,10 @@ _FOLDER = Path("/sys/bus/w1/devices")
 
 @final
 class W1Thermometers:
-    """The sensors 28-… in `folder`, in the order of their numbers: coils x, y, z."""
+    """The sensors 28-… in `folder`, in the order of their numbers: coils x, y, z.
+
+    Raises DriverError if there are not just `count` of them.
+    """
 
     def __init__(self, count: int = 3, folder: Path = _FOLDER) -> None:
         self._files = [path / "temperature" for path in sorted(folder.glob("28-*"))]
