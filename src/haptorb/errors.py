@@ -55,7 +55,7 @@ class UnknownName(InputError):
     def __init__(self, what: str, name: str, known: Iterable[str]) -> None:
         names = sorted(known)
         near = get_close_matches(name, names, n=1, cutoff=0.5)
-        hint = f"; did you mean '{near[0]}'?" if near else ";"
+        hint = f"; did you mean '{near[0]}'?" if near else ""
         super().__init__(f"unknown {what} '{name}'{hint} (known: {', '.join(names)})")
 
 

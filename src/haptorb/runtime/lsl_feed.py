@@ -14,12 +14,12 @@ from typing import Any, final
 from haptorb.errors import DriverError
 from haptorb.runtime.feed import Feed, Garbage, Heard
 
-__all__ = ["CHANNELS", "LslFeed", "lsl_stream"]
+__all__ = ["CHANNELS", "THIS_COMPUTER", "LslFeed", "lsl_stream"]
 
 CHANNELS = (7, 8)  #: that a stream of poses may have
 
 #: Nothing is asked of, or answered to, another computer.
-_HERE = """
+THIS_COMPUTER = """
 [multicast]
 ResolveScope = machine
 ListenAddress = 127.0.0.1
@@ -40,7 +40,7 @@ _AT_ONCE = 64  #: samples taken before the pose is written again
 def _library() -> Any:
     import pylsl
 
-    pylsl.set_config_content(_HERE)
+    pylsl.set_config_content(THIS_COMPUTER)
     return pylsl
 
 

@@ -36,7 +36,7 @@ def reproduce(
 
     folder = out or Path()
     if not folder.is_dir():
-        raise InputError(f"--out: the folder '{folder}' does not exist")
+        raise InputError(f"--out: the folder '{folder}' does not exist; make it, or name another")
     chosen, name = _chosen(paper, figure, table, quick)
     paths = [folder / f"{name}.html", folder / f"{name}.json"]
     there = [str(path) for path in paths if path.exists()]

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol, final
 import numpy as np
 
 from haptorb.errors import InputError
+from haptorb.runtime.lsl_feed import THIS_COMPUTER
 
 if TYPE_CHECKING:
     from haptorb.runtime.servo import Servo
@@ -27,18 +28,6 @@ MARKERS, POSE = "haptorb-markers", "haptorb-pose"
 REACHES = ("computer", "network")  #: who may see the streams
 _CHANNELS = ("x", "y", "z", "qx", "qy", "qz", "qw", "valid")
 _UNITS = ("m", "m", "m", "1", "1", "1", "1", "1")
-_ALONE = """
-[multicast]
-ResolveScope = machine
-ListenAddress = 127.0.0.1
-AddressesOverride = {127.0.0.1}
-[ports]
-IPv6 = disable
-[lab]
-KnownPeers = {127.0.0.1}
-[log]
-level = -2
-"""
 
 
 class Outlet(Protocol):
@@ -97,7 +86,7 @@ def opened(reach: str, rate: float = 1000.0) -> Streams:
             "without --lsl"
         ) from cause
     if reach == "computer":
-        pylsl.set_config_content(_ALONE)
+        pylsl.set_config_content(THIS_COMPUTER)
     markers = pylsl.StreamInfo(MARKERS, "Markers", 1, pylsl.IRREGULAR_RATE, pylsl.cf_string, f"{MARKERS}-study")
     pose = pylsl.StreamInfo(POSE, "MoCap", len(_CHANNELS), rate, pylsl.cf_double64, f"{POSE}-study")
     channels = pose.desc().append_child("channels")
