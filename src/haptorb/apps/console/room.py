@@ -18,6 +18,7 @@ from haptorb.apps.console.health import Health
 from haptorb.apps.console.servant import Servant
 from haptorb.apps.console.target import prepare, target_scene
 from haptorb.apps.console.wire import Columns, felt_frame, mesh_frame, pointer, rows_frame
+from haptorb.apps.web.command import command as read_command
 from haptorb.errors import HaptorbError, InputError
 
 __all__ = ["Room"]
@@ -118,7 +119,7 @@ class Room:
                     self._hand.point(pointer(message["bytes"]))
                     page.soon.set()
             else:
-                self._obey(page, _command(message.get("text") or ""))
+                self._obey(page, read_command(message.get("text") or ""))
         except HaptorbError as mistake:
             page.tell("mistake", text=str(mistake))
 
@@ -246,17 +247,6 @@ def _newest(rows: Any, t: int) -> tuple[Any, int]:
     """The rows of the last seconds, and how many older ones were left out."""
     first = int(np.searchsorted(rows[:, t], rows[-1, t] - BACKLOG))
     return rows[first:], first
-
-
-def _command(text: str) -> dict[str, Any]:
-    """The command in a text message, or InputError."""
-    try:
-        command = json.loads(text)
-    except (ValueError, RecursionError) as mistake:
-        raise InputError(f"a command must be JSON: {mistake}") from mistake
-    if not isinstance(command, dict):
-        raise InputError("a command must be a JSON object")
-    return command
 
 
 def _plain(value: Any) -> Any:

@@ -13,6 +13,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptorb.apps.study.pages.reception import Reception
 from haptorb.apps.study.pages.views import for_experimenter, for_participant, pen
+from haptorb.apps.web.command import command as read_command
 from haptorb.errors import HaptorbError, InputError
 
 __all__ = ["Room"]
@@ -92,7 +93,7 @@ class Room:
                 if message["type"] == "websocket.disconnect":
                     break
                 try:
-                    hear(page, _command(message.get("text") or ""))
+                    hear(page, read_command(message.get("text") or ""))
                 except HaptorbError as mistake:
                     page.mistakes.append(str(mistake))
         except (WebSocketDisconnect, RuntimeError):
@@ -154,17 +155,6 @@ class Room:
             while page.mistakes:
                 await page.socket.send_text(json.dumps({"event": "mistake", "text": page.mistakes.pop(0)}))
             await asyncio.sleep(FRAME)
-
-
-def _command(text: str) -> dict[str, Any]:
-    """The command in a text message, or InputError."""
-    try:
-        command = json.loads(text)
-    except (ValueError, RecursionError) as mistake:
-        raise InputError(f"a command must be JSON: {mistake}") from mistake
-    if not isinstance(command, dict):
-        raise InputError("a command must be a JSON object")
-    return command
 
 
 def _number(command: dict[str, Any], name: str) -> float:
