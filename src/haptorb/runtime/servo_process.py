@@ -27,6 +27,7 @@ from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.realtime import punctual
 from haptorb.runtime.shared import Phase, Shared, Word
 from haptorb.runtime.tracker import Tracker
+from haptorb.runtime.wakefulness import keep_awake
 from haptorb.runtime.world_change import description
 
 __all__ = ["main"]
@@ -75,7 +76,8 @@ def _run(shared: Shared, path: Path, parent: int) -> int:
     gc.collect()
     gc.freeze()
     gc.disable()
-    shared.facts.write(json.dumps(punctual()))
+    facts = punctual()
+    shared.facts.write(json.dumps({**facts, "awake": facts["core"] != -1 and keep_awake()}))
     told.loop = loop
     if told.early:
         sys.exit(128 + told.early)

@@ -10,6 +10,9 @@ from typing import final
 
 __all__ = ["Machine", "Took", "Watch", "this_machine"]
 
+#: fields of /proc/PID/task/TID/stat behind the program's name: user and system time, scheduling policy
+_USER, _POLICY = 11, 38
+
 
 @dataclass(frozen=True)
 class Machine:
@@ -30,7 +33,7 @@ class Took:
 
     preempted: int  #: times that the kernel gave the servo's processor to somebody else
     stolen: float  #: share of all processor time that a virtual machine's host kept for itself
-    others: float  #: cores that were busy, the servo's own work included
+    others: float  #: cores that were busy, the servo's own work included, but not what only keeps a core awake
 
 
 def this_machine() -> Machine:
@@ -62,16 +65,17 @@ class Watch:
         self._pid = pid
         self._times = _times()
         self._preempted = _preempted(pid)
+        self._awake = _idling(pid)
 
     def took(self) -> Took:
         """What was taken since the beginning."""
         passed = [now - then for now, then in zip(_times(), self._times, strict=True)]
         total = max(sum(passed), 1)
-        idle = passed[3] + passed[4]
+        idle = passed[3] + passed[4] + max(_idling(self._pid) - self._awake, 0)
         return Took(
             max(_preempted(self._pid) - self._preempted, 0),
             passed[7] / total,
-            (os.cpu_count() or 1) * (total - idle - passed[7]) / total,
+            max((os.cpu_count() or 1) * (total - idle - passed[7]) / total, 0.0),
         )
 
 
@@ -86,6 +90,16 @@ def _preempted(pid: int) -> int:
         if line.startswith("nonvoluntary_ctxt_switches:"):
             return int(line.split()[1])
     return 0
+
+
+def _idling(pid: int) -> int:
+    """Processor time of the threads of `pid` that run only where nobody else wants to, in the kernel's ticks."""
+    ticks = 0
+    for task in Path(f"/proc/{pid}/task").glob("*/stat"):
+        fields = _text(str(task)).rpartition(")")[2].split()
+        if len(fields) > _POLICY and int(fields[_POLICY]) == os.SCHED_IDLE:
+            ticks += int(fields[_USER]) + int(fields[_USER + 1])
+    return ticks
 
 
 def _text(path: str) -> str:

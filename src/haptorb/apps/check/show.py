@@ -42,7 +42,8 @@ def shown(fitness: Fitness, console: Console | None = None) -> None:
     console.print(
         f"{machine.processor}, {machine.cores} cores{', virtual' if machine.virtual else ''}; kernel {machine.kernel}; "
         f"scheduler {scheduler.get('policy', 'unknown')}"
-        f"{', memory locked' if scheduler.get('memory_locked') else ', memory not locked'}; "
+        f"{', memory locked' if scheduler.get('memory_locked') else ', memory not locked'}"
+        f"{', core kept awake' if scheduler.get('awake') else ''}; "
         f"{took.others:.1f} cores busy, {100 * took.stolen:.1f} % stolen by a host, preempted {took.preempted} times",
         highlight=False,
         soft_wrap=True,
