@@ -1,5 +1,8 @@
 """The linkage: direct, or by two modes; no step of pose or torque, whenever mode or clutch are told."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,9 +19,24 @@ DT = 1e-3
 
 
 def rotor(n, psi, lam, phi, rates=(0.0, 0.0, 0.0)):
-    R = Rotation.from_euler("XYZ", [psi, lam, phi]).as_matrix()
-    x, y = np.array([1.0, 0, 0]), np.array([0, np.cos(psi), np.sin(psi)])
-    return State(n * DT, R, np.zeros(3), rates[0] * x + rates[1] * y + rates[2] * R[:, 2], np.zeros(3))
+    """At Rx(ψ) Ry(λ) Rz(φ), turning about x, then y turned by ψ, then its own z."""
+    a, b, c = math.cos(psi), math.cos(lam), math.cos(phi)
+    d, e, f = math.sin(psi), math.sin(lam), math.sin(phi)
+    R = [
+        [b * c, -b * f, e],
+        [a * f + d * e * c, a * c - d * e * f, -d * b],
+        [d * f - a * e * c, d * c + a * e * f, a * b],
+    ]
+    p, q, r = rates
+    w = np.array([p + r * e, q * a - r * d * b, q * d + r * a * b])
+    return State(n * DT, np.array(R), np.zeros(3), w, np.zeros(3))
+
+
+def test_the_rotor_of_these_tests_is_the_one_of_bai_2012():
+    state = rotor(3, 0.3, -0.2, 1.0, (0.5, -0.7, 2.0))
+    assert np.abs(state.R_SR - Rotation.from_euler("XYZ", [0.3, -0.2, 1.0]).as_matrix()).max() < 1e-15
+    later = rotor(3, 0.3 + 0.5e-6, -0.2 - 0.7e-6, 1.0 + 2e-6).R_SR
+    assert Rotation.from_matrix(later @ state.R_SR.T).as_rotvec() / 1e-6 == pytest.approx(state.w, abs=1e-5)
 
 
 def test_a_direct_linkage_is_the_world_itself():
@@ -44,13 +62,12 @@ commands = st.lists(st.sampled_from(["", "", "", "translate", "rotate", "take", 
 def test_no_step_at_any_moment(said, psi, lam, phi, rates):
     """A still rotor: whatever is told, the target does not move at all, and torque slides by the clutch's ramp only. A
     turning rotor: the target moves by no more than the gains give."""
-    modes = TwoModes()
+    modes, outlet = TwoModes(), Outlet()
     for still in (True, False):
-        linkage = ModedLinkage(modes)
-        before = linkage.felt(Outlet(), rotor(0, psi, lam, phi))
-        for n in range(1, 400):
-            linkage.felt(Outlet(), rotor(n, psi, lam, phi))
-        before = linkage.felt(Outlet(), rotor(400, psi, lam, phi))
+        linkage, rest = ModedLinkage(modes), rotor(0, psi, lam, phi)
+        for n in range(400):
+            linkage.felt(outlet, replace(rest, t=n * DT))
+        before = linkage.felt(outlet, rotor(400, psi, lam, phi))
         pushed = np.abs(before.on_thing).max()
         for n, word in enumerate(said, start=401):
             if word in ("translate", "rotate"):
@@ -60,7 +77,7 @@ def test_no_step_at_any_moment(said, psi, lam, phi, rates):
             w = (0.0, 0.0, 0.0) if still else rates
             k = 0 if still else n - 400
             a, b, c = (start + rate * k * DT * 0.02 for start, rate in zip((psi, lam, phi), rates, strict=True))
-            now = linkage.felt(Outlet(), rotor(n, a, b, c, tuple(0.02 * r for r in w)))
+            now = linkage.felt(outlet, rotor(n, a, b, c, tuple(0.02 * r for r in w)))
             moved = np.abs(now.thing.p - before.thing.p).max()
             if still:
                 assert moved <= 1e-12
@@ -117,6 +134,12 @@ def test_letting_go_reaches_further():
     assert linkage.felt(Nothing(), rotor(n + 1, 0, 0.35, 0)).thing.p.tolist() == [0.0, 0.0, 0.0]
 
 
+def turn(A, B):
+    """(3,) [rad] from B to A, a small one: its rotation vector but for a cube."""
+    M = A @ B.T
+    return 0.5 * np.array([M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]])
+
+
 def test_closed_paths_give_no_energy():
     """Out, aside, back and home through both modes: what the hand put in is never less than what it got."""
     rng = np.random.default_rng(4)
@@ -136,8 +159,7 @@ def test_closed_paths_give_no_energy():
             felt = linkage.felt(world, state)
             if last is not None:
                 mean = 0.5 * (felt.wrench[3:] + last[0])
-                turned = (Rotation.from_matrix(state.R_SR) * Rotation.from_matrix(last[1]).inv()).as_rotvec()
-                work += float(mean @ turned)
+                work += float(mean @ turn(state.R_SR, last[1]))
             last = (felt.wrench[3:], state.R_SR)
         # the world's torque on the rotor does work on the hand: never positive round a closed path, but for the
         # trapezoids of the sum

@@ -13,6 +13,7 @@ from typing import Protocol, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from haptorb.control.mode_kernels import followed, returned
 from haptorb.control.modes import MODES, Clutch, Mode, TwoModes
 from haptorb.devices.state import State
 from haptorb.errors import InputError
@@ -23,6 +24,7 @@ __all__ = ["NO_CONTACTS", "Direct", "Felt", "Linkage", "ModedLinkage", "Touching
 
 NO_CONTACTS = np.zeros((2, 8))  #: of a world that has no hooks: nothing is bent, nothing pushes
 _CLOSED = np.ones(2)
+_NUMBERS = {mode: number for number, mode in enumerate(MODES, start=1)}  #: of modes in a row
 
 
 class Touching(Protocol):
@@ -142,36 +144,58 @@ class ModedLinkage(Linkage):
         self.mapping.start(State.turned(np.eye(3)), position=position, attitude=attitude)  # refuses what cannot be
         self._mode: Mode = "translate"
         self._engaged = True
-        self.clutch: Clutch | None = None
+        self._memory: Array | None = None  # of the clutch, changed in place by every tick
+        self._t = 0.0
+        self._asked = np.zeros(6)
+
+    @property
+    def clutch(self) -> Clutch | None:
+        """Where rotor and target are and how firmly they are joined, after the last tick; None before the first."""
+        if self._memory is None:
+            return None
+        return self.mapping.clutch(self._memory, self._t, self._mode, self._engaged)
 
     def felt(self, world: Touching, mover: State) -> Felt:
         """Advance the clutch to `mover`, ask `world` at the target, and bring its wrench back as torque."""
-        mapping = self.mapping
-        if self.clutch is None:
-            position, attitude = self._begin
-            clutch = mapping.start(mover, mode=self._mode, engaged=self._engaged, position=position, attitude=attitude)
-        else:
-            clutch = mapping.advance(self.clutch, mover)
-        self.clutch = clutch
-        target = mapping.target(clutch)
+        mapping, memory, t = self.mapping, self._memory, mover.t
+        if memory is None:
+            memory = self._taken(mover)
+        R, pose = np.ascontiguousarray(mover.R_SR), np.empty((7, 3))
+        if not followed(R, np.ascontiguousarray(mover.w), t - self._t, mapping.settings, memory, pose):
+            raise mapping.lost(R)
+        self._t = t
+        target = State(t, pose[:3], pose[3], pose[4], pose[5])
         on_target, contacts = world.touching(target)
-        wrench = np.zeros(6)
-        wrench[3:] = mapping.torque(clutch, on_target)
-        return Felt(wrench, target, on_target, contacts, MODES.index(clutch.mode) + 1, clutch.share, clutch.engaged)
+        if np.shape(on_target) != (6,):
+            raise InputError(f"a world must give force and torque, shape (6,); got shape {np.shape(on_target)}")
+        asked, wrench = self._asked, np.empty(6)
+        asked[:] = on_target  # in another memory layout a user's array would have the kernel compiled anew
+        returned(mapping.settings, memory, asked, wrench)
+        return Felt(wrench, target, on_target, contacts, _NUMBERS[self._mode], pose[6, :2], self._engaged)
+
+    def _taken(self, mover: State) -> Array:
+        """(6, 3) the memory of a clutch that has just been put between `mover` and the target at its beginning."""
+        position, attitude = self._begin
+        mode, engaged = self._mode, self._engaged
+        begun = self.mapping.start(mover, mode=mode, engaged=engaged, position=position, attitude=attitude)
+        self._memory, self._t = self.mapping.memory(begun), mover.t
+        return self._memory
+
+    def _aim(self) -> None:
+        if self._memory is not None:
+            self.mapping.aim(self._memory, self._mode, self._engaged)
 
     def set_mode(self, mode: Mode) -> None:
         """From the next tick on, the clutch slides over to `mode`."""
         self.mapping.known(mode)
         self._mode = mode
-        if self.clutch is not None:
-            self.clutch = self.mapping.switched(self.clutch, mode)
+        self._aim()
 
     def set_clutch(self, engaged: bool) -> None:
         """From the next tick on, the clutch takes hold or lets go."""
         self._engaged = bool(engaged)
-        if self.clutch is not None:
-            self.clutch = self.mapping.engaged(self.clutch) if engaged else self.mapping.released(self.clutch)
+        self._aim()
 
     def restart(self) -> None:
         """The target is back at its beginning; mode and the hand's wish stay."""
-        self.clutch = None
+        self._memory = None

@@ -52,13 +52,19 @@ def _face(along: float, plug: Array) -> tuple[float, float]:
 
 
 @kernel
-def _outlet(p: Array, R: Array, v: Array, w: Array, plug: Array, numbers: Array, wrench: Array, rows: Array) -> None:
-    """Fill wrench (6,) on the plug about o', and rows (2, 7): δ, contact (3), force on the plug (3)."""
-    stiffness, recoil, friction, creep, arm, opening, seat = (
-        numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6],
+def _outlet(p: Array, R: Array, v: Array, w: Array, numbers: Array, wrench: Array, rows: Array) -> None:
+    """Fill wrench (6,) on the plug about o', and rows (2, 8): δ, place along the hook, contact (3), force on the plug
+    (3). numbers (12,): the plug as `_face` takes it, then what is written in the next lines."""
+    plug = numbers[:4]
+    stiffness, recoil, friction, creep, arm, opening, seat, peak = (
+        numbers[4], numbers[5], numbers[6], numbers[7], numbers[8], numbers[9], numbers[10], numbers[11],
     )  # fmt: skip
-    wrench[:] = 0.0
-    rows[:] = 0.0
+    for i in range(6):
+        wrench[i] = 0.0
+    for hook in range(2):
+        for i in range(8):
+            rows[hook, i] = 0.0
+        rows[hook, 1] = peak
     if R[0, 0] < 0.5 or R[1, 1] < 0.5:  # turned by more than 60°: a plug that cannot be in the socket
         return
     for hook in range(2):
@@ -95,8 +101,8 @@ def _outlet(p: Array, R: Array, v: Array, w: Array, plug: Array, numbers: Array,
         wrench[4] += rz * fx - rx * fz
         wrench[5] += rx * fy - ry * fx
         rows[hook, 0] = max(bent, 0.0)
-        rows[hook, 1], rows[hook, 2], rows[hook, 3] = p[0] + rx, p[1] + ry, p[2] + rz
-        rows[hook, 4], rows[hook, 5], rows[hook, 6] = fx, fy, fz
+        rows[hook, 2], rows[hook, 3], rows[hook, 4] = p[0] + rx, p[1] + ry, p[2] + rz
+        rows[hook, 5], rows[hook, 6], rows[hook, 7] = fx, fy, fz
         # the floor under this corner of the plug's inner end
         tip, _ = _face(0.0, plug)
         cx, cy, cz = R[0, 1] * side * tip, R[1, 1] * side * tip, R[2, 1] * side * tip
@@ -142,7 +148,6 @@ class Outlet(World):
     hook: Hook = field(init=False, repr=False, compare=False)
     stiffness: float = field(init=False, repr=False, compare=False)  #: of one hook, pulled straight, no friction [N/m]
     recoil: float = field(init=False, repr=False, compare=False)  #: Ω₋/Ω₊: how far the top moves out per bending
-    _plug: Array = field(init=False, repr=False, compare=False)
     _numbers: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -176,14 +181,15 @@ class Outlet(World):
         drop = 0.5 * (self.plug_width - self.opening) + 0.1e-3
         edge = 0.25 * self.lead_in
         stiffness = self.youngs_modulus * self.width / plus
+        numbers = (
+            0.5 * self.plug_width, self.lead_in, drop / self.lead_in, edge,
+            stiffness, minus / plus, self.friction, self.creep, self.arm, self.opening, self.seat, hook.peak,
+        )  # fmt: skip
         values = {
             "hook": hook,
             "stiffness": stiffness,
             "recoil": minus / plus,
-            "_plug": np.array([0.5 * self.plug_width, self.lead_in, drop / self.lead_in, edge]),
-            "_numbers": np.array(
-                [stiffness, minus / plus, self.friction, self.creep, self.arm, self.opening, self.seat]
-            ),
+            "_numbers": np.array(numbers),
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -201,30 +207,24 @@ class Outlet(World):
     def outline(self) -> Array:
         """(8, 2) places along the plug from its inner end up to its full width, and its half width there [m]."""
         along = np.linspace(0.0, 1.25 * self.lead_in, 8)
-        return np.array([(x, _face(x, self._plug)[0]) for x in along.tolist()])
-
-    def _both(self, state: State) -> tuple[Array, Array]:
-        wrench, rows = np.empty(6), np.empty((2, 7))
-        p, R, v, w = map(np.ascontiguousarray, (state.p, state.R_SR, state.v, state.w))  # one layout: one compilation
-        _outlet(p, R, v, w, self._plug, self._numbers, wrench, rows)
-        return wrench, rows
+        return np.array([(x, _face(x, self._numbers[:4])[0]) for x in along.tolist()])
 
     def wrench(self, state: State) -> Array:
         """(6,) on the plug, about o' [N, N·m]."""
-        return self._both(state)[0]
+        return self.touching(state)[0]
 
     def touching(self, state: State) -> tuple[Array, Array]:
         """(6,) the wrench, and (2, 8) both hooks, first the one at +Y': see `World.touching`."""
-        wrench, rows = self._both(state)
-        hooks = np.empty((2, 8))
-        hooks[:, 0], hooks[:, 1], hooks[:, 2:] = rows[:, 0], self.peak, rows[:, 1:]
+        wrench, hooks = np.empty(6), np.empty((2, 8))
+        one = np.ascontiguousarray  # one layout: one compilation
+        _outlet(one(state.p), one(state.R_SR), one(state.v), one(state.w), self._numbers, wrench, hooks)
         return wrench, hooks
 
     def contacts(self, state: State) -> tuple[Contact, ...]:
         """What each hook does, first the one at +Y'; always on its top."""
-        rows = self._both(state)[1].tolist()
         return tuple(
-            Contact("top" if r[0] > 0 else "", np.array(r[1:4]), np.array(r[4:]), r[0], self.peak) for r in rows
+            Contact("top" if bent > 0 else "", np.array(rest[:3]), np.array(rest[3:]), bent, place)
+            for bent, place, *rest in self.touching(state)[1].tolist()
         )
 
 

@@ -70,17 +70,17 @@ def _wedge(x: float, shape: Array) -> tuple[float, float]:
 @kernel
 def _stiffness(x: float, start: float, step: float, spline: Array) -> tuple[float, float]:
     """E w/Ω₊ at x [N/m] and its slope, from the table; constant beyond its ends."""
-    count = spline.shape[1]
+    count = spline.shape[0]
     u = (x - start) / step
     if u <= 0.0:
-        return spline[3, 0], 0.0
+        return spline[0, 3], 0.0
     if u >= count:
         s = step
         last = count - 1
-        return ((spline[0, last] * s + spline[1, last]) * s + spline[2, last]) * s + spline[3, last], 0.0
+        return ((spline[last, 0] * s + spline[last, 1]) * s + spline[last, 2]) * s + spline[last, 3], 0.0
     i = int(u)
     s = x - (start + i * step)
-    a, b, c, d = spline[0, i], spline[1, i], spline[2, i], spline[3, i]
+    a, b, c, d = spline[i, 0], spline[i, 1], spline[i, 2], spline[i, 3]
     return ((a * s + b) * s + c) * s + d, (3.0 * a * s + 2.0 * b) * s + c
 
 
@@ -114,15 +114,23 @@ def _touched(X: float, Y: float, recoil: float, shape: Array) -> float:
 
 @kernel
 def _snap_fit(
-    p: Array, R: Array, v: Array, w: Array, shape: Array, numbers: Array, spline: Array, wrench: Array, rows: Array
+    p: Array, R: Array, v: Array, w: Array, numbers: Array, spline: Array, wrench: Array, rows: Array
 ) -> None:
-    """Fill wrench (6,) on the part about o', and rows (hooks, 8): δ, x, edge position (3), force on the part (3)."""
-    recoil, friction, creep, half, clearance, seat = (
-        numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5],
+    """Fill wrench (6,) on the part about o', and rows (2, 8): δ, x, edge position (3), force on the part (3).
+
+    numbers (16,): the wedge as `_wedge` takes it and its height, then what is written in the next lines, and at last
+    how many hooks there are.
+    """
+    shape = numbers[:7]
+    recoil, friction, creep, half, clearance, seat, start, step = (
+        numbers[7], numbers[8], numbers[9], numbers[10], numbers[11], numbers[12], numbers[13], numbers[14],
     )  # fmt: skip
     for i in range(6):
         wrench[i] = 0.0
-    for hook in range(rows.shape[0]):
+    for hook in range(2):
+        for i in range(8):
+            rows[hook, i] = 0.0
+    for hook in range(int(numbers[15])):
         side = 1.0 if hook == 0 else -1.0
         # the edge sits at (0, ±half, 0) of the part
         rx, ry, rz = R[0, 1] * side * half, R[1, 1] * side * half, R[2, 1] * side * half
@@ -133,7 +141,7 @@ def _snap_fit(
         bent = max(0.0, H + Y)
         gx, gy, gz = 0.0, 0.0, 0.0
         if bent > 0.0:
-            K, dK = _stiffness(x, numbers[6], numbers[7], spline)
+            K, dK = _stiffness(x, start, step, spline)
             share = 1.0 / (1.0 + recoil * dH)
             climb = 0.5 * dK * bent * bent
             fx = (K * bent * dH + climb) * share  # ∂U/∂X
@@ -190,7 +198,6 @@ class SnapFit(World):
     hooks: int = 2  #: 2: a pair that centres the part; 1: the part is pushed aside and wants a guide
 
     hook: Hook = field(init=False, repr=False, compare=False)
-    _shape: Array = field(init=False, repr=False, compare=False)
     _numbers: Array = field(init=False, repr=False, compare=False)
     _spline: Array = field(init=False, repr=False, compare=False)
 
@@ -211,12 +218,14 @@ class SnapFit(World):
         recoil = float(top.minus / top.plus)
         spline = CubicSpline(x, hook.youngs_modulus * hook.width / soft.plus)
         shape = (hook.base_length, hook.ramp_end, hook.peak, math.tan(hook.rear), math.tan(hook.front), self.edge)
-        numbers = (recoil, self.friction, self.creep, self.half_width, self.clearance, self.seat, x[0], x[1] - x[0])
+        numbers = (
+            *shape, hook.height, recoil, self.friction, self.creep, self.half_width, self.clearance, self.seat,
+            x[0], x[1] - x[0], self.hooks,
+        )  # fmt: skip
         values = {
             "hook": hook,
-            "_shape": np.array([*shape, hook.height]),
             "_numbers": np.array(numbers),
-            "_spline": np.ascontiguousarray(spline.c),
+            "_spline": np.ascontiguousarray(spline.c.T),  # (256, 4): the four of a place beside each other
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -251,29 +260,23 @@ class SnapFit(World):
             beam=beam, **others,
         )  # fmt: skip
 
-    def _both(self, state: State) -> tuple[Array, Array]:
-        wrench, rows = np.empty(6), np.empty((self.hooks, 8))
-        p, R, v, w = map(np.ascontiguousarray, (state.p, state.R_SR, state.v, state.w))  # one layout: one compilation
-        _snap_fit(p, R, v, w, self._shape, self._numbers, self._spline, wrench, rows)
-        return wrench, rows
-
     def wrench(self, state: State) -> Array:
         """(6,) on the part, about o' [N, N·m]."""
-        return self._both(state)[0]
+        return self.touching(state)[0]
 
     def touching(self, state: State) -> tuple[Array, Array]:
         """(6,) the wrench, and (2, 8) the hooks, first the one at +Y': see `World.touching`."""
-        wrench, rows = self._both(state)
-        if self.hooks == 2:
-            return wrench, rows
-        hooks = np.zeros((2, 8))
-        hooks[0] = rows[0]
+        wrench, hooks = np.empty(6), np.empty((2, 8))
+        one = np.ascontiguousarray  # one layout: one compilation
+        _snap_fit(
+            one(state.p), one(state.R_SR), one(state.v), one(state.w), self._numbers, self._spline, wrench, hooks
+        )  # fmt: skip
         return wrench, hooks
 
     def contacts(self, state: State) -> tuple[Contact, ...]:
         """What each hook does, first the one at +Y'."""
         found = []
-        for bent, place, *rest in self._both(state)[1].tolist():
+        for bent, place, *rest in self.touching(state)[1][: self.hooks].tolist():
             face = "" if bent == 0.0 else "rear" if place < self.hook.ramp_end else "top"
             if bent > 0.0 and place > self.hook.peak:
                 face = "front"
