@@ -21,6 +21,7 @@ PASSIVITY, PASSIVITY_TESTS = "control/passivity.py", "tests/control/test_passivi
 TICK, TICK_TESTS = "runtime/tick.py", "tests/runtime/test_tick.py"
 TRACKER_TESTS, FEED_TESTS = "tests/contracts/test_trackers.py", "tests/runtime/test_trackers.py"
 GUIDED_TESTS = "tests/apps/calibrate/test_guided.py"
+FRAME_TESTS, FRAMED_TESTS = "tests/sensing/test_frame_registration.py", "tests/runtime/test_framed_feed.py"
 
 ORIENTATION_TESTS, MAP_TESTS = "tests/sensing/test_orientation.py", "tests/sensing/test_torque_maps.py"
 
@@ -181,6 +182,34 @@ PROOFS = [
         "if kind is _Replay and is_real(driver):",
         "if False:",
         FEED_TESTS,
+    ),
+    (
+        "a left-handed tracker is refused",
+        "sensing/frame_doubts.py",
+        "if right > _APART / 2 and left < 0.3 * right:",
+        "if False:",
+        FRAME_TESTS,
+    ),
+    (
+        "a tracker in millimetres is no frame",
+        "sensing/frame_doubts.py",
+        "if abs(scale - 1.0) <= _SCALE:",
+        "if True:",
+        FRAME_TESTS,
+    ),
+    (
+        "a rehearsed frame moves no real device",
+        "runtime/tracker_door.py",
+        "if frame.simulated and is_real(driver):",
+        "if False:",
+        FRAMED_TESTS,
+    ),
+    (
+        "a frame is of one tracker",
+        "sensing/tracker_frame.py",
+        "if self.tracker != tracker:",
+        "if False:",
+        FRAMED_TESTS,
     ),
     (
         "a calibration does not go on behind a failed step",

@@ -57,6 +57,9 @@ def test_devices_differ_by_digest():
         ('assumed = "copper"', 'assumed = " "', "must say why"),
         ('assumed = "copper"', 'asumed = "copper"', "only the keys value, unit, source and assumed"),
         ("duty_bits = 12", "duty_bits = 12 12", "not a TOML file"),
+        ('names = ["front", "left", "rear"]', 'names = ["front", "left"]', "marks.names"),
+        ('names = ["front", "left", "rear"]', 'names = ["front", "left", "left"]', "marks has a name twice"),
+        ("[-25.096, -14.489, 7.765]", "[-28.978, 57.956, 7.765]", "marks must not lie on one line"),
         ("[0.195349, 0.003100, -0.002000]", "[-0.0024, 0.209302, 0.0018]", "singular"),
     ],
 )

@@ -1,12 +1,15 @@
-"""A bar for what takes longer than a moment: the pair tables of a motor, built once per machine and shape."""
+"""Bars for what takes longer than a moment: a motor's pair tables, or a step in which a person does something."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from rich.console import Console
 
 from haptorb.devices.device import Device
 
-__all__ = ["build_tables"]
+__all__ = ["build_tables", "time_bar"]
 
 
 def build_tables(device: Device) -> None:
@@ -30,3 +33,18 @@ def build_tables(device: Device) -> None:
             bar.update(task, completed=done, total=total, visible=True)
 
         vars(device)["tables"] = motor_tables(device, report)
+
+
+@contextmanager
+def time_bar(title: str, seconds: float) -> Iterator[Callable[[float], None]]:
+    """A bar that fills within so many seconds; it gives what is to be told of time passing [s].
+
+    Nothing is drawn where standard error is not a terminal.
+    """
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn(f"    {title}"), BarColumn(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(title, total=seconds)
+        yield lambda passed: bar.update(task, advance=passed)

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from haptorb.devices.device import Device
+from haptorb.devices.marks import Marks
 from haptorb.devices.passive_pull import PassivePull
 from haptorb.devices.ring_tool import dipole_wrench_map, ring_per_ampere
 from haptorb.devices.state import State
@@ -91,6 +92,7 @@ class SphericalElectromagnet(Device):
     thermometer_step: float  #: [K]
     thermometer_noise: float  #: [K]
     windings: Windings | None = None  #: the coils' sizes, where somebody gave or assumed them
+    marks: Marks | None = None  #: places to touch with the tip, where there are any
 
     levels: tuple[str, ...] = ("dipole", "exact")
 

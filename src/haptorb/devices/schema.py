@@ -11,11 +11,13 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from haptorb.devices import quantity as q
 from haptorb.devices.device import Coils, Heat, Limits, Supply
 from haptorb.devices.electromagnet import Contact, FieldSensors, Hand, SphericalElectromagnet, Tool
+from haptorb.devices.marks import Marks
 from haptorb.devices.windings import Windings
 
 __all__ = ["ElectromagnetFile", "Section"]
 
 Positive = Gt(0)
+_SPREAD = 1e-3  #: marks nearer to a common line than this cannot hold a frame [m]
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$")]
 Row3 = Annotated[tuple[q.MomentPerCurrent, ...], Len(3, 3)]
 Point = Annotated[tuple[q.Length, ...], Len(3, 3)]
@@ -205,6 +207,29 @@ class WindingsSection(Section):
         return Windings(*(np.array(part) for part in (self.turns, self.inner_radius, self.outer_radius, self.length)))
 
 
+class MarksSection(Section):
+    """[marks]"""
+
+    names: Annotated[tuple[Name, ...], Len(3)]
+    positions: Annotated[tuple[Point, ...], Len(3)]
+
+    @model_validator(mode="after")
+    def _apart(self) -> MarksSection:
+        if len(self.names) != len(self.positions):
+            raise ValueError(f"has {len(self.names)} names but {len(self.positions)} positions")
+        if len(set(self.names)) != len(self.names):
+            raise ValueError("has a name twice")
+        places = np.array(self.positions)
+        spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
+        if spread[1] < _SPREAD:
+            raise ValueError("must not lie on one line: a frame could turn about it")
+        return self
+
+    def built(self) -> Marks:
+        """As the device has it."""
+        return Marks(self.names, np.array(self.positions))
+
+
 class ThermometerSection(Section):
     """[thermometer]"""
 
@@ -224,6 +249,7 @@ class ElectromagnetFile(CommonFile):
     hall: FieldSensorsSection
     thermometer: ThermometerSection
     windings: WindingsSection | None = None
+    marks: MarksSection | None = None
 
     @model_validator(mode="after")
     def _clear(self) -> ElectromagnetFile:
@@ -275,4 +301,5 @@ class ElectromagnetFile(CommonFile):
             thermometer_step=self.thermometer.step,
             thermometer_noise=self.thermometer.noise,
             windings=None if self.windings is None else self.windings.built(),
+            marks=None if self.marks is None else self.marks.built(),
         )

@@ -1,4 +1,4 @@
-"""Calibrations as files: written whole or not at all, and never over another one by accident."""
+"""Calibrations and trackers' frames as files: written whole or not at all, and never over another by accident."""
 
 from __future__ import annotations
 
@@ -7,22 +7,31 @@ from pathlib import Path
 
 from haptorb.errors import CalibrationError
 from haptorb.sensing.calibration import Calibration
+from haptorb.sensing.tracker_frame import TrackerFrame
 
-__all__ = ["read_calibration", "writable", "write_calibration"]
+__all__ = ["read_calibration", "read_frame", "writable", "write_calibration", "write_frame"]
 
 
 def read_calibration(path: str | Path) -> Calibration:
     """The calibration in the file; CalibrationError if it cannot be read or is none."""
+    return Calibration.parse(_text(path, "calibration"), str(path))
+
+
+def read_frame(path: str | Path) -> TrackerFrame:
+    """The tracker's frame in the file; CalibrationError if it cannot be read or is none."""
+    return TrackerFrame.parse(_text(path, "frame"), str(path))
+
+
+def _text(path: str | Path, what: str) -> str:
     try:
-        text = Path(path).expanduser().read_text(encoding="utf-8")
+        return Path(path).expanduser().read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as cause:
         reason = cause.strerror if isinstance(cause, OSError) else "not a text file"
-        raise CalibrationError(f"calibration {path}: cannot be read ({reason})") from cause
-    return Calibration.parse(text, str(path))
+        raise CalibrationError(f"{what} {path}: cannot be read ({reason})") from cause
 
 
 def writable(path: str | Path, *, overwrite: bool) -> Path:
-    """`path`, if a calibration may be written there; asked before anything is measured.
+    """`path`, if a calibration or frame may be written there; asked before anything is measured.
 
     Raises CalibrationError if the file exists and `overwrite` is not set, or if there is no folder for it.
     """
@@ -39,10 +48,19 @@ def write_calibration(calibration: Calibration, path: str | Path, *, overwrite: 
 
     Raises CalibrationError for what `writable` does not allow, or if the system cannot write it.
     """
+    _write(calibration.text(), path, overwrite)
+
+
+def write_frame(frame: TrackerFrame, path: str | Path, *, overwrite: bool = False) -> None:
+    """Write the file; nothing is written half. Raises CalibrationError as `write_calibration` does."""
+    _write(frame.text(), path, overwrite)
+
+
+def _write(text: str, path: str | Path, overwrite: bool) -> None:
     place = writable(path, overwrite=overwrite)
     part = place.with_name(place.name + ".part")
     try:
-        part.write_text(calibration.text(), encoding="utf-8")
+        part.write_text(text, encoding="utf-8")
         os.replace(part, place)
     except OSError as cause:
         part.unlink(missing_ok=True)

@@ -39,7 +39,7 @@ from haptorb.runtime.assembly import (
     modes_of,
 )
 from haptorb.runtime.black_box import BlackBox, Tripped
-from haptorb.runtime.calibration_file import read_calibration
+from haptorb.runtime.calibration_file import read_calibration, read_frame
 from haptorb.runtime.children import Children
 from haptorb.runtime.device_text import text_of
 from haptorb.runtime.fed_tracker import PREDICTION, known_prediction
@@ -48,9 +48,10 @@ from haptorb.runtime.report import loop_report
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.schedule import known_rate
 from haptorb.runtime.shared import Shared, Word
-from haptorb.runtime.tracker_door import Preparation, fed, known_tracker, prepared
+from haptorb.runtime.tracker_door import Preparation, fed, known_frame, known_tracker, prepared
 from haptorb.runtime.world_change import answered, description, name_of, request
 from haptorb.sensing.calibration import Calibration
+from haptorb.sensing.tracker_frame import TrackerFrame
 from haptorb.worlds.parameter import values as parameter_values
 from haptorb.worlds.world import World
 
@@ -73,6 +74,8 @@ class Servo:
                well, but where the tool is, the estimator learns from the field sensors only; "osc:PORT", "lsl:NAME",
                "replay:FILE", "natnet:HOST": a tracker of its own process, see `tracker_door`
     prediction  how far such a tracker's pose is carried forward with its own velocity, at most [s]
+    frame      file of `haptorb frame` (or a TrackerFrame) that turns such a tracker's poses into the tool's in the
+               stator's frame; None: it speaks that already
     rate       of the loop [Hz], 50 to 4000
     record     file to record to (MCAP); None: a temporary one, deleted at exit; False: no recording
     overwrite  whether `record` may replace a file
@@ -86,7 +89,7 @@ class Servo:
 
     Raises UnknownName for a name that is not in its list, InputError for a value that cannot be used, or a world,
     tracker or gains that do not fit the device, DeviceError for a file that describes no device, and CalibrationError
-    for a calibration that cannot be read or is another device's.
+    for a calibration or frame that cannot be read or is another device's or tracker's.
 
     >>> with Servo("omni", "dome") as servo:  # doctest: +SKIP
     ...     servo.run(seconds=5)
@@ -101,6 +104,7 @@ class Servo:
         driver: str = "sim",
         tracker: str = "pointer",
         prediction: float = PREDICTION,
+        frame: str | Path | TrackerFrame | None = None,
         rate: float = 1000.0,
         record: str | Path | Literal[False] | None = None,
         overwrite: bool = False,
@@ -141,6 +145,9 @@ class Servo:
             for through in (self.driver, "sim")
         )  # fmt: skip
         self._ahead = known_prediction(prediction)
+        self.frame = read_frame(frame) if isinstance(frame, str | Path) else frame  #: between tracker and stator
+        if self.frame is not None:
+            known_frame(self.frame, self.device, self.tracker, self.driver)
         self._plan = plans.Plan(
             first, self.rate, chain, practice, self._ahead if fed(self.tracker) else None,
             None if self.calibration is None else self.calibration.id,
@@ -412,6 +419,7 @@ class Servo:
                 "descriptor": tracker.descriptor,
                 "parent": os.getpid(),
                 "feed": tracker.spec,
+                "frame": "" if self.frame is None else self.frame.text(),
             }
             self._children.track(json.dumps(spec), tracker.descriptor if tracker.descriptor >= 0 else None)
         self._children.wait_until_running()
@@ -440,6 +448,7 @@ class Servo:
                     "driver": self.driver,
                     "tracker": self.tracker,
                     "prediction_s": repr(self._ahead) if fed(self.tracker) else "",
+                    "frame": "" if self.frame is None else self.frame.text(),
                     "estimator": self.estimator,
                     "calibration": "" if self.calibration is None else self.calibration.text(),
                     "seed": str(self.seed),

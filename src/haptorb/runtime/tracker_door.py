@@ -13,13 +13,17 @@ import secrets
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 from haptorb.errors import DriverError, InputError, UnknownName
 from haptorb.runtime.feed import Feed
 from haptorb.runtime.real_driver import is_real
 
-__all__ = ["TOKEN", "TRACKERS", "Preparation", "fed", "feed_of", "known_tracker", "prepared"]
+if TYPE_CHECKING:
+    from haptorb.devices.device import Device
+    from haptorb.sensing.tracker_frame import TrackerFrame
+
+__all__ = ["TOKEN", "TRACKERS", "Preparation", "fed", "feed_of", "known_frame", "known_tracker", "prepared"]
 
 TRACKERS = ("pointer", "hall")  #: hall: the hand follows the pointer, but where it is, only the field tells
 TOKEN = "HAPTORB_TRACKER_TOKEN"  #: of the environment: what a sender on another computer must say
@@ -92,8 +96,36 @@ def prepared(name: str) -> Preparation:
     return preparation
 
 
-def feed_of(spec: dict[str, Any], descriptor: int, origin: Callable[[], float]) -> Feed:
-    """In the feed's process: the feed itself. `origin` waits until the loop runs and tells when its clock was zero."""
+def known_frame(frame: TrackerFrame, device: Device, tracker: str, driver: str = "sim") -> TrackerFrame:
+    """`frame` itself; InputError or CalibrationError if it cannot be that of `tracker` before `device`."""
+    if not fed(tracker) or tracker.startswith("replay:"):
+        raise InputError(
+            f"tracker '{tracker}' speaks the stator's frame already; --frame is for trackers with a frame of their "
+            "own: osc, lsl, natnet"
+        )
+    if frame.simulated and is_real(driver):
+        raise InputError(
+            f"the frame was registered in a rehearsal, driver '{driver}' moves a real device: register the real "
+            f"tracker with `haptorb frame {device.name} --tracker {tracker}`"
+        )
+    return frame.known_for(device, tracker)
+
+
+def feed_of(spec: dict[str, Any], descriptor: int, origin: Callable[[], float], frame: str = "") -> Feed:
+    """In the feed's process: the feed itself, behind the text of a `frame` if there is one.
+
+    `origin` waits until the loop runs and tells when its clock was zero.
+    """
+    feed = _own(spec, descriptor, origin)
+    if not frame:
+        return feed
+    from haptorb.runtime.framed_feed import FramedFeed
+    from haptorb.sensing.tracker_frame import TrackerFrame
+
+    return FramedFeed(feed, TrackerFrame.parse(frame, "the tracker's frame"))
+
+
+def _own(spec: dict[str, Any], descriptor: int, origin: Callable[[], float]) -> Feed:
     import socket
 
     match spec["kind"]:

@@ -35,7 +35,8 @@ class _Over(Exception):
 def main(spec: Mapping[str, Any]) -> int:
     """Listen until the servo has ended; returns the exit code.
 
-    `spec`: shared (path), descriptor (of an open socket, or −1), parent (process id), feed (of a `Preparation`).
+    `spec`: shared (path), descriptor (of an open socket, or −1), parent (process id), feed (of a `Preparation`),
+    frame (text of a `TrackerFrame`; empty: poses are in the stator's frame).
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # the servo's end is this one's end
@@ -56,7 +57,7 @@ def main(spec: Mapping[str, Any]) -> int:
         return float(words[Word.ORIGIN]) * 1e-9
 
     try:
-        feed = feed_of(spec["feed"], spec["descriptor"], origin)
+        feed = feed_of(spec["feed"], spec["descriptor"], origin, spec["frame"])
     except _Over:
         return 0
     except HaptorbError as cause:

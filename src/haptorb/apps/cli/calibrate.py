@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -45,6 +43,7 @@ def calibrate(
     from haptorb.apps.calibrate import thermal_record
     from haptorb.apps.calibrate.door import door
     from haptorb.apps.calibrate.guided import Guide, guided, known_steps
+    from haptorb.apps.progress import time_bar
     from haptorb.devices.electromagnet import SphericalElectromagnet
     from haptorb.devices.loader import load
     from haptorb.runtime.calibration_file import writable
@@ -68,7 +67,7 @@ def calibrate(
         urgent()  # a firmware switches off after 15 ms of silence, however busy this computer is
     result = guided(
         found, through, path, steps=chosen, heat=heat, pace=pace, restart=restart, overwrite=force,
-        guide=Guide(_say, _ask if asks else lambda step: True, _bar),
+        guide=Guide(_say, _ask if asks else lambda step: True, lambda step, seconds: time_bar(step.title, seconds)),
     )  # fmt: skip
     if result is None:
         raise typer.Exit(1)
@@ -95,15 +94,3 @@ def _say(text: str) -> None:
 
 def _ask(step: Step) -> bool:
     return typer.confirm("    ready", default=True, err=True)
-
-
-@contextmanager
-def _bar(step: Step, seconds: float) -> Iterator[Callable[[float], None]]:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn(f"    {step.title}"), BarColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(step.name, total=seconds)
-        yield lambda passed: bar.update(task, advance=passed)

@@ -16,6 +16,7 @@ from haptorb.apps.cli import (
     estimators,
     feel,
     fit,
+    frame,
     hardware,
     reproduce,
     run,
@@ -35,7 +36,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for module in (run, show, check, study, calibrate, fit, train, estimators, bench, hardware, reproduce, feel):
+for module in (run, show, check, study, calibrate, frame, fit, train, estimators, bench, hardware, reproduce, feel):
     module.register(app)
 
 

@@ -52,6 +52,9 @@ def run(
         typer.Option(help="How the mover's state is known: tracker; a motor's field: least-squares, network, linear."),
     ] = None,
     calibration: Annotated[Path | None, typer.Option(help="A file of `haptorb calibrate` to believe.")] = None,
+    frame: Annotated[
+        Path | None, typer.Option(help="A file of `haptorb frame`: the tracker speaks a frame of its own.")
+    ] = None,
     level: Annotated[str | None, typer.Option(help="Fidelity of the controller's model, dipole or exact.")] = None,
     rate: Annotated[float, typer.Option(help="Of the loop [Hz], 50 to 4000.")] = 1000.0,
     seed: Annotated[int, typer.Option(help="Of the simulation's noise.")] = 0,
@@ -81,7 +84,7 @@ def run(
 
     build_tables(found)
     servo = Servo(
-        device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction,
+        device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction, frame=frame,
         rate=rate, seed=seed, level=level, record=record or False,
         overwrite=force, estimator=estimator, calibration=calibration, black_box=state_folder() / "trips",
     )  # fmt: skip

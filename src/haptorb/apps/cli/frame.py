@@ -1,0 +1,95 @@
+"""`haptorb frame`: where a tracker's own frame and rigid body are, by touching the device, into a file of both."""
+
+from __future__ import annotations
+
+import math
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from haptorb.errors import InputError
+
+if TYPE_CHECKING:
+    from haptorb.apps.calibrate.frame_steps import Stroke
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `app`."""
+    app.command()(frame)
+
+
+def frame(
+    device: Annotated[str, typer.Argument(help="A device's name, or the path of a device file.")] = "omni",
+    tracker: Annotated[
+        str, typer.Option(help="osc:PORT, osc:HOST:PORT, lsl:NAME or natnet:HOST, in its own frame.")
+    ] = "osc:9000",
+    out: Annotated[Path | None, typer.Option(help="File to write [DEVICE.frame.json].")] = None,
+    rehearse: Annotated[
+        bool, typer.Option("--rehearse", help="A made-up tracker and a simulated person, through OSC on this computer.")
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    seed: Annotated[int, typer.Option(help="Of the rehearsal.")] = 0,
+    json: Annotated[bool, typer.Option("--json", help="Print the frame as JSON.")] = False,
+) -> None:
+    """Register a tracker's own frame: touch the dome and its marks, roll the tool. Then: haptorb run --frame FILE."""
+    from haptorb.apps.calibrate.frame_rehearsal import PACE, Rehearsal, missed, rehearsal_port
+    from haptorb.apps.calibrate.frame_steps import known_device, registered
+    from haptorb.apps.progress import time_bar
+    from haptorb.devices.loader import load
+    from haptorb.runtime.calibration_file import writable, write_frame
+    from haptorb.runtime.tracker_door import fed, feed_of, known_tracker, prepared
+    from haptorb.sensing.tracker_frame import TrackerFrame
+
+    found = known_device(load(device))
+    known_tracker(tracker)
+    if not fed(tracker) or tracker.startswith("replay:"):
+        raise InputError(f"tracker '{tracker}' speaks the stator's frame already; name one with a frame of its own")
+    port = rehearsal_port(tracker) if rehearse else 0
+    path = writable(out or Path(f"{found.name}.frame.json"), overwrite=force)
+    if not rehearse and not sys.stdin.isatty():
+        raise InputError("registering a frame asks a person before every step, and there is no terminal")
+    preparation = prepared(tracker)
+    rehearsal = Rehearsal(found, port, seed) if rehearse else None
+    opened, doing = ExitStack(), ExitStack()
+
+    def ask(stroke: Stroke) -> bool:
+        if rehearsal is None:
+            return typer.confirm("    ready", default=True, err=True)
+        doing.close()  # the stroke before
+        doing.enter_context(rehearsal.doing(stroke))
+        return True
+
+    with opened, doing:
+        if preparation.token:
+            _say(f"Whoever sends poses from another computer must say this token first: {preparation.token}")
+        feed = feed_of(preparation.spec, preparation.descriptor, lambda: 0.0)
+        preparation.descriptor = -1  # the feed's now
+        opened.callback(feed.close)
+        result = registered(found, feed, ask=ask, say=_say, bar=time_bar, pace=PACE if rehearse else 1.0)
+    if result is None:
+        raise typer.Exit(1)
+    written = TrackerFrame.of(result, found, found.tool.tip_distance, tracker, simulated=rehearse)
+    write_frame(written, path, overwrite=force)
+    if json:
+        print(written.text(), end="")
+        return
+    left_out = f"; {result.excluded} left out, the tip was off the dome" if result.excluded else ""
+    print(f"{result.used} touches missed by {1e3 * result.residual:.2f} mm (rms){left_out}; condition "
+          f"{result.condition:.1f}")  # fmt: skip
+    print(f"the tool is known to {1e3 * result.position:.2f} mm and {math.degrees(result.direction):.2f}°; the dome by "
+          f"itself: {1e3 * result.radius:.2f} mm (file: {1e3 * found.dome_radius:g} mm); the axis wobbled "
+          f"{math.degrees(result.wobble):.2f}°")  # fmt: skip
+    if rehearsal is not None:
+        place, turn = missed(result, rehearsal.tracker, found)
+        print(f"the made-up truth is missed by {1e3 * place:.2f} mm (rms) and {math.degrees(turn):.2f}° (greatest)")
+    print(f"written: {path}{' (of a rehearsal)' if rehearse else ''}; use it with: "
+          f"haptorb run {device} --tracker {tracker} --frame {path}")  # fmt: skip
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
