@@ -13,13 +13,13 @@ from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import InputError, UnknownName
 from haptorb.physics.charged_ring import ChargedRing
 from haptorb.physics.soft_sphere import SoftSphere
+from haptorb.sensing.place_filter import noise_share
 from haptorb.sensing.position_accuracy import better_sensors, position_accuracy, with_sensors
 from haptorb.sensing.sample import Pose, Sample
 from haptorb.sensing.tool_field import ToolModel, coil_field, tool_field
 from haptorb.sensing.tool_position import HallTracker
 
 OMNI = load("omni")
-BETTER = with_sensors(OMNI, better_sensors(OMNI))
 NO_POSE = Pose(0.0, np.eye(3), np.full(3, np.nan), np.zeros(3), np.zeros(3), False)
 FULL = np.array([20.0, -20.0, 20.0])
 
@@ -73,23 +73,12 @@ def errors(device, currents, count, seed=0, noise=2e-5, ticks=50):
     return float(np.sqrt((np.square(far)).sum(axis=1).mean())), float(np.degrees(np.sqrt(np.square(turned).mean())))
 
 
-def test_better_places_meet_the_wanted_accuracy():
-    """0.02 mT per sample, 100 Hz: half a millimetre and two degrees without current, a millimetre with all of it."""
-    still, turned = errors(BETTER, np.zeros(3), 14)
-    assert still < 0.5e-3
+@pytest.mark.parametrize(("currents", "most"), [(np.zeros(3), 0.5e-3), (FULL, 1e-3)])
+def test_the_wanted_accuracy_at_any_tilt(currents, most):
+    """0.02 mT per sample, 100 Hz, a pen tilted by up to 30°; all over the shell: tests/reproduce."""
+    far, turned = errors(OMNI, currents, 14)
+    assert far < most
     assert turned < 2.0
-    driven, turned = errors(BETTER, FULL, 14, seed=1)
-    assert driven < 1e-3
-    assert turned < 2.0
-
-
-def test_assumed_places_and_what_they_reach():
-    """0.4 mm along each axis, 0.7 mm in all: the assumed places are too far below the tool for half a millimetre."""
-    still, turned = errors(OMNI, np.zeros(3), 14)
-    assert 0.5e-3 < still < 0.85e-3
-    assert turned < 2.0
-    driven, _ = errors(OMNI, FULL, 14, seed=1)
-    assert driven < 1e-3
 
 
 @settings(max_examples=40, deadline=None)
@@ -98,7 +87,7 @@ def test_without_noise_it_is_found_from_nothing(seed, currents):
     ((p, axis),) = places(1, seed)
     found = HallTracker(OMNI).update(sample(OMNI, field_of(OMNI, p, axis), currents))
     assert found.valid
-    assert np.linalg.norm(found.state.p - p) < 0.05e-3
+    assert np.linalg.norm(found.state.p - p) < 0.08e-3  # of eight charges instead of the whole magnet
     assert np.degrees(np.arccos(min(1.0, found.state.axis @ axis))) < 0.2
 
 
@@ -112,6 +101,37 @@ def test_covariance_is_what_scatters():
     told = np.sqrt(np.diag(tracker.covariance))[:3]
     assert np.std(found, axis=0) == pytest.approx(told, rel=0.3)
     assert np.std(found, axis=0) == pytest.approx(position_accuracy(OMNI, [p])[0, :3], rel=0.25)
+
+
+def test_the_covariance_that_is_told_is_the_filters():
+    """It starts as one reading's and becomes the 0.55² of it that the filter leaves."""
+    p = np.array([0.01, -0.02, 0.05])
+    field, rng, tracker = field_of(OMNI, p, p), np.random.default_rng(5), HallTracker(OMNI)
+    told, places = [], []
+    for tick in range(1000):
+        places.append(tracker.update(sample(OMNI, field, np.zeros(3), 1e-3 * tick, rng, OMNI.hall.noise)).state.p)
+        told.append(np.diag(tracker.covariance)[:3].copy())
+    one = position_accuracy(OMNI, [p])[0, :3]
+    assert np.sqrt(told[0]) == pytest.approx(one, rel=0.5)
+    assert np.sqrt(np.mean(told[50:], axis=0)) == pytest.approx(noise_share() * one, rel=0.1)
+    assert np.std(places[50:], axis=0) == pytest.approx(noise_share() * one, rel=0.25)
+
+
+def test_a_wrong_calibration_is_weighed_by_what_it_can_do():
+    """At full current the readings of the nearest sensors are the least to be believed: without that, twice as far."""
+    ringed = with_sensors(OMNI, better_sensors(OMNI))
+    rng, far = np.random.default_rng(6), {True: [], False: []}
+    for p, axis in places(12, 8):
+        scale = 1e-3 * np.linalg.norm(OMNI.moment_per_current, axis=0)
+        wrong = replace(ringed, moment_per_current=OMNI.moment_per_current + scale * rng.normal(size=(3, 3)))
+        reading = sample(ringed, field_of(ringed, p, axis), FULL)
+        for weighed, seen in far.items():
+            tracker = HallTracker(wrong)
+            tracker._columns *= weighed
+            found = tracker.update(reading)
+            assert found.valid
+            seen.append(np.linalg.norm(found.state.p - p))
+    assert np.mean(np.square(far[True])) < 0.5 * np.mean(np.square(far[False]))
 
 
 def test_velocity_and_place_of_a_moving_tool():

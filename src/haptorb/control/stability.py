@@ -37,6 +37,7 @@ class SampledLoop:
     delay          from the moment of a pose to the beginning of its force [s]
     ramp           in which the drive brings a current from one wanted value to the next: a tick of the servo [s]
     time_constant  L/R of the coils, after which the ramp is shaped [s]; 0: currents jump
+    memory         θ of the filter that makes place and velocity of a pose (`sensing.place_filter`); 0: none
 
     >>> SampledLoop(1e-3).delay_bound(1.0), round(SampledLoop(1 / 240, 5e-3).delay_bound(1.0), 1)
     (2000.0, 141.2)
@@ -46,11 +47,14 @@ class SampledLoop:
     delay: float = 0.0
     ramp: float = 0.0
     time_constant: float = 0.0
+    memory: float = 0.0
 
     def __post_init__(self) -> None:
         values = (self.period, self.delay, self.ramp, self.time_constant)
         if not (all(map(math.isfinite, values)) and self.period > 0 and min(values) >= 0):
             raise InputError(f"a loop needs a period above 0 and times of at least 0 [s]; got {values}")
+        if not 0.0 <= self.memory < 1.0:
+            raise InputError(f"a filter's memory is at least 0 and below 1; got {self.memory:g}")
         if self.ramp > self.period * (1 + 1e-9):
             raise InputError(f"ramp {self.ramp:g} s must not be longer than the period {self.period:g} s")
         if self.delay > _LONGEST * self.period:
@@ -61,8 +65,9 @@ class SampledLoop:
 
     @classmethod
     def of(
-        cls, rate: float, tracker_rate: float | None = None, latency: float = 0.0, time_constant: float = 0.0
-    ) -> SampledLoop:
+        cls, rate: float, tracker_rate: float | None = None, latency: float = 0.0, time_constant: float = 0.0,
+        memory: float = 0.0,
+    ) -> SampledLoop:  # fmt: skip
         """The loop of a servo at `rate` [Hz] with a tracker at `tracker_rate` [Hz], its poses `latency` [s] old.
 
         None: the pose is read in every tick. A tracker with a clock of its own makes its pose wait for the next tick,
@@ -74,7 +79,7 @@ class SampledLoop:
         if not all(math.isfinite(one) and one > 0 for one in rates):
             raise InputError(f"rates must be above 0 Hz; got {', '.join(f'{one:g}' for one in rates)}")
         wait = 0.0 if tracker_rate is None else 1 / max(rates)
-        return cls(1 / min(rates), latency + wait, 1 / rate, time_constant)
+        return cls(1 / min(rates), latency + wait, 1 / rate, time_constant, memory)
 
     @property
     def lateness(self) -> float:
@@ -133,17 +138,18 @@ class SampledLoop:
     def _map(self, grip: HandGrip, K: complex, B: float) -> NDArray[Any]:
         """One period, from one force's beginning to the next; (n, n).
 
-        The state is x, v, the force that acted until now, the last pose, and the forces that are on their way.
+        The state is x, v, the force that acted until now, the last pose, the forces that are on their way, and the
+        filter's place and velocity. Without a filter the velocity is the difference of two poses.
         """
         late = math.ceil(self.delay / self.period - 1e-9)
         sampled = max(late * self.period - self.delay, 0.0)  # when in the period the pose is taken
-        n = 4 + late
+        n = 6 + late
         state = np.eye(n, dtype=np.complex128)  # columns: where every part of the state goes
         x, v, before, pose = state[0], state[1], state[2], state[3]
         if late:
             force = state[4]
         else:
-            force = -K * x - B * (x - pose) / self.period
+            force, place, rate = self._answer(K, B, x, pose, state[-2], state[-1])
         taken = x if sampled <= 0.0 else None
         share = 1.0 if self._ramp_area == 0.0 else -1 / math.expm1(-self.ramp / self.time_constant)
         current, t = (force if self._ramp_area == 0.0 else before), 0.0
@@ -159,9 +165,21 @@ class SampledLoop:
             if taken is None and end == sampled:
                 taken = x
         assert taken is not None
-        new = -K * taken - B * (taken - pose) / self.period
-        rows = [x, v, force, taken, *state[5:], *([new] if late else [])]
+        if late:
+            new, place, rate = self._answer(K, B, taken, pose, state[-2], state[-1])
+        rows = [x, v, force, taken, *([*state[5:-2], new] if late else []), place, rate]
         return np.stack(rows)
+
+    def _answer(
+        self, K: complex, B: float, taken: NDArray[Any], before: NDArray[Any], place: NDArray[Any], rate: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """The force to a pose that was taken, and the filter's place and velocity after it."""
+        if self.memory == 0.0:
+            return -K * taken - B * (taken - before) / self.period, 0.0 * place, 0.0 * rate
+        ahead = place + self.period * rate
+        place = ahead + (1 - self.memory**2) * (taken - ahead)
+        rate = rate + (1 - self.memory) ** 2 / self.period * (taken - ahead)
+        return -K * place - B * rate, place, rate
 
 
 @lru_cache(maxsize=4096)

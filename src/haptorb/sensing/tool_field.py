@@ -24,7 +24,7 @@ from haptorb.physics.compiled import kernel
 from haptorb.physics.dipole import MU0
 from haptorb.physics.soft_sphere import SoftSphere
 
-__all__ = ["ToolModel", "coil_field", "tool_field"]
+__all__ = ["ToolModel", "coil_field", "moment_field", "tool_field"]
 
 _K = MU0 / (4 * np.pi)
 
@@ -60,10 +60,16 @@ class ToolModel(NamedTuple):
 
 def coil_field(device: SphericalElectromagnet) -> Array:
     """(k, 3, m) [T/A] what an ampere in each coil does at each sensor, the core's answer to the coils included."""
-    at = device.hall.positions.reshape(-1, 3)
-    unit = np.stack([dipole.field(np.broadcast_to(e, at.shape), at) for e in np.eye(3)], axis=2)
-    per_ampere: Array = np.ascontiguousarray(unit @ device.moment_per_current)
+    per_ampere: Array = np.ascontiguousarray(moment_field(device) @ device.moment_per_current)
     return per_ampere
+
+
+def moment_field(device: SphericalElectromagnet) -> Array:
+    """(k, 3, 3) [T/(A·m²)] what a unit moment along x, y, z at the centre does at each sensor."""
+    at = device.hall.positions.reshape(-1, 3)
+    unit = [dipole.field(np.broadcast_to(e, at.shape), at) for e in np.eye(3)]
+    per_moment: Array = np.ascontiguousarray(np.stack(unit, axis=2))
+    return per_moment
 
 
 @kernel

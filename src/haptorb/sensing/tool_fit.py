@@ -2,6 +2,11 @@
 
 Five unknowns: three of the place, two turns across the axis. A step solves (N + λ diag N) δ = Jᵀ r, so that metres and
 radians need no common scale; a step that makes the misfit greater is taken back and λ raised.
+
+What is not known about the electromagnet's own moment (noise of the measured currents, errors of the calibration) is
+one error in all readings together: their covariance is σ² 1 + U S Uᵀ, U (3k, 3) the field of unit moments at the
+sensors. Its inverse, by Woodbury, is (1 − U G Uᵀ)/σ² with G = (σ² S⁻¹ + UᵀU)⁻¹: three numbers Uᵀr and three rows UᵀJ
+are all that weighting by it adds, as if the moment were three more unknowns about which something is known.
 """
 
 from __future__ import annotations
@@ -15,7 +20,7 @@ from haptorb.physics.compiled import kernel
 from haptorb.sensing.tool_field import ToolModel, tool_field
 from haptorb.sensing.turning import turn_by
 
-__all__ = ["fitted"]
+__all__ = ["fitted", "moment_weight"]
 
 _LONGEST = 15e-3  #: longest way of one step [m]: a fifth of the distance to the sensors
 _WIDEST = 0.35  #: widest turn of one step [rad]
@@ -42,11 +47,37 @@ def _inverse(N: Array) -> bool:
 
 
 @kernel
-def _normal(field: Array, B: Array, J: Array, N: Array, gradient: Array) -> float:
-    """N = JᵀJ and gradient = Jᵀ(field − B); returns the misfit |field − B|² [T²]."""
+def moment_weight(
+    UU: Array, measured: Array, columns: Array, currents: Array, share: float, noise: float, G: Array
+) -> None:
+    """Fill G (3, 3) [A²·m⁴/T²]; zeros, plain least squares, where the moment is known as well as perfectly.
+
+    UU (3, 3) = UᵀU [T²/(A²·m⁴)]; measured (3, 3) [A²·m⁴] the moment's covariance from the currents' noise; columns (m,)
+    [m⁴] squares of the moment map's columns, whose entries are known to `share`; currents (m,) [A]; noise of one
+    reading [T].
+    """
+    errors = 0.0
+    for j in range(currents.shape[0]):
+        errors += columns[j] * (share * currents[j]) ** 2
+    G[:] = measured
+    for a in range(3):
+        G[a, a] += errors
+    if _inverse(G):
+        for a in range(3):
+            for b in range(3):
+                G[a, b] = noise * noise * G[a, b] + UU[a, b]
+        if _inverse(G):
+            return
+    G[:] = 0.0
+
+
+@kernel
+def _normal(field: Array, B: Array, J: Array, U: Array, G: Array, N: Array, gradient: Array) -> float:
+    """N = Jᵀ W J and gradient = Jᵀ W (field − B) with W = 1 − U G Uᵀ; returns the weighted misfit [T²]."""
     N[:] = 0.0
     gradient[:] = 0.0
     misfit = 0.0
+    shared, known = np.zeros((3, 6)), np.zeros((3, 6))  # Uᵀ [J, r], and G times it
     for k in range(field.shape[0]):
         for i in range(3):
             r = field[k, i] - B[k, i]
@@ -55,6 +86,21 @@ def _normal(field: Array, B: Array, J: Array, N: Array, gradient: Array) -> floa
                 gradient[a] += J[k, i, a] * r
                 for b in range(a + 1):
                     N[a, b] += J[k, i, a] * J[k, i, b]
+            for c in range(3):
+                u = U[k, i, c]
+                for a in range(5):
+                    shared[c, a] += u * J[k, i, a]
+                shared[c, 5] += u * r
+    for c in range(3):
+        for d in range(3):
+            for a in range(6):
+                known[c, a] += G[c, d] * shared[d, a]
+    for c in range(3):
+        misfit -= shared[c, 5] * known[c, 5]
+        for a in range(5):
+            gradient[a] -= shared[c, a] * known[c, 5]
+            for b in range(a + 1):
+                N[a, b] -= shared[c, a] * known[c, b]
     for a in range(5):
         for b in range(a):
             N[b, a] = N[a, b]
@@ -63,12 +109,14 @@ def _normal(field: Array, B: Array, J: Array, N: Array, gradient: Array) -> floa
 
 @kernel
 def fitted(
-    model: ToolModel, field: Array, near: float, turn: float, most: int, p: Array, R: Array, covariance: Array
-) -> tuple[bool, float]:
+    model: ToolModel, field: Array, U: Array, G: Array, near: float, turn: float, most: int, p: Array, R: Array,
+    covariance: Array,
+) -> tuple[bool, float]:  # fmt: skip
     """Improve p (3,) [m] and R (3, 3) in their places until a step is below `near` [m] and `turn` [rad].
 
-    field (k, 3) [T] of tool and core alone; at most `most` evaluations. covariance (5, 5) becomes (JᵀJ)⁻¹, per T² of
-    the readings' variance. Returns (converged, misfit [T²] as the last step predicts it).
+    field (k, 3) [T] of tool and core alone; U (k, 3, 3) [T/(A·m²)] and G (3, 3) as above, G zeros for plain least
+    squares; at most `most` evaluations. covariance (5, 5) becomes (JᵀWJ)⁻¹, per T² of the readings' own variance.
+    Returns (converged, misfit [T²] as the last step predicts it).
     """
     places = field.shape[0]
     B, J = np.empty((places, 3)), np.empty((places, 3, 5))
@@ -78,7 +126,7 @@ def fitted(
     best, damping = np.inf, 0.0
     for _ in range(most):
         tool_field(model, p, R, B, J)
-        misfit = _normal(field, B, J, covariance, gradient)
+        misfit = _normal(field, B, J, U, G, covariance, gradient)
         if not misfit <= best * (1.0 + 1e-9):  # worse, or not a number: back, and more carefully
             p[:] = last_p
             R[:] = last_R

@@ -4,9 +4,8 @@ What coils and core do per ampere is known (calibrated), the measured currents g
 left is the tool's magnet and the core's answer to it. Place and axis that explain it best are the estimate; the turn
 about the axis leaves no trace in the field of a round magnet and is taken as zero.
 
-What is measured in every tick goes through an α–β filter, critically damped: place and axis are predicted with their
-velocities and corrected by α = 1 − θ², the velocities by β/dt, β = (1 − θ)², θ = exp(−dt/τ). Its bandwidth (−3 dB) is
-2.482/(2πτ); at steady velocity the place is not late, the velocity is late by 2τ (8 ms at 100 Hz).
+What is measured in every tick goes through the filter of `sensing.place_filter`: 100 Hz (−3 dB) at any rate of the
+loop, the place not late at steady velocity, the velocity 7 ms late.
 """
 
 from __future__ import annotations
@@ -18,16 +17,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.devices.ring_tool import axis_frame
 from haptorb.devices.state import State, rotation_to_axis
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import GeometryError, InputError
 from haptorb.physics.arrays import Array, finite
 from haptorb.physics.compiled import kernel
 from haptorb.sensing.estimator import Estimator
+from haptorb.sensing.place_filter import corrected, predicted
 from haptorb.sensing.sample import Estimate, Sample
-from haptorb.sensing.tool_field import ToolModel, coil_field, tool_field
-from haptorb.sensing.tool_fit import fitted
+from haptorb.sensing.tool_field import ToolModel, coil_field, moment_field, tool_field
+from haptorb.sensing.tool_fit import fitted, moment_weight
 
 __all__ = ["HallTracker"]
 
@@ -36,6 +35,7 @@ _NEAR, _TURN = 3e-3, 0.08
 _EXACT = 1e-6  #: the same for a start from nothing [m, rad]
 _WARM, _COLD = 4, 40  #: evaluations at most
 _MANY = 5.0  #: residuals so many times the sensors' noise are no noise
+_CALIBRATED = 1e-3  #: standard deviation of the moment map's entries after a calibration, of their column
 _SHARE = 0.01  #: of the coils' own field that calibration may leave unexplained
 _REACH = 15e-3  #: how far outside the shell a tool is still believed to be [m]
 _OUTWARD = -0.2  #: a tool whose axis points inwards by more than this cosine has its magnet the wrong way round
@@ -87,18 +87,21 @@ class HallTracker(Estimator):
         self._level = device.known_level(level or device.levels[0])
         self._model = ToolModel.of(device)
         self._per_ampere = coil_field(device)
-        self._tau = 2.482 / (2 * math.pi * bandwidth)
+        self.bandwidth: Final = float(bandwidth)
         hall, supply = device.hall, device.supply
-        ampere = math.hypot(supply.current_noise, supply.current_step / math.sqrt(12))
-        through_currents = ampere * float(np.sqrt((self._per_ampere**2).sum(axis=2).mean()))
-        self.noise = float(np.hypot(np.hypot(max(hall.noise, 1e-7), hall.step / np.sqrt(12)), through_currents))
-        #: (5, 5) of the last estimate before the filter: place [m²], turns about two axes across the tool's [rad²]
+        self._per_moment, moments = moment_field(device), device.moment_per_current
+        self._per_moment2 = np.einsum("kia,kib->ab", self._per_moment, self._per_moment)
+        self._measured = (supply.current_noise**2 + supply.current_step**2 / 12) * (moments @ moments.T)
+        self._columns, self._weight = np.ascontiguousarray((moments**2).sum(axis=0)), np.zeros((3, 3))
+        self.noise = float(np.hypot(max(hall.noise, 1e-7), hall.step / np.sqrt(12)))  #: of one reading [T]
+        #: (5, 5) of what was told last, noise only: place [m²], turns about two axes across the tool's [rad²]
         self.covariance = np.full((5, 5), np.inf)
         self.residual = math.inf  #: rms of what the last estimate leaves unexplained [T]
         self.verdict: str = self.LOST
         self._grid = _grid(device)
         self._fields = _fields_at(self._model, self._grid)
         self._field, self._belief = np.empty((device.sensors, 3)), np.zeros((4, 3))
+        self._spread = np.zeros(3)
         self._found, self._t, self._searched = False, -math.inf, -math.inf
         nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
         self._last = Estimate(nowhere, WrenchMap(np.zeros((6, device.channels)), np.zeros(6)), False, math.inf)
@@ -116,14 +119,19 @@ class HallTracker(Estimator):
         p, R = np.empty(3), np.empty((3, 3))
         if not math.isfinite(coils):
             return self._unknown(sample.t, self.LOST)
+        moment_weight(
+            self._per_moment2, self._measured, self._columns, sample.currents, _CALIBRATED, self.noise, self._weight
+        )
         dt = sample.t - self._t
         found, misfit = False, math.inf
         if self._found:
             if not 0.0 <= dt <= _PAUSE:
                 self._belief[2:] = 0.0
                 dt = 0.0
-            _predicted(self._belief, dt, p, R)
-            found, misfit = fitted(self._model, field, _NEAR, _TURN, _WARM, p, R, self.covariance)
+            predicted(self._belief, dt, p, R)
+            found, misfit = fitted(
+                self._model, field, self._per_moment, self._weight, _NEAR, _TURN, _WARM, p, R, self.covariance
+            )
             found = found and self._explained(misfit, limit)
         if not found:
             self._found = False
@@ -141,7 +149,8 @@ class HallTracker(Estimator):
             self._found = False
             return self._unknown(sample.t, why)
         v, w = np.empty(3), np.empty(3)
-        _corrected(self._belief, dt, self._tau, p, R, v, w)
+        corrected(self._belief, self._spread, dt, self.bandwidth, p, R, v, w)
+        self.covariance *= self._spread[0]
         state = State(sample.t, R, p, w, v)
         try:
             wrench_map = self._device.wrench_map(state, self._level)
@@ -179,10 +188,10 @@ class HallTracker(Estimator):
         cross = self._fields @ flat
         misfits = (self._fields**2).sum(axis=1) - 2 * np.abs(cross)
         best, found = math.inf, False
-        covariance = np.empty((5, 5))
+        U, G, covariance = self._per_moment, self._weight, np.empty((5, 5))
         for at in _apart(self._grid, np.argsort(misfits).tolist(), 4):
             q, Q = self._grid[at].copy(), rotation_to_axis(math.copysign(1.0, cross[at]) * self._grid[at])
-            good, misfit = fitted(self._model, field, _EXACT, _EXACT, _COLD, q, Q, covariance)
+            good, misfit = fitted(self._model, field, U, G, _EXACT, _EXACT, _COLD, q, Q, covariance)
             if good and misfit < best:
                 best, found = misfit, True
                 p[:], R[:] = q, Q
@@ -240,52 +249,3 @@ def _subtracted(read: Array, currents: Array, per_ampere: Array, offsets: Array,
             total += coils * coils
             check += out[k, i]
     return float(np.sqrt(total / (3 * read.shape[0])) + 0.0 * check)
-
-
-@kernel
-def _predicted(belief: Array, dt: float, p: Array, R: Array) -> None:
-    """Where place and axis should be `dt` [s] after `belief` (4, 3): place, axis, and their rates."""
-    axis = np.empty(3)
-    size = 0.0
-    for i in range(3):
-        p[i] = belief[0, i] + dt * belief[2, i]
-        axis[i] = belief[1, i] + dt * belief[3, i]
-        size += axis[i] * axis[i]
-    for i in range(3):
-        axis[i] /= np.sqrt(size)
-    axis_frame(axis, R)
-
-
-@kernel
-def _corrected(belief: Array, dt: float, tau: float, p: Array, R: Array, v: Array, w: Array) -> None:
-    """One step of the α–β filter; p and R go in as measured and come out filtered. dt ≤ 0: begin anew."""
-    alpha, slope = 1.0, 0.0
-    if dt > 0.0:
-        theta = np.exp(-dt / tau)
-        alpha, slope = 1.0 - theta * theta, (1.0 - theta) * (1.0 - theta) / dt
-    else:
-        belief[2:] = 0.0
-        dt = 0.0
-        belief[0] = p
-        belief[1] = R[:, 2]
-    size, along = 0.0, 0.0
-    for i in range(3):
-        ahead = belief[0, i] + dt * belief[2, i]
-        error = p[i] - ahead
-        belief[0, i] = ahead + alpha * error
-        belief[2, i] += slope * error
-        ahead = belief[1, i] + dt * belief[3, i]
-        error = R[i, 2] - ahead
-        belief[1, i] = ahead + alpha * error
-        belief[3, i] += slope * error
-        size += belief[1, i] * belief[1, i]
-    for i in range(3):
-        belief[1, i] /= np.sqrt(size)
-        along += belief[1, i] * belief[3, i]
-    for i in range(3):
-        belief[3, i] -= along * belief[1, i]  # a unit vector moves across itself only
-        p[i] = belief[0, i]
-        v[i] = belief[2, i]
-    n, r = belief[1], belief[3]
-    w[0], w[1], w[2] = n[1] * r[2] - n[2] * r[1], n[2] * r[0] - n[0] * r[2], n[0] * r[1] - n[1] * r[0]
-    axis_frame(n, R)

@@ -31,6 +31,16 @@ def test_the_simulated_boundary_is_within_15_percent(rate, tracker_rate, latency
     assert found == pytest.approx(loop.delay_bound(hand.damping), rel=0.15)
 
 
+def test_the_hall_trackers_filter_is_part_of_the_loop():
+    """It halves what can be rendered, as the eigenvalues say and as the simulated chain does."""
+    plain, filtered = Setting(), Setting(bandwidth=100.0)
+    hand = GRIPS["light"].holding(OMNI.tool.mass)
+    expected = filtered.loop(OMNI).largest(hand)
+    assert expected < 0.6 * plain.loop(OMNI).largest(hand)
+    assert grows(OMNI, GRIPS["light"], 1.15 * expected, 1000.0, None, 0.0, hall=True)
+    assert not grows(OMNI, GRIPS["light"], 0.85 * expected, 1000.0, None, 0.0, hall=True)
+
+
 def test_a_world_outside_does_oscillate_and_its_advice_cures_it():
     """A wall of 400 N/m under a tracker of 240 Hz and 5 ms; with half of it the loop is quiet."""
     verdict = judged(OMNI, worlds.Wall(stiffness=400.0, damping=0.0, greatest=20.0), LATE)
@@ -99,6 +109,8 @@ def test_the_command(capsys):
     assert told["largest_exact"] == pytest.approx(244.0, abs=2.0)
     assert code_of(["check", "--world", "wall", "--set", "stiffness=5000", "--set", "greatest=20"]) == 1
     assert "Outside" in capsys.readouterr().out
+    assert code_of(["check", "--world", "magnet", "--tracker", "hall"]) == 0
+    assert "filtered to 100 Hz" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -111,6 +123,10 @@ def test_the_command(capsys):
         (["--world", "wall", "--set", "stiffness=a"], "--set"),
         (["--world", "wall", "--plot", "figure.txt"], "--plot"),
         (["--latency", "5"], "--world"),
+        (["--tracker", "hall"], "--world"),
+        (["--world", "wall", "--tracker", "osc"], "--tracker is hall"),
+        (["--world", "wall", "--tracker", "hall", "--tracker-rate", "240"], "no --tracker-rate"),
+        (["--world", "snap_fit", "--device", "pmsm", "--tracker", "hall"], "pmsm"),
     ],
 )
 def test_mistakes_are_named(arguments, word, capsys):

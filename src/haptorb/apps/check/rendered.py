@@ -50,13 +50,22 @@ class _Spring(World):
 
 def grows(
     device: SphericalElectromagnet, grip: HandGrip, stiffness: float, rate: float, tracker_rate: float | None,
-    latency: float,
+    latency: float, *, hall: bool = False,
 ) -> bool:  # fmt: skip
-    """Whether an oscillation of the tool across a spring of `stiffness` [N/m] grows; `grip` is the hand alone."""
+    """Whether an oscillation of the tool across a spring of `stiffness` [N/m] grows; `grip` is the hand alone.
+
+    hall: the field sensors tell the pose, without noise (which makes the tool tremble, and no spring unstable).
+    """
     held = replace(
         device,
         hand=Hand(grip.mass, grip.damping, grip.stiffness, device.hand.turn_damping, device.hand.turn_stiffness),
     )
+    if hall:
+        held = replace(
+            held,
+            hall=replace(held.hall, noise=0.0, step=0.0),
+            supply=replace(held.supply, current_noise=0.0, current_step=0.0),
+        )
     middle = np.array([0.0, 0.0, device.contact_distance + _ABOVE])
     upright = np.array([0.0, 0.0, 0.0, 1.0])
     lean = np.array([_PUSH / max(grip.stiffness, 1.0), 0.0, 0.0])
@@ -69,8 +78,9 @@ def grows(
     dt = 1 / rate
     inner = SimDriver(SimulatedElectromagnet(held, step=_STEP), dt, goal)
     level = "exact" if "exact" in device.levels else None
-    driver = LateTracker(inner, tracker_rate, latency)
-    tick = Tick(held, _Spring(stiffness), driver, estimator_of(held, "tracker", level), allocator_of(held), dt)
+    driver = inner if hall else LateTracker(inner, tracker_rate, latency)
+    estimator = estimator_of(held, "hall" if hall else "tracker", level)
+    tick = Tick(held, _Spring(stiffness), driver, estimator, allocator_of(held), dt)
     row = tick.layout.empty()
     window = _CYCLES * 4 * pushed_for
     start = _SETTLED + pushed_for + 0.25 * window
@@ -87,19 +97,21 @@ def grows(
 
 def boundary(
     device: SphericalElectromagnet, grip: HandGrip, expected: float, rate: float, tracker_rate: float | None = None,
-    latency: float = 0.0, precision: float = 0.02,
+    latency: float = 0.0, precision: float = 0.02, *, hall: bool = False,
 ) -> float:  # fmt: skip
     """The largest stiffness [N/m] whose oscillation dies away, by bisection from about `expected`."""
     low, high = 0.7 * expected, 1.4 * expected
-    while grows(device, grip, low, rate, tracker_rate, latency):
+    while grows(device, grip, low, rate, tracker_rate, latency, hall=hall):
         low, high = 0.5 * low, low
         if low < 1e-3 * expected:
             return 0.0
-    while not grows(device, grip, high, rate, tracker_rate, latency):
+    while not grows(device, grip, high, rate, tracker_rate, latency, hall=hall):
         low, high = high, 2 * high
         if high > 1e3 * expected:
             return float("inf")
     while high - low > precision * high:
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if grows(device, grip, middle, rate, tracker_rate, latency) else (middle, high)
+        low, high = (
+            (low, middle) if grows(device, grip, middle, rate, tracker_rate, latency, hall=hall) else (middle, high)
+        )
     return 0.5 * (low + high)

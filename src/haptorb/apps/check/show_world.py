@@ -29,6 +29,8 @@ def shown_world(verdict: WorldVerdict, console: Console | None = None) -> None:
     setting, loop, steep = verdict.setting, verdict.loop, verdict.steep
     unit = f"{verdict.place.force}/{verdict.place.length}"
     tracker = "a pose in every tick" if setting.tracker_rate is None else f"tracker {setting.tracker_rate:g} Hz"
+    if setting.bandwidth is not None:
+        tracker = f"field sensors, filtered to {setting.bandwidth:g} Hz"
     console.print(
         f"{verdict.device}, world '{verdict.world}': servo {setting.rate:g} Hz, {tracker}, "
         f"{1e3 * setting.latency:g} ms old; grip {setting.grip} ({setting.hand.mass:g} kg, {setting.hand.damping:g} "

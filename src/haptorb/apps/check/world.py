@@ -15,6 +15,7 @@ from haptorb.control.hand_grip import GRIPS, HandGrip
 from haptorb.control.stability import SampledLoop
 from haptorb.devices.device import Device
 from haptorb.errors import InputError
+from haptorb.sensing.place_filter import memory
 from haptorb.worlds.world import World
 
 __all__ = ["ENOUGH", "Setting", "WorldVerdict", "judged"]
@@ -32,12 +33,17 @@ class Setting:
     latency: float = 0.0  #: age of a pose when it is told [s]
     grip: str = "light"
     hand: HandGrip = GRIPS["light"]  #: the hand alone
+    bandwidth: float | None = None  #: of the filter behind field sensors, with the tracker `hall` [Hz]; None: no filter
 
     def loop(self, device: Device) -> SampledLoop:
         """The loop of `device` under this setting."""
         coils = device.coils
-        constant = float(np.max(coils.inductance / coils.resistance))
-        return SampledLoop.of(self.rate, self.tracker_rate, self.latency, constant)
+        return self.loop_with(float(np.max(coils.inductance / coils.resistance)))
+
+    def loop_with(self, time_constant: float) -> SampledLoop:
+        """The loop of coils whose L/R is `time_constant` [s]."""
+        theta = 0.0 if self.bandwidth is None else memory(2 * math.pi * self.bandwidth / self.rate)
+        return SampledLoop.of(self.rate, self.tracker_rate, self.latency, time_constant, theta)
 
 
 @final
@@ -118,7 +124,7 @@ class WorldVerdict:
 
     def _with(self, **changes: float) -> float:
         setting = replace(self.setting, **changes)  # type: ignore[arg-type]
-        loop = SampledLoop.of(setting.rate, setting.tracker_rate, setting.latency, self.loop.time_constant)
+        loop = setting.loop_with(self.loop.time_constant)
         return min((_factor(loop, self.hand, one) for _, one in self.margins), default=math.inf)
 
     def numbers(self) -> dict[str, Any]:
@@ -150,6 +156,7 @@ class WorldVerdict:
             "rate_hz": self.setting.rate,
             "tracker_rate_hz": self.setting.tracker_rate,
             "latency_s": self.setting.latency,
+            "filter_hz": self.setting.bandwidth,
             "period_s": self.loop.period,
             "lateness_s": self.loop.lateness,
             "grip": self.setting.grip,

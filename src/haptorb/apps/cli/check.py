@@ -32,6 +32,9 @@ def check(
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="A parameter of the world, as NAME=VALUE or NAME=X,Y,Z.")
     ] = None,
+    tracker: Annotated[
+        str | None, typer.Option(help="With --world: hall, the field sensors and their filter. Else any tracker.")
+    ] = None,
     tracker_rate: Annotated[
         float | None, typer.Option(help="Of the tracker [Hz]; without it there is a pose in every tick.")
     ] = None,
@@ -44,10 +47,12 @@ def check(
 ) -> None:
     """Is this computer fit? Or, with --world: is that world inside what your loop can render? Exit code 1 for no."""
     if world is not None:
-        _world(device, world, settings or [], rate, tracker_rate, latency, grip, plot, json)
+        _world(device, world, settings or [], rate, tracker, tracker_rate, latency, grip, plot, json)
         return
-    if plot is not None or settings or tracker_rate is not None or latency:
-        raise InputError("--plot, --set, --tracker-rate and --latency belong to --world: haptorb check --world dome")
+    if plot is not None or settings or tracker is not None or tracker_rate is not None or latency:
+        raise InputError(
+            "--plot, --set, --tracker, --tracker-rate and --latency belong to --world: haptorb check --world dome"
+        )
     from haptorb.apps.check import measured, shown
 
     result = measured(duration, rate=rate, device=device, dragging=not alone)
@@ -62,8 +67,8 @@ def check(
 
 
 def _world(
-    device: str, world: str, settings: list[str], rate: float, tracker_rate: float | None, latency: float, grip: str,
-    plot: Path | None, json: bool,
+    device: str, world: str, settings: list[str], rate: float, tracker: str | None, tracker_rate: float | None,
+    latency: float, grip: str, plot: Path | None, json: bool,
 ) -> None:  # fmt: skip
     from math import isfinite
 
@@ -80,8 +85,10 @@ def _world(
         raise InputError(f"--tracker-rate must be above 0 Hz; got {tracker_rate:g}")
     if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
         raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
-    setting = Setting(known_rate(rate), tracker_rate, 1e-3 * latency, grip, known_grip(grip))
     found = load(device)
+    setting = Setting(
+        known_rate(rate), tracker_rate, 1e-3 * latency, grip, known_grip(grip), _bandwidth(found, tracker, tracker_rate)
+    )
     felt = worlds.named(world)().changed(**values_of(settings))
     verdict = judged(found, felt, setting, world)
     if json:
@@ -94,6 +101,21 @@ def _world(
         drawn_world(verdict, plot, _tried(found, verdict))
     if not verdict.fit:
         raise typer.Exit(1)
+
+
+def _bandwidth(device: Device, tracker: str | None, tracker_rate: float | None) -> float | None:
+    """Of the filter behind `tracker` [Hz]; None where there is none."""
+    from haptorb.runtime.assembly import electromagnet, known_estimator
+    from haptorb.sensing.tool_position import HallTracker
+
+    if tracker is None:
+        return None
+    if tracker != "hall":
+        raise InputError(f"--tracker is hall, or left out and its --tracker-rate and --latency given; got '{tracker}'")
+    known_estimator(device, tracker)
+    if tracker_rate is not None:
+        raise InputError("--tracker hall tells a pose in every tick: it has no --tracker-rate")
+    return HallTracker(electromagnet(device)).bandwidth
 
 
 def _tried(device: Device, verdict: WorldVerdict) -> list[tuple[float, float]]:
@@ -112,5 +134,7 @@ def _tried(device: Device, verdict: WorldVerdict) -> list[tuple[float, float]]:
     for damping in track((0.5, 1.0, 2.0, 5.0, 10.0), "trying springs", console=Console(stderr=True), transient=True):
         hand = replace(setting.hand, damping=damping)
         expected = verdict.loop.largest(verdict.place.holding(hand))
-        found.append((damping, boundary(device, hand, expected, setting.rate, setting.tracker_rate, setting.latency)))
+        hall = setting.bandwidth is not None
+        largest = boundary(device, hand, expected, setting.rate, setting.tracker_rate, setting.latency, hall=hall)
+        found.append((damping, largest))
     return found

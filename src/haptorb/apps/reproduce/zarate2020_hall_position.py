@@ -1,8 +1,10 @@
 """What Zárate 2020 left for later: the tool's place from the nine Hall sensors, without a tracker, coils driven.
 
-The accuracy that the sensors' noise and the coils' currents allow over the shell (Cramér and Rao), for the places of
-the sensors that the device file assumes and for better ones. The filter of 100 Hz at 1 kHz averages the noise of the
-readings to 0.59 of it; errors of the calibration it cannot average, so they are added after it.
+Twice, and independently: the accuracy that the sensors' noise and the coils' currents allow over the shell (Cramér and
+Rao), and what the tracker reaches on the simulated device. For the places of the sensors that the device file assumes,
+for the four diagonals below the centre instead of those between x and y, and for places that the paper does not have.
+The filter of 100 Hz at 1 kHz averages the noise of the readings to 0.55 of it; errors of the calibration it cannot
+average, so they are added after it.
 """
 
 from __future__ import annotations
@@ -14,80 +16,93 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.apps.reproduce.item import Item
+from haptorb.apps.reproduce.zarate2020_hall_trial import shell_places, tried
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.physics.arrays import Array
 from haptorb.runtime.assembly import electromagnet
+from haptorb.sensing.place_filter import noise_share
 from haptorb.sensing.position_accuracy import better_sensors, position_accuracy, with_sensors
 
-__all__ = ["filtered_share", "items", "position_map"]
+__all__ = ["bound", "items", "placements", "position_map"]
 
 _CALIBRATED = 1e-3  #: standard deviation of the moment map's entries after `haptorb calibrate`
 _NOISES = (0.01e-3, 0.02e-3, 0.05e-3)
+_FULL = 20.0  #: current of every coil at full duty [A]
 
 
-def filtered_share(bandwidth: float = 100.0, rate: float = 1000.0) -> float:
-    """Standard deviation that white noise keeps in the α–β filter of `HallTracker`.
+def placements(device: SphericalElectromagnet) -> dict[str, SphericalElectromagnet]:
+    """`device` with its own places of the sensors, with its diagonals below the centre, and with two rings.
 
-    From the variance of a critically damped α–β filter: (2α² + 2β − 3αβ)/(α (4 − 2α − β)).
-
-    >>> round(filtered_share(), 2)
-    0.53
+    >>> from haptorb.devices.loader import load
+    >>> list(placements(electromagnet(load("omni"))))
+    ['assumed places', 'diagonals below', 'two rings']
     """
-    tau = 2.482 / (2 * math.pi * bandwidth)
-    theta = math.exp(-1 / (rate * tau))
-    alpha, beta = 1 - theta**2, (1 - theta) ** 2
-    return math.sqrt((2 * alpha**2 + 2 * beta - 3 * alpha * beta) / (alpha * (4 - 2 * alpha - beta)))
+    below = device.hall.positions.copy()
+    diagonal = np.count_nonzero(np.abs(below) > 1e-6, axis=1) > 1
+    below[diagonal] *= math.sqrt(2 / 3)
+    below[diagonal, 2] = -np.abs(below[diagonal, 0])
+    return {
+        "assumed places": device,
+        "diagonals below": with_sensors(device, below),
+        "two rings": with_sensors(device, better_sensors(device)),
+    }
+
+
+def bound(device: SphericalElectromagnet, places: Array, amperes: float, noise: float = 0.02e-3) -> Array:
+    """(n, 2) least possible rms errors of place [m] and axis [rad] after the filter, radial tool at `places` (n, 3)."""
+    currents = np.full(device.channels, amperes)
+    random = position_accuracy(device, places, currents=currents, noise=noise)
+    whole = position_accuracy(device, places, currents=currents, noise=noise, calibration=_CALIBRATED)
+    lasting = np.maximum(whole**2 - random**2, 0.0) if amperes else 0.0
+    variance = noise_share() ** 2 * random**2 + lasting
+    out: Array = np.sqrt(np.stack([variance[:, :3].sum(axis=1), variance[:, 3:].sum(axis=1)], axis=-1))
+    return out
 
 
 def position_map(
     device: SphericalElectromagnet, distances: Array, angles: Array, *, noise: float, amperes: float
 ) -> Array:
-    """(distances, angles, 2) rms errors of place [m] and axis [rad] after the filter, mean over eight azimuths."""
-    turns = np.arange(8) * np.pi / 4 + 0.1
+    """(distances, angles, 2) rms errors of place [m] and axis [rad] after the filter, mean over four azimuths."""
+    turns = np.arange(4) * np.pi / 2 + 0.3  # the placements repeat, nearly, with a quarter turn
     directions = np.stack(
         [np.sin(angles)[:, None] * np.cos(turns), np.sin(angles)[:, None] * np.sin(turns),
          np.broadcast_to(np.cos(angles)[:, None], (len(angles), len(turns)))], axis=-1,
     )  # fmt: skip
     places = distances[:, None, None, None] * directions
-    flat, currents = places.reshape(-1, 3), np.full(device.channels, amperes)
-    random = position_accuracy(device, flat, currents=currents, noise=noise)
-    whole = position_accuracy(device, flat, currents=currents, noise=noise, calibration=_CALIBRATED)
-    lasting = np.maximum(whole**2 - random**2, 0.0) if amperes else 0.0
-    variance = filtered_share() ** 2 * random**2 + lasting
-    squares = np.stack([variance[:, :3].sum(axis=1), variance[:, 3:].sum(axis=1)], axis=-1)
+    squares = bound(device, places.reshape(-1, 3), amperes, noise) ** 2
     mean: Array = np.sqrt(squares.reshape(len(distances), len(angles), len(turns), 2).mean(axis=2))
     return mean
 
 
 def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[Path], Path]]:
-    """Accuracy at both placements, and what draws the maps."""
+    """Accuracy at every placement, by formula and tried, and what draws the maps."""
     from haptorb.devices.loader import load
 
     device = electromagnet(load("omni"))
-    placements = {"assumed places": device, "better places": with_sensors(device, better_sensors(device))}
-    distances = device.contact_distance + np.linspace(0, device.shell_thickness, 9)
-    angles = np.linspace(0.0, device.workspace_half_angle, 9)
-    weight = np.sin(angles) / np.sin(angles).sum()
+    cases = [(name, placed, amperes) for name, placed in placements(device).items() for amperes in (0.0, _FULL)]
+    distances = device.contact_distance + np.linspace(0, device.shell_thickness, 7)
+    angles = np.linspace(0.0, device.workspace_half_angle, 8)
     maps: dict[tuple[str, float, float], Array] = {}
-    for n, (name, placed) in enumerate(placements.items()):
-        for noise in _NOISES:
-            for amperes in (0.0, 20.0):
-                maps[name, noise, amperes] = position_map(placed, distances, angles, noise=noise, amperes=amperes)
-        report((n + 1) / 2)
+    places, weights = shell_places(device)
     found = []
-    for name in placements:
-        for amperes in (0.0, 20.0):
-            squares = (maps[name, 0.02e-3, amperes] ** 2 * weight[:, None]).sum(axis=1).mean(axis=0)
-            place, turn = np.sqrt(squares)
-            where = f"{name}, {'all coils at 20 A' if amperes else 'currents off'}, 0.02 mT, 100 Hz"
-            key = f"hall-{name.split()[0]}-{amperes:.0f}"
-            found += [
-                Item(f"{key}-place", "zarate2020", "§VI", f"rms error of the place over the shell, {where}", None,
-                     1e3 * float(place), "mm", None),
-                Item(f"{key}-axis", "zarate2020", "§VI", f"rms error of the axis over the shell, {where}", None,
-                     math.degrees(float(turn)), "°", None),
-            ]  # fmt: skip
-    return tuple(found), lambda path: _drawn(maps, list(placements), distances, angles, path)
+    for n, (name, placed, amperes) in enumerate(cases):
+        for noise in _NOISES:
+            maps[name, noise, amperes] = position_map(placed, distances, angles, noise=noise, amperes=amperes)
+        best = np.sqrt(weights @ bound(placed, places, amperes) ** 2)
+        reached = tried(placed, places, amperes / _FULL, calibration=_CALIBRATED if amperes else 0.0)
+        rms = np.sqrt(weights @ reached[:, :2] ** 2)
+        where = f"{name}, {'all coils at 20 A' if amperes else 'currents off'}, 0.02 mT, 100 Hz"
+        key = f"hall-{name.replace(' ', '-')}-{amperes:.0f}"
+        for kind, unit, part, scale in (("place", "mm", 0, 1e3), ("axis", "°", 1, math.degrees(1.0))):
+            for how, value in (("tried", rms[part]), ("least possible", best[part]),
+                               ("tried, at the worst place", reached[:, part].max())):  # fmt: skip
+                what = f"rms error of the {kind} over the shell, {how}: {where}"
+                id = f"{key}-{kind}-{how.replace(',', '').replace(' ', '-')}"
+                found.append(Item(id, "zarate2020", "§VI", what, None, scale * float(value), unit, None))
+        found.append(Item(f"{key}-found", "zarate2020", "§VI", f"share of ticks in which the tool is found: {where}",
+                          None, float(weights @ reached[:, 2]), "1", None))  # fmt: skip
+        report((n + 1) / len(cases))
+    return tuple(found), lambda path: _drawn(maps, list(placements(device)), distances, angles, path)
 
 
 def _drawn(
@@ -96,18 +111,18 @@ def _drawn(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(14, 10), layout="constrained")
+    figure = Figure(figsize=(14, 14), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = figure.subplots(4, len(_NOISES), sharex=True, sharey=True)
+    panels = figure.subplots(2 * len(names), len(_NOISES), sharex=True, sharey=True)
     levels = [0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0]
-    for r, (name, amperes) in enumerate((name, amperes) for name in names for amperes in (0.0, 20.0)):
+    for r, (name, amperes) in enumerate((name, amperes) for name in names for amperes in (0.0, _FULL)):
         for panel, noise in zip(panels[r], _NOISES, strict=True):
             millimetres = 1e3 * maps[name, noise, amperes][:, :, 0]
             filled = panel.contourf(np.degrees(angles), 1e3 * distances, millimetres, levels, cmap="viridis_r",
                                     extend="both")  # fmt: skip
             line = panel.contour(np.degrees(angles), 1e3 * distances, millimetres, [0.5], colors="k", linewidths=1.5)
             panel.clabel(line, fmt="0.5 mm")
-            current = "all coils 20 A, map known to 0.1 %" if amperes else "currents off"
+            current = "20 A, calibrated to 0.1 %" if amperes else "currents off"
             panel.set_title(f"{name}, {1e3 * noise:g} mT, {current}", fontsize=9, loc="left")
         panels[r][0].set_ylabel("magnet [mm]")
     for panel in panels[-1]:

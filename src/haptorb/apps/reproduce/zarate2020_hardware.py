@@ -30,8 +30,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     report(0.6)
     most = np.linalg.norm(device.moment_per_current @ coils.current_limit)
     saturated = _STEEL / MU0 * 4 / 3 * np.pi * device.core_radius**3
-    diagonals = device.hall.positions[np.abs(device.hall.positions).min(axis=1) > 1e-6]
-    axes = len(device.hall.positions) - len(diagonals)
+    axes = int((np.count_nonzero(np.abs(device.hall.positions) > 1e-6, axis=1) == 1).sum())
     found = (
         _AT.item("core", "diameter of the steel core", 30.0, 2e3 * device.core_radius, "mm"),
         _AT.item("coils", "orthogonal coils", 3, device.channels),
