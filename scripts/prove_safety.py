@@ -15,7 +15,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 
-GUARD, GUARD_TESTS = "control/guard.py", "tests/control/test_guard.py"
+GUARD, GUARD_TESTS = "control/guard_rules.py", "tests/control/test_guard.py"
+DOOR, ANSWER = "control/guard.py", "runtime/answer.py"
 DRIVE, DRIVE_TESTS = "control/drive.py", "tests/control/test_drive.py"
 PASSIVITY, PASSIVITY_TESTS = "control/passivity.py", "tests/control/test_passivity.py"
 TICK, TICK_TESTS = "runtime/tick.py", "tests/runtime/test_tick.py"
@@ -29,42 +30,42 @@ PAGES, PAGES_TESTS = "apps/study/pages/room.py", "tests/apps/study/test_pages.py
 
 #: (rule, file in the package, code that keeps it, code without it, tests that must go red)
 PROOFS = [
-    ("off is the default", GUARD, "self.state = GuardState.OFF", "self.state = GuardState.RUNNING", GUARD_TESTS),
-    ("NaN wrench trips", GUARD, "if not isfinite(force + torque):", "if False:", GUARD_TESTS),
+    ("off is the default", DOOR, "= GuardState.OFF", "= GuardState.RUNNING", GUARD_TESTS),
+    ("NaN wrench trips", GUARD, "if not np.isfinite(force + torque):", "if False:", GUARD_TESTS),
     ("NaN currents trip", GUARD, "if not np.isfinite(wanted[j]):", "if False:", GUARD_TESTS),
     ("NaN readings trip", GUARD, "if not np.isfinite(total):", "if False:", GUARD_TESTS),
-    ("force is clamped", GUARD, "if force <= self._limits.force", "if True", GUARD_TESTS),
-    ("torque is clamped", GUARD, "if torque <= self._limits.torque", "if True", GUARD_TESTS),
-    ("current is clamped", GUARD, "if abs(wanted[j]) * scale > limit[j]:", "if False:", GUARD_TESTS),
+    ("force is clamped", GUARD, "if force <= numbers[FORCE]", "if True", GUARD_TESTS),
+    ("torque is clamped", GUARD, "if torque <= numbers[TORQUE]", "if True", GUARD_TESTS),
+    ("current is clamped", GUARD, "if abs(wanted[j]) * scale > coils[LIMIT, j]:", "if False:", GUARD_TESTS),
     ("current slews", GUARD, "1.0 if largest <= step else step / largest", "1.0", GUARD_TESTS),
     (
         "stale poses trip",
         GUARD,
-        "estimate.valid and estimate.age <= self._limits.expiry",
-        "estimate.valid",
+        "valid and age <= numbers[EXPIRY]",
+        "valid",
         GUARD_TESTS,
     ),
-    ("lost poses trip", GUARD, "estimate.valid and estimate.age", "estimate.age", GUARD_TESTS),
-    ("trips latch", GUARD, "self.state = GuardState.TRIPPED", "pass", GUARD_TESTS),
+    ("lost poses trip", GUARD, "valid and age <=", "age <=", GUARD_TESTS),
+    ("trips latch", GUARD, "numbers[STATE] = _TRIPPED\n", "pass\n", GUARD_TESTS),
     (
         "engaging ramps from zero",
-        GUARD,
-        "self.reason = Trip.NONE\n        self.gain = 0.0",
-        "self.gain = 1.0",
+        DOOR,
+        "self.numbers[rules.GAIN] = 0.0",
+        "self.numbers[rules.GAIN] = 1.0",
         GUARD_TESTS,
     ),
-    ("engaging blind is refused", GUARD, "if not self._fresh or", "if", GUARD_TESTS),
-    ("warm coils are derated", GUARD, "currents = currents * share", "pass", GUARD_TESTS),
-    ("hot coils trip", GUARD, "if not hottest < self._tiers.stop:", "if False:", GUARD_TESTS),
+    ("engaging blind is refused", DOOR, "if not self.numbers[rules.FRESH] or", "if", GUARD_TESTS),
+    ("warm coils are derated", GUARD, "_hold(coils, wanted, share,", "_hold(coils, wanted, 1.0,", GUARD_TESTS),
+    ("hot coils trip", GUARD, "if not hottest < numbers[STOP]:", "if False:", GUARD_TESTS),
     ("overcurrent trips", GUARD, "return 2 if beyond else 0", "return 0", GUARD_TESTS),
     (
         "resistance is bounded",
         DRIVE,
-        "min(max(sums[0, j] / sums[1, j], low[j]), high[j])",
-        "sums[0, j] / sums[1, j]",
+        "min(max(coils[_VOLTS, j] / coils[_SQUARES, j], coils[_LOW, j]), coils[_HIGH, j])",
+        "coils[_VOLTS, j] / coils[_SQUARES, j]",
         DRIVE_TESTS,
     ),
-    ("a reversed magnet trips", GUARD, "if estimate.reversed:", "if False:", "tests/runtime/test_hall_loop.py"),
+    ("a reversed magnet trips", GUARD, "if reversed:", "if False:", "tests/runtime/test_hall_loop.py"),
     ("damping brakes", PASSIVITY, "out[i] -= damping *", "out[i] += damping *", PASSIVITY_TESTS),
     ("damping is bounded", PASSIVITY, "min(most, -balance * passed / square)", "1e3 * most", PASSIVITY_TESTS),
     ("active worlds are left alone", PASSIVITY, "if passive and balance < 0.0", "if balance < 0.0", PASSIVITY_TESTS),
@@ -87,9 +88,9 @@ PROOFS = [
     ("an allocation that fails trips", TICK, "self._failed(Trip.CURRENTS_NOT_FINITE, cause)", "pass", TICK_TESTS),
     (
         "off means zero duties",
-        TICK,
-        "if guard.gain else self.drive.rest()",
-        "if True else self.drive.rest()",
+        ANSWER,
+        "if guard[GAIN] > 0.0:",
+        "if True:",
         TICK_TESTS,
     ),
     (

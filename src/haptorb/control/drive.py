@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import final
+
 import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 
-__all__ = ["Drive"]
+__all__ = ["EMF", "Drive", "drive", "rest"]
 
 _WINDOW = 0.05  #: time constant of the sliding window of eq. (6) [s]
 _COLDEST, _HOTTEST = 233.15, 453.15  #: windings outside this are not resistances but faults [K]
@@ -22,109 +24,107 @@ def _left(resistance: float, inductance: float, dt: float) -> float:
     return float(np.exp(-resistance * dt / inductance)) if inductance > 0.0 else 0.0
 
 
+#: rows of the coils: resistance now [Ω], inductance [H], bounds of the resistance [Ω], the current from which on it is
+#: learned [A], where the currents should be and where they were measured a tick ago [A], the voltage that is induced,
+#: and that was when the last duties were applied [V], two sliding sums, and the duties
+RESISTANCE, _INDUCTANCE, _LOW, _HIGH, _TRUSTED, _LAST, _BEFORE, EMF, _EMF_BEFORE, _VOLTS, _SQUARES, DUTY = range(12)
+#: the numbers: weight of a tick in the sums, the supply's voltage [V], the tick [s]
+_WEIGHT, _SUPPLY, _DT = range(3)
+
+
 @kernel
-def _learn(
-    weight: float,
-    voltage: float,
-    dt: float,
-    duties: Array,
-    currents: Array,
-    before: Array,
-    emf: Array,
-    trusted: Array,
-    low: Array,
-    high: Array,
-    sums: Array,
-    resistance: Array,
-    inductance: Array,
-) -> None:
+def _learn(numbers: Array, coils: Array, duties: Array, currents: Array) -> None:
+    weight = numbers[_WEIGHT]
     for j in range(duties.size):
-        now, then = currents[j], before[j]
+        now, then = currents[j], coils[_BEFORE, j]
         if not np.isfinite(now):
             continue
-        before[j] = now
+        coils[_BEFORE, j] = now
         if abs(now - then) > _STEADY * abs(now):
             continue
         # What the voltage would have led to if it had lasted: it is this current that the resistance tells.
-        left = _left(resistance[j], inductance[j], dt)
+        left = _left(coils[RESISTANCE, j], coils[_INDUCTANCE, j], numbers[_DT])
         i = (now - left * then) / (1.0 - left)
         # Eq. (6) is mean duty over mean current; weighting both with the current is the same for steady currents, and
         # has no pole when a current changes sign.
-        sums[0, j] += weight * ((voltage * duties[j] - emf[j]) * i - sums[0, j])
-        sums[1, j] += weight * (i * i - sums[1, j])
-        if sums[1, j] > trusted[j] * trusted[j]:
-            resistance[j] = min(max(sums[0, j] / sums[1, j], low[j]), high[j])
+        volts = numbers[_SUPPLY] * duties[j] - coils[_EMF_BEFORE, j]
+        coils[_VOLTS, j] += weight * (volts * i - coils[_VOLTS, j])
+        coils[_SQUARES, j] += weight * (i * i - coils[_SQUARES, j])
+        if coils[_SQUARES, j] > coils[_TRUSTED, j] * coils[_TRUSTED, j]:
+            coils[RESISTANCE, j] = min(max(coils[_VOLTS, j] / coils[_SQUARES, j], coils[_LOW, j]), coils[_HIGH, j])
 
 
 @kernel
-def _duties(
-    weight: float, voltage: float, dt: float, wanted: Array, measured: Array, applied: Array, emf: Array,
-    emf_before: Array, trusted: Array, low: Array, high: Array, sums: Array, resistance: Array, inductance: Array,
-    last: Array, before: Array, out: Array,
-) -> None:  # fmt: skip
-    _learn(weight, voltage, dt, applied, measured, before, emf_before, trusted, low, high, sums, resistance, inductance)
+def drive(numbers: Array, coils: Array, wanted: Array, measured: Array, applied: Array) -> None:
+    """coils[DUTY] becomes the duties for `wanted` currents (m,) [A] with coils[EMF] induced, after learning from
+    `measured` currents (m,) [A] under `applied` duties (m,); numbers (3,) and coils (12, m) are a `Drive`'s memory."""
+    _learn(numbers, coils, applied, measured)
+    supply, dt = numbers[_SUPPLY], numbers[_DT]
     largest = 0.0
     for j in range(wanted.size):
         # Eq. (4) for the current at which this tick's exponential must aim to be at `wanted` when the tick ends, and
         # the voltage that the moving mover takes.
-        left = _left(resistance[j], inductance[j], dt)
-        out[j] = (resistance[j] * (last[j] + (wanted[j] - last[j]) / (1.0 - left)) + emf[j]) / voltage
-        largest = max(largest, abs(out[j]))
+        left = _left(coils[RESISTANCE, j], coils[_INDUCTANCE, j], dt)
+        last = coils[_LAST, j]
+        aim = coils[RESISTANCE, j] * (last + (wanted[j] - last) / (1.0 - left))
+        coils[DUTY, j] = (aim + coils[EMF, j]) / supply
+        largest = max(largest, abs(coils[DUTY, j]))
     for j in range(wanted.size):
-        emf_before[j] = emf[j]
+        coils[_EMF_BEFORE, j] = coils[EMF, j]
         if largest > 1.0:
-            out[j] /= largest
-            left = _left(resistance[j], inductance[j], dt)
-            aim = (out[j] * voltage - emf[j]) / resistance[j]
-            last[j] = aim + (last[j] - aim) * left  # as far as the supply can bring it
+            coils[DUTY, j] /= largest
+            left = _left(coils[RESISTANCE, j], coils[_INDUCTANCE, j], dt)
+            reached = (coils[DUTY, j] * supply - coils[EMF, j]) / coils[RESISTANCE, j]
+            coils[_LAST, j] = reached + (coils[_LAST, j] - reached) * left  # as far as the supply can bring it
         else:
-            last[j] = wanted[j]
+            coils[_LAST, j] = wanted[j]
 
 
+@kernel
+def rest(coils: Array) -> None:
+    """coils[DUTY] becomes zero, and the next wanted current starts from nothing; coils (12, m) as in `drive`."""
+    for j in range(coils.shape[1]):
+        coils[_LAST, j] = coils[_EMF_BEFORE, j] = coils[DUTY, j] = 0.0
+
+
+@final
 class Drive:
     """Duties for currents; learns each coil's resistance from what flowed. Cold start, zero current and saturation
-    leave the last believed resistance in place; it can never leave what copper can have."""
+    leave the last believed resistance in place; it can never leave what copper can have.
+
+    numbers  (3,) and coils (12, m): all that it remembers, for compiled code
+    """
 
     def __init__(self, device: Device, dt: float) -> None:
         coils = device.coils
         channels = device.channels
-        self._voltage = device.supply.voltage
-        self._inductance = coils.inductance
-        self._dt = dt
-        self._weight = min(1.0, dt / _WINDOW)
-        self._low = coils.resistance_at(np.full(channels, _COLDEST))
-        self._high = coils.resistance_at(np.full(channels, _HOTTEST))
-        self.resistance = coils.resistance_at(np.full(channels, coils.heat.ambient))
-        self._sums = np.zeros((2, channels))
-        self._last = np.zeros(channels)  # where the currents should be now
-        self._before = np.zeros(channels)  # where they were measured a tick ago
-        self._trusted = _TRUST * coils.current_limit
-        self._emf = np.zeros(channels)  # under which the last duties were applied
-        self._still = np.zeros(channels)
-        self._out = np.zeros(channels)
+        self.numbers: Array = np.array([min(1.0, dt / _WINDOW), device.supply.voltage, dt])
+        self.coils: Array = np.zeros((12, channels))
+        self.coils[_INDUCTANCE] = coils.inductance
+        self.coils[_LOW] = coils.resistance_at(np.full(channels, _COLDEST))
+        self.coils[_HIGH] = coils.resistance_at(np.full(channels, _HOTTEST))
+        self.coils[_TRUSTED] = _TRUST * coils.current_limit
+        self.resistance: Array = self.coils[RESISTANCE]  #: (m,) as believed now [Ω]
+        self.resistance[:] = coils.resistance_at(np.full(channels, coils.heat.ambient))
+        self.chosen: Array = self.coils[DUTY]  #: (m,) the duties of this tick
 
     @property
     def lag(self) -> float:
         """By how much the currents' rise within a tick is late, on average over it and at worst over the coils [s]."""
-        x = self.resistance * self._dt / np.maximum(self._inductance, 1e-12)
-        return float(self._dt * np.max(1 + 1 / x + 1 / np.expm1(-x)))
+        dt = float(self.numbers[_DT])
+        x = self.resistance * dt / np.maximum(self.coils[_INDUCTANCE], 1e-12)
+        return float(dt * np.max(1 + 1 / x + 1 / np.expm1(-x)))
 
     def duties(self, wanted: Array, measured: Array, applied: Array, emf: Array | None = None) -> Array:
         """(m,) duties in −1…1 for `wanted` currents, after learning from `measured` currents under `applied` duties.
 
         emf (m,) [V] is what the moving mover induces against the currents now; None: nothing.
         """
-        induced = self._still if emf is None else emf
-        _duties(
-            self._weight, self._voltage, self._dt, wanted, measured, applied, induced, self._emf, self._trusted,
-            self._low, self._high, self._sums, self.resistance, self._inductance, self._last,
-            self._before, self._out,
-        )  # fmt: skip
-        return self._out
+        self.coils[EMF] = 0.0 if emf is None else emf
+        drive(self.numbers, self.coils, wanted, measured, applied)
+        return self.chosen
 
     def rest(self) -> Array:
         """(m,) zeros: the coils are off, and the next wanted current starts from nothing. In duties from −1 to 1."""
-        self._last[:] = 0.0
-        self._emf[:] = 0.0
-        self._out[:] = 0.0
-        return self._out
+        rest(self.coils)
+        return self.chosen

@@ -12,49 +12,56 @@ from haptorb.devices.device import Coils
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 
-__all__ = ["HeatObserver"]
+__all__ = ["HeatObserver", "observe"]
 
 _PULL = 0.5  #: rate at which the body follows the thermometer [1/s]
 _LOAD_WINDOW = 1.0  #: over which the present load is averaged [s]
 
+#: places in the numbers: what it finds, then what it is told once
+HOTTEST, REMAINING, _TICKS, _EVERY, _DT, _ALPHA, _REFERENCE, _LIMIT = range(8)
+_C_WINDING, _C_BODY, _INNER, _OUTER, _AMBIENT = range(8, 13)
+#: rows of the coils: temperatures [K], i²R at the reference temperature, averaged [W], and resistance there [Ω]
+WINDING, BODY, LOAD, _RESISTANCE = range(4)
+
 
 @kernel
-def _observe(
-    dt: float,
-    currents: Array,
-    boundary: Array,
-    resistance: Array,
-    alpha: float,
-    reference: float,
-    heat: Array,
-    winding: Array,
-    body: Array,
-    mean_load: Array,
-) -> float:
-    """One step; returns the hottest winding [K], NaN if any is."""
+def observe(numbers: Array, coils: Array, currents: Array, boundary: Array) -> float:
+    """One tick with measured `currents` (m,) [A] and `boundary` temperatures (m,) [K]; returns the hottest winding [K].
+
+    numbers (13,) and coils (4, m) are a `HeatObserver`'s memory. NaN if any winding is.
+    """
+    n, dt, weight = numbers, numbers[_DT], min(numbers[_DT] / _LOAD_WINDOW, 1.0)
     hottest = -np.inf
-    c_winding, c_body, g_inner, g_outer, ambient = heat[0], heat[1], heat[2], heat[3], heat[4]
     for j in range(currents.size):
-        load = currents[j] ** 2 * resistance[j] * (1.0 + alpha * (winding[j] - reference))
-        inward = g_inner * (winding[j] - body[j])
-        winding[j] += dt * (load - inward) / c_winding
-        body[j] += dt * ((inward - g_outer * (body[j] - ambient)) / c_body + _PULL * (boundary[j] - body[j]))
-        mean_load[j] += min(dt / _LOAD_WINDOW, 1.0) * (currents[j] ** 2 * resistance[j] - mean_load[j])
-        if winding[j] > hottest or winding[j] != winding[j]:  # once not a number, never again below a limit
-            hottest = winding[j]
-    return hottest
+        if n[_TICKS] == 0.0:  # a device that was used a minute ago starts warm
+            coils[BODY, j] = coils[WINDING, j] = boundary[j]
+        winding, body = coils[WINDING, j], coils[BODY, j]
+        cold = currents[j] ** 2 * coils[_RESISTANCE, j]
+        inward = n[_INNER] * (winding - body)
+        winding += dt * (cold * (1.0 + n[_ALPHA] * (winding - n[_REFERENCE])) - inward) / n[_C_WINDING]
+        outward = n[_OUTER] * (body - n[_AMBIENT])
+        coils[WINDING, j] = winding
+        coils[BODY, j] += dt * ((inward - outward) / n[_C_BODY] + _PULL * (boundary[j] - body))
+        coils[LOAD, j] += weight * (cold - coils[LOAD, j])
+        if winding > hottest or winding != winding:  # once not a number, never again below a limit
+            hottest = winding
+    n[HOTTEST] = hottest
+    if n[_TICKS] % n[_EVERY] == 0.0:
+        n[REMAINING] = _remaining(numbers, coils)
+    n[_TICKS] += 1.0
+    return float(hottest)
 
 
 @kernel
-def _remaining(
-    winding: Array, body: Array, load: Array, alpha: float, reference: float, heat: Array, limit: float
-) -> float:
-    """Shortest time over the channels until the winding reaches `limit` at constant current; inf if never.
+def _remaining(numbers: Array, coils: Array) -> float:
+    """Shortest time over the channels until the winding reaches the limit at constant current; inf if never.
 
-    `load` is i²R at the reference temperature. Warm copper takes more power from the same current, which makes the
+    The load is i²R at the reference temperature. Warm copper takes more power from the same current, which makes the
     two-node equations no less linear: only the winding's own rate changes, and may change sign (thermal runaway).
     """
-    c_winding, c_body, g_inner, g_outer, ambient = heat[0], heat[1], heat[2], heat[3], heat[4]
+    n, limit, alpha, reference = numbers, numbers[_LIMIT], numbers[_ALPHA], numbers[_REFERENCE]
+    c_winding, c_body, g_inner, g_outer, ambient = n[_C_WINDING], n[_C_BODY], n[_INNER], n[_OUTER], n[_AMBIENT]
+    winding, body, load = coils[WINDING], coils[BODY], coils[LOAD]
     shortest = np.inf
     for j in range(winding.size):
         if winding[j] >= limit:
@@ -91,50 +98,37 @@ def _remaining(
 
 
 class HeatObserver:
-    """Winding temperatures (m,) [K] and the time that is left; one `update` per tick."""
+    """Winding temperatures (m,) [K] and the time that is left; one `update` per tick.
+
+    numbers  (13,) and coils (4, m): all that it remembers, for compiled code
+    """
 
     def __init__(self, coils: Coils, dt: float) -> None:
-        heat = coils.heat
-        self._dt = dt
-        self._coils = coils
-        self._heat = np.array(
-            [heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air, heat.ambient]
-        )
-        channels = len(coils.names)
-        self.winding = np.full(channels, heat.ambient)
-        self.body = np.full(channels, heat.ambient)
-        self.load = np.zeros(channels)  #: i²R at the reference temperature, averaged [W]
-        self.hottest = heat.ambient
-        self.remaining = np.inf
-        self._ticks = 0
-        self._prediction_every = max(1, round(0.02 / dt))
+        heat, channels = coils.heat, len(coils.names)
+        self.numbers: Array = np.array(
+            [
+                heat.ambient, np.inf, 0.0, max(1, round(0.02 / dt)), dt, coils.temperature_coefficient,
+                coils.reference_temperature, heat.derate, heat.winding_capacity, heat.body_capacity,
+                heat.winding_to_body, heat.body_to_air, heat.ambient,
+            ]
+        )  # fmt: skip
+        self.coils: Array = np.zeros((4, channels))
+        self.coils[_RESISTANCE] = coils.resistance
+        self.winding: Array = self.coils[WINDING]  #: (m,) [K]
+        self.body: Array = self.coils[BODY]  #: (m,) [K]
+        self.load: Array = self.coils[LOAD]  #: (m,) i²R at the reference temperature, averaged [W]
+        self.winding[:] = self.body[:] = heat.ambient
+
+    @property
+    def hottest(self) -> float:
+        """Temperature of the hottest winding [K]."""
+        return float(self.numbers[HOTTEST])
+
+    @property
+    def remaining(self) -> float:
+        """Time until a winding reaches the derating temperature under the present load [s]; inf if never."""
+        return float(self.numbers[REMAINING])
 
     def update(self, currents: Array, boundary: Array) -> None:
         """One tick with measured `currents` (m,) [A] and `boundary` temperatures (m,) [K]."""
-        if self._ticks == 0:  # a device that was used a minute ago starts warm
-            self.body[:] = boundary
-            self.winding[:] = boundary
-        coils = self._coils
-        self.hottest = _observe(
-            self._dt,
-            currents,
-            boundary,
-            coils.resistance,
-            coils.temperature_coefficient,
-            coils.reference_temperature,
-            self._heat,
-            self.winding,
-            self.body,
-            self.load,
-        )
-        if self._ticks % self._prediction_every == 0:
-            self.remaining = _remaining(
-                self.winding,
-                self.body,
-                self.load,
-                coils.temperature_coefficient,
-                coils.reference_temperature,
-                self._heat,
-                coils.heat.derate,
-            )
-        self._ticks += 1
+        observe(self.numbers, self.coils, currents, boundary)

@@ -19,7 +19,7 @@ import numpy as np
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 
-__all__ = ["CREDIT", "OWN_DAMPING", "PassivityControl"]
+__all__ = ["CREDIT", "OWN_DAMPING", "PassivityControl", "watched"]
 
 OWN_DAMPING = 1.0  #: that the loosest hand is believed to have [N·s/m]
 CREDIT = 2e-4  #: energy that may be made before anything is done: 0.1 kg at 6 cm/s [J]
@@ -95,10 +95,13 @@ def _settled(
 
 
 @kernel
-def _watched(
+def watched(
     memory: Array, wrench: Array, p: Array, R: Array, now: float, age: float, gain: float, passive: bool, out: Array
 ) -> None:
-    """One tick: bring the balance up to this pose, fill out (6,) with `wrench` and the damping that it needs."""
+    """One tick: bring the balance up to this pose, fill out (6,) with `wrench` and the damping that it needs.
+
+    memory is a `PassivityControl`'s; wrench (6,) [N, N·m], p (3,) [m], R (3, 3), now and age [s], gain 0 to 1.
+    """
     numbers, place, arm = memory[_NUMBERS], memory[_PLACE], memory[_SETTINGS, _ARM]
     total = now + age
     moved = 0.0
@@ -156,10 +159,10 @@ class PassivityControl:
     """
 
     def __init__(self, dt: float, arm: float = 0.0, lag: float = 0.0) -> None:
-        self._memory = np.zeros((_ROWS, 7))
-        self._memory[_SETTINGS, :3] = arm, dt, lag
+        self.memory: Array = np.zeros((_ROWS, 7))  #: all that it remembers, for compiled code
+        self.memory[_SETTINGS, :3] = arm, dt, lag
         #: (3,) energy [J] given to the hand since the world began; balance [J]; damping injected now [N·s/m]
-        self.numbers: Array = self._memory[_NUMBERS, :3]
+        self.numbers: Array = self.memory[_NUMBERS, :3]
         self._out = np.zeros(6)
         self.restart()
         self.damped(self._out, _NOWHERE[0], _NOWHERE, 0.0, 0.0, 0.0, passive=False)  # compiled now
@@ -167,8 +170,8 @@ class PassivityControl:
 
     def restart(self) -> None:
         """Another world: what is asked from now on has nothing to do with what was."""
-        self._memory[_NUMBERS] = 0.0, CREDIT, 0.0, -np.inf, 0.0, 0.0, -np.inf
-        self._memory[_MOTION] = 0.0
+        self.memory[_NUMBERS] = 0.0, CREDIT, 0.0, -np.inf, 0.0, 0.0, -np.inf
+        self.memory[_MOTION] = 0.0
 
     def damped(self, wrench: Array, p: Array, R: Array, now: float, age: float, gain: float, *, passive: bool) -> Array:
         """(6,) `wrench` with the damping that the balance asks for; itself while there is none to add.
@@ -176,5 +179,5 @@ class PassivityControl:
         p (3,), R (3, 3) the pose, `age` [s] old at `now` [s]; gain 0 to 1 is what the guard lets through. A world that
         is not `passive` is watched and left alone.
         """
-        _watched(self._memory, wrench, p, R, now, age, gain, passive, self._out)
+        watched(self.memory, wrench, p, R, now, age, gain, passive, self._out)
         return self._out

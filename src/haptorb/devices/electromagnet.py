@@ -10,7 +10,7 @@ import numpy as np
 from haptorb.devices.device import Device
 from haptorb.devices.marks import Marks
 from haptorb.devices.passive_pull import PassivePull
-from haptorb.devices.ring_tool import dipole_wrench_map, ring_per_ampere
+from haptorb.devices.ring_tool import dipole_per_ampere, ring_per_ampere
 from haptorb.devices.state import State
 from haptorb.devices.windings import Windings
 from haptorb.devices.wrench_map import WrenchMap
@@ -129,20 +129,30 @@ class SphericalElectromagnet(Device):
 
     def wrench_map(self, state: State, level: str) -> WrenchMap:
         """(6, 3) per ampere and (6,) passive, torque about the tool's magnet; GeometryError inside the dome's core."""
-        if state.distance < self.core_radius + 0.5 * self.tool.length:
+        x, y, z = state.p.tolist()
+        if x * x + y * y + z * z < self._inside:
             raise GeometryError(
                 f"device '{self.name}': a tool magnet at {state.distance * 1e3:.1f} mm from the centre would be inside "
                 f"the core; contact is at {self.contact_distance * 1e3:.1f} mm"
             )
         matrix, passive = np.empty((6, self.channels)), np.zeros(6)
+        p, R = np.ascontiguousarray(state.p), np.ascontiguousarray(state.R_SR)
         if level == "exact":
-            ring_per_ampere(
-                *self._ring, np.ascontiguousarray(state.p), np.ascontiguousarray(state.R_SR), matrix, passive
-            )
+            ring_per_ampere(*self._ring, p, R, matrix, passive)
         else:
             self.known_level(level)
-            matrix[:] = dipole_wrench_map(state.p, state.axis, self.tool.moment) @ self.moment_per_current
+            dipole_per_ampere(*self._dipole, p, R, matrix)
         return WrenchMap(matrix, passive)
+
+    @cached_property
+    def _inside(self) -> float:
+        """Square of the distance below which the tool's magnet would reach into the core [m²]."""
+        return (self.core_radius + 0.5 * self.tool.length) ** 2
+
+    @cached_property
+    def _dipole(self) -> tuple[float, Array]:
+        """The tool as a point dipole, as kernels take it."""
+        return self.tool.moment, np.array(self.moment_per_current, dtype=np.float64, order="C")
 
     @cached_property
     def _ring(self) -> tuple[Array, Array, float, Array]:

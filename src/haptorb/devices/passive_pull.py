@@ -51,6 +51,15 @@ def _energies(rows: Array, u: Array, s: Array, radius: float, response: Array, s
 
 
 @kernel
+def _chebyshev(x: float, values: Array, slopes: Array) -> None:
+    """Chebyshev's polynomials at x, the first n of them, and their derivatives: (n,) each."""
+    values[0], slopes[0], values[1], slopes[1] = 1.0, 0.0, x, 1.0
+    for k in range(2, values.shape[0]):
+        values[k] = 2.0 * x * values[k - 1] - values[k - 2]
+        slopes[k] = 2.0 * values[k - 1] + 2.0 * x * slopes[k - 1] - slopes[k - 2]
+
+
+@kernel
 def _energy(table: Array, nearest: float, p: Array, axis: Array, out: Array) -> None:
     """out (3,): W, ∂W/∂d, ∂W/∂s at the magnet's centre p and unit axis."""
     square = p[0] * p[0] + p[1] * p[1] + p[2] * p[2]
@@ -60,26 +69,24 @@ def _energy(table: Array, nearest: float, p: Array, axis: Array, out: Array) -> 
     inside = d < nearest
     u = 1.0 / nearest if inside else 1.0 / d
     x, y = 2.0 * u * nearest - 1.0, 2.0 * s - 1.0
-    # Clenshaw's recurrence in both directions, with the derivatives carried along.
-    g1, g2, gx1, gx2, gy1, gy2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     rows, columns = table.shape
-    for i in range(rows - 1, -1, -1):
-        b1, b2, c1, c2 = 0.0, 0.0, 0.0, 0.0
-        for j in range(columns - 1, 0, -1):
-            c0 = 2.0 * b1 + 2.0 * y * c1 - c2
-            b0 = table[i, j] + 2.0 * y * b1 - b2
-            b1, b2, c1, c2 = b0, b1, c0, c1
-        value = table[i, 0] + y * b1 - b2
-        slope = b1 + y * c1 - c2
-        if i > 0:
-            gx0 = 2.0 * g1 + 2.0 * x * gx1 - gx2
-            gy0 = slope + 2.0 * x * gy1 - gy2
-            g0 = value + 2.0 * x * g1 - g2
-            g1, g2, gx1, gx2, gy1, gy2 = g0, g1, gx0, gx1, gy0, gy1
-        else:
-            g = value + x * g1 - g2
-            gx = g1 + x * gx1 - gx2
-            gy = slope + x * gy1 - gy2
+    across, turned = np.empty(columns), np.empty(columns)
+    _chebyshev(y, across, turned)
+    # The polynomials in x come one after the other; the sums over y do not wait for each other.
+    now, before, d_now, d_before = 1.0, 0.0, 0.0, 0.0
+    g, gx, gy = 0.0, 0.0, 0.0
+    for i in range(rows):
+        value, slope = 0.0, 0.0
+        for j in range(columns):
+            value += table[i, j] * across[j]
+            slope += table[i, j] * turned[j]
+        g += now * value
+        gx += d_now * value
+        gy += now * slope
+        after, d_after = 2.0 * x * now - before, 2.0 * now + 2.0 * x * d_now - d_before
+        if i == 0:
+            after, d_after = x, 1.0
+        now, before, d_now, d_before = after, now, d_after, d_now
     u5 = u**5
     out[0] = u5 * u * g
     out[1] = 0.0 if inside else -u * u * (6.0 * u5 * g + u5 * u * gx * 2.0 * nearest)

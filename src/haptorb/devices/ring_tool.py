@@ -16,7 +16,7 @@ from haptorb.physics.charged_ring import ChargedRing, dipole_on_charges
 from haptorb.physics.compiled import kernel
 from haptorb.physics.dipole import MU0
 
-__all__ = ["axis_frame", "dipole_wrench_map", "per_ampere", "ring_per_ampere", "ring_wrench_map"]
+__all__ = ["axis_frame", "dipole_per_ampere", "dipole_wrench_map", "per_ampere", "ring_per_ampere", "ring_wrench_map"]
 
 _K = MU0 / (4 * np.pi)
 
@@ -77,6 +77,16 @@ def per_ampere(per_moment: Array, moment_per_current: Array, out: Array) -> None
             for j in range(3):
                 total += per_moment[i, j] * moment_per_current[j, k]
             out[i, k] = total
+
+
+@kernel
+def dipole_per_ampere(moment: float, moment_per_current: Array, p: Array, R: Array, out: Array) -> None:
+    """Fill out (6, m) [N/A, N·m/A] for a point dipole of `moment` [A·m²] along the z axis of R, at p."""
+    axis, per_moment = np.empty(3), np.empty((6, 3))
+    for i in range(3):
+        axis[i] = R[i, 2]
+    _dipole_map(p, axis, moment, per_moment)
+    per_ampere(per_moment, moment_per_current, out)
 
 
 @kernel

@@ -50,7 +50,8 @@ def induced_field(rows: Array, radius: float, response: Array, x: float, y: floa
             weight = response[l - 1] * power
             radial += weight * (l + 1) * now
             turning += weight * d_now
-            after = ((2 * l + 1) * c * now - l * before) / (l + 1)
+            share = 1.0 / (l + 1)  # beside the chain of steps, not in it: a division takes as long as five of them
+            after = (2 * l + 1) * share * c * now - l * share * before
             d_after = d_before + (2 * l + 1) * now
             before, now, d_before, d_now = now, after, d_now, d_after
             power *= t

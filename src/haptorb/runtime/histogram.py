@@ -27,10 +27,11 @@ class Histogram:
 
     def __init__(self, counts: Counts | None = None) -> None:
         self._counts = np.zeros(BINS, dtype=np.int64) if counts is None else counts
+        self._cells = self._counts.data  # single numbers go through it faster than through the array
 
     def add(self, duration: int) -> None:
         """Count one duration [ns]."""
-        self._counts[min(max(duration, 0) // 1000, BINS - 1)] += 1
+        self._cells[min(max(duration, 0) // 1000, BINS - 1)] += 1
 
     @property
     def count(self) -> int:

@@ -84,7 +84,7 @@ class SimDriver(Driver):
         self._duties = np.zeros(channels)
         self._clock: float | None = None  # time up to which the world has been simulated
         state = self.simulation.state()
-        self._goal_p, self._goal_q = state.p, _quaternion(state.R_SR)
+        self._target = np.concatenate((state.p, _quaternion(state.R_SR)))
 
     def open(self) -> None:
         """Begin at the start again: coils off, noise from the seed."""
@@ -104,17 +104,17 @@ class SimDriver(Driver):
             raise DriverError("the simulated device is not open; use it in a `with` block or call open() first")
         if not now - now == 0.0:
             raise DriverError(f"the loop's clock must be finite; got {now}")
-        stamp, valid = now, True
+        stamp, valid, target = now, True, self._target
         if self.goal is not None:
             wish = self.goal(now)
-            self._goal_p, self._goal_q = wish.p, wish.q
+            target[:3], target[3:] = wish.p, wish.q
             if wish.held:
                 stamp = min(wish.stamp, now)
                 valid = stamp - stamp == 0.0
         if self._clock is None:
             if self.goal is not None:
                 with suppress(InputError):  # the hand begins where it wants to be, if that is a place
-                    self.simulation.place(self._goal_p, self._goal_q)
+                    self.simulation.place(target[:3], target[3:])
             self._clock = now
         periods = round((now - self._clock) / self._period)
         if periods < 0:
@@ -122,7 +122,7 @@ class SimDriver(Driver):
         if periods:
             self._clock += periods * self._period
             passed = min(periods * self._period, _CATCH_UP)
-            self.simulation.advance(passed, self._duties, self._goal_p, self._goal_q)
+            self.simulation.advance(passed, self._duties, target[:3], target[3:])
         return self.simulation.sample(now, stamp if valid else now, valid)
 
     def write(self, duties: Array) -> Array:
@@ -136,8 +136,8 @@ class SimDriver(Driver):
         return self.simulation.truth()
 
     def target(self) -> Array:
-        """(7,) where the hand wants the mover: position [m], then quaternion (x, y, z, w)."""
-        return np.concatenate((self._goal_p, self._goal_q))
+        """(7,) where the hand wants the mover: position [m], then quaternion (x, y, z, w). Overwritten by `read`."""
+        return self._target
 
 
 def _quaternion(R: Array) -> Array:

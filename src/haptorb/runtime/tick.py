@@ -22,9 +22,10 @@ from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import HaptorbError, InputError
 from haptorb.physics.arrays import Array
+from haptorb.runtime.answer import asked, driven
 from haptorb.runtime.driver import Driver
 from haptorb.runtime.row import STAGES, RowLayout
-from haptorb.runtime.told import induced, places, tell
+from haptorb.runtime.told import places, tell
 from haptorb.sensing.estimator import Estimator
 from haptorb.worlds.world import World
 
@@ -67,7 +68,7 @@ class Tick:
         self._felt_last = Felt(self._nothing, nowhere, self._nothing, NO_CONTACTS, 0, np.zeros(2), False)
         self._no_currents = Allocation(self._zeros, self._nothing, False, 0.0)
         self._stages = np.zeros(len(STAGES))
-        self._emf = np.zeros(device.channels)
+        self._admitted = np.zeros(6)
         self._rendered, self._on_thing = np.zeros(6), np.zeros(6)
         self._places = places(self.layout)
         layout = self.layout
@@ -120,23 +121,20 @@ class Tick:
         t2 = perf_counter()
         felt = self._felt(estimate.state)
         t3 = perf_counter()
-        state = estimate.state
-        damped = self.passivity.damped(
-            self._rendered, state.p, state.R_SR, sample.t, estimate.age, guard.gain, passive=self._passive
-        )
-        admitted = guard.admit(damped, estimate)
-        allocation = self._allocated(estimate.wrench_map, admitted)
+        state, matrix, heat, drive = estimate.state, estimate.wrench_map.matrix, guard.heat, self.drive
+        asked(
+            self.passivity.memory, guard.numbers, self._rendered, state.p, state.R_SR, sample.t, estimate.age,
+            self._passive, estimate.valid, estimate.reversed, self._admitted,
+        )  # fmt: skip
+        allocation = self._allocated(estimate.wrench_map, self._admitted)
         t4 = perf_counter()
-        currents = guard.limit(allocation.currents, sample)
+        driven(
+            guard.numbers, guard.coils, heat.numbers, heat.coils, drive.numbers, drive.coils, allocation.currents,
+            sample.currents, sample.temperatures, self._applied, matrix, state.v, state.w,
+        )  # fmt: skip
         t5 = perf_counter()
-        if guard.gain:
-            # What the coils push against: the power that they give to the mover, per ampere.
-            induced(estimate.wrench_map.matrix, estimate.state.v, estimate.state.w, self._emf)
-            duties = self.drive.duties(currents, sample.currents, self._applied, self._emf)
-        else:
-            duties = self.drive.rest()
         try:
-            self._applied = self.driver.write(duties)
+            self._applied = self.driver.write(drive.chosen)
         except HaptorbError as cause:
             self._failed(Trip.DRIVER_FAILED, cause)
         t6 = perf_counter()
@@ -145,20 +143,18 @@ class Tick:
         )  # fmt: skip
         one, thing = self._one, felt.thing
         tell(
-            row, self._places, state.p, state.R_SR, state.v, state.w, self.driver.target(), admitted,
-            estimate.wrench_map.matrix, self.driver.truth(), currents, sample.currents, self._applied,
-            self.drive.resistance, sample.temperatures, guard.heat.winding, sample.field, felt.share, thing.p,
+            row, self._places, state.p, state.R_SR, state.v, state.w, self.driver.target(),
+            self._admitted, matrix, self.driver.truth(), guard.currents, sample.currents, self._applied,
+            drive.resistance, sample.temperatures, heat.winding, sample.field, felt.share, thing.p,
             thing.R_SR, self._on_thing, felt.contacts, stages,
         )  # fmt: skip
         cells: Any = row.data  # single numbers go through it three times faster than into an array
         cells[one["t"]] = sample.t
-        cells[one["guard"]] = guard.state
-        cells[one["trip"]] = guard.reason
-        cells[one["gain"]] = guard.gain
+        cells[one["guard"]], cells[one["trip"]], _, cells[one["gain"]] = guard.numbers[:4].tolist()
         cells[one["world"]] = self.world_changes
         cells[one["valid"]] = estimate.valid
         cells[one["age"]] = estimate.age
-        cells[one["remaining"]] = guard.heat.remaining
+        cells[one["remaining"]] = heat.remaining
         cells[one["saturated"]] = allocation.saturated
         cells[one["mode"]] = felt.mode
         cells[one["engaged"]] = felt.engaged

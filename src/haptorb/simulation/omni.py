@@ -39,15 +39,32 @@ _SHORTEST = 5e-6  #: a simulation with finer steps than this is slower than time
 
 
 @kernel
+def _want(wish_p: Array, wish_q: Array, goal: Array) -> None:
+    """goal (7,): position and unit quaternion become the wish; what is not finite, or no turn, stays as it was."""
+    square = 0.0
+    for i in range(4):
+        square += wish_q[i] * wish_q[i]
+    if 0.0 < square < 1e12:  # false for NaN as well
+        for i in range(4):
+            goal[3 + i] = wish_q[i] / np.sqrt(square)
+    if np.isfinite(wish_p[0] + wish_p[1] + wish_p[2]):
+        for i in range(3):
+            goal[i] = wish_p[i]
+
+
+@kernel
 def _advance(
-    tool: Array, coils: Array, duties: Array, goal_p: Array, goal_q: Array, numbers: Array, resistance: Array,
-    inductance: Array, heat: Array, rows: Array, table: Array, moment_per_current: Array, dt: float, steps: int,
-    truth: Array,
+    tool: Array, coils: Array, duties: Array, wish_p: Array, wish_q: Array, goal: Array, numbers: Array,
+    resistance: Array, inductance: Array, heat: Array, rows: Array, table: Array, moment_per_current: Array, dt: float,
+    steps: int, truth: Array,
 ) -> float:  # fmt: skip
-    """`steps` steps of `dt` [s]; fills truth (6,) with the mean wrench of coils and core; returns the depth [m].
+    """`steps` steps of `dt` [s] towards what the hand wishes; fills truth (6,) with the mean wrench of coils and core;
+    returns the depth [m].
 
     numbers (20,): what is one number of wires, body, dome, grip and core; a call with tuples takes twice as long.
     """
+    _want(wish_p, wish_q, goal)
+    goal_p, goal_q = goal[:3], goal[3:]
     n = numbers
     wires = Wires(resistance, inductance, n[0], n[1], n[2], n[3])
     body = Body(n[4], n[5], n[6], n[7], n[8], n[9], n[10])
@@ -130,7 +147,7 @@ class SimulatedElectromagnet(Simulation):
         self._wires = wires(device)
         heat = device.coils.heat
         self._heat = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
-        self._heat_dt, self._heat_step = -1.0, np.zeros((2, 3))
+        self._last_dt, self._steps, self._heat_step = 0.0, 1, np.zeros((2, 3))
         size = (tool.outer_radius, tool.inner_radius, tool.length, tool.remanence)
         self.ring = ChargedRing(*size)  #: the tool's magnet as the simulation has it
         self._rows = self.ring.rows
@@ -166,7 +183,7 @@ class SimulatedElectromagnet(Simulation):
         )
         self._steps_of_duty = float(2**device.supply.duty_bits)
         self._truth = np.zeros(6)
-        self._goal_p, self._goal_q = np.empty(3), np.empty(4)
+        self._goal = np.zeros(7)  # position and quaternion to which the hand pulls
         self.reset(seed)
 
     def reset(self, seed: int = 0) -> None:
@@ -193,7 +210,7 @@ class SimulatedElectromagnet(Simulation):
         self._tool[:3] = at * max(1.0, self.device.contact_distance / distance)
         self._tool[3:7] = turned / np.linalg.norm(turned)
         self._tool[7:] = 0.0
-        self._goal_p[:], self._goal_q[:] = at, self._tool[3:7]
+        self._goal[:3], self._goal[3:] = at, self._tool[3:7]
 
     def quantised(self, duties: Array) -> Array:
         """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
@@ -210,27 +227,16 @@ class SimulatedElectromagnet(Simulation):
             raise InputError(f"the simulation can advance by 0 to 10 s at once; got {dt} s")
         if dt == 0.0:
             return
-        steps = max(ceil(dt / self._longest - 1e-9), 1)
-        h = dt / steps
-        if abs(h - self._heat_dt) > 1e-12 * h:
-            self._heat_dt, self._heat_step = h, self._heat.step(h)
-        self._want(goal_p, goal_q)
+        if dt != self._last_dt:
+            steps = max(ceil(dt / self._longest - 1e-9), 1)
+            self._last_dt, self._steps, self._heat_step = dt, steps, self._heat.step(dt / steps)
         wires = self._wires
         self._depth = _advance(
-            self._tool, self._coils, duties, self._goal_p, self._goal_q, self._numbers, wires.resistance,
-            wires.inductance, self._heat_step, self._rows, self._table, self._per_ampere, h, steps, self._truth,
+            self._tool, self._coils, duties, goal_p, goal_q, self._goal, self._numbers, wires.resistance,
+            wires.inductance, self._heat_step, self._rows, self._table, self._per_ampere, dt / self._steps,
+            self._steps, self._truth,
         )  # fmt: skip
         self._t += dt
-
-    def _want(self, goal_p: Array, goal_q: Array) -> None:
-        x, y, z = goal_p.tolist()
-        if x - x == 0.0 and y - y == 0.0 and z - z == 0.0:
-            self._goal_p[:] = goal_p
-        a, b, c, d = goal_q.tolist()
-        size = a * a + b * b + c * c + d * d
-        if 0.0 < size < 1e12:  # false for NaN as well
-            self._goal_q[:] = goal_q
-            self._goal_q /= size**0.5
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
         """One reading of every sensor, and the tool's true pose as the tracker's word.

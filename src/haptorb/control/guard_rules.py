@@ -1,0 +1,159 @@
+"""The guard's rules on bare numbers: what may be asked, what may flow, and when to switch off for good.
+
+All that a guard remembers between two ticks lies in two arrays, so that one compiled pass can run the rules with what
+comes before and after them. `Guard` is the door for people.
+
+numbers (12,)  state, reason, trips, gain, whether the last estimate could be believed, and the settings
+coils (4, m)   currents let through now and in the tick before, the limit, and where wiring must be broken [A]
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptorb.control.heat_observer import HOTTEST, observe
+from haptorb.control.trip import GuardState, Trip
+from haptorb.physics.arrays import Array
+from haptorb.physics.compiled import kernel
+
+__all__ = [
+    "BROKEN", "DERATE", "DT", "EXPIRY", "FORCE", "FRESH", "GAIN", "HELD", "LAST", "LIMIT", "REASON", "STATE", "STEP",
+    "STOP", "TORQUE", "TRIPS", "admit", "limit", "trip",
+]  # fmt: skip
+
+STATE, REASON, TRIPS, GAIN, FRESH, DT, EXPIRY, FORCE, TORQUE, STEP, DERATE, STOP = range(12)
+HELD, LAST, LIMIT, BROKEN = range(4)
+
+_RAMP_UP = 0.3  #: from nothing to the full wrench after engaging [s]
+_RAMP_DOWN = 0.05  #: to nothing after a pose went stale [s]; the other reasons switch off at once
+_COOLER = 1.0  #: below the derating temperature before the full current may flow again [K]
+
+_OFF, _RAMPING, _RUNNING = int(GuardState.OFF), int(GuardState.RAMPING), int(GuardState.RUNNING)
+_DERATED, _TRIPPED = int(GuardState.DERATED), int(GuardState.TRIPPED)
+_EXPIRED, _LOST, _REVERSED = int(Trip.POSE_EXPIRED), int(Trip.POSE_LOST), int(Trip.MAGNET_REVERSED)
+_WORLD, _CURRENTS = int(Trip.WORLD_NOT_FINITE), int(Trip.CURRENTS_NOT_FINITE)
+_SAMPLE, _OVERHEATED, _OVERCURRENT = int(Trip.SAMPLE_NOT_FINITE), int(Trip.OVERHEATED), int(Trip.OVERCURRENT)
+
+
+@kernel
+def trip(numbers: Array, reason: int) -> None:
+    """Coils off, latched. The first reason stands until somebody engages; a later one does not hide it."""
+    if numbers[STATE] == _TRIPPED:
+        return
+    numbers[STATE] = _TRIPPED
+    numbers[REASON] = reason
+    numbers[TRIPS] += 1.0
+    if reason != _EXPIRED:
+        numbers[GAIN] = 0.0
+
+
+@kernel
+def _fade(numbers: Array) -> None:
+    if numbers[STATE] == _TRIPPED:
+        numbers[GAIN] = max(0.0, numbers[GAIN] - numbers[DT] / _RAMP_DOWN)
+    elif numbers[STATE] == _RAMPING:
+        numbers[GAIN] = min(1.0, numbers[GAIN] + numbers[DT] / _RAMP_UP)
+        if numbers[GAIN] == 1.0:
+            numbers[STATE] = _RUNNING
+
+
+@kernel
+def admit(numbers: Array, wrench: Array, valid: bool, age: float, reversed: bool, out: Array) -> None:
+    """out (6,) becomes the part of `wrench` (6,) that may be asked now, of an estimate that is `age` [s] old."""
+    fresh = valid and age <= numbers[EXPIRY]
+    numbers[FRESH] = 1.0 if fresh else 0.0
+    if reversed:  # said even while off: nobody could engage, and would not know why
+        trip(numbers, _REVERSED)
+    elif not fresh and numbers[STATE] != _OFF and numbers[STATE] != _TRIPPED:
+        trip(numbers, _EXPIRED if valid else _LOST)
+    _fade(numbers)
+    force, torque = 0.0, 0.0
+    for i in range(3):
+        force += wrench[i] * wrench[i]
+        torque += wrench[3 + i] * wrench[3 + i]
+    force, torque = np.sqrt(force), np.sqrt(torque)
+    if not np.isfinite(force + torque):
+        if numbers[STATE] != _OFF:
+            trip(numbers, _WORLD)
+        for i in range(6):
+            out[i] = 0.0
+        return
+    f = numbers[GAIN] if force <= numbers[FORCE] else numbers[GAIN] * numbers[FORCE] / force
+    t = numbers[GAIN] if torque <= numbers[TORQUE] else numbers[GAIN] * numbers[TORQUE] / torque
+    for i in range(3):
+        out[i] = f * wrench[i]
+        out[3 + i] = t * wrench[3 + i]
+
+
+@kernel
+def limit(
+    numbers: Array, coils: Array, heat: Array, windings: Array, wanted: Array, measured: Array, temperatures: Array
+) -> None:
+    """coils[HELD] becomes what may flow of `wanted` (m,) [A]: within limits and slew, derated when warm, else zero.
+
+    measured (m,) [A] and temperatures (m,) [K] are readings; heat (13,) and windings (4, m) a `HeatObserver`'s memory.
+    """
+    seen = _look(coils[BROKEN], measured, temperatures)
+    if seen == 1:
+        trip(numbers, _SAMPLE)  # and nothing is learned from it
+    else:
+        observe(heat, windings, measured, temperatures)
+        if seen == 2:
+            trip(numbers, _OVERCURRENT)
+    hottest = heat[HOTTEST]
+    if not hottest < numbers[STOP]:  # written so that NaN trips too
+        trip(numbers, _OVERHEATED)
+    count = wanted.shape[0]
+    if numbers[STATE] == _OFF or (numbers[STATE] == _TRIPPED and numbers[GAIN] == 0.0):
+        _nothing(coils)
+        return
+    share = 1.0
+    if hottest > numbers[DERATE]:
+        share = (numbers[STOP] - hottest) / (numbers[STOP] - numbers[DERATE])
+        if numbers[STATE] == _RUNNING:
+            numbers[STATE] = _DERATED
+    elif numbers[STATE] == _DERATED and hottest < numbers[DERATE] - _COOLER:
+        numbers[STATE] = _RUNNING
+    for j in range(count):
+        if not np.isfinite(wanted[j]):
+            trip(numbers, _CURRENTS)
+            _nothing(coils)
+            return
+    _hold(coils, wanted, share, numbers[STEP])
+
+
+@kernel
+def _look(broken: Array, measured: Array, temperatures: Array) -> int:
+    """0: readings are sane; 1: one is not a number; 2: a current is beyond what may flow."""
+    total = 0.0
+    beyond = False
+    for j in range(measured.size):
+        total += measured[j] + temperatures[j]
+        beyond = beyond or abs(measured[j]) > broken[j]
+    if not np.isfinite(total):
+        return 1
+    return 2 if beyond else 0
+
+
+@kernel
+def _nothing(coils: Array) -> None:
+    for j in range(coils.shape[1]):
+        coils[HELD, j] = 0.0
+        coils[LAST, j] = 0.0
+
+
+@kernel
+def _hold(coils: Array, wanted: Array, share: float, step: float) -> None:
+    """Scale `share` of `wanted` into the limits, then its change into `step`, keeping directions."""
+    scale = share
+    for j in range(wanted.size):
+        if abs(wanted[j]) * scale > coils[LIMIT, j]:
+            scale = coils[LIMIT, j] / abs(wanted[j])
+    largest = 0.0
+    for j in range(wanted.size):
+        largest = max(largest, abs(scale * wanted[j] - coils[LAST, j]))
+    slewed = 1.0 if largest <= step else step / largest
+    for j in range(wanted.size):
+        coils[HELD, j] = coils[LAST, j] + slewed * (scale * wanted[j] - coils[LAST, j])
+    for j in range(wanted.size):
+        coils[LAST, j] = coils[HELD, j]
