@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError
-from haptorb.sensing.frame_registration import _Fit, frame_registration, observable
+from haptorb.sensing.frame_fit import FrameFit, observable
+from haptorb.sensing.frame_registration import frame_registration
 from haptorb.sensing.frame_start import laid_onto, pivot, rolled, sphere
 from haptorb.sensing.touches import Touched, Touches
 from haptorb.simulation.touching import MadeUpTracker, Person
@@ -104,7 +105,9 @@ def test_axis_of_the_roll_agrees_with_the_turns_between_poses() -> None:
 
 def test_the_dome_alone_leaves_the_rotation_free_and_it_is_named() -> None:
     _, touched = session(3)
-    fit = _Fit(touched, OMNI.marks.names, OMNI.marks.positions, OMNI.dome_radius, np.eye(3), np.zeros(3), np.zeros(3))
+    fit = FrameFit(
+        touched, OMNI.marks.names, OMNI.marks.positions, OMNI.dome_radius, np.eye(3), np.zeros(3), np.zeros(3)
+    )
     found = frame_registration(touched, OMNI)
     fit.R, fit.t, fit.tip = found.R, found.t, found.tip
     _, J = fit.equations()
@@ -122,11 +125,11 @@ def test_the_jacobian_is_that_of_the_residuals() -> None:
 
     def at(u: np.ndarray) -> np.ndarray:
         turn = Rotation.from_rotvec(u[:3] / OMNI.dome_radius).as_matrix()
-        fit = _Fit(touched, OMNI.marks.names, OMNI.marks.positions, OMNI.dome_radius,
+        fit = FrameFit(touched, OMNI.marks.names, OMNI.marks.positions, OMNI.dome_radius,
                    turn @ found.R, turn @ found.t + u[3:6], found.tip + u[6:])  # fmt: skip
         return fit.equations()[0]
 
-    fit = _Fit(touched, OMNI.marks.names, OMNI.marks.positions, OMNI.dome_radius, found.R, found.t, found.tip)
+    fit = FrameFit(touched, OMNI.marks.names, OMNI.marks.positions, OMNI.dome_radius, found.R, found.t, found.tip)
     J = fit.equations()[1]
     h = 1e-6
     numeric = np.column_stack([(at(h * e) - at(-h * e)) / (2 * h) for e in np.eye(9)])

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from haptorb.devices.loader import load
-from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import CalibrationError
 from haptorb.runtime.calibration_file import read_frame, write_frame
 from haptorb.sensing.tracker_frame import TrackerFrame
@@ -43,17 +42,6 @@ def test_a_pose_of_the_body_becomes_that_of_the_tool(seed: int) -> None:
     p, q = frame_of(tracker).placed(seen.p[0].tolist(), seen.q[0].tolist())
     assert np.allclose(p, tip + OMNI.tool.tip_distance * tool[:, 2], atol=1e-12)
     assert np.allclose(Rotation.from_quat(q).as_matrix()[:, 2], tool[:, 2], atol=1e-12)
-
-
-def test_every_rotation_has_its_quaternion() -> None:
-    from haptorb.sensing.tracker_frame import _quaternion
-
-    for axis in [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0, -1, 0), (1, 1, 1), (-1, 2, -3)]:
-        for R in (
-            rotation_to_axis(axis),
-            Rotation.from_rotvec(np.pi * np.array(axis) / np.linalg.norm(axis)).as_matrix(),
-        ):
-            assert np.allclose(Rotation.from_quat(_quaternion(R)).as_matrix(), R, atol=1e-12)
 
 
 @given(st.lists(st.floats(), max_size=5), st.lists(st.floats(), max_size=5))

@@ -84,7 +84,7 @@ def _otherwise(stands: Sequence[Touches]) -> dict[str, list[Array]]:
 
 
 def known_scale(places: Array, known: Array) -> None:
-    """The tracker speaks metres: by the distances between marks, whichever is which."""
+    """The tracker speaks metres: by the distances between found places and known marks, (k, 3) [m], whichever is which."""
 
     def size(points: Array) -> float:
         return sum(float(np.linalg.norm(a - b)) for a, b in combinations(points, 2))
@@ -101,7 +101,7 @@ def known_scale(places: Array, known: Array) -> None:
 
 
 def known_sphere(radius: float, on: Array, known: float) -> None:
-    """The dome is the file's, and the tip was on it."""
+    """The dome found, of `radius` [m] with touches `on` (n,) it, is the `known` [m] of the file, and the tip was on it."""
     if (share := 1.0 - float(on.mean())) > _LIFTED:
         raise CalibrationError(
             f"{100 * share:.0f} % of the touches on the dome are not on it: keep the tip on the dome, the tool's side "
@@ -115,7 +115,7 @@ def known_sphere(radius: float, on: Array, known: float) -> None:
 
 
 def known_spread(points: Array, centre: Array) -> None:
-    """The dome was touched at many places, and not at one: seen from its centre by the marks."""
+    """The dome was touched at many points (n, 3) [m], and not near one: seen from its centre (3,) [m] by the marks."""
     directions = (points - centre) / np.linalg.norm(points - centre, axis=1)[:, None]
     middle = directions.mean(axis=0)
     middle /= np.linalg.norm(middle)
@@ -128,7 +128,8 @@ def known_spread(points: Array, centre: Array) -> None:
 
 
 def known_hand(places: Array, centre: Array, known: Array) -> None:
-    """The tracker's frame is right-handed: with the dome's centre, marks cannot be laid onto their mirror image."""
+    """The tracker's frame is right-handed: places (k, 3) and the dome's centre (3,) [m] lie as the known marks and 0 do,
+    and not as their mirror image."""
     found, wanted = np.vstack([places, centre]), np.vstack([known, np.zeros(3)])
     right, left = laid_onto(found, wanted)[2], laid_onto(found, wanted, mirrored=True)[2]
     if right > _APART / 2 and left < 0.3 * right:
@@ -139,7 +140,7 @@ def known_hand(places: Array, centre: Array, known: Array) -> None:
 
 
 def known_marks(places: Array, known: Array, names: Sequence[str]) -> None:
-    """Each mark was the one that was asked for."""
+    """Each of the places (k, 3) is that of the known mark (k, 3) [m] that was asked for."""
     rms = laid_onto(places, known)[2]
     if rms <= _APART / 2:
         return
@@ -158,7 +159,7 @@ def known_marks(places: Array, known: Array, names: Sequence[str]) -> None:
 
 
 def known_centre(by_dome: Array, by_marks: Array) -> None:
-    """Dome and marks tell of the same centre."""
+    """Dome and marks tell of the same centre (3,) [m]."""
     if (apart := float(np.linalg.norm(by_dome - by_marks))) > _APART:
         raise CalibrationError(
             f"the dome's centre is {1e3 * apart:.1f} mm from where the marks have it: did device or cameras move "

@@ -15,6 +15,7 @@ from haptorb.devices.device import Device
 from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import CalibrationError
 from haptorb.physics.arrays import Array, rotation
+from haptorb.physics.quaternions import product, quaternion, turned
 from haptorb.sensing.frame_registration import FrameRegistration
 
 __all__ = ["FORMAT", "TrackerFrame"]
@@ -88,15 +89,15 @@ class TrackerFrame:
         length = hypot(*q)
         if len(p) != 3 or len(q) != 4 or not hypot(*p) < _FAR or not 0.5 < length < 2.0:
             return tuple(p), tuple(q)
-        place = self.R @ (np.array(p) + _vector_turned(np.array(q) / length, self.magnet)) + self.t
+        place = self.R @ (np.array(p) + turned(np.array(q) / length, self.magnet)) + self.t
         before, after = self._quaternions
-        turn = _product(_product(before, np.array(q)), after)
+        turn = product(product(before, np.array(q)), after)
         return tuple(place.tolist()), tuple(turn.tolist())
 
     @cached_property
     def _quaternions(self) -> tuple[Array, Array]:
         """(4,) each: of R, and of the turn of the tool's z to the axis in the body."""
-        return _quaternion(self.R), _quaternion(rotation_to_axis(self.axis))
+        return quaternion(self.R), quaternion(rotation_to_axis(self.axis))
 
     def text(self) -> str:
         """As JSON, every digit kept."""
@@ -163,33 +164,3 @@ def _numbers(raw: Mapping[str, Any], key: str, name: str, shape: tuple[int, ...]
     if values.shape != shape or not np.isfinite(values).all():
         raise CalibrationError(f"{name}: {key} must be finite numbers of shape {shape}; got shape {values.shape}")
     return values
-
-
-def _product(a: Array, b: Array) -> Array:
-    """(4,) the turn b and then the turn a, both (x, y, z, w)."""
-    v = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
-    return np.append(v, a[3] * b[3] - a[:3] @ b[:3])
-
-
-def _vector_turned(q: Array, v: Array) -> Array:
-    u = 2.0 * np.cross(q[:3], v)
-    turned: Array = v + q[3] * u + np.cross(q[:3], u)
-    return turned
-
-
-def _quaternion(R: Array) -> Array:
-    """(4,) (x, y, z, w) of a rotation (3, 3), by the greatest of four (Shepperd)."""
-    d, trace = np.diag(R), float(np.trace(R))
-    squares = np.append(1.0 + 2.0 * d - trace, 1.0 + trace)
-    k = int(np.argmax(squares))
-    q = np.empty(4)
-    q[k] = 0.5 * np.sqrt(squares[k])
-    skew = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    if k == 3:
-        q[:3] = skew / (4.0 * q[3])
-        return q
-    for j in range(3):
-        if j != k:
-            q[j] = (R[k, j] + R[j, k]) / (4.0 * q[k])
-    q[3] = skew[k] / (4.0 * q[k])
-    return q
