@@ -105,11 +105,8 @@ def test_axis_of_the_roll_agrees_with_the_turns_between_poses() -> None:
 
 def test_the_dome_alone_leaves_the_rotation_free_and_it_is_named() -> None:
     _, touched = session(3)
-    fit = FrameFit(
-        touched, OMNI.marks.names, OMNI.marks.positions, OMNI.dome_radius, np.eye(3), np.zeros(3), np.zeros(3)
-    )
     found = frame_registration(touched, OMNI)
-    fit.R, fit.t, fit.tip = found.R, found.t, found.tip
+    fit = FrameFit(touched, OMNI.marks.names, OMNI.marks.positions, OMNI.dome_radius, found.R, found.t, found.tip)
     _, J = fit.equations()
     assert observable(J)[1] == ()
     condition, unseen = observable(J[: len(touched.dome)])

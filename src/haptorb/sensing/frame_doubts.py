@@ -84,7 +84,7 @@ def _otherwise(stands: Sequence[Touches]) -> dict[str, list[Array]]:
 
 
 def known_scale(places: Array, known: Array) -> None:
-    """The tracker speaks metres: by the distances between found places and known marks, (k, 3) [m], whichever is which."""
+    """The tracker speaks metres: by the distances between places and known marks (k, 3) [m], whichever is which."""
 
     def size(points: Array) -> float:
         return sum(float(np.linalg.norm(a - b)) for a, b in combinations(points, 2))
@@ -101,7 +101,7 @@ def known_scale(places: Array, known: Array) -> None:
 
 
 def known_sphere(radius: float, on: Array, known: float) -> None:
-    """The dome found, of `radius` [m] with touches `on` (n,) it, is the `known` [m] of the file, and the tip was on it."""
+    """The dome of `radius` [m] is the file's of `known` [m], and most touches, on (n,), are on it."""
     if (share := 1.0 - float(on.mean())) > _LIFTED:
         raise CalibrationError(
             f"{100 * share:.0f} % of the touches on the dome are not on it: keep the tip on the dome, the tool's side "
@@ -115,7 +115,7 @@ def known_sphere(radius: float, on: Array, known: float) -> None:
 
 
 def known_spread(points: Array, centre: Array) -> None:
-    """The dome was touched at many points (n, 3) [m], and not near one: seen from its centre (3,) [m] by the marks."""
+    """The dome was touched at points (n, 3) [m] far apart, as seen from its centre (3,) [m]."""
     directions = (points - centre) / np.linalg.norm(points - centre, axis=1)[:, None]
     middle = directions.mean(axis=0)
     middle /= np.linalg.norm(middle)
@@ -128,8 +128,7 @@ def known_spread(points: Array, centre: Array) -> None:
 
 
 def known_hand(places: Array, centre: Array, known: Array) -> None:
-    """The tracker's frame is right-handed: places (k, 3) and the dome's centre (3,) [m] lie as the known marks and 0 do,
-    and not as their mirror image."""
+    """The frame is right-handed: places (k, 3) and centre (3,) [m] lie as known (k, 3) and 0 do, and not mirrored."""
     found, wanted = np.vstack([places, centre]), np.vstack([known, np.zeros(3)])
     right, left = laid_onto(found, wanted)[2], laid_onto(found, wanted, mirrored=True)[2]
     if right > _APART / 2 and left < 0.3 * right:

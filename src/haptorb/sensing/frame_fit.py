@@ -32,7 +32,7 @@ _FREE = 1e-2  #: share of the greatest singular value below which a direction is
 
 @final
 class FrameFit:
-    """Least squares over dome and marks together."""
+    """Least squares over dome and marks together: known (k, 3) [m] marks, from R (3, 3), t (3,) and tip (3,) [m]."""
 
     def __init__(
         self, touched: Touched, names: tuple[str, ...], known: Array, radius: float, R: Array, t: Array, tip: Array
@@ -52,7 +52,7 @@ class FrameFit:
         return placed
 
     def equations(self) -> tuple[Array, Array]:
-        """(residuals [m], Jacobian) with turns times the dome's radius, so that all nine unknowns are lengths."""
+        """(residuals (m,) [m], Jacobian (m, 9)); turns times the dome's radius, so that all nine unknowns are lengths."""
         x = self.x
         J = np.zeros((len(x), 3, 9))
         J[:, 0, 1], J[:, 0, 2], J[:, 1, 2] = x[:, 2], -x[:, 1], x[:, 0]
@@ -67,7 +67,10 @@ class FrameFit:
         return left, np.concatenate([dome[self.on], J[self.dome :].reshape(-1, 9)])
 
     def settle(self) -> None:
-        """Gauss–Newton to the end, then once more without the touches at which the tip was off the dome."""
+        """Gauss–Newton to the end, then once more without the touches at which the tip was off the dome.
+
+        Raises CalibrationError if it does not settle.
+        """
         for _ in range(3):
             for _ in range(_STEPS):
                 left, J = self.equations()
