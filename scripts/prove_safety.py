@@ -77,6 +77,13 @@ PROOFS = [
         PASSIVITY_TESTS,
     ),
     ("duties are bounded", DRIVE, "if largest > 1.0:", "if False:", DRIVE_TESTS),
+    (
+        "a silent host is dead",
+        "runtime/loop.py",
+        "if now - max(words[Word.HEARTBEAT], heard) > _SILENCE:",
+        "if False:",
+        "tests/runtime/test_loop.py",
+    ),
     ("a world that fails trips", TICK, "self._failed(Trip.WORLD_FAILED, cause)", "pass", TICK_TESTS),
     (
         "a driver that fails trips",

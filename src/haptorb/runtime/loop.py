@@ -19,6 +19,7 @@ from haptorb.worlds.world import World
 __all__ = ["Loop"]
 
 _SILENCE = int(SILENCE * 1e9)
+_STANDSTILL = 100_000_000  #: without a tick, after which the host is given its full time anew [ns]
 _TRIPPED = float(GuardState.TRIPPED)
 _PARENT_EVERY = 64  #: ticks between two looks for the parent
 
@@ -84,13 +85,16 @@ class Loop:
         lateness_counts, compute_counts, ring = shared.lateness, shared.compute, shared.ring
         begin = shared.layout["tick"].start
         wall, late, skip = (shared.layout[name].start for name in ("wall", "lateness", "missed"))
+        heard = 0  # when the host was last given the benefit of the doubt [ns]
         words[Word.ORIGIN] = schedule.origin
         words[Word.PHASE] = Phase.RUNNING
         while True:
             now, lateness, skipped = clock.wait()
             if self.told_by or words[Word.QUIT]:
                 return None
-            if now - words[Word.HEARTBEAT] > _SILENCE:
+            if skipped * period > _STANDSTILL:  # whoever held up this loop held up the host's heart as well
+                heard = now
+            if now - max(words[Word.HEARTBEAT], heard) > _SILENCE:
                 self.reason = f"the program that started the servo showed no sign of life for {SILENCE:g} s"
                 return Trip.HOST_SILENT
             if self._ticks % _PARENT_EVERY == 0 and orphaned(self._parent):

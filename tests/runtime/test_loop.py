@@ -1,0 +1,88 @@
+"""The loop itself, on a clock that a test winds: when it takes the host for dead, and when for held up like itself."""
+
+import os
+from collections.abc import Iterable
+
+import pytest
+
+from haptorb.devices.loader import load
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.loop import Loop
+from haptorb.runtime.orphan import SILENCE
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.row import RowLayout
+from haptorb.runtime.schedule import Schedule
+from haptorb.runtime.shared import Shared, Word
+from haptorb.worlds import named
+
+RATE = 1000.0
+BEAT = 1_000_000_000
+
+
+class WoundClock:
+    """Comes back at the told numbers of periods after the start, one after the other; the host's heart beats or not."""
+
+    def __init__(self, shared: Shared, ticks: Iterable[int], beating: bool) -> None:
+        self.schedule = Schedule(RATE, BEAT)
+        self._shared, self._ticks, self._beating = shared, iter(ticks), beating
+        self.waits = 0
+
+    def wait(self) -> tuple[int, int, int]:
+        number = next(self._ticks, None)
+        if number is None:
+            self._shared.words[Word.QUIT] = 1
+            number = self.schedule.number + 1
+        now = self.schedule.deadline(number)
+        if self._beating:
+            self._shared.words[Word.HEARTBEAT] = now
+        self.waits += 1
+        return now, *self.schedule.begin(now)
+
+
+def run(ticks: Iterable[int], beating: bool) -> tuple[bool, Loop, WoundClock]:
+    """Whether the loop ended as it was told, the loop, and the clock."""
+    omni, world = load("omni"), named("nothing")()
+    shared = Shared.create(RowLayout.of(omni))
+    try:
+        shared.words[Word.HEARTBEAT] = BEAT
+        chain = assemble(omni, world, "sim", RATE, 0, None, PointerTracker())
+        loop = Loop(chain, world, shared, RATE, os.getppid())
+        clock = WoundClock(shared, ticks, beating)
+        chain.driver.open()
+        return loop.run(clock), loop, clock
+    finally:
+        shared.unlink()
+
+
+SILENT = int(SILENCE * RATE)
+
+
+def test_a_host_whose_heart_beats_is_obeyed_to_the_end() -> None:
+    well, loop, clock = run(range(2 * SILENT), beating=True)
+    assert well
+    assert loop.reason == ""
+    assert clock.waits == 2 * SILENT + 1
+
+
+def test_a_host_without_a_heartbeat_is_dead_after_the_silence() -> None:
+    well, loop, clock = run(range(2 * SILENT), beating=False)
+    assert not well
+    assert "no sign of life" in loop.reason
+    assert clock.waits == pytest.approx(SILENT, abs=2)
+
+
+def test_a_loop_that_was_held_up_gives_the_host_its_time_again() -> None:
+    # The whole computer stood still for two seconds: the loop is back first, and the host had no chance to speak.
+    late = 4 * SILENT
+    well, loop, clock = run([*range(10), *range(late, late + SILENT // 2)], beating=False)
+    assert well
+    # ... but not for ever.
+    well, loop, clock = run([*range(10), *range(late, late + 2 * SILENT)], beating=False)
+    assert not well
+    assert clock.waits == pytest.approx(10 + SILENT, abs=2)
+
+
+def test_small_delays_of_the_loop_give_nobody_more_time() -> None:
+    well, loop, clock = run(range(0, 4 * SILENT, 20), beating=False)  # every tick 20 ms late
+    assert not well
+    assert clock.waits == pytest.approx(SILENT / 20, abs=2)
