@@ -52,7 +52,7 @@ class FrameFit:
         return placed
 
     def equations(self) -> tuple[Array, Array]:
-        """(residuals (m,) [m], Jacobian (m, 9)); turns times the dome's radius, so that all nine unknowns are lengths."""
+        """(residuals (m,) [m], Jacobian (m, 9)); turns times the dome's radius, so that all unknowns are lengths."""
         x = self.x
         J = np.zeros((len(x), 3, 9))
         J[:, 0, 1], J[:, 0, 2], J[:, 1, 2] = x[:, 2], -x[:, 1], x[:, 0]
