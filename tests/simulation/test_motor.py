@@ -16,7 +16,7 @@ from haptorb.devices.motor_doors import torque_characteristic
 from haptorb.errors import InputError, UnknownName
 from haptorb.simulation.motor import SimulatedMotor
 from haptorb.simulation.registry import simulated
-from haptorb.simulation.rotor import leaning
+from haptorb.devices.regulator import leaning
 
 PMSM = load("pmsm")
 OFF = np.zeros(12)

@@ -18,7 +18,7 @@ from haptorb.physics.compiled import kernel
 from haptorb.physics.interaction import wrench
 from haptorb.physics.ring import RingMagnet
 
-__all__ = ["Regulator"]
+__all__ = ["Regulator", "leaning"]
 
 _NODES = 14  #: tilts at which the exact torque is taken; the polynomial through them is good to 1e-6
 
@@ -44,8 +44,8 @@ class Regulator:
         return float(-on_rotor.value[4])
 
     @cached_property
-    def _series(self) -> tuple[Array, float]:
-        """Chebyshev coefficients of torque/sin(tilt) over the cosine, and the least cosine."""
+    def series(self) -> tuple[Array, float]:
+        """(14,) Chebyshev coefficients of torque over sin(tilt) [N·m], and the least cosine: for `leaning`."""
         low = float(np.cos(self.greatest_tilt))
         node = np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
         cosine = 0.5 * (1 + low) + 0.5 * (1 - low) * node
@@ -55,14 +55,17 @@ class Regulator:
 
     def stiffness_at(self, cosine: float) -> float:
         """Restoring torque over sin(tilt) [N·m], for cos(tilt); held constant beyond `greatest_tilt`."""
-        series, low = self._series
-        return _chebyshev(series, (2 * max(cosine, low) - (1 + low)) / (1 - low))
+        return leaning(cosine, *self.series)
 
 
 @kernel
-def _chebyshev(series: Array, x: float) -> float:
-    """Σ a_n T_n(x) by Clenshaw's recurrence."""
+def leaning(cosine: float, coefficients: Array, least: float) -> float:
+    """Torque over sin(tilt) [N·m], positive where it turns the rotor back upright: Σ a_n T_n by Clenshaw's recurrence.
+
+    coefficients (n,) [N·m] over cos(tilt) from `least` to 1; held constant beyond.
+    """
+    x = (2.0 * max(cosine, least) - (1.0 + least)) / (1.0 - least)
     value, carry = 0.0, 0.0
-    for n in range(series.shape[0] - 1, 0, -1):
-        value, carry = series[n] + 2.0 * x * value - carry, value
-    return float(series[0] + x * value - carry)
+    for n in range(coefficients.shape[0] - 1, 0, -1):
+        value, carry = coefficients[n] + 2.0 * x * value - carry, value
+    return float(coefficients[0] + x * value - carry)

@@ -22,7 +22,7 @@ from haptorb.devices.motor_levels import (
     multipole_torque,
 )
 from haptorb.devices.motor_tables import MotorTables, motor_tables
-from haptorb.devices.regulator import Regulator
+from haptorb.devices.regulator import Regulator, leaning
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.physics.arrays import Array
@@ -130,13 +130,21 @@ class SphericalMotor(Device):
         matrix[3:] = self.torque_characteristic(state.R_SR[None], level)[0] @ self.groups
         return WrenchMap(matrix, self.passive(state.R_SR))
 
+    @cached_property
+    def leaning(self) -> tuple[Array, float]:
+        """(n,) coefficients of what weight and regulator do [N·m], and the least cosine, as `regulator.leaning` takes
+        them: torque over sin(tilt), positive where it turns the rotor back upright."""
+        weight = self.rotor.mass * GRAVITY * self.rotor.centre_of_mass  # (h ẑ_R) × (−m g Ẑ)
+        if self.regulator is None:
+            return np.array([-weight]), 0.0
+        series, least = self.regulator.series
+        return series - weight * np.eye(1, len(series))[0], least
+
     def passive(self, R_SR: Array) -> Array:
         """(6,) torque on the rotor at zero current: its weight, and the regulator that holds it up [N·m]."""
         wrench = np.zeros(6)
         axis = R_SR[:, 2]
-        tilt = self.rotor.mass * GRAVITY * self.rotor.centre_of_mass  # (h ẑ_R) × (−m g Ẑ)
-        if self.regulator is not None:
-            tilt -= self.regulator.stiffness_at(float(axis[2]))
-        wrench[3] = -tilt * axis[1]
-        wrench[4] = tilt * axis[0]
+        back = leaning(float(axis[2]), *self.leaning)
+        wrench[3] = back * axis[1]  # back · ẑ_R × Ẑ
+        wrench[4] = -back * axis[0]
         return wrench

@@ -10,7 +10,8 @@ from haptorb.devices.spherical_motor import SphericalMotor
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 from haptorb.physics.rotations import rotation_from_euler
-from haptorb.sensing.gauss_newton import FieldModel, explained
+from haptorb.sensing.field_model import opened
+from haptorb.sensing.gauss_newton import explained
 from haptorb.sensing.readings import believable, coil_field_per_ampere
 from haptorb.sensing.spin import spin_period
 
@@ -35,7 +36,7 @@ class Found(NamedTuple):
 class ColdStart:
     """A grid over the workspace and one period of spin, with the field at every node."""
 
-    def __init__(self, motor: SphericalMotor, model: FieldModel) -> None:
+    def __init__(self, motor: SphericalMotor, model: Array) -> None:
         self._model = model
         reach = motor.workspace_tilt + _BEYOND
         tilts = np.linspace(-reach, reach, 2 * int(np.ceil(reach / _STEP)) + 1)
@@ -48,11 +49,10 @@ class ColdStart:
         self._largest = float(np.sqrt((field**2).sum(axis=2).max()))
         self._fields = np.ascontiguousarray(field.reshape(len(field), -1))
 
-    def search(
-        self, field: Array, usable: Array, count: int, floor: float, trusted: Array, covariance: Array
-    ) -> Found | None:
+    def search(self, field: Array, usable: Array, floor: float, trusted: Array, covariance: Array) -> Found | None:
         """The orientation that explains `field` (k, 3) [T], or None; arguments as for `explained`."""
         trusted[:] = usable
+        count = int(usable.sum())
         if count < _FEWEST:
             return None
         likeness = np.empty(len(self._nodes))
@@ -65,7 +65,7 @@ class ColdStart:
                 continue
             tried.append(R.copy())
             trusted[:] = usable
-            converged, strength, residual, _, outliers = explained(
+            converged, strength, residual, _, outliers = _explained(
                 self._model, field, usable, count, floor, 1e-6, 25, R, 1.0, trusted, covariance
             )
             if converged and residual <= _POOR * rms and 2 * outliers <= count:
@@ -74,6 +74,16 @@ class ColdStart:
                 break
         trusted[:] = usable
         return None
+
+
+@kernel
+def _explained(
+    model: Array, field: Array, usable: Array, count: int, floor: float, tolerance: float, most: int, R: Array,
+    strength: float, trusted: Array, covariance: Array,
+) -> tuple[bool, float, float, float, int]:  # fmt: skip
+    return explained(
+        opened(model), field, usable, count, floor, tolerance, most, R, strength, trusted, covariance
+    )  # fmt: skip
 
 
 @kernel

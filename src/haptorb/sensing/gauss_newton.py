@@ -5,74 +5,30 @@ device file: the reading of a sensor is s B(R). Each step solves the 4 × 4 norm
 
     B_read − s B(R) ≈ s ∂B/∂δ δ + B ds
 
-with the tables' own derivatives. A sensor whose residual after the step is many times that of the others is left out
-and the step taken again; one that fits again comes back.
+with the tables' own derivatives; after a short step those of the last place serve once more, only the field is looked
+up anew. A sensor whose residual after the step is many times that of the others is left out and the step taken again;
+one that fits again comes back.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from haptorb.devices.spherical_motor import SphericalMotor
-from haptorb.devices.table_kernels import sensor_field_gradient, torque_characteristic
+from haptorb.devices.table_kernels import sensor_field, sensor_field_gradient
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
+from haptorb.sensing.field_model import FieldModel
 from haptorb.sensing.turning import turn_by
 
-__all__ = ["FieldModel", "explained", "torque_per_ampere"]
+__all__ = ["explained"]
 
 _OUTLYING = 6.0  #: a residual so many times the middle one is no accident
 _LONGEST = 0.06  #: longest turn of one step [rad]: the field changes over a few millimetres of 62
+_SHORT = 1e-3  #: after such a turn the derivatives are a hundredth off, and so is the next step, a hundredth as long
 _WEAKEST, _STRONGEST = 0.5, 2.0  #: what is called the same rotor
 _FEWEST = 4  #: three-axis sensors that must agree; fewer leave no doubt to be had
-
-
-class FieldModel(NamedTuple):
-    """The tables of a motor as kernels take them."""
-
-    field_cells: Array
-    field_scale: float
-    torque_cells: Array
-    torque_scale: float
-    magnets: Array  #: (p, 3) rotor frame
-    polarity: Array  #: (p,)
-    sensors: Array  #: (k, 3) stator frame
-    coils: Array  #: (c, 3) stator frame
-    groups: Array  #: (c, m)
-
-    @classmethod
-    def of(cls, motor: SphericalMotor) -> FieldModel:
-        """Built from the motor's pair tables."""
-        field, torque = motor.tables.field_pair, motor.tables.torque_pair
-        return cls(
-            field.cells,
-            field.scale,
-            torque.cells,
-            torque.scale,
-            np.ascontiguousarray(motor.magnets.directions),
-            np.ascontiguousarray(motor.polarity, dtype=np.float64),
-            np.ascontiguousarray(motor.sensor_layout.directions),
-            np.ascontiguousarray(motor.electromagnets.directions),
-            np.ascontiguousarray(motor.groups, dtype=np.float64),
-        )
-
-
-@kernel
-def torque_per_ampere(model: FieldModel, R: Array, strength: float, out: Array) -> None:
-    """out (3, m) [N·m/A]: torque per ampere in every channel at R (3, 3)."""
-    single = np.empty((1, 3, model.coils.shape[0]))
-    torque_characteristic(
-        model.torque_cells, model.torque_scale, model.magnets, model.polarity, model.coils, R.reshape(1, 3, 3), single
-    )
-    for i in range(3):
-        for j in range(out.shape[1]):
-            total = 0.0
-            for c in range(model.coils.shape[0]):
-                total += single[0, i, c] * model.groups[c, j]
-            out[i, j] = strength * total
 
 
 @kernel
@@ -96,7 +52,65 @@ def _inverse(N: Array) -> bool:
 
 
 @kernel
-def _middle(squares: Array, usable: Array, count: int) -> float:
+def _normal(field: Array, B: Array, J: Array, trusted: Array, strength: float, N: Array, step: Array) -> None:
+    """N (4, 4) and step (4,) become matrix and right side of the normal equations over the trusted sensors."""
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    xb, yb, zb, bb = 0.0, 0.0, 0.0, 0.0
+    gx, gy, gz, gb = 0.0, 0.0, 0.0, 0.0
+    for k in range(field.shape[0]):
+        share = trusted[k]
+        for i in range(3):
+            x, y, z, b = J[k, i, 0], J[k, i, 1], J[k, i, 2], B[k, i]
+            r = share * (field[k, i] - strength * b)
+            gx += x * r
+            gy += y * r
+            gz += z * r
+            gb += b * r
+            u, v, w, c = share * x, share * y, share * z, share * b
+            xx += u * x
+            xy += u * y
+            xz += u * z
+            yy += v * y
+            yz += v * z
+            zz += w * z
+            xb += c * x
+            yb += c * y
+            zb += c * z
+            bb += c * b
+    two = strength * strength
+    N[0, 0], N[0, 1], N[0, 2], N[0, 3] = two * xx, two * xy, two * xz, strength * xb
+    N[1, 0], N[1, 1], N[1, 2], N[1, 3] = two * xy, two * yy, two * yz, strength * yb
+    N[2, 0], N[2, 1], N[2, 2], N[2, 3] = two * xz, two * yz, two * zz, strength * zb
+    N[3, 0], N[3, 1], N[3, 2], N[3, 3] = strength * xb, strength * yb, strength * zb, bb
+    step[0], step[1], step[2], step[3] = strength * gx, strength * gy, strength * gz, gb
+
+
+@kernel
+def _solved(N: Array, step: Array) -> bool:
+    """N becomes its inverse, step the solution; False, and no step, where there is none."""
+    if not _inverse(N):
+        return False
+    a, b, c, d = step[0], step[1], step[2], step[3]
+    for i in range(4):
+        step[i] = N[i, 0] * a + N[i, 1] * b + N[i, 2] * c + N[i, 3] * d
+    return True
+
+
+@kernel
+def _threshold(squares: Array, usable: Array, count: int, floor: float) -> float:
+    """Square of a residual above which a sensor is an outlier: many times the middle one's, noise allowed for."""
+    least = 3.0 * floor * floor
+    greatest = 0.0
+    for k in range(squares.shape[0]):
+        greatest = max(greatest, usable[k] * squares[k])
+    suspect = greatest / (_OUTLYING * _OUTLYING)
+    if suspect <= least:
+        return np.inf
+    below = 0
+    for k in range(squares.shape[0]):
+        below += 1 if usable[k] > 0.0 and squares[k] < suspect else 0
+    if below <= count // 2:  # the middle one itself is not below: nobody is an outlier
+        return np.inf
     kept = np.empty(count)
     n = 0
     for k in range(squares.shape[0]):
@@ -104,7 +118,31 @@ def _middle(squares: Array, usable: Array, count: int) -> float:
             kept[n] = squares[k]
             n += 1
     kept.sort()
-    return float(kept[count // 2])
+    return float(_OUTLYING * _OUTLYING * max(kept[count // 2], least))
+
+
+@kernel
+def _judged(
+    field: Array, B: Array, J: Array, usable: Array, count: int, floor: float, strength: float, step: Array,
+    squares: Array, trusted: Array,
+) -> tuple[bool, int, float]:  # fmt: skip
+    """Say in `trusted` which sensors fit after `step`: whether that is new, how many, their sum of squares [T²]."""
+    a, b, c, s = strength * step[0], strength * step[1], strength * step[2], strength + step[3]
+    for k in range(field.shape[0]):
+        x = field[k, 0] - s * B[k, 0] - (a * J[k, 0, 0] + b * J[k, 0, 1] + c * J[k, 0, 2])
+        y = field[k, 1] - s * B[k, 1] - (a * J[k, 1, 0] + b * J[k, 1, 1] + c * J[k, 1, 2])
+        z = field[k, 2] - s * B[k, 2] - (a * J[k, 2, 0] + b * J[k, 2, 1] + c * J[k, 2, 2])
+        squares[k] = x * x + y * y + z * z
+    threshold = _threshold(squares, usable, count, floor)
+    changed, kept, total = False, 0, 0.0
+    for k in range(field.shape[0]):
+        trust = 1.0 if usable[k] > 0.0 and squares[k] <= threshold else 0.0
+        changed = changed or trust != trusted[k]
+        trusted[k] = trust
+        if trust > 0.0:
+            kept += 1
+            total += squares[k]
+    return changed, kept, total
 
 
 @kernel
@@ -120,51 +158,29 @@ def explained(
     """
     places = field.shape[0]
     B, J = np.empty((1, places, 3)), np.empty((1, places, 3, 3))
-    N, gradient, squares = np.empty((4, 4)), np.empty(4), np.empty(places)
-    row, step = np.empty(4), np.zeros(4)
+    N, step, squares, turned = np.empty((4, 4)), np.empty(4), np.empty(places), np.empty((3, 3))
     rms, length, out_count = np.inf, np.inf, 0
     if count < _FEWEST:
         return False, strength, rms, length, out_count
-    turned = np.empty((3, 3))
     for _ in range(most):
-        sensor_field_gradient(
-            model.field_cells, model.field_scale, model.magnets, model.polarity, model.sensors,
-            R.reshape(1, 3, 3), B, J,
-        )  # fmt: skip
+        if length > _SHORT:
+            sensor_field_gradient(
+                model.field_cells, model.field_scale, model.magnets, model.polarity, model.sensors,
+                R.reshape(1, 3, 3), B, J,
+            )  # fmt: skip
+        else:
+            sensor_field(
+                model.field_cells, model.field_scale, model.magnets, model.polarity, model.sensors,
+                R.reshape(1, 3, 3), B,
+            )  # fmt: skip
+        kept, total = 0, 0.0
         for _again in range(4):
-            N[:] = 0.0
-            gradient[:] = 0.0
-            for k in range(places):
-                if trusted[k] > 0.0:
-                    for i in range(3):
-                        for a in range(3):
-                            row[a] = strength * J[0, k, i, a]
-                        row[3] = B[0, k, i]
-                        r = field[k, i] - strength * row[3]
-                        for a in range(4):
-                            gradient[a] += row[a] * r
-                            for b in range(4):
-                                N[a, b] += row[a] * row[b]
-            if not _inverse(N):
+            _normal(field, B[0], J[0], trusted, strength, N, step)
+            if not _solved(N, step):
                 return False, strength, rms, length, out_count
-            for a in range(4):
-                step[a] = N[a, 0] * gradient[0] + N[a, 1] * gradient[1] + N[a, 2] * gradient[2] + N[a, 3] * gradient[3]
-            for k in range(places):
-                squares[k] = 0.0
-                for i in range(3):
-                    r = field[k, i] - (strength + step[3]) * B[0, k, i]
-                    r -= strength * (J[0, k, i, 0] * step[0] + J[0, k, i, 1] * step[1] + J[0, k, i, 2] * step[2])
-                    squares[k] += r * r
-            threshold = _OUTLYING * _OUTLYING * max(_middle(squares, usable, count), 3.0 * floor * floor)
-            changed = False
-            kept, total = 0, 0.0
-            for k in range(places):
-                trust = 1.0 if usable[k] > 0.0 and squares[k] <= threshold else 0.0
-                changed = changed or trust != trusted[k]
-                trusted[k] = trust
-                if trust > 0.0:
-                    kept += 1
-                    total += squares[k]
+            changed, kept, total = _judged(
+                field, B[0], J[0], usable, count, floor, strength, step, squares, trusted
+            )  # fmt: skip
             out_count = count - kept
             if not changed:
                 break
@@ -174,7 +190,9 @@ def explained(
         length = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
         shorter = min(1.0, _LONGEST / length) if length > 0.0 else 1.0
         turn_by(shorter * step[0], shorter * step[1], shorter * step[2], R, turned)
-        R[:] = turned
+        for i in range(3):
+            for j in range(3):
+                R[i, j] = turned[i, j]
         wanted = strength + shorter * step[3]
         strength = min(max(wanted, _WEAKEST), _STRONGEST)
         if length <= tolerance:

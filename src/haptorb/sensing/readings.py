@@ -13,10 +13,9 @@ __all__ = ["believable", "coil_field_per_ampere", "magnet_field"]
 
 
 def coil_field_per_ampere(motor: SphericalMotor) -> Array:
-    """(3 sensors, channels) what one ampere in each channel adds to every reading [T/A], stator frame."""
+    """(channels, 3 sensors) what one ampere in each channel adds to every reading [T/A], stator frame."""
     places = motor.sensor_layout.positions
-    columns = [motor.coil_field(places, one).ravel() for one in np.eye(motor.channels)]
-    return np.ascontiguousarray(np.stack(columns, axis=1))
+    return np.stack([motor.coil_field(places, one).ravel() for one in np.eye(motor.channels)])
 
 
 def believable(motor: SphericalMotor, orientations: Array, field: Array, per_ampere: Array) -> float:
@@ -27,7 +26,7 @@ def believable(motor: SphericalMotor, orientations: Array, field: Array, per_amp
     if not len(orientations):
         raise InputError("no orientations were given to learn the field's range from")
     most = float(np.sqrt((field**2).sum(axis=2).max()))
-    coils = np.abs(per_ampere) @ motor.coils.current_limit
+    coils = motor.coils.current_limit @ np.abs(per_ampere)
     return 1.5 * (most + float(np.sqrt((coils.reshape(-1, 3) ** 2).sum(axis=1).max())))
 
 
@@ -38,15 +37,16 @@ def magnet_field(field: Array, currents: Array, per_ampere: Array, limit: float,
     Not usable is what is not finite and what is longer than `limit` [T]; it becomes zero in `out`. A reading of zero
     may be true: between four magnets of a checkerboard there is no field.
     """
+    read, rest = field.reshape(-1), out.reshape(-1)
+    for r in range(rest.shape[0]):
+        rest[r] = read[r]
+    for j in range(currents.shape[0]):
+        ampere = currents[j]
+        for r in range(rest.shape[0]):
+            rest[r] -= per_ampere[j, r] * ampere
     count = 0
     for k in range(field.shape[0]):
-        square = 0.0
-        for i in range(3):
-            reading = field[k, i]
-            square += reading * reading
-            for j in range(currents.shape[0]):
-                reading -= per_ampere[3 * k + i, j] * currents[j]
-            out[k, i] = reading
+        square = field[k, 0] * field[k, 0] + field[k, 1] * field[k, 1] + field[k, 2] * field[k, 2]
         total = out[k, 0] + out[k, 1] + out[k, 2]
         if square <= limit * limit and np.isfinite(total):  # NaN fails the first
             usable[k] = 1.0

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from math import cos, radians
+from math import cos
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from haptorb.devices.handle import Grasp
-from haptorb.devices.spherical_motor import GRAVITY, SphericalMotor
+from haptorb.devices.spherical_motor import SphericalMotor
 from haptorb.physics.arrays import Array
 from haptorb.simulation.rotor import Joint
 from haptorb.simulation.tool import matrix
 
 __all__ = ["joint_of", "raised", "within"]
-
-_NODES = 24  #: of the polynomial of weight and regulator by cos(tilt); the regulator's own has fourteen
 
 
 def joint_of(device: SphericalMotor, grasp: Grasp) -> Joint:
@@ -24,22 +22,12 @@ def joint_of(device: SphericalMotor, grasp: Grasp) -> Joint:
     arm = rotor.handle_length
     hand = np.array([grasp.mass * arm**2, grasp.mass * arm**2, 0.5 * grasp.mass * grasp.radius**2])
     damper = grasp.damping * arm**2
-    # Beyond the regulator's tabulated tilts its torque over sin(tilt) is held constant, and so it is here.
-    least = cos(device.regulator.greatest_tilt) if device.regulator is not None else cos(radians(89.0))
-    node = np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
-    weight = rotor.mass * GRAVITY * rotor.centre_of_mass
-    ring = device.regulator
-    back = [
-        (ring.stiffness_at(c) if ring is not None else 0.0) - weight
-        for c in (0.5 * (1 + least) + 0.5 * (1 - least) * node).tolist()
-    ]
     return Joint(
         np.array(rotor.inertia, dtype=np.float64) + hand,
         np.full(3, float(rotor.viscous_friction) + damper),
         float(rotor.dry_friction),
         grasp.stiffness * arm**2,
-        np.ascontiguousarray(chebyshev.chebfit(node, np.array(back), _NODES - 1)),
-        least,
+        *device.leaning,
         cos(device.workspace_tilt),
         device.end_stop.stiffness,
         device.end_stop.damping,

@@ -13,11 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from haptorb.devices.regulator import leaning
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 from haptorb.simulation.hand import rotation_left
 
-__all__ = ["ANGULAR", "Joint", "angular_velocity", "kick", "leaning", "turn"]
+__all__ = ["ANGULAR", "Joint", "angular_velocity", "kick", "turn"]
 
 ANGULAR = 4  #: where the angular momentum begins in a state
 
@@ -34,16 +35,6 @@ class Joint(NamedTuple):
     edge: float  #: cosine of the tilt at which the end stop begins
     stop: float  #: its stiffness [N·m/rad]
     stop_damping: float  #: [N·m·s/rad]
-
-
-@kernel
-def leaning(cosine: float, coefficients: Array, least: float) -> float:
-    """Torque of weight and regulator over sin(tilt) [N·m], positive where it turns the rotor back upright."""
-    x = (2.0 * max(cosine, least) - (1.0 + least)) / (1.0 - least)
-    value, carry = 0.0, 0.0
-    for i in range(coefficients.shape[0] - 1, 0, -1):
-        value, carry = coefficients[i] + 2.0 * x * value - carry, value
-    return float(coefficients[0] + x * value - carry)
 
 
 @kernel
