@@ -157,6 +157,8 @@ class Children:
                 stderr=errors,
                 start_new_session=True,
                 pass_fds=() if descriptor is None else (descriptor,),
+                # Small matrices: a second thread of OpenBLAS would only wait in a loop, beside the servo's.
+                env={"OPENBLAS_NUM_THREADS": "1", **os.environ},
             )
 
     def _beat(self) -> None:
