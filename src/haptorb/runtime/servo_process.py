@@ -13,9 +13,11 @@ import shutil
 import signal
 import sys
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 
+from haptorb import worlds
 from haptorb.errors import HaptorbError, ServoError
 from haptorb.runtime import plan as plans
 from haptorb.runtime.calibration_match import disagreement
@@ -98,12 +100,20 @@ def _run(shared: Shared, path: Path, parent: int) -> int:
 
 
 def _rehearse(plan: plans.Plan, shared: Shared) -> None:
-    """Run a chain of its own for a few ticks: compiled code is loaded now, and not in the first tick."""
+    """Run a chain of its own for a few ticks: compiled code is loaded now, and not in the first tick.
+
+    Then one tick of every world of the catalogue: who chooses another while the loop runs must not wait for its code,
+    and neither must the coils.
+    """
     chain = plan.practice(PointerTracker())
     row = shared.layout.empty()
     with chain.driver:
         for tick in range(_REHEARSAL):
             chain.step(row, tick / plan.rate)
+        for tick, kind in enumerate(worlds.CATALOGUE.values(), start=_REHEARSAL):
+            with suppress(HaptorbError):  # not for this device: nobody will be able to choose it either
+                chain.change_world(kind())
+                chain.step(row, tick / plan.rate)
 
 
 def _tracker(plan: plans.Plan, shared: Shared) -> Tracker:

@@ -1,0 +1,45 @@
+"""What the servo's process does before it opens the device: after it, no code is loaded any more."""
+
+import subprocess
+import sys
+
+import pytest
+
+PROGRAM = """
+import gc, sys
+from numba.core.dispatcher import Dispatcher
+from haptorb import worlds
+from haptorb.errors import HaptorbError
+from haptorb.runtime import servo_process
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.servo import Servo
+from haptorb.runtime.shared import Shared
+
+servo = Servo(sys.argv[1], sys.argv[2], record=False)
+shared = Shared.create(servo.layout)
+try:
+    servo_process._rehearse(servo._plan, shared)
+    chain, row = servo._plan.assemble(PointerTracker(shared.pointer)), shared.layout.empty()
+    kernels = lambda: sum(len(thing.overloads) for thing in gc.get_objects() if isinstance(thing, Dispatcher))
+    before, rendered = (kernels(), set(sys.modules)), 0
+    with chain.driver:
+        for tick, kind in enumerate(worlds.CATALOGUE.values()):
+            try:
+                chain.change_world(kind())
+            except HaptorbError:
+                continue
+            chain.step(row, tick * 1e-3)
+            rendered += 1
+    print(rendered, kernels() - before[0], sorted(set(sys.modules) - before[1]))
+finally:
+    shared.unlink()
+"""
+
+
+@pytest.mark.parametrize(("device", "first", "least"), [("omni", "wall", 12), ("pmsm", "nothing", 8)])
+def test_no_world_of_the_catalogue_is_loaded_while_the_loop_runs(device: str, first: str, least: int) -> None:
+    done = subprocess.run([sys.executable, "-c", PROGRAM, device, first], capture_output=True, text=True, check=True)
+    rendered, loaded, modules = done.stdout.split(maxsplit=2)
+    assert int(rendered) >= least
+    assert loaded == "0"
+    assert modules.strip() == "[]"
