@@ -16,6 +16,7 @@ from haptorb.sensing.network import NetworkTorque, train
 from haptorb.sensing.network_file import networks_path, read_networks, write_networks
 from haptorb.sensing.orientation import LeastSquaresOrientation
 from haptorb.sensing.sample import Pose, Sample
+from haptorb.sensing.squashing import squash
 from haptorb.sensing.torque_map import FieldToTorque
 from haptorb.sensing.training_set import workspace_grid
 
@@ -94,6 +95,13 @@ def test_kernel_equals_the_networks_it_was_folded_from(pmsm, networks, maps):
             )
     axial = np.einsum("nij,ji->nj", found, pmsm.electromagnets.directions)
     assert np.abs(axial).max() < 1e-12  # no torque about a coil's own axis
+
+
+def test_tanh_of_many_numbers_at_once():
+    x = np.concatenate([np.linspace(-25, 25, 20_001), np.linspace(-1e-3, 1e-3, 101), [-np.inf, np.inf, np.nan]])
+    found = x.copy()
+    squash(found)
+    np.testing.assert_allclose(found, np.tanh(x), rtol=0, atol=5e-16)
 
 
 @pytest.mark.parametrize(("name", "least", "most"), [("network", 0.0, 0.08), ("linear", 0.05, 0.12)])

@@ -7,7 +7,6 @@ axis.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,10 +20,13 @@ from haptorb.physics.compiled import kernel
 from haptorb.sensing.levenberg_marquardt import trained
 from haptorb.sensing.neighbourhood import REACH, Neighbourhood, Numbers, neighbourhoods
 from haptorb.sensing.perceptron import Perceptron
+from haptorb.sensing.squashing import squash
 from haptorb.sensing.torque_map import TorqueMap
 from haptorb.sensing.training_set import GRID, workspace_grid
 
 __all__ = ["NetworkTorque", "TrainedNetworks", "train"]
+
+_LANES = 16  #: inputs that are summed up side by side
 
 
 @dataclass(frozen=True)
@@ -104,57 +106,89 @@ def train(
 
 
 class NetworkTorque(TorqueMap):
-    """All networks of a device as one kernel: frames and scalings are multiplied into the weights beforehand.
+    """All networks of a device as one kernel: scalings are multiplied into the weights beforehand.
 
     A coil with a sensor that cannot be believed is not known: a network has no way of doing without an input.
     """
 
     def __init__(self, motor: SphericalMotor, networks: TrainedNetworks) -> None:
-        coils = len(motor.electromagnets)
         groups = networks.fitting(motor)
-        nodes = max(network.nodes for network in networks.networks)
+        coils, nodes = len(motor.electromagnets), max(network.nodes for network in networks.networks)
         most = max(near.sensors.shape[1] for near in groups)
+        inputs = _LANES * -(-(3 * most + 1) // _LANES)  # whole vectors; the last input is always 1, for the biases
         self._sensors = np.full((coils, most), -1, dtype=np.int64)
-        self._hidden = np.zeros((coils, nodes, 3 * most + 1))
-        self._output = np.zeros((coils, 3, nodes + 1))
-        for near, network in zip(groups, networks.networks, strict=True):
+        self._frames = np.zeros((coils, 3, 3))
+        self._hidden = np.zeros((len(groups), nodes, inputs))
+        self._output = np.zeros((len(groups), 2, nodes + 1))
+        batches = []
+        for number, (near, network) in enumerate(zip(groups, networks.networks, strict=True)):
             hidden, output = network.folded()
             many, some = near.sensors.shape[1], network.nodes
-            for coil, frame, sensors in zip(near.coils, near.frames, near.sensors, strict=True):
-                self._sensors[coil, :many] = sensors
-                own = hidden[:, :-1].reshape(some, many, 3) @ frame.T  # frameᵀ B is what the network was taught
-                self._hidden[coil, :some, : 3 * many] = own.reshape(some, -1)
-                self._hidden[coil, :some, -1] = hidden[:, -1]
-                self._output[coil, :, :some] = frame[:, :2] @ output[:, :-1]
-                self._output[coil, :, -1] = frame[:, :2] @ output[:, -1]
+            self._sensors[near.coils, :many] = near.sensors
+            self._frames[near.coils] = near.frames
+            self._hidden[number, :some, : 3 * many], self._hidden[number, :some, -1] = hidden[:, :-1], hidden[:, -1]
+            self._output[number, :, :some], self._output[number, :, -1] = output[:, :-1], output[:, -1]
+            for first in range(0, len(near.coils), 4):  # the last four may name a coil twice
+                batches.append((number, *np.resize(near.coils[first : first + 4], 4).tolist()))
+        self._batches = np.array(batches, dtype=np.int64)
 
     def torque(self, field: Array, usable: Array, out: Array, known: Array) -> None:
         """As `TorqueMap.torque`. (3, coils) [N·m/A]."""
-        _forward(self._sensors, self._hidden, self._output, field, usable, out, known)
+        _forward(
+            self._batches, self._sensors, self._frames, self._hidden, self._output, field, usable, out, known
+        )  # fmt: skip
+
+
+@kernel
+def _own(sensors: Numbers, F: Array, field: Array, usable: Array, out: Array) -> float:
+    """out (inputs,) becomes what the coil with axes F (3, 3) sees; returns 1.0 if all of it may be believed, else 0."""
+    sure = 1.0
+    for s in range(sensors.shape[0]):
+        k = sensors[s]
+        if k >= 0:
+            sure *= usable[k]
+            x, y, z = field[k, 0], field[k, 1], field[k, 2]
+            out[3 * s] = F[0, 0] * x + F[1, 0] * y + F[2, 0] * z
+            out[3 * s + 1] = F[0, 1] * x + F[1, 1] * y + F[2, 1] * z
+            out[3 * s + 2] = F[0, 2] * x + F[1, 2] * y + F[2, 2] * z
+    return sure
 
 
 @kernel
 def _forward(
-    sensors: Numbers, hidden: Array, output: Array, field: Array, usable: Array, out: Array, known: Array
-) -> None:
-    nodes, bias = hidden.shape[1], hidden.shape[2] - 1
-    x = np.empty(bias)
-    for c in range(sensors.shape[0]):
-        many, sure = 0, 1.0
-        for s in range(sensors.shape[1]):
-            k = sensors[c, s]
-            if k >= 0:
-                sure *= usable[k]
-                x[many], x[many + 1], x[many + 2] = field[k, 0], field[k, 1], field[k, 2]
-                many += 3
-        known[c] = sure
-        kx, ky, kz = output[c, 0, nodes], output[c, 1, nodes], output[c, 2, nodes]
-        for n in range(nodes):
-            total = hidden[c, n, bias]
-            for i in range(many):
-                total += hidden[c, n, i] * x[i]
-            h = math.tanh(total)
-            kx += output[c, 0, n] * h
-            ky += output[c, 1, n] * h
-            kz += output[c, 2, n] * h
-        out[0, c], out[1, c], out[2, c] = kx, ky, kz
+    batches: Numbers, sensors: Numbers, frames: Array, hidden: Array, output: Array, field: Array, usable: Array,
+    out: Array, known: Array,
+) -> None:  # fmt: skip
+    """batches (b, 5): a network and four coils that share it; sensors (c, s), −1 where a coil has fewer; frames
+    (c, 3, 3); hidden (networks, nodes, inputs), output (networks, 2, nodes + 1) along ϑ̂ and φ̂, biases last."""
+    nodes, inputs = hidden.shape[1], hidden.shape[2]
+    h = np.empty((frames.shape[0], nodes))
+    x = np.zeros((4, inputs))
+    for b in range(batches.shape[0]):
+        batch = batches[b]
+        for q in range(4):
+            c = batch[1 + q]
+            known[c] = _own(sensors[c], frames[c], field, usable, x[q])
+            x[q, inputs - 1] = 1.0
+        weights, x0, x1, x2, x3 = hidden[batch[0]], x[0], x[1], x[2], x[3]
+        for n in range(nodes):  # four coils at once: every weight is fetched once for them
+            row = weights[n]
+            h0, h1, h2, h3 = 0.0, 0.0, 0.0, 0.0
+            for i in range(inputs):
+                h0 += row[i] * x0[i]
+                h1 += row[i] * x1[i]
+                h2 += row[i] * x2[i]
+                h3 += row[i] * x3[i]
+            h[batch[1], n], h[batch[2], n], h[batch[3], n], h[batch[4], n] = h0, h1, h2, h3
+    squash(h.reshape(-1))
+    for b in range(batches.shape[0]):
+        weights = output[batches[b, 0]]
+        for q in range(4):
+            c = batches[b, 1 + q]
+            F, node = frames[c], h[c]
+            south, east = weights[0, nodes], weights[1, nodes]
+            for n in range(nodes):
+                south += weights[0, n] * node[n]
+                east += weights[1, n] * node[n]
+            for i in range(3):
+                out[i, c] = F[i, 0] * south + F[i, 1] * east

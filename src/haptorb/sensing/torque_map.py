@@ -67,7 +67,7 @@ class FieldToTorque(Estimator):
         self._turn, self._turning = np.full((3, 3), np.nan), np.full(3, np.nan)
         self._rest, self._nothing = np.zeros(3), np.zeros(6)
         magnet_field(self._field, np.zeros(motor.channels), self._per_ampere, self._limit, self._field, self._usable)
-        self._torque()  # compiled before the loop begins
+        self._torque(self._field, self._usable)  # compiled before the loop begins
 
     def update(self, sample: Sample) -> Estimate:
         """The estimate after `sample`; its `pose` is not looked at.
@@ -79,18 +79,19 @@ class FieldToTorque(Estimator):
             raise InputError(
                 f"device '{motor.name}' has {motor.sensors} field sensors; the sample has {sample.field.shape[0]}"
             )
-        count = magnet_field(sample.field, sample.currents, self._per_ampere, self._limit, self._field, self._usable)
-        if self._orientation is None:
-            matrix, valid = self._torque()
+        beside = self._orientation
+        if beside is None:
+            count = magnet_field(
+                sample.field, sample.currents, self._per_ampere, self._limit, self._field, self._usable
+            )  # fmt: skip
+            matrix, valid = self._torque(self._field, self._usable)
             if valid:
                 self._t = sample.t
             state = State(sample.t, self._turn, self._rest, self._turning, self._rest)
             known = WrenchMap(matrix, self._nothing)
-            return Estimate(state, known, valid, sample.t - self._t, oriented=False, disbelieved=motor.sensors - count)
-        pose = self._orientation.update(sample)
-        if pose.valid:
-            np.minimum(self._usable, self._orientation.trusted, out=self._usable)
-        matrix, valid = self._torque()
+            return Estimate(state, known, valid, sample.t - self._t, False, disbelieved=motor.sensors - count)
+        pose = beside.update(sample)
+        matrix, valid = self._torque(beside.field, beside.trusted if pose.valid else beside.usable)
         z = pose.state.R_SR[:, 2].tolist()  # (sin λ, −sin ψ cos λ, cos ψ cos λ)
         inside = abs(z[0]) <= self._sine and abs(z[1]) <= self._tangent * z[2]
         return Estimate(
@@ -98,16 +99,17 @@ class FieldToTorque(Estimator):
             pose.oriented, pose.spin_period, pose.covariance, pose.strength, pose.disbelieved,
         )  # fmt: skip
 
-    def _torque(self) -> tuple[Array, bool]:
+    def _torque(self, field: Array, usable: Array) -> tuple[Array, bool]:
         """(6, m) per channel, and whether enough channels are known."""
-        matrix = np.zeros((6, self._motor.channels))
-        self._map.torque(self._field, self._usable, self._single, self._known)
-        return matrix, _grouped(self._single, self._known, self._groups, matrix[3:]) >= self._enough
+        matrix = np.empty((6, self._groups.shape[1]))
+        self._map.torque(field, usable, self._single, self._known)
+        return matrix, _grouped(self._single, self._known, self._groups, matrix) >= self._enough
 
 
 @kernel
 def _grouped(single: Array, known: Array, groups: Array, out: Array) -> int:
-    """out (3, m) torque per ampere of every channel, zero where one of its coils is not known; returns how many are."""
+    """out (6, m): no force, and torque per ampere of every channel, zero where one of its coils is not known; returns
+    how many are."""
     count = 0
     for j in range(out.shape[1]):
         sure, x, y, z = 1.0, 0.0, 0.0, 0.0
@@ -119,8 +121,8 @@ def _grouped(single: Array, known: Array, groups: Array, out: Array) -> int:
                 y += share * single[1, c]
                 z += share * single[2, c]
         if sure > 0.0 and np.isfinite(x + y + z):
-            out[0, j], out[1, j], out[2, j] = x, y, z
             count += 1
         else:
-            out[0, j], out[1, j], out[2, j] = 0.0, 0.0, 0.0
+            x, y, z = 0.0, 0.0, 0.0
+        out[0, j], out[1, j], out[2, j], out[3, j], out[4, j], out[5, j] = 0.0, 0.0, 0.0, x, y, z
     return count
