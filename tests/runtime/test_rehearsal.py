@@ -7,8 +7,10 @@ import pytest
 
 PROGRAM = """
 import gc, sys
+import numpy as np
 from numba.core.dispatcher import Dispatcher
 from haptorb import worlds
+from haptorb.control.trip import Trip
 from haptorb.errors import HaptorbError
 from haptorb.runtime import servo_process
 from haptorb.runtime.pointer import PointerTracker
@@ -30,6 +32,19 @@ try:
                 continue
             chain.step(row, tick * 1e-3)
             rendered += 1
+        # Whatever people do while it runs: take the pointer, let it go, stop, engage, change mode, open the clutch.
+        place = chain.estimator.update(chain.driver.read(0.1)).state.p
+        for tick in range(100, 200):
+            shared.pointer.write(tick < 130, place, np.array([0.0, 0.0, 0.0, 1.0]), tick * 1e-3)
+            if tick == 150:
+                chain.guard.trip(Trip.STOPPED)
+            if tick == 160:
+                chain.engage()
+            if tick == 170 and servo.modes:
+                chain.linkage.set_mode("rotate")
+            if tick == 180 and servo.modes:
+                chain.linkage.set_clutch(False)
+            chain.step(row, tick * 1e-3)
     print(rendered, kernels() - before[0], sorted(set(sys.modules) - before[1]))
 finally:
     shared.unlink()

@@ -37,6 +37,7 @@ class OverDome(Guide):
 
     def __init__(self) -> None:
         self._rest = guided_position(DURATION)
+        self.back(self._rest, upright(self._rest), 1.0)  # compiled now, and not when somebody lets go
 
     def at(self, t: float) -> tuple[Array, Array]:
         """(3,) the tool's magnet [m] and (4,) its turn as a quaternion (x, y, z, w), axis radial."""
