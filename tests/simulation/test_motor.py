@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from haptorb.devices.handle import HALL_IDEAL, HANDLE_LOOSE, HallQuality
 from haptorb.devices.loader import load
 from haptorb.devices.motor_doors import torque_characteristic
+from haptorb.devices.regulator import leaning
 from haptorb.errors import InputError, UnknownName
 from haptorb.simulation.motor import SimulatedMotor
 from haptorb.simulation.registry import simulated
-from haptorb.devices.regulator import leaning
 
 PMSM = load("pmsm")
 OFF = np.zeros(12)
