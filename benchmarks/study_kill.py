@@ -2,8 +2,9 @@
 
     python benchmarks/study_kill.py [--kills 200] [--json]
 
-Every time a fresh process goes on with the rehearsal where the database says it stood. It tells every answer only after
-it was kept; whatever was told must be there afterwards, once.
+Every time another process goes on with the rehearsal where the database says it stood. It tells every answer only after
+it was kept; whatever was told must be there afterwards, once. Here every process starts from nothing, so that resuming
+is timed whole; tests let one that has imported everything fork instead (`forked`), which is killed just as well.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from typing import Any
 
 #: goes on with the simulated study in argv[1] until it is killed; every line is written after the answer was kept
 WORKER = """
-import sys
+import os, sys
 from sqlalchemy import select, func
 from haptorb.apps.study.database import database, sessions
 from haptorb.apps.study.participant import Participant
@@ -31,50 +32,103 @@ from haptorb.apps.study.sitting import Sitting
 from haptorb.apps.study.study_file import study_of
 points = ", ".join(f"{{ number = {n}, theta_deg = {9 * n} }}" for n in range(1, 6))
 study = study_of(f'name = "killed"\\n[set_points]\\npoints = [{points}]\\n[trials]\\nrepetitions = 10')
-engine = database(sys.argv[1])
-with engine.connect() as connection:
-    ended = connection.execute(select(func.count()).select_from(sessions).where(sessions.c.ended.is_not(None)))
-    person = 1 + ended.scalar_one()
-while True:
-    with Sitting(engine, study, f"SIM{person:03d}", simulated=True) as sitting:
-        somebody = Participant(study, (0, person))
-        somebody.answer(sitting.prompt, sitting.number)  # loads the kernels; the same answer comes again below
-        print("asked", sitting.id, sitting.number, flush=True)
-        while (prompt := sitting.prompt) is not None:
-            sitting.answer(somebody.answer(prompt, sitting.number))
-            print("kept", sitting.id, sitting.number - 1, flush=True)
-    person += 1
+def work(told):
+    engine = database(sys.argv[1])
+    with engine.connect() as connection:
+        ended = connection.execute(select(func.count()).select_from(sessions).where(sessions.c.ended.is_not(None)))
+        person = 1 + ended.scalar_one()
+    while True:
+        with Sitting(engine, study, f"SIM{person:03d}", simulated=True) as sitting:
+            somebody = Participant(study, (0, person))
+            somebody.answer(sitting.prompt, sitting.number)  # loads the kernels; the same answer comes again below
+            print("asked", sitting.id, sitting.number, file=told, flush=True)
+            while (prompt := sitting.prompt) is not None:
+                sitting.answer(somebody.answer(prompt, sitting.number))
+                print("kept", sitting.id, sitting.number - 1, file=told, flush=True)
+        person += 1
+if len(sys.argv) == 2:
+    work(sys.stdout)
+engine = database(sys.argv[2])
+with Sitting(engine, study, "SIM001", simulated=True) as sitting:
+    Participant(study, (0, 1)).answer(sitting.prompt, 0)
+engine.dispose()
+for place in map(str.strip, sys.stdin):  # a pipe of its own for each: no line of another's end is in it
+    if not (child := os.fork()):
+        work(open(place, "w"))
+    print(child, flush=True)
+    os.waitpid(child, 0)
 """
 
 
-def killed(folder: Path, kills: int, seed: int = 4) -> dict[str, Any]:
+class Started:
+    """A worker of its own: `kill` ends it and gives what it had told since its first line."""
+
+    def __init__(self, worker: Path, database: Path) -> None:
+        self._process = subprocess.Popen([sys.executable, str(worker), str(database)], stdout=subprocess.PIPE)
+        assert self._process.stdout is not None
+        self._told = self._process.stdout
+        self.first = self._told.readline()
+
+    def kill(self) -> bytes:
+        """SIGKILL, and the rest."""
+        os.kill(self._process.pid, signal.SIGKILL)
+        rest = self._told.read()
+        self._process.wait()
+        self._told.close()
+        return rest
+
+
+class Forked:
+    """The same, forked by a process that has imported everything."""
+
+    def __init__(self, parent: subprocess.Popen[bytes], pipe: Path) -> None:
+        assert parent.stdin is not None
+        assert parent.stdout is not None
+        os.mkfifo(pipe)
+        parent.stdin.write(f"{pipe}\n".encode())
+        parent.stdin.flush()
+        self._pid = int(parent.stdout.readline())
+        self._told = pipe.open("rb")
+        self.first = self._told.readline()
+
+    def kill(self) -> bytes:
+        """SIGKILL, and the rest."""
+        os.kill(self._pid, signal.SIGKILL)
+        with self._told:
+            return self._told.read()
+
+
+def killed(folder: Path, kills: int, seed: int = 4, *, forked: bool = False) -> dict[str, Any]:
     """Kill `kills` times; counts over all answers that were told as kept, and seconds from start to the next trial."""
     worker, draw = folder / "worker.py", random.Random(seed)
     worker.write_text(WORKER, encoding="utf-8")
     told: set[tuple[int, int]] = set()
     resumed: list[float] = []
     middle = repeated = 0
-    for _ in range(kills):
-        start = time.perf_counter()
-        process = subprocess.Popen([sys.executable, str(worker), str(folder / "s.db")], stdout=subprocess.PIPE)
-        assert process.stdout is not None
-        first = process.stdout.readline().decode()
-        resumed.append(time.perf_counter() - start)
-        time.sleep(draw.uniform(0.0, 0.5))
-        os.kill(process.pid, signal.SIGKILL)
-        rest = process.stdout.read().decode()
-        process.wait()
-        process.stdout.close()
-        # A line that the kill cut short tells nothing.
-        for line in (first + rest).split("\n")[:-1]:
-            kind, session, number = line.split()
-            what = (int(session), int(number))
-            if kind == "kept":
-                repeated += what in told
-                told.add(what)
-            else:
-                repeated += what in told  # asked again although it was answered
-                middle += int(number) > 0
+    parent = None
+    if forked:
+        command = [sys.executable, str(worker), str(folder / "s.db"), str(folder / "warm.db")]
+        parent = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    try:
+        for number in range(kills):
+            start = time.perf_counter()
+            one = Started(worker, folder / "s.db") if parent is None else Forked(parent, folder / f"told-{number}")
+            resumed.append(time.perf_counter() - start)
+            time.sleep(draw.uniform(0.0, 0.5))
+            # A line that the kill cut short tells nothing.
+            for line in (one.first + one.kill()).decode().split("\n")[:-1]:
+                kind, session, trial = line.split()
+                what = (int(session), int(trial))
+                if kind == "kept":
+                    repeated += what in told
+                    told.add(what)
+                else:
+                    repeated += what in told  # asked again although it was answered
+                    middle += int(trial) > 0
+    finally:
+        if parent is not None:
+            parent.kill()
+            parent.communicate()
     with sqlite3.connect(folder / "s.db") as raw:
         rows = raw.execute("SELECT session, number FROM trials ORDER BY session, number").fetchall()
         whole = raw.execute("PRAGMA integrity_check").fetchone() == ("ok",)

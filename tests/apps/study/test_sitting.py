@@ -24,14 +24,14 @@ HERE = (0.0, 0.0, 0.05)
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def killed(folder: Path, kills: int) -> dict[str, Any]:
+def killed(folder: Path, kills: int, *, forked: bool = False) -> dict[str, Any]:
     """What benchmarks/study_kill.py finds."""
     spec = importlib.util.spec_from_file_location("study_kill", ROOT / "benchmarks" / "study_kill.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module.killed(folder, kills)
+    return module.killed(folder, kills, forked=forked)
 
 
 def test_a_session_is_answered_to_its_end_and_read_back(identify: Study, tmp_path: Path) -> None:
@@ -274,7 +274,7 @@ def test_simulated_participants_are_asked_nothing_in_words(tmp_path: Path) -> No
 
 
 def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
-    found = killed(tmp_path, 10)
+    found = killed(tmp_path, 10, forked=True)
     assert (found["kills"], found["lost"], found["doubled"]) == (10, 0, 0)
     assert found["in_the_middle"] > 0
 
