@@ -131,6 +131,33 @@ def test_torque_is_the_characteristic_times_the_currents():
     assert motor.currents == pytest.approx(duties * 60 / PMSM.coils.resistance_at(motor.winding), rel=2e-3, abs=1e-9)
 
 
+@pytest.mark.parametrize("speed", [0.2, 6.0])
+def test_one_look_up_of_the_characteristic_serves_a_tick(speed):
+    """A millisecond at once, or its four steps one by one, each with a characteristic of its own: the same motion to
+    0.001°, the same torque to 0.05 % of the greatest, while up to 1.1 N·m throw the rotor about at up to 12 rad/s."""
+    whole, apart = SimulatedMotor(PMSM, seed=1), SimulatedMotor(PMSM, seed=1)
+    for motor in (whole, apart):
+        motor.place(NOWHERE, tilted(5, -3, 10))
+        motor.spin(speed * np.array([0.3, -0.2, 1.0]))
+    turned, torques, fastest = [], [], 0.0
+    for n in range(400):
+        duties = 0.6 * np.sin(0.02 * n * np.arange(1, 13))
+        goal = tilted(11 * np.sin(4e-3 * speed * n), 11 * np.cos(3e-3 * speed * n), 0.057 * speed * n)
+        whole.advance(DT, duties, NOWHERE, goal)
+        mean = np.zeros(6)
+        for _ in range(4):
+            apart.advance(DT / 4, duties, NOWHERE, goal)
+            mean += 0.25 * apart.truth()
+        torques.append((whole.truth(), mean))
+        turned.append(np.abs(whole.state().R_SR - apart.state().R_SR).max())
+        fastest = max(fastest, float(np.linalg.norm(whole.state().w)))
+    found, fine = np.array(torques).swapaxes(0, 1)
+    assert fastest > 5.0
+    assert np.abs(fine).max() > 0.8
+    assert np.abs(found - fine).max() < 5e-4 * np.abs(fine).max()
+    assert max(turned) < np.radians(1e-3)
+
+
 def test_the_coils_pay_for_what_the_rotor_gets():
     """Energy from the supply = heat + field + motion: checked over a swing under constant duty, no friction."""
     motor = SimulatedMotor(PMSM, grasp=HANDLE_LOOSE)

@@ -57,31 +57,46 @@ def halls(frames: Array, quality: HallQuality, noise: float, step: float, seed: 
 
 
 @kernel
+def _converted(value: float, reach: float, step: float) -> float:
+    return stepped(min(max(value, -reach), reach), step)
+
+
+@kernel
+def _failed(kind: float, held: float, own: float, quiet: float, reach: float) -> float:
+    """What an axis of a sensor that fails says: held, its greatest, or nothing but offset and noise (`quiet`) [T]."""
+    if kind == 2.0:
+        return held
+    if kind == 3.0:
+        return reach if own >= 0.0 else -reach
+    return quiet
+
+
+@kernel
 def read_halls(halls: Halls, faults: HallFaults, noise: Noise, field: Array) -> None:
     """Turn the true `field` (k, 3) [T], stator frame, into what is read of it, in place."""
     count = field.shape[0]
     draws = np.empty(3 * count)
     fill_normal(noise, draws)
-    own, seen = np.empty(3), np.empty(3)
+    F, M, offset, held = halls.frames, halls.mixing, halls.offset, faults.held
+    sigma, reach, step = halls.noise, halls.reach, halls.step
     for k in range(count):
-        for i in range(3):
-            own[i] = 0.0
-            for j in range(3):
-                own[i] += halls.frames[k, j, i] * field[k, j]
         kind = faults.kind[k]
-        for i in range(3):
-            value = halls.offset[k, i] + halls.noise * draws[3 * k + i]
-            if kind == 0.0:
-                for j in range(3):
-                    value += halls.mixing[k, i, j] * own[j]
-            elif kind == 2.0:
-                value = faults.held[k, i]
-            elif kind == 3.0:
-                value = halls.reach if own[i] >= 0.0 else -halls.reach
-            seen[i] = stepped(min(max(value, -halls.reach), halls.reach), halls.step)
-            if kind == 0.0:
-                faults.held[k, i] = seen[i]
-        for i in range(3):
-            field[k, i] = 0.0
-            for j in range(3):
-                field[k, i] += halls.frames[k, i, j] * seen[j]
+        x, y, z = field[k, 0], field[k, 1], field[k, 2]
+        a = F[k, 0, 0] * x + F[k, 1, 0] * y + F[k, 2, 0] * z  # along its own axes
+        b = F[k, 0, 1] * x + F[k, 1, 1] * y + F[k, 2, 1] * z
+        c = F[k, 0, 2] * x + F[k, 1, 2] * y + F[k, 2, 2] * z
+        u = offset[k, 0] + sigma * draws[3 * k]
+        v = offset[k, 1] + sigma * draws[3 * k + 1]
+        w = offset[k, 2] + sigma * draws[3 * k + 2]
+        if kind == 0.0:
+            u = _converted(u + (M[k, 0, 0] * a + M[k, 0, 1] * b + M[k, 0, 2] * c), reach, step)
+            v = _converted(v + (M[k, 1, 0] * a + M[k, 1, 1] * b + M[k, 1, 2] * c), reach, step)
+            w = _converted(w + (M[k, 2, 0] * a + M[k, 2, 1] * b + M[k, 2, 2] * c), reach, step)
+            held[k, 0], held[k, 1], held[k, 2] = u, v, w
+        else:
+            u = _converted(_failed(kind, held[k, 0], a, u, reach), reach, step)
+            v = _converted(_failed(kind, held[k, 1], b, v, reach), reach, step)
+            w = _converted(_failed(kind, held[k, 2], c, w, reach), reach, step)
+        field[k, 0] = F[k, 0, 0] * u + F[k, 0, 1] * v + F[k, 0, 2] * w
+        field[k, 1] = F[k, 1, 0] * u + F[k, 1, 1] * v + F[k, 1, 2] * w
+        field[k, 2] = F[k, 2, 0] * u + F[k, 2, 1] * v + F[k, 2, 2] * w

@@ -80,7 +80,8 @@ class SimulatedMotor(Simulation):
         self._wires = wires(device)
         heat = device.coils.heat
         self._heat = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
-        self._heat_dt, self._heat_step = -1.0, np.zeros((2, 3))
+        self._dt, self._steps, self._heat_step = 0.0, 1, np.zeros((2, 3))  # of the last advance
+        self._still = np.zeros(3)
         places = device.sensor_layout.positions
         unit = [device.coil_field(places, row).ravel() for row in np.eye(device.channels)]
         tables = device.tables
@@ -94,7 +95,7 @@ class SimulatedMotor(Simulation):
             np.array(device.electromagnets.directions, order="C"),
             np.array(device.sensor_layout.directions, order="C"),
             np.array(device.groups, dtype=np.float64, order="C"),
-            np.ascontiguousarray(np.stack(unit, axis=1)),
+            np.stack(unit),
         )
         supply = device.supply
         heat_meter = float(device.thermometer_noise), float(device.thermometer_step)
@@ -177,20 +178,14 @@ class SimulatedMotor(Simulation):
             raise InputError(f"the simulation can advance by 0 to 10 s at once; got {dt} s")
         if dt == 0.0:
             return
-        steps = max(ceil(dt / self._longest - 1e-9), 1)
-        h = dt / steps
-        if abs(h - self._heat_dt) > 1e-12 * h:
-            self._heat_dt, self._heat_step = h, self._heat.step(h)
-        a, b, c, d = goal_q.tolist()
-        size = a * a + b * b + c * c + d * d
-        if 0.0 < size < 1e12:  # false for NaN as well
-            self._goal[:] = goal_q
-            self._goal /= size**0.5
+        if dt != self._dt:
+            steps = max(ceil(dt / self._longest - 1e-9), 1)
+            self._dt, self._steps, self._heat_step = dt, steps, self._heat.step(dt / steps)
         wires, joint, parts = self._wires, self._joint, self._parts
         self._pressed = advance(
-            self._rotor, self._coils, duties, self._goal, self._moving, wires.resistance, wires.inductance,
+            self._rotor, self._coils, duties, goal_q, self._goal, self._moving, wires.resistance, wires.inductance,
             self._heat_step, joint.inertia, joint.damping, joint.leaning, parts.torque_cells, parts.magnets,
-            parts.strength, parts.coils, parts.groups, h, steps, self._torque,
+            parts.strength, parts.coils, parts.groups, dt / self._steps, self._steps, self._torque,
         )  # fmt: skip
         self._t += dt
 
@@ -211,7 +206,7 @@ class SimulatedMotor(Simulation):
                 "the simulated rotor left the numbers: a value of the device file is far from what can be built; "
                 "compare rotor and regulator with the file of 'pmsm'"
             )
-        tracked = Pose(pose_stamp, pose[:3], np.zeros(3), pose[3], np.zeros(3), pose_valid)
+        tracked = Pose(pose_stamp, pose[:3], self._still, pose[3], self._still, pose_valid)
         return Sample(t, read[:channels], read[channels:], field, tracked)
 
     def truth(self) -> Array:
