@@ -128,6 +128,8 @@ def test_the_page_needs_nobody_and_says_everything():
         replace(FORCE, id="y", what="<script>", published=24.0, corrected=1.0, erratum="E15"),
         unchecked("z", "bai2012", "Fig. 1", "a photograph", "it is one"),
     )
+    assert "<small>implied</small>" not in report_page([Made(one, items, draw)])
+    items = (replace(FORCE, id="x", implied=True), *items[1:])
     page = report_page([Made(one, items, draw)])
     assert not re.search(r"""(?:src|href)=["'](?!data:|#)|@import|url\(""", page)
     assert "<script>" not in page
@@ -136,6 +138,7 @@ def test_the_page_needs_nobody_and_says_everything():
         "as stiff as that",
         "by E15: 1",
         "it is one",
+        "<br><small>implied</small>",
         "data:image/svg+xml;base64,",
     ):
         assert said in page
@@ -155,6 +158,10 @@ def test_sixty_statements_and_more_are_checked_and_none_differs(quick):
     assert len(checked) > 240
     assert min(Counter(item.paper for item in checked).values()) > 90
     assert len({(item.paper, item.id) for item in items}) == len(items)
+    implied = {f"{item.paper} {item.id}" for item in checked if item.implied}
+    assert {"bai2012 t2-ratio", "bai2012 b-b2b", "bai2012 fig7-18-falls", "zarate2020 fig2b-turn"} <= implied
+    assert not {"bai2012 t1-pm-ratio", "bai2012 t3-lb", "zarate2020 fig7-x"} & implied  # these stand in print
+    assert len(checked) - len(implied) > 120
     silent = [item.id for item in items if not (item.why or (item.published is None and item.computed is not None))]
     assert silent == []  # every tolerance and every refusal has its reason
 

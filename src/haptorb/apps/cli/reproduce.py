@@ -108,7 +108,9 @@ def _shown(made: list[Made], paths: list[Path]) -> None:
     for column in ("", "published", "here", "", "verdict"):
         table.add_column(column)
     for item in (item for one in made for item in one.items):
-        numbers = ("" if value is None else f"{value:.5g}" for value in (item.published, item.computed))
+        numbers = ["" if value is None else f"{value:.5g}" for value in (item.published, item.computed)]
+        if item.implied:  # no number in print
+            numbers[0] = f"({numbers[0]})"
         table.add_row(f"{item.where}: {item.what}", *numbers, item.unit, item.verdict)
     console = Console()
     console.print(table)

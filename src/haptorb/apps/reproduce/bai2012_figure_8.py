@@ -45,7 +45,19 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
         erratum: str = "",
     ) -> Item:  # fmt: skip
         why = "" if tolerance is None else "noise of sensors and hand; the chain runs at 1 kHz"
-        return Item(f"fig8-{name}", _PAPER, _WHERE, what, published, float(computed), unit, tolerance, erratum, why=why)
+        return Item(
+            f"fig8-{name}",
+            _PAPER,
+            _WHERE,
+            what,
+            published,
+            float(computed),
+            unit,
+            tolerance,
+            erratum,
+            why=why,
+            implied=published is not None,
+        )
 
     found: tuple[Item, ...] = (
         one("fx", "F_X' of phase 1, eq. (17) with E9 and E10", stiffness * 0.134 * (width - 4.8e-3),

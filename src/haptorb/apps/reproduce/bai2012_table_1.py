@@ -35,7 +35,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     coil = device.electromagnet
     found = (
         _AT.item("pm-a", "PM: a, as the device has it", 15.875, 1e3 * device.magnet.radius, "mm"),
-        _AT.item("pm-inch", "PM: a in inches, a round number", 0.625, 1e3 * device.magnet.radius / _INCH, "inch"),
+        _AT.says("pm-inch", "PM: a in inches, a round number", 0.625, 1e3 * device.magnet.radius / _INCH, "inch"),
         _AT.item("pm-l", "PM: l, without a unit in print, as the device has it", 0.2,
                  1e3 * device.magnet.length / _INCH, "inch", erratum="E1"),
         _AT.item("pm-polarization", "PM: μ₀M₀, as the device has it", 1.31, device.magnet.polarization, "T"),
@@ -43,9 +43,9 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.item("pm-k", "PM: k, loops", 4, len(pm.model.loop_strengths) - 1),
         _AT.item("pm-ratio", "PM: l̄/l that gives the magnet its moment", 0.3, per_metre / once, "1", 1e-3,
                  "strengths are printed with three digits", erratum="E1", corrected=0.2),
-        _AT.item("pm-per-metre", "PM: sum of all strengths, the axis once, times 0.2, against μ₀M₀/μ₀ · πa²",
+        _AT.says("pm-per-metre", "PM: sum of all strengths, the axis once, times 0.2, against μ₀M₀/μ₀ · πa²",
                  0.2 * once, per_metre, "A·m", 2.0, "0.2 %: strengths are printed with three digits", erratum="E1"),
-        _AT.item("pm-moment", "PM: moment, by strengths (printed) and by polarization (here)", pm.model.moment[2],
+        _AT.says("pm-moment", "PM: moment, by strengths (printed) and by polarization (here)", pm.model.moment[2],
                  pm.body.moment[2], "A·m²", 0.01, "0.2 %", erratum="E1"),
         _AT.ours("pm-printed", "PM: moment of the strengths over the magnet's with l̄/l = 0.3",
                  printed.model.moment[2] / printed.body.moment[2], "1", "half as much again: the reading is refused"),
@@ -59,7 +59,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.item("em-n", "EM: n, dipoles on a loop", 16, em.model.per_loop),
         _AT.item("em-k", "EM: k, loops", 6, len(em.model.loop_strengths) - 1),
         _AT.item("em-ratio", "EM: l̄/l", 0.442, em.model.pole_distance / em.body.length, "1", 1e-9),
-        _AT.item("em-moment", "EM: moment per ampere, by strengths (printed) and by the winding (here)",
+        _AT.says("em-moment", "EM: moment per ampere, by strengths (printed) and by the winding (here)",
                  em.model.moment[2], em.body.moment[2], "A·m²/A", 0.04,
                  "10 %: the strengths were fitted to the near field, not to the moment", erratum="E1"),
         _AT.ours("em-aspect", "EM: the same as a ratio, l read as l/2a = 0.3",
@@ -68,8 +68,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
                  residual(pm.body, pm.model, BY_MAGNET).rms, "1"),
         _AT.ours("em-gap", "EM: rms error of the published model's field where the magnets are",
                  residual(em.body, em.model, BY_COIL).rms, "1"),
-        _AT.item("pm-strengths", "PM: number of strengths, k + 1", 5, len(MAGNET_STRENGTHS)),
-        _AT.item("em-strengths", "EM: number of strengths, k + 1", 7, len(COIL_STRENGTHS)),
+        _AT.says("pm-strengths", "PM: number of strengths, k + 1", 5, len(MAGNET_STRENGTHS)),
+        _AT.says("em-strengths", "EM: number of strengths, k + 1", 7, len(COIL_STRENGTHS)),
     )  # fmt: skip
     report(1.0)
     return found, lambda path: _drawn(

@@ -38,7 +38,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     found += [
         _AT.item("e-socket", "E of phosphor bronze", 1.13, hook.youngs_modulus / 1e9, "GPa", 1.0,
                  "handbooks: 110 to 115 GPa", erratum="E7", corrected=113.0),
-        _AT.item("pull", "whole pull of the outlet by (17), untilted, H_x as printed", _pull(1.13e9), _pull(113e9), "N",
+        _AT.says("pull", "whole pull of the outlet by (17), untilted, H_x as printed", _pull(1.13e9), _pull(113e9), "N",
                  0.1, "a household outlet holds tens of newtons", erratum="E7", corrected=50.8),
         _AT.item("p", "p of eq. (12), by integrating the shear over a rectangular section", 1.2, _shear_coefficient(),
                  "1", 1e-9),
@@ -47,11 +47,11 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  "three printed numbers exclude each other", erratum="E8", corrected=6.94),
         _AT.item("ramp-angle", "angle that h_b gives over ℓ_m − ℓ_b", 58.8, math.degrees(hook.ramp_to_peak().rear), "°",
                  0.05, "the same", erratum="E8", corrected=23.2),
-        _AT.item("ramp-end", "where the ramp of β reaches h_b, over h₀", 16.0, hook.ramp_end / hook.thickness, "1",
+        _AT.says("ramp-end", "where the ramp of β reaches h_b, over h₀", 16.0, hook.ramp_end / hook.thickness, "1",
                  0.005, "the closed forms of appendix B end it there", erratum="E8", corrected=10.82),
-        _AT.item("ramp-refused", "1 if a hook with these sizes and no flat top is refused", 1.0, float(_refused()), "1",
+        _AT.says("ramp-refused", "1 if a hook with these sizes and no flat top is refused", 1.0, float(_refused()), "1",
                  0.0, "what cannot be built must not be felt", erratum="E8"),
-        _AT.item("delta", "δ of each hook with the plug in, (w_p − w_s)/2", 0.75, 1e3 * _bent(), "mm", 1e-6,
+        _AT.says("delta", "δ of each hook with the plug in, (w_p − w_s)/2", 0.75, 1e3 * _bent(), "mm", 1e-6,
                  "found by the outlet's contact"),
         _AT.unchecked("e-plug", "E of brass, 0.93 GPa (93: E7), and its ν = 0.35", "the plug is rigid throughout"),
         _AT.unchecked("thickness", "thickness of the plug, 1.5 mm", "it enters no equation; with w_p it names the plug "

@@ -20,6 +20,8 @@ class Item:
     where       figure, table, equation or section
     what        the quantity, in words
     published   as printed or as the text says; None where the paper gives no number
+    implied     `published` is no number in print: it follows from what is printed or said (an equation's value, a
+                ratio, "all of them" as 1)
     computed    here, in `unit`; None where nothing can be computed
     unit        of both; "1" for plain numbers
     tolerance   greatest difference that still agrees, in `unit`; None where there is nothing to compare with
@@ -39,6 +41,7 @@ class Item:
     erratum: str = ""
     corrected: float | None = None
     why: str = ""
+    implied: bool = False
 
     @property
     def verdict(self) -> str:

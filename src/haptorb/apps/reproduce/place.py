@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import SupportsFloat
 
 from haptorb.apps.reproduce.item import Item, unchecked
@@ -47,6 +47,30 @@ class Place:
             f"{self.prefix}-{name}", self.paper, where or self.where, what, float(published), float(computed), unit,
             float(tolerance), erratum, None if corrected is None else float(corrected), why,
         )  # fmt: skip
+
+    def says(
+        self,
+        name: str,
+        what: str,
+        implied: SupportsFloat,
+        computed: SupportsFloat,
+        unit: str = "1",
+        tolerance: float = 1e-9,
+        why: str = ROUNDING,
+        *,
+        erratum: str = "",
+        corrected: float | None = None,
+        where: str = "",
+    ) -> Item:
+        """A number that the paper does not print, but that follows from what it does or says, against one of ours.
+
+        >>> Place("bai2012", "t2", "Table 2").says("u1", "opposite", 180.0, 180.0, "°").implied
+        True
+        """
+        one = self.item(
+            name, what, implied, computed, unit, tolerance, why, erratum=erratum, corrected=corrected, where=where
+        )
+        return replace(one, implied=True)
 
     def ours(
         self, name: str, what: str, computed: SupportsFloat, unit: str = "1", why: str = "", where: str = ""

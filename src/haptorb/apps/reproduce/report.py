@@ -85,8 +85,10 @@ def report_page(made: Iterable[Made]) -> str:
         "<h1>Two papers, number by number</h1>",
         f"<p class='soft'>haptorb {escape(__version__)}: what the papers print, what this library computes in its "
         "place, how far the two may differ and why. An erratum (E1, E2, …) stands where the print itself cannot be "
-        "right; the errata page of the documentation has the evidence for each. Entries of tables are held against the "
-        "device files and worlds, formulas against independent integrals or energies, prose against what follows from "
+        "right; the errata page of the documentation has the evidence for each. “Implied” is a number that does not "
+        "stand in print but follows from what does: an equation's value, a ratio, a sign, 1 for “all of them”. Entries "
+        "of tables are held against the device files and worlds, formulas against independent integrals or energies, "
+        "prose against what follows from "
         "both.</p>",
         _counts(items),
         _contents(every),
@@ -128,6 +130,8 @@ def _section(one: Made) -> str:
 
 def _row(item: Item) -> str:
     printed = _number(item.published)
+    if item.implied:
+        printed += "<br><small>implied</small>"
     if item.corrected is not None:
         printed = f"{printed}<br><small>by {escape(item.erratum)}: {_number(item.corrected)}</small>"
     why = f"<br><small>{escape(item.reason)}</small>" if item.reason not in ("", ROUNDING) else ""

@@ -84,7 +84,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
     ]  # fmt: skip
     found += [
         Item("fig7-linear", "zarate2020", "Fig. 7", "greatest departure from a straight line, of the greatest moment",
-             0.0, bent, "1", 0.02, why="the text: the field is directly proportional to the current"),
+             0.0, bent, "1", 0.02, why="the text: the field is directly proportional to the current", implied=True),
         Item("fig7-skew", "zarate2020", "Fig. 7", "greatest term off the diagonal, of the coil's own", None,
              float(np.abs(off).max() / np.diag(matrix).min()), "1", None,
              why="the text has such terms without a number; ours are assumed in the device file"),

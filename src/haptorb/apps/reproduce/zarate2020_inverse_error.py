@@ -72,13 +72,14 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
         found.append(
             Item(f"inverse-dipole-{millimetres}", "zarate2020", "eq. (1)",
                  f"force beyond the asked one at {millimetres} mm, dipole inverse, from the magnet's length", 0.0,
-                 100 * float(given[2] / _ASKED - 1), "%", 0.05, "E16", printed, "against a finer computation")
+                 100 * float(given[2] / _ASKED - 1), "%", 0.05, "E16", printed, "against a finer computation",
+                 implied=True)
         )  # fmt: skip
     worst = max(float(errors.max()) for errors in maps["exact"])
     found.append(
         Item("inverse-exact", "zarate2020", "eq. (1)",
              "greatest error of the exact inverse over shell and tilts to 30°, of the asked force", 0.0,
-             100 * worst / _ASKED, "%", 1.0, why="a seventh of a just-noticeable difference")
+             100 * worst / _ASKED, "%", 1.0, why="a seventh of a just-noticeable difference", implied=True)
     )  # fmt: skip
     worst = max(float(errors.max()) for errors in maps["dipole"])
     found.append(
