@@ -20,6 +20,7 @@ from haptorb.apps.console.room import Room
 from haptorb.apps.console.servant import Servant
 from haptorb.apps.console.session import session, world_now
 from haptorb.apps.web.doors import Doors
+from haptorb.apps.web.files import answered, page_files
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 
@@ -27,14 +28,6 @@ __all__ = ["STATIC", "application"]
 
 #: where the build hook puts the page
 STATIC = Path(__file__).parent / "static"
-
-_KINDS = {
-    ".html": "text/html; charset=utf-8",
-    ".js": "text/javascript; charset=utf-8",
-    ".css": "text/css; charset=utf-8",
-    ".svg": "image/svg+xml",
-    ".txt": "text/plain; charset=utf-8",
-}
 
 
 def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
@@ -44,8 +37,7 @@ def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
     `app.state.felt` is the process behind that, to be closed at the end, or None.
     Raises InputError if the page has not been built.
     """
-    # In memory: it is small, and nothing waits for a disk while a hand is on the device.
-    files = {path.name: (path.read_bytes(), _KINDS[path.suffix]) for path in STATIC.glob("*") if path.suffix in _KINDS}
+    files = page_files(STATIC)
     if "index.html" not in files:
         raise InputError(
             "the console's page has not been built: run `cd web && npm ci && npm run build`, or `make run`"
@@ -61,11 +53,7 @@ def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
     known = session(servo, uuid4().hex)
 
     async def file(request: Request) -> Response:
-        name = request.path_params.get("name", "index.html")
-        if name not in files:
-            return Response("there is no such file\n", status_code=404, media_type="text/plain")
-        content, kind = files[name]
-        return Response(content, media_type=kind)
+        return answered(files, request.path_params.get("name", "index.html"))
 
     async def about(request: Request) -> Response:
         return JSONResponse(known | {"world": world_now(servo)})
