@@ -38,6 +38,7 @@ class ColdStart:
 
     def __init__(self, motor: SphericalMotor, model: Array) -> None:
         self._model = model
+        self._slopes, self._taken = np.empty((motor.sensors, 3, 3)), np.full((3, 3), np.nan)
         reach = motor.workspace_tilt + _BEYOND
         tilts = np.linspace(-reach, reach, 2 * int(np.ceil(reach / _STEP)) + 1)
         period = spin_period(motor) or 2 * np.pi
@@ -66,8 +67,9 @@ class ColdStart:
             tried.append(R.copy())
             trusted[:] = usable
             converged, strength, residual, _, outliers = _explained(
-                self._model, field, usable, count, floor, 1e-6, 25, R, 1.0, trusted, covariance
-            )
+                self._model, field, usable, count, floor, 1e-6, 25, R, 1.0, trusted, covariance,
+                self._slopes, self._taken,
+            )  # fmt: skip
             if converged and residual <= _POOR * rms and 2 * outliers <= count:
                 return Found(R, strength, outliers)
             if len(tried) == _CANDIDATES:
@@ -79,10 +81,10 @@ class ColdStart:
 @kernel
 def _explained(
     model: Array, field: Array, usable: Array, count: int, floor: float, tolerance: float, most: int, R: Array,
-    strength: float, trusted: Array, covariance: Array,
+    strength: float, trusted: Array, covariance: Array, slopes: Array, taken: Array,
 ) -> tuple[bool, float, float, float, int]:  # fmt: skip
     return explained(
-        opened(model), field, usable, count, floor, tolerance, most, R, strength, trusted, covariance
+        opened(model), field, usable, count, floor, tolerance, most, R, strength, trusted, covariance, slopes, taken
     )  # fmt: skip
 
 

@@ -5,9 +5,9 @@ device file: the reading of a sensor is s B(R). Each step solves the 4 × 4 norm
 
     B_read − s B(R) ≈ s ∂B/∂δ δ + B ds
 
-with the tables' own derivatives; after a short step those of the last place serve once more, only the field is looked
-up anew. A sensor whose residual after the step is many times that of the others is left out and the step taken again;
-one that fits again comes back.
+with the tables' own derivatives. Those serve as long as the rotor is near where they were taken; only the field is
+looked up anew. A sensor whose residual after the step is many times that of the others is left out and the step taken
+again; one that fits again comes back.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = ["explained"]
 
 _OUTLYING = 6.0  #: a residual so many times the middle one is no accident
 _LONGEST = 0.06  #: longest turn of one step [rad]: the field changes over a few millimetres of 62
-_SHORT = 1e-3  #: after such a turn the derivatives are a hundredth off, and so is the next step, a hundredth as long
+_NEAR = 2e-3  #: after such a turn [rad] the derivatives are some hundredths off, and so is what a step ends short of
 _WEAKEST, _STRONGEST = 0.5, 2.0  #: what is called the same rotor
 _FEWEST = 4  #: three-axis sensors that must agree; fewer leave no doubt to be had
 
@@ -146,40 +146,54 @@ def _judged(
 
 
 @kernel
+def _away(A: Array, B: Array) -> float:
+    """The angle between two orientations near to each other [rad]."""
+    square = 0.0
+    for i in range(3):
+        for j in range(3):
+            square += (A[i, j] - B[i, j]) * (A[i, j] - B[i, j])
+    return math.sqrt(0.5 * square)
+
+
+@kernel
 def explained(
     model: FieldModel, field: Array, usable: Array, count: int, floor: float, tolerance: float, most: int,
-    R: Array, strength: float, trusted: Array, covariance: Array,
+    R: Array, strength: float, trusted: Array, covariance: Array, slopes: Array, taken: Array,
 ) -> tuple[bool, float, float, float, int]:  # fmt: skip
     """Improve R (3, 3), in its place, until a step is below `tolerance` [rad], at most `most` steps.
 
     field (k, 3) [T] of the magnets alone, usable (k,) 1.0 or 0.0, `count` of them; trusted (k,) is usable less the
-    outliers, in and out; floor [T] is the noise below which residuals are not told apart; covariance (3, 3) [rad²] out.
+    outliers, in and out; floor [T] is the noise below which residuals are not told apart; covariance (3, 3) [rad²] out;
+    slopes (k, 3, 3) [T/rad] are the derivatives at the orientation `taken` (3, 3), NaN before the first: in and out.
     Returns (converged, strength, residual rms [T], length of the last step [rad], number of outliers).
     """
     places = field.shape[0]
-    B, J = np.empty((1, places, 3)), np.empty((1, places, 3, 3))
-    N, step, squares, turned = np.empty((4, 4)), np.empty(4), np.empty(places), np.empty((3, 3))
+    B, N, step = np.empty((1, places, 3)), np.empty((4, 4)), np.empty(4)
+    squares, turned = np.empty(places), np.empty((3, 3))
     rms, length, out_count = np.inf, np.inf, 0
     if count < _FEWEST:
         return False, strength, rms, length, out_count
     for _ in range(most):
-        if length > _SHORT:
-            sensor_field_gradient(
-                model.field_cells, model.field_scale, model.magnets, model.polarity, model.sensors,
-                R.reshape(1, 3, 3), B, J,
+        here = R.reshape(1, 3, 3)
+        if _away(R, taken) <= _NEAR:
+            sensor_field(
+                model.field_cells, model.field_scale, model.magnets, model.polarity, model.sensors, here, B
             )  # fmt: skip
         else:
-            sensor_field(
-                model.field_cells, model.field_scale, model.magnets, model.polarity, model.sensors,
-                R.reshape(1, 3, 3), B,
+            sensor_field_gradient(
+                model.field_cells, model.field_scale, model.magnets, model.polarity, model.sensors, here, B,
+                slopes.reshape(1, places, 3, 3),
             )  # fmt: skip
+            for i in range(3):
+                for j in range(3):
+                    taken[i, j] = R[i, j]
         kept, total = 0, 0.0
         for _again in range(4):
-            _normal(field, B[0], J[0], trusted, strength, N, step)
+            _normal(field, B[0], slopes, trusted, strength, N, step)
             if not _solved(N, step):
                 return False, strength, rms, length, out_count
             changed, kept, total = _judged(
-                field, B[0], J[0], usable, count, floor, strength, step, squares, trusted
+                field, B[0], slopes, usable, count, floor, strength, step, squares, trusted
             )  # fmt: skip
             out_count = count - kept
             if not changed:

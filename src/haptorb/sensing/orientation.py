@@ -58,7 +58,9 @@ class LeastSquaresOrientation(Estimator):
         self.field = np.zeros((motor.sensors, 3))
         self.usable = np.zeros(motor.sensors)
         self.trusted = np.zeros(motor.sensors)
-        self._motion = np.zeros((4, 3))  # orientation as filtered, angular velocity [rad/s]
+        # orientation as filtered, angular velocity [rad/s], orientation at which the slopes were taken
+        self._motion = np.concatenate([np.zeros((4, 3)), np.full((3, 3), np.nan)])
+        self._slopes = np.empty((motor.sensors, 3, 3))
         self._strength, self._rest = 1.0, np.zeros(3)
         self._forget(self._near)
         self._rehearse()
@@ -100,7 +102,7 @@ class LeastSquaresOrientation(Estimator):
         K, passive = np.empty((6, self._motor.channels)), np.empty(6)
         found, strength, disbelieved = _tracked(
             self._model, sample.field, sample.currents, self._numbers, dt, self._strength if self._found else 0.0,
-            self.field, self.usable, self.trusted, self._motion, seen, K, passive,
+            self.field, self.usable, self.trusted, self._motion, self._slopes, seen, K, passive,
         )  # fmt: skip
         if not found:
             again = self._cold.search(self.field, self.usable, self._floor, self.trusted, covariance)
@@ -132,14 +134,14 @@ def _drawn(model: Array, R: Array, strength: float, matrix: Array, passive: Arra
 @kernel
 def _tracked(
     packed: Array, read: Array, currents: Array, numbers: Array, dt: float, strength: float, field: Array,
-    usable: Array, trusted: Array, motion: Array, seen: Array, matrix: Array, passive: Array,
+    usable: Array, trusted: Array, motion: Array, slopes: Array, seen: Array, matrix: Array, passive: Array,
 ) -> tuple[bool, float, int]:  # fmt: skip
     """One tick: what the magnets give of what is read; then, from the last orientation on, predict, explain, filter.
 
     packed is a `field_model`; read (k, 3) [T] and currents (m,) [A] the sample's; numbers: limit [T], noise [T], τ [s];
-    strength 0: there is no last orientation. field (k, 3), usable, trusted (k,) and motion (4, 3) (orientation, w) are
-    kept between ticks; seen (7, 3) becomes R, its covariance [rad²] and w; matrix (6, m) and passive (6,) what coils
-    and weight do there. Returns (found, strength, sensors left out).
+    strength 0: there is no last orientation. field (k, 3), usable, trusted (k,), motion (7, 3) (orientation, w, where
+    the slopes were taken) and slopes (k, 3, 3) are kept between ticks; seen (7, 3) becomes R, its covariance [rad²] and
+    w; matrix (6, m) and passive (6,) what coils and weight do there. Returns (found, strength, sensors left out).
     """
     model = opened(packed)
     limit, floor, tau = numbers[0], numbers[1], numbers[2]
@@ -157,8 +159,8 @@ def _tracked(
         for j in range(3):
             R[i, j] = predicted[i, j]
     found, new, rms, _, outliers = explained(
-        model, field, usable, count, floor, _TOLERANCE, _STEPS, R, strength, trusted, seen[3:6]
-    )
+        model, field, usable, count, floor, _TOLERANCE, _STEPS, R, strength, trusted, seen[3:6], slopes, motion[4:7]
+    )  # fmt: skip
     if not found or 2 * outliers > count or not rms * rms <= _POOR * _POOR * square / (3.0 * count):
         return False, strength, places - count + outliers
     if dt > 0.0:
