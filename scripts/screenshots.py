@@ -1,16 +1,20 @@
-"""Pictures of the console: every state, both themes, three sizes; to be looked at before each release.
+"""Pictures of the console: every state, both themes, three sizes; and of the study's pages, in a trial and a break.
 
-    python scripts/screenshots.py [FOLDER]
+    python scripts/screenshots.py [FOLDER [WORD ...]]
 
-Without FOLDER only the pictures of the documentation are taken, into docs/images. The states come from the imagined
-servo of the tests: a healthy device shows few of them.
+Without FOLDER only the pictures of the documentation are taken, into docs/images. The console's states come from the
+imagined servo of the tests: a healthy device shows few of them. The study is the tutorial's, on the simulated device.
 """
 
 from __future__ import annotations
 
 import importlib.util
+import re
 import shutil
+import signal
+import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -118,7 +122,7 @@ def take(wanted: list[tuple[str, str, str, Path]]) -> None:
                 serving.start()
                 width, height = SIZES[size]
                 page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=theme)  # type: ignore[arg-type]
-                page.goto(console.url + "?fine")
+                page.goto(console.url + "?detail=full")
                 for _ in range(300):
                     page.wait_for_timeout(100)
                     if page.evaluate("!document.getElementById('legend').hidden"):
@@ -136,6 +140,76 @@ def take(wanted: list[tuple[str, str, str, Path]]) -> None:
         browser.close()
 
 
+#: what the documentation shows of a study: file → (whose page, when, theme)
+STUDY = {
+    "study-participant.png": ("participant", "trial", "light"),
+    "study-experimenter.png": ("experimenter", "trial", "light"),
+}
+#: clicks and keys that lead from the consent to each moment
+_MOMENTS = {"consent": (), "trial": ("Enter", *["ArrowRight"] * 8, *["ArrowUp"] * 3, "2")}
+
+
+def take_study(wanted: list[tuple[str, str, str, Path]]) -> None:
+    """Take the pictures (page, moment, theme, file) of the tutorial's study."""
+    tutorial = (ROOT / "docs" / "tutorials" / "study.md").read_text(encoding="utf-8")
+    found = re.search(r"```toml\n(.*?)```", tutorial, flags=re.DOTALL)
+    assert found is not None
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=chromium, args=FLAGS)
+        for who, moment, theme, path in wanted:
+            with tempfile.TemporaryDirectory() as folder:
+                Path(folder, "places.toml").write_text(found[1], encoding="utf-8")
+                _study(browser, Path(folder), who, moment, theme, path)
+            print(path, flush=True)
+        browser.close()
+
+
+def _study(browser: Any, folder: Path, who: str, moment: str, theme: str, path: Path) -> None:
+    words = [sys.executable, "-c", "from haptorb.apps.cli import main; main()", "study", "run", "places.toml"]
+    run = subprocess.Popen([*words, "--port", "0"], cwd=folder, stderr=subprocess.PIPE, text=True)
+    assert run.stderr is not None
+    urls: dict[str, str] = {}
+    while "experimenter" not in urls:
+        line = run.stderr.readline()
+        assert line, "the command ended"
+        urls[line.partition(":")[0]] = line.partition(":")[2].strip()
+    pages = {
+        one: browser.new_page(viewport={"width": 1280, "height": 800}, color_scheme=theme)
+        for one in ("participant", "experimenter")
+    }
+    try:
+        for one, page in pages.items():
+            page.goto(urls[one])
+            _until(page, "!!study.view && study.view.state === 'waiting'")
+        desk, page = pages["experimenter"], pages["participant"]
+        desk.get_by_label("Code, never a name").fill("P01")
+        desk.keyboard.press("Enter")
+        _until(page, "study.view.state === 'consent'")
+        for key in _MOMENTS[moment]:
+            page.keyboard.press(key)
+            if key == "Enter":
+                _until(page, "study.view.state === 'running' && !!study.pen")
+                page.wait_for_timeout(800)
+        page.wait_for_timeout(1500)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pages[who].screenshot(path=path)
+    finally:
+        for page in pages.values():
+            page.close()
+        run.send_signal(signal.SIGINT)
+        run.wait(60)
+        run.stderr.close()
+
+
+def _until(page: Page, expression: str) -> None:
+    for _ in range(600):
+        if page.evaluate(expression):
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError(f"never came true: {expression}")
+
+
 def main() -> None:
     """Take what the command line asks for."""
     if len(sys.argv) > 1:
@@ -147,9 +221,18 @@ def main() -> None:
             for theme in ("light", "dark")
             if len(sys.argv) < 3 or any(word in f"{state}-{size}-{theme}" for word in sys.argv[2:])
         ]
+        study = [
+            (who, moment, theme, folder / f"study-{who}-{moment}-{theme}.png")
+            for who in ("participant", "experimenter")
+            for moment in _MOMENTS
+            for theme in ("light", "dark")
+            if len(sys.argv) < 3 or any(word in f"study-{who}-{moment}-{theme}" for word in sys.argv[2:])
+        ]
     else:
         wanted = [(*what, ROOT / "docs" / "images" / name) for name, what in CHOSEN.items()]
+        study = [(*what, ROOT / "docs" / "images" / name) for name, what in STUDY.items()]
     take(wanted)
+    take_study(study)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,8 @@ import { parse, type Felt, type Mesh, type Pointer, type Rows } from "./wire";
 export interface Listener {
   opened(): void;
   closed(): void;
-  frame(frame: Rows | Mesh | Felt): void;
+  /** `came`: when the socket had it, on the page's clock [ms] */
+  frame(frame: Rows | Mesh | Felt, came: number): void;
   event(event: Record<string, unknown> & { event: string }): void;
 }
 
@@ -26,7 +27,7 @@ export class Link {
           return listener.event(JSON.parse(data.text) as { event: string });
         case "frame": {
           const frame = parse(data.buffer);
-          if (frame) listener.frame(frame);
+          if (frame) listener.frame(frame, data.came - performance.timeOrigin);
         }
       }
     };

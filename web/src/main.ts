@@ -14,6 +14,8 @@ import { Readouts } from "./panels/readouts";
 import { WorldPanel } from "./panels/world";
 import { expose } from "./probe";
 import { dot, norm, Sample } from "./sample";
+import { asked, DETAIL, Governor } from "./scene/governor";
+import { computed } from "./scene/graphics";
 import { Grasp } from "./scene/grasp";
 import { Orbit, type Home } from "./scene/orbit";
 import { Stage } from "./scene/stage";
@@ -37,6 +39,7 @@ const MOTOR: Home = { azimuth: -62, elevation: 24, distance: 560, centre: [-30, 
 class Console {
   private readonly sample: Sample;
   private readonly history: History;
+  private readonly governor: Governor;
   private readonly stage: Stage;
   readonly orbit: Orbit;
   readonly subject: Subject | null;
@@ -52,6 +55,8 @@ class Console {
   private readonly rumble = new Rumble();
   private readonly link: Link;
   private readonly silence: Silence = { disconnected: true, servoEnded: false, stale: true };
+  private readonly told: number[] = [];
+  private readonly answers: number[] = [];
   private readonly arrivals: number[] = [];
   private readonly latencies: number[] = [];
   private readonly sceneCosts: number[] = [];
@@ -73,7 +78,9 @@ class Console {
   constructor(private readonly session: Session) {
     this.sample = new Sample(session.columns);
     this.history = new History(session.columns);
-    this.stage = new Stage(at<HTMLCanvasElement>("scene"));
+    const wanted = asked();
+    this.governor = new Governor(wanted ?? (computed() ? "layered" : "full"), wanted !== null);
+    this.stage = new Stage(at<HTMLCanvasElement>("scene"), this.governor.best);
     const rotor = session.mover.kind === "rotor" ? session.mover : null;
     this.orbit = new Orbit(this.stage.camera, () => this.viewMoved(), ...(rotor ? [MOTOR] : []));
     this.legend = rotor ? new Legend(["", ""]) : new Legend();
@@ -82,14 +89,14 @@ class Console {
     this.readouts = rotor ? new MotorReadouts(session) : new Readouts(session);
     if (session.modes.length) {
       this.modes = new ModePanel((command) => this.command(command));
-      this.target = new TargetPane(session.world.scene);
+      this.target = new TargetPane(session.world.scene, this.governor.best);
     }
     this.plots = new Plots(this.history, session);
     this.link = new Link({
       opened: () => void this.opened(),
       closed: () => this.closed(),
-      frame: (frame) => {
-        if (frame.kind === "rows") this.rows(frame);
+      frame: (frame, came) => {
+        if (frame.kind === "rows") this.rows(frame, came);
         else if (frame.kind === "mesh") this.subject?.shape(frame);
         else {
           this.subject?.paint(frame);
@@ -109,6 +116,7 @@ class Console {
       this.grasp = new Grasp(this.stage.canvas, this.subject, this.orbit, (wish, stamp, held) => this.hold(wish, stamp, held));
     }
     fill(session, this.subject?.keys ?? []);
+    this.detail();
     this.buttons();
     listen(this);
     this.probe();
@@ -130,6 +138,7 @@ class Console {
   private hold(wish: Wish, stamp: number, held: boolean): void {
     if (!this.control) return;
     this.link.point({ stamp, ...wish, held });
+    keep(this.told, performance.now() - stamp);
     this.touched = true;
     at("hint").hidden = true;
   }
@@ -183,7 +192,7 @@ class Console {
     this.target?.live();
   }
 
-  private rows(frame: Rows): void {
+  private rows(frame: Rows, came: number): void {
     if (this.silence.disconnected || !frame.count) return;
     if (frame.t0 < this.history.newest - 1) this.history.clear();
     this.history.append(frame);
@@ -195,6 +204,7 @@ class Console {
     this.fresh = true;
     if (Number.isNaN(frame.echo)) return;
     this.echo = frame.echo;
+    keep(this.answers, came - frame.echo);
     keep(this.arrivals, this.arrived - frame.echo);
   }
 
@@ -244,6 +254,7 @@ class Console {
     const begun = performance.now();
     if (this.stage.draw(now)) {
       this.drawn++;
+      if (this.governor.frame(now)) this.detail();
       keep(this.sceneCosts, performance.now() - begun);
     }
     this.target?.draw(now);
@@ -259,6 +270,17 @@ class Console {
     if (Number.isNaN(this.echo)) return;
     keep(this.latencies, performance.now() - this.echo);
     this.echo = NaN;
+  }
+
+  /** Draw as much as there is time for, and say so when that is less than all. */
+  private detail(): void {
+    const { level } = this.governor;
+    this.stage.level = level;
+    if (this.target) this.target.level = level;
+    this.plots.every = DETAIL[level].plots;
+    const note = at("detail");
+    note.hidden = level === "full";
+    write(note, this.governor.best === "full" ? "less detail: drawing was slow" : "less detail: no graphics processor");
   }
 
   private words(now: number, dead: boolean): void {
@@ -348,11 +370,17 @@ class Console {
       get latencies() {
         return [...page.latencies];
       },
-      get arrivals() {
-        return [...page.arrivals];
+      get parts() {
+        return { told: median(page.told), answered: median(page.answers), arrived: median(page.arrivals), drawn: median(page.latencies) };
       },
       get costs() {
         return { scene: median(page.sceneCosts), plots: median(page.plotCosts) };
+      },
+      get level() {
+        return page.governor.level;
+      },
+      get kept() {
+        return page.stage.kepts;
       },
       get arrow() {
         return page.subject?.arrowVisible ?? false;

@@ -5,11 +5,16 @@ export interface Probe {
   readonly drawn: number;
   readonly dropped: number;
   readonly status: string;
-  /** from the pointer's event to the force that answers it: arrived, and drawn [ms] */
-  readonly arrivals: readonly number[];
+  /** from the pointer's event to the force that answers it, drawn [ms] */
   readonly latencies: readonly number[];
+  /** and on the way: medians from the event to the page's own knowledge of it, to the answer at the socket, to the
+   * answer on the page, to its drawing [ms] */
+  readonly parts: { told: number; answered: number; arrived: number; drawn: number };
   /** median time per frame for the picture and for the plots [ms] */
   readonly costs: { scene: number; plots: number };
+  /** how much is drawn, and how often what stands still was drawn to be kept */
+  readonly level: string;
+  readonly kept: number;
   readonly arrow: boolean;
   readonly range: number;
   readonly control: boolean;

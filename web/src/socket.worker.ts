@@ -16,7 +16,7 @@ export type FromSocket =
   | { kind: "opened" }
   | { kind: "closed" }
   | { kind: "text"; text: string }
-  | { kind: "frame"; buffer: ArrayBuffer };
+  | { kind: "frame"; buffer: ArrayBuffer; came: number }; // came: when it did [ms since 1970]
 
 const REFRESH = 12; // ms between two refreshes of a held pointer
 const ALIVE = 250; // ms without a sign of life after which the page counts as frozen
@@ -43,7 +43,7 @@ function open(url: string): void {
   socket.onopen = () => page.postMessage({ kind: "opened" });
   socket.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => {
     if (typeof data === "string") page.postMessage({ kind: "text", text: data });
-    else page.postMessage({ kind: "frame", buffer: data }, [data]);
+    else page.postMessage({ kind: "frame", buffer: data, came: performance.timeOrigin + performance.now() }, [data]);
   };
   socket.onclose = () => {
     held = null;

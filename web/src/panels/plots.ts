@@ -6,9 +6,9 @@ import type { History } from "../history";
 import type { Session } from "../session";
 import { channelColour, css, onThemeChange } from "../theme";
 import { at, make, shown, write } from "./dom";
+import { Envelope } from "./envelope";
 
 const KELVIN = 273.15;
-const EVERY = 66; // ms between two drawings
 
 interface Curve {
   label: string;
@@ -16,19 +16,25 @@ interface Curve {
   dashed?: boolean;
   /** index of the history's series, and how its numbers are made of it */
   from: number[];
-  make: (...numbers: number[]) => number;
+  make: (columns: Float32Array[], i: number) => number;
 }
 
 interface Plot {
   chart: uPlot;
   curves: Curve[];
-  data: Float64Array[];
   reading: HTMLElement;
   digits: number;
+  /** whether something is to be shown that is not, and when it was drawn last [ms] */
+  stale: boolean;
+  drawn: number;
 }
 
-const same = (x: number): number => x;
-const magnitude = (x: number, y: number, z: number): number => Math.hypot(x, y, z);
+const same: Curve["make"] = ([x], i) => x![i]!;
+const magnitude: Curve["make"] = ([x, y, z], i) => Math.sqrt(x![i]! ** 2 + y![i]! ** 2 + z![i]! ** 2);
+const radial: Curve["make"] = (of, i) => {
+  const [x, y, z] = [of[3]![i]!, of[4]![i]!, of[5]![i]!];
+  return (of[0]![i]! * x + of[1]![i]! * y + of[2]![i]! * z) / Math.sqrt(x * x + y * y + z * z);
+};
 
 export class Plots {
   private readonly plots: Plot[] = [];
@@ -36,8 +42,9 @@ export class Plots {
   private held: { from: number; to: number } | null = null;
   private zoomed: { from: number; to: number } | null = null;
   private span = 10;
-  private drawn = 0;
-  private stale = true;
+  /** ms between two drawings of a plot */
+  every = 66;
+  private readonly envelope = new Envelope();
   private live = true;
   private shown: [number, number] = [0, 0];
   private readonly sync = uPlot.sync("time");
@@ -78,7 +85,7 @@ export class Plots {
     const button = at("pause");
     button.setAttribute("aria-pressed", String(yes));
     write(button, yes ? "▶ resume" : "‖ pause");
-    this.stale = true;
+    this.spoil();
   }
 
   /** Nothing new will come: keep the last picture, grey. */
@@ -88,14 +95,23 @@ export class Plots {
     if (dead) for (const { reading } of this.plots) write(reading, "not live");
   }
 
-  /** New samples, or nothing: draw when it is time; true if it did. */
+  /** New samples, or nothing: draw the plot that has waited longest, if it is time; true if it did.
+   *
+   * One per frame: no frame has to wait for all of them. */
   draw(now: number, fresh: boolean): boolean {
-    this.stale ||= fresh && !this.held;
-    if (!this.stale || now - this.drawn < EVERY) return false;
-    this.drawn = now;
-    this.stale = false;
-    this.redraw();
+    if (fresh && !this.held) this.spoil();
+    let next: Plot | null = null;
+    for (const plot of this.plots) if (plot.stale && (!next || plot.drawn < next.drawn)) next = plot;
+    if (!next || now - next.drawn < this.every) return false;
+    next.drawn = now;
+    next.stale = false;
+    this.redraw(next);
     return true;
+  }
+
+  /** What is shown is not what there is. */
+  private spoil(): void {
+    for (const plot of this.plots) plot.stale = true;
   }
 
   private get window(): { from: number; to: number } {
@@ -103,31 +119,22 @@ export class Plots {
     return this.held ?? { from: this.history.newest - this.span, to: this.history.newest };
   }
 
-  private redraw(): void {
+  private redraw(plot: Plot): void {
     const { from, to } = this.window;
     if (!Number.isFinite(to)) return;
     const [first, last] = this.history.window(from, to);
     this.shown = [first, last];
-    const times = this.history.times(first, last);
-    for (const plot of this.plots) {
-      const series = plot.curves.map((curve, c) => this.curve(plot, curve, c, first, last));
-      plot.chart.batch(() => {
-        plot.chart.setData([times, ...series] as uPlot.AlignedData, false);
-        plot.chart.setScale("x", { min: from, max: to });
-      });
-      this.read(plot);
-    }
-  }
-
-  /** A curve's numbers in a buffer that is reused. */
-  private curve(plot: Plot, { from, make: compose }: Curve, c: number, first: number, last: number): Float64Array {
-    const n = last - first;
-    let buffer = plot.data[c]!;
-    if (buffer.length < n) plot.data[c] = buffer = new Float64Array(Math.ceil(1.25 * n));
-    const columns = from.map((index) => this.history.column(index, first, last));
-    if (columns.length === 1) for (let i = 0; i < n; i++) buffer[i] = compose(columns[0]![i]!);
-    else for (let i = 0; i < n; i++) buffer[i] = compose(...columns.map((column) => column[i]!));
-    return buffer.subarray(0, n);
+    const { chart, curves } = plot;
+    this.envelope.lay(this.history.times(first, last), from, to, chart.bbox.width);
+    const series = curves.map(({ from: indices, make: compose }) => {
+      const columns = indices.map((index) => this.history.column(index, first, last));
+      return this.envelope.of((i) => compose(columns, i));
+    });
+    chart.batch(() => {
+      chart.setData([this.envelope.times, ...series] as uPlot.AlignedData, false);
+      chart.setScale("x", { min: from, max: to });
+    });
+    this.read(plot);
   }
 
   /** Ticks at round times before the newest sample. */
@@ -139,18 +146,20 @@ export class Plots {
     return ticks;
   }
 
+  /** The sample under the cursor in words, or the newest one. */
   private read({ chart, curves, reading, digits }: Plot): void {
     if (!this.live) return;
-    const i = chart.cursor.idx ?? null;
-    const last = chart.data[0].length - 1;
-    const k = i ?? last;
-    if (k < 0) return write(reading, "");
-    const when = i === null ? "" : `${shown((chart.data[0][k] ?? NaN) - this.history.newest, 3)} s  `;
+    const { idx, left } = chart.cursor;
+    const pointed = idx != null && left != null && left >= 0;
+    const [begin, end] = this.history.window(-Infinity, pointed ? chart.posToVal(left, "x") : this.window.to);
+    if (end <= begin) return write(reading, "");
+    const values = curves.map(({ from, make: compose }) => compose(from.map((index) => this.history.column(index, end - 1, end)), 0));
+    const when = pointed ? `${shown(this.history.times(end - 1, end)[0]! - this.history.newest, 3)} s  ` : "";
     // Of many channels there is room for the greatest only; the table has them all.
     const all = curves.map((_, c) => c);
-    const size = (c: number): number => Math.abs((chart.data[c + 1]![k] as number) ?? NaN) || 0;
+    const size = (c: number): number => Math.abs(values[c]!) || 0;
     const few = curves.length <= 6 ? all : all.sort((a, b) => size(b) - size(a)).slice(0, 3);
-    const parts = few.map((c) => `${curves[c]!.label} ${shown((chart.data[c + 1]![k] as number) ?? NaN, digits)}`);
+    const parts = few.map((c) => `${curves[c]!.label} ${shown(values[c]!, digits)}`);
     if (few.length < curves.length) parts.unshift("greatest");
     write(reading, when + parts.join("  "));
   }
@@ -158,7 +167,7 @@ export class Plots {
   private unzoom(): void {
     this.zoomed = null;
     if (this.held) this.held = { from: this.held.to - this.span, to: this.held.to };
-    this.stale = true;
+    this.spoil();
   }
 
   private export(): void {
@@ -179,12 +188,10 @@ export class Plots {
     const first = this.turning ? 3 : 0;
     const of = (name: string): number[] => axes.map((i) => this.index(`${name}_${first + i}`));
     const position = axes.map((i) => this.index(`p_${i}`));
-    const radial = (x: number, y: number, z: number, px: number, py: number, pz: number): number =>
-      (x * px + y * py + z * pz) / Math.hypot(px, py, pz);
     const pair = (name: string, colour: string, dashed: boolean): Curve =>
       this.select.value === "radial"
-        ? { label: name, colour, dashed, from: [...of(name), ...position], make: radial as Curve["make"] }
-        : { label: name, colour, dashed, from: of(name), make: magnitude as Curve["make"] };
+        ? { label: name, colour, dashed, from: [...of(name), ...position], make: radial }
+        : { label: name, colour, dashed, from: of(name), make: magnitude };
     if (this.select.value !== "xyz") return [pair("given", "--given", false), pair("asked", "--asked", true)];
     return axes.flatMap((i) => [
       { label: "xyz"[i]!, colour: `--s${"xyz"[i]!}`, from: [this.index(`given_${first + i}`)], make: same },
@@ -192,7 +199,7 @@ export class Plots {
     ]);
   }
 
-  private perCoil(name: string, change: (x: number) => number): Curve[] {
+  private perCoil(name: string, change: Curve["make"]): Curve[] {
     return this.session.coils.map((coil, i) => ({
       label: coil,
       colour: channelColour(i, this.session.coils.length),
@@ -207,9 +214,7 @@ export class Plots {
     const { warn, derate } = this.session.limits;
     this.add(this.turning ? "torque N·m" : "force N", this.force(), this.turning ? 3 : 2, 0.2, this.select);
     this.add("currents A", this.perCoil("currents", same), 2, this.turning ? 0.2 : 1);
-    this.add("temperature °C", this.perCoil("winding", (x) => x - KELVIN), 1, 5, undefined, { warn, derate });
-    this.stale = true;
-    this.drawn = 0;
+    this.add("temperature °C", this.perCoil("winding", ([x], i) => x![i]! - KELVIN), 1, 5, undefined, { warn, derate });
   }
 
   private add(
@@ -264,7 +269,7 @@ export class Plots {
     chart.over.addEventListener("dblclick", () => this.unzoom());
     chart.over.addEventListener("wheel", (event) => this.wheel(chart, event), { passive: false });
     this.sync.sub(chart);
-    this.plots.push({ chart, curves, data: curves.map(() => new Float64Array()), reading, digits });
+    this.plots.push({ chart, curves, reading, digits, stale: true, drawn: -Infinity });
   }
 
   /** A stretch was marked: hold still and show it. */
@@ -276,7 +281,7 @@ export class Plots {
     chart.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
     if (!this.held) this.pause(true);
     this.zoomed = { from, to };
-    this.stale = true;
+    this.spoil();
   }
 
   private wheel(chart: uPlot, event: WheelEvent): void {
@@ -291,7 +296,7 @@ export class Plots {
       to: Math.min(whole.to, around + (to - around) * factor),
     };
     if (this.zoomed.to - this.zoomed.from < 0.005) this.zoomed = { from, to };
-    this.stale = true;
+    this.spoil();
   }
 
   private resize(): void {
@@ -299,7 +304,7 @@ export class Plots {
       const box = chart.root.parentElement!;
       if (box.clientWidth > 0) chart.setSize({ width: box.clientWidth, height: box.clientHeight });
     }
-    this.stale = true;
+    this.spoil();
   }
 
   /** Samples on show, for tests. */

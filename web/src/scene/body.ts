@@ -23,10 +23,12 @@ const MM = 1000;
 /** how a coil looks without current, and at its limit */
 const COPPER = new Color("#a8623a");
 const HOT = new Color("#ffcf5a");
+const SEEN = 0.08; // share of the greatest current that can be told from the next
 
 export class Body {
   readonly group = new Group();
   private readonly coils: MeshPhongMaterial[] = [];
+  private readonly glowing: number[] = [];
   private readonly base = new MeshLambertMaterial();
   private readonly edge = new LineBasicMaterial({ transparent: true, opacity: 0.55 });
 
@@ -57,13 +59,18 @@ export class Body {
     dress();
   }
 
-  /** Coils glow with their share of the greatest current. */
-  glow(currents: ArrayLike<number>, limits: number[]): void {
+  /** Coils glow with their share of the greatest current; true if one looks different now. */
+  glow(currents: ArrayLike<number>, limits: number[]): boolean {
+    let different = false;
     this.coils.forEach((material, i) => {
       const share = Math.min(1, Math.abs(currents[i] ?? 0) / (limits[i] ?? 1)) || 0;
       material.color.lerpColors(COPPER, HOT, share);
       material.emissive.setRGB(0.55 * share, 0.25 * share, 0);
+      if (Math.abs(share - (this.glowing[i] ?? 0)) < SEEN) return;
+      this.glowing[i] = share;
+      different = true;
     });
+    return different;
   }
 
   /** A flat round base with a chamfered rim, just below the shell's edge. */

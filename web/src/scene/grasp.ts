@@ -6,6 +6,7 @@ import type { Subject, Wish } from "./subject";
 const MOUSE = 24; // px around the stylus that take hold
 const TOUCH = 44;
 const NOTCH = 1; // mm per notch of the wheel
+const OFTEN = 4; // ms between two places that are passed on at once
 
 export interface Hold {
   /** the hand moved to `wish` at `stamp` [ms]; `held` is false at the moment of letting go */
@@ -16,6 +17,8 @@ export class Grasp {
   private readonly pointers = new Map<number, { x: number; y: number }>();
   private holding: number | null = null;
   private wish: Wish | null = null;
+  private passed = 0; // stamp of the last place that was passed on
+  private box = new DOMRect();
   enabled = true;
 
   constructor(
@@ -26,6 +29,8 @@ export class Grasp {
   ) {
     canvas.addEventListener("pointerdown", (event) => this.down(event));
     canvas.addEventListener("pointermove", (event) => this.move(event));
+    // Where the browser has it: the pointer's places as they come, not kept back for the next frame.
+    canvas.addEventListener("pointerrawupdate", (event) => this.raw(event as PointerEvent));
     canvas.addEventListener("pointerup", (event) => this.up(event));
     canvas.addEventListener("pointercancel", (event) => this.up(event));
     canvas.addEventListener("lostpointercapture", (event) => this.up(event));
@@ -44,8 +49,21 @@ export class Grasp {
   }
 
   private at(event: MouseEvent): { x: number; y: number } {
-    const box = this.canvas.getBoundingClientRect();
-    return { x: event.clientX - box.left, y: event.clientY - box.top };
+    // Measured when the hand comes, not at each of its places: that would have the page laid out in between.
+    if (!this.pointers.size) this.box = this.canvas.getBoundingClientRect();
+    return { x: event.clientX - this.box.left, y: event.clientY - this.box.top };
+  }
+
+  private raw(event: PointerEvent): void {
+    if (this.holding === event.pointerId && event.timeStamp - this.passed >= OFTEN) this.follow(event);
+  }
+
+  /** The hand goes where the pointer is. */
+  private follow(event: PointerEvent): void {
+    const { x, y } = this.at(event);
+    this.passed = event.timeStamp;
+    this.wish = this.subject.drag(x, y);
+    this.hold(this.wish, event.timeStamp, true);
   }
 
   private down(event: PointerEvent): void {
@@ -68,8 +86,7 @@ export class Grasp {
     const { x, y } = this.at(event);
     const before = this.pointers.get(event.pointerId);
     if (this.holding === event.pointerId) {
-      this.wish = this.subject.drag(x, y);
-      this.hold(this.wish, event.timeStamp, true);
+      if (event.timeStamp > this.passed) this.follow(event);
     } else if (before && this.pointers.size - (this.holding === null ? 0 : 1) === 2) {
       this.pinch(event.pointerId, before, { x, y });
     } else if (before) {

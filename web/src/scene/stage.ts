@@ -1,27 +1,25 @@
-// The drawing surface: camera, light, and a renderer that draws only when something changed and coarser when it is slow.
+// The drawing surface: camera, light, and a renderer that draws only what changed. Where drawing is slow, what stands
+// still is drawn once and kept under the canvas, on which then only the moving parts are drawn anew.
 
 import {
   Color,
   DirectionalLight,
   HemisphereLight,
+  type Object3D,
   PerspectiveCamera,
   Scene,
   Vector3,
   WebGLRenderer,
 } from "three";
 import { css, onThemeChange } from "../theme";
+import { Backdrop } from "./backdrop";
+import { DETAIL, type Level } from "./governor";
 
-const SLOW = 30; // ms a frame may take before the picture gets coarser
-const QUICK = 12; // ms below which it gets finer again
-
-/** Whether pictures are computed by the processor. */
-function computed(): boolean {
-  const gl = document.createElement("canvas").getContext("webgl2");
-  const info = gl?.getExtension("WEBGL_debug_renderer_info");
-  const name = String(info ? gl!.getParameter(info.UNMASKED_RENDERER_WEBGL) : "");
-  gl?.getExtension("WEBGL_lose_context")?.loseContext();
-  return /swiftshader|llvmpipe|software/i.test(name);
-}
+const STILL = 0;
+const MOVING = 1; // the layers of what stands still and of what moves,
+const VEIL = 2; // and of what hides the one from the other
+const SETTLE = 150; // ms without a change after which what stands still is worth keeping
+const FADED = 1000; // ms between two looks at what changes slowly while the rest moves
 
 export class Stage {
   readonly scene = new Scene();
@@ -29,88 +27,153 @@ export class Stage {
   private readonly renderer: WebGLRenderer;
   private readonly sky = new HemisphereLight(0xffffff, 0x8890a0, 2.2);
   private readonly sun = new DirectionalLight(0xffffff, 2.0);
+  private readonly backdrop: Backdrop;
+  private detail = DETAIL.full;
+  private moving: Object3D[] = [];
   private dirty = true;
-  private readonly finest: number;
-  private readonly coarsest: number;
-  private ratio: number;
-  private pace = 16;
-  private last = 0;
-  private settled = 0;
+  private ratio = 0;
+  /** when something that stands still changed last, and when it was drawn last [ms] */
+  private changed = 0;
+  private stirred = true;
+  private faded = false;
+  private kept = 0;
+  private size = { width: 1, height: 1 };
 
-  constructor(readonly canvas: HTMLCanvasElement) {
+  constructor(
+    readonly canvas: HTMLCanvasElement,
+    best: Level,
+  ) {
     // Without a graphics processor smooth edges cost four times the picture: quick comes first.
-    const slow = computed() && !new URLSearchParams(location.search).has("fine");
-    this.renderer = new WebGLRenderer({ canvas, antialias: !slow, alpha: true });
-    this.finest = slow ? 1 : Math.min(devicePixelRatio, 2);
-    this.ratio = this.finest;
-    this.coarsest = slow ? 0.5 : 0.75;
+    this.renderer = new WebGLRenderer({ canvas, antialias: best === "full", alpha: true });
+    this.backdrop = new Backdrop(canvas);
+    this.sky.layers.enableAll();
+    this.sun.layers.enableAll();
+    this.camera.layers.enable(MOVING);
     this.camera.up.set(0, 0, 1);
     this.sun.position.set(-60, -80, 160);
     this.scene.add(this.sky, this.sun);
     new ResizeObserver(() => this.resize()).observe(canvas.parentElement!);
     onThemeChange(() => this.dress());
     this.dress();
+    this.level = best;
+  }
+
+  /** `objects` move over what stands still, which may then be drawn once and kept; `veil` dims them behind it. */
+  moves(objects: Object3D[], veil: Object3D): void {
+    this.moving = objects;
+    for (const object of objects) object.traverse((part) => part.layers.set(MOVING));
+    veil.layers.set(VEIL);
+    this.scene.add(veil);
+  }
+
+  /** How much to draw. */
+  set level(level: Level) {
+    this.detail = DETAIL[level];
     this.resize();
   }
 
-  /** Something changed: draw at the next frame. */
+  /** Something changed that mostly stands still: draw all of it at the next frame. */
   touch(): void {
     this.dirty = true;
+    this.stirred = true;
+    this.backdrop.drop();
+  }
+
+  /** Only what moves did: draw it at the next frame. */
+  moved(): void {
+    this.dirty = true;
+  }
+
+  /** What stands still changed a little: it can wait until the rest has stopped, or a second. */
+  fade(): void {
+    this.faded = true;
   }
 
   /** Draw if needed; true if it did. */
   draw(now: number): boolean {
+    if (this.stirred) this.changed = now;
+    this.stirred = false;
+    if (this.faded && now - this.kept > FADED) {
+      this.faded = false;
+      this.dirty = true;
+      this.backdrop.holds = false;
+    }
     if (!this.dirty) return false;
     this.dirty = false;
-    this.adapt(now);
-    this.renderer.render(this.scene, this.camera);
+    const layered = this.detail.layered && this.moving.length > 0 && now - this.changed >= SETTLE;
+    if (layered) this.layered(now);
+    else this.whole(now);
     return true;
+  }
+
+  /** How often what stands still was drawn to be kept. */
+  get kepts(): number {
+    return this.backdrop.made;
+  }
+
+  private whole(now: number): void {
+    this.backdrop.drop();
+    this.sharpen(this.detail.whole);
+    this.camera.layers.enable(STILL);
+    this.camera.layers.enable(MOVING);
+    this.camera.layers.disable(VEIL);
+    this.renderer.render(this.scene, this.camera);
+    this.kept = now;
+    this.faded = false;
+  }
+
+  private layered(now: number): void {
+    if (!this.backdrop.holds) {
+      this.sharpen(this.detail.kept);
+      this.camera.layers.set(STILL);
+      this.renderer.render(this.scene, this.camera);
+      this.backdrop.take(this.canvas);
+      this.kept = now;
+    }
+    this.sharpen(this.detail.moving);
+    this.camera.layers.set(MOVING);
+    this.camera.layers.enable(VEIL);
+    this.renderer.render(this.scene, this.camera);
   }
 
   /** Where a point in space is on the canvas [CSS px]. */
   project(point: Vector3): { x: number; y: number } {
     const p = point.clone().project(this.camera);
-    return { x: ((p.x + 1) / 2) * this.canvas.clientWidth, y: ((1 - p.y) / 2) * this.canvas.clientHeight };
+    return { x: ((p.x + 1) / 2) * this.size.width, y: ((1 - p.y) / 2) * this.size.height };
   }
 
   /** From the camera through a place on the canvas: origin and unit direction. */
   ray(x: number, y: number): { from: Vector3; along: Vector3 } {
-    const far = new Vector3((x / this.canvas.clientWidth) * 2 - 1, 1 - (y / this.canvas.clientHeight) * 2, 0.5);
+    const far = new Vector3((x / this.size.width) * 2 - 1, 1 - (y / this.size.height) * 2, 0.5);
     far.unproject(this.camera);
     return { from: this.camera.position.clone(), along: far.sub(this.camera.position).normalize() };
   }
 
   /** Pixels per millimetre at `distance` from the camera. */
   scale(distance: number): number {
-    return this.canvas.clientHeight / (2 * distance * Math.tan((this.camera.fov * Math.PI) / 360));
+    return this.size.height / (2 * distance * Math.tan((this.camera.fov * Math.PI) / 360));
   }
 
-  private adapt(now: number): void {
-    const spent = now - this.last;
-    this.last = now;
-    if (spent > 500) return; // nothing was drawn for a while: says nothing about speed
-    this.pace += 0.1 * (spent - this.pace);
-    if (now - this.settled < 1500) return;
-    if (this.pace > SLOW && this.ratio > this.coarsest) this.ratio = Math.max(this.coarsest, this.ratio * 0.8);
-    else if (this.pace < QUICK && this.ratio < this.finest) this.ratio = Math.min(this.finest, this.ratio * 1.25);
-    else return;
-    this.settled = now;
-    this.resize();
+  /** Draw with at most `sharpness` device pixels per CSS pixel. */
+  private sharpen(sharpness: number): void {
+    const ratio = Math.min(devicePixelRatio, sharpness);
+    if (ratio === this.ratio) return;
+    this.ratio = ratio;
+    this.renderer.setPixelRatio(ratio);
   }
 
   private resize(): void {
     const frame = this.canvas.parentElement!;
-    const width = Math.max(1, frame.clientWidth);
-    const height = Math.max(1, frame.clientHeight);
-    this.renderer.setPixelRatio(this.ratio);
+    this.size = { width: Math.max(1, frame.clientWidth), height: Math.max(1, frame.clientHeight) };
+    const { width, height } = this.size;
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
-    this.dirty = true;
+    this.touch();
   }
 
   private dress(): void {
     this.sky.groundColor = new Color(css("--ground"));
-    this.dirty = true;
+    this.touch();
   }
 }

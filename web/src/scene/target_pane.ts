@@ -3,6 +3,7 @@
 import { at, write } from "../panels/dom";
 import type { Sample, Vector } from "../sample";
 import type { TargetScene } from "../session";
+import type { Level } from "./governor";
 import { Orbit, type Home } from "./orbit";
 import { Stage } from "./stage";
 import { Target, UNIT } from "./target";
@@ -12,12 +13,15 @@ const HOME: Home = { azimuth: -78, elevation: 52, distance: 360, centre: [56, -1
 export class TargetPane {
   private readonly home: Home = { ...HOME };
   private framed = "";
-  private readonly stage = new Stage(at<HTMLCanvasElement>("target-scene"));
-  private readonly orbit = new Orbit(this.stage.camera, () => this.moved(), this.home);
-  private readonly target = new Target(this.stage);
+  private readonly stage: Stage;
+  private readonly orbit: Orbit;
+  private readonly target: Target;
   private readonly pointers = new Map<number, { x: number; y: number }>();
 
-  constructor(scene: TargetScene | null) {
+  constructor(scene: TargetScene | null, best: Level) {
+    this.stage = new Stage(at<HTMLCanvasElement>("target-scene"), best);
+    this.orbit = new Orbit(this.stage.camera, () => this.moved(), this.home);
+    this.target = new Target(this.stage);
     this.build(scene);
     const { canvas } = this.stage;
     canvas.addEventListener("pointerdown", (event) => {
@@ -40,6 +44,11 @@ export class TargetPane {
       button.addEventListener("click", views[button.dataset["targetView"]!]!);
     }
     new ResizeObserver(() => this.moved()).observe(at("target"));
+  }
+
+  /** How much to draw. */
+  set level(level: Level) {
+    this.stage.level = level;
   }
 
   /** Another world, or other sizes. */

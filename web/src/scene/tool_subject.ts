@@ -11,6 +11,7 @@ import { Goal } from "./goal";
 import type { Stage } from "./stage";
 import { Stylus } from "./stylus";
 import type { Subject, Wish } from "./subject";
+import { veil } from "./veil";
 
 const MM = 1000;
 const DEEPEST = -6; // mm: how far a hand may press into the dome
@@ -63,6 +64,7 @@ export class ToolSubject implements Subject {
       this.given.mesh,
       this.asked.mesh,
     );
+    stage.moves([this.stylus.group, this.goal.group, this.given.mesh, this.asked.mesh], veil(tool.dome_radius * MM));
   }
 
   get arrowVisible(): boolean {
@@ -99,9 +101,9 @@ export class ToolSubject implements Subject {
     const from = new Vector3(p[0] * MM, p[1] * MM, p[2] * MM);
     this.aim(this.given, from, given);
     this.aim(this.asked, from, asked);
-    this.body.glow(currents, this.limits);
+    if (this.body.glow(currents, this.limits)) this.stage.fade();
     if (!this.grasped && Number.isFinite(target[0])) this.follow(target);
-    this.stage.touch();
+    this.stage.moved();
     return true;
   }
 

@@ -17,6 +17,7 @@ let mask: Mask | null = null;
 let drawn = ""; // what the answer field shows
 let worded = ""; // what the message shows
 let sent = 0;
+let late = 0; // timer of the last move, if it came too soon after the one before
 let wrong = ""; // shown until the next key
 
 const typed = element<HTMLInputElement>("typed");
@@ -317,10 +318,17 @@ pad.addEventListener("pointerdown", (event) => {
   drag(event);
 });
 pad.addEventListener("pointermove", (event) => {
-  if (pad.hasPointerCapture(event.pointerId) && event.timeStamp - sent > SOON) drag(event);
+  if (!pad.hasPointerCapture(event.pointerId)) return;
+  if (event.timeStamp - sent > SOON) drag(event);
+  else {
+    clearTimeout(late); // the last of many moves counts, also when none comes after it
+    late = window.setTimeout(() => drag(event), SOON);
+  }
 });
+pad.addEventListener("pointerup", drag);
 
 function drag(event: PointerEvent): void {
+  clearTimeout(late);
   if (!about || !inTrial()) return;
   sent = event.timeStamp;
   const box = pad.getBoundingClientRect();

@@ -24,7 +24,7 @@ from haptorb.errors import HaptorbError, InputError
 __all__ = ["Room"]
 
 FRAME = 1 / 60  #: between two frames [s]
-SOON = 1 / 250  #: between two looks at the rows while an answer to the pointer is awaited [s]
+SOON = 1 / 500  #: between two looks at the rows while an answer to the pointer is awaited [s]
 REFRESH = 1 / 100  #: between two refreshes of a hand at rest [s]
 LOOK = 0.5  #: between two looks at the loop's health [s]
 FRESH = 0.1  #: from steadying the hand to engaging [s]
