@@ -120,6 +120,12 @@ class SphericalMotor(Device):
         """(p, 3) flux density of the coils [T] at `points` (p, 3) [m] with `currents` (m,) [A] in the channels."""
         return coils_field(self, points, self.groups @ currents)
 
+    @cached_property
+    def sensor_field_per_ampere(self) -> Array:
+        """(m, 3 sensors) what one ampere in each channel adds to every sensor's reading [T/A], stator frame."""
+        places = self.sensor_layout.positions
+        return np.stack([self.coil_field(places, one).ravel() for one in np.eye(self.channels)])
+
     def field(self, R: Array, points: Array) -> Array:
         """(n, p, 3) flux density of the rotor's magnets [T] at `points` (p, 3) [m], stator frame, exact level."""
         return exact_field(self, R, points)

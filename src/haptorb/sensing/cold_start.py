@@ -12,7 +12,7 @@ from haptorb.physics.compiled import kernel
 from haptorb.physics.rotations import rotation_from_euler
 from haptorb.sensing.field_model import opened
 from haptorb.sensing.gauss_newton import explained
-from haptorb.sensing.readings import believable, coil_field_per_ampere
+from haptorb.sensing.readings import believable
 from haptorb.sensing.spin import spin_period
 
 __all__ = ["ColdStart", "Found"]
@@ -46,7 +46,7 @@ class ColdStart:
         angles = np.meshgrid(tilts, tilts, turns, indexing="ij")
         self._nodes = rotation_from_euler(*(angle.ravel() for angle in angles))
         field = motor.sensor_field(self._nodes, "table")
-        self.limit = believable(motor, self._nodes, field, coil_field_per_ampere(motor))  #: [T]
+        self.limit = believable(motor, self._nodes, field)  #: [T]
         self._largest = float(np.sqrt((field**2).sum(axis=2).max()))
         self._fields = np.ascontiguousarray(field.reshape(len(field), -1))
 

@@ -12,7 +12,6 @@ from haptorb.devices.table_kernels import torque_characteristic
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 from haptorb.physics.packed import packed, part
-from haptorb.sensing.readings import coil_field_per_ampere
 
 __all__ = ["FieldModel", "field_model", "opened", "torque_per_ampere"]
 
@@ -47,7 +46,7 @@ def field_model(motor: SphericalMotor) -> Array:
         motor.sensor_layout.directions,
         motor.electromagnets.directions,
         motor.groups,
-        coil_field_per_ampere(motor),
+        motor.sensor_field_per_ampere,
         coefficients,
     )
 

@@ -9,24 +9,18 @@ from haptorb.errors import InputError
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 
-__all__ = ["believable", "coil_field_per_ampere", "magnet_field"]
+__all__ = ["believable", "magnet_field"]
 
 
-def coil_field_per_ampere(motor: SphericalMotor) -> Array:
-    """(channels, 3 sensors) what one ampere in each channel adds to every reading [T/A], stator frame."""
-    places = motor.sensor_layout.positions
-    return np.stack([motor.coil_field(places, one).ravel() for one in np.eye(motor.channels)])
-
-
-def believable(motor: SphericalMotor, orientations: Array, field: Array, per_ampere: Array) -> float:
+def believable(motor: SphericalMotor, orientations: Array, field: Array) -> float:
     """A magnitude [T] that no sensor can read unless it is broken: 1.5 times the most that magnets and coils give.
 
-    Over orientations (n, 3, 3). Raises InputError where there are none.
+    Over orientations (n, 3, 3), whose field (n, k, 3) [T] is given. Raises InputError where there are none.
     """
     if not len(orientations):
         raise InputError("no orientations were given to learn the field's range from")
     most = float(np.sqrt((field**2).sum(axis=2).max()))
-    coils = motor.coils.current_limit @ np.abs(per_ampere)
+    coils = motor.coils.current_limit @ np.abs(motor.sensor_field_per_ampere)
     return 1.5 * (most + float(np.sqrt((coils.reshape(-1, 3) ** 2).sum(axis=1).max())))
 
 

@@ -14,7 +14,7 @@ from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.orientation import LeastSquaresOrientation
-from haptorb.sensing.readings import believable, coil_field_per_ampere, magnet_field
+from haptorb.sensing.readings import believable, magnet_field
 from haptorb.sensing.sample import Estimate, Sample
 from haptorb.sensing.training_set import workspace_grid
 
@@ -52,9 +52,9 @@ class FieldToTorque(Estimator):
         self, motor: SphericalMotor, torque_map: TorqueMap, orientation: LeastSquaresOrientation | None = None
     ) -> None:
         self._motor, self._map, self._orientation = motor, torque_map, orientation
-        self._per_ampere = coil_field_per_ampere(motor)
+        self._per_ampere = motor.sensor_field_per_ampere
         coarse = workspace_grid(motor, _COARSE)
-        self._limit = believable(motor, coarse, motor.sensor_field(coarse, "table"), self._per_ampere)
+        self._limit = believable(motor, coarse, motor.sensor_field(coarse, "table"))
         edge = motor.workspace_tilt + _EDGE
         self._sine, self._tangent = float(np.sin(edge)), float(np.tan(edge))
         self._groups = np.ascontiguousarray(motor.groups, dtype=np.float64)

@@ -82,8 +82,6 @@ class SimulatedMotor(Simulation):
         self._heat = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
         self._dt, self._steps, self._heat_step = 0.0, 1, np.zeros((2, 3))  # of the last advance
         self._still = np.zeros(3)
-        places = device.sensor_layout.positions
-        unit = [device.coil_field(places, row).ravel() for row in np.eye(device.channels)]
         tables = device.tables
         self._parts = Parts(
             tables.torque_pair.cells,
@@ -95,7 +93,7 @@ class SimulatedMotor(Simulation):
             np.array(device.electromagnets.directions, order="C"),
             np.array(device.sensor_layout.directions, order="C"),
             np.array(device.groups, dtype=np.float64, order="C"),
-            np.stack(unit),
+            device.sensor_field_per_ampere,
         )
         supply = device.supply
         heat_meter = float(device.thermometer_noise), float(device.thermometer_step)
