@@ -156,7 +156,10 @@ class ModedLinkage(Linkage):
         return self.mapping.clutch(self._memory, self._t, self._mode, self._engaged)
 
     def felt(self, world: Touching, mover: State) -> Felt:
-        """Advance the clutch to `mover`, ask `world` at the target, and bring its wrench back as torque."""
+        """Advance the clutch to `mover`, ask `world` at the target, and bring its wrench back as torque.
+
+        Raises InputError for a rotor tilted beyond ±80°, and for a world that gives no wrench.
+        """
         mapping, memory, t = self.mapping, self._memory, mover.t
         if memory is None:
             memory = self._taken(mover)

@@ -34,7 +34,7 @@ class FieldModel(NamedTuple):
 
 
 def field_model(motor: SphericalMotor) -> Array:
-    """(n,) all of FieldModel in SI units, from the motor's pair tables; `opened` takes it apart."""
+    """(n,) all of FieldModel, [T] and [N·m/A] from the motor's pair tables; `opened` takes it apart."""
     field, torque = motor.tables.field_pair, motor.tables.torque_pair
     coefficients, least = motor.leaning
     return packed(
