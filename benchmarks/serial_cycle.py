@@ -20,9 +20,11 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.runtime.board import Board
+from haptorb.runtime.board_reading import READING_BYTES
+from haptorb.runtime.board_words import Standing
 from haptorb.runtime.emulator import Emulator
 from haptorb.runtime.frames import Frame, encoded
-from haptorb.runtime.protocol import READING, Reading, Standing, set_duties
+from haptorb.runtime.protocol import READING, set_duties
 from haptorb.runtime.serial_port import BAUD
 
 BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"
@@ -65,7 +67,7 @@ def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
         device.close()
         elapsed = float(words["t"]) - start
         asked = len(encoded(set_duties(0, [0, 0, 0])))
-        answered = len(encoded(Frame(READING, 0, bytes(Reading._LAYOUT.size))))
+        answered = len(encoded(Frame(READING, 0, bytes(READING_BYTES))))
         return {
             "cycles per second of firmware time": cycles / elapsed,
             "bytes of a SET": asked,

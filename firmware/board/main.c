@@ -142,6 +142,16 @@ static void host_bytes(void)
     }
 }
 
+/* The multiplexers' axis for the Hall scan that is about to be queued; the plan lets no two scans be on their way. No
+ * interrupt touches the port. */
+static void show(const struct transfer *next)
+{
+    static uint8_t axis;
+
+    axis = plan_hall_axis(next, axis);
+    AXIS_PORT = (uint8_t)((AXIS_PORT & ~(3 << AXIS_SHIFT)) | axis << AXIS_SHIFT);
+}
+
 static uint8_t bus_quiet; /* [ms] without a finished transfer while one is running */
 
 /* Returns whether it did anything. */
@@ -157,6 +167,7 @@ static bool bus(void)
     struct transfer *next = twi_free();
     if (!next || !plan_next(&bridge.plan, &bridge.guard, next))
         return done != 0;
+    show(next);
     twi_go();
     return true;
 }
@@ -225,6 +236,7 @@ int main(void)
     OE_DDR |= _BV(OE_BIT); /* high before it is an output: never low in between */
     LAMP_DDR |= _BV(LAMP_BIT);
     STOP_PORT |= _BV(STOP_BIT);
+    AXIS_DDR |= 3 << AXIS_SHIFT;
 
     bridge_boot(&bridge, BOARD, reset_cause());
     calibration_load();

@@ -4,6 +4,7 @@
  *   D2  stop button, closed contact to ground; open (pressed, or a broken wire) stops
  *   D4  OE of the PCA9685, low lets current flow; a 10 k pull-up holds it high while the processor is in reset
  *   D5, D6, D7  1-wire lines of the three thermometers, each with its own 4.7 k pull-up
+ *   D8, D9      which axis the Hall sensors' multiplexers show: 0, 1, 2 for x, y, z
  *   D13 lamp: lit while engaged
  *   SDA, SCL    the bus
  */
@@ -26,6 +27,9 @@
 #define LAMP_DDR DDRB
 #define LAMP_PORT PORTB
 #define LAMP_BIT 5
+#define AXIS_DDR DDRB
+#define AXIS_PORT PORTB
+#define AXIS_SHIFT 0
 #define BUS_DDR DDRC
 #define BUS_PIN PINC
 #define BUS_PORT PORTC
@@ -47,6 +51,9 @@
 #define LAMP_DDR DDRB
 #define LAMP_PORT PORTB
 #define LAMP_BIT 7
+#define AXIS_DDR DDRH
+#define AXIS_PORT PORTH
+#define AXIS_SHIFT 5
 #define BUS_DDR DDRD
 #define BUS_PIN PIND
 #define BUS_PORT PORTD

@@ -49,6 +49,7 @@ static uint8_t identity(struct bridge *bridge, uint8_t *out)
     *p++ = bridge->board;
     *p++ = CHANNELS;
     *p++ = HALL_SENSORS;
+    *p++ = HALL_AXES;
     *p++ = THERMOMETERS;
     *p++ = bridge->reset_cause;
     for (uint8_t i = 0; i < 8; i++)
@@ -84,11 +85,19 @@ static uint8_t state(const struct bridge *bridge, uint8_t refusal, uint8_t *out)
     return 5;
 }
 
+static uint16_t microseconds(uint16_t units)
+{
+    return units > 0xFFFF / CLOCK_MICROSECONDS ? 0xFFFF : units * CLOCK_MICROSECONDS;
+}
+
 static uint8_t reading(struct bridge *bridge, uint8_t *out, uint16_t now)
 {
     struct readings *r = &bridge->plan.readings;
     const uint16_t age = (uint16_t)(now - r->current_time);
-    const uint8_t first = r->hall_group == 0 ? 0 : 5;
+    bool news;
+    const uint8_t group = plan_hall_told(&bridge->plan, &news);
+    const uint16_t hall_age = (uint16_t)(now - r->hall_time[group]);
+    const uint8_t first = group % HALL_BLOCKS == 0 ? 0 : HALL_BLOCK_MAX;
     uint8_t *p = out;
 
     *p++ = bridge->guard.state;
@@ -97,15 +106,16 @@ static uint8_t reading(struct bridge *bridge, uint8_t *out, uint16_t now)
     for (uint8_t i = 0; i < CHANNELS; i++)
         p = put16(p, guard_live(&bridge->guard) ? (uint16_t)bridge->guard.duties[i] : 0);
     for (uint8_t i = 0; i < CHANNELS; i++)
-        p = put16(p, (uint16_t)r->current[i]);
-    *p++ = r->hall_group;
-    for (uint8_t i = 0; i < HALL_GROUP_MAX; i++)
-        p = put16(p, first + i < HALL_SENSORS ? r->hall[first + i] : 0xFFFF);
+        p = put16(p, (uint16_t)r->told[i]);
+    *p++ = news ? group : group | HALL_TOLD;
+    for (uint8_t i = 0; i < HALL_BLOCK_MAX; i++)
+        p = put16(p, first + i < HALL_SENSORS ? r->hall[group / HALL_BLOCKS][first + i] : 0xFFFF);
     if (++r->thermometer >= THERMOMETERS)
         r->thermometer = 0;
     *p++ = r->thermometer;
     p = put16(p, (uint16_t)r->temperature[r->thermometer]);
-    p = put16(p, age > 0xFFFF / CLOCK_MICROSECONDS ? 0xFFFF : age * CLOCK_MICROSECONDS);
+    p = put16(p, microseconds(age));
+    p = put16(p, microseconds(hall_age));
     *p++ = bridge->guard.line_errors;
     *p++ = r->rounds;
     return (uint8_t)(p - out);

@@ -9,6 +9,7 @@
 #define BOARD_ATMEGA328P 1
 #define BOARD_ATMEGA2560 2
 #define CALIBRATION_ID 16
+#define HALL_TOLD 0x80 /* in the number of a Hall group: it has been told before */
 #define CLOCK_MICROSECONDS 4 /* one unit of the board's clock */
 
 struct bridge {

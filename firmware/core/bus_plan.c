@@ -28,6 +28,7 @@
 #define RETRY_MS 100
 #define CHECK_ROUNDS 32
 #define FAILS_MAX 3
+#define HALL_PATIENCE (2 * HALL_GROUPS) /* answers */
 
 enum job { JOB_SETUP, JOB_DUTIES, JOB_CURRENT, JOB_HALL, JOB_CHECK_PWM, JOB_CHECK_CURRENT };
 
@@ -58,17 +59,22 @@ void plan_start(struct bus_plan *plan)
     plan->signs = 0;
     plan->rewrite = true;
     plan->quiet = false;
+    plan->scanning = false;
     for (uint8_t i = 0; i < 5; i++)
         plan->fails[i] = 0;
     for (uint8_t i = 0; i < CHANNELS; i++) {
         plan->written[i] = 0;
-        plan->readings.current[i] = 0;
+        plan->readings.current[i] = plan->readings.told[i] = 0;
     }
-    for (uint8_t i = 0; i < HALL_SENSORS; i++)
-        plan->readings.hall[i] = 0xFFFF;
+    for (uint8_t axis = 0; axis < HALL_AXES; axis++)
+        for (uint8_t i = 0; i < HALL_SENSORS; i++)
+            plan->readings.hall[axis][i] = 0xFFFF;
+    for (uint8_t group = 0; group < HALL_GROUPS; group++)
+        plan->readings.hall_time[group] = plan->readings.hall_waited[group] = 0;
     for (uint8_t i = 0; i < THERMOMETERS; i++)
         plan->readings.temperature[i] = 0x7FFF;
-    plan->readings.hall_group = 1;
+    plan->readings.hall_untold = 0;
+    plan->readings.hall_group = HALL_GROUPS - 1;
     plan->readings.thermometer = 0;
     plan->readings.rounds = 0;
     plan->readings.current_time = 0;
@@ -212,6 +218,38 @@ static void check_step(struct bus_plan *plan, struct transfer *transfer)
         plan->repoint |= (uint8_t)(1 << (chip - 1));
 }
 
+static uint8_t after(uint8_t group)
+{
+    return group == HALL_GROUPS - 1 ? 0 : group + 1;
+}
+
+uint8_t plan_hall_axis(const struct transfer *transfer, uint8_t before)
+{
+    return transfer->job == JOB_HALL ? transfer->channel / HALL_BLOCKS : before;
+}
+
+uint8_t plan_hall_told(struct bus_plan *plan, bool *news)
+{
+    struct readings *r = &plan->readings;
+    uint8_t told = r->hall_group;
+    uint8_t group = told;
+
+    /* The newest; or one that has waited long, as a host of an unlucky pace would else hear some groups never; or, where
+     * the newest is known already, what was left over. */
+    for (uint8_t tries = 0; tries < HALL_GROUPS; tries++) {
+        group = after(group);
+        const bool untold = r->hall_untold & (1 << group);
+        if (r->hall_waited[group] < 0xFF)
+            r->hall_waited[group]++;
+        if (untold && (r->hall_waited[group] > HALL_PATIENCE || !(r->hall_untold & (1 << told))))
+            told = group;
+    }
+    *news = r->hall_untold & (1 << told);
+    r->hall_untold &= (uint8_t)~(1 << told);
+    r->hall_waited[told] = 0;
+    return told;
+}
+
 bool plan_next(struct bus_plan *plan, const struct guard *guard, struct transfer *transfer)
 {
     if (plan->setup != SETUP_DONE) {
@@ -238,10 +276,12 @@ bool plan_next(struct bus_plan *plan, const struct guard *guard, struct transfer
                 return true;
             }
         } else if (step == 3) {
-            if (!(plan->missing & MISSING_HALL)) {
-                const uint8_t group = !plan->readings.hall_group;
-                begin(transfer, JOB_HALL, group, CHIP_HALL, group == 0 ? 10 : 8);
-                put(transfer, group == 0 ? HALL_SCAN_0_TO_4 : HALL_SCAN_6_TO_9);
+            if (!(plan->missing & MISSING_HALL) && !plan->scanning) {
+                const uint8_t group = after(plan->readings.hall_group);
+                const uint8_t block = group % HALL_BLOCKS;
+                begin(transfer, JOB_HALL, group, CHIP_HALL, block == 0 ? 10 : 8);
+                plan->scanning = true;
+                put(transfer, block == 0 ? HALL_SCAN_0_TO_4 : HALL_SCAN_6_TO_9);
                 return true;
             }
         } else {
@@ -289,6 +329,14 @@ static void setup_done(struct bus_plan *plan, const struct transfer *transfer, u
     }
 }
 
+/* Currents are told with the field that was read next: the coils' own part of it is subtracted by them. */
+static void settle(struct bus_plan *plan)
+{
+    for (uint8_t i = 0; i < CHANNELS; i++)
+        plan->readings.told[i] = plan->readings.current[i];
+    plan->readings.current_time = plan->round_time;
+}
+
 void plan_done(struct bus_plan *plan, struct guard *guard, const struct transfer *transfer, uint16_t now)
 {
     const uint8_t chip = chip_of(transfer);
@@ -298,6 +346,8 @@ void plan_done(struct bus_plan *plan, struct guard *guard, const struct transfer
         setup_done(plan, transfer, chip);
         return;
     }
+    if (transfer->job == JOB_HALL)
+        plan->scanning = false;
     if (transfer->failed) {
         if (transfer->job == JOB_DUTIES)
             plan->rewrite = true;
@@ -319,18 +369,22 @@ void plan_done(struct bus_plan *plan, struct guard *guard, const struct transfer
         readings->current[transfer->channel] = raw; /* 10 uV over 0.01 ohm: 1 mA */
         if (transfer->channel == 0)
             plan->round_time = now;
-        if (transfer->channel == CHANNELS - 1)
-            readings->current_time = plan->round_time;
+        if (transfer->channel == CHANNELS - 1 && plan->missing & MISSING_HALL)
+            settle(plan);
         guard_current(guard, transfer->channel, raw);
         break;
     }
     case JOB_HALL: {
-        const uint8_t first = transfer->channel == 0 ? 0 : 5;
-        const uint8_t count = transfer->channel == 0 ? 5 : 4;
+        const uint8_t group = transfer->channel;
+        const uint8_t first = group % HALL_BLOCKS == 0 ? 0 : HALL_BLOCK_MAX;
+        const uint8_t count = group % HALL_BLOCKS == 0 ? HALL_BLOCK_MAX : HALL_SENSORS - HALL_BLOCK_MAX;
         for (uint8_t i = 0; i < count; i++)
-            readings->hall[first + i] =
+            readings->hall[group / HALL_BLOCKS][first + i] =
                 (uint16_t)((uint16_t)(transfer->read[2 * i] & 0x0F) << 8 | transfer->read[2 * i + 1]);
-        readings->hall_group = transfer->channel;
+        readings->hall_time[group] = now;
+        readings->hall_untold |= (uint8_t)(1 << group);
+        readings->hall_group = group;
+        settle(plan);
         break;
     }
     case JOB_CHECK_PWM:

@@ -1,7 +1,7 @@
 /* Which I2C transfer comes next, and what the answer means.
  *
  * Set-up of every chip first; then for ever: new duties if there are any, the three currents, one group of Hall
- * sensors. The clock of the bus sets the pace: at 400 kHz one round takes 0.9 ms.
+ * readings: one axis of the sensors of one block. The clock of the bus sets the pace: at 400 kHz a round takes 0.9 ms.
  *
  * Wiring (docs/reference/hardware.md): PCA9685 outputs 0-2 are the drivers' PWM inputs, 3-5 their direction inputs.
  */
@@ -39,9 +39,13 @@ struct transfer {
 
 struct readings {
     int16_t current[CHANNELS];     /* [mA] */
-    uint16_t current_time;         /* when the first of the three was read, in board clock units */
-    uint16_t hall[HALL_SENSORS];   /* ADC codes, 0xFFFF before the first reading */
+    int16_t told[CHANNELS];        /* the three that were read just before the Hall group that was read last [mA] */
+    uint16_t current_time;         /* when the first of these was read, in board clock units */
+    uint16_t hall[HALL_AXES][HALL_SENSORS]; /* ADC codes, 0xFFFF before the first reading */
+    uint16_t hall_time[HALL_GROUPS]; /* when each was read, in board clock units */
+    uint8_t hall_untold;           /* bit per group: read since it was told to the host last */
     uint8_t hall_group;            /* read last */
+    uint8_t hall_waited[HALL_GROUPS]; /* answers since each was told */
     int16_t temperature[THERMOMETERS]; /* [1/16 degC], 0x7FFF before the first reading */
     uint8_t thermometer;           /* told last */
     uint8_t rounds;                /* of the bus, wraps */
@@ -61,6 +65,7 @@ struct bus_plan {
     uint8_t signs;                 /* direction outputs as the chip has them, bit set for negative */
     bool rewrite;                  /* everything must be written, whatever is believed to be there */
     bool quiet;                    /* the PWM chip has acknowledged zero duties */
+    bool scanning;                 /* a Hall scan is on its way: the multiplexers must not move */
     uint16_t round_time;
     struct readings readings;
 };
@@ -73,6 +78,12 @@ bool plan_next(struct bus_plan *plan, const struct guard *guard, struct transfer
 
 /* What came of it; a few transfers may be planned ahead of their answers. `now` in board clock units. */
 void plan_done(struct bus_plan *plan, struct guard *guard, const struct transfer *transfer, uint16_t now);
+
+/* The axis that the multiplexers must show from now on; the transfer that is planned next may need it. */
+uint8_t plan_hall_axis(const struct transfer *transfer, uint8_t before);
+
+/* The group to tell the host now, counted as told from here on; without news it has been told before. */
+uint8_t plan_hall_told(struct bus_plan *plan, bool *news);
 
 /* The PWM chip and the current sensors have all answered, and all duties on the chip are zero. */
 bool plan_ready(const struct bus_plan *plan);

@@ -8,13 +8,18 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define PROTOCOL_VERSION 1
+#define PROTOCOL_VERSION 2
 #define FIRMWARE_MAJOR 1
 #define FIRMWARE_MINOR 0
 
 #define CHANNELS 3          /* coils */
-#define HALL_SENSORS 9      /* radial, on the axes and diagonals of the coils */
-#define HALL_GROUP_MAX 5    /* sensors read together: 0-4 in group 0, 5-8 in group 1 */
+#define HALL_SENSORS 9      /* places, on the axes and diagonals of the coils */
+#ifndef HALL_AXES
+#define HALL_AXES 3         /* of each: x, y, z through multiplexers, or 1: radial, straight to the converter */
+#endif
+#define HALL_BLOCKS 2       /* sensors read together: 0-4 in block 0, 5-8 in block 1 */
+#define HALL_BLOCK_MAX 5
+#define HALL_GROUPS (HALL_AXES * HALL_BLOCKS) /* group = 2 * axis + block */
 #define THERMOMETERS 3      /* one DS18B20 at each coil's boundary (assumed; the paper shows one coil) */
 
 /* Full scale of a duty: the PCA9685 counts to 4095, and 4096 would need its separate full-on bit. */

@@ -206,11 +206,13 @@ static bool adc_write(struct chip *chip, uint8_t byte)
     return true;
 }
 
-/* Sensors 0-4 are on AIN0-AIN4, 5-8 on AIN6-AIN9: the two blocks that the chip can scan. */
+/* Sensors 0-4 are on AIN0-AIN4, 5-8 on AIN6-AIN9: the two blocks that the chip can scan. Before each there is half a
+ * 74HC4052: one of the sensor's axes. */
 static double adc_input(int ain)
 {
     const int sensor = ain <= 4 ? ain : ain >= 6 && ain <= 9 ? ain - 1 : -1;
-    return sensor < 0 ? 0 : world.hall[sensor];
+    const int axis = multiplexed_axis();
+    return sensor < 0 || axis >= HALL_AXES ? 0 : world.hall[axis][sensor];
 }
 
 static uint8_t adc_read(struct chip *chip)

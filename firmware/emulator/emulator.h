@@ -14,19 +14,23 @@
 
 #define CHANNELS 3
 #define HALL_SENSORS 9
+#define HALL_AXES 3
 #define CLOCK_HZ 16000000.0
 
 /* The world outside the chips; physics.c moves it, the chips look at it. */
 struct world {
     double duty[CHANNELS];        /* -1..1, mean over a PWM period, 0 while OE is high */
     double current[CHANNELS];     /* [A] */
-    double hall[HALL_SENSORS];    /* ADC input, 0..1 of the reference */
+    double hall[HALL_AXES][HALL_SENSORS]; /* inputs of the multiplexers, 0..1 of the reference */
     double temperature[CHANNELS]; /* coil boundary [degC] */
     double resistance[CHANNELS];  /* [ohm] */
     double inductance;            /* [H] */
     double supply;                /* [V] */
 };
 extern struct world world;
+
+/* main.c */
+int multiplexed_axis(void); /* which of the Hall sensors' axes the multiplexers pass on */
 
 /* chips.c: what hangs on the bus */
 struct chip {

@@ -36,6 +36,7 @@
 
 #define STEP 100e-6 /* of the physics, and of the pace */
 #define MCUSR 0x54
+#define AT_MOST_BEHIND 1e-3 /* [s] that may be caught up with */
 
 static const struct board {
     const char *mcu;
@@ -46,9 +47,11 @@ static const struct board {
     int stop_bit;
     char onewire_ports[CHANNELS];
     int onewire_bits[CHANNELS];
+    uint16_t axis_ddr, axis_port;
+    int axis_shift;
 } boards[] = {
-    {"atmega328p", 18, 19, 24, 0x2A, 0x2B, 4, 'D', 2, {'D', 'D', 'D'}, {5, 6, 7}},
-    {"atmega2560", 25, 26, 39, 0x33, 0x34, 5, 'E', 4, {'E', 'H', 'H'}, {3, 3, 4}},
+    {"atmega328p", 18, 19, 24, 0x2A, 0x2B, 4, 'D', 2, {'D', 'D', 'D'}, {5, 6, 7}, 0x24, 0x25, 0},
+    {"atmega2560", 25, 26, 39, 0x33, 0x34, 5, 'E', 4, {'E', 'H', 'H'}, {3, 3, 4}, 0x101, 0x102, 5},
 };
 
 static avr_t *avr;
@@ -121,6 +124,12 @@ static bool oe_low(void)
 {
     const uint8_t bit = (uint8_t)(1 << board->oe_bit);
     return (avr->data[board->oe_ddr] & bit) && !(avr->data[board->oe_port] & bit); /* else the pull-up holds it */
+}
+
+/* Looked at with every byte that the converter gives: the multiplexers have no memory. */
+int multiplexed_axis(void)
+{
+    return (avr->data[board->axis_ddr] & avr->data[board->axis_port]) >> board->axis_shift & 3;
 }
 
 static void step(void)
@@ -302,8 +311,9 @@ int main(int argc, char **argv)
         world.resistance[i] = 0.6;
         world.temperature[i] = 25;
     }
-    for (int k = 0; k < HALL_SENSORS; k++)
-        world.hall[k] = 0.5;
+    for (int axis = 0; axis < HALL_AXES; axis++)
+        for (int k = 0; k < HALL_SENSORS; k++)
+            world.hall[axis][k] = 0.5;
     chips_power_on();
     uart_model_attach(avr, board->rx, board->udre);
     twi_model_attach(avr, board->twi);
@@ -340,8 +350,9 @@ int main(int argc, char **argv)
         if (free_running)
             continue;
         behind = (wall() - epoch) * pace - now();
-        if (behind > 0.2) { /* the computer was busy elsewhere: go on from here rather than race after it */
-            epoch += behind / pace;
+        if (behind > AT_MOST_BEHIND) { /* the computer was busy elsewhere: time that was lost stays lost. To race after it
+                                        * would let 15 ms of firmware time pass in less of the host's. */
+            epoch += (behind - AT_MOST_BEHIND) / pace;
         } else if (behind < 0) {
             struct timespec nap = {0, (long)(-behind / pace * 1e9)};
             nanosleep(&nap, 0);

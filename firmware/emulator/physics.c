@@ -2,7 +2,7 @@
  * L di/dt = V - R i, Hall sensors proportional to the currents, and a boundary that warms by i2.
  *
  * On the socket (Unix stream, native double) the emulator says {t, duty x y z} every millisecond and
- * hears {current x y z [A], 9 Hall inputs 0..1 of the reference, boundary x y z [degC]}.
+ * hears {current x y z [A], Hall inputs 0..1 of the reference, 9 for each axis x y z, boundary x y z [degC]}.
  */
 #include <errno.h>
 #include <math.h>
@@ -19,13 +19,14 @@
 uint64_t physics_late;
 
 struct said { double t, duty[CHANNELS]; };
-struct heard { double current[CHANNELS], hall[HALL_SENSORS], temperature[CHANNELS]; };
+struct heard { double current[CHANNELS], hall[HALL_AXES][HALL_SENSORS], temperature[CHANNELS]; };
 
 static int fd = -1;
 static bool wait_for_answer, asked;
 static double next_time;
-static struct heard heard;
+static struct heard heard, before, after; /* what comes in; between these two the world moves in a straight line */
 static size_t heard_bytes;
+static bool known;
 
 bool physics_connect(const char *socket_path, bool lockstep)
 {
@@ -51,11 +52,12 @@ static void alone(double seconds)
         const double power = world.current[i] * world.current[i] * world.resistance[i];
         world.temperature[i] += seconds / 120 * (25 + power * 40 / 17 - world.temperature[i]);
     }
-    for (int k = 0; k < HALL_SENSORS; k++) {
-        world.hall[k] = 0.5;
-        for (int i = 0; i < CHANNELS; i++)
-            world.hall[k] += gain[k][i] * world.current[i];
-    }
+    for (int axis = 0; axis < HALL_AXES; axis++)
+        for (int k = 0; k < HALL_SENSORS; k++) {
+            world.hall[axis][k] = 0.5;
+            for (int i = 0; i < CHANNELS; i++)
+                world.hall[axis][k] += gain[k][i] * world.current[i] / (1 + axis);
+        }
 }
 
 static void lost(void)
@@ -63,6 +65,7 @@ static void lost(void)
     fprintf(stderr, "the physics has gone: no current flows from now on\n");
     close(fd);
     fd = -1;
+    known = false;
     memset(world.current, 0, sizeof world.current);
 }
 
@@ -82,10 +85,27 @@ static bool listen_(bool wait)
         }
     }
     heard_bytes = 0;
-    memcpy(world.current, heard.current, sizeof world.current);
-    memcpy(world.hall, heard.hall, sizeof world.hall);
-    memcpy(world.temperature, heard.temperature, sizeof world.temperature);
+    before = after;
+    after = heard;
+    if (!known)
+        before = after;
+    known = true;
     return true;
+}
+
+/* Steps of a millisecond would let the Hall sensors see a current that the current sensors have not seen yet. */
+static void move(double share)
+{
+    const double *from = (const double *)&before, *to = (const double *)&after;
+    struct heard now;
+
+    if (!known)
+        return;
+    for (size_t i = 0; i < sizeof now / sizeof(double); i++)
+        ((double *)&now)[i] = from[i] + share * (to[i] - from[i]);
+    memcpy(world.current, now.current, sizeof world.current);
+    memcpy(world.hall, now.hall, sizeof world.hall);
+    memcpy(world.temperature, now.temperature, sizeof world.temperature);
 }
 
 void physics_step(double t, double seconds)
@@ -94,13 +114,16 @@ void physics_step(double t, double seconds)
         alone(seconds);
         return;
     }
-    if (t < next_time)
+    if (t < next_time) {
+        move(1 - (next_time - t) / PERIOD);
         return;
+    }
     next_time += PERIOD;
-    if (asked && !listen_(wait_for_answer)) { /* the answer to the last question is used now: one period late */
+    if (asked && !listen_(wait_for_answer)) { /* the answer to the last question is reached one period from now */
         physics_late++;
         return;
     }
+    move(0);
     struct said said = {.t = t};
     memcpy(said.duty, world.duty, sizeof said.duty);
     asked = send(fd, &said, sizeof said, MSG_NOSIGNAL) == (ssize_t)sizeof said;

@@ -193,6 +193,8 @@ static int chip_index(uint8_t address)
     return address == 0x60 ? 0 : address == 0x41 ? 1 : address == 0x44 ? 2 : address == 0x45 ? 3 : address == 0x35 ? 4 : -1;
 }
 
+static uint8_t shown; /* axis that the multiplexers pass on */
+
 static void play(struct transfer *t)
 {
     const int chip = chip_index(t->address);
@@ -221,7 +223,7 @@ static void play(struct transfer *t)
         adc_config = t->write[0];
         const int first = adc_config & 0x40 ? 6 : 0;
         for (int i = 0; i < t->read_length / 2; i++) {
-            t->read[2 * i] = (uint8_t)(0xF0 | (first + i));
+            t->read[2 * i] = (uint8_t)(0xF0 | shown); /* as the multiplexers are while it scans */
             t->read[2 * i + 1] = (uint8_t)(first + i);
         }
     }
@@ -236,8 +238,10 @@ static int run(struct bridge *b, int milliseconds)
         struct transfer ahead[3];
         for (int k = 0; k < 2; k++) { /* three planned before the first is done, as the board does */
             int planned = 0;
-            while (planned < 3 && plan_next(&b->plan, &b->guard, &ahead[planned]))
+            while (planned < 3 && plan_next(&b->plan, &b->guard, &ahead[planned])) {
+                shown = plan_hall_axis(&ahead[planned], shown);
                 planned++;
+            }
             for (int i = 0; i < planned; i++) {
                 play(&ahead[i]);
                 plan_done(&b->plan, &b->guard, &ahead[i], 0);
@@ -273,7 +277,7 @@ static const uint8_t engage_all[6] = {0xFE, 0x5A, 0xFF, 0x0F, 0xFF, 0xFF};
 static void set(struct bridge *b, uint8_t sequence, int x, int y, int z)
 {
     const uint8_t p[6] = {(uint8_t)x, (uint8_t)(x >> 8), (uint8_t)y, (uint8_t)(y >> 8), (uint8_t)z, (uint8_t)(z >> 8)};
-    CHECK(say(b, FRAME_SET, sequence, p, 6) == 41);
+    CHECK(say(b, FRAME_SET, sequence, p, 6) == 43);
 }
 
 static void fresh(struct bridge *b)
@@ -292,13 +296,50 @@ static void fresh(struct bridge *b)
     CHECK(pca[0xFE] == 3 && ina_config[2] == 0x199D);
 }
 
+/* The newest group is told, but every one now and then, whatever the pace of the host; without news the last again. */
+static void test_hall_groups(void)
+{
+    static struct bridge b;
+    bool news;
+    uint8_t expected, codes = 0;
+
+    fresh(&b);
+    expected = b.plan.readings.hall_group;
+    for (int i = 0; i < HALL_GROUPS; i++) { /* the newest, then what was left over from before */
+        CHECK(say(&b, FRAME_READ, (uint8_t)i, 0, 0) == 43);
+        CHECK(b.answer[5 + 16] == expected);
+        expected = (uint8_t)((expected + 1) % HALL_GROUPS);
+        codes |= (uint8_t)(1 << (b.answer[5 + 18] & 0x0F));
+    }
+    CHECK(codes == (1 << HALL_AXES) - 1);
+    say(&b, FRAME_READ, 99, 0, 0);
+    CHECK(b.answer[5 + 16] == (b.plan.readings.hall_group | HALL_TOLD));
+    for (int rounds = 1; rounds < 9; rounds++) { /* hosts of many paces: nobody is left out */
+        uint8_t seen = 0;
+        for (int i = 0; i < 100; i++) {
+            run(&b, rounds);
+            const uint8_t group = plan_hall_told(&b.plan, &news);
+            CHECK(news && group < HALL_GROUPS);
+            seen |= (uint8_t)(1 << group);
+        }
+        CHECK(seen == (1 << HALL_GROUPS) - 1);
+    }
+    const uint8_t lost = b.plan.readings.hall_group;
+    absent = 1 << 4;
+    run(&b, 2);
+    CHECK(b.plan.readings.hall_group != lost || b.plan.missing & MISSING_HALL); /* a scan that fails moves on */
+}
+
 static void test_bus(void)
 {
     static struct bridge b;
 
     fresh(&b);
-    CHECK(b.plan.readings.hall[4] == (4 << 8 | 4) && b.plan.readings.hall[5] == (6 << 8 | 6));
-    CHECK(b.plan.readings.hall[8] == (9 << 8 | 9));
+    for (int axis = 0; axis < HALL_AXES; axis++) {
+        const uint16_t *hall = b.plan.readings.hall[axis];
+        CHECK(hall[0] == (axis << 8 | 0) && hall[4] == (axis << 8 | 4));
+        CHECK(hall[5] == (axis << 8 | 6) && hall[8] == (axis << 8 | 9));
+    }
     set(&b, 2, 100, 100, 100);
     run(&b, 3);
     CHECK(duty_on_chip(0) == 0); /* not engaged: nothing */
@@ -354,9 +395,9 @@ static void test_frames_in_pieces(void)
         CHECK(bridge_byte(&b, bytes[i], 0) == 0);
     for (int ms = 0; ms <= FRAME_MS + 1; ms++)
         bridge_millisecond(&b, false); /* the rest never comes */
-    CHECK(say(&b, FRAME_READ, 6, 0, 0) == 41);
+    CHECK(say(&b, FRAME_READ, 6, 0, 0) == 43);
     CHECK(bridge_byte(&b, 0xA5, 0) == 0); /* a stray sync byte before a frame costs nothing */
-    CHECK(say(&b, FRAME_READ, 7, 0, 0) == 41);
+    CHECK(say(&b, FRAME_READ, 7, 0, 0) == 43);
     CHECK(say(&b, 0x33, 8, 0, 0) == 12 && b.answer[9] == REFUSED_FRAME);
     CHECK(say(&b, FRAME_SET, 9, bytes, 5) == 12 && b.answer[9] == REFUSED_FRAME);
     CHECK(n == 7);
@@ -424,6 +465,7 @@ int main(int argc, char **argv)
     test_guard();
     test_heat();
     test_bus();
+    test_hall_groups();
     test_frames_in_pieces();
     test_stop_button();
     test_thermometers();

@@ -14,7 +14,7 @@ from haptorb.apps.hardware.emulate import emulate
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
 from haptorb.runtime.board import Board
-from haptorb.runtime.protocol import Reason, Refusal, Standing
+from haptorb.runtime.board_words import Reason, Refusal, Standing
 from haptorb.runtime.serial_driver import SerialDriver
 
 pytestmark = [pytest.mark.firmware, pytest.mark.timeout(600)]
@@ -55,7 +55,7 @@ def test_identity_limits_and_calibration_can_be_read(started: Callable[..., Any]
         device = Board(emulator.port, 30.0, answer=5.0)
         assert device.identity.board == name
         assert device.identity.reset is Reason.POWER_ON
-        assert (device.identity.channels, device.identity.hall_sensors) == (3, 9)
+        assert (device.identity.channels, device.identity.hall_sensors, device.identity.hall_axes) == (3, 9, 3)
         assert device.identity.calibration == bytes(16)
         assert device.limits.current == pytest.approx(21.0)
         assert device.limits.silence == pytest.approx(0.015)

@@ -17,7 +17,7 @@ from haptorb.physics.arrays import Array
 from haptorb.runtime.i2c_driver import I2cDriver
 from haptorb.runtime.i2c_guardian import watch
 from haptorb.runtime.w1_thermometers import W1Thermometers
-from haptorb.simulation.chips import ChipBus
+from haptorb.simulation.chips import TCA9534, ChipBus
 
 
 class Warm:
@@ -38,6 +38,7 @@ class Bench:
 
     def __init__(self) -> None:
         self.bus, self.pwm, self.currents, self.hall = ChipBus.of_device()
+        self.select = next(chip for chip in self.bus.chips if isinstance(chip, TCA9534))
         self.driver = I2cDriver(load("omni"), self.bus, thermometers=Warm)
         self.ampere = 20.0
 
@@ -68,14 +69,32 @@ def bench() -> Iterator[Bench]:
 
 
 def test_currents_and_field_are_read(bench: Bench) -> None:
-    bench.hall.inputs[6] = 0.6
+    bench.hall.inputs[:, 6] = (0.6, 0.5, 0.4)
     for _ in range(4):
         currents = bench.tick(SOME)
     assert currents == pytest.approx(20 * SOME, abs=2e-3)
+    parts = np.array([bench.driver.read(0.0).field for _ in range(6)])
+    read = np.isfinite(parts)
+    assert (read.sum(axis=0) == 1).all()  # every axis of every sensor once in six readings
+    assert np.where(read, parts, 0.0).sum(axis=0)[5] == pytest.approx([0.01, 0.0, -0.01], abs=2e-5)
     sample = bench.driver.read(0.0)
-    assert np.linalg.norm(sample.field[5]) == pytest.approx(0.01, rel=0.01)
     assert sample.temperatures.tolist() == [300.0] * 3
     assert not sample.pose.valid
+
+
+def test_without_the_selector_the_sensors_have_one_axis() -> None:
+    """The radial one; who needs three is told which chip to look for."""
+    one = Bench()
+    one.select.present = False
+    with one.driver as driver:
+        assert driver.field_axes is not None
+        driver.read(0.0)  # has what was read while it was opened
+        field = driver.read(0.0).field
+        assert np.isfinite(field).all(axis=1).sum() in (4, 5)
+    picky = I2cDriver(load("omni"), one.bus, thermometers=Warm, hall_axes=3)
+    one.bus.closed = False
+    with pytest.raises(DriverError, match=r"nobody answers at 0x20 .* 1 axis"):
+        picky.open()
 
 
 def test_over_current_switches_off_and_stays_off(bench: Bench) -> None:

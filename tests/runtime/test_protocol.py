@@ -11,29 +11,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptorb.errors import DriverError, InputError
-from haptorb.runtime.protocol import (
-    BoardLimits,
-    BoardState,
-    Command,
-    Identity,
-    Reading,
-    Reason,
-    Refusal,
-    Standing,
-    counts,
-    engage,
-    missing_chips,
-    set_duties,
-)
+from haptorb.runtime.board_answers import BoardLimits, BoardState, Identity
+from haptorb.runtime.board_reading import READING_BYTES, Reading
+from haptorb.runtime.board_words import Reason, Refusal, Standing, missing_chips
+from haptorb.runtime.protocol import Command, counts, engage, set_duties
 
 
 def reading(**changes: int) -> bytes:
     fields = {
         "standing": 1, "reason": 0, "missing": 0, "d0": 4095, "d1": -4095, "d2": 1, "i0": 19000, "i1": -19000, "i2": 5,
         "group": 0, "h0": 2048, "h1": 0, "h2": 4095, "h3": 1, "h4": 2, "thermometer": 1, "temperature": 400,
-        "age": 868, "errors": 3, "rounds": 17,
+        "age": 868, "hall_age": 420, "errors": 3, "rounds": 17,
     }  # fmt: skip
-    return struct.pack("<BBH3h3hB5HBhHBB", *(fields | changes).values())
+    return struct.pack("<BBH3h3hB5HBhHHBB", *(fields | changes).values())
 
 
 def test_a_reading_is_told_in_si() -> None:
@@ -42,15 +32,17 @@ def test_a_reading_is_told_in_si() -> None:
     assert said.applied == pytest.approx([4095 / 4096, -4095 / 4096, 1 / 4096])
     assert said.currents == pytest.approx([19.0, -19.0, 0.005])
     assert said.hall == pytest.approx(np.array([2048, 0, 4095, 1, 2]) / 4095)
-    assert said.hall_first == 0
+    assert (said.hall_axis, said.hall_first, said.hall_news) == (0, 0, True)
+    assert said.hall_age == pytest.approx(420e-6)
     assert (said.thermometer, said.temperature) == (1, pytest.approx(298.15))
     assert said.age == pytest.approx(868e-6)
 
 
-def test_the_second_group_has_four_sensors() -> None:
-    said = Reading.parse(reading(group=1, h4=0xFFFF))
-    assert said.hall_first == 5
-    assert said.hall.shape == (4,)
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_the_second_block_has_four_sensors(axis: int) -> None:
+    said = Reading.parse(reading(group=2 * axis + 1, h4=0xFFFF))
+    assert (said.hall_axis, said.hall_first, len(said.hall)) == (axis, 5, 4)
+    assert not Reading.parse(reading(group=0x80 | 2 * axis)).hall_news
 
 
 def test_what_has_not_been_read_is_not_a_number() -> None:
@@ -59,7 +51,9 @@ def test_what_has_not_been_read_is_not_a_number() -> None:
     assert np.isnan(said.temperature)
 
 
-@pytest.mark.parametrize("payload", [b"", bytes(33), bytes(35), reading(group=2), reading(thermometer=3)])
+@pytest.mark.parametrize(
+    "payload", [b"", bytes(READING_BYTES - 1), bytes(READING_BYTES + 1), reading(group=6), reading(thermometer=3)]
+)
 def test_a_reading_of_another_shape_is_refused(payload: bytes) -> None:
     with pytest.raises(DriverError, match="firmware"):
         Reading.parse(payload)
@@ -72,7 +66,7 @@ def test_any_payload_is_a_message_or_a_driver_error(payload: bytes) -> None:
             kind.parse(payload)
 
 
-@given(st.binary(min_size=34, max_size=34))
+@given(st.binary(min_size=READING_BYTES, max_size=READING_BYTES))
 def test_a_state_that_nobody_knows_counts_as_tripped(payload: bytes) -> None:
     try:
         said = Reading.parse(payload)
@@ -83,13 +77,14 @@ def test_a_state_that_nobody_knows_counts_as_tripped(payload: bytes) -> None:
 
 
 def test_another_protocol_is_told_with_both_versions() -> None:
-    with pytest.raises(DriverError, match=r"version 9, this program version 1.*make firmware"):
+    with pytest.raises(DriverError, match=r"version 9, this program version 2.*make firmware"):
         Identity.parse(bytes((9,)) + bytes(31))
 
 
 def test_identity_and_limits() -> None:
-    who = Identity.parse(struct.pack("<8B8s16s", 1, 1, 4, 2, 3, 9, 3, 18, b"haptorb\0", bytes(range(16))))
+    who = Identity.parse(struct.pack("<9B8s16s", 2, 1, 4, 2, 3, 9, 3, 3, 18, b"haptorb\0", bytes(range(16))))
     assert (who.board, who.version, who.reset, who.name) == ("ATmega2560", (1, 4), Reason.BROWN_OUT, "haptorb")
+    assert (who.hall_sensors, who.hall_axes) == (9, 3)
     assert who.calibration == bytes(range(16))
     limits = BoardLimits.parse(struct.pack("<7Hh2H", 4095, 21000, 400, 5000, 15, 5300, 4300, 1360, 4095, 1000))
     assert limits.current == pytest.approx(21.0)

@@ -78,7 +78,7 @@ def identity(protocol: int = PROTOCOL_VERSION, name: bytes = b"haptorb") -> Call
         said = b""
         for frame in parser.feed(data):
             if frame.type == Command.IDENTIFY:
-                payload = struct.pack("<8B8s16s", protocol, 1, 0, 1, 3, 9, 3, 16, name, bytes(16))
+                payload = struct.pack("<9B8s16s", protocol, 1, 0, 1, 3, 9, 3, 3, 16, name, bytes(16))
                 said += encoded(Frame(0x80 | Command.IDENTIFY, frame.sequence, payload))
         return said
 

@@ -88,13 +88,20 @@ def known_estimator(device: Device, name: str | None) -> str:
     return name
 
 
-def estimator_of(device: Device, name: str, level: str | None, offsets: Array | None = None) -> Estimator:
-    """The estimator `name` of `device`, its model at `level`; `offsets` (k, 3) [T] of its field sensors, if known."""
+def estimator_of(
+    device: Device, name: str, level: str | None, offsets: Array | None = None, *, in_turns: bool = False
+) -> Estimator:
+    """The estimator `name` of `device`, its model at `level`; `offsets` (k, 3) [T] of its field sensors, if known.
+
+    in_turns: the driver reads a part of the field sensors in each tick.
+    """
     if name == "tracker":
         return TrackedPose(device, level)
     if name == "hall":
-        from haptorb.sensing.tool_position import HallTracker
+        from haptorb.sensing.tool_position import APART, IN_TURNS, HallTracker
 
+        if in_turns:
+            return HallTracker(electromagnet(device), level, offsets=offsets, bandwidth=IN_TURNS, apart=APART)
         return HallTracker(electromagnet(device), level, offsets=offsets)
     from haptorb.sensing.field_estimators import field_estimator
 
@@ -151,11 +158,15 @@ def assemble(
         tracker.guide = Handle()
     believed = device if calibration is None else calibration.applied(electromagnet(device))
     offsets = None if calibration is None else calibration.offsets
+    known = known_estimator(device, estimator)
+    axes = 3 if known == "hall" else 1  # that its sensors must have; what a board has shows when it is opened
     return Tick(
         believed,
         world,
-        real_driver(driver, device, tracker.pose) if real else SimDriver.of(device, dt, tracker.goal, seed),
-        estimator_of(believed, known_estimator(device, estimator), level, offsets),
+        real_driver(driver, device, tracker.pose, hall_axes=axes)
+        if real
+        else SimDriver.of(device, dt, tracker.goal, seed),
+        estimator_of(believed, known, level, offsets, in_turns=real),
         allocator_of(device),
         dt,
         linkage_of(device, gains),

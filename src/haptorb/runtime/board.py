@@ -7,18 +7,10 @@ from time import monotonic
 from typing import final
 
 from haptorb.errors import DriverError
+from haptorb.runtime.board_answers import BoardLimits, BoardState, Identity
+from haptorb.runtime.board_reading import Reading
 from haptorb.runtime.frames import Frame, FrameParser, encoded
-from haptorb.runtime.protocol import (
-    READING,
-    STATE,
-    BoardLimits,
-    BoardState,
-    Command,
-    Identity,
-    Reading,
-    engage,
-    set_duties,
-)
+from haptorb.runtime.protocol import READING, STATE, Command, engage, set_duties
 from haptorb.runtime.serial_port import SerialPort
 
 __all__ = ["Board"]

@@ -24,7 +24,7 @@ import numpy as np
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import DriverError
 from haptorb.physics.arrays import Array
-from haptorb.runtime.hall_sensor import RadialHallSensors
+from haptorb.runtime.hall_sensor import HallSensors
 from haptorb.sensing.sample import Pose
 from haptorb.simulation.registry import simulated
 
@@ -40,6 +40,7 @@ _MCU = {"m328p": "atmega328p", "m2560": "atmega2560"}
 class EmulatedDevice:
     """A simulated electromagnet behind a Unix socket: duties in, currents, Hall voltages and temperatures out.
 
+    Its Hall sensors have three axes, or with hall_axes 1 the radial one only, as firmware built for such reads them.
     `goal(t)` says where the hand wants the tool, (position (3,) [m], quaternion (4,)); without it the hand stays.
     """
 
@@ -49,11 +50,13 @@ class EmulatedDevice:
         path: Path,
         goal: Callable[[float], tuple[Array, Array]] | None = None,
         seed: int = 0,
+        hall_axes: int = 3,
     ) -> None:
         self.path = path
         self.simulation = simulated(device, seed)
         self._goal = goal
-        self._hall = RadialHallSensors(device.hall.positions)
+        self._hall = HallSensors(device.hall.positions, hall_axes)
+        self._shares = np.full((3, device.sensors), 0.5)
         state = self.simulation.state()
         self._rest = (state.p.copy(), np.array([0.0, 0.0, 0.0, 1.0]))
         self.simulation.advance(1e-3, np.zeros(device.channels), *self._rest)  # compile before anybody waits
@@ -85,7 +88,8 @@ class EmulatedDevice:
                 last = t
                 self.simulation.advance(dt, np.array(duties), *(self._goal(t) if self._goal else self._rest))
                 sample = self.simulation.sample(t, t, True)
-            said = np.concatenate((sample.currents, self._hall.share(sample.field), sample.temperatures - 273.15))
+            self._shares[: self._hall.axes] = self._hall.shares(sample.field)
+            said = np.concatenate((sample.currents, self._shares.ravel(), sample.temperatures - 273.15))
             connection.sendall(said.tobytes())
 
     def pose(self, now: float) -> Pose:

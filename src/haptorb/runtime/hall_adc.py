@@ -1,21 +1,18 @@
-"""MAX11616/MAX11617: twelve channels of 12 bits; nine Hall sensors on the two blocks that the chip can scan."""
+"""MAX11616/MAX11617: twelve channels of 12 bits; nine Hall inputs on the two blocks that the chip can scan."""
 
 from __future__ import annotations
 
 from typing import final
 
-import numpy as np
-
 from haptorb.errors import DriverError
-from haptorb.physics.arrays import Array
 from haptorb.runtime.i2c_bus import I2cBus
 
-__all__ = ["ADDRESS", "GROUPS", "HallAdc"]
+__all__ = ["ADDRESS", "BLOCKS", "HallAdc"]
 
 ADDRESS = 0x35
 
-#: sensors of each scan: 0–4 on AIN0–AIN4, 5–8 on AIN6–AIN9
-GROUPS = (range(5), range(5, 9))
+#: first sensors and one past the last of each scan: 0–4 on AIN0–AIN4, 5–8 on AIN6–AIN9
+BLOCKS = ((0, 5), (5, 9))
 
 _SETUP = bytes((0x8A,))  # against the supply, conversions clocked by SCL (no stretching), unipolar
 _SCANS = (bytes((0x09,)), bytes((0x53,)))  # up from AIN0 to AIN4; up from AIN6 to AIN9
@@ -23,7 +20,7 @@ _SCANS = (bytes((0x09,)), bytes((0x53,)))  # up from AIN0 to AIN4; up from AIN6 
 
 @final
 class HallAdc:
-    """One group of sensors a reading, 13 or 11 bytes."""
+    """One block of sensors a reading, 13 or 11 bytes."""
 
     def __init__(self, bus: I2cBus, address: int = ADDRESS) -> None:
         self._bus = bus
@@ -39,9 +36,8 @@ class HallAdc:
         if any(byte >> 4 != 0xF for byte in raw[::2]):
             raise DriverError(f"what answers at {self._address:#04x} is not a MAX11616")
 
-    def read(self, group: int) -> Array:
-        """(5,) or (4,) the sensors of `group`, in shares of the supply, 0…1 [1]."""
-        count = 2 * len(GROUPS[group])
-        (raw,) = self._bus.transfer([(self._address, _SCANS[group]), (self._address, count)])
-        codes: Array = (np.frombuffer(raw, dtype=">u2") & 0x0FFF) / 4095.0
-        return codes
+    def read(self, block: int) -> tuple[float, ...]:
+        """(5,) or (4,) the inputs of `block`, in shares of the supply, 0…1 [1]."""
+        first, last = BLOCKS[block]
+        (raw,) = self._bus.transfer([(self._address, _SCANS[block]), (self._address, 2 * (last - first))])
+        return tuple([((high & 0x0F) << 8 | low) / 4095.0 for high, low in zip(raw[::2], raw[1::2], strict=True)])

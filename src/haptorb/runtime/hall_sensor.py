@@ -1,4 +1,4 @@
-"""From the Hall converter's range to field: linear sensors that look along their own radius.
+"""From the Hall converter's range to field: linear sensors, three in each place or one that looks along its radius.
 
 A DRV5055A2 (assumed) gives half its supply at zero field and 50 mV/mT at 5 V; the converter measures against the same
 supply, so the range 0…1 stands for −50…+50 mT whatever the supply really is.
@@ -11,37 +11,59 @@ import numpy as np
 from haptorb.errors import InputError
 from haptorb.physics.arrays import Array, vectors
 
-__all__ = ["HALL_SPAN", "RadialHallSensors"]
+__all__ = ["HALL_SPAN", "HallSensors"]
 
 HALL_SPAN = 0.1  #: field over the converter's whole range [T]
 
 
-class RadialHallSensors:
-    """Sensors at `positions` (k, 3) [m], each measuring the field's component along its own radius.
+class HallSensors:
+    """Sensors at `positions` (k, 3) [m]: three in each place, along the device's x, y, z, or one, outward.
 
-    What they do not measure is zero in `field`: the tangential parts. An estimator must use the radial parts only.
+    axes         3 or 1
+    directions   (k, 3) in which one-axis sensors look; None for three axes
 
-    Raises InputError if a position is not finite, no 3-vector, or at the centre, where no radius is.
+    Raises InputError if a position is not finite, no 3-vector, or at the centre, where no radius is; or for other axes.
 
-    >>> sensors = RadialHallSensors([[0.0, 0.0, -0.055]])
-    >>> sensors.field(np.array([0.6])).round(4).tolist()        # 10 mT outward: along −z
+    >>> radial = HallSensors([[0.0, 0.0, -0.055]], axes=1)
+    >>> field = radial.nothing()
+    >>> radial.put(field, 0, 0, (0.6,))                          # 10 mT outward: along −z
+    >>> field.round(4).tolist()
     [[0.0, 0.0, -0.01]]
     """
 
-    def __init__(self, positions: Array | list[list[float]]) -> None:
+    def __init__(self, positions: Array | list[list[float]], axes: int = 3) -> None:
         at = vectors(positions, "positions of the Hall sensors")
         distance = np.linalg.norm(at, axis=1, keepdims=True)
+        if axes not in (1, 3):
+            raise InputError(f"a Hall sensor has one axis or three; got {axes}")
         if (distance == 0).any():
             raise InputError("a Hall sensor at the centre has no radius to look along")
-        self.directions: Array = at / distance
+        self.axes = axes
+        self._radial: Array = at / distance
 
-    def field(self, share: Array) -> Array:
-        """(k, 3) [T] from the converter's range (k,) 0…1 [1]."""
-        field: Array = ((share - 0.5) * HALL_SPAN)[:, None] * self.directions
-        return field
+    @property
+    def directions(self) -> Array | None:
+        """(k, 3) unit vectors, stator frame, of one-axis sensors; None: each measures all three."""
+        return self._radial if self.axes == 1 else None
 
-    def share(self, field: Array) -> Array:
-        """(k,) the converter's range 0…1 [1] at a true field (k, 3) [T], clipped as the sensor does."""
-        radial = np.einsum("ki,ki->k", field, self.directions)
-        share: Array = np.clip(radial / HALL_SPAN + 0.5, 0.0, 1.0)
-        return share
+    def nothing(self) -> Array:
+        """(k, 3) NaN [T]: a field of which nothing was read."""
+        return np.full(self._radial.shape, np.nan)
+
+    def put(self, field: Array, axis: int, first: int, shares: tuple[float, ...]) -> None:
+        """Write what sensors from `first` on read of `axis` into `field` (k, 3) [T]; shares 0…1 of the range [1].
+
+        What sensors of one axis do not measure is zero: the tangential parts. An estimator must use the radial parts.
+        """
+        last = first + len(shares)
+        if self.axes == 3:
+            field[first:last, axis] = [(share - 0.5) * HALL_SPAN for share in shares]
+            return
+        for k, share in zip(range(first, last), shares, strict=True):
+            field[k] = (share - 0.5) * HALL_SPAN * self._radial[k]
+
+    def shares(self, field: Array) -> Array:
+        """(axes, k) of the converter's range 0…1 [1] at a true field (k, 3) [T], clipped as the sensor does."""
+        seen = field.T if self.axes == 3 else np.einsum("ki,ki->k", field, self._radial)[None]
+        shares: Array = np.clip(seen / HALL_SPAN + 0.5, 0.0, 1.0)
+        return shares

@@ -10,10 +10,11 @@ import numpy as np
 from haptorb.devices.device import Device
 from haptorb.errors import DriverError
 from haptorb.physics.arrays import Array
-from haptorb.runtime import hall_adc, ina219, pca9685
+from haptorb.runtime import hall_adc, hall_select, ina219, pca9685
 from haptorb.runtime.driver import Driver
 from haptorb.runtime.hall_adc import HallAdc
-from haptorb.runtime.hall_sensor import RadialHallSensors
+from haptorb.runtime.hall_select import HallSelect
+from haptorb.runtime.hall_sensor import HallSensors
 from haptorb.runtime.i2c_bus import I2cBus, LinuxBus
 from haptorb.runtime.i2c_guardian import Guardian
 from haptorb.runtime.ina219 import Ina219
@@ -68,7 +69,9 @@ class I2cDriver(Driver):
     raises DriverError with the reason until `engage`.
 
     `bus` is the number of a Linux bus; for tests a bus of simulated chips, with their thermometers and no guardian.
-    `shunt` is the resistance over which each coil's current is measured [Ω].
+    `shunt` is the resistance over which each coil's current is measured [Ω]. Where a TCA9534 answers, the Hall sensors
+    have three axes, else the radial one; `open` refuses fewer than `hall_axes`. Each `read` brings one axis of four or
+    five of them, the rest of a sample's `field` is NaN.
 
     Raises DriverError for a device that has not three coils and nine Hall sensors.
     """
@@ -83,6 +86,7 @@ class I2cDriver(Driver):
         *,
         thermometers: Callable[[], Thermometers] = W1Thermometers,
         shunt: float = 0.01,
+        hall_axes: int = 1,
     ) -> None:
         if device.channels != CHANNELS:
             raise DriverError(f"the I²C driver serves {CHANNELS} coils; device '{device.name}' has {device.channels}")
@@ -91,7 +95,8 @@ class I2cDriver(Driver):
             raise DriverError(f"the I²C driver reads {HALL_SENSORS} Hall sensors; device '{device.name}' has others")
         self.name = f"i2c:{bus}" if isinstance(bus, int) else "i2c:simulated"
         self._limit = device.coils.current_limit * 1.05
-        self._hall_sensors = RadialHallSensors(positions)
+        self._positions, self._hall_axes = positions, hall_axes
+        self._hall_sensors = HallSensors(positions)
         self._where = bus
         self._pose = pose
         self._make_thermometers = thermometers
@@ -109,12 +114,12 @@ class I2cDriver(Driver):
         self._fails = 0
         self._over = np.zeros(CHANNELS, dtype=np.int64)
         self._currents = np.zeros(CHANNELS)
-        self._shares = np.full(HALL_SENSORS, np.nan)
+        self._field = self._hall_sensors.nothing()
         self._applied = np.zeros(CHANNELS)
 
     @property
-    def field_axes(self) -> Array:
-        """(9, 3) unit vectors: every Hall sensor looks along its own radius."""
+    def field_axes(self) -> Array | None:
+        """(9, 3) unit vectors, if every Hall sensor looks along its own radius only; None: three axes."""
         return self._hall_sensors.directions
 
     @property
@@ -135,8 +140,18 @@ class I2cDriver(Driver):
                 sensor.setup()
             self._hall = HallAdc(bus)
             self._hall.setup()
-            for group, sensors in enumerate(hall_adc.GROUPS):
-                self._shares[list(sensors)] = self._hall.read(group)
+            self._select = HallSelect(bus)
+            axes = 3 if self._select.present() else 1
+            if axes < self._hall_axes:
+                raise DriverError(
+                    f"nobody answers at {hall_select.ADDRESS:#04x} on {self.name}: without a TCA9534 and multiplexers "
+                    f"the Hall sensors have {axes} axis, and the tracker 'hall' needs {self._hall_axes}"
+                )
+            self._hall_sensors = HallSensors(self._positions, axes)
+            if axes > 1:
+                self._select.setup()
+            for _ in range(axes * len(hall_adc.BLOCKS)):
+                self._read_hall()
             self._thermometers = self._make_thermometers()
             if not self._thermometers.ready(_WARM_UP):
                 raise DriverError("the DS18B20 thermometers did not answer in time; check the 1-wire bus")
@@ -179,6 +194,8 @@ class I2cDriver(Driver):
                 for sensor in self._sensors:
                     sensor.setup()
                 self._hall.setup()
+                if self._hall_sensors.axes > 1:
+                    self._select.setup()
                 if isinstance(self._where, int) and not (self._watcher is not None and self._watcher.alive):
                     self._watcher = Guardian(self._where, pca9685.ADDRESS)
             except DriverError as cause:
@@ -211,25 +228,27 @@ class I2cDriver(Driver):
         try:
             for i, sensor in enumerate(self._sensors):
                 self._currents[i] = sensor.current()
-            self._shares[list(hall_adc.GROUPS[self._group])] = self._hall.read(self._group)
+            self._read_hall()
         except OSError as cause:
             self._fails += 1
             if self._fails >= _FAILS_IN_A_ROW:
                 raise self._failed(f"a chip on the I²C bus does not answer: {cause}") from cause
         else:
             self._fails = 0
-            self._group ^= 1
         self._over = np.where(np.abs(self._currents) > self._limit, self._over + 1, 0)
         if (self._over >= _OVER_IN_A_ROW).any():
             coil = "xyz"[int(np.argmax(self._over))]
             raise self._failed(f"the current of coil {coil} was above its limit; look for a short before going on")
-        return Sample(
-            now,
-            self._currents.copy(),
-            self._thermometers.read(),
-            self._hall_sensors.field(self._shares),
-            self._pose(now),
-        )
+        field, self._field = self._field, self._hall_sensors.nothing()
+        return Sample(now, self._currents.copy(), self._thermometers.read(), field, self._pose(now))
+
+    def _read_hall(self) -> None:
+        """One axis of one block, the next time the other block, then the next axis."""
+        axis, block = divmod(self._group, len(hall_adc.BLOCKS))
+        if self._hall_sensors.axes > 1:
+            self._select.show(axis)
+        self._hall_sensors.put(self._field, axis, hall_adc.BLOCKS[block][0], self._hall.read(block))
+        self._group = (self._group + 1) % (self._hall_sensors.axes * len(hall_adc.BLOCKS))
 
     def write(self, duties: Array) -> Array:
         """One burst of `duties` (3,) in −1…1 [1] to the PWM chip; returns (3,) what was applied, zeros while the coils

@@ -29,18 +29,22 @@ def real_driver(
     *,
     duty_limit: float = 1.0,
     current_limit: float | None = None,
+    hall_axes: int = 1,
 ) -> Driver:
     """The driver `name` of `device`, not open yet; InputError if the name is no port or bus.
 
-    duty_limit [1] and current_limit [A] bind the firmware for this session, where there is one.
+    duty_limit [1] and current_limit [A] bind the firmware for this session, where there is one. Hall sensors of fewer
+    than `hall_axes` are refused when it is opened.
     """
     kind, _, where = name.partition(":")
     if kind == "serial" and where:
         from haptorb.runtime.serial_driver import SerialDriver
 
-        return SerialDriver(device, where, pose, duty_limit=duty_limit, current_limit=current_limit)
+        return SerialDriver(
+            device, where, pose, duty_limit=duty_limit, current_limit=current_limit, hall_axes=hall_axes
+        )
     if kind == "i2c" and where.isdecimal():
         from haptorb.runtime.i2c_driver import I2cDriver
 
-        return I2cDriver(device, int(where), pose)
+        return I2cDriver(device, int(where), pose, hall_axes=hall_axes)
     raise InputError(f"driver must be serial:PORT (serial:/dev/ttyACM0) or i2c:BUS (i2c:1); got '{name}'")

@@ -12,20 +12,12 @@ from haptorb.devices.device import Device
 from haptorb.errors import DriverError
 from haptorb.physics.arrays import Array
 from haptorb.runtime.board import Board
+from haptorb.runtime.board_answers import Identity
+from haptorb.runtime.board_reading import Reading
+from haptorb.runtime.board_words import Reason, Refusal, Standing, missing_chips
 from haptorb.runtime.driver import Driver
-from haptorb.runtime.hall_sensor import RadialHallSensors
-from haptorb.runtime.protocol import (
-    CHANNELS,
-    DUTY_STEPS,
-    HALL_SENSORS,
-    Identity,
-    Reading,
-    Reason,
-    Refusal,
-    Standing,
-    counts,
-    missing_chips,
-)
+from haptorb.runtime.hall_sensor import HallSensors
+from haptorb.runtime.protocol import CHANNELS, DUTY_STEPS, HALL_SENSORS, counts
 from haptorb.sensing.sample import Pose, Sample
 
 __all__ = ["SerialDriver", "untracked"]
@@ -49,7 +41,8 @@ class SerialDriver(Driver):
     """Three coils, their currents and temperatures and nine Hall sensors behind the firmware at `path`.
 
     `write` sends the duties and returns at once; the answer, with the readings, is collected by the next `read`. So a
-    sample is one period old: `reading_age` tells exactly.
+    sample is one period old: `reading_age` tells exactly. Each answer brings one axis of four or five Hall sensors; the
+    rest of a sample's `field` is NaN.
 
     The coils are engaged by the first duties that are not zero after `open` or `engage`. When the firmware trips, when
     the line falls silent or the port disappears, `read` raises DriverError with the reason, duties are zero, and stay
@@ -59,7 +52,8 @@ class SerialDriver(Driver):
     pose(now) is the tracker's word on where the tool is; without it no pose is ever valid. `patience` [s] is how long
     `read` waits for the answer to the last tick's frame; three unanswered in a row are a device that has gone.
     duty_limit [1] and current_limit [A] are what the firmware is told to hold in this session; by default 5 % above
-    the device's own current limit. `open` waits at most `warm_up` [s] for every sensor's first reading.
+    the device's own current limit. `open` waits at most `warm_up` [s] for every sensor's first reading, and refuses a
+    board whose Hall sensors have fewer than `hall_axes`.
     """
 
     simulated = False
@@ -74,6 +68,7 @@ class SerialDriver(Driver):
         duty_limit: float = 1.0,
         current_limit: float | None = None,
         warm_up: float = 4.0,
+        hall_axes: int = 1,
     ) -> None:
         if device.channels != CHANNELS:
             raise DriverError(
@@ -91,7 +86,8 @@ class SerialDriver(Driver):
         positions = getattr(getattr(device, "hall", None), "positions", None)
         if positions is None or len(positions) != HALL_SENSORS:
             raise DriverError(f"the firmware reads {HALL_SENSORS} Hall sensors; device '{device.name}' has others")
-        self._hall = RadialHallSensors(positions)
+        self._positions, self._hall_axes = positions, hall_axes
+        self._hall = HallSensors(positions)
         self._board: Board | None = None
         self._next_try = 0.0
         self._start()
@@ -104,7 +100,8 @@ class SerialDriver(Driver):
         self._opened = False
         self._applied = np.zeros(CHANNELS)
         self._currents = np.zeros(CHANNELS)
-        self._shares = np.full(HALL_SENSORS, np.nan)
+        self._field = self._hall.nothing()
+        self._heard: set[tuple[int, int]] = set()  # axis and first sensor of the groups that have been read
         self._temperatures = np.full(CHANNELS, np.nan)
         self._age = 0.0
 
@@ -114,8 +111,8 @@ class SerialDriver(Driver):
         return None if self._board is None else self._board.identity
 
     @property
-    def field_axes(self) -> Array:
-        """(9, 3) unit vectors: every Hall sensor looks along its own radius."""
+    def field_axes(self) -> Array | None:
+        """(9, 3) unit vectors, if every Hall sensor looks along its own radius only; None: three axes."""
         return self._hall.directions
 
     @property
@@ -158,17 +155,26 @@ class SerialDriver(Driver):
         self._board = Board(self._path, answer=self._answer)
         self._opened = True
         try:
+            self._know(self._board.identity)
             self._warm_up(self._board)
         except BaseException:
             self.close()
             raise
+
+    def _know(self, identity: Identity) -> None:
+        if identity.hall_axes < self._hall_axes:
+            raise DriverError(
+                f"the board at {self._path} has Hall sensors of {identity.hall_axes} axis, the tracker 'hall' needs "
+                f"{self._hall_axes}: take another tracker, or sensors and firmware of three axes (docs: hardware)"
+            )
+        self._hall = HallSensors(self._positions, identity.hall_axes)
 
     def _warm_up(self, board: Board) -> None:
         end = monotonic() + self._warm_up_time
         while True:
             reading = board.read()
             self._take(reading)
-            known = np.isfinite(self._shares).all() and np.isfinite(self._temperatures).all()
+            known = len(self._heard) == 2 * self._hall.axes and np.isfinite(self._temperatures).all()
             if known and not reading.missing & _REQUIRED:
                 return
             if monotonic() > end:
@@ -238,13 +244,14 @@ class SerialDriver(Driver):
             self._lost = 0
             self._take(reading)
             self._judge(reading)
-        return Sample(
-            now, self._currents.copy(), self._temperatures.copy(), self._hall.field(self._shares), self._pose(now)
-        )
+        field, self._field = self._field, self._hall.nothing()
+        return Sample(now, self._currents.copy(), self._temperatures.copy(), field, self._pose(now))
 
     def _take(self, reading: Reading) -> None:
-        self._currents = reading.currents
-        self._shares[reading.hall_first : reading.hall_first + len(reading.hall)] = reading.hall
+        self._currents[:] = reading.currents
+        if reading.hall_news and reading.hall[0] == reading.hall[0]:
+            self._hall.put(self._field, reading.hall_axis, reading.hall_first, reading.hall)
+            self._heard.add((reading.hall_axis, reading.hall_first))
         self._temperatures[reading.thermometer] = reading.temperature
         self._age = reading.age
 

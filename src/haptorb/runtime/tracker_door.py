@@ -43,11 +43,6 @@ def fed(name: str) -> bool:
 
 def known_tracker(name: str, driver: str = "sim") -> str:
     """`name` itself; UnknownName or InputError if it is none, or none for `driver`. Nothing is opened."""
-    if name == "hall" and is_real(driver):
-        raise InputError(
-            f"tracker 'hall' finds the tool with sensors of three axes; those behind driver '{driver}' have one, along "
-            "their radius: name another tracker"
-        )
     if not fed(name):
         return name
     kind = _KINDS.get(name.partition(":")[0])

@@ -72,8 +72,13 @@ def moment_weight(
 
 
 @kernel
-def _normal(field: Array, B: Array, J: Array, U: Array, G: Array, N: Array, gradient: Array) -> float:
-    """N = Jᵀ W J and gradient = Jᵀ W (field − B) with W = 1 − U G Uᵀ; returns the weighted misfit [T²]."""
+def _normal(
+    field: Array, ages: Array, rates: Array, B: Array, J: Array, U: Array, G: Array, N: Array, gradient: Array
+) -> float:
+    """N = Jᵀ W J and gradient = Jᵀ W r with W = 1 − U G Uᵀ; returns the weighted misfit [T²].
+
+    A reading of a certain age [s] saw the tool where it was then: r = field − (B − age J rates).
+    """
     N[:] = 0.0
     gradient[:] = 0.0
     misfit = 0.0
@@ -81,6 +86,9 @@ def _normal(field: Array, B: Array, J: Array, U: Array, G: Array, N: Array, grad
     for k in range(field.shape[0]):
         for i in range(3):
             r = field[k, i] - B[k, i]
+            if ages[k, i] > 0.0:
+                for a in range(5):
+                    r += ages[k, i] * J[k, i, a] * rates[a]
             misfit += r * r
             for a in range(5):
                 gradient[a] += J[k, i, a] * r
@@ -109,12 +117,13 @@ def _normal(field: Array, B: Array, J: Array, U: Array, G: Array, N: Array, grad
 
 @kernel
 def fitted(
-    model: ToolModel, field: Array, U: Array, G: Array, near: float, turn: float, most: int, p: Array, R: Array,
-    covariance: Array,
+    model: ToolModel, field: Array, ages: Array, rates: Array, U: Array, G: Array, near: float, turn: float, most: int,
+    p: Array, R: Array, covariance: Array,
 ) -> tuple[bool, float]:  # fmt: skip
     """Improve p (3,) [m] and R (3, 3) in their places until a step is below `near` [m] and `turn` [rad].
 
-    field (k, 3) [T] of tool and core alone; U (k, 3, 3) [T/(A·m²)] and G (3, 3) as above, G zeros for plain least
+    field (k, 3) [T] of tool and core alone, read ages (k, 3) [s] ago; rates (5,) of place [m/s] and of the turns about
+    R's x and y [rad/s] since then; U (k, 3, 3) [T/(A·m²)] and G (3, 3) as above, G zeros for plain least
     squares; at most `most` evaluations. covariance (5, 5) becomes (JᵀWJ)⁻¹, per T² of the readings' own variance.
     Returns (converged, misfit [T²] as the last step predicts it).
     """
@@ -126,7 +135,7 @@ def fitted(
     best, damping = np.inf, 0.0
     for _ in range(most):
         tool_field(model, p, R, B, J)
-        misfit = _normal(field, B, J, U, G, covariance, gradient)
+        misfit = _normal(field, ages, rates, B, J, U, G, covariance, gradient)
         if not misfit <= best * (1.0 + 1e-9):  # worse, or not a number: back, and more carefully
             p[:] = last_p
             R[:] = last_R

@@ -1,4 +1,4 @@
-"""The chips of a device's electronics, register by register: PCA9685, INA219 and MAX11616 on a bus of their own.
+"""The chips of a device's electronics, register by register: PCA9685, INA219, MAX11616, TCA9534 on a bus of their own.
 
 They stand in for hardware in tests of the drivers, and know of the world only what their pins see: PWM outputs go out,
 shunt voltages and Hall voltages come in. `firmware/emulator/chips.c` has the same chips for the emulated firmware.
@@ -15,7 +15,7 @@ import numpy as np
 
 from haptorb.physics.arrays import Array
 
-__all__ = ["INA219", "MAX11616", "PCA9685", "Chip", "ChipBus"]
+__all__ = ["INA219", "MAX11616", "PCA9685", "TCA9534", "Chip", "ChipBus"]
 
 
 class Chip(ABC):
@@ -168,12 +168,47 @@ class INA219(Chip):
 
 
 @final
-class MAX11616(Chip):
-    """12 analogue inputs of 12 bits; scans up from AIN0 or AIN6. `inputs` (12,) are shares of the supply."""
+class TCA9534(Chip):
+    """Eight pins, inputs until they are told otherwise; a pin that is no output is pulled low here."""
 
-    def __init__(self, address: int = 0x35) -> None:
+    def __init__(self, address: int = 0x20) -> None:
         super().__init__(address)
-        self.inputs = np.full(12, 0.5)
+        self.registers = bytearray((0x00, 0xFF, 0x00, 0xFF))  # input, output, polarity, configuration
+        self._pointer = 0
+
+    @property
+    def pins(self) -> int:
+        """Which of the eight are high."""
+        return self.registers[1] & ~self.registers[3]
+
+    def write(self, data: bytes) -> None:
+        """Pointer, and with one more byte a register."""
+        if data:
+            self._pointer = data[0] & 3
+        for byte in data[1:]:
+            if self._pointer:
+                self.registers[self._pointer] = byte
+
+    def read(self, count: int) -> bytes:
+        """The register under the pointer."""
+        return bytes([self.pins if self._pointer == 0 else self.registers[self._pointer]] * count)
+
+    def stop(self) -> None:
+        """Nothing waits for it."""
+
+
+@final
+class MAX11616(Chip):
+    """12 analogue inputs of 12 bits; scans up from AIN0 or AIN6.
+
+    `inputs` (3, 12) are shares of the supply: three behind every input, of which the multiplexers pass on the one that
+    `select` says; without it they pass on the first.
+    """
+
+    def __init__(self, address: int = 0x35, select: TCA9534 | None = None) -> None:
+        super().__init__(address)
+        self.inputs = np.full((3, 12), 0.5)
+        self._select = select
         self._setup, self._config = 0x82, 0x01
 
     def write(self, data: bytes) -> None:
@@ -190,7 +225,8 @@ class MAX11616(Chip):
         first = {0: 0, 2: min(last, 6)}.get(scan, last)
         data = bytearray()
         for i in range((count + 1) // 2):
-            share = float(self.inputs[min(first + i % (last - first + 1), 11)])
+            axis = 0 if self._select is None or not self._select.present else min(self._select.pins & 3, 2)
+            share = float(self.inputs[axis, min(first + i % (last - first + 1), 11)])
             code = round(min(max(share, 0.0), 1.0) * 4095)
             data += (0xF000 | code).to_bytes(2, "big")
         return bytes(data[:count])
@@ -211,9 +247,10 @@ class ChipBus:
     @classmethod
     def of_device(cls) -> tuple[ChipBus, PCA9685, tuple[INA219, INA219, INA219], MAX11616]:
         """The bus of a three-coil device, and its chips."""
-        pwm, hall = PCA9685(), MAX11616()
+        pwm, select = PCA9685(), TCA9534()
+        hall = MAX11616(select=select)
         currents = (INA219(0x41), INA219(0x44), INA219(0x45))
-        return cls((pwm, *currents, hall)), pwm, currents, hall
+        return cls((pwm, *currents, hall, select)), pwm, currents, hall
 
     def transfer(self, messages: Sequence[tuple[int, bytes | int]]) -> list[bytes]:
         """Messages joined by repeated STARTs; the bytes that were read."""

@@ -109,8 +109,8 @@ def test_the_command(capsys):
     assert told["largest_exact"] == pytest.approx(244.0, abs=2.0)
     assert code_of(["check", "--world", "wall", "--set", "stiffness=5000", "--set", "greatest=20"]) == 1
     assert "Outside" in capsys.readouterr().out
-    assert code_of(["check", "--world", "magnet", "--tracker", "hall"]) == 0
-    assert "filtered to 100 Hz" in capsys.readouterr().out
+    assert code_of(["check", "--world", "magnet", "--tracker", "hall:60"]) == 0
+    assert "filtered to 60 Hz" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -125,6 +125,8 @@ def test_the_command(capsys):
         (["--latency", "5"], "--world"),
         (["--tracker", "hall"], "--world"),
         (["--world", "wall", "--tracker", "osc"], "--tracker is hall"),
+        (["--world", "wall", "--tracker", "hall:fast"], "--tracker is hall"),
+        (["--world", "wall", "--tracker", "hall:0"], "bandwidth"),
         (["--world", "wall", "--tracker", "hall", "--tracker-rate", "240"], "no --tracker-rate"),
         (["--world", "snap_fit", "--device", "pmsm", "--tracker", "hall"], "pmsm"),
     ],

@@ -5,7 +5,7 @@ It needs a driver and nothing else, so that the simulated device is calibrated b
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import monotonic, sleep
 
@@ -21,11 +21,12 @@ from haptorb.sensing.magnetic_calibration import MagneticCalibration, excitation
 from haptorb.sensing.sample import Sample
 from haptorb.sensing.thermal_identification import ThermalIdentification
 
-__all__ = ["RATE", "Pace", "Session", "calibrate", "composed"]
+__all__ = ["RATE", "Pace", "Session", "calibrate", "composed", "mean_field"]
 
 RATE = 500.0  #: of readings [Hz]: a firmware's watchdog waits 15 ms
 _REST = 0.4  #: how long the device is read at rest [s]
-_SETTLE, _HOLD = 0.012, 0.03  #: of each current: not looked at, and in all [s]
+_SETTLE, _HOLD = 0.012, 0.03  #: of each current: not looked at, and in all, at least [s]
+_LEAST = 3  #: readings of every field sensor at each current
 _GENTLE = 1.0  #: with which each coil is tried first [A]
 _NOTHING = 0.03  #: of it is no current; a tenth is a wrong shunt
 _CLEAR = 0.15e-3  #: field at rest above which a magnet must be near; the earth has 0.05 mT [T]
@@ -110,6 +111,7 @@ class Session:
         self._device, self._driver, self._pace, self._passed = device, driver, pace, passed
         self._start = self._due = pace.clock()
         self._off = np.zeros(device.channels)
+        self._turns = 0.0  # ticks until every field sensor has been read once; 0: not known yet
 
     def held(
         self, duties: Array, seconds: float, settle: float = 0.0, rate: float = RATE
@@ -119,8 +121,8 @@ class Session:
         ticks = max(2, round(seconds * rate))
         for tick in range(ticks):
             sample = self._driver.read(self._pace.clock() - self._start)
-            if not (np.isfinite(sample.currents).all() and np.isfinite(sample.field).all()):
-                raise CalibrationError("a current or field sensor reads no number; see `haptorb hardware monitor`")
+            if not np.isfinite(sample.currents).all():
+                raise CalibrationError("a current sensor reads no number; see `haptorb hardware monitor`")
             hot = int(np.argmax(sample.temperatures))
             if sample.temperatures[hot] > self._device.coils.heat.warn:
                 raise CalibrationError(
@@ -146,7 +148,7 @@ class Session:
                 f"coil '{device.coils.names[worst]}' reads {currents[worst]:+.2f} A with all coils off: its current "
                 "sensor has an offset, or its bridge does not switch off"
             )
-        field = np.linalg.norm(np.mean([sample.field for sample in samples], axis=0), axis=1)
+        field = np.linalg.norm(mean_field(samples), axis=1)
         if len(field) and field.max() > _CLEAR:
             raise CalibrationError(
                 f"field sensor {int(np.argmax(field)) + 1} reads {field.max() * 1e3:.2f} mT with all coils off: take "
@@ -208,7 +210,7 @@ class Session:
         wanted, currents, fields = self.excited(resistance, schedule)
         found = magnetic_calibration(device, wanted, currents, fields, self._driver.field_axes)
         strength = float(np.sqrt((fields**2).mean()))
-        averaged = np.sqrt(RATE * (_HOLD - _SETTLE))
+        averaged = np.sqrt(RATE * (self._hold() - _SETTLE) / self._turns)
         most = _NOISY * np.hypot(device.hall.noise, device.hall.step) / averaged + _SHARE * strength
         if found.residual > most:
             raise CalibrationError(
@@ -225,11 +227,34 @@ class Session:
     def excited(self, resistance: Array, schedule: Array | None = None) -> tuple[Array, Array, Array]:
         """(n, m) wanted and measured currents [A] and (n, k, 3) fields [T] over the schedule."""
         wanted = excitation(self._device) if schedule is None else schedule
+        hold = self._hold()
         currents, fields = np.empty_like(wanted), np.empty((len(wanted), self._device.sensors, 3))
         for n, amperes in enumerate(wanted):
             duties = np.clip(amperes * resistance / self._device.supply.voltage, -1, 1)
-            samples, _ = self.held(duties, _HOLD, _SETTLE)
+            samples, _ = self.held(duties, hold, _SETTLE)
             currents[n] = np.mean([sample.currents for sample in samples], axis=0)
-            fields[n] = np.mean([sample.field for sample in samples], axis=0)
+            fields[n] = mean_field(samples)
         self.held(self._off, 0.01)
         return wanted, currents, fields
+
+    def _hold(self) -> float:
+        """How long each current is held [s]: until every field sensor has been read a few times."""
+        if self._turns == 0.0:
+            samples, _ = self.held(self._off, 0.06, _SETTLE)
+            mean_field(samples)
+            self._turns = len(samples) / int(np.isfinite([sample.field for sample in samples]).sum(axis=0).min())
+        return max(_HOLD, _SETTLE + _LEAST * self._turns / RATE)
+
+
+def mean_field(samples: Sequence[Sample]) -> Array:
+    """(k, 3) [T] each sensor's mean over `samples`; some drivers read a part of them in each.
+
+    Raises CalibrationError for a sensor that was never read.
+    """
+    fields = np.array([sample.field for sample in samples])
+    read = np.isfinite(fields)
+    if not read.any(axis=0).all():
+        silent = int(np.argmin(read.any(axis=0).all(axis=1))) + 1
+        raise CalibrationError(f"field sensor {silent} reads no number; see `haptorb hardware monitor`")
+    mean: Array = np.where(read, fields, 0.0).sum(axis=0) / read.sum(axis=0)
+    return mean

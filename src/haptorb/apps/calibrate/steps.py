@@ -14,7 +14,7 @@ from typing import Any, final
 import numpy as np
 
 from haptorb.apps.calibrate.heating import HEATING, Course, heated
-from haptorb.apps.calibrate.measure import Session, composed
+from haptorb.apps.calibrate.measure import Session, composed, mean_field
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import CalibrationError
@@ -183,7 +183,7 @@ class Tool(Step):
     def measured(self, bench: Bench, before: Results) -> dict[str, Any]:
         """The field's likeness to that of the device file's tool (1: the same, −1: the other way round), and size."""
         samples, _ = bench.session.held(np.zeros(bench.device.channels), 0.6, 0.2)
-        field = np.mean([sample.field for sample in samples], axis=0) - np.array(before["magnetic"]["offsets_t"])
+        field = mean_field(samples) - np.array(before["magnetic"]["offsets_t"])
         likeness, strength = _likeness(bench.device, field, bench.axes)
         size = float(np.sqrt((field**2).mean()))
         if size < 2 * max(bench.device.hall.noise, bench.device.hall.step) or abs(likeness) < 0.7:

@@ -33,7 +33,7 @@ def check(
         list[str] | None, typer.Option("--set", help="A parameter of the world, as NAME=VALUE or NAME=X,Y,Z.")
     ] = None,
     tracker: Annotated[
-        str | None, typer.Option(help="With --world: hall, the field sensors and their filter. Else any tracker.")
+        str | None, typer.Option(help="With --world: hall, the field sensors and their filter, or hall:HZ.")
     ] = None,
     tracker_rate: Annotated[
         float | None, typer.Option(help="Of the tracker [Hz]; without it there is a pose in every tick.")
@@ -110,12 +110,16 @@ def _bandwidth(device: Device, tracker: str | None, tracker_rate: float | None) 
 
     if tracker is None:
         return None
-    if tracker != "hall":
-        raise InputError(f"--tracker is hall, or left out and its --tracker-rate and --latency given; got '{tracker}'")
-    known_estimator(device, tracker)
+    name, _, bandwidth = tracker.partition(":")
+    if name != "hall" or (bandwidth and not bandwidth.replace(".", "", 1).isdecimal()):
+        raise InputError(
+            f"--tracker is hall or hall:HZ, or left out and its --tracker-rate and --latency given; got '{tracker}'"
+        )
+    known_estimator(device, name)
     if tracker_rate is not None:
         raise InputError("--tracker hall tells a pose in every tick: it has no --tracker-rate")
-    return HallTracker(electromagnet(device)).bandwidth
+    found = electromagnet(device)
+    return (HallTracker(found, bandwidth=float(bandwidth)) if bandwidth else HallTracker(found)).bandwidth
 
 
 def _tried(device: Device, verdict: WorldVerdict) -> list[tuple[float, float]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from time import monotonic, sleep
 
 import numpy as np
@@ -13,6 +14,8 @@ from haptorb.sensing.sample import Sample
 
 __all__ = ["line", "monitor"]
 
+_TURNS = 24  #: readings at most for all field sensors; three axes in two blocks need six of them, with luck
+
 
 def monitor(
     driver: Driver,
@@ -21,16 +24,30 @@ def monitor(
     clock: Callable[[], float] = monotonic,
     wait: Callable[[float], None] = sleep,
 ) -> Iterator[Sample]:
-    """Samples of `driver` (not open yet) at `rate` [Hz] for `duration` [s]; nothing is ever switched on."""
+    """Samples of `driver` (not open yet) at `rate` [Hz] for `duration` [s]; nothing is ever switched on.
+
+    A driver that reads its field sensors in turns is read as often as they need; each sample has the last of every one.
+    """
     if not 0.0 < rate <= 200.0:
         raise InputError(f"rate must be above 0 and at most 200 Hz; got {rate}")
     with driver:
         start = clock()
         count = 0
         while clock() - start < duration:
-            yield driver.read(clock() - start)
+            yield _whole(driver, clock() - start)
             count += 1
             wait(max(0.0, start + count / rate - clock()))
+
+
+def _whole(driver: Driver, now: float) -> Sample:
+    sample = driver.read(now)
+    field = sample.field.copy()
+    for _ in range(_TURNS):
+        if np.isfinite(field).all():
+            break
+        part = driver.read(now).field
+        field = np.where(np.isfinite(part), part, field)
+    return replace(sample, field=field)
 
 
 def line(sample: Sample) -> str:

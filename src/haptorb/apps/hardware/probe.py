@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from haptorb.errors import DriverError
 from haptorb.runtime import hall_adc, ina219, pca9685
 from haptorb.runtime.board import Board
+from haptorb.runtime.board_words import missing_chips
 from haptorb.runtime.i2c_bus import I2cBus, LinuxBus, bus_list
-from haptorb.runtime.protocol import missing_chips
 from haptorb.runtime.serial_port import port_list
 
 __all__ = ["Finding", "chips_on", "probe"]
