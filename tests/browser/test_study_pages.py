@@ -36,7 +36,21 @@ name = "hand"
 text = "Which hand holds the pen?"
 choices = ["left", "right"]
 """
+#: what a screen reader may stop at: it must have something to say there
+CONTROLS = {"button", "textbox", "spinbutton", "application", "img", "image", "progressbar", "region", "group", "table"}
 COMMAND = [sys.executable, "-c", "import sys; from haptorb.apps.cli import main; sys.exit(main())", "study", "run"]
+
+
+def unnamed(page: Any) -> list[str]:
+    """Roles of controls to which the browser's accessibility tree gives no name."""
+    session = page.context.new_cdp_session(page)
+    nodes = session.send("Accessibility.getFullAXTree")["nodes"]
+    session.detach()
+    told = [
+        (node["role"]["value"], node.get("name", {}).get("value", "").strip()) for node in nodes if not node["ignored"]
+    ]
+    assert sum(role in CONTROLS for role, _ in told) >= 2, told
+    return [role for role, name in told if role in CONTROLS and not name]
 
 
 class Run:
@@ -58,6 +72,8 @@ class Run:
         self.participant, self.experimenter = (
             self._page(browser, said[f"{who}:"]) for who in ("participant", "experimenter")
         )
+        for page in (self.participant, self.experimenter):  # what is typed before somebody listens is lost
+            self.state(page, "waiting")
 
     def _page(self, browser: Any, url: str) -> Any:
         page = browser.new_page(viewport={"width": 1280, "height": 800})
@@ -125,25 +141,35 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     desk.keyboard.press("Enter")
     run.state(page, "consent")
     assert "You may stop at any time." in page.locator("#message").inner_text()
+    assert unnamed(page) == unnamed(desk) == []
     assert "-30 dB" in page.locator("#mask").inner_text()
     page.keyboard.press("Enter")  # the focus is on agreeing
     run.state(page, "running", 0)
     run.until(page, "study.mask === true")
 
+    # What a screen reader has: a name for every control, and the trial said aloud when it comes.
+    said = page.locator("#polite")
+    assert (said.get_attribute("role"), said.get_attribute("aria-live")) == ("status", "polite")
+    assert page.locator("#ask").inner_text() in said.inner_text()
+    assert "Trial 1." in said.inner_text()
+    assert unnamed(page) == unnamed(desk) == []
+
     # By keyboard: arrows move the pen and the force comes; a number that there is not is told.
+    run.until(page, "study.pen && Math.hypot(study.pen.x, study.pen.y) < 1.4")  # an arrow begins where the pen is
     for _ in range(8):
         page.keyboard.press("ArrowRight")
     run.until(page, "study.pen && Math.abs(study.pen.x - 24) < 1.5 && !study.pen.off")
     run.until(page, "Math.hypot(study.pen.fx, study.pen.fy) + Math.abs(study.pen.out) > 0.02")
     page.keyboard.type("7")
     page.keyboard.press("Enter")
-    page.get_by_text("7 is not among the answers").wait_for()
+    page.get_by_role("alert").get_by_text("7 is not among the answers").wait_for()
     page.locator("#typed").fill("")
     page.keyboard.type("12")
     run.until(desk, "study.view.draft === 12")
     assert page.get_by_role("button", name="Answer 12").is_visible()
     page.keyboard.press("Enter")
     run.state(page, "running", 1)
+    assert "Trial 2." in said.inner_text()
 
     # By pointer: the pen is dragged, a number clicked, then confirmed.
     box = page.locator("#pad").bounding_box()
@@ -158,11 +184,14 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
 
     # A break that ends early, a stop by the participant, going on by the experimenter.
     run.state(page, "break")
+    assert "Break" in said.inner_text()
     page.get_by_role("button", name="Go on now").click()
     run.state(page, "running", 2)
     page.keyboard.press("Space")
     run.state(page, "paused")
     assert "The device is off" in page.locator("#message").inner_text()
+    assert "The device is off" in said.inner_text()
+    assert unnamed(page) == unnamed(desk) == []
     assert page.get_by_role("button", name="Resume").count() == 0
     desk.get_by_role("button", name="Resume").click()
     run.state(page, "running", 2)
@@ -176,8 +205,11 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
         page.keyboard.type("1")
         page.keyboard.press("Enter")
     run.state(page, "question")
+    assert "Which hand holds the pen?" in said.inner_text()
+    assert unnamed(page) == []
     page.get_by_role("button", name="right").click()
     run.state(page, "done")
+    assert "Thank you" in said.inner_text()
     desk.get_by_text("The last session is complete.").wait_for()
     assert not run.troubles
     with sqlite3.connect(folder / "s.db") as raw:

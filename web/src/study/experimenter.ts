@@ -194,6 +194,7 @@ function safety(): void {
   element("safety").replaceChildren(
     ...(trips.length ? trips : [null]).map((trip) => {
       const item = document.createElement("li");
+      item.className = trip ? "" : "nothing";
       item.textContent = trip ? `trial ${trip.trial + 1}, ${trip.t?.toFixed(1)} s: ${trip.code}. ${trip.reason}` : "none";
       return item;
     }),
