@@ -40,7 +40,8 @@ class GuardedWords:
                 return None
             if sequence & 1:
                 continue
-            flag, numbers = words[self._flag] != 0, self._floats[self._first : self._end].tolist()
+            flag = words[self._flag] != 0
+            numbers: list[float] = self._floats[self._first : self._end].tolist()  # type: ignore[assignment]
             if words[at] == sequence:
                 self._known = sequence
                 return flag, numbers

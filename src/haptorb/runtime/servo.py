@@ -10,23 +10,18 @@ import json
 import os
 import shutil
 import tempfile
-import threading
 import weakref
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from time import monotonic, monotonic_ns, sleep, time_ns
+from time import monotonic, sleep
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self, final
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from haptorb import __version__, worlds
-from haptorb.control.modes import MODES, Gains
+from haptorb import worlds
+from haptorb.control.modes import Gains
 from haptorb.devices.device import Device
 from haptorb.devices.loader import load
-from haptorb.errors import InputError, RecordingError, ServoError, UnknownName
+from haptorb.errors import InputError, RecordingError, ServoError
 from haptorb.physics.arrays import Array, finite
 from haptorb.runtime import plan as plans
 from haptorb.runtime import recording_file
@@ -41,18 +36,18 @@ from haptorb.runtime.assembly import (
 from haptorb.runtime.black_box import BlackBox, Tripped
 from haptorb.runtime.calibration_file import read_calibration, read_frame
 from haptorb.runtime.children import Children
+from haptorb.runtime.commands import Commands
 from haptorb.runtime.device_text import text_of
 from haptorb.runtime.fed_tracker import PREDICTION, known_prediction
-from haptorb.runtime.guided import upright
+from haptorb.runtime.launch import notes, recorder_spec, tracker_spec
 from haptorb.runtime.report import loop_report
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.schedule import known_rate
-from haptorb.runtime.shared import Shared, Word
+from haptorb.runtime.shared import Shared
 from haptorb.runtime.tracker_door import Preparation, fed, known_frame, known_tracker, prepared
-from haptorb.runtime.world_change import answered, description, name_of, request
+from haptorb.runtime.world_change import description
 from haptorb.sensing.calibration import Calibration
 from haptorb.sensing.tracker_frame import TrackerFrame
-from haptorb.worlds.parameter import values as parameter_values
 from haptorb.worlds.world import World
 
 if TYPE_CHECKING:
@@ -60,11 +55,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Servo"]
 
-_ANSWER = 2.0  #: longest wait for the servo's answer [s]
-
 
 @final
-class Servo:
+class Servo(Commands):
     """A device, a world under its mover, and the loop between them.
 
     device     name in the catalogue, path of a device file, or a Device
@@ -135,6 +128,7 @@ class Servo:
         if gains is not None and not self.modes:
             raise InputError(f"gains are those of a motor's two modes; device '{self.device.name}' has none")
         first = world if isinstance(world, World) else worlds.named(world or default_world(self.device))()
+        Commands.__init__(self, first)
         first.for_device(self.device)  # refuses here, not in another process, what the device cannot render
         # Compiling in the first tick would be a silence at which a real device's firmware switches off.
         chain, practice = (
@@ -159,8 +153,6 @@ class Servo:
         self._children: Children | None = None
         self._folder: Path | None = None
         self._path: Path | None = None
-        self._requests = 0
-        self._requesting = threading.Lock()
 
     def open(self) -> None:
         """Start: returns when the loop runs. Raises RecordingError or ServoError, with nothing left running."""
@@ -246,87 +238,6 @@ class Servo:
             self.close()
             raise
 
-    def point(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
-        """The hand wants the tool's magnet at `p` (3,) [m], turned to `q` (4,) (x, y, z, w); None: its axis radial.
-
-        Of a motor only the turn counts: `q`, or a place `p` towards which the handle is to point.
-        It must be said again within the device's `limits.expiry`, else the pose counts as lost.
-
-        Raises InputError for another shape, a number that is not finite, or a quaternion of zeros; ServoError before
-        the start.
-        """
-        position = finite(p, "p")
-        if position.shape != (3,):
-            raise InputError(f"p must have shape (3,); got {position.shape}")
-        if q is None:
-            turn = upright(position)
-        else:
-            turn = finite(q, "q")
-            length = float(np.linalg.norm(turn)) if turn.shape == (4,) else 0.0
-            if length < 1e-6:
-                raise InputError(f"q must be a quaternion (x, y, z, w) that is not zero; got {q!r}")
-            turn = turn / length
-        self._memory.pointer.write(True, position, turn, monotonic())
-
-    def release(self) -> None:
-        """The hand lets go of the pointer: back to the guided motion."""
-        pointed = self._memory.pointer.pointed()
-        self._memory.pointer.write(False, pointed.p, pointed.q, pointed.stamp)
-
-    def stop(self) -> None:
-        """Coils off within a tick, and off until `engage`."""
-        self._memory.words[Word.STOP] += 1
-
-    def engage(self) -> None:
-        """After a stop or a trip: begin again, from zero. Refused by the guard while the reason is still there."""
-        self._memory.words[Word.ENGAGE] += 1
-
-    def set_mode(self, mode: str) -> None:
-        """Go over to `mode`, "translate" or "rotate", without a step of the target's pose or of torque.
-
-        Raises UnknownName for a mode that the device does not have.
-        """
-        if mode not in self.modes:
-            raise UnknownName(f"mode of device '{self.device.name}'", str(mode), self.modes)
-        self._memory.words[Word.MODE] = 1 + MODES.index(mode)
-
-    def clutch(self, engaged: bool) -> None:
-        """Let the target go (False) to turn the handle back and reach further, or take hold of it again (True).
-
-        Raises InputError for a device without modes: it has no clutch.
-        """
-        if not self.modes:
-            raise InputError(f"device '{self.device.name}' acts directly; it has no clutch")
-        self._memory.words[Word.CLUTCH] = 1 if engaged else 2
-
-    @property
-    def world(self) -> tuple[str, dict[str, Any]]:
-        """Name and values of the world that is felt now."""
-        if self._shared is None or not (known := self._shared.words[Word.WORLD]):
-            return name_of(self._plan.world), dict(parameter_values(self._plan.world))
-        told = json.loads(self._shared.worlds_since(known - 1)[-1][1])
-        return told["name"], told["values"]
-
-    def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
-        """Render the world `name` with `values` from the next tick on; values not given stay as they are, or, in a
-        new world, are its defaults. Raises UnknownName or InputError if the servo refuses; then nothing changes."""
-        shared = self._memory
-        with self._requesting:
-            self.check()
-            self._requests += 1
-            shared.request.write(request(self._requests, name, values or {}))
-            patience = monotonic() + _ANSWER
-            while True:
-                number, error = answered(shared.answer.read()[1])
-                if number == self._requests:
-                    if error is not None:
-                        raise error
-                    return
-                self.check()
-                if monotonic() > patience:
-                    raise ServoError(f"the servo did not answer within {_ANSWER:g} s")
-                sleep(0.0005)
-
     def rows(self, cursor: int = 0) -> tuple[int, Array]:
         """(new cursor, rows (n, width)): what the loop published after the first `cursor` rows, oldest first.
 
@@ -383,9 +294,7 @@ class Servo:
         return Recording(self._path)
 
     @property
-    def _memory(self) -> Shared:
-        if self._shared is None:
-            raise ServoError("the servo was not started: use `with haptorb.Servo(...) as servo:`")
+    def _attached(self) -> Shared | None:
         return self._shared
 
     def _recording_descriptor(self) -> int | None:
@@ -411,53 +320,31 @@ class Servo:
         self._black_box = BlackBox(self._shared, self.device.name, self.rate, self._trips_folder)
         self._children = Children(self._shared, file, self._folder / "errors", self._black_box)
         if descriptor is not None:
-            self._children.record(json.dumps(self._recorder_spec(descriptor)), descriptor)
+            spec = recorder_spec(
+                self._shared, self._children.servo_pid, descriptor, self.rate,
+                temporary=self._path if self._record is None else None, notes=self._notes(),
+            )  # fmt: skip
+            self._children.record(json.dumps(spec), descriptor)
         if tracker is not None:
             self.tracker_token = tracker.token
-            spec = {
-                "shared": str(self._shared.path),
-                "descriptor": tracker.descriptor,
-                "parent": os.getpid(),
-                "feed": tracker.spec,
-                "frame": "" if self.frame is None else self.frame.text(),
-            }
-            self._children.track(json.dumps(spec), tracker.descriptor if tracker.descriptor >= 0 else None)
+            listening = tracker_spec(self._shared, tracker, self.frame)
+            self._children.track(json.dumps(listening), tracker.descriptor if tracker.descriptor >= 0 else None)
         self._children.wait_until_running()
 
-    def _recorder_spec(self, descriptor: int) -> dict[str, Any]:
-        assert self._children is not None
-        assert self._shared is not None
-        device = self.device
-        return {
-            "shared": str(self._shared.path),
-            "descriptor": descriptor,
-            "servo": self._children.servo_pid,
-            "parent": os.getpid(),
-            "rate": self.rate,
-            "unix_minus_monotonic": time_ns() - monotonic_ns(),
-            "temporary": str(self._path) if self._record is None else None,
-            "notes": {
-                "device": {
-                    "name": device.name,
-                    "digest": device.digest,
-                    "title": device.title,
-                    "source": device.source,
-                    "file": self._device_text,
-                },
-                "run": {
-                    "driver": self.driver,
-                    "tracker": self.tracker,
-                    "prediction_s": repr(self._ahead) if fed(self.tracker) else "",
-                    "frame": "" if self.frame is None else self.frame.text(),
-                    "estimator": self.estimator,
-                    "calibration": "" if self.calibration is None else self.calibration.text(),
-                    "seed": str(self.seed),
-                    "rate_hz": repr(self.rate),
-                    "first_world": description(self._plan.world),
-                },
-                "versions": {"haptorb": __version__, "numpy": np.__version__},
-            },
+    def _notes(self) -> dict[str, dict[str, str]]:
+        """What a recording says of its run."""
+        run = {
+            "driver": self.driver,
+            "tracker": self.tracker,
+            "prediction_s": repr(self._ahead) if fed(self.tracker) else "",
+            "frame": "" if self.frame is None else self.frame.text(),
+            "estimator": self.estimator,
+            "calibration": "" if self.calibration is None else self.calibration.text(),
+            "seed": str(self.seed),
+            "rate_hz": repr(self.rate),
+            "first_world": description(self._plan.world),
         }
+        return notes(self.device, self._device_text, run)
 
 
 def _known_seed(seed: int) -> int:
