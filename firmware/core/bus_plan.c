@@ -231,21 +231,23 @@ uint8_t plan_hall_axis(const struct transfer *transfer, uint8_t before)
 uint8_t plan_hall_told(struct bus_plan *plan, bool *news)
 {
     struct readings *r = &plan->readings;
-    uint8_t told = r->hall_group;
-    uint8_t group = told;
+    uint8_t told = r->hall_group, bit_told = (uint8_t)(1 << told);
+    uint8_t group = told, bit = bit_told;
 
     /* The newest; or one that has waited long, as a host of an unlucky pace would else hear some groups never; or, where
      * the newest is known already, what was left over. */
     for (uint8_t tries = 0; tries < HALL_GROUPS; tries++) {
         group = after(group);
-        const bool untold = r->hall_untold & (1 << group);
+        bit = group == 0 ? 1 : (uint8_t)(bit << 1); /* shifts by a variable are loops on an AVR */
         if (r->hall_waited[group] < 0xFF)
             r->hall_waited[group]++;
-        if (untold && (r->hall_waited[group] > HALL_PATIENCE || !(r->hall_untold & (1 << told))))
+        if ((r->hall_untold & bit) && (r->hall_waited[group] > HALL_PATIENCE || !(r->hall_untold & bit_told))) {
             told = group;
+            bit_told = bit;
+        }
     }
-    *news = r->hall_untold & (1 << told);
-    r->hall_untold &= (uint8_t)~(1 << told);
+    *news = r->hall_untold & bit_told;
+    r->hall_untold &= (uint8_t)~bit_told;
     r->hall_waited[told] = 0;
     return told;
 }
