@@ -24,12 +24,33 @@ from haptorb.devices.state import State, rotation_to_axis
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import GeometryError, InputError
 from haptorb.physics.arrays import Array, finite
-from haptorb.physics.compiled import kernel
 from haptorb.sensing.estimator import Estimator
-from haptorb.sensing.place_filter import corrected, predicted
 from haptorb.sensing.sample import Estimate, Sample
 from haptorb.sensing.tool_field import ToolModel, coil_field, moment_field, tool_field
-from haptorb.sensing.tool_fit import fitted, moment_weight
+from haptorb.sensing.tool_fit import fitted
+from haptorb.sensing.tool_following import (
+    AGES,
+    BANDWIDTH,
+    CORE,
+    FIELD,
+    FURTHEST,
+    LIMIT,
+    LOST,
+    LOWEST,
+    NEAREST,
+    NOISE,
+    RESIDUAL,
+    REVERSED,
+    SEEN,
+    SHARE,
+    SWING,
+    UNEXPLAINED,
+    UNREAD,
+    explained,
+    followed,
+    subtracted,
+    told,
+)
 
 __all__ = ["APART", "IN_TURNS", "HallTracker"]
 
@@ -38,22 +59,13 @@ IN_TURNS = 30.0
 #: by how much such drivers read the field later than the currents: a current sensor tells the last 0.5 ms' mean [s]
 APART = 0.75e-3
 
-#: a last step below this leaves its square over 70 mm, 0.1 mm and 0.2°; typical noise makes half such steps
-_NEAR, _TURN = 3e-3, 0.08
-_EXACT = 1e-6  #: the same for a start from nothing [m, rad]
-_WARM, _COLD = 4, 40  #: evaluations at most
-_MANY = 5.0  #: residuals so many times the sensors' noise are no noise
-_CALIBRATED = 1e-3  #: standard deviation of the moment map's entries after a calibration, of their column
-_SHARE = 0.01  #: of the coils' own field that calibration may leave unexplained
+_EXACT, _COLD = 1e-6, 40  #: last step of a fit from nothing [m, rad], and its evaluations at most
 _REACH = 15e-3  #: how far outside the shell a tool is still believed to be [m]
-_OUTWARD = -0.2  #: a tool whose axis points inwards by more than this cosine has its magnet the wrong way round
-_VAGUE = 3e-3  #: standard deviation of the told place above which it is not known [m]
-_OLD = 0.05  #: a reading that is older tells nothing any more: a sensor has gone [s]
-_FRESH = 0.05  #: weight of a tick in the share of readings that are new
 _GUESSED = 0.4  #: of such a change may be wrong
 _LATELY = 0.01  #: for so long a change of the currents spoils readings that are still in use [s]
 _PAUSE = 0.05  #: without a sample for so long the velocity says nothing any more [s]
 _WAIT = 0.02  #: between two searches from nothing [s]: a search takes longer than a tick
+_AT_REST = np.zeros(5)
 
 
 class HallTracker(Estimator):
@@ -114,74 +126,52 @@ class HallTracker(Estimator):
         self.noise = float(np.hypot(max(hall.noise, 1e-7), hall.step / np.sqrt(12)))  #: of one reading [T]
         #: (5, 5) of what was told last, noise only: place [m²], turns about two axes across the tool's [rad²]
         self.covariance = np.full((5, 5), np.inf)
-        self.residual = math.inf  #: rms of what the last estimate leaves unexplained [T]
         self.verdict: str = self.LOST
         self._grid = _grid(device)
         self._fields = _fields_at(self._model, self._grid)
-        self._when, self._ages = np.full((device.sensors, 3), -np.inf), np.empty((device.sensors, 3))
-        self._rates, self._share, self._misfit = np.zeros(5), 1.0, 0.0
-        self._field, self._belief = np.empty((device.sensors, 3)), np.zeros((4, 3))
-        self._spread = np.zeros(3)
+        self._readings, self._belief = np.full((3, device.sensors, 3), -np.inf), np.zeros((4, 3))
+        self._numbers, self._spread = _numbers(device, self.noise, self.bandwidth, self._model.core_radius), np.zeros(3)
         self._found, self._t, self._searched = False, -math.inf, -math.inf
         nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
         self._last = Estimate(nowhere, WrenchMap(np.zeros((6, device.channels)), np.zeros(6)), False, math.inf)
 
+    @property
+    def residual(self) -> float:
+        """rms of what the last estimate leaves unexplained [T]."""
+        return float(self._numbers[RESIDUAL])
+
     def update(self, sample: Sample) -> Estimate:
         """The estimate after `sample`. Raises InputError for readings of other sensors than the device's."""
-        field = self._field
-        if sample.field.shape != field.shape:
+        read, model = np.ascontiguousarray(sample.field), self._model
+        if read.shape != model.sensors.shape:
             raise InputError(
-                f"device '{self._device.name}' has {self._device.sensors} field sensors; the sample has "
-                f"{sample.field.shape[0]}"
+                f"device '{self._device.name}' has {self._device.sensors} field sensors; the sample has {read.shape[0]}"
             )
-        currents, swing = sample.currents, 0.0
-        if self._apart > 0.0:
-            currents, swing = self._carried(sample)
-        coils, oldest, share = _subtracted(
-            sample.field, currents, self._per_ampere, self._offsets, sample.t, field, self._when, self._ages
-        )
-        self._share += _FRESH * (share - self._share)
-        limit = math.hypot(_MANY * self.noise, _SHARE * coils)
-        p, R = np.empty(3), np.empty((3, 3))
-        if not (math.isfinite(coils) and oldest <= _OLD):
-            return self._unknown(sample.t, self.LOST)
-        limit = math.hypot(limit, _MANY * swing)
-        moment_weight(
-            self._per_moment2, self._measured, self._columns, sample.currents, _CALIBRATED, self.noise, self._weight
-        )
-        dt = sample.t - self._t
-        found, misfit = False, math.inf
+        currents = sample.currents if self._apart == 0.0 else self._carried(sample)
+        pose = np.empty((6, 3))
+        R, p, motion = pose[:3], pose[3], pose[4:]
         if self._found:
+            dt = sample.t - self._t
             if not 0.0 <= dt <= _PAUSE:
                 self._belief[2:] = 0.0
                 dt = 0.0
-            predicted(self._belief, dt, p, R)
-            _moved(self._belief, R, self._rates)
-            found, misfit = fitted(
-                self._model, field, self._ages, self._rates, self._per_moment, self._weight, _NEAR, _TURN, _WARM, p, R,
-                self.covariance,
+            code = followed(
+                read, currents, self._per_ampere, self._offsets, self._per_moment2, self._measured,
+                self._columns, model.rows, model.sensors, model.response, self._per_moment, sample.t, dt,
+                self._numbers, self._readings, self._belief, self._spread, self._weight, self.covariance, p, R, motion,
             )  # fmt: skip
-            found = found and self._explained(misfit, limit)
-        if not found:
+        else:
+            code = self._looked(read, currents, sample.t)
+        if code == UNEXPLAINED:
             self._found = False
             if sample.t - self._searched < _WAIT:
                 return self._unknown(sample.t, self.verdict or self.LOST)
             self._searched = sample.t
-            found, misfit = self._search(field, limit, p, R)
-            dt = -1.0
-        self.residual = math.sqrt(misfit / max(field.size - 5, 1)) if math.isfinite(misfit) else math.inf
-        if not found:
-            return self._unknown(sample.t, self.LOST)
-        self._misfit += (1.0 if dt < 0.0 else self._share) * (self.residual**2 - self._misfit)
-        self.covariance *= max(self.noise**2, self._misfit)
-        why = self._doubt(p, R, 1.0 if dt < 0.0 else self._kept())
-        if why or not math.isfinite(misfit):
-            self._found = False
-            return self._unknown(sample.t, why)
-        v, w = np.empty(3), np.empty(3)
-        corrected(self._belief, self._spread, dt, self.bandwidth, p, R, v, w)
-        self.covariance *= self._kept()
-        state = State(sample.t, R, p, w, v)
+            code = self._search(p, R, motion)
+        if code != SEEN:
+            self._found = self._found and code == UNREAD
+            return self._unknown(sample.t, self.REVERSED if code == REVERSED else self.LOST)
+        state = State(sample.t, R, p, motion[1], motion[0])
         try:
             wrench_map = self._device.wrench_map(state, self._level)
         except GeometryError:
@@ -191,63 +181,66 @@ class HallTracker(Estimator):
         self._last = Estimate(state, wrench_map, True, 0.0)
         return self._last
 
-    def _kept(self) -> float:
-        """Share of one set of readings' variance that the filter keeps; a reading that is used twice is no second."""
-        return min(float(self._spread[0]) / self._share, 1.0)
+    def _looked(self, read: Array, currents: Array, t: float) -> int:
+        """What is left of the readings without the coils; the place is still to be searched."""
+        told_all = subtracted(
+            read, currents, self._per_ampere, self._offsets, self._per_moment2, self._measured, self._columns, t,
+            self._numbers, self._readings, self._weight,
+        )  # fmt: skip
+        return UNEXPLAINED if told_all else UNREAD
 
-    def _carried(self, sample: Sample) -> tuple[Array, float]:
-        """(m,) currents when the field was read [A], and the field that this may be wrong by [T]."""
+    def _carried(self, sample: Sample) -> Array:
+        """(m,) currents when the field was read [A]; numbers[SWING] is the field that this may be wrong by [T]."""
         dt = min(max(sample.t - self._heard, 1e-4), _PAUSE)
         change = self._apart / dt * (sample.currents - self._recent)
         self._swing = np.maximum(_GUESSED * np.abs(change), math.exp(-dt / _LATELY) * self._swing)
         self._recent, self._heard = sample.currents.copy(), sample.t
         moments = self._moments * self._swing
         self._measured = self._read + moments @ moments.T
+        self._numbers[SWING] = self._per_ampere_rms @ self._swing
         carried: Array = sample.currents + change
-        return carried, float(self._per_ampere_rms @ self._swing)
+        return carried
 
     def _unknown(self, t: float, why: str) -> Estimate:
         self.verdict = why
         last = self._last
         return Estimate(last.state, last.wrench_map, False, t - self._t, reversed=why == self.REVERSED)
 
-    def _explained(self, misfit: float, limit: float) -> bool:
-        return misfit <= (self._field.size - 5) * limit * limit
-
-    def _doubt(self, p: Array, R: Array, kept: float) -> str:
-        device = self._device
-        distance = float(np.linalg.norm(p))
-        nearest = device.contact_distance - _REACH
-        furthest = device.contact_distance + device.shell_thickness + _REACH
-        vague = kept * float(np.trace(self.covariance[:3, :3])) > 3 * _VAGUE**2
-        if not nearest < distance < furthest or vague:
-            return self.LOST
-        if p[2] < distance * math.cos(min(device.workspace_half_angle + math.radians(30), math.pi)):
-            return self.LOST
-        # A reversed magnet looks like one that is held upside down; nobody holds a pen by its tip.
-        return self.REVERSED if float(p @ R[:, 2]) < _OUTWARD * distance else ""
-
-    def _search(self, field: Array, limit: float, p: Array, R: Array) -> tuple[bool, float]:
+    def _search(self, p: Array, R: Array, motion: Array) -> int:
         """From nothing: the grid's fields most like what is read, either way round, and the fit from each."""
-        flat = field.ravel()
-        self._rates[:] = 0.0
-        cross = self._fields @ flat
+        field, ages = self._readings[FIELD], self._readings[AGES]
+        cross = self._fields @ field.ravel()
         misfits = (self._fields**2).sum(axis=1) - 2 * np.abs(cross)
-        best, found = math.inf, False
-        covariance = np.empty((5, 5))
+        best, limit, covariance = math.inf, float(self._numbers[LIMIT]), np.empty((5, 5))
         for at in _apart(self._grid, np.argsort(misfits).tolist(), 4):
             q, Q = self._grid[at].copy(), rotation_to_axis(math.copysign(1.0, cross[at]) * self._grid[at])
             good, misfit = fitted(
-                self._model, field, self._ages, self._rates, self._per_moment, self._weight, _EXACT, _EXACT, _COLD, q,
-                Q, covariance,
+                self._model, field, ages, _AT_REST, self._per_moment, self._weight, _EXACT, _EXACT, _COLD, q, Q,
+                covariance,
             )  # fmt: skip
             if good and misfit < best:
-                best, found = misfit, True
+                best = misfit
                 p[:], R[:] = q, Q
                 self.covariance[:] = covariance
-            if found and self._explained(best, 0.5 * limit):
+            if explained(best, field.size, 0.5 * limit):
                 break
-        return found and self._explained(best, limit), best
+        if not explained(best, field.size, limit):
+            self._numbers[RESIDUAL] = math.sqrt(best / max(field.size - 5, 1))
+            return LOST
+        return told(
+            self._numbers, self._belief, self._spread, self.covariance, best, field.size, -1.0, p, R, motion
+        )  # fmt: skip
+
+
+def _numbers(device: SphericalElectromagnet, noise: float, bandwidth: float, core: float) -> Array:
+    """(11,) as `tool_following` takes them."""
+    numbers = np.zeros(11)
+    numbers[NOISE], numbers[BANDWIDTH], numbers[CORE], numbers[SHARE] = noise, bandwidth, core, 1.0
+    numbers[NEAREST] = device.contact_distance - _REACH
+    numbers[FURTHEST] = device.contact_distance + device.shell_thickness + _REACH
+    numbers[LOWEST] = math.cos(min(device.workspace_half_angle + math.radians(30), math.pi))
+    numbers[RESIDUAL] = math.inf
+    return numbers
 
 
 def _grid(device: SphericalElectromagnet) -> Array:
@@ -283,41 +276,3 @@ def _apart(places: Array, order: list[int], count: int) -> list[int]:
             if len(chosen) == count:
                 break
     return chosen
-
-
-@kernel
-def _subtracted(
-    read: Array, currents: Array, per_ampere: Array, offsets: Array, t: float, out: Array, when: Array, ages: Array
-) -> tuple[float, float, float]:
-    """out (k, 3) = read − offsets − field of the coils, where something was read; when and ages (k, 3) [s] follow.
-
-    Returns the rms of the coils' field [T], NaN if a current is; the age of the oldest reading [s]; the share of the
-    readings that are new.
-    """
-    total, oldest, new = 0.0, 0.0, 0
-    for k in range(read.shape[0]):
-        for i in range(3):
-            coils = 0.0
-            for j in range(currents.shape[0]):
-                coils += per_ampere[k, i, j] * currents[j]
-            total += coils * coils
-            left = read[k, i] - offsets[k, i] - coils
-            if left - left == 0.0:  # a number
-                out[k, i] = left
-                when[k, i] = t
-                new += 1
-            ages[k, i] = t - when[k, i]
-            if not ages[k, i] <= oldest:
-                oldest = ages[k, i]
-    return float(np.sqrt(total / read.size)), oldest, new / read.size
-
-
-@kernel
-def _moved(belief: Array, R: Array, rates: Array) -> None:
-    """rates (5,) of the place [m/s] and of the turns about R's x and y [rad/s], from `belief` (4, 3)."""
-    n, r = belief[1], belief[3]
-    wx, wy, wz = n[1] * r[2] - n[2] * r[1], n[2] * r[0] - n[0] * r[2], n[0] * r[1] - n[1] * r[0]
-    for i in range(3):
-        rates[i] = belief[2, i]
-    for j in range(2):
-        rates[3 + j] = wx * R[0, j] + wy * R[1, j] + wz * R[2, j]
