@@ -17,7 +17,7 @@ from haptorb.sensing.place_filter import noise_share
 from haptorb.sensing.position_accuracy import better_sensors, position_accuracy, with_sensors
 from haptorb.sensing.sample import Pose, Sample
 from haptorb.sensing.tool_field import ToolModel, coil_field, tool_field
-from haptorb.sensing.tool_position import HallTracker
+from haptorb.sensing.tool_position import APART, IN_TURNS, HallTracker
 
 OMNI = load("omni")
 NO_POSE = Pose(0.0, np.eye(3), np.full(3, np.nan), np.zeros(3), np.zeros(3), False)
@@ -250,3 +250,57 @@ def test_nine_sensors_of_one_axis_do_not_find_the_tool():
     all_three = np.sqrt(np.diag(np.linalg.inv(J.reshape(-1, 5).T @ J.reshape(-1, 5))))[:2] * omni.hall.noise
     assert across.min() > 10e-3
     assert all_three.max() < 1.5e-3
+
+
+def in_turns(tick, field):
+    """`field` (9, 3) as a board reads it: one axis of one block in each tick."""
+    axis, block = divmod(tick % 6, 2)
+    part, places = np.full((9, 3), np.nan), slice(0, 5) if block == 0 else slice(5, 9)
+    part[places, axis] = field[places, axis]
+    return part
+
+
+def test_sensors_that_are_read_in_turns_find_a_moving_tool():
+    """Each reading is held against where the tool was then; what is told of its own doubt is what scatters."""
+    tracker, rng, away, told = HallTracker(OMNI, "exact", bandwidth=IN_TURNS), np.random.default_rng(3), [], []
+    for tick in range(500):
+        p = np.array([0.02 * np.sin(2 * np.pi * 1e-3 * tick), 0.01, 0.053])
+        read = sample(OMNI, field_of(OMNI, p, p), np.zeros(3), 1e-3 * tick, rng, OMNI.hall.noise)
+        found = tracker.update(replace(read, field=in_turns(tick, read.field)))
+        assert found.valid == (tick >= 5)  # as soon as all have been read once
+        if tick > 100:
+            away.append(found.state.p - p)
+            told.append(np.trace(tracker.covariance[:3, :3]))
+    rms = np.sqrt(np.square(away).sum(axis=1).mean())
+    assert rms < 1.2e-3
+    assert rms == pytest.approx(np.sqrt(np.mean(told)), rel=0.35)
+
+
+def test_a_sensor_that_is_never_read_again_makes_the_tool_lost():
+    tracker, p = HallTracker(OMNI, "exact", bandwidth=IN_TURNS), np.array([0.01, 0.0, 0.055])
+    read = sample(OMNI, field_of(OMNI, p, p), np.zeros(3))
+    valid = []
+    for tick in range(120):
+        part = in_turns(tick, read.field)
+        if tick >= 30:
+            part[2, 1] = np.nan
+        valid.append(tracker.update(replace(read, t=1e-3 * tick, field=part)).valid)
+    assert all(valid[6:70])
+    assert not any(valid[85:])
+
+
+def test_currents_that_change_are_carried_on_to_when_the_field_was_read():
+    """A board's current sensors tell the past half millisecond: at 1 A/ms that is a tool's worth of field."""
+    errors_of = {}
+    for apart in (0.0, APART):
+        tracker, p, away = HallTracker(OMNI, "exact", bandwidth=IN_TURNS, apart=apart), np.array([0.0, 0.01, 0.052]), []
+        for tick in range(300):
+            t = 1e-3 * tick
+            now, before = (5.0 * np.sin(2 * np.pi * np.array([20.0, 23.0, 27.0]) * s) for s in (t, t - APART))
+            read = sample(OMNI, field_of(OMNI, p, p), now, t)
+            found = tracker.update(replace(read, field=in_turns(tick, read.field), currents=before))
+            if tick > 60:
+                away.append(np.linalg.norm(found.state.p - p) if found.valid else np.inf)
+        errors_of[apart] = np.sqrt(np.mean(np.square(away)))
+    assert errors_of[APART] < 1e-3
+    assert errors_of[APART] < 0.3 * errors_of[0.0]
