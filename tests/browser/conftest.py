@@ -193,8 +193,9 @@ def staged(browser: Any, fake: Any) -> Iterator[Any]:
     with Console(fake, 0) as console, served(console):
 
         def show(width: int = 1280, height: int = 800, **options: Any) -> Screen:
-            query = options.pop("query", "")
-            pages.append(browser.new_page(viewport={"width": width, "height": height}, **options))
+            query, context = options.pop("query", ""), options.pop("context", None)
+            size = {"width": width, "height": height}
+            pages.append(context.new_page() if context else browser.new_page(viewport=size, **options))
             return Screen(pages[-1], console.url + query)
 
         show.console = console  # type: ignore[attr-defined]
