@@ -22,7 +22,8 @@ from haptorb.sensing.sample import Pose, Sample
 
 __all__ = ["SerialDriver", "untracked"]
 
-_LOST_IN_A_ROW = 3  #: readings repeated before the device counts as silent
+_LOST_IN_A_ROW = 3  #: readings repeated before the device counts as silent, with current in its coils
+_LOST_AT_REST = 20  #: the same while it is not engaged: a busy computer is no danger then
 _RETRY = 0.25  #: between two attempts to reach a port that has gone [s]
 _MEETING = 0.2  #: for an answer when the port is back [s]; no Arduino restarts in the middle of a loop
 _REQUIRED = 0xFF  #: every part
@@ -50,7 +51,8 @@ class SerialDriver(Driver):
     by the next `read`, a quarter of a second later at the latest.
 
     pose(now) is the tracker's word on where the tool is; without it no pose is ever valid. `patience` [s] is how long
-    `read` waits for the answer to the last tick's frame; three unanswered in a row are a device that has gone.
+    `read` waits for the answer to the last tick's frame; three unanswered in a row are a device that has gone,
+    twenty while no current may flow.
     duty_limit [1] and current_limit [A] are what the firmware is told to hold in this session; by default 5 % above
     the device's own current limit. `open` waits at most `warm_up` [s] for every sensor's first reading, and refuses a
     board whose Hall sensors have fewer than `hall_axes`.
@@ -238,7 +240,7 @@ class SerialDriver(Driver):
             raise self._failed(str(cause), gone=True) from cause
         if reading is None:
             self._lost += 1
-            if self._lost >= _LOST_IN_A_ROW:
+            if self._lost >= (_LOST_IN_A_ROW if self._engaged else _LOST_AT_REST):
                 raise self._failed(f"no answer from the firmware at {self._path}; check cable and supply", gone=True)
         else:
             self._lost = 0
