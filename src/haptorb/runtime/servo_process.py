@@ -29,7 +29,7 @@ from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.realtime import punctual
 from haptorb.runtime.shared import Phase, Shared, Word
 from haptorb.runtime.tracker import Tracker
-from haptorb.runtime.wakefulness import keep_awake
+from haptorb.runtime.wakefulness import Wakefulness
 from haptorb.runtime.world_change import description
 
 __all__ = ["main"]
@@ -79,15 +79,19 @@ def _run(shared: Shared, path: Path, parent: int) -> int:
     gc.freeze()
     gc.disable()
     facts = punctual()
-    shared.facts.write(json.dumps({**facts, "awake": facts["core"] != -1 and keep_awake()}))
-    told.loop = loop
-    if told.early:
-        sys.exit(128 + told.early)
-    chain.driver.open()
-    shared.warning.write(disagreement(chain.driver.calibration, plan.calibration))
-    clock = Clock(plan.rate)
-    tracker.origin = clock.schedule.origin * 1e-9
-    well = loop.run(clock)
+    wakefulness = Wakefulness(int(facts["core"]))
+    try:
+        shared.facts.write(json.dumps({**facts, "awake": wakefulness.granted}))
+        told.loop = loop
+        if told.early:
+            sys.exit(128 + told.early)
+        chain.driver.open()
+        shared.warning.write(disagreement(chain.driver.calibration, plan.calibration))
+        clock = Clock(plan.rate)
+        tracker.origin = clock.schedule.origin * 1e-9
+        well = loop.run(clock)
+    finally:
+        wakefulness.end()
     gc.enable()
     if well and loop.told_by:
         shared.reason.write(f"ended by {loop.told_by}")

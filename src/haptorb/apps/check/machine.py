@@ -10,7 +10,7 @@ from typing import final
 
 __all__ = ["Machine", "Took", "Watch", "this_machine"]
 
-#: fields of /proc/PID/task/TID/stat behind the program's name: user and system time, scheduling policy
+#: fields of /proc/PID/stat behind the program's name: user and system time, scheduling policy
 _USER, _POLICY = 11, 38
 
 
@@ -93,10 +93,10 @@ def _preempted(pid: int) -> int:
 
 
 def _idling(pid: int) -> int:
-    """Processor time of the threads of `pid` that run only where nobody else wants to, in the kernel's ticks."""
+    """Processor time of the children of `pid` that run only where nobody else wants to, in the kernel's ticks."""
     ticks = 0
-    for task in Path(f"/proc/{pid}/task").glob("*/stat"):
-        fields = _text(str(task)).rpartition(")")[2].split()
+    for child in _text(f"/proc/{pid}/task/{pid}/children").split():
+        fields = _text(f"/proc/{child}/stat").rpartition(")")[2].split()
         if len(fields) > _POLICY and int(fields[_POLICY]) == os.SCHED_IDLE:
             ticks += int(fields[_USER]) + int(fields[_USER + 1])
     return ticks
