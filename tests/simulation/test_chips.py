@@ -124,11 +124,11 @@ def test_calibration_scales_the_chips_own_current_register() -> None:
 
 def test_hall_sensors_are_found_on_both_blocks() -> None:
     chip = MAX11616()
-    chip.inputs[:] = np.linspace(0, 1, 12)
+    chip.inputs[0] = np.linspace(0, 1, 12)
     driver = HallAdc(ChipBus([chip]))
     driver.setup()
     read = np.concatenate([driver.read(0), driver.read(1)])
-    assert read == pytest.approx(chip.inputs[[0, 1, 2, 3, 4, 6, 7, 8, 9]], abs=0.5 / 4095)
+    assert read == pytest.approx(chip.inputs[0, [0, 1, 2, 3, 4, 6, 7, 8, 9]], abs=0.5 / 4095)
 
 
 @pytest.mark.parametrize(
