@@ -124,10 +124,11 @@ def test_dragging_stays_on_the_dome() -> None:
     assert path[:, 2].min() > 0.048 * np.cos(np.radians(28))
 
 
-@pytest.mark.parametrize("dragging", [True, False])
-def test_measured(dragging: bool) -> None:
-    fitness = measured(1.0, dragging=dragging, progress=False)
+@pytest.mark.parametrize(("device", "dragging"), [("omni", True), ("omni", False), ("pmsm", True)])
+def test_measured(device: str, dragging: bool) -> None:
+    fitness = measured(1.0, device=device, dragging=dragging, progress=False)
     numbers = json.loads(json.dumps(fitness.numbers()))
+    assert fitness.report["device"] == device
     assert numbers["ticks"] + numbers["missed"] >= 900
     assert numbers["dragging"] is dragging
     assert 0 < numbers["success_rate"] <= 1

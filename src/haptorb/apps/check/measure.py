@@ -33,7 +33,7 @@ def measured(
     columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
     with (
         Progress(*columns, console=Console(stderr=True), transient=True, disable=not progress) as bar,
-        Servo(device, "dome", rate=rate, record=False) as servo,
+        Servo(device, rate=rate, record=False) as servo,
     ):
         task = bar.add_task("measuring the loop", total=duration)
         watch, begin, cursor = Watch(servo.servo_pid), monotonic(), 0
