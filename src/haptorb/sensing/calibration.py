@@ -14,6 +14,7 @@ from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError
 from haptorb.physics.arrays import Array
 from haptorb.physics.thermal import TwoNode
+from haptorb.sensing.document import document
 
 __all__ = ["FORMAT", "Calibration"]
 
@@ -88,19 +89,7 @@ class Calibration:
     @classmethod
     def parse(cls, text: str, name: str) -> Calibration:
         """From JSON; `name` is what mistakes are reported under. CalibrationError if it is no calibration."""
-        try:
-            raw = json.loads(text)
-        except ValueError as cause:
-            raise CalibrationError(f"{name} is not JSON: {cause}") from cause
-        if not isinstance(raw, Mapping) or raw.get("format") != FORMAT:
-            found = raw.get("format") if isinstance(raw, Mapping) else type(raw).__name__
-            raise CalibrationError(
-                f"{name} is no calibration that this version reads: format must be '{FORMAT}'; got {found!r}"
-            )
-        missing, strange = _KEYS - set(raw), set(raw) - _KEYS
-        if missing or strange:
-            what = f"{min(missing)} is missing" if missing else f"{min(strange)} is not a key that is known"
-            raise CalibrationError(f"{name}: {what}; calibrate again")
+        raw = document(text, name, "calibration", FORMAT, _KEYS, "calibrate again")
         moments = _numbers(raw, "moment_per_current_m2", name, (3, None))
         channels = moments.shape[1]
         if np.linalg.matrix_rank(moments) < min(3, channels):

@@ -79,9 +79,8 @@ def tool_field(model: ToolModel, p: Array, R: Array, B: Array, J: Array) -> None
     p (3,) [m] the magnet's centre, R (3, 3) any rotation whose third column is the magnet's axis.
     """
     rows, a = model.rows, model.core_radius
-    placed = np.empty(
-        (rows.shape[1], 10)
-    )  # per charge: from the magnet's centre, from the core's, its direction, 1/|s|
+    # Per charge: from the magnet's centre, from the core's, its direction, 1/|s|.
+    placed = np.empty((rows.shape[1], 10))
     for n in range(rows.shape[1]):
         square = 0.0
         for i in range(3):

@@ -16,6 +16,7 @@ from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import CalibrationError
 from haptorb.physics.arrays import Array, rotation
 from haptorb.physics.quaternions import product, quaternion, turned
+from haptorb.sensing.document import document
 from haptorb.sensing.frame_registration import FrameRegistration
 
 __all__ = ["FORMAT", "TrackerFrame"]
@@ -122,19 +123,7 @@ class TrackerFrame:
     @classmethod
     def parse(cls, text: str, name: str) -> TrackerFrame:
         """From JSON; `name` is what mistakes are reported under. CalibrationError if it is no tracker's frame."""
-        try:
-            raw = json.loads(text)
-        except ValueError as cause:
-            raise CalibrationError(f"{name} is not JSON: {cause}") from cause
-        if not isinstance(raw, Mapping) or raw.get("format") != FORMAT:
-            found = raw.get("format") if isinstance(raw, Mapping) else type(raw).__name__
-            raise CalibrationError(
-                f"{name} is no tracker's frame that this version reads: format must be '{FORMAT}'; got {found!r}"
-            )
-        missing, strange = _KEYS - set(raw), set(raw) - _KEYS
-        if missing or strange:
-            what = f"{min(missing)} is missing" if missing else f"{min(strange)} is not a key that is known"
-            raise CalibrationError(f"{name}: {what}; register again with `haptorb frame`")
+        raw = document(text, name, "tracker's frame", FORMAT, _KEYS, "register again with `haptorb frame`")
         for key in ("device", "digest", "tracker"):
             if not isinstance(raw[key], str):
                 raise CalibrationError(f"{name}: {key} must be a text; got {raw[key]!r}")
