@@ -26,12 +26,15 @@ help:
 run: $(VENV)/.run
 	@exec $(BIN)/haptorb run $(ARGS)
 
-# Style, types, import contracts and documentation are tests too (tests/checks): one run, one summary.
+# Style, types, import contracts and documentation are tests too (tests/checks): one run, one summary. A process for
+# each processor; what runs beside a clock has the machine for itself afterwards (tests/two_phases.py).
+PYTEST := $(BIN)/python -m pytest --continue-on-collection-errors -n logical --maxprocesses 4
+
 test: $(VENV)/.test packages
-	@$(BIN)/python -m pytest --continue-on-collection-errors --durations=10 -m "not slow" $(ARGS)
+	@$(PYTEST) --durations=10 -m "not slow" $(ARGS)
 
 nightly: $(VENV)/.test packages
-	@$(BIN)/python -m pytest --continue-on-collection-errors $(ARGS)
+	@$(PYTEST) $(ARGS)
 
 bench: $(VENV)/.test
 	@$(BIN)/haptorb bench $(ARGS)

@@ -1,10 +1,12 @@
-"""What all tests share: fixed random examples, no display, and a reason for every part that cannot run here."""
+"""What all tests share: fixed random examples, no display, the order, and a reason for what cannot run here."""
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -24,13 +26,17 @@ settings.register_profile(
 )
 settings.load_profile("fixed")
 
-#: folders and files whose tests run beside a clock: a browser, an emulator, a servo or a server in a process of its own
+#: folders and files whose tests run beside a clock: a browser, an emulator, a servo or a server in a process of its
+#: own; where several processes share the tests, they wait for the second phase
 AGAINST_TIME = {
-    *("browser", "firmware", "test_black_box.py", "test_cli.py", "test_console.py", "test_design_session.py"),
-    *("test_examples.py", "test_frame.py", "test_framed_feed.py", "test_hall_loop.py", "test_motor_chain.py"),
+    *("browser", "firmware", "test_black_box.py", "test_check.py", "test_cli.py", "test_console.py"),
+    *("test_design_session.py", "test_drivers.py", "test_frame.py", "test_framed_feed.py", "test_hall_loop.py"),
+    *("test_motor_chain.py", "test_wakefulness.py"),
     *("test_pages.py", "test_postgres.py", "test_recording.py", "test_room.py", "test_runner.py", "test_safety.py"),
     *("test_serial_port.py", "test_servo.py", "test_streams.py", "test_trackers.py", "test_tutorial.py"),
 }
+#: begun first where several processes share the tests: whoever gets one of these at the end keeps the others waiting
+HEAVY = ("test_docs.py", "test_gathered.py", "reproduce", "test_tools.py", "test_examples.py")
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 FIRMWARE = {
     "avr-gcc": lambda: shutil.which("avr-gcc"),
@@ -62,6 +68,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for marker, reason in skips.items():
             if item.get_closest_marker(marker):
                 item.add_marker(pytest.mark.skip(reason=reason))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """`-n 2`: two processes share the tests, see `two_phases.py`."""
+    spec = importlib.util.spec_from_file_location("two_phases", Path(__file__).with_name("two_phases.py"))
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.TwoPhases(config, log, lambda file: AGAINST_TIME & set(Path(file).parts), HEAVY)
 
 
 @pytest.fixture(scope="session")
