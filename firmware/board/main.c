@@ -136,7 +136,11 @@ static void host_bytes(void)
         const uint8_t length = bridge_byte(&bridge, byte, now());
         if (length > 0) {
             follow();
-            uart_put(bridge.answer, length);
+            if (uart_room() >= length) { /* else nobody listens: half a frame is worth nothing */
+                uart_put(bridge.answer, length - FRAME_TAIL);
+                frame_seal(bridge.answer, length);
+                uart_put(bridge.answer + length - FRAME_TAIL, FRAME_TAIL);
+            }
             return; /* the bus first, then the next frame */
         }
     }

@@ -84,8 +84,9 @@ static void begin(void)
     states[running] = RUNNING;
 }
 
-/* STOP, and in the same breath START of the transfer that waits, if one does. */
-static void finish(bool failed)
+/* STOP, and in the same breath START of the transfer that waits, if one does. Inline, as a call would have the interrupt
+ * save every register at every byte, and the bus wait for that. */
+static inline __attribute__((always_inline)) void finish(bool failed)
 {
     current->failed = failed;
     states[running] = DONE;

@@ -23,7 +23,7 @@ ISR(UART_RX_vect)
 {
     const uint8_t status = UCSR0A;
     const uint8_t byte = UDR0;
-    const uint8_t next = (rx_in + 1) & (RX_SIZE - 1);
+    const uint8_t in = rx_in, next = (in + 1) & (RX_SIZE - 1);
 
     if (status & (_BV(FE0) | _BV(DOR0)))
         errors++;
@@ -31,16 +31,18 @@ ISR(UART_RX_vect)
         errors++;
         return;
     }
-    rx[rx_in] = byte;
+    rx[in] = byte;
     rx_in = next;
 }
 
 ISR(UART_UDRE_vect)
 {
-    UDR0 = tx[tx_out];
-    tx_out = (tx_out + 1) & (TX_SIZE - 1);
-    if (tx_out == tx_in)
-        UCSR0B &= (uint8_t)~_BV(UDRIE0);
+    const uint8_t out = tx_out, next = (out + 1) & (TX_SIZE - 1);
+
+    UDR0 = tx[out];
+    tx_out = next;
+    if (next == tx_in)
+        UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
 }
 
 bool uart_waiting(void)
@@ -57,13 +59,15 @@ bool uart_get(uint8_t *byte)
     return true;
 }
 
-bool uart_put(const uint8_t *bytes, uint8_t length)
+uint8_t uart_room(void)
 {
-    const uint8_t room = (uint8_t)(tx_out - tx_in - 1) & (TX_SIZE - 1);
+    return (uint8_t)(tx_out - tx_in - 1) & (TX_SIZE - 1);
+}
 
-    if (length > room)
-        return false;
+void uart_put(const uint8_t *bytes, uint8_t length)
+{
     uint8_t in = tx_in;
+
     for (uint8_t i = 0; i < length; i++) {
         tx[in] = bytes[i];
         in = (in + 1) & (TX_SIZE - 1);
@@ -73,7 +77,6 @@ bool uart_put(const uint8_t *bytes, uint8_t length)
         tx_in = in;
         UCSR0B |= _BV(UDRIE0);
     }
-    return true;
 }
 
 uint8_t uart_errors(void)

@@ -9,8 +9,9 @@ void uart_start(void);
 bool uart_get(uint8_t *byte);
 bool uart_waiting(void);
 
-/* All of it or nothing: an answer that does not fit is not sent, and the host asks again. */
-bool uart_put(const uint8_t *bytes, uint8_t length);
+/* How many bytes uart_put would take; they begin to go out at once. */
+uint8_t uart_room(void);
+void uart_put(const uint8_t *bytes, uint8_t length);
 
 /* Bytes lost or bent since the last call. */
 uint8_t uart_errors(void);

@@ -144,7 +144,7 @@ static uint8_t answer(struct bridge *bridge, uint16_t now)
 {
     const struct frame *frame = &bridge->parser.frame;
     const uint8_t *in = frame->payload;
-    uint8_t out[PAYLOAD_MAX];
+    uint8_t *out = bridge->answer + FRAME_HEAD;
     uint8_t type = frame->type | FRAME_ANSWER;
     uint8_t length;
 
@@ -174,7 +174,7 @@ static uint8_t answer(struct bridge *bridge, uint16_t now)
         type = FRAME_STATE;
         length = state(bridge, REFUSED_FRAME, out);
     }
-    return frame_write(bridge->answer, type, frame->sequence, out, length);
+    return frame_head(bridge->answer, type, frame->sequence, length);
 }
 
 uint8_t bridge_byte(struct bridge *bridge, uint8_t byte, uint16_t now)

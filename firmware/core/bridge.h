@@ -27,7 +27,8 @@ struct bridge {
 
 void bridge_boot(struct bridge *bridge, uint8_t board, uint8_t reset_cause);
 
-/* One byte from the host; returns the length of bridge->answer, or 0. `now` in board clock units. */
+/* One byte from the host; returns the length of bridge->answer, or 0. The answer's check sum is still to be added with
+ * frame_seal: all before it can go out first. `now` in board clock units. */
 uint8_t bridge_byte(struct bridge *bridge, uint8_t byte, uint16_t now);
 
 /* Every millisecond, from the main loop. */

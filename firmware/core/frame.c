@@ -48,21 +48,31 @@ enum frame_event frame_byte(struct frame_parser *parser, uint8_t byte)
 
 uint8_t frame_write(uint8_t *out, uint8_t type, uint8_t sequence, const uint8_t *payload, uint8_t length)
 {
-    uint16_t crc = CRC16_START;
-    uint8_t n = 0;
-
     if (length > PAYLOAD_MAX)
         return 0;
-    out[n++] = SYNC_1;
-    out[n++] = SYNC_2;
-    out[n++] = length;
-    out[n++] = type;
-    out[n++] = sequence;
+    const uint8_t n = frame_head(out, type, sequence, length);
     for (uint8_t i = 0; i < length; i++)
-        out[n++] = payload[i];
-    for (uint8_t i = 2; i < n; i++)
-        crc = crc16(crc, out[i]);
-    out[n++] = (uint8_t)crc;
-    out[n++] = (uint8_t)(crc >> 8);
+        out[FRAME_HEAD + i] = payload[i];
+    frame_seal(out, n);
     return n;
+}
+
+uint8_t frame_head(uint8_t *out, uint8_t type, uint8_t sequence, uint8_t length)
+{
+    out[0] = SYNC_1;
+    out[1] = SYNC_2;
+    out[2] = length;
+    out[3] = type;
+    out[4] = sequence;
+    return FRAME_HEAD + length + FRAME_TAIL;
+}
+
+void frame_seal(uint8_t *out, uint8_t n)
+{
+    uint16_t crc = CRC16_START;
+
+    for (uint8_t i = 2; i < n - FRAME_TAIL; i++)
+        crc = crc16(crc, out[i]);
+    out[n - 2] = (uint8_t)crc;
+    out[n - 1] = (uint8_t)(crc >> 8);
 }

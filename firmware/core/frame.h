@@ -45,7 +45,15 @@ void frame_reset(struct frame_parser *parser);
 /* One byte from the line. After FRAME_COMPLETE, parser->frame is valid until the next byte. */
 enum frame_event frame_byte(struct frame_parser *parser, uint8_t byte);
 
+#define FRAME_HEAD 5 /* bytes before the payload */
+#define FRAME_TAIL 2 /* and behind it: the check sum */
+
 /* Bytes of a whole frame into out (FRAME_MAX); returns how many. A payload that is too long gives 0. */
 uint8_t frame_write(uint8_t *out, uint8_t type, uint8_t sequence, const uint8_t *payload, uint8_t length);
+
+/* The same in two steps, for a payload that is in its place, out + FRAME_HEAD, already: the head; and the check sum of a
+ * frame of n bytes, which takes an AVR so long that the line should be busy meanwhile. */
+uint8_t frame_head(uint8_t *out, uint8_t type, uint8_t sequence, uint8_t length);
+void frame_seal(uint8_t *out, uint8_t n);
 
 #endif

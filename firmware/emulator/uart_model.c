@@ -28,6 +28,7 @@ static avr_int_vector_t *rx_vector, *udre_vector;
 static int master = -1, slave = -1;
 static char link_path[256];
 
+#define PACKET 62 /* bytes of an FT232's packet to the host, without its two of state */
 #define LINE_SIZE 65536
 static uint8_t line[LINE_SIZE]; /* bytes from the host that have not crossed the line yet */
 static uint32_t line_in, line_out;
@@ -278,7 +279,8 @@ void uart_model_poll(void)
         uart_model_inject(buffer, 32);
     }
     line_start();
-    if (out_count > 0) {
+    /* As USB adapters do: what belongs together is told together, when the line falls quiet or a packet is full. */
+    if (out_count > 0 && (!shifting || out_count >= PACKET)) {
         const ssize_t n = write(master, out, (size_t)out_count);
         if (n > 0)
             memmove(out, out + n, (size_t)(out_count -= (int)n));

@@ -269,6 +269,15 @@ static uint8_t say(struct bridge *b, uint8_t type, uint8_t sequence, const void 
 
     for (uint8_t i = 0; i < n; i++)
         answered = bridge_byte(b, bytes[i], 0);
+    if (answered) {
+        static struct frame_parser host;
+        enum frame_event heard = FRAME_NOTHING;
+        frame_seal(b->answer, answered);
+        frame_reset(&host);
+        for (uint8_t i = 0; i < answered; i++)
+            heard = frame_byte(&host, b->answer[i]);
+        CHECK(heard == FRAME_COMPLETE && host.frame.sequence == sequence);
+    }
     return answered;
 }
 
