@@ -84,6 +84,9 @@ class FakeChain:
         self.world = world
         self._changes += 1
 
+    def prepare(self, now: float) -> None:
+        pass
+
     def step(self, row: Any, now: float) -> None:
         at, wants = self._layout, self._behaviour
         if self._ticks == wants.get("raise_at"):

@@ -27,6 +27,9 @@ class WoundClock:
         self._shared, self._ticks, self._beating = shared, iter(ticks), beating
         self.waits = 0
 
+    def sleep(self) -> float:
+        return self.schedule.time(self.schedule.deadline(self.schedule.number + 1))
+
     def wait(self) -> tuple[int, int, int]:
         number = next(self._ticks, None)
         if number is None:

@@ -216,3 +216,44 @@ def test_bad_use_is_refused():
 def test_it_says_what_it_is():
     driver = SimDriver.of(OMNI, PERIOD)
     assert (driver.name, driver.simulated) == ("sim", True)
+
+
+def _driven(prepares):
+    """Five ticks, `prepares` saying for which instants each is prepared: truth, currents and poses, as bytes."""
+    told = b""
+    with SimDriver.of(OMNI, PERIOD, lambda now: wish((0.01 * now, 0.0, 0.052)), seed=5) as driver:
+        for n, instants in enumerate(prepares):
+            for instant in instants:
+                driver.prepare(instant * PERIOD)
+            sample = driver.read(n * PERIOD)
+            told += driver.truth().tobytes() + sample.pose.p.tobytes()
+            driver.write(np.full(3, 0.1 * n))
+    return told
+
+
+def test_what_is_prepared_is_what_would_have_been_read():
+    assert _driven([[0], [1], [2], [3], [4]]) == _driven([[]] * 5)
+
+
+def test_time_passes_while_the_loop_waits_and_reading_only_hands_over():
+    simulation = Counting(SimDriver.of(OMNI, PERIOD).simulation)
+    with SimDriver(simulation, PERIOD) as driver:
+        driver.read(0.0)
+        driver.prepare(PERIOD)
+        assert simulation.passed == [PERIOD]
+        assert driver.read(PERIOD).t == PERIOD
+        assert simulation.passed == [PERIOD]
+        driver.prepare(2 * PERIOD)
+        assert driver.read(4 * PERIOD).t == 4 * PERIOD  # the loop slept through two deadlines: the rest passes now
+        assert simulation.passed == [PERIOD, PERIOD, 2 * PERIOD]
+
+
+def test_what_fails_in_preparing_fails_again_in_reading():
+    driver = SimDriver.of(OMNI, PERIOD)
+    for door in (driver.prepare, driver.read):
+        with pytest.raises(DriverError, match="not open"):
+            door(0.0)
+    with driver:
+        driver.prepare(1.0)
+    with pytest.raises(DriverError, match="not open"):  # closed since: what was prepared is not handed over
+        driver.read(1.0)

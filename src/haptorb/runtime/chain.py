@@ -47,6 +47,9 @@ class Chain(Protocol):
     def linkage(self) -> Joining:
         """What joins the mover to the world's object."""
 
+    def prepare(self, now: float) -> None:
+        """The tick at `now` [s] is near: do what need not wait for it."""
+
     def step(self, row: Array, now: float) -> None:
         """One tick at `now` [s] on the loop's clock; fills all of `row` (width,) except what the clock knows, each
         number in the unit of its field."""

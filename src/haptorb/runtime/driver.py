@@ -21,6 +21,7 @@ class Driver(ABC):
 
     name: str  #: as in `--driver`
     simulated: bool  #: whether a person can be touched by it
+    lead: float = 0.0  #: how long before a tick it wants to be told that the tick is near [s]
 
     @abstractmethod
     def open(self) -> None:
@@ -29,6 +30,11 @@ class Driver(ABC):
     @abstractmethod
     def close(self) -> None:
         """Coils off, then disconnect. May be called twice."""
+
+    def prepare(self, now: float) -> None:
+        """The tick at `now` [s] is near: do what need not wait for it. `read` need not be told first. Raises only what
+        `read` will raise again."""
+        return
 
     @abstractmethod
     def read(self, now: float) -> Sample:

@@ -89,6 +89,7 @@ class Loop:
         words[Word.ORIGIN] = schedule.origin
         words[Word.PHASE] = Phase.RUNNING
         while True:
+            chain.prepare(clock.sleep())
             now, lateness, skipped = clock.wait()
             if self.told_by or words[Word.QUIT]:
                 return None
@@ -102,7 +103,7 @@ class Loop:
                 return Trip.HOST_SILENT
             self._obey()
             self.in_step = True
-            self._now = schedule.number * period * 1e-9
+            self._now = schedule.time(schedule.deadline(schedule.number))
             chain.step(row, self._now)
             self.in_step = False
             cells[begin] = self._ticks

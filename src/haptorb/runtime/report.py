@@ -20,8 +20,9 @@ def loop_report(shared: Shared) -> dict[str, Any]:
     """Ticks, success rate, lateness, compute, stages, trips and peak force of the run so far; plain JSON types.
 
     success_rate: ticks that began and ended within their period, over all deadlines that passed. stage_us: medians
-    over the last rows. peak_force_n, peak_torque_nm: of what is really on the mover where that is known, else of what
-    is modelled. tracking: how well the poses came, see `tracking`.
+    over the last rows. ahead_us: what the driver did before the deadlines of the last rows, which no tick waits for (a
+    simulated device moves on there). peak_force_n, peak_torque_nm: of what is really on the mover where that is known,
+    else of what is modelled. tracking: how well the poses came, see `tracking`.
     """
     words = shared.words
     ticks, missed = words[Word.TICKS], words[Word.MISSED]
@@ -34,6 +35,7 @@ def loop_report(shared: Shared) -> dict[str, Any]:
         "lateness_us": _percentiles(shared.lateness, (50.0, 99.0, 99.9)),
         "compute_us": _percentiles(shared.compute, (50.0, 99.0, 99.9)),
         "stage_us": _stages(shared),
+        "ahead_us": _ahead(shared),
         "trips": trips(shared),
         "trip_count": words[Word.TRIPS],
         "peak_force_n": shared.floats[Word.PEAK],
@@ -79,6 +81,15 @@ def _percentiles(histogram: Histogram, which: tuple[float, ...]) -> dict[str, fl
         value = histogram.percentile(percent)
         found[f"p{percent:g}".replace(".", "")] = value if math.isfinite(value) else None
     return found
+
+
+def _ahead(shared: Shared) -> dict[str, float]:
+    _, rows = shared.ring.since(0)
+    times = rows[:, shared.layout["ahead"]]
+    times = 1e6 * times[np.isfinite(times)]
+    if not len(times):
+        return {}
+    return {f"p{percent}": round(float(np.percentile(times, percent)), 2) for percent in (50, 99)}
 
 
 def _stages(shared: Shared) -> dict[str, float]:

@@ -53,6 +53,7 @@ class RowLayout:
             Field("lateness", 1, "s", "how long after its deadline the tick began"),
             Field("missed", 1, "1", "deadlines skipped before this tick because the last one overran"),
             Field("stages", len(STAGES), "s", "time spent in each stage; record: that of the tick before"),
+            Field("ahead", 1, "s", "time that the driver took before the deadline: a simulated device moves on there"),
             Field("guard", 1, "1", "state of the guard: 0 off, 1 ramping, 2 running, 3 derated, 4 tripped"),
             Field("trip", 1, "1", "code of the reason for the last trip, 0 for none"),
             Field("gain", 1, "1", "share of the asked wrench that the guard lets through, 0 to 1"),
@@ -106,7 +107,7 @@ class RowLayout:
         """Where `name` lies in a row.
 
         >>> RowLayout(channels=3, sensors=0)["p"]
-        slice(18, 21, None)
+        slice(19, 22, None)
         """
         return self._slices[name]
 

@@ -53,6 +53,14 @@ class Schedule:
         """
         return self.deadline(max(self.number + 1, -((self.origin - now) // self.period)))
 
+    def time(self, deadline: int) -> float:
+        """A deadline on the loop's clock, which shows zero at deadline 0 [s]; the same number for the same deadline.
+
+        >>> Schedule(1000.0, origin=5_000_000).time(8_000_000)
+        0.003
+        """
+        return (deadline - self.origin) * 1e-9
+
     def begin(self, now: int) -> tuple[int, int]:
         """Begin a tick at `now` [ns]: (lateness [ns], deadlines skipped since the last tick).
 

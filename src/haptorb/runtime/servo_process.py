@@ -87,7 +87,7 @@ def _run(shared: Shared, path: Path, parent: int) -> int:
             sys.exit(128 + told.early)
         chain.driver.open()
         shared.warning.write(disagreement(chain.driver.calibration, plan.calibration))
-        clock = Clock(plan.rate)
+        clock = Clock(plan.rate, chain.driver.lead)
         tracker.origin = clock.schedule.origin * 1e-9
         well = loop.run(clock)
     finally:

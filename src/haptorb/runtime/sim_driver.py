@@ -18,6 +18,7 @@ from haptorb.simulation.simulation import Simulation
 
 __all__ = ["SimDriver", "Wish"]
 
+_LEAD = 150e-6  #: twice what a simulated device takes to move on by one tick, and to read its sensors [s]
 _CATCH_UP = 0.1  #: a longer pause of the loop is a pause of the simulated world too [s]
 
 
@@ -46,6 +47,8 @@ class SimDriver(Driver):
     """Advances `simulation` by whole servo periods, as many as passed since the last `read`, then samples it.
 
     period [s] is the servo's. `goal(now)` says where the hand wants the mover; without it the hand stays at the start.
+    Time passes in `prepare`, before the tick, as it does for a real device between two ticks; `read` hands over what
+    its sensors said. Who does not prepare waits in `read` for the same result.
     The pose is as old as the goal while a person holds the pointer, so that a console that has gone lets it expire;
     else it is fresh. Time is what `read` is told: two runs with the same times, goals and duties are alike to the bit.
 
@@ -54,6 +57,7 @@ class SimDriver(Driver):
 
     name = "sim"
     simulated = True
+    lead = _LEAD
 
     def __init__(
         self, simulation: Simulation, period: float, goal: Callable[[float], Wish] | None = None, *, seed: int = 0
@@ -83,6 +87,7 @@ class SimDriver(Driver):
         channels = self.simulation.device.channels
         self._duties = np.zeros(channels)
         self._clock: float | None = None  # time up to which the world has been simulated
+        self._ready: Sample | None = None  # read by `prepare`, not yet by the loop
         state = self.simulation.state()
         self._target = np.concatenate((state.p, _quaternion(state.R_SR)))
 
@@ -95,11 +100,23 @@ class SimDriver(Driver):
     def close(self) -> None:
         """Coils off."""
         self._duties = np.zeros(self.simulation.device.channels)
+        self._ready = None
         self._open = False
+
+    def prepare(self, now: float) -> None:
+        """Let time pass until `now` [s] and read the sensors. Raises DriverError as `read` does."""
+        self._ready = None
+        self._ready = self._sampled(now)
 
     def read(self, now: float) -> Sample:
         """The sample at `now` [s]; `now` may stand still but never go back. Raises DriverError if it does, if it is not
         finite, and while the driver is not open."""
+        ready, self._ready = self._ready, None
+        if ready is not None and ready.t == now:
+            return ready
+        return self._sampled(now)
+
+    def _sampled(self, now: float) -> Sample:
         if not self._open:
             raise DriverError("the simulated device is not open; use it in a `with` block or call open() first")
         if not now - now == 0.0:

@@ -5,6 +5,7 @@ The same seven lines run every device, simulated or real; nothing in them asks w
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
@@ -68,6 +69,7 @@ class Tick:
         self._felt_last = Felt(self._nothing, nowhere, self._nothing, NO_CONTACTS, 0, np.zeros(2), False)
         self._no_currents = Allocation(self._zeros, self._nothing, False, 0.0)
         self._stages = np.zeros(len(STAGES))
+        self._ahead = 0.0  # spent in `prepare` [s]
         self._admitted = np.zeros(6)
         self._rendered, self._on_thing = np.zeros(6), np.zeros(6)
         self._places = places(self.layout)
@@ -101,6 +103,13 @@ class Tick:
         if engaged:
             self.error = ""
         return engaged
+
+    def prepare(self, now: float) -> None:
+        """Let the driver do what it can before the tick at `now` [s]."""
+        t0 = perf_counter()
+        with suppress(HaptorbError):  # `read` will say it again, and there it has consequences
+            self.driver.prepare(now)
+        self._ahead = perf_counter() - t0
 
     def step(self, row: Array, now: float) -> None:
         """Run the chain at `now` [s] and fill `row` (width,), all but tick, wall, lateness and missed."""
@@ -150,6 +159,7 @@ class Tick:
         )  # fmt: skip
         cells: Any = row.data  # single numbers go through it three times faster than into an array
         cells[one["t"]] = sample.t
+        cells[one["ahead"]] = self._ahead
         cells[one["guard"]], cells[one["trip"]], _, cells[one["gain"]] = guard.numbers[:4].tolist()
         cells[one["world"]] = self.world_changes
         cells[one["valid"]] = estimate.valid

@@ -32,7 +32,8 @@ def _fitness(machine: Machine = GOOD, took: Took = QUIET, **changes: Any) -> Fit
         "success_rate": 0.99997,
         "lateness_us": {"p50": 2.0, "p99": 30.0, "p999": 90.0},
         "compute_us": {"p50": 50.0, "p99": 80.0, "p999": 120.0},
-        "stage_us": {"read": 20.0},
+        "stage_us": {"read": 2.0},
+        "ahead_us": {"p50": 31.0, "p99": 64.0},
         "trips": [],
         "scheduler": {"policy": "SCHED_FIFO", "memory_locked": True},
     }

@@ -94,7 +94,7 @@ class Fitness:
         keys = ("device", "world", "driver", "rate_hz", "ticks", "missed", "success_rate", "lateness_us", "compute_us")
         return {
             "fit": self.fit,
-            **{key: self.report[key] for key in (*keys, "stage_us", "trips", "scheduler")},
+            **{key: self.report[key] for key in (*keys, "stage_us", "ahead_us", "trips", "scheduler")},
             "duration_s": self.duration,
             "dragging": self.dragging,
             "verdicts": [vars(verdict) for verdict in self.verdicts],

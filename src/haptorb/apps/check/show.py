@@ -37,6 +37,9 @@ def shown(fitness: Fitness, console: Console | None = None) -> None:
     for name in ("lateness", "compute"):
         values = report[f"{name}_us"].values()
         times.add_row(name, *("–" if value is None else f"{value:.0f}" for value in values))
+    ahead = report["ahead_us"]
+    if ahead:
+        times.add_row("simulated device, before", f"{ahead['p50']:.0f}", f"{ahead['p99']:.0f}", "")
     console.print(times)
     scheduler = report["scheduler"]
     console.print(
