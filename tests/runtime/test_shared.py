@@ -159,17 +159,17 @@ def test_pointer_never_torn(shared: Shared) -> None:
         other.pointer.write(bool(i % 2), np.full(3, float(i)), np.full(4, float(i)), float(i))
 
     with _writing(shared, write):
-        last = 0.0
-        for _ in range(100_000):
+        seen, last = 0, 0.0
+        while seen < 50_000:
             held, p, q, stamp = shared.pointer.pointed()
             if stamp == 0.0:  # nothing was written yet
                 continue
+            seen += 1
             assert (p == stamp).all()
             assert (q == stamp).all()
             assert held == bool(stamp % 2)
             assert stamp >= last
             last = stamp
-        assert last > 0
 
 
 def test_pointer_of_a_writer_that_died_in_the_middle() -> None:
