@@ -104,6 +104,14 @@ def test_what_stands_still_is_kept_while_the_stylus_moves(staged, fake):
     moved(screen, fake, f"haptorb.drawn > {drawn + 60}")
     still = screen.tell("haptorb.kept") - kept  # the coils' glow, once a second
     assert still < 20
+    # What is drawn anew is the stylus and its arrows, not the whole view.
+    tip, magnet, end = screen.tell("haptorb.stylus()")
+    box = screen.page.locator("canvas.patch").bounding_box()
+    view = screen.page.locator("#view").bounding_box()
+    assert 0 < box["width"] * box["height"] < 0.5 * view["width"] * view["height"]
+    for place in (tip, magnet, end):
+        assert box["x"] <= place["x"] <= box["x"] + box["width"]
+        assert box["y"] <= place["y"] <= box["y"] + box["height"]
     # Turned, the old picture holds no more; at rest a new one is made.
     screen.page.get_by_role("button", name="Turn the view right").click()
     kept = screen.tell("haptorb.kept")

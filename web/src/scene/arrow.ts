@@ -56,6 +56,7 @@ export class Arrow {
     this.write(0, from, outline(length, this.widen));
     this.write(7, from, outline(length, this.widen + 0.8));
     this.mesh.geometry.getAttribute("position").needsUpdate = true;
+    this.mesh.geometry.computeBoundingBox();
   }
 
   get visible(): boolean {

@@ -55,6 +55,7 @@ export class Goal {
     ends.setXYZ(0, goal[0]! * MM, goal[1]! * MM, goal[2]! * MM);
     ends.setXYZ(1, tool[0]! * MM, tool[1]! * MM, tool[2]! * MM);
     ends.needsUpdate = true;
+    this.thread.geometry.computeBoundingBox();
     this.thread.computeLineDistances();
   }
 }

@@ -1,5 +1,5 @@
 // The drawing surface: camera, light, and a renderer that draws only what changed. Where drawing is slow, what stands
-// still is drawn once and kept under the canvas, on which then only the moving parts are drawn anew.
+// still is drawn once and kept under the canvas, and only where something moves a small canvas over it is drawn anew.
 
 import {
   Color,
@@ -14,6 +14,7 @@ import {
 import { css, onThemeChange } from "../theme";
 import { Backdrop } from "./backdrop";
 import { DETAIL, type Level } from "./governor";
+import { Patch } from "./patch";
 
 const STILL = 0;
 const MOVING = 1; // the layers of what stands still and of what moves,
@@ -28,6 +29,7 @@ export class Stage {
   private readonly sky = new HemisphereLight(0xffffff, 0x8890a0, 2.2);
   private readonly sun = new DirectionalLight(0xffffff, 2.0);
   private readonly backdrop: Backdrop;
+  private readonly patch: Patch;
   private detail = DETAIL.full;
   private moving: Object3D[] = [];
   private dirty = true;
@@ -46,6 +48,7 @@ export class Stage {
     // Without a graphics processor smooth edges cost four times the picture: quick comes first.
     this.renderer = new WebGLRenderer({ canvas, antialias: best === "full", alpha: true });
     this.backdrop = new Backdrop(canvas);
+    this.patch = new Patch(canvas);
     this.sky.layers.enableAll();
     this.sun.layers.enableAll();
     this.camera.layers.enable(MOVING);
@@ -113,6 +116,7 @@ export class Stage {
 
   private whole(now: number): void {
     this.backdrop.drop();
+    this.patch.hide();
     this.sharpen(this.detail.whole);
     this.camera.layers.enable(STILL);
     this.camera.layers.enable(MOVING);
@@ -128,12 +132,12 @@ export class Stage {
       this.camera.layers.set(STILL);
       this.renderer.render(this.scene, this.camera);
       this.backdrop.take(this.canvas);
+      this.renderer.clear();
       this.kept = now;
     }
-    this.sharpen(this.detail.moving);
     this.camera.layers.set(MOVING);
     this.camera.layers.enable(VEIL);
-    this.renderer.render(this.scene, this.camera);
+    this.patch.draw(this.scene, this.camera, this.moving, this.size, this.detail.moving);
   }
 
   /** Where a point in space is on the canvas [CSS px]. */
