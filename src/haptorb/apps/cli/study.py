@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from shlex import join
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
 
     from haptorb.apps.study.streams import Streams
     from haptorb.apps.study.study_file import Study
+    from haptorb.runtime.servo import Servo
 
 __all__ = ["register"]
 
@@ -53,6 +56,9 @@ def run(
     tracker: Annotated[
         str, typer.Option(help="Who knows where the tool is; pointer: the page, or the arrow keys.")
     ] = "pointer",
+    frame: Annotated[
+        Path | None, typer.Option(help="A file of `haptorb frame`: the tracker speaks a frame of its own.")
+    ] = None,
     record: Annotated[bool, typer.Option(help="Record the tool's course beside the database.")] = True,
     terminal: Annotated[bool, typer.Option("--terminal", help="At the terminal instead of in the browser.")] = False,
     lsl: Annotated[
@@ -75,8 +81,10 @@ def run(
     _foretold(known)
     from haptorb.runtime.servo import Servo
 
-    # Not opened: a driver, tracker or stream that there is not is refused before a database is made.
-    Servo(known.device, "nothing", driver=driver, tracker=tracker, record=False)
+    def start(recording: Path | None) -> Servo:
+        return Servo(known.device, "nothing", driver=driver, tracker=tracker, frame=frame, record=recording or False)
+
+    start(None)  # not opened: a driver, tracker, frame or stream that is none is refused before a database is made
     streams = None
     if lsl is not None:
         from haptorb.apps.study.streams import opened
@@ -84,14 +92,18 @@ def run(
         streams = opened(lsl)
     engine = database(db)  # before the device: without a place for answers nothing is started
     if terminal:
-        _at_terminal(known, engine, str(participant), file, db, driver, tracker, record)
+        told = {"--driver": (driver, "sim"), "--tracker": (tracker, "pointer"), "--frame": (frame, None)}
+        more = [word for name, (value, usual) in told.items() if value != usual for word in (name, str(value))]
+        again = join(["haptorb", "study", "run", str(file), "--terminal", "-p", str(participant), "--db", db, *more])
+        _at_terminal(known, engine, str(participant), start, db, again, record)
     else:
-        _in_browser(known, engine, participant, db, driver, tracker, record, streams, port)
+        _in_browser(known, engine, participant, start, db, driver, record, streams, port)
 
 
 def _at_terminal(
-    known: Study, engine: Engine, participant: str, file: Path, db: str, driver: str, tracker: str, record: bool
-) -> None:
+    known: Study, engine: Engine, participant: str, start: Callable[[Path | None], Servo], db: str, again: str,
+    record: bool,
+) -> None:  # fmt: skip
     from haptorb.apps.study.sitting import Sitting
 
     with Sitting(engine, known, participant, simulated=False) as sitting:
@@ -101,24 +113,19 @@ def _at_terminal(
             raise InputError(f"participant '{participant}' has answered everything already")
         from haptorb.apps.study.session_at_terminal import hold
 
-        how = hold(sitting, driver, tracker, _beside(db, sitting.id) if record else None)
+        how = hold(sitting, start, _beside(db, sitting.id) if record else None)
     words = {"done": "done: thank you", "aborted": "aborted: what was answered is kept"}
-    again = f"haptorb study run {file} --terminal -p {participant} --db {db}"
     _say(words.get(how, f"left: `{again}` resumes at trial {sitting.number + 1}"))
 
 
 def _in_browser(
-    known: Study, engine: Engine, participant: str | None, db: str, driver: str, tracker: str, record: bool,
-    streams: Streams | None, port: int,
+    known: Study, engine: Engine, participant: str | None, start: Callable[[Path | None], Servo], db: str, driver: str,
+    record: bool, streams: Streams | None, port: int,
 ) -> None:  # fmt: skip
     from haptorb.apps.study.database import shown
     from haptorb.apps.study.forecast import forecast
     from haptorb.apps.study.pages.host import Host
     from haptorb.apps.study.pages.reception import Reception
-    from haptorb.runtime.servo import Servo
-
-    def start(recording: Path | None) -> Servo:
-        return Servo(known.device, "nothing", driver=driver, tracker=tracker, record=recording or False)
 
     reception = Reception(
         engine, known, start, (lambda session: _beside(db, session)) if record else (lambda session: None), streams

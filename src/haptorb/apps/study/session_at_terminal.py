@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from rich.console import Console
@@ -19,8 +20,8 @@ from haptorb.runtime.servo import Servo
 __all__ = ["hold"]
 
 
-def hold(sitting: Sitting, driver: str, tracker: str, recording: Path | None) -> str:
-    """'done', 'left' or 'aborted'. Coils are off afterwards, however it ends."""
+def hold(sitting: Sitting, start: Callable[[Path | None], Servo], recording: Path | None) -> str:
+    """'done', 'left' or 'aborted'; coils are off afterwards. `start` makes a servo that records to that file."""
     study, console = sitting.study, Console(stderr=True)
     with Keyboard() as keys:
         console.print(Panel(f"{study.instructions}\n\n{study.consent}".strip(), title=study.name))
@@ -30,8 +31,7 @@ def hold(sitting: Sitting, driver: str, tracker: str, recording: Path | None) ->
                 sitting.note("leave")
                 return "left"
         console.print("starting the device ...")
-        servo = Servo(study.device, "nothing", driver=driver, tracker=tracker, record=recording or False)
-        with servo, Live(console=console, auto_refresh=False, screen=sys.stderr.isatty()) as live:
+        with start(recording) as servo, Live(console=console, auto_refresh=False, screen=sys.stderr.isatty()) as live:
             stage = Stage(study, servo)
             drawn = Screen(stage, live)
 
