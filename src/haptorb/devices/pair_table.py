@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.fft import dct
 
 from haptorb.errors import GeometryError, InputError, PrecisionError
 from haptorb.physics.arrays import Array, finite
@@ -161,6 +160,8 @@ def _series(
     exact: Callable[[Array, Callable[[], None]], Array], precision: float, progress: Progress | None
 ) -> tuple[Array, float]:
     """Chebyshev coefficients (q, n) in the cosine, and the size of the tail relative to the greatest value."""
+    from scipy.fft import dct  # a quarter of a second that only those who make tables should wait
+
     count, done = _FIRST, 0
     while True:
         total = done + count

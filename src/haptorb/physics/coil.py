@@ -6,7 +6,6 @@ from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import jv, struve
 
 from haptorb.errors import InputError, PrecisionError
 from haptorb.physics import round_body
@@ -284,6 +283,8 @@ class Coil(RoundBody):
 
 def _struve_part(k: Array, r: float) -> Array:
     """∫₀^r s J₁(ks) ds = (πr/2k)[J₁H₀ − J₀H₁] (Abramowitz & Stegun 11.1.7–8)."""
+    from scipy.special import jv, struve  # a quarter of a second that only those who ask for inductances should wait
+
     kr = k * r
     part: Array = 0.5 * np.pi * r / k * (jv(1, kr) * struve(0, kr) - jv(0, kr) * struve(1, kr))
     return part

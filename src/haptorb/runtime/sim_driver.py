@@ -11,6 +11,7 @@ import numpy as np
 from haptorb.devices.device import Device
 from haptorb.errors import DriverError, InputError
 from haptorb.physics.arrays import Array
+from haptorb.physics.quaternions import quaternion
 from haptorb.runtime.driver import Driver
 from haptorb.sensing.sample import Sample
 from haptorb.simulation.registry import simulated
@@ -89,7 +90,7 @@ class SimDriver(Driver):
         self._clock: float | None = None  # time up to which the world has been simulated
         self._ready: Sample | None = None  # read by `prepare`, not yet by the loop
         state = self.simulation.state()
-        self._target = np.concatenate((state.p, _quaternion(state.R_SR)))
+        self._target = np.concatenate((state.p, quaternion(state.R_SR)))
 
     def open(self) -> None:
         """Begin at the start again: coils off, noise from the seed."""
@@ -155,10 +156,3 @@ class SimDriver(Driver):
     def target(self) -> Array:
         """(7,) where the hand wants the mover: position [m], then quaternion (x, y, z, w). Overwritten by `read`."""
         return self._target
-
-
-def _quaternion(R: Array) -> Array:
-    from scipy.spatial.transform import Rotation  # once, at the start
-
-    q: Array = Rotation.from_matrix(R).as_quat()
-    return q
