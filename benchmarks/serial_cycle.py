@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.runtime.board import Board
-from haptorb.runtime.board_reading import READING_BYTES
+from haptorb.runtime.board_reading import READING_BYTES, At
 from haptorb.runtime.board_words import Standing
 from haptorb.runtime.emulator import Emulator
 from haptorb.runtime.frames import Frame, encoded
@@ -37,7 +37,8 @@ def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
         time.sleep(0.3)
         emulator.tell(f"pace {pace}")
         device.engage(0.5, 20.0)
-        before = device.set([100, 100, 100])
+        before = device.set([100, 100, 100]).rounds
+        steps = np.array([0, 400, -200])
         emulator.status()
         start = float(emulator.status()["t"])
         trips = rounds = 0
@@ -46,16 +47,20 @@ def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
         for k in range(cycles):  # as the driver does: collect the answer to the last frame, send the next
             deadline = max(deadline + 1e-3 / pace, time.perf_counter() - 1e-3 / pace)
             time.sleep(max(0.0, deadline - time.perf_counter()))
-            reading = device.collect(1.0) or before
-            device.post([(800 if k % 40 < 20 else -800) + k % 7, 400, -200])
-            rounds += (reading.rounds - before.rounds) & 0xFF
-            before = reading
-            if reading.standing is not Standing.ENGAGED:
+            row = device.collect(1.0)
+            steps[0] = (800 if k % 40 < 20 else -800) + k % 7
+            device.post(steps)
+            if row is None:
+                continue
+            now = int(row[At.ROUNDS])
+            rounds += (now - before) & 0xFF
+            before = now
+            if row[At.STANDING] != Standing.ENGAGED:
                 trips += 1
                 device.collect(1.0)
                 device.off()
                 device.engage(0.5, 20.0)
-                before = device.set([100, 100, 100])
+                before = device.set([100, 100, 100]).rounds
         cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
         words = emulator.status()
         device.collect(1.0)

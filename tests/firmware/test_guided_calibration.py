@@ -36,8 +36,7 @@ class Person:
 
     def place(self, step: Step, emulated: EmulatedDevice) -> bool:
         self.at = np.array([0.0, 0.0, self._device.contact_distance if step.near else 0.5])
-        with emulated._lock:
-            emulated.simulation.place(self.at, UPRIGHT)
+        emulated.place(self.at, UPRIGHT)
         return True
 
 

@@ -41,7 +41,7 @@ def omni() -> SphericalElectromagnet:
 @pytest.fixture
 def emulated(built: Path, tmp_path: Path, omni: SphericalElectromagnet) -> Iterator[tuple[EmulatedDevice, Emulator]]:
     device = EmulatedDevice(omni, tmp_path / "physics", lambda t: (AT, UPRIGHT))
-    device.simulation.place(AT, UPRIGHT)
+    device.place(AT, UPRIGHT)
     with Emulator(built, tmp_path / "omni", physics=device) as emulator:
         yield device, emulator
     device.close()

@@ -6,11 +6,14 @@ from collections.abc import Callable
 from time import monotonic
 from typing import final
 
+import numpy as np
+
 from haptorb.errors import DriverError
+from haptorb.physics.arrays import Array
 from haptorb.runtime.board_answers import BoardLimits, BoardState, Identity
-from haptorb.runtime.board_reading import Reading
-from haptorb.runtime.frames import Frame, FrameParser, encoded
-from haptorb.runtime.protocol import READING, STATE, Command, engage, set_duties
+from haptorb.runtime.board_reading import Answer, Reading, answered, reading_row
+from haptorb.runtime.frames import Frame, FrameParser, Numbers, encoded
+from haptorb.runtime.protocol import READING, SET_BYTES, STATE, Command, counts, engage, set_line
 from haptorb.runtime.serial_port import SerialPort
 
 __all__ = ["Board"]
@@ -31,11 +34,17 @@ class Board:
     """
 
     def __init__(self, path: str, patience: float = 3.0, answer: float = _ANSWER) -> None:
-        self._port = SerialPort(path)
         self._answer = answer
         self._parser = FrameParser()
         self._sequence = 0
         self._waiting: int | None = None  #: sequence of the SET or READ whose answer has not been collected
+        # Used again every millisecond; and everything compiled before a port is opened, as the firmware does not wait.
+        self._out, self._at = np.zeros(SET_BYTES, np.uint8), np.zeros(1, np.int64)
+        self._said = self._out.data
+        self._row = reading_row()
+        set_line(self._out, 0, np.array(counts(np.zeros(3)), np.int64))
+        answered(self._parser.line, self._parser.held, 0, self._row, self._at)
+        self._port = SerialPort(path)
         try:
             self.identity = self._met(patience)
             self.limits = BoardLimits.parse(self._asked(Command.LIMITS, b"", 0x80 | Command.LIMITS).payload)
@@ -86,16 +95,20 @@ class Board:
         end = monotonic() + patience
         heard = 0
         while True:
-            data = self._port.receive(end - monotonic())
-            heard += len(data)
-            for frame in self._parser.feed(data):
+            heard += self._received(end)
+            while (frame := self._parser.next()) is not None:
                 if frame.sequence == sequence and frame.type == kind:
                     return frame, heard
                 if frame.sequence == sequence and frame.type == STATE:
-                    state = BoardState.parse(frame.payload)
-                    raise DriverError(f"the firmware did not take the command {kind & 0x7F}: {state.refusal.name}")
+                    raise _refused(kind, frame)
             if monotonic() >= end:
                 return None, heard
+
+    def _received(self, end: float) -> int:
+        """How many bytes came, waiting until `end` [s] at the latest."""
+        count = self._port.receive(self._parser.room, end - monotonic())
+        self._parser.took(count)
+        return count
 
     def _asked(self, command: Command, payload: bytes, kind: int) -> Frame:
         for _ in range(_TRIES):
@@ -134,34 +147,61 @@ class Board:
 
     def read(self) -> Reading:
         """One reading, and nothing else."""
-        return Reading.parse(self._asked(Command.READ, b"", READING).payload)
+        return Reading.of(self.row())
+
+    def row(self) -> Array:
+        """The same as numbers (24,) in SI, as `board_reading.At` has them; the next is written over it."""
+        for _ in range(_TRIES):
+            self.post(None)
+            row = self.collect(self._answer)
+            if row is not None:
+                return row
+        raise DriverError(f"the firmware at {self.path} does not answer; check the cable and the device's supply")
 
     def set(self, steps: list[int]) -> Reading:
         """New duties in signed steps, and one reading. Raises DriverError if the firmware refuses them or is silent."""
-        self.post(steps)
-        reading = self.collect(self._answer)
-        if reading is None:
+        self.post(np.array(steps, np.int64))
+        row = self.collect(self._answer)
+        if row is None:
             raise DriverError(f"the firmware at {self.path} does not answer; check the cable and the device's supply")
-        return reading
+        return Reading.of(row)
 
-    def post(self, steps: list[int] | None) -> None:
-        """Send new duties, or without them only ask for a reading; the answer is collected later."""
+    def post(self, steps: Numbers | None) -> None:
+        """Send new duties (3,) in signed steps, or without them only ask for a reading; it is collected later."""
         sequence = self._next()
         self._waiting = sequence
-        self._send(Frame(Command.READ, sequence, b"") if steps is None else set_duties(sequence, steps))
+        if steps is None:
+            self._send(Frame(Command.READ, sequence, b""))
+            return
+        set_line(self._out, sequence, steps)
+        self._port.send(self._said)
 
     @property
     def posted(self) -> bool:
         """A question waits for its answer to be collected."""
         return self._waiting is not None
 
-    def collect(self, patience: float) -> Reading | None:
-        """The answer to `post`, waiting at most `patience` [s]; None if it did not come."""
+    def collect(self, patience: float) -> Array | None:
+        """The answer to `post`, (24,) as `board_reading.At` has it, waiting at most `patience` [s]; None if it did not
+        come. The next one is written over it.
+
+        Raises DriverError if the firmware refuses what was posted, or if what it answers is no reading.
+        """
         if self._waiting is None:
             return None
         sequence, self._waiting = self._waiting, None
-        frame, _ = self._awaited(READING, sequence, patience)
-        return None if frame is None else Reading.parse(frame.payload)
+        parser, end = self._parser, monotonic() + patience
+        while True:
+            self._received(end)
+            answer = answered(parser.line, parser.held, sequence, self._row, self._at)
+            if answer == Answer.READING:
+                return self._row
+            if answer == Answer.OTHER:
+                raise _refused(READING, parser.frame(int(self._at[0])))
+            if answer == Answer.BENT:
+                Reading.parse(parser.frame(int(self._at[0])).payload)  # says what is wrong with it
+            if monotonic() >= end:
+                return None
 
     def close(self) -> None:
         """Coils off if the line still works, then the port. May be called twice."""
@@ -172,3 +212,8 @@ class Board:
             pass  # the line is dead: the firmware's own watchdog has switched off
         finally:
             self._port.close()
+
+
+def _refused(kind: int, frame: Frame) -> DriverError:
+    state = BoardState.parse(frame.payload)
+    return DriverError(f"the firmware did not take the command {kind & 0x7F}: {state.refusal.name}")

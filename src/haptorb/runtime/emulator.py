@@ -92,6 +92,11 @@ class EmulatedDevice:
             said = np.concatenate((sample.currents, self._shares.ravel(), sample.temperatures - 273.15))
             connection.sendall(said.tobytes())
 
+    def place(self, p: Array, q: Array) -> None:
+        """Put the simulated tool at p (3,) [m], turned by the quaternion q (4,), at rest."""
+        with self._lock:
+            self.simulation.place(p, q)
+
     def pose(self, now: float) -> Pose:
         """Where the simulated tool is, as a perfect tracker would say it at `now` [s]."""
         with self._lock:

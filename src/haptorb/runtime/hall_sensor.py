@@ -10,10 +10,24 @@ import numpy as np
 
 from haptorb.errors import InputError
 from haptorb.physics.arrays import Array, vectors
+from haptorb.physics.compiled import kernel
 
-__all__ = ["HALL_SPAN", "HallSensors"]
+__all__ = ["HALL_SPAN", "HallSensors", "placed"]
 
 HALL_SPAN = 0.1  #: field over the converter's whole range [T]
+
+
+@kernel
+def placed(field: Array, radial: Array, axes: int, axis: int, first: int, shares: Array) -> None:
+    """Write `shares` (n,) 0…1 of the range [1], of sensors from `first` on, into `field` (k, 3) [T]: along `axis`, or
+    where the sensors have only one, along radial (k, 3)."""
+    for n in range(len(shares)):
+        tesla = (shares[n] - 0.5) * HALL_SPAN
+        if axes == 3:
+            field[first + n, axis] = tesla
+        else:
+            for i in range(3):
+                field[first + n, i] = tesla * radial[first + n, i]
 
 
 class HallSensors:
@@ -39,31 +53,26 @@ class HallSensors:
         if (distance == 0).any():
             raise InputError("a Hall sensor at the centre has no radius to look along")
         self.axes = axes
-        self._radial: Array = at / distance
+        self.radial: Array = np.ascontiguousarray(at / distance)  #: (k, 3) unit vectors, outward
 
     @property
     def directions(self) -> Array | None:
         """(k, 3) unit vectors, stator frame, of one-axis sensors; None: each measures all three."""
-        return self._radial if self.axes == 1 else None
+        return self.radial if self.axes == 1 else None
 
     def nothing(self) -> Array:
         """(k, 3) NaN [T]: a field of which nothing was read."""
-        return np.full(self._radial.shape, np.nan)
+        return np.full(self.radial.shape, np.nan)
 
     def put(self, field: Array, axis: int, first: int, shares: tuple[float, ...]) -> None:
         """Write what sensors from `first` on read of `axis` into `field` (k, 3) [T]; shares 0…1 of the range [1].
 
         What sensors of one axis do not measure is zero: the tangential parts. An estimator must use the radial parts.
         """
-        last = first + len(shares)
-        if self.axes == 3:
-            field[first:last, axis] = [(share - 0.5) * HALL_SPAN for share in shares]
-            return
-        for k, share in zip(range(first, last), shares, strict=True):
-            field[k] = (share - 0.5) * HALL_SPAN * self._radial[k]
+        placed(field, self.radial, self.axes, axis, first, np.array(shares, dtype=np.float64))
 
     def shares(self, field: Array) -> Array:
         """(axes, k) of the converter's range 0…1 [1] at a true field (k, 3) [T], clipped as the sensor does."""
-        seen = field.T if self.axes == 3 else np.einsum("ki,ki->k", field, self._radial)[None]
+        seen = field.T if self.axes == 3 else np.einsum("ki,ki->k", field, self.radial)[None]
         shares: Array = np.clip(seen / HALL_SPAN + 0.5, 0.0, 1.0)
         return shares

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import InputError
-from haptorb.physics.arrays import finite
-from haptorb.runtime.frames import Frame
+from haptorb.physics.arrays import Array, finite
+from haptorb.physics.compiled import kernel
+from haptorb.runtime.frames import HEAD, Frame, Numbers, Octets, sealed
 
 __all__ = [
     "CHANNELS",
@@ -24,12 +25,15 @@ __all__ = [
     "HALL_SENSORS",
     "PROTOCOL_VERSION",
     "READING",
+    "SET_BYTES",
     "STATE",
     "THERMOMETERS",
     "Command",
     "counts",
     "engage",
     "set_duties",
+    "set_line",
+    "stepped",
 ]
 
 PROTOCOL_VERSION = 2
@@ -55,6 +59,18 @@ class Command(IntEnum):
 
 READING = 0x83
 STATE = 0x84
+SET_BYTES = 13  #: of the frame with three duties
+
+
+@kernel
+def stepped(duties: Array, steps: Numbers) -> bool:
+    """Fill `steps` (3,), signed PWM steps, with duties (3,) in −1…1 [1], clipped, zero for what is no number; any?"""
+    some = False
+    for i in range(CHANNELS):
+        whole = min(max(duties[i] * DUTY_STEPS, -DUTY_FULL), DUTY_FULL)
+        steps[i] = 0 if duties[i] != duties[i] else round(whole)
+        some = some or steps[i] != 0
+    return some
 
 
 def counts(duties: ArrayLike) -> list[int]:
@@ -65,19 +81,31 @@ def counts(duties: ArrayLike) -> list[int]:
     >>> counts([0.5, -2.0, float("nan")])
     [2048, -4095, 0]
     """
-    asked = np.asarray(duties, dtype=np.float64)
+    asked = np.ascontiguousarray(duties, dtype=np.float64)
     if asked.shape != (CHANNELS,):
         raise InputError(f"duties must have one entry per coil, shape ({CHANNELS},); got shape {asked.shape}")
-    return [0 if d != d else round(min(max(d * DUTY_STEPS, -DUTY_FULL), DUTY_FULL)) for d in asked.tolist()]
+    steps = np.empty(CHANNELS, np.int64)
+    stepped(asked, steps)
+    return [int(one) for one in steps]
 
 
-_SET = Struct("<3h")
 _ENGAGE = Struct("<3H")
+_SET = int(Command.SET)
+
+
+@kernel
+def set_line(line: Octets, sequence: int, steps: Numbers) -> int:
+    """Write the frame that sets the coils' duties, in signed steps (3,), to the front of `line`; its length."""
+    for i in range(CHANNELS):
+        line[HEAD + 2 * i], line[HEAD + 2 * i + 1] = steps[i] & 0xFF, steps[i] >> 8 & 0xFF
+    return sealed(line, _SET, sequence, 2 * CHANNELS)
 
 
 def set_duties(sequence: int, steps: list[int]) -> Frame:
     """The frame that sets the coils' duties, in signed steps."""
-    return Frame(Command.SET, sequence, _SET.pack(*steps))
+    line = np.empty(SET_BYTES, np.uint8)
+    set_line(line, sequence, np.array(steps, np.int64))
+    return Frame(Command.SET, sequence, line[HEAD : HEAD + 2 * CHANNELS].tobytes())
 
 
 def engage(sequence: int, duty_limit: float = 1.0, current_limit: float = 65.5) -> Frame:

@@ -9,15 +9,16 @@ from typing import final
 import numpy as np
 
 from haptorb.devices.device import Device
-from haptorb.errors import DriverError
+from haptorb.errors import DriverError, InputError
 from haptorb.physics.arrays import Array
 from haptorb.runtime.board import Board
 from haptorb.runtime.board_answers import Identity
-from haptorb.runtime.board_reading import Reading
+from haptorb.runtime.board_reading import At, Reading
+from haptorb.runtime.board_sample import BoardSample
 from haptorb.runtime.board_words import Reason, Refusal, Standing, missing_chips
 from haptorb.runtime.driver import Driver
 from haptorb.runtime.hall_sensor import HallSensors
-from haptorb.runtime.protocol import CHANNELS, DUTY_STEPS, HALL_SENSORS, counts
+from haptorb.runtime.protocol import CHANNELS, DUTY_STEPS, HALL_SENSORS, stepped
 from haptorb.sensing.sample import Pose, Sample
 
 __all__ = ["SerialDriver", "untracked"]
@@ -30,11 +31,13 @@ _REQUIRED = 0xFF  #: every part
 _EEPROM = 5.0  #: sixteen bytes take 54 ms; an emulated processor may be slow [s]
 
 _NOTHING_KNOWN = np.full(6, np.nan)
+_UPRIGHT, _STILL = np.eye(3), np.zeros(3)
+_UPRIGHT.flags.writeable = _STILL.flags.writeable = False
 
 
 def untracked(now: float) -> Pose:
     """The word of a tracker that is not there: not valid."""
-    return Pose(now, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), valid=False)
+    return Pose(now, _UPRIGHT, _STILL, _STILL, _STILL, valid=False)
 
 
 @final
@@ -89,7 +92,6 @@ class SerialDriver(Driver):
         if positions is None or len(positions) != HALL_SENSORS:
             raise DriverError(f"the firmware reads {HALL_SENSORS} Hall sensors; device '{device.name}' has others")
         self._positions, self._hall_axes = positions, hall_axes
-        self._hall = HallSensors(positions)
         self._board: Board | None = None
         self._next_try = 0.0
         self._start()
@@ -101,11 +103,9 @@ class SerialDriver(Driver):
         self._lost = 0
         self._opened = False
         self._applied = np.zeros(CHANNELS)
-        self._currents = np.zeros(CHANNELS)
-        self._field = self._hall.nothing()
-        self._heard: set[tuple[int, int]] = set()  # axis and first sensor of the groups that have been read
-        self._temperatures = np.full(CHANNELS, np.nan)
-        self._age = 0.0
+        self._steps = np.zeros(CHANNELS, np.int64)
+        stepped(self._applied, self._steps)  # compiled before anybody waits
+        self._told = BoardSample(HallSensors(self._positions))
 
     @property
     def identity(self) -> Identity | None:
@@ -115,7 +115,7 @@ class SerialDriver(Driver):
     @property
     def field_axes(self) -> Array | None:
         """(9, 3) unit vectors, if every Hall sensor looks along its own radius only; None: three axes."""
-        return self._hall.directions
+        return self._told.hall.directions
 
     @property
     def calibration(self) -> bytes | None:
@@ -148,7 +148,7 @@ class SerialDriver(Driver):
     @property
     def reading_age(self) -> float:
         """Age of the last sample's currents when the firmware sent them [s]."""
-        return self._age
+        return self._told.age
 
     def open(self) -> None:
         """Connect; wait until every sensor has been read once. Raises DriverError naming what is missing."""
@@ -169,18 +169,18 @@ class SerialDriver(Driver):
                 f"the board at {self._path} has Hall sensors of {identity.hall_axes} axis, the tracker 'hall' needs "
                 f"{self._hall_axes}: take another tracker, or sensors and firmware of three axes (docs: hardware)"
             )
-        self._hall = HallSensors(self._positions, identity.hall_axes)
+        self._told = BoardSample(HallSensors(self._positions, identity.hall_axes))
 
     def _warm_up(self, board: Board) -> None:
         end = monotonic() + self._warm_up_time
         while True:
-            reading = board.read()
-            self._take(reading)
-            known = len(self._heard) == 2 * self._hall.axes and np.isfinite(self._temperatures).all()
-            if known and not reading.missing & _REQUIRED:
+            row = board.row()
+            self._told.take(row)
+            missing = int(row[At.MISSING])
+            if self._told.whole and not missing & _REQUIRED:
                 return
             if monotonic() > end:
-                parts = "; ".join(missing_chips(reading.missing)) or "a sensor"
+                parts = "; ".join(missing_chips(missing)) or "a sensor"
                 raise DriverError(f"at {self._path} there is no answer from: {parts}. Check wiring and supply")
 
     def close(self) -> None:
@@ -235,27 +235,19 @@ class SerialDriver(Driver):
         try:
             if not board.posted:
                 board.post(None)
-            reading = board.collect(self._patience)
+            row = board.collect(self._patience)
         except DriverError as cause:
             raise self._failed(str(cause), gone=True) from cause
-        if reading is None:
+        if row is None:
             self._lost += 1
             if self._lost >= (_LOST_IN_A_ROW if self._engaged else _LOST_AT_REST):
                 raise self._failed(f"no answer from the firmware at {self._path}; check cable and supply", gone=True)
         else:
             self._lost = 0
-            self._take(reading)
-            self._judge(reading)
-        field, self._field = self._field, self._hall.nothing()
-        return Sample(now, self._currents.copy(), self._temperatures.copy(), field, self._pose(now))
-
-    def _take(self, reading: Reading) -> None:
-        self._currents[:] = reading.currents
-        if reading.hall_news and reading.hall[0] == reading.hall[0]:
-            self._hall.put(self._field, reading.hall_axis, reading.hall_first, reading.hall)
-            self._heard.add((reading.hall_axis, reading.hall_first))
-        self._temperatures[reading.thermometer] = reading.temperature
-        self._age = reading.age
+            self._told.take(row)
+            if row[At.STANDING] != Standing.ENGAGED:
+                self._judge(Reading.of(row))
+        return self._told.sample(now, self._pose(now))
 
     def _judge(self, reading: Reading) -> None:
         """What the firmware says about itself: a trip, or a restart that nobody asked for."""
@@ -268,20 +260,22 @@ class SerialDriver(Driver):
 
     def write(self, duties: Array) -> Array:
         """Send `duties` (3,); returns (3,) what was applied: in the PWM's steps, zeros while the coils are off."""
-        steps = counts(duties)
+        if duties.shape != (CHANNELS,):
+            raise InputError(f"duties must have one entry per coil, shape ({CHANNELS},); got shape {duties.shape}")
+        some = stepped(duties, self._steps)
         board = self._board
-        if board is None or not self._opened or not (self._engaged or (self._armed and any(steps))):
+        if board is None or not self._opened or not (self._engaged or (self._armed and some)):
             return np.zeros(CHANNELS)
         try:
             refusal = "" if self._engaged else self._refusal(board)
             if not refusal:
-                board.post(steps)
+                board.post(self._steps)
         except DriverError as cause:
             raise self._failed(str(cause), gone=True) from cause
         if refusal:
             raise self._failed(f"the firmware refused to engage: {refusal}")
         self._engaged = True
-        self._applied = np.array(steps) / DUTY_STEPS
+        self._applied = self._steps / DUTY_STEPS
         return self._applied.copy()
 
     def _refusal(self, board: Board) -> str:

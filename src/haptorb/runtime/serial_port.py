@@ -14,8 +14,6 @@ __all__ = ["BAUD", "SerialPort", "port_list"]
 
 BAUD = 1_000_000
 
-_CHUNK = 512
-
 
 def _serial() -> Any:
     try:
@@ -80,7 +78,7 @@ class SerialPort:
         why = f": {cause}" if cause else ""
         return DriverError(f"{self.path} has gone{why}; check the cable")
 
-    def send(self, data: bytes) -> None:
+    def send(self, data: bytes | memoryview) -> None:
         """All of `data`; what the line does not take is an error, because half a frame is worth nothing."""
         try:
             if os.write(self._number, data) != len(data):
@@ -88,12 +86,12 @@ class SerialPort:
         except (OSError, ValueError) as cause:
             raise self._gone(cause) from cause
 
-    def receive(self, patience: float) -> bytes:
-        """What has come, waiting at most `patience` [s]; empty if nothing did."""
+    def receive(self, room: memoryview, patience: float) -> int:
+        """How many bytes have come into `room`, waiting at most `patience` [s]; 0 if none did."""
         try:
-            data = os.read(self._number, _CHUNK)  # most often the answer is there: no need to ask first
-            if data:
-                return data
+            count = os.readv(self._number, (room,))  # most often the answer is there: no need to ask first
+            if count:
+                return count
         except BlockingIOError:
             pass
         except (OSError, ValueError) as cause:
@@ -101,12 +99,12 @@ class SerialPort:
         try:
             ready, _, _ = select.select((self._number,), (), (), max(patience, 0.0))
             if not ready:
-                return b""
-            data = os.read(self._number, _CHUNK)
+                return 0
+            count = os.readv(self._number, (room,))
         except BlockingIOError:
-            return b""
+            return 0
         except (OSError, ValueError) as cause:
             raise self._gone(cause) from cause
-        if not data:  # readable and empty: the other end was closed
+        if not count:  # readable and empty: the other end was closed
             raise self._gone(None)
-        return data
+        return count

@@ -43,7 +43,7 @@ def emulate(
         goal = None if height is None else _standing(height)
         physics = EmulatedDevice(device, Path(folder, "physics"), goal)
         if goal is not None:
-            physics.simulation.place(*goal(0.0))
+            physics.place(*goal(0.0))
         try:
             with Emulator(build, port, board, physics) as emulator:
                 ready()
