@@ -17,7 +17,7 @@ from haptorb.physics.arrays import Array
 from haptorb.sensing.tool_position import HallTracker
 from haptorb.simulation.omni import SimulatedElectromagnet
 
-__all__ = ["shell_places", "tried"]
+__all__ = ["clamped", "shell_places", "tried"]
 
 _SETTLED = 40  #: ticks after which currents and filter are what they stay
 
@@ -50,7 +50,7 @@ def tried(
     duty [1] on every coil; calibration: standard deviation of each entry of the moment map that the tracker believes,
     as a share of its column, drawn anew for each place.
     """
-    rng, still = np.random.default_rng(seed), _clamped(device)
+    rng, still = np.random.default_rng(seed), clamped(device)
     out = np.empty((len(places), 3))
     duties = np.full(device.channels, duty)
     for row, p in zip(out, places, strict=True):
@@ -75,7 +75,7 @@ def tried(
     return out
 
 
-def _clamped(device: SphericalElectromagnet) -> SphericalElectromagnet:
+def clamped(device: SphericalElectromagnet) -> SphericalElectromagnet:
     """`device` with its tool in a vice instead of a hand: full currents would push it off its place."""
     hand = device.hand
     vice = Hand(1e3, hand.damping, hand.stiffness, hand.turn_damping, hand.turn_stiffness)
