@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from haptorb.apps.console import Console
+from haptorb.apps.console.felt_process import FeltProcess
 from haptorb.devices.loader import load
 from haptorb.runtime.row import RowLayout
 
@@ -186,11 +187,19 @@ def fake() -> Any:
     return _fake().FakeServo()
 
 
+@pytest.fixture(scope="session")
+def painting() -> Iterator[FeltProcess]:
+    """What paints the felt map: a process that takes two seconds to load, for all imagined servos the same."""
+    process = FeltProcess(load("omni"))
+    yield process
+    process.close()
+
+
 @pytest.fixture
-def staged(browser: Any, fake: Any) -> Iterator[Any]:
+def staged(browser: Any, fake: Any, painting: FeltProcess) -> Iterator[Any]:
     """A function that shows the imagined servo on a page of a given size and theme."""
     pages = []
-    with Console(fake, 0) as console, served(console):
+    with Console(fake, 0, felt=painting) as console, served(console):
 
         def show(width: int = 1280, height: int = 800, **options: Any) -> Screen:
             query, context = options.pop("query", ""), options.pop("context", None)
