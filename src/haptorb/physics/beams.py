@@ -103,13 +103,15 @@ def _moments(hook: Hook, x: Array) -> Array:
     knots = np.array([0.0, hook.base_length, hook.ramp_end, hook.peak, hook.tip]) / h0
     total = np.zeros((6, len(x)))
     for start, end in pairwise(knots):  # within a piece the section is straight: Gauss is exact
-        upper = np.clip(x, start, end)
-        half = 0.5 * (upper - start)
+        beyond, inside = x >= end, (x > start) & (x < end)
+        half = 0.5 * (np.append(x[inside], end) - start)  # the last: all of the piece, for every place beyond it
         xi = start + half[:, None] * (1.0 + _NODES)
         h = hook.section(xi * h0) / h0
         bend, lever = 12.0 / h**3, 12.0 / h**2
         for row, value in enumerate((bend, bend * xi, bend * xi**2, lever, lever * xi, 1.0 / h)):
-            total[row] += (value @ _WEIGHTS) * half
+            parts = (value @ _WEIGHTS) * half
+            total[row, inside] += parts[:-1]
+            total[row, beyond] += parts[-1]
     return total
 
 
