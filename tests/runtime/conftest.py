@@ -7,6 +7,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -120,15 +121,14 @@ def open_log(log: Path) -> list[str]:
     return words[2:]
 
 
-@pytest.fixture
-def fake_servo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Any]]:
-    """A function that makes a Servo over a `FakeChain` with the given behaviour; all are closed at the end."""
+@contextmanager
+def _making(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Any]]:
     made: list[Servo] = []
     device = haptorb.load("omni")
     layout = RowLayout.of(device)
 
     def make(behaviour: dict[str, Any] | None = None, **arguments: Any) -> Any:
-        log = tmp_path / f"driver{len(made)}.log"
+        log = folder / f"driver{len(made)}.log"
         wants = dict(behaviour or {})
 
         def assemble(
@@ -148,6 +148,25 @@ def fake_servo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
         made.append(servo)
         return SimpleNamespace(servo=servo, words=lambda: open_log(log), log=log)
 
-    yield make
-    for servo in made:
-        servo.close()
+    try:
+        yield make
+    finally:
+        for servo in made:
+            servo.close()
+
+
+@pytest.fixture
+def fake_servo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Any]]:
+    """A function that makes a Servo over a `FakeChain` with the given behaviour; all are closed at the end."""
+    with _making(tmp_path, monkeypatch) as make:
+        yield make
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Servo]:
+    """One such Servo for all tests of a file that ask a running one for what it must refuse; its world is a dome."""
+    with pytest.MonkeyPatch.context() as patch, _making(tmp_path_factory.mktemp("running"), patch) as make:
+        servo = make(world="dome").servo
+        patch.undo()
+        with servo:
+            yield servo

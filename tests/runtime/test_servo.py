@@ -121,14 +121,13 @@ def test_world_changes_between_ticks(fake_servo: Any) -> None:
         ("dome", {"half_width_deg": [1.0] * 5000}, InputError, "too long"),
     ],
 )
-def test_refused_world_changes_nothing(fake_servo: Any, name: str, values: Any, kind: Any, says: str) -> None:
-    with fake_servo(world="dome").servo as servo:
-        before = servo.world
-        with pytest.raises(kind, match=says):
-            servo.set_world(name, values)
-        assert servo.world == before
-        servo.set_world("dome", {"moment": 1.0})
-        assert servo.alive
+def test_refused_world_changes_nothing(running: Servo, name: str, values: Any, kind: Any, says: str) -> None:
+    before = running.world
+    with pytest.raises(kind, match=says):
+        running.set_world(name, values)
+    assert running.world == before
+    running.set_world("dome", {"moment": 1.0})
+    assert running.alive
 
 
 @pytest.mark.parametrize("rate", [0, 49.9, 4001, float("nan"), float("inf"), -1000, "fast", True])
@@ -159,21 +158,24 @@ def test_seed_must_be_a_whole_number(seed: Any) -> None:
 
 
 @pytest.mark.parametrize("p", [(0, 0), (0, 0, np.nan), "here", np.zeros((2, 3))])
-def test_point_refuses_what_is_no_place(fake_servo: Any, p: Any) -> None:
-    with fake_servo().servo as servo, pytest.raises(InputError):
-        servo.point(p)
+def test_point_refuses_what_is_no_place(running: Servo, p: Any) -> None:
+    with pytest.raises(InputError):
+        running.point(p)
+    running.check()
 
 
 @pytest.mark.parametrize("q", [(0, 0, 0, 0), (0, 0, 1), (0, 0, 0, np.inf)])
-def test_point_refuses_what_is_no_turn(fake_servo: Any, q: Any) -> None:
-    with fake_servo().servo as servo, pytest.raises(InputError):
-        servo.point((0, 0, 0.05), q)
+def test_point_refuses_what_is_no_turn(running: Servo, q: Any) -> None:
+    with pytest.raises(InputError):
+        running.point((0, 0, 0.05), q)
+    running.check()
 
 
 @pytest.mark.parametrize("seconds", [-1.0, float("nan"), "long"])
-def test_run_refuses_what_is_no_time(fake_servo: Any, seconds: Any) -> None:
-    with fake_servo().servo as servo, pytest.raises(InputError):
-        servo.run(seconds)
+def test_run_refuses_what_is_no_time(running: Servo, seconds: Any) -> None:
+    with pytest.raises(InputError):
+        running.run(seconds)
+    running.check()
 
 
 def test_nothing_works_before_the_start(fake_servo: Any) -> None:
