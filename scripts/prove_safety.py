@@ -21,6 +21,7 @@ DRIVE, DRIVE_TESTS = "control/drive.py", "tests/control/test_drive.py"
 PASSIVITY, PASSIVITY_TESTS = "control/passivity.py", "tests/control/test_passivity.py"
 TICK, TICK_TESTS = "runtime/tick.py", "tests/runtime/test_tick.py"
 TRACKER_TESTS, FEED_TESTS = "tests/contracts/test_trackers.py", "tests/runtime/test_trackers.py"
+SERIAL, SERIAL_TESTS = "runtime/serial_driver.py", "tests/runtime/test_serial_driver.py"
 GUIDED_TESTS = "tests/apps/calibrate/test_guided.py"
 FRAME_TESTS, FRAMED_TESTS = "tests/sensing/test_frame_registration.py", "tests/runtime/test_framed_feed.py"
 
@@ -218,6 +219,41 @@ PROOFS = [
         "if self.tracker != tracker:",
         "if False:",
         FRAMED_TESTS,
+    ),
+    (
+        "a board whose sensors have one axis cannot steer by the field",
+        SERIAL,
+        "if identity.hall_axes < self._hall_axes:",
+        "if False:",
+        SERIAL_TESTS,
+    ),
+    (
+        "chips whose sensors have one axis cannot steer by the field",
+        "runtime/i2c_driver.py",
+        "if axes < self._hall_axes:",
+        "if False:",
+        "tests/runtime/test_i2c_driver.py",
+    ),
+    (
+        "a firmware's trip latches in the driver",
+        SERIAL,
+        "self._armed = self._engaged = False",
+        "self._armed, self._engaged = True, False",
+        SERIAL_TESTS,
+    ),
+    (
+        "a firmware that restarted is not driven on",
+        SERIAL,
+        "if self._engaged and reading.standing is Standing.OFF:",
+        "if False:",
+        SERIAL_TESTS,
+    ),
+    (
+        "a damaged frame is none",
+        "runtime/frames.py",
+        "if _check(line, at + 2, last) != line[last] | line[last + 1] << 8:",
+        "if False:",
+        "tests/runtime/test_frames.py",
     ),
     (
         "a calibration does not go on behind a failed step",

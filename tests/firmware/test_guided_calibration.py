@@ -20,7 +20,7 @@ from haptorb.runtime.serial_driver import SerialDriver
 
 pytestmark = [pytest.mark.firmware, pytest.mark.timeout(900)]
 
-PACE = 0.12
+PACE = 0.2
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 
 
@@ -41,7 +41,7 @@ class Person:
 
 
 def slowly(driver: SerialDriver, emulator: Emulator) -> SerialDriver:
-    """Opened at real time, measured at an eighth of it: a busy computer may then be silent for a moment."""
+    """Opened at real time, measured at a fifth of it: a busy computer may then be silent for a moment."""
     original = driver.open
 
     def open_then_slow() -> None:

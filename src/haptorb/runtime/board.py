@@ -19,6 +19,7 @@ from haptorb.runtime.serial_port import SerialPort
 __all__ = ["Board"]
 
 _ANSWER = 0.05  #: a line that is alive answers within a millisecond [s]
+_AGAIN = 0.25  #: between two questions to a board that may be starting [s]
 _TRIES = 3
 
 
@@ -68,7 +69,7 @@ class Board:
         heard = 0
         while True:
             self._send(Frame(Command.IDENTIFY, self._next(), b""))
-            frame, count = self._awaited(0x80 | Command.IDENTIFY, self._sequence, max(0.1, self._answer))
+            frame, count = self._awaited(0x80 | Command.IDENTIFY, self._sequence, min(max(0.1, self._answer), _AGAIN))
             heard += count
             if frame is not None:
                 identity = Identity.parse(frame.payload)

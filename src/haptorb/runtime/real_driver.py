@@ -30,19 +30,22 @@ def real_driver(
     duty_limit: float = 1.0,
     current_limit: float | None = None,
     hall_axes: int = 1,
+    patience: float = 5e-3,
 ) -> Driver:
     """The driver `name` of `device`, not open yet; InputError if the name is no port or bus.
 
     duty_limit [1] and current_limit [A] bind the firmware for this session, where there is one. Hall sensors of fewer
-    than `hall_axes` are refused when it is opened.
+    than `hall_axes` are refused when it is opened. `patience` [s] is how long a bridge's answer is waited for: a loop
+    has no time, a program without one has.
     """
     kind, _, where = name.partition(":")
     if kind == "serial" and where:
         from haptorb.runtime.serial_driver import SerialDriver
 
         return SerialDriver(
-            device, where, pose, duty_limit=duty_limit, current_limit=current_limit, hall_axes=hall_axes
-        )
+            device, where, pose, patience=patience, duty_limit=duty_limit, current_limit=current_limit,
+            hall_axes=hall_axes,
+        )  # fmt: skip
     if kind == "i2c" and where.isdecimal():
         from haptorb.runtime.i2c_driver import I2cDriver
 

@@ -15,6 +15,7 @@ from haptorb.runtime.real_driver import is_real, real_driver
 __all__ = ["door", "hold_tool"]
 
 _STEP = 2e-3  #: of the simulated device [s]
+_PATIENCE = 0.05  #: for an answer: six minutes of heat should not end with a moment's hesitation of the device [s]
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class _Held:
 def door(name: str, device: SphericalElectromagnet, seed: int = 0) -> tuple[Driver, Pace]:
     """The driver `name` of `device`, not open yet, and its pace; UnknownName or InputError if there is no such."""
     if is_real(name):
-        return real_driver(name, device), Pace()
+        return real_driver(name, device, patience=_PATIENCE), Pace()
     from haptorb.runtime.assembly import known_driver
     from haptorb.runtime.sim_driver import SimDriver
 
