@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from pythonosc.osc_message_builder import OscMessageBuilder
 
@@ -290,6 +290,7 @@ NUMBERS = st.floats(width=64) | st.floats(-0.1, 0.1) | st.sampled_from([0.0, 1.0
 
 
 @given(st.lists(st.lists(NUMBERS, min_size=7, max_size=8), max_size=20), st.lists(st.floats(0, 0.3), min_size=20))
+@example([[0.0] * 6 + [1.0, 7.2e16]], [0.0] * 20)
 def test_whatever_numbers_are_sent_only_poses_reach_the_loop(sent: list[list[float]], gaps: list[float]) -> None:
     one, arrival = feed(), 1000.0
     told = Told()

@@ -42,4 +42,5 @@ class SenderClock:
             self._before = self._least
             self._least, self._since = offset, arrival
         self._least = min(self._least, offset)
-        return sent + min(self._least, self._before)
+        # A sender that counts so far that a number has no seconds left would else be ahead by rounding.
+        return min(sent + min(self._least, self._before), arrival)
