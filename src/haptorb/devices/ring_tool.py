@@ -6,17 +6,15 @@ both are linear in m_e. With the calibrated m_e per ampere that is the wrench ma
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from haptorb.devices.passive_pull import pull
 from haptorb.physics.arrays import Array
-from haptorb.physics.charged_ring import ChargedRing, dipole_on_charges
+from haptorb.physics.charged_ring import dipole_on_charges
 from haptorb.physics.compiled import kernel
 from haptorb.physics.dipole import MU0
 
-__all__ = ["axis_frame", "dipole_per_ampere", "dipole_wrench_map", "per_ampere", "ring_per_ampere", "ring_wrench_map"]
+__all__ = ["axis_frame", "dipole_per_ampere", "per_ampere", "ring_per_ampere"]
 
 _K = MU0 / (4 * np.pi)
 
@@ -81,7 +79,16 @@ def per_ampere(per_moment: Array, moment_per_current: Array, out: Array) -> None
 
 @kernel
 def dipole_per_ampere(moment: float, moment_per_current: Array, p: Array, R: Array, out: Array) -> None:
-    """Fill out (6, m) [N/A, N·m/A] for a point dipole of `moment` [A·m²] along the z axis of R, at p."""
+    """Fill out (6, m) [N/A, N·m/A] for a point dipole of `moment` [A·m²] along the z axis of R, at p.
+
+    The model of Zárate 2020: equations (1) and (2) are its case of a tool on the axis of m_e (sign of e_t as in
+    erratum E12).
+
+    >>> K = np.empty((6, 1))
+    >>> dipole_per_ampere(2.407, np.array([[0.0], [0.0], [0.2077]]), np.array([0.0, 0.0, 0.05]), np.eye(3), K)
+    >>> round(-1e3 * float(K[2, 0]), 1)          # the printed 48 mN/A, averaged over the coils
+    48.0
+    """
     axis, per_moment = np.empty(3), np.empty((6, 3))
     for i in range(3):
         axis[i] = R[i, 2]
@@ -104,46 +111,3 @@ def ring_per_ampere(
     _ring_map(rows, p, axis, per_moment)
     per_ampere(per_moment, moment_per_current, out)
     pull(table, nearest, p, axis, passive)
-
-
-@lru_cache(maxsize=64)
-def _rows(outer_radius: float, inner_radius: float, length: float, remanence: float) -> Array:
-    return ChargedRing(outer_radius, inner_radius, length, remanence).rows
-
-
-def dipole_wrench_map(p: Array, axis: Array, moment: float, out: Array | None = None) -> Array:
-    """(6, 3) force [N] and torque about p [N·m] per A·m² at the origin, on a point dipole: Zárate 2020's model.
-
-    p (3,) [m] from the electromagnet's centre, axis (3,) unit vector of the tool's moment, moment [A·m²]; `out` (6, 3)
-    is filled and returned if given. Equations (1) and (2) are its case of a tool on the axis of m_e (sign of e_t as in
-    erratum E12). Inputs are trusted: the tick calls this.
-
-    >>> K = dipole_wrench_map(np.array([0, 0, 0.05]), np.array([0, 0, 1.0]), 2.407)
-    >>> round(-1e3 * float(K[2, 2]) * 0.2077, 1)          # the printed 48 mN/A, averaged over the coils
-    48.0
-    """
-    result = np.empty((6, 3)) if out is None else out
-    _dipole_map(np.ascontiguousarray(p), np.ascontiguousarray(axis), moment, result)
-    return result
-
-
-def ring_wrench_map(
-    p: Array,
-    axis: Array,
-    outer_radius: float,
-    inner_radius: float,
-    length: float,
-    remanence: float,
-    out: Array | None = None,
-) -> Array:
-    """(6, 3) as `dipole_wrench_map`, on a ring magnet of its true size [m] and remanence [T] (erratum E16).
-
-    >>> ring = ring_wrench_map(np.array([0, 0, 0.05]), np.array([0, 0, 1.0]), 6e-3, 2.5e-3, 24e-3, 1.348)
-    >>> point = dipole_wrench_map(np.array([0, 0, 0.05]), np.array([0, 0, 1.0]), 2.40624)
-    >>> round(float(ring[2, 2] / point[2, 2]), 3)
-    1.156
-    """
-    result = np.empty((6, 3)) if out is None else out
-    rows = _rows(outer_radius, inner_radius, length, remanence)
-    _ring_map(rows, np.ascontiguousarray(p), np.ascontiguousarray(axis), result)
-    return result

@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import SupportsFloat
+from functools import wraps
+from typing import ParamSpec, SupportsFloat
 
 from haptorb.apps.reproduce.item import Item, unchecked
 
 __all__ = ["ROUNDING", "Place"]
 
 ROUNDING = "rounding"  #: a reason for a tolerance: the number is kept as it is printed
+
+Said = ParamSpec("Said")
+
+
+def _implied(printed: Callable[Said, Item]) -> Callable[Said, Item]:
+    """As `printed`, of a number that the paper does not print, but that follows from what it does or says."""
+
+    @wraps(printed)
+    def says(*words: Said.args, **more: Said.kwargs) -> Item:
+        return replace(printed(*words, **more), implied=True)
+
+    says.__doc__ = _implied.__doc__
+    return says
 
 
 @dataclass(frozen=True)
@@ -20,8 +35,11 @@ class Place:
     prefix   of the items' ids
     where    figure, table, equation or section
 
-    >>> Place("bai2012", "t1", "Table 1").item("a", "radius", 15.875, 15.875, "mm", 1e-9).id
+    >>> table = Place("bai2012", "t1", "Table 1")
+    >>> table.item("a", "radius", 15.875, 15.875, "mm", 1e-9).id
     't1-a'
+    >>> table.says("u1", "opposite", 180.0, 180.0, "°").implied
+    True
     """
 
     paper: str
@@ -48,29 +66,7 @@ class Place:
             float(tolerance), erratum, None if corrected is None else float(corrected), why,
         )  # fmt: skip
 
-    def says(
-        self,
-        name: str,
-        what: str,
-        implied: SupportsFloat,
-        computed: SupportsFloat,
-        unit: str = "1",
-        tolerance: float = 1e-9,
-        why: str = ROUNDING,
-        *,
-        erratum: str = "",
-        corrected: float | None = None,
-        where: str = "",
-    ) -> Item:
-        """A number that the paper does not print, but that follows from what it does or says, against one of ours.
-
-        >>> Place("bai2012", "t2", "Table 2").says("u1", "opposite", 180.0, 180.0, "°").implied
-        True
-        """
-        one = self.item(
-            name, what, implied, computed, unit, tolerance, why, erratum=erratum, corrected=corrected, where=where
-        )
-        return replace(one, implied=True)
+    says = _implied(item)
 
     def ours(
         self, name: str, what: str, computed: SupportsFloat, unit: str = "1", why: str = "", where: str = ""
