@@ -23,7 +23,14 @@ _CURRENTS, _AXIS, _FIRST, _COUNT, _HALL, _NEWS, _THERMOMETER, _TEMPERATURE = (
 
 @kernel
 def _taken(
-    row: Array, radial: Array, axes: int, currents: Array, temperatures: Array, field: Array, heard: NDArray[np.bool_]
+    row: Array,
+    radial: Array,
+    axes: int,
+    span: float,
+    currents: Array,
+    temperatures: Array,
+    field: Array,
+    heard: NDArray[np.bool_],
 ) -> None:
     """What a reading's `row` tells into currents (m,) [A], temperatures (m,) [K], field (k, 3) [T]; `heard` by axis and
     block."""
@@ -33,7 +40,7 @@ def _taken(
     if row[_NEWS] == 0.0 or row[_HALL] != row[_HALL]:
         return
     axis, first = int(row[_AXIS]), int(row[_FIRST])
-    placed(field, radial, axes, axis, first, row[_HALL : _HALL + int(row[_COUNT])])
+    placed(field, radial, axes, span, axis, first, row[_HALL : _HALL + int(row[_COUNT])])
     heard[axis, 0 if first == 0 else 1] = True
 
 
@@ -56,8 +63,9 @@ class BoardSample:
 
     def take(self, row: Array) -> None:
         """A reading's row (24,), in SI."""
+        hall = self.hall
         _taken(
-            row, self.hall.radial, self.hall.axes, self._currents, self._temperatures, self._field, self._heard
+            row, hall.radial, hall.axes, hall.span, self._currents, self._temperatures, self._field, self._heard
         )  # fmt: skip
         self.age = float(row[At.AGE])
 

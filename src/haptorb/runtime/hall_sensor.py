@@ -1,7 +1,7 @@
 """From the Hall converter's range to field: linear sensors, three in each place or one that looks along its radius.
 
 A DRV5055A2 (assumed) gives half its supply at zero field and 50 mV/mT at 5 V; the converter measures against the same
-supply, so the range 0…1 stands for −50…+50 mT whatever the supply really is.
+supply, so the range 0…1 stands for −50…+50 mT whatever the 5 V really are. At 3.3 V it gives 30 mV/mT: −55…+55 mT.
 """
 
 from __future__ import annotations
@@ -12,17 +12,18 @@ from haptorb.errors import InputError
 from haptorb.physics.arrays import Array, vectors
 from haptorb.physics.compiled import kernel
 
-__all__ = ["HALL_SPAN", "HallSensors", "placed"]
+__all__ = ["SPAN_3V3", "SPAN_5V", "HallSensors", "placed"]
 
-HALL_SPAN = 0.1  #: field over the converter's whole range [T]
+SPAN_5V = 5.0 / 50.0  #: field over the converter's whole range [T], both on 5 V: a board
+SPAN_3V3 = 3.3 / 30.0  #: the same, both on 3.3 V: a Raspberry Pi
 
 
 @kernel
-def placed(field: Array, radial: Array, axes: int, axis: int, first: int, shares: Array) -> None:
-    """Write `shares` (n,) 0…1 of the range [1], of sensors from `first` on, into `field` (k, 3) [T]: along `axis`, or
-    where the sensors have only one, along radial (k, 3)."""
+def placed(field: Array, radial: Array, axes: int, span: float, axis: int, first: int, shares: Array) -> None:
+    """Write `shares` (n,) 0…1 of the range `span` [T], of sensors from `first` on, into `field` (k, 3) [T]: along
+    `axis`, or where the sensors have only one, along radial (k, 3)."""
     for n in range(len(shares)):
-        tesla = (shares[n] - 0.5) * HALL_SPAN
+        tesla = (shares[n] - 0.5) * span
         if axes == 3:
             field[first + n, axis] = tesla
         else:
@@ -34,9 +35,11 @@ class HallSensors:
     """Sensors at `positions` (k, 3) [m]: three in each place, along the device's x, y, z, or one, outward.
 
     axes         3 or 1
+    span         field over the converter's whole range [T]
     directions   (k, 3) in which one-axis sensors look; None for three axes
 
-    Raises InputError if a position is not finite, no 3-vector, or at the centre, where no radius is; or for other axes.
+    Raises InputError if a position is not finite, no 3-vector, or at the centre, where no radius is; for other axes, or
+    no positive span.
 
     >>> radial = HallSensors([[0.0, 0.0, -0.055]], axes=1)
     >>> field = radial.nothing()
@@ -45,14 +48,16 @@ class HallSensors:
     [[0.0, 0.0, -0.01]]
     """
 
-    def __init__(self, positions: Array | list[list[float]], axes: int = 3) -> None:
+    def __init__(self, positions: Array | list[list[float]], axes: int = 3, span: float = SPAN_5V) -> None:
         at = vectors(positions, "positions of the Hall sensors")
         distance = np.linalg.norm(at, axis=1, keepdims=True)
         if axes not in (1, 3):
             raise InputError(f"a Hall sensor has one axis or three; got {axes}")
         if (distance == 0).any():
             raise InputError("a Hall sensor at the centre has no radius to look along")
-        self.axes = axes
+        if not span > 0.0:
+            raise InputError(f"the span of a Hall sensor must be above 0 T; got {span}")
+        self.axes, self.span = axes, span
         self.radial: Array = np.ascontiguousarray(at / distance)  #: (k, 3) unit vectors, outward
 
     @property
@@ -69,10 +74,10 @@ class HallSensors:
 
         What sensors of one axis do not measure is zero: the tangential parts. An estimator must use the radial parts.
         """
-        placed(field, self.radial, self.axes, axis, first, np.array(shares, dtype=np.float64))
+        placed(field, self.radial, self.axes, self.span, axis, first, np.array(shares, dtype=np.float64))
 
     def shares(self, field: Array) -> Array:
         """(axes, k) of the converter's range 0…1 [1] at a true field (k, 3) [T], clipped as the sensor does."""
         seen = field.T if self.axes == 3 else np.einsum("ki,ki->k", field, self.radial)[None]
-        shares: Array = np.clip(seen / HALL_SPAN + 0.5, 0.0, 1.0)
+        shares: Array = np.clip(seen / self.span + 0.5, 0.0, 1.0)
         return shares

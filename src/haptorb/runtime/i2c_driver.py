@@ -14,7 +14,7 @@ from haptorb.runtime import hall_adc, hall_select, ina219, pca9685
 from haptorb.runtime.driver import Driver
 from haptorb.runtime.hall_adc import HallAdc
 from haptorb.runtime.hall_select import HallSelect
-from haptorb.runtime.hall_sensor import HallSensors
+from haptorb.runtime.hall_sensor import SPAN_3V3, HallSensors
 from haptorb.runtime.i2c_bus import I2cBus, LinuxBus
 from haptorb.runtime.i2c_guardian import Guardian
 from haptorb.runtime.ina219 import Ina219
@@ -69,7 +69,8 @@ class I2cDriver(Driver):
     raises DriverError with the reason until `engage`.
 
     `bus` is the number of a Linux bus; for tests a bus of simulated chips, with their thermometers and no guardian.
-    `shunt` is the resistance over which each coil's current is measured [Ω]. Where a TCA9534 answers, the Hall sensors
+    `shunt` is the resistance over which each coil's current is measured [Ω]. Hall sensors and their converter run on
+    3.3 V. Where a TCA9534 answers, the Hall sensors
     have three axes, else the radial one; `open` refuses fewer than `hall_axes`. Each `read` brings one axis of four or
     five of them, the rest of a sample's `field` is NaN.
 
@@ -96,7 +97,7 @@ class I2cDriver(Driver):
         self.name = f"i2c:{bus}" if isinstance(bus, int) else "i2c:simulated"
         self._limit = device.coils.current_limit * 1.05
         self._positions, self._hall_axes = positions, hall_axes
-        self._hall_sensors = HallSensors(positions)
+        self._hall_sensors = HallSensors(positions, span=SPAN_3V3)
         self._where = bus
         self._pose = pose
         self._make_thermometers = thermometers
@@ -147,7 +148,7 @@ class I2cDriver(Driver):
                     f"nobody answers at {hall_select.ADDRESS:#04x} on {self.name}: without a TCA9534 and multiplexers "
                     f"the Hall sensors have {axes} axis, and the tracker 'hall' needs {self._hall_axes}"
                 )
-            self._hall_sensors = HallSensors(self._positions, axes)
+            self._hall_sensors = HallSensors(self._positions, axes, SPAN_3V3)
             if axes > 1:
                 self._select.setup()
             for _ in range(axes * len(hall_adc.BLOCKS)):

@@ -18,7 +18,8 @@ from haptorb.sensing.thermal_identification import ThermalIdentification, therma
 
 __all__ = ["HEATING", "Course", "heated"]
 
-_RATE = 100.0  #: a firmware's watchdog waits 15 ms [Hz]
+_RATE = 250.0  #: a firmware's watchdog waits 15 ms: three readings may come late, in six minutes [Hz]
+_UNWATCHED = 100.0  #: nothing watches a simulation [Hz]
 _BIN = 1.0  #: readings are averaged over this [s]
 _MARGIN = 5.0  #: heating ends so far below the device's warning [K]
 _COLD = 4.0  #: a coil that is warmer than the others by this is not cold [K]
@@ -50,8 +51,8 @@ def heated(
     Begin with a cold device: its first temperature is taken as the room's. Raises CalibrationError if it is not, or if
     the record determines too little.
     """
-    coils = device.coils
-    rest, _ = session.held(np.zeros(device.channels), 0.2, rate=_RATE)
+    coils, rate = device.coils, _UNWATCHED if session.simulated else _RATE
+    rest, _ = session.held(np.zeros(device.channels), 0.2, rate=rate)
     cold = np.mean([sample.temperatures for sample in rest], axis=0)
     if cold[coil] - cold.min() > _COLD:
         raise CalibrationError(
@@ -63,7 +64,7 @@ def heated(
     duties = np.zeros(device.channels)
     for n in range(hot + int(course.cooling / _BIN)):
         duties[coil] = course.hot if n < hot else course.warm
-        samples, applied = session.held(duties, _BIN, 0.2 * _BIN, rate=_RATE)
+        samples, applied = session.held(duties, _BIN, 0.2 * _BIN, rate=rate)
         current = float(np.mean([sample.currents[coil] for sample in samples]))
         edge = float(np.mean([sample.temperatures[coil] for sample in samples]))
         volts = abs(float(applied[coil])) * device.supply.voltage
@@ -76,5 +77,5 @@ def heated(
         boundary.append(edge)
         if edge > hottest and n < hot:
             hot = n + 1
-    session.held(np.zeros(device.channels), 0.02, rate=_RATE)
+    session.held(np.zeros(device.channels), 0.02, rate=rate)
     return thermal_identification(times, power, winding, boundary, float(cold[coil]))

@@ -113,6 +113,11 @@ class Session:
         self._off = np.zeros(device.channels)
         self._turns = 0.0  # ticks until every field sensor has been read once; 0: not known yet
 
+    @property
+    def simulated(self) -> bool:
+        """The device is a simulation."""
+        return self._driver.simulated
+
     def held(
         self, duties: Array, seconds: float, settle: float = 0.0, rate: float = RATE
     ) -> tuple[list[Sample], Array]:
