@@ -7,12 +7,14 @@ one that was held up is as old as it was held up. The shortest delay itself cann
 
 from __future__ import annotations
 
+from math import ulp
 from typing import final
 
 __all__ = ["ANEW", "SenderClock"]
 
 ANEW = 0.25  #: after such a silence the sender may have begun again, with another clock [s]
 
+_COARSEST = 1e-4  #: a number so great that its steps are larger than this tells no time [s]
 _WINDOW = 10.0  #: clocks drift by 100 µs in a second at the most: a millisecond in this time [s]
 
 
@@ -34,6 +36,8 @@ class SenderClock:
 
         Both must be finite.
         """
+        if ulp(sent) > _COARSEST:
+            return arrival
         offset = arrival - sent
         if arrival - self._last > ANEW:
             self._least = self._before = float("inf")
@@ -42,5 +46,4 @@ class SenderClock:
             self._before = self._least
             self._least, self._since = offset, arrival
         self._least = min(self._least, offset)
-        # A sender that counts so far that a number has no seconds left would else be ahead by rounding.
-        return min(sent + min(self._least, self._before), arrival)
+        return min(sent + min(self._least, self._before), arrival)  # not ahead of it by rounding, either
