@@ -11,6 +11,8 @@ from haptorb.devices.device import Device
 
 __all__ = ["build_tables", "time_bar"]
 
+_DRAWN = 0.5  #: of the time that is told between two pictures of a bar [s]
+
 
 def build_tables(device: Device) -> None:
     """Build the tables of `device` if it has any, with a bar on standard error while the exact level is asked.
@@ -39,12 +41,24 @@ def build_tables(device: Device) -> None:
 def time_bar(title: str, seconds: float) -> Iterator[Callable[[float], None]]:
     """A bar that fills within so many seconds; it gives what is to be told of time passing [s].
 
-    Nothing is drawn where standard error is not a terminal.
+    Nothing is drawn where standard error is not a terminal. It is drawn by whoever tells it of time, twice a second: a
+    thread of its own would hold the bar's lock, and the interpreter's, while somebody with a watchdog behind him waits.
     """
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn(f"    {title}"), BarColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal, auto_refresh=False
+    ) as bar:
         task = bar.add_task(title, total=seconds)
-        yield lambda passed: bar.update(task, advance=passed)
+        told = drawn = 0.0
+
+        def passed(more: float) -> None:
+            nonlocal told, drawn
+            told += more
+            if told - drawn >= _DRAWN:
+                drawn = told
+                bar.update(task, completed=told, refresh=True)
+
+        yield passed

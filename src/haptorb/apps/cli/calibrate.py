@@ -47,7 +47,7 @@ def calibrate(
     from haptorb.devices.electromagnet import SphericalElectromagnet
     from haptorb.devices.loader import load
     from haptorb.runtime.calibration_file import writable
-    from haptorb.runtime.realtime import urgent
+    from haptorb.runtime.steady import steady
 
     found = load(device)
     if not isinstance(found, SphericalElectromagnet) or not found.sensors:
@@ -64,7 +64,7 @@ def calibrate(
             "device is ready for all of them (--steps leaves some out)"
         )
     if not through.simulated:
-        urgent()  # a firmware switches off after 15 ms of silence, however busy this computer is
+        steady()  # a firmware switches off after 15 ms of silence, however busy this computer is
     result = guided(
         found, through, path, steps=chosen, heat=heat, pace=pace, restart=restart, overwrite=force,
         guide=Guide(_say, _ask if asks else lambda step: True, lambda step, seconds: time_bar(step.title, seconds)),

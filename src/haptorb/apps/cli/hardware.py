@@ -73,11 +73,11 @@ def jog(
     from haptorb.apps.hardware.jog import jog as moved
     from haptorb.devices.loader import load
     from haptorb.runtime.real_driver import real_driver
-    from haptorb.runtime.realtime import urgent
+    from haptorb.runtime.steady import steady
 
     it = load(device)
     through = real_driver(driver, it, duty_limit=GENTLE_DUTY, current_limit=min(max(current, 0.1), 60.0))
-    urgent()  # the firmware switches off after 15 ms of silence, however busy this computer is
+    steady()  # the firmware switches off after 15 ms of silence, however busy this computer is
     seen = moved(it, through, coil, duty, seconds, current)
     told = ", ".join(f"{name} {one:+.3f} A" for name, one in zip(it.coils.names, seen.currents, strict=True))
     print(f"coil {seen.coil}: duty {seen.duty:+.4f}, currents {told}, resistance {seen.resistance:.3f} Ω")

@@ -1,0 +1,20 @@
+"""A program that talks to a firmware is not held up by looking for garbage in everything that it has loaded."""
+
+import gc
+import os
+
+import pytest
+
+from haptorb.runtime import steady as steady_module
+from haptorb.runtime.steady import steady
+
+
+def test_what_exists_is_not_looked_through_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(steady_module, "urgent", lambda: os.getpid() > 0)
+    try:
+        assert steady()
+        left = len(gc.get_objects())
+        assert gc.get_freeze_count() > 10 * left
+        assert gc.isenabled()
+    finally:
+        gc.unfreeze()
