@@ -304,3 +304,15 @@ def test_currents_that_change_are_carried_on_to_when_the_field_was_read():
         errors_of[apart] = np.sqrt(np.mean(np.square(away)))
     assert errors_of[APART] < 1e-3
     assert errors_of[APART] < 0.3 * errors_of[0.0]
+
+
+def test_no_sensor_at_its_assumed_place_is_driven_out_of_its_range():
+    """DRV5055A2: linear to 42 mT. The tool on the dome, all over the workspace, and every coil at 20 A either way."""
+    per_ampere = np.abs(coil_field(OMNI)).sum(axis=2) * 20.0
+    greatest = 0.0
+    for angle in np.linspace(0.0, OMNI.workspace_half_angle, 5):
+        for turn in np.linspace(0.0, 2 * np.pi, 8, endpoint=False):
+            u = np.array([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)])
+            field = np.abs(field_of(OMNI, OMNI.contact_distance * u, u)) + per_ampere
+            greatest = max(greatest, float(field.max()))
+    assert 10e-3 < greatest < 14e-3
