@@ -19,7 +19,7 @@ _FOLDER = Path(__file__).parent / "catalogue"
 
 #: kind → (module, class of its file); imported when a file of that kind is read
 KINDS = {
-    "spherical-electromagnet": ("haptorb.devices.schema", "ElectromagnetFile"),
+    "spherical-electromagnet": ("haptorb.devices.electromagnet_schema", "ElectromagnetFile"),
     "spherical-motor": ("haptorb.devices.motor_schema", "MotorFile"),
 }
 

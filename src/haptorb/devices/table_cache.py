@@ -30,6 +30,7 @@ from haptorb.physics import (
     placed,
     ring,
     round_body,
+    winding_field,
     zonal,
 )
 from haptorb.physics.coil import Coil
@@ -38,7 +39,19 @@ from haptorb.physics.round_body import RoundBody
 
 __all__ = ["cached_field_table", "cached_torque_table"]
 
-_MAKERS = (pair_table, coil, current_sheet, cylinder, elliptic, interaction, placed, ring, round_body, zonal)
+_MAKERS = (
+    pair_table,
+    coil,
+    current_sheet,
+    cylinder,
+    elliptic,
+    interaction,
+    placed,
+    ring,
+    round_body,
+    winding_field,
+    zonal,
+)
 
 
 def cached_torque_table(

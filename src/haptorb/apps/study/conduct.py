@@ -12,7 +12,7 @@ from typing import Any, final
 from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.sitting import Sitting
 from haptorb.apps.study.stage import Stage
-from haptorb.apps.study.study_file import Question
+from haptorb.apps.study.study_parts import Question
 from haptorb.errors import InputError
 
 __all__ = ["OVER", "Conduct"]

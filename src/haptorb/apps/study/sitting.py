@@ -19,7 +19,8 @@ from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.claim import Claim
 from haptorb.apps.study.database import alone, events, participants, replies, sessions, studies, trials
 from haptorb.apps.study.order import plan, procedure_of
-from haptorb.apps.study.study_file import Question, Study
+from haptorb.apps.study.study_file import Study
+from haptorb.apps.study.study_parts import Question
 from haptorb.errors import InputError, RecordingError
 
 __all__ = ["Sitting", "known_code"]
