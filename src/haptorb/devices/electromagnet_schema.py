@@ -11,7 +11,16 @@ from pydantic import Field, model_validator
 from haptorb.devices import quantity as q
 from haptorb.devices.electromagnet import Contact, FieldSensors, Hand, SphericalElectromagnet, Tool
 from haptorb.devices.marks import Marks
-from haptorb.devices.schema import CommonFile, FieldSensorsSection, Name, Point, Positive, Section, ThermometerSection
+from haptorb.devices.schema import (
+    CommonFile,
+    FieldSensorsSection,
+    Name,
+    Point,
+    Positive,
+    Section,
+    ThermometerSection,
+    hollow,
+)
 from haptorb.devices.windings import Windings
 
 __all__ = ["ElectromagnetFile"]
@@ -52,11 +61,7 @@ class ToolSection(Section):
 
     @model_validator(mode="after")
     def _ring(self) -> ToolSection:
-        if self.inner_radius >= self.outer_radius:
-            raise ValueError(
-                f"inner_radius ({self.inner_radius * 1e3:g} mm) must be smaller than outer_radius "
-                f"({self.outer_radius * 1e3:g} mm)"
-            )
+        hollow(self.inner_radius, self.outer_radius)
         if self.tip_distance < self.length / 2:
             raise ValueError(f"tip_distance must be at least half the magnet's length ({self.length * 500:g} mm)")
         return self

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from haptorb.devices import quantity as q
 from haptorb.devices.layouts import Layout, Ring, alternating
-from haptorb.devices.schema import Positive, Section
+from haptorb.devices.schema import Positive, Section, hollow
 from haptorb.physics.arrays import Array
 from haptorb.physics.multipole import MultipoleSource
 
@@ -109,11 +109,7 @@ class ElectromagnetsSection(Section):
 
     @model_validator(mode="after")
     def _has_a_winding(self) -> ElectromagnetsSection:
-        if self.inner_radius >= self.outer_radius:
-            raise ValueError(
-                f"inner_radius ({self.inner_radius * 1e3:g} mm) must be smaller than outer_radius "
-                f"({self.outer_radius * 1e3:g} mm)"
-            )
+        hollow(self.inner_radius, self.outer_radius)
         return self
 
 

@@ -22,11 +22,20 @@ __all__ = [
     "Section",
     "SupplySection",
     "ThermometerSection",
+    "hollow",
 ]
 
 Positive = Gt(0)
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$")]
 Point = Annotated[tuple[q.Length, ...], Len(3, 3)]
+
+
+def hollow(inner_radius: float, outer_radius: float) -> None:
+    """ValueError unless a ring of these radii [m] has a wall."""
+    if inner_radius >= outer_radius:
+        raise ValueError(
+            f"inner_radius ({inner_radius * 1e3:g} mm) must be smaller than outer_radius ({outer_radius * 1e3:g} mm)"
+        )
 
 
 class Section(BaseModel):

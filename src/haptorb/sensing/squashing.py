@@ -1,7 +1,8 @@
 """tanh of many numbers at once: the library's own does one after the other, and takes longer than the network's sums.
 
 tanh x = 1 − 2/(e²ˣ + 1), with e²ˣ = 2ᵏ eʳ, k an integer and |r| ≤ ½ ln 2, and a polynomial for eʳ. Good to a few
-10⁻¹⁶ of one; not relative to small values, which a sum over nodes does not ask for.
+10⁻¹⁶ of one; not relative to small values, which a sum over nodes does not ask for. The simulation's noise has series
+of its own (`simulation.noise`): of logarithm, sine and cosine, so that there is nothing to share.
 """
 
 from __future__ import annotations
