@@ -243,8 +243,8 @@ PROOFS = [
     ),
     (
         "a firmware that restarted is not driven on",
-        SERIAL,
-        "if self._engaged and reading.standing is Standing.OFF:",
+        "runtime/board_complaints.py",
+        "if engaged and reading.standing is Standing.OFF:",
         "if False:",
         SERIAL_TESTS,
     ),

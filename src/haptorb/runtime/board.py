@@ -11,6 +11,7 @@ import numpy as np
 from haptorb.errors import DriverError
 from haptorb.physics.arrays import Array
 from haptorb.runtime.board_answers import BoardLimits, BoardState, Identity
+from haptorb.runtime.board_complaints import refusal
 from haptorb.runtime.board_reading import Answer, Reading, answered, reading_row
 from haptorb.runtime.frames import Frame, FrameParser, Numbers, encoded
 from haptorb.runtime.protocol import READING, SET_BYTES, STATE, Command, counts, engage, set_line
@@ -21,6 +22,7 @@ __all__ = ["Board"]
 _ANSWER = 0.05  #: a line that is alive answers within a millisecond [s]
 _AGAIN = 0.25  #: between two questions to a board that may be starting [s]
 _TRIES = 3
+_EEPROM = 5.0  #: sixteen bytes take 54 ms; an emulated processor may be slow [s]
 
 
 @final
@@ -140,6 +142,16 @@ class Board:
     def store(self, calibration: bytes) -> BoardState:
         """Write the 16-byte id of the calibration that belongs to this device; refused while the coils are engaged."""
         return self._state(lambda sequence: Frame(Command.STORE, sequence, calibration))
+
+    def keep(self, calibration: bytes) -> None:
+        """The same, and read back. Raises DriverError if the firmware refuses it, or its EEPROM does not keep it."""
+        why = refusal(self.store(calibration))
+        if why:
+            raise DriverError(f"the firmware did not store the calibration's id: {why}")
+        end = monotonic() + _EEPROM
+        while self.identify().calibration != calibration:
+            if monotonic() > end:
+                raise DriverError("the firmware's EEPROM does not keep the calibration's id: the chip may be worn out")
 
     def identify(self) -> Identity:
         """Who answers, asked once more: what was stored shows here."""

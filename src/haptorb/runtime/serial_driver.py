@@ -13,9 +13,10 @@ from haptorb.errors import DriverError, InputError
 from haptorb.physics.arrays import Array
 from haptorb.runtime.board import Board
 from haptorb.runtime.board_answers import Identity
+from haptorb.runtime.board_complaints import refusal, switched_off
 from haptorb.runtime.board_reading import At, Reading
 from haptorb.runtime.board_sample import BoardSample
-from haptorb.runtime.board_words import Reason, Refusal, Standing, missing_chips
+from haptorb.runtime.board_words import Standing, missing_chips
 from haptorb.runtime.driver import Driver
 from haptorb.runtime.hall_sensor import HallSensors
 from haptorb.runtime.protocol import CHANNELS, DUTY_STEPS, HALL_SENSORS, stepped
@@ -28,7 +29,6 @@ _LOST_AT_REST = 20  #: the same while it is not engaged: a busy computer is no d
 _RETRY = 0.25  #: between two attempts to reach a port that has gone [s]
 _MEETING = 0.2  #: for an answer when the port is back [s]; no Arduino restarts in the middle of a loop
 _REQUIRED = 0xFF  #: every part
-_EEPROM = 5.0  #: sixteen bytes take 54 ms; an emulated processor may be slow [s]
 
 _NOTHING_KNOWN = np.full(6, np.nan)
 _UPRIGHT, _STILL = np.eye(3), np.zeros(3)
@@ -131,13 +131,7 @@ class SerialDriver(Driver):
         self._engaged = False
         self._applied = np.zeros(CHANNELS)
         self._board.off()
-        state = self._board.store(calibration)
-        if state.refusal is not Refusal.ACCEPTED:
-            raise DriverError(f"the firmware did not store the calibration's id: {state.refusal.name}")
-        end = monotonic() + _EEPROM
-        while self._board.identify().calibration != calibration:
-            if monotonic() > end:
-                raise DriverError("the firmware's EEPROM does not keep the calibration's id: the chip may be worn out")
+        self._board.keep(calibration)
         return True
 
     @property
@@ -246,17 +240,10 @@ class SerialDriver(Driver):
             self._lost = 0
             self._told.take(row)
             if row[At.STANDING] != Standing.ENGAGED:
-                self._judge(Reading.of(row))
+                why = switched_off(Reading.of(row), self._engaged)
+                if why:
+                    raise self._failed(why)
         return self._told.sample(now, self._pose(now))
-
-    def _judge(self, reading: Reading) -> None:
-        """What the firmware says about itself: a trip, or a restart that nobody asked for."""
-        if reading.standing is Standing.TRIPPED:
-            parts = missing_chips(reading.missing & 0x0F) if reading.reason is Reason.CHIP else ()
-            detail = f": {', '.join(parts)}" if parts else ""
-            raise self._failed(f"the firmware switched the coils off: {reading.reason.text}{detail}")
-        if self._engaged and reading.standing is Standing.OFF:
-            raise self._failed(f"the firmware is off by itself: {reading.reason.text}")
 
     def write(self, duties: Array) -> Array:
         """Send `duties` (3,); returns (3,) what was applied: in the PWM's steps, zeros while the coils are off."""
@@ -267,13 +254,13 @@ class SerialDriver(Driver):
         if board is None or not self._opened or not (self._engaged or (self._armed and some)):
             return np.zeros(CHANNELS)
         try:
-            refusal = "" if self._engaged else self._refusal(board)
-            if not refusal:
+            why = "" if self._engaged else self._refusal(board)
+            if not why:
                 board.post(self._steps)
         except DriverError as cause:
             raise self._failed(str(cause), gone=True) from cause
-        if refusal:
-            raise self._failed(f"the firmware refused to engage: {refusal}")
+        if why:
+            raise self._failed(f"the firmware refused to engage: {why}")
         self._engaged = True
         self._applied = self._steps / DUTY_STEPS
         return self._applied.copy()
@@ -283,15 +270,7 @@ class SerialDriver(Driver):
         if board.posted:
             board.collect(self._patience)
         self._armed = False
-        state = board.engage(*self._session)
-        if state.refusal is Refusal.ACCEPTED:
-            return ""
-        reasons = {
-            Refusal.STOP_BUTTON: Reason.STOP_BUTTON.text,
-            Refusal.CHIP: "not ready: " + (", ".join(missing_chips(state.missing & 0x0F)) or "try again"),
-            Refusal.TRIPPED: f"it tripped: {state.reason.text}",
-        }
-        return reasons.get(state.refusal, state.refusal.name)
+        return refusal(board.engage(*self._session))
 
     def truth(self) -> Array:
         """(6,) NaN for the wrench [N, N·m]: nobody can know it on a real device."""

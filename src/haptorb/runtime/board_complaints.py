@@ -1,0 +1,39 @@
+"""Why the firmware lets no current flow, in one clause: from what it says to what a person reads."""
+
+from __future__ import annotations
+
+from haptorb.runtime.board_answers import BoardState
+from haptorb.runtime.board_reading import Reading
+from haptorb.runtime.board_words import Reason, Refusal, Standing, missing_chips
+
+__all__ = ["refusal", "switched_off"]
+
+_NEEDED = 0x0F  #: bits of the parts without which nothing is driven
+
+
+def switched_off(reading: Reading, engaged: bool) -> str:
+    """A trip, or a restart that nobody asked for while the host believed it `engaged`; empty if all is as it should be.
+
+    >>> from haptorb.runtime.board_reading import reading_row
+    >>> switched_off(Reading.of(reading_row()), engaged=True)
+    'the firmware is off by itself: no reason'
+    """
+    if reading.standing is Standing.TRIPPED:
+        parts = missing_chips(reading.missing & _NEEDED) if reading.reason is Reason.CHIP else ()
+        detail = f": {', '.join(parts)}" if parts else ""
+        return f"the firmware switched the coils off: {reading.reason.text}{detail}"
+    if engaged and reading.standing is Standing.OFF:
+        return f"the firmware is off by itself: {reading.reason.text}"
+    return ""
+
+
+def refusal(state: BoardState) -> str:
+    """Why it did not take the command that it answers with `state`; empty if it did."""
+    if state.refusal is Refusal.ACCEPTED:
+        return ""
+    reasons = {
+        Refusal.STOP_BUTTON: Reason.STOP_BUTTON.text,
+        Refusal.CHIP: "not ready: " + (", ".join(missing_chips(state.missing & _NEEDED)) or "try again"),
+        Refusal.TRIPPED: f"it tripped: {state.reason.text}",
+    }
+    return reasons.get(state.refusal, state.refusal.name)
