@@ -102,7 +102,7 @@ def test_what_stands_still_is_kept_while_the_stylus_moves(staged, fake):
     moved(screen, fake, "haptorb.kept > 0")
     kept, drawn = screen.tell("[haptorb.kept, haptorb.drawn]")
     moved(screen, fake, f"haptorb.drawn > {drawn + 60}")
-    still = screen.tell("haptorb.kept") - kept  # the coils' glow, once a second
+    still = screen.tell("haptorb.kept") - kept  # the coils' glow, every three seconds
     assert still < 20
     # What is drawn anew is the stylus and its arrows, not the whole view.
     tip, magnet, end = screen.tell("haptorb.stylus()")

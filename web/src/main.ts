@@ -32,6 +32,7 @@ import type { Rows } from "./wire";
 
 const READ = 100; // ms between two readings of the numbers
 const SAY = 4000; // ms between two sentences for those who listen
+const NOTED = 8000; // ms for which a note stands that nobody must act upon
 const STALE = 500; // ms without a sample after which nothing is live
 
 const MOTOR: Home = { azimuth: -62, elevation: 24, distance: 560, centre: [-30, -16, 0] };
@@ -70,6 +71,7 @@ class Console {
   private frames = 0;
   private drawn = 0;
   private dropped = 0;
+  private droppedAt = -Infinity;
   private readAt = 0;
   private saidAt = 0;
   private mistakeTimer = 0;
@@ -199,6 +201,7 @@ class Console {
     this.sample.row.set(frame.data.subarray((frame.count - 1) * frame.width));
     this.sample.t = this.history.newest;
     this.frames++;
+    if (frame.dropped > this.dropped) this.droppedAt = performance.now();
     this.dropped = frame.dropped;
     this.arrived = performance.now();
     this.fresh = true;
@@ -236,7 +239,7 @@ class Console {
     write(box, text);
     box.hidden = false;
     clearTimeout(this.mistakeTimer);
-    this.mistakeTimer = window.setTimeout(() => (box.hidden = true), 8000);
+    this.mistakeTimer = window.setTimeout(() => (box.hidden = true), NOTED);
   }
 
   private frame(now: number): void {
@@ -294,7 +297,7 @@ class Console {
       this.header.loop(this.health);
     }
     const lost = at("dropped");
-    lost.hidden = this.dropped === 0;
+    lost.hidden = performance.now() - this.droppedAt > NOTED;
     if (this.dropped) write(lost, `${this.dropped} samples not shown: this page was too slow`);
     this.hint(dead);
     if (!dead && now - this.saidAt > SAY) {

@@ -20,7 +20,7 @@ const STILL = 0;
 const MOVING = 1; // the layers of what stands still and of what moves,
 const VEIL = 2; // and of what hides the one from the other
 const SETTLE = 150; // ms without a change after which what stands still is worth keeping
-const FADED = 1000; // ms between two looks at what changes slowly while the rest moves
+const FADED = 3000; // ms between two looks at what changes slowly while the rest moves
 
 export class Stage {
   readonly scene = new Scene();
@@ -87,7 +87,7 @@ export class Stage {
     this.dirty = true;
   }
 
-  /** What stands still changed a little: it can wait until the rest has stopped, or a second. */
+  /** What stands still changed a little: it can wait for seconds, or until the rest has stopped. */
   fade(): void {
     this.faded = true;
   }
