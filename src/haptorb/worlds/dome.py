@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import acos, cos, pi, radians, sin, sqrt
+from math import pi, radians, sqrt
 from typing import ClassVar
 
 import numpy as np
@@ -17,11 +17,37 @@ from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State
 from haptorb.errors import InputError
 from haptorb.physics.arrays import Array
+from haptorb.physics.compiled import kernel
 from haptorb.physics.dipole import MU0
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.world import World
 
 __all__ = ["Dome"]
+
+
+@kernel
+def _push(p: Array, numbers: Array, wrench: Array) -> None:
+    """Fill the force of `wrench` (6,) [N] at `p` (3,) [m].
+
+    numbers (8,): unit summit (3), θ₂ [rad], k, F₀ [N], d_min and d_max [m].
+    """
+    d = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+    if not 0.0 < d < numbers[7]:
+        return
+    c = (p[0] * numbers[0] + p[1] * numbers[1] + p[2] * numbers[2]) / d
+    alpha = np.arccos(min(1.0, max(-1.0, c)))
+    if alpha >= numbers[3]:
+        return
+    # Outside contact the force falls with the fourth power; a tip pressed into the shell does not raise it.
+    fallen = numbers[6] / max(d, numbers[6])
+    strength = numbers[5] * fallen * fallen * fallen * fallen
+    radial = 2.0 * strength * np.cos(numbers[4] * alpha)
+    # e_t: away from the summit along the sphere (E12); at the summit itself there is no such direction, and no F_t
+    sine = np.sqrt(max(1.0 - c * c, 0.0))
+    tangential = strength * np.sin(numbers[4] * alpha) / sine if sine > 1e-9 else 0.0
+    for i in range(3):
+        outward = p[i] / d
+        wrench[i] = radial * outward + tangential * (c * outward - numbers[i])
 
 
 @dataclass(frozen=True)
@@ -96,35 +122,16 @@ class Dome(World):
         return 2 * abs(self.strength)
 
     @cached_property
-    def _map(self) -> tuple[float, float, float, float, float, float]:
-        """Unit summit, the cut-off [rad], k, and F₀ d_min⁴ [N·m⁴]: what does not change from tick to tick."""
+    def _map(self) -> Array:
+        """(8,) what does not change from tick to tick, as the kernel takes it."""
         x, y, z = self.summit
         length = sqrt(x * x + y * y + z * z)
-        strength = self.strength * self.contact_distance**4
-        return x / length, y / length, z / length, radians(self.cut_off_deg), 90.0 / self.half_width_deg, strength
+        turns = 90.0 / self.half_width_deg
+        numbers = (x / length, y / length, z / length, radians(self.cut_off_deg), turns, self.strength)
+        return np.array([*numbers, self.contact_distance, self.reach])
 
     def wrench(self, state: State) -> Array:
         """(6,) force of the map at the tool's magnet [N]; no torque asked."""
         wrench = np.zeros(6)
-        px, py, pz = state.p.tolist()
-        d = sqrt(px * px + py * py + pz * pz)
-        if d >= self.reach or d == 0.0:
-            return wrench
-        sx, sy, sz, cut_off, k, strength = self._map
-        rx, ry, rz = px / d, py / d, pz / d
-        c = rx * sx + ry * sy + rz * sz
-        alpha = acos(min(1.0, max(-1.0, c)))
-        if alpha >= cut_off:
-            return wrench
-        # Outside contact the force falls with the fourth power; a tip pressed into the shell does not raise it.
-        F0 = strength / max(d, self.contact_distance) ** 4
-        radial = 2 * F0 * cos(k * alpha)
-        # e_t: away from the summit along the sphere (E12); at the summit itself there is no such direction, and no F_t
-        tx, ty, tz = c * rx - sx, c * ry - sy, c * rz - sz
-        t = sqrt(tx * tx + ty * ty + tz * tz)
-        tangential = F0 * sin(k * alpha) / t if t > 1e-9 else 0.0
-        out = wrench.data
-        out[0] = radial * rx + tangential * tx
-        out[1] = radial * ry + tangential * ty
-        out[2] = radial * rz + tangential * tz
+        _push(np.ascontiguousarray(state.p), self._map, wrench)
         return wrench
