@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -11,6 +12,7 @@ from haptorb.devices.device import Device
 
 __all__ = ["build_tables", "time_bar"]
 
+_WIDTH = 40  #: of a bar, in characters
 _DRAWN = 0.5  #: of the time that is told between two pictures of a bar [s]
 
 
@@ -41,24 +43,27 @@ def build_tables(device: Device) -> None:
 def time_bar(title: str, seconds: float) -> Iterator[Callable[[float], None]]:
     """A bar that fills within so many seconds; it gives what is to be told of time passing [s].
 
-    Nothing is drawn where standard error is not a terminal. It is drawn by whoever tells it of time, twice a second: a
-    thread of its own would hold the bar's lock, and the interpreter's, while somebody with a watchdog behind him waits.
+    Nothing is drawn where standard error is not a terminal. A plain line, drawn twice a second by whoever tells it of
+    time: a fine one takes milliseconds, or a thread that holds the interpreter, and somebody with a watchdog behind him
+    waits.
     """
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    screen = sys.stderr
+    if not screen.isatty():
+        yield lambda more: None
+        return
+    told = drawn = 0.0
 
-    columns = (TextColumn(f"    {title}"), BarColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal, auto_refresh=False
-    ) as bar:
-        task = bar.add_task(title, total=seconds)
-        told = drawn = 0.0
+    def passed(more: float) -> None:
+        nonlocal told, drawn
+        told += more
+        if told - drawn >= _DRAWN:
+            drawn = told
+            full = round(_WIDTH * min(told / seconds, 1.0))
+            screen.write(f"\r    {title} {'━' * full}{' ' * (_WIDTH - full)} {max(seconds - told, 0.0):4.0f} s ")
+            screen.flush()
 
-        def passed(more: float) -> None:
-            nonlocal told, drawn
-            told += more
-            if told - drawn >= _DRAWN:
-                drawn = told
-                bar.update(task, completed=told, refresh=True)
-
+    try:
         yield passed
+    finally:
+        screen.write("\r\033[K")
+        screen.flush()
