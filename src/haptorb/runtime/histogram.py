@@ -26,8 +26,8 @@ class Histogram:
     """
 
     def __init__(self, counts: Counts | None = None) -> None:
-        self._counts = np.zeros(BINS, dtype=np.int64) if counts is None else counts
-        self._cells = self._counts.data  # single numbers go through it faster than through the array
+        self.counts = np.zeros(BINS, dtype=np.int64) if counts is None else counts  #: (20001,)
+        self._cells = self.counts.data  # single numbers go through it faster than through the array
 
     def add(self, duration: int) -> None:
         """Count one duration [ns]."""
@@ -36,14 +36,14 @@ class Histogram:
     @property
     def count(self) -> int:
         """Durations counted."""
-        return int(self._counts.sum())
+        return int(self.counts.sum())
 
     def percentile(self, percent: float) -> float:
         """The duration [µs] that `percent` of all are below or at: the upper edge of its bin. NaN when empty.
 
         From 20 ms on nothing is resolved; 20001 stands for "20 ms or more".
         """
-        below = np.cumsum(self._counts)
+        below = np.cumsum(self.counts)
         if below[-1] == 0:
             return float("nan")
         return float(np.searchsorted(below, percent / 100 * below[-1], side="left") + 1)

@@ -6,11 +6,16 @@ import traceback
 from time import monotonic_ns
 from typing import final
 
+import numpy as np
+
 from haptorb.control.modes import MODES
 from haptorb.control.trip import GuardState, Trip
 from haptorb.errors import HaptorbError
+from haptorb.physics.arrays import Array
 from haptorb.runtime.chain import Chain
 from haptorb.runtime.clock import Clock
+from haptorb.runtime.histogram import BINS
+from haptorb.runtime.ledger import columns, counted, kept
 from haptorb.runtime.orphan import SILENCE, orphaned
 from haptorb.runtime.shared import Phase, Shared, Word
 from haptorb.runtime.world_change import answer, changed, description, requested
@@ -37,17 +42,15 @@ class Loop:
         self._row = shared.layout.empty()
         # Single numbers come out of a memoryview ten times faster than out of an array.
         self._cells = self._row.data.cast("B").cast("d")
+        _load(self._row)
         self._ticks = 0
         self._now = 0.0  # on the loop's clock [s]
         self._stopped = shared.words[Word.STOP]
         self._engaged = shared.words[Word.ENGAGE]
         self._mode, self._clutch = 0, 0
         self._asked = shared.request.version
-        at = shared.layout
-        self._given, self._modelled = at["given"].start, at["modelled"].start
-        self._guard = at["guard"].start
-        self._peak = 0.0  # square of the greatest force so far [N²]
-        self._peak_torque = 0.0  # and of the greatest torque [N²m²]
+        self._guard = shared.layout["guard"].start
+        self._columns = columns(shared.layout)
         self._tripped = False
         self.told_by = ""  #: a signal's name, set by its handler: the loop ends after the present tick
         self.in_step = False  #: whether the chain is being stepped just now
@@ -80,11 +83,10 @@ class Loop:
 
     def _ticking(self, clock: Clock) -> Trip | None:
         """Tick until told to end (None) or until the host is gone (HOST_SILENT)."""
-        shared, chain, row, cells, words = self._shared, self._chain, self._row, self._cells, self._shared.words
+        shared, chain, row, words, at = self._shared, self._chain, self._row, self._shared.words, self._columns
         schedule, period = clock.schedule, clock.schedule.period
-        lateness_counts, compute_counts, ring = shared.lateness, shared.compute, shared.ring
-        begin = shared.layout["tick"].start
-        wall, late, skip = (shared.layout[name].start for name in ("wall", "lateness", "missed"))
+        lateness_counts, compute_counts, ring = shared.lateness.counts, shared.compute.counts, shared.ring
+        integers, numbers = shared.integers, shared.numbers
         heard = 0  # when the host was last given the benefit of the doubt [ns]
         words[Word.ORIGIN] = schedule.origin
         words[Word.PHASE] = Phase.RUNNING
@@ -106,20 +108,14 @@ class Loop:
             self._now = schedule.time(schedule.deadline(schedule.number))
             chain.step(row, self._now)
             self.in_step = False
-            cells[begin] = self._ticks
-            cells[wall] = now * 1e-9
-            cells[late] = lateness * 1e-9
-            cells[skip] = skipped
-            ring.publish(row)
+            kept(row, ring.slot(), at, numbers, self._ticks, now, lateness, skipped)
+            ring.filled()
             self._ticks += 1
-            self._summarise()
+            self._notice()
             took = monotonic_ns() - now
-            lateness_counts.add(lateness)
-            compute_counts.add(took)
-            words[Word.TICKS] = self._ticks
-            words[Word.MISSED] = schedule.missed
-            if lateness + took <= period:
-                words[Word.ON_TIME] += 1
+            counted(
+                integers, lateness_counts, compute_counts, self._ticks, schedule.missed, lateness, took, period
+            )  # fmt: skip
 
     def _obey(self) -> None:
         """Stop, engage, clutch and change the world as the host has asked since the last tick; a stop wins."""
@@ -155,27 +151,11 @@ class Loop:
         self._world = world
         return answer(number)
 
-    def _summarise(self) -> None:
-        """Keep what a report needs of every row: the greatest force and torque, and every trip."""
-        cells = self._cells
-        i = self._given
-        fx, fy, fz = cells[i], cells[i + 1], cells[i + 2]
-        square = fx * fx + fy * fy + fz * fz
-        if square != square:  # nobody knows what is really there
-            i = self._modelled
-            fx, fy, fz = cells[i], cells[i + 1], cells[i + 2]
-            square = fx * fx + fy * fy + fz * fz
-        if square > self._peak:
-            self._peak = square
-            self._shared.floats[Word.PEAK] = square**0.5
-        tx, ty, tz = cells[i + 3], cells[i + 4], cells[i + 5]
-        square = tx * tx + ty * ty + tz * tz
-        if square > self._peak_torque:
-            self._peak_torque = square
-            self._shared.floats[Word.PEAK_TORQUE] = square**0.5
-        tripped = cells[self._guard] == _TRIPPED
+    def _notice(self) -> None:
+        """Tell of a trip, once."""
+        tripped = self._cells[self._guard] == _TRIPPED
         if tripped and not self._tripped:
-            self._shared.announce_trip(self._now, cells[self._shared.layout["trip"].start])
+            self._shared.announce_trip(self._now, self._cells[self._shared.layout["trip"].start])
             self._shared.error.write(self._chain.error[:1000])
         self._tripped = tripped
 
@@ -193,6 +173,14 @@ class Loop:
         if failed is not None:
             shared.announce_trip(self._now, failed)
         shared.ring.publish(row)
+
+
+def _load(row: Array) -> None:
+    """Have the loop's own compiled code loaded before the first tick."""
+    counts, page = np.zeros(BINS, dtype=np.int64), np.zeros(512)
+    kept(row, row.copy(), np.zeros(6, dtype=np.int64), page, 0, 0, 0, 0)
+    counted(page.view(np.int64), counts, counts.copy(), 0, 0, 0, 0, 1)
+    row[:] = np.nan
 
 
 def _explained(cause: Exception) -> str:

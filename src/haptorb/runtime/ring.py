@@ -31,10 +31,17 @@ class Ring:
 
     def publish(self, row: Array) -> None:
         """Append a copy of `row` (width,); for the one writer."""
-        words, at = self._words, self._at
-        count = words[at]
-        self._rows[count % self.capacity] = row
-        words[at] = count + 1
+        self.slot()[:] = row
+        self.filled()
+
+    def slot(self) -> Array:
+        """(width,) where the next row goes; nobody reads it before it is `filled`. For the one writer."""
+        slot: Array = self._rows[self._words[self._at] % self.capacity]
+        return slot
+
+    def filled(self) -> None:
+        """The next row is in its slot."""
+        self._words[self._at] += 1
 
     def since(self, cursor: int) -> tuple[int, Array]:
         """(new cursor, rows (n, width)) published after the first `cursor` rows, oldest first, as a copy.

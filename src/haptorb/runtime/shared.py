@@ -102,6 +102,8 @@ class Shared:
         self.path = path
         self.words = memory[:_PAGE].cast("q")
         self.floats = memory[:_PAGE].cast("d")
+        self.integers = np.frombuffer(memory[:_PAGE], dtype=np.int64)  #: the same, for kernels
+        self.numbers: Array = np.frombuffer(memory[:_PAGE], dtype=np.float64)
         if self.words[Word.MAGIC] != _MAGIC or self.words[Word.VERSION] != _VERSION:
             raise ServoError(f"{path} is not a servo's shared memory of this version; end the program that made it")
         self.layout = RowLayout(self.words[Word.CHANNELS], self.words[Word.SENSORS])

@@ -76,7 +76,6 @@ class Tick:
         layout = self.layout
         self._at = {field.name: layout[field.name] for field in layout.fields}
         self._one = {field.name: layout[field.name].start for field in layout.fields if field.width == 1}
-        self._energies = slice(layout["energy"].start, layout["injected"].stop)  # one after the other
         self._wants_engagement = True
 
     def change_world(self, world: World) -> None:
@@ -155,20 +154,17 @@ class Tick:
             row, self._places, state.p, state.R_SR, state.v, state.w, self.driver.target(),
             self._admitted, matrix, self.driver.truth(), guard.currents, sample.currents, self._applied,
             drive.resistance, sample.temperatures, heat.winding, sample.field, felt.share, thing.p,
-            thing.R_SR, self._on_thing, felt.contacts, stages,
+            thing.R_SR, self._on_thing, felt.contacts, stages, guard.numbers, heat.numbers, self.passivity.numbers,
         )  # fmt: skip
         cells: Any = row.data  # single numbers go through it three times faster than into an array
         cells[one["t"]] = sample.t
         cells[one["ahead"]] = self._ahead
-        cells[one["guard"]], cells[one["trip"]], _, cells[one["gain"]] = guard.numbers[:4].tolist()
         cells[one["world"]] = self.world_changes
         cells[one["valid"]] = estimate.valid
         cells[one["age"]] = estimate.age
-        cells[one["remaining"]] = heat.remaining
         cells[one["saturated"]] = allocation.saturated
         cells[one["mode"]] = felt.mode
         cells[one["engaged"]] = felt.engaged
-        row[self._energies] = self.passivity.numbers
         stages[6] = perf_counter() - t6
 
     def _felt(self, state: State) -> Felt:

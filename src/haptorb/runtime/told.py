@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from haptorb.control.guard_rules import GAIN, REASON, STATE
+from haptorb.control.heat_observer import REMAINING
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 from haptorb.runtime.row import RowLayout
@@ -14,11 +16,13 @@ __all__ = ["SHAPED", "fill_quaternion", "induced", "places", "tell"]
 SHAPED = (
     "p", "q", "v", "w", "target", "asked", "modelled", "given", "wanted", "currents", "duties", "resistance",
     "boundary", "winding", "field", "share", "object", "object_q", "object_wrench", "contacts", "stages",
+    "guard", "trip", "gain", "remaining", "energy",
 )  # fmt: skip
 
 
 def places(layout: RowLayout) -> Array:
-    """(21,) the index [1] in a row at which each of SHAPED begins; `target_q` follows `target`."""
+    """(26,) the index [1] in a row at which each of SHAPED begins; `target_q` follows `target`, and what passivity
+    control counts follows `energy`."""
     return np.array([layout[name].start for name in SHAPED], dtype=np.float64)
 
 
@@ -66,8 +70,12 @@ def tell(
     row: Array, at: Array, p: Array, R: Array, v: Array, w: Array, target: Array, asked: Array, matrix: Array,
     given: Array, wanted: Array, currents: Array, duties: Array, resistance: Array, boundary: Array, winding: Array,
     field: Array, share: Array, object_p: Array, object_R: Array, object_wrench: Array, contacts: Array, stages: Array,
+    guard: Array, heat: Array, energies: Array,
 ) -> None:  # fmt: skip
-    """Fill the fields SHAPED of `row`, and `target_q`; `modelled` is matrix (6, m) times the measured currents."""
+    """Fill the fields SHAPED of `row`, and those that follow; `modelled` is matrix (6, m) times the measured currents.
+
+    guard and heat are the numbers of a `Guard` and of its heat observer, energies (3,) those of passivity control.
+    """
     _copied(row, at[0], p)
     start = int(at[1])
     fill_quaternion(R, row[start : start + 4])
@@ -102,3 +110,6 @@ def tell(
         for i in range(contacts.shape[1]):
             row[start + contacts.shape[1] * k + i] = contacts[k, i]
     _copied(row, at[20], stages)
+    row[int(at[21])], row[int(at[22])], row[int(at[23])] = guard[STATE], guard[REASON], guard[GAIN]
+    row[int(at[24])] = heat[REMAINING]
+    _copied(row, at[25], energies)
