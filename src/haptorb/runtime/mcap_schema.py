@@ -27,7 +27,7 @@ _LINE = re.compile(
 def schema(layout: RowLayout) -> str:
     """The message definition of `layout`, with unit and meaning of every field; fields without numbers are left out.
 
-    >>> schema(RowLayout(channels=3, sensors=0)).splitlines()[11]
+    >>> schema(RowLayout(channels=3, sensors=0)).splitlines()[12]
     'float64 age  # [s] age of the pose'
     """
     lines = []

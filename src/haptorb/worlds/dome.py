@@ -63,7 +63,8 @@ class Dome(World):
     Not continuous: it is cut off at θ₂ and d_max as the paper has it; the guard's slew limit softens that.
 
     >>> dome = Dome(half_width_deg=18)
-    >>> bool(abs(dome.wrench(State.at((0.05 * sin(radians(18)), 0, 0.05 * cos(radians(18)))))[2]) < 0.1)
+    >>> edge = (0.05 * np.sin(radians(18)), 0, 0.05 * np.cos(radians(18)))
+    >>> bool(abs(dome.wrench(State.at(edge))[2]) < 0.1)
     True
     """
 
