@@ -1,6 +1,7 @@
 // A small canvas that follows what moves over a kept picture: a processor that draws pays for every pixel.
 
-import { type Camera, Mesh, type Object3D, type PerspectiveCamera, type Scene, Vector3, WebGLRenderer } from "three";
+import { type Camera, type DirectionalLight, type HemisphereLight, Mesh, type Object3D, type PerspectiveCamera, Vector3 } from "three";
+import { type Screen, Sketch } from "./sketch";
 
 const MARGIN = 6; // px around what moves: edges are drawn a little wider than they are
 const STEP = 64; // px: its size goes in steps, for another size means another picture buffer
@@ -13,49 +14,36 @@ interface Size {
 
 export class Patch {
   private readonly canvas = document.createElement("canvas");
-  private renderer: WebGLRenderer | null = null; // made when it is first needed: most pages never do
+  private readonly sketch: Sketch;
   private size: Size = { width: 0, height: 0 };
-  private sharpness = 0;
 
-  constructor(over: HTMLCanvasElement) {
+  constructor(over: HTMLCanvasElement, sky: HemisphereLight, sun: DirectionalLight) {
     this.canvas.className = "patch";
     this.canvas.ariaHidden = "true";
     this.canvas.hidden = true;
     over.before(this.canvas);
+    this.sketch = new Sketch(this.canvas, sky, sun);
   }
 
-  /** Draw what `camera` sees of `scene` where `objects` are in a view of `view` CSS px, and nowhere else. */
-  draw(scene: Scene, camera: PerspectiveCamera, objects: readonly Object3D[], view: Size, sharpness: number): void {
+  /** Draw `objects` as `camera` sees them in a view of `view` CSS px, behind `screen`, and nothing else. */
+  draw(objects: readonly Object3D[], camera: PerspectiveCamera, view: Size, sharpness: number, screen: Screen | null): void {
     const frame = outline(objects, camera, view);
     this.canvas.hidden = frame === null;
     if (!frame) return;
-    this.renderer ??= new WebGLRenderer({ canvas: this.canvas, antialias: false, alpha: true });
-    this.fit(this.renderer, frame, view, sharpness);
+    this.size = {
+      width: fitted(this.size.width, frame.width, view.width),
+      height: fitted(this.size.height, frame.height, view.height),
+    };
     const { width, height } = this.size;
     const left = Math.floor(within(frame.left - (width - frame.width) / 2, view.width - width));
     const top = Math.floor(within(frame.top - (height - frame.height) / 2, view.height - height));
-    this.canvas.style.transform = `translate(${left}px, ${top}px)`;
-    camera.setViewOffset(view.width, view.height, left, top, width, height);
-    this.renderer.render(scene, camera);
-    camera.clearViewOffset();
+    const ratio = Math.min(devicePixelRatio, sharpness);
+    this.sketch.draw(objects, camera, view, { left, top, width, height, ratio }, screen);
+    Object.assign(this.canvas.style, { width: `${width}px`, height: `${height}px`, transform: `translate(${left}px, ${top}px)` });
   }
 
   hide(): void {
     this.canvas.hidden = true;
-  }
-
-  /** Give the canvas a size that holds `frame`, and change it seldom. */
-  private fit(renderer: WebGLRenderer, frame: Size, view: Size, sharpness: number): void {
-    const size = {
-      width: fitted(this.size.width, frame.width, view.width),
-      height: fitted(this.size.height, frame.height, view.height),
-    };
-    const ratio = Math.min(devicePixelRatio, sharpness);
-    if (size.width === this.size.width && size.height === this.size.height && ratio === this.sharpness) return;
-    this.size = size;
-    this.sharpness = ratio;
-    renderer.setPixelRatio(ratio);
-    renderer.setSize(size.width, size.height);
   }
 }
 

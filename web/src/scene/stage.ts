@@ -15,10 +15,10 @@ import { css, onThemeChange } from "../theme";
 import { Backdrop } from "./backdrop";
 import { DETAIL, type Level } from "./governor";
 import { Patch } from "./patch";
+import type { Screen } from "./sketch";
 
 const STILL = 0;
-const MOVING = 1; // the layers of what stands still and of what moves,
-const VEIL = 2; // and of what hides the one from the other
+const MOVING = 1; // the layers of what stands still and of what moves
 const SETTLE = 150; // ms without a change after which what stands still is worth keeping
 const FADED = 3000; // ms between two looks at what changes slowly while the rest moves
 
@@ -32,6 +32,7 @@ export class Stage {
   private readonly patch: Patch;
   private detail = DETAIL.full;
   private moving: Object3D[] = [];
+  private screen: Screen | null = null;
   private dirty = true;
   private ratio = 0;
   /** when something that stands still changed last, and when it was drawn last [ms] */
@@ -48,7 +49,7 @@ export class Stage {
     // Without a graphics processor smooth edges cost four times the picture: quick comes first.
     this.renderer = new WebGLRenderer({ canvas, antialias: best === "full", alpha: true });
     this.backdrop = new Backdrop(canvas);
-    this.patch = new Patch(canvas);
+    this.patch = new Patch(canvas, this.sky, this.sun);
     this.sky.layers.enableAll();
     this.sun.layers.enableAll();
     this.camera.layers.enable(MOVING);
@@ -61,12 +62,11 @@ export class Stage {
     this.level = best;
   }
 
-  /** `objects` move over what stands still, which may then be drawn once and kept; `veil` dims them behind it. */
-  moves(objects: Object3D[], veil: Object3D): void {
+  /** `objects` move over what stands still, which may then be drawn once and kept; `screen` dims them behind it. */
+  moves(objects: Object3D[], screen: Screen): void {
     this.moving = objects;
+    this.screen = screen;
     for (const object of objects) object.traverse((part) => part.layers.set(MOVING));
-    veil.layers.set(VEIL);
-    this.scene.add(veil);
   }
 
   /** How much to draw. */
@@ -90,6 +90,11 @@ export class Stage {
   /** What stands still changed a little: it can wait for seconds, or until the rest has stopped. */
   fade(): void {
     this.faded = true;
+  }
+
+  /** Whether the moving parts alone are drawn: quickly, and at any time. */
+  get nimble(): boolean {
+    return this.backdrop.holds;
   }
 
   /** Draw if needed; true if it did. */
@@ -120,7 +125,6 @@ export class Stage {
     this.sharpen(this.detail.whole);
     this.camera.layers.enable(STILL);
     this.camera.layers.enable(MOVING);
-    this.camera.layers.disable(VEIL);
     this.renderer.render(this.scene, this.camera);
     this.kept = now;
     this.faded = false;
@@ -135,9 +139,7 @@ export class Stage {
       this.renderer.clear();
       this.kept = now;
     }
-    this.camera.layers.set(MOVING);
-    this.camera.layers.enable(VEIL);
-    this.patch.draw(this.scene, this.camera, this.moving, this.size, this.detail.moving);
+    this.patch.draw(this.moving, this.camera, this.size, this.detail.moving, this.screen);
   }
 
   /** Where a point in space is on the canvas [CSS px]. */

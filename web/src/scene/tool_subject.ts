@@ -11,12 +11,12 @@ import { Goal } from "./goal";
 import type { Stage } from "./stage";
 import { Stylus } from "./stylus";
 import type { Subject, Wish } from "./subject";
-import { veil } from "./veil";
 
 const MM = 1000;
 const DEEPEST = -6; // mm: how far a hand may press into the dome
 const HIGHEST = 24; // mm: how far it may lift
 const LEAN = -2; // mm: how it holds the stylus when it lands
+const THROUGH = 0.35; // share of the stylus that is seen through the dome
 const LONGEST = 72; // mm of arrow at the greatest force
 
 export class ToolSubject implements Subject {
@@ -64,7 +64,7 @@ export class ToolSubject implements Subject {
       this.given.mesh,
       this.asked.mesh,
     );
-    stage.moves([this.stylus.group, this.goal.group, this.given.mesh, this.asked.mesh], veil(tool.dome_radius * MM));
+    stage.moves([this.stylus.group, this.goal.group, this.given.mesh, this.asked.mesh], { radius: tool.dome_radius * MM, through: THROUGH });
   }
 
   get arrowVisible(): boolean {

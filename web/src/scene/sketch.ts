@@ -1,0 +1,281 @@
+// A picture of a few moving things, drawn by the page itself into a plain canvas. Where there is no graphics processor,
+// WebGL is computed in another process and fetched back, which takes longer than to draw a stylus and two arrows here.
+//
+// Bodies are lit at their corners, as three's Lambert and Phong materials are at every pixel, and hidden by depth; flat
+// signs (basic materials) lie over them in the order of their `renderOrder`.
+
+import {
+  type BufferGeometry,
+  Color,
+  type DirectionalLight,
+  type HemisphereLight,
+  type Line,
+  LineDashedMaterial,
+  Matrix4,
+  Mesh,
+  MeshBasicMaterial,
+  type MeshLambertMaterial,
+  MeshPhongMaterial,
+  type Object3D,
+  type PerspectiveCamera,
+  Vector3,
+} from "three";
+
+/** What is drawn: a part of the view, in CSS px of the view, with so many pixels per CSS px. */
+export interface Part {
+  left: number;
+  top: number;
+  width: number;
+  height: number;
+  ratio: number;
+}
+
+/** A ball about the origin, through which what is behind it is seen only faintly. */
+export interface Screen {
+  radius: number;
+  through: number;
+}
+
+type Solid = Mesh<BufferGeometry, MeshLambertMaterial | MeshPhongMaterial>;
+type Sign = Mesh<BufferGeometry, MeshBasicMaterial> | Line<BufferGeometry, LineDashedMaterial>;
+
+export class Sketch {
+  private readonly context: CanvasRenderingContext2D;
+  private picture = new ImageData(1, 1);
+  private colours = new Uint32Array(1);
+  private depth = new Float32Array(1);
+  private readonly project = new Matrix4();
+  private readonly unproject = new Matrix4();
+  private part: Part = { left: 0, top: 0, width: 1, height: 1, ratio: 1 };
+  private view = { width: 1, height: 1 };
+  /** the corners of the present body: place on the picture, depth, colour */
+  private corners = new Float32Array(0);
+
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    private readonly sky: HemisphereLight,
+    private readonly sun: DirectionalLight,
+  ) {
+    this.context = canvas.getContext("2d")!;
+  }
+
+  /** Draw `objects` as `camera` sees them in `part` of a view of `view` CSS px, behind `screen`. */
+  draw(
+    objects: readonly Object3D[],
+    camera: PerspectiveCamera,
+    view: { width: number; height: number },
+    part: Part,
+    screen: Screen | null,
+  ): void {
+    this.begin(camera, view, part);
+    const signs: Sign[] = [];
+    for (const object of objects) {
+      object.updateMatrixWorld();
+      object.traverseVisible((thing) => {
+        const { geometry, material } = thing as Solid | Sign;
+        if (!geometry) return;
+        if (material instanceof MeshBasicMaterial || material instanceof LineDashedMaterial) signs.push(thing as Sign);
+        else this.solid(thing as Solid, camera);
+      });
+    }
+    if (screen) this.dim(screen, camera);
+    this.context.putImageData(this.picture, 0, 0);
+    for (const sign of signs.sort((a, b) => a.renderOrder - b.renderOrder)) this.sign(sign);
+  }
+
+  private begin(camera: PerspectiveCamera, view: { width: number; height: number }, part: Part): void {
+    this.part = part;
+    this.view = view;
+    const width = Math.max(1, Math.round(part.width * part.ratio));
+    const height = Math.max(1, Math.round(part.height * part.ratio));
+    if (this.picture.width !== width || this.picture.height !== height || this.canvas.width !== width) {
+      this.canvas.width = width;
+      this.canvas.height = height;
+      this.picture = new ImageData(width, height);
+      this.colours = new Uint32Array(this.picture.data.buffer);
+      this.depth = new Float32Array(width * height);
+    }
+    this.colours.fill(0);
+    this.depth.fill(1);
+    camera.updateMatrixWorld();
+    this.project.multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse);
+    this.unproject.copy(this.project).invert();
+  }
+
+  /** From -1…1 across the view to pixels of the picture. */
+  private across(x: number): number {
+    return (((x + 1) / 2) * this.view.width - this.part.left) * this.part.ratio;
+  }
+
+  private down(y: number): number {
+    return (((1 - y) / 2) * this.view.height - this.part.top) * this.part.ratio;
+  }
+
+  private solid(body: Solid, camera: PerspectiveCamera): void {
+    const places = body.geometry.getAttribute("position");
+    const normals = body.geometry.getAttribute("normal");
+    if (this.corners.length < 6 * places.count) this.corners = new Float32Array(6 * places.count);
+    const lamp = new Lamp(this.sky, this.sun, body.material, camera.position);
+    for (let k = 0; k < places.count; k++) {
+      place.fromBufferAttribute(places, k).applyMatrix4(body.matrixWorld);
+      normal.fromBufferAttribute(normals, k).transformDirection(body.matrixWorld);
+      const [r, g, b] = lamp.colour(place, normal);
+      place.applyMatrix4(this.project);
+      this.corners.set([this.across(place.x), this.down(place.y), place.z, r, g, b], 6 * k);
+    }
+    const { index } = body.geometry;
+    const count = index ? index.count : places.count;
+    const at = (k: number): number => 6 * (index ? index.getX(k) : k);
+    for (let k = 0; k < count; k += 3) this.triangle(at(k), at(k + 1), at(k + 2));
+  }
+
+  /** Fill a triangle of three corners where nothing nearer is. */
+  private triangle(a: number, b: number, c: number): void {
+    const { corners: n, colours, depth } = this;
+    const { width, height } = this.picture;
+    const [ax, ay, bx, by, cx, cy] = [n[a]!, n[a + 1]!, n[b]!, n[b + 1]!, n[c]!, n[c + 1]!];
+    const area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
+    if (!(Math.abs(area) > 1e-9)) return;
+    // Pixels whose middles lie inside.
+    const left = Math.max(0, Math.ceil(Math.min(ax, bx, cx) - 0.5));
+    const right = Math.min(width - 1, Math.floor(Math.max(ax, bx, cx) - 0.5));
+    const top = Math.max(0, Math.ceil(Math.min(ay, by, cy) - 0.5));
+    const bottom = Math.min(height - 1, Math.floor(Math.max(ay, by, cy) - 0.5));
+    for (let y = top; y <= bottom; y++) {
+      for (let x = left; x <= right; x++) {
+        const px = x + 0.5;
+        const py = y + 0.5;
+        const u = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / area;
+        const v = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / area;
+        const w = 1 - u - v;
+        if (u < 0 || v < 0 || w < 0) continue;
+        const z = u * n[a + 2]! + v * n[b + 2]! + w * n[c + 2]!;
+        const k = y * width + x;
+        if (z >= depth[k]!) continue;
+        depth[k] = z;
+        const red = u * n[a + 3]! + v * n[b + 3]! + w * n[c + 3]!;
+        const green = u * n[a + 4]! + v * n[b + 4]! + w * n[c + 4]!;
+        const blue = u * n[a + 5]! + v * n[b + 5]! + w * n[c + 5]!;
+        colours[k] = 0xff000000 | (blue << 16) | (green << 8) | red;
+      }
+    }
+  }
+
+  /** Where the ball stands before a body, let little of it through. */
+  private dim({ radius, through }: Screen, camera: PerspectiveCamera): void {
+    const { colours, depth, part } = this;
+    const { width, height } = this.picture;
+    const eye = camera.position;
+    const outside = eye.lengthSq() - radius * radius;
+    const faint = Math.round(255 * through) << 24;
+    for (let y = 0; y < height; y++) {
+      const up = 1 - (2 * ((y + 0.5) / part.ratio + part.top)) / this.view.height;
+      for (let x = 0; x < width; x++) {
+        const k = y * width + x;
+        if (colours[k] === 0) continue;
+        place.set((2 * ((x + 0.5) / part.ratio + part.left)) / this.view.width - 1, up, depth[k]!);
+        place.applyMatrix4(this.unproject).sub(eye);
+        const square = place.lengthSq();
+        const half = place.dot(eye);
+        const root = half * half - square * outside;
+        if (root > 0 && -half - Math.sqrt(root) < square) colours[k] = (colours[k]! & 0xffffff) | faint;
+      }
+    }
+  }
+
+  /** A flat sign, over everything before it. */
+  private sign(sign: Sign): void {
+    const { context } = this;
+    const places = sign.geometry.getAttribute("position");
+    const xy: [number, number][] = [];
+    for (let k = 0; k < places.count; k++) {
+      place.fromBufferAttribute(places, k).applyMatrix4(sign.matrixWorld).applyMatrix4(this.project);
+      xy.push([this.across(place.x), this.down(place.y)]);
+    }
+    const { material } = sign;
+    context.globalAlpha = material.opacity;
+    context.beginPath();
+    if (material instanceof LineDashedMaterial) {
+      const [from, to] = [xy[0]!, xy[1]!];
+      const length = from3.fromBufferAttribute(places, 0).distanceTo(to3.fromBufferAttribute(places, 1));
+      const scale = Math.hypot(to[0] - from[0], to[1] - from[1]) / Math.max(length, 1e-6);
+      context.moveTo(...from);
+      context.lineTo(...to);
+      context.setLineDash([material.dashSize * scale, material.gapSize * scale]);
+      context.strokeStyle = material.color.getStyle();
+      context.stroke();
+    } else {
+      const { index } = sign.geometry;
+      for (let k = 0; k < (index?.count ?? 0); k += 3) {
+        const [a, b, c] = [xy[index!.getX(k)]!, xy[index!.getX(k + 1)]!, xy[index!.getX(k + 2)]!];
+        const towards = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) < 0;
+        if (!towards && material.side === 0) continue; // its back
+        // All one way round, or overlapping parts would cancel.
+        context.moveTo(...a);
+        context.lineTo(...(towards ? b : c));
+        context.lineTo(...(towards ? c : b));
+      }
+      context.fillStyle = material.color.getStyle();
+      context.fill();
+    }
+    context.globalAlpha = 1;
+  }
+}
+
+const place = new Vector3();
+const normal = new Vector3();
+const from3 = new Vector3();
+const to3 = new Vector3();
+
+/** Sky and sun on one material, by the formulas of three's own shaders. */
+class Lamp {
+  private readonly up = new Vector3();
+  private readonly towardsSun = new Vector3();
+  private readonly view = new Vector3();
+  private readonly half = new Vector3();
+  private readonly specular: Color | null;
+  private readonly shininess: number;
+  private readonly out: [number, number, number] = [0, 0, 0];
+
+  constructor(
+    private readonly sky: HemisphereLight,
+    private readonly sun: DirectionalLight,
+    private readonly material: MeshLambertMaterial | MeshPhongMaterial,
+    private readonly eye: Vector3,
+  ) {
+    this.up.copy(sky.position).normalize();
+    this.towardsSun.copy(sun.position).sub(sun.target.position).normalize();
+    this.specular = material instanceof MeshPhongMaterial ? material.specular : null;
+    this.shininess = material instanceof MeshPhongMaterial ? material.shininess : 0;
+  }
+
+  /** Red, green and blue, 0…255, of a place with `normal`, which points out of the body. */
+  colour(at: Vector3, normal: Vector3): [number, number, number] {
+    this.view.subVectors(this.eye, at).normalize();
+    const above = 0.5 * normal.dot(this.up) + 0.5;
+    const facing = Math.max(0, normal.dot(this.towardsSun));
+    let gloss = 0;
+    let grazing = 0;
+    if (this.specular && facing > 0) {
+      this.half.addVectors(this.view, this.towardsSun).normalize();
+      const seen = this.half.dot(this.view);
+      grazing = 2 ** ((-5.55473 * seen - 6.98316) * seen);
+      gloss = 0.25 * (0.5 * this.shininess + 1) * Math.max(0, normal.dot(this.half)) ** this.shininess;
+    }
+    for (const [k, part] of PARTS.entries()) {
+      const sun = this.sun.color[part] * this.sun.intensity * facing;
+      const sky = (this.sky.groundColor[part] * (1 - above) + this.sky.color[part] * above) * this.sky.intensity;
+      const mirror = this.specular ? (this.specular[part] * (1 - grazing) + grazing) * gloss : 0;
+      this.out[k] = shade((this.material.color[part] * (sky + sun) + mirror * sun) / Math.PI);
+    }
+    return this.out;
+  }
+}
+
+const PARTS = ["r", "g", "b"] as const;
+
+/** Linear light to what a screen wants, 0…255. */
+function shade(light: number): number {
+  if (light >= 1) return 255;
+  return 255 * (light <= 0.0031308 ? 12.92 * light : 1.055 * light ** (1 / 2.4) - 0.055);
+}
