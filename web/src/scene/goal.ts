@@ -23,7 +23,7 @@ export class Goal {
 
   constructor(changed: () => void) {
     this.ring = new Mesh(
-      new TorusGeometry(9.5, 0.45, 8, 56),
+      new TorusGeometry(9.5, 0.45, 5, 48),
       new MeshBasicMaterial({ transparent: true, opacity: 0.6, depthTest: false }),
     );
     this.ring.renderOrder = 4;

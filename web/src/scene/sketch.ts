@@ -56,7 +56,7 @@ export class Sketch {
     private readonly sky: HemisphereLight,
     private readonly sun: DirectionalLight,
   ) {
-    this.context = canvas.getContext("2d")!;
+    this.context = canvas.getContext("2d", { willReadFrequently: true })! // written by this processor, every frame;
   }
 
   /** Draw `objects` as `camera` sees them in `part` of a view of `view` CSS px, behind `screen`. */
@@ -133,29 +133,36 @@ export class Sketch {
   private triangle(a: number, b: number, c: number): void {
     const { corners: n, colours, depth } = this;
     const { width, height } = this.picture;
-    const [ax, ay, bx, by, cx, cy] = [n[a]!, n[a + 1]!, n[b]!, n[b + 1]!, n[c]!, n[c + 1]!];
+    const ax = n[a]!, ay = n[a + 1]!, bx = n[b]!, by = n[b + 1]!, cx = n[c]!, cy = n[c + 1]!;
     const area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
     if (!(Math.abs(area) > 1e-9)) return;
+    const az = n[a + 2]!, bz = n[b + 2]!, cz = n[c + 2]!;
+    const ar = n[a + 3]!, br = n[b + 3]!, cr = n[c + 3]!;
+    const ag = n[a + 4]!, bg = n[b + 4]!, cg = n[c + 4]!;
+    const ab = n[a + 5]!, bb = n[b + 5]!, cb = n[c + 5]!;
+    // The shares of a and of b, and how they grow from pixel to pixel.
+    const du = (by - cy) / area, dv = (cy - ay) / area;
     // Pixels whose middles lie inside.
     const left = Math.max(0, Math.ceil(Math.min(ax, bx, cx) - 0.5));
     const right = Math.min(width - 1, Math.floor(Math.max(ax, bx, cx) - 0.5));
     const top = Math.max(0, Math.ceil(Math.min(ay, by, cy) - 0.5));
     const bottom = Math.min(height - 1, Math.floor(Math.max(ay, by, cy) - 0.5));
     for (let y = top; y <= bottom; y++) {
-      for (let x = left; x <= right; x++) {
-        const px = x + 0.5;
-        const py = y + 0.5;
-        const u = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / area;
-        const v = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / area;
-        const w = 1 - u - v;
-        if (u < 0 || v < 0 || w < 0) continue;
-        const z = u * n[a + 2]! + v * n[b + 2]! + w * n[c + 2]!;
-        const k = y * width + x;
+      const px = left + 0.5, py = y + 0.5;
+      const u0 = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / area;
+      const v0 = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / area;
+      // From where to where all three shares are above zero; a long thin triangle fills little of its box.
+      let first = 0, last = right - left;
+      [first, last] = above(u0, du, first, last);
+      [first, last] = above(v0, dv, first, last);
+      [first, last] = above(1 - u0 - v0, -du - dv, first, last);
+      for (let i = first; i <= last; i++) {
+        const u = u0 + i * du, v = v0 + i * dv, w = 1 - u - v;
+        const k = y * width + left + i;
+        const z = u * az + v * bz + w * cz;
         if (z >= depth[k]!) continue;
         depth[k] = z;
-        const red = u * n[a + 3]! + v * n[b + 3]! + w * n[c + 3]!;
-        const green = u * n[a + 4]! + v * n[b + 4]! + w * n[c + 4]!;
-        const blue = u * n[a + 5]! + v * n[b + 5]! + w * n[c + 5]!;
+        const red = u * ar + v * br + w * cr, green = u * ag + v * bg + w * cg, blue = u * ab + v * bb + w * cb;
         colours[k] = 0xff000000 | (blue << 16) | (green << 8) | red;
       }
     }
@@ -168,9 +175,10 @@ export class Sketch {
     const eye = camera.position;
     const outside = eye.lengthSq() - radius * radius;
     const faint = Math.round(255 * through) << 24;
-    for (let y = 0; y < height; y++) {
+    const [left, right, top, bottom] = this.around(radius);
+    for (let y = Math.max(0, top); y < Math.min(height, bottom); y++) {
       const up = 1 - (2 * ((y + 0.5) / part.ratio + part.top)) / this.view.height;
-      for (let x = 0; x < width; x++) {
+      for (let x = Math.max(0, left); x < Math.min(width, right); x++) {
         const k = y * width + x;
         if (colours[k] === 0) continue;
         place.set((2 * ((x + 0.5) / part.ratio + part.left)) / this.view.width - 1, up, depth[k]!);
@@ -181,6 +189,21 @@ export class Sketch {
         if (root > 0 && -half - Math.sqrt(root) < square) colours[k] = (colours[k]! & 0xffffff) | faint;
       }
     }
+  }
+
+  /** Left, right, top and bottom of a box on the picture in which a ball about the origin is seen. */
+  private around(radius: number): [number, number, number, number] {
+    const box: [number, number, number, number] = [Infinity, -Infinity, Infinity, -Infinity];
+    for (let k = 0; k < 8; k++) {
+      place.set(k & 1 ? radius : -radius, k & 2 ? radius : -radius, k & 4 ? radius : -radius).applyMatrix4(this.project);
+      const x = this.across(place.x);
+      const y = this.down(place.y);
+      box[0] = Math.min(box[0], Math.floor(x));
+      box[1] = Math.max(box[1], Math.ceil(x));
+      box[2] = Math.min(box[2], Math.floor(y));
+      box[3] = Math.max(box[3], Math.ceil(y));
+    }
+    return box;
   }
 
   /** A flat sign, over everything before it. */
@@ -220,6 +243,16 @@ export class Sketch {
     }
     context.globalAlpha = 1;
   }
+}
+
+const span: [number, number] = [0, 0];
+
+/** The steps from `first` to `last` at which a share that begins at `from` and grows by `by` is not below zero. */
+function above(from: number, by: number, first: number, last: number): [number, number] {
+  const zero = -from / by;
+  span[0] = by > 0 ? Math.max(first, Math.ceil(zero)) : first;
+  span[1] = by < 0 ? Math.min(last, Math.floor(zero)) : by === 0 && from < 0 ? first - 1 : last;
+  return span;
 }
 
 const place = new Vector3();
@@ -262,7 +295,8 @@ class Lamp {
       grazing = 2 ** ((-5.55473 * seen - 6.98316) * seen);
       gloss = 0.25 * (0.5 * this.shininess + 1) * Math.max(0, normal.dot(this.half)) ** this.shininess;
     }
-    for (const [k, part] of PARTS.entries()) {
+    for (let k = 0; k < 3; k++) {
+      const part = PARTS[k]!;
       const sun = this.sun.color[part] * this.sun.intensity * facing;
       const sky = (this.sky.groundColor[part] * (1 - above) + this.sky.color[part] * above) * this.sky.intensity;
       const mirror = this.specular ? (this.specular[part] * (1 - grazing) + grazing) * gloss : 0;
