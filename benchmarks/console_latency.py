@@ -7,7 +7,8 @@ Chromium, and reads the times that the page measures between the pointer's event
 that belongs to it. On the way, from the same event: told (the page knows of it), answered (the socket has the row that
 answers it: console, servo and back), arrived (the page has it), drawn. The same drag over an empty page with a canvas
 of the same size, cleared at the frame after each event, says what the browser itself needs. The graphics processor is
-whatever Chromium finds; a machine without one draws with its processor, which also runs the servo.
+whatever Chromium finds; a machine without one draws with its processor, which also runs the servo. stolen_share is the
+processor time that the host of a virtual machine kept for itself meanwhile: ticks that fall into it are lost.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from typing import Any
 
 from playwright.sync_api import Page, sync_playwright
 
+from haptorb.apps.check.machine import Watch
 from haptorb.apps.console import Console
 from haptorb.devices.loader import load
 from haptorb.runtime.servo import Servo
@@ -79,9 +81,10 @@ def served(line: Connection) -> None:
     # A computer that draws with its processor stutters: the drag must go on to be measured.
     servo = Servo(replace(omni, limits=replace(omni.limits, expiry=1.0)), "dome", record=False)
     with Console(servo, 0) as console, servo:
+        watch = Watch(servo.servo_pid)
         line.send(console.url)
         console.serve(until=line.poll)
-        line.send(servo.report())
+        line.send(servo.report() | {"stolen": watch.took().stolen})
 
 
 def dragged(page: Page, x: float, y: float, seconds: float, *, again: bool) -> None:
@@ -111,6 +114,8 @@ def measured(seconds: float, detail: str) -> dict[str, Any]:
             page = browser.new_page(viewport={"width": 1280, "height": 800})
             page.goto(url + (f"?detail={detail}" if detail else ""))
             while not page.evaluate("window.haptorb && haptorb.control && haptorb.frames > 100"):
+                if not serving.is_alive():
+                    raise SystemExit("the device's process ended before the page was ready: nothing was measured")
                 page.wait_for_timeout(100)
             page.evaluate(PACES)
             dragged(page, *taken(page), seconds, again=True)
@@ -151,6 +156,7 @@ def measured(seconds: float, detail: str) -> dict[str, Any]:
         "frames_drawn": drawn,
         "success_rate": report["success_rate"],
         "lateness_p99_us": report["lateness_us"]["p99"],
+        "stolen_share": round(report["stolen"], 4),
         "renderer": renderer,
     }
 

@@ -68,7 +68,6 @@ class Console {
   private wasDead = false;
   private echo = NaN;
   private touched = false;
-  private moved = false;
   private frames = 0;
   private drawn = 0;
   private dropped = 0;
@@ -210,8 +209,6 @@ class Console {
     this.echo = frame.echo;
     keep(this.answers, came - frame.echo);
     keep(this.arrivals, this.arrived - frame.echo);
-    // An answer to the hand does not wait for the next frame, where the moving parts are drawn beside the page's work.
-    if (this.stage.nimble && !this.wasDead && this.subject?.show(this.sample)) this.picture(this.arrived);
   }
 
   private event(event: Record<string, unknown> & { event: string }): void {
@@ -257,24 +254,18 @@ class Console {
       this.legend.show(this.sample);
       this.senses(now);
     }
-    this.picture(now);
-    if (this.moved && this.governor.frame(now)) this.detail();
-    this.moved = false;
+    const begun = performance.now();
+    if (this.stage.draw(now)) {
+      this.drawn++;
+      if (this.governor.frame(now)) this.detail();
+      keep(this.sceneCosts, performance.now() - begun);
+    }
     this.target?.draw(now);
+    this.measure();
     const plotting = performance.now();
     if (this.plots.draw(now, this.fresh && !dead)) keep(this.plotCosts, performance.now() - plotting);
     this.fresh = false;
     this.words(now, dead);
-  }
-
-  private picture(now: number): void {
-    const begun = performance.now();
-    if (this.stage.draw(now)) {
-      this.drawn++;
-      this.moved = true;
-      keep(this.sceneCosts, performance.now() - begun);
-    }
-    this.measure();
   }
 
   /** From the pointer's event to the force that answers it, drawn. */

@@ -51,7 +51,7 @@ export class Legend {
     const radial = dot(sample.vector("given"), p) / norm(p);
     const marker = at("marker");
     marker.hidden = !(Number.isFinite(radial) && this.range > 0);
-    if (!marker.hidden) marker.style.top = `${50 - 50 * Math.min(1, Math.max(-1, radial / this.range))}%`;
+    if (!marker.hidden) marker.style.transform = `translateY(${50 - 50 * Math.min(1, Math.max(-1, radial / this.range))}%)`;
   }
 
   /** The scale bar, at `pixels` per millimetre. */

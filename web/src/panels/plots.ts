@@ -24,9 +24,6 @@ interface Plot {
   curves: Curve[];
   reading: HTMLElement;
   digits: number;
-  /** whether something is to be shown that is not, and when it was drawn last [ms] */
-  stale: boolean;
-  drawn: number;
 }
 
 const same: Curve["make"] = ([x], i) => x![i]!;
@@ -42,7 +39,10 @@ export class Plots {
   private held: { from: number; to: number } | null = null;
   private zoomed: { from: number; to: number } | null = null;
   private span = 10;
-  /** ms between two drawings of a plot */
+  /** whether something is to be shown that is not, and when they were drawn last [ms] */
+  private stale = true;
+  private drawn = -Infinity;
+  /** ms between two drawings of the plots */
   every = 66;
   private readonly envelope = new Envelope();
   private live = true;
@@ -95,23 +95,22 @@ export class Plots {
     if (dead) for (const { reading } of this.plots) write(reading, "not live");
   }
 
-  /** New samples, or nothing: draw the plot that has waited longest, if it is time; true if it did.
+  /** New samples, or nothing: draw the plots if it is time; true if it did.
    *
-   * One per frame: no frame has to wait for all of them. */
+   * All in one frame: a browser that draws without a graphics processor draws whatever lies between two changed places
+   * again, and so pays for most of the page in every frame in which a plot changes. */
   draw(now: number, fresh: boolean): boolean {
     if (fresh && !this.held) this.spoil();
-    let next: Plot | null = null;
-    for (const plot of this.plots) if (plot.stale && (!next || plot.drawn < next.drawn)) next = plot;
-    if (!next || now - next.drawn < this.every) return false;
-    next.drawn = now;
-    next.stale = false;
-    this.redraw(next);
+    if (!this.stale || now - this.drawn < this.every) return false;
+    this.stale = false;
+    this.drawn = now;
+    this.plots.forEach((plot) => this.redraw(plot));
     return true;
   }
 
   /** What is shown is not what there is. */
   private spoil(): void {
-    for (const plot of this.plots) plot.stale = true;
+    this.stale = true;
   }
 
   private get window(): { from: number; to: number } {
@@ -215,6 +214,7 @@ export class Plots {
     this.add(this.turning ? "torque N·m" : "force N", this.force(), this.turning ? 3 : 2, 0.2, this.select);
     this.add("currents A", this.perCoil("currents", same), 2, this.turning ? 0.2 : 1);
     this.add("temperature °C", this.perCoil("winding", ([x], i) => x![i]! - KELVIN), 1, 5, undefined, { warn, derate });
+    this.spoil();
   }
 
   private add(
@@ -269,7 +269,7 @@ export class Plots {
     chart.over.addEventListener("dblclick", () => this.unzoom());
     chart.over.addEventListener("wheel", (event) => this.wheel(chart, event), { passive: false });
     this.sync.sub(chart);
-    this.plots.push({ chart, curves, reading, digits, stale: true, drawn: -Infinity });
+    this.plots.push({ chart, curves, reading, digits });
   }
 
   /** A stretch was marked: hold still and show it. */

@@ -2,7 +2,8 @@
 
 export class Backdrop {
   private readonly picture = document.createElement("canvas");
-  private readonly context: CanvasRenderingContext2D;
+  // Shows a finished picture; a canvas to draw on would be copied by the browser at every frame.
+  private readonly context: ImageBitmapRenderingContext;
   /** how often it was made, for tests */
   made = 0;
   holds = false;
@@ -11,16 +12,15 @@ export class Backdrop {
     this.picture.className = "backdrop";
     this.picture.ariaHidden = "true";
     this.picture.hidden = true;
-    this.context = this.picture.getContext("2d")!;
+    this.context = this.picture.getContext("bitmaprenderer")!;
     canvas.before(this.picture);
   }
 
   /** Keep what `canvas` shows now. */
   take(canvas: HTMLCanvasElement): void {
-    if (this.picture.width !== canvas.width) this.picture.width = canvas.width;
-    if (this.picture.height !== canvas.height) this.picture.height = canvas.height;
-    this.context.clearRect(0, 0, canvas.width, canvas.height);
-    this.context.drawImage(canvas, 0, 0);
+    const copy = new OffscreenCanvas(canvas.width, canvas.height);
+    copy.getContext("2d")!.drawImage(canvas, 0, 0);
+    this.context.transferFromImageBitmap(copy.transferToImageBitmap());
     this.picture.hidden = false;
     this.holds = true;
     this.made++;

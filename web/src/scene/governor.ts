@@ -11,7 +11,7 @@ export interface Detail {
   whole: number;
   kept: number;
   moving: number;
-  /** ms between two drawings of a plot */
+  /** ms between two drawings of the plots */
   plots: number;
 }
 

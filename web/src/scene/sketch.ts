@@ -6,7 +6,6 @@
 
 import {
   type BufferGeometry,
-  Color,
   type DirectionalLight,
   type HemisphereLight,
   type Line,
@@ -15,11 +14,12 @@ import {
   Mesh,
   MeshBasicMaterial,
   type MeshLambertMaterial,
-  MeshPhongMaterial,
+  type MeshPhongMaterial,
   type Object3D,
   type PerspectiveCamera,
   Vector3,
 } from "three";
+import { Lamp } from "./lamp";
 
 /** What is drawn: a part of the view, in CSS px of the view, with so many pixels per CSS px. */
 export interface Part {
@@ -56,7 +56,8 @@ export class Sketch {
     private readonly sky: HemisphereLight,
     private readonly sun: DirectionalLight,
   ) {
-    this.context = canvas.getContext("2d", { willReadFrequently: true })! // written by this processor, every frame;
+    // Kept where this processor writes it, every frame.
+    this.context = canvas.getContext("2d", { willReadFrequently: true })!;
   }
 
   /** Draw `objects` as `camera` sees them in `part` of a view of `view` CSS px, behind `screen`. */
@@ -121,7 +122,13 @@ export class Sketch {
       normal.fromBufferAttribute(normals, k).transformDirection(body.matrixWorld);
       const [r, g, b] = lamp.colour(place, normal);
       place.applyMatrix4(this.project);
-      this.corners.set([this.across(place.x), this.down(place.y), place.z, r, g, b], 6 * k);
+      const { corners } = this;
+      corners[6 * k] = this.across(place.x);
+      corners[6 * k + 1] = this.down(place.y);
+      corners[6 * k + 2] = place.z;
+      corners[6 * k + 3] = r;
+      corners[6 * k + 4] = g;
+      corners[6 * k + 5] = b;
     }
     const { index } = body.geometry;
     const count = index ? index.count : places.count;
@@ -129,34 +136,43 @@ export class Sketch {
     for (let k = 0; k < count; k += 3) this.triangle(at(k), at(k + 1), at(k + 2));
   }
 
-  /** Fill a triangle of three corners where nothing nearer is. */
+  /** Fill a triangle of three corners where nothing nearer is; not one that shows its back, which a body hides. */
   private triangle(a: number, b: number, c: number): void {
     const { corners: n, colours, depth } = this;
     const { width, height } = this.picture;
     const ax = n[a]!, ay = n[a + 1]!, bx = n[b]!, by = n[b + 1]!, cx = n[c]!, cy = n[c + 1]!;
-    const area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
-    if (!(Math.abs(area) > 1e-9)) return;
+    const area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax); // y grows downwards: a front goes round against the clock
+    if (!(area < -1e-9)) return;
     const az = n[a + 2]!, bz = n[b + 2]!, cz = n[c + 2]!;
     const ar = n[a + 3]!, br = n[b + 3]!, cr = n[c + 3]!;
     const ag = n[a + 4]!, bg = n[b + 4]!, cg = n[c + 4]!;
     const ab = n[a + 5]!, bb = n[b + 5]!, cb = n[c + 5]!;
-    // The shares of a and of b, and how they grow from pixel to pixel.
-    const du = (by - cy) / area, dv = (cy - ay) / area;
+    // The shares of the corners, how they grow from pixel to pixel, and the pixels over which one of them grows by 1.
+    const du = (by - cy) / area, dv = (cy - ay) / area, dw = -du - dv;
+    const u1 = 1 / du, v1 = 1 / dv, w1 = 1 / dw;
     // Pixels whose middles lie inside.
     const left = Math.max(0, Math.ceil(Math.min(ax, bx, cx) - 0.5));
     const right = Math.min(width - 1, Math.floor(Math.max(ax, bx, cx) - 0.5));
     const top = Math.max(0, Math.ceil(Math.min(ay, by, cy) - 0.5));
     const bottom = Math.min(height - 1, Math.floor(Math.max(ay, by, cy) - 0.5));
+    const px = left + 0.5;
     for (let y = top; y <= bottom; y++) {
-      const px = left + 0.5, py = y + 0.5;
+      const py = y + 0.5;
       const u0 = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / area;
       const v0 = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / area;
-      // From where to where all three shares are above zero; a long thin triangle fills little of its box.
+      const w0 = 1 - u0 - v0;
+      // From where to where no share is below zero; a long thin triangle fills little of its box.
       let first = 0, last = right - left;
-      [first, last] = above(u0, du, first, last);
-      [first, last] = above(v0, dv, first, last);
-      [first, last] = above(1 - u0 - v0, -du - dv, first, last);
-      for (let i = first; i <= last; i++) {
+      if (du > 0) first = Math.max(first, -u0 * u1);
+      else if (du < 0) last = Math.min(last, -u0 * u1);
+      else if (u0 < 0) continue;
+      if (dv > 0) first = Math.max(first, -v0 * v1);
+      else if (dv < 0) last = Math.min(last, -v0 * v1);
+      else if (v0 < 0) continue;
+      if (dw > 0) first = Math.max(first, -w0 * w1);
+      else if (dw < 0) last = Math.min(last, -w0 * w1);
+      else if (w0 < 0) continue;
+      for (let i = Math.ceil(first); i <= last; i++) {
         const u = u0 + i * du, v = v0 + i * dv, w = 1 - u - v;
         const k = y * width + left + i;
         const z = u * az + v * bz + w * cz;
@@ -245,71 +261,7 @@ export class Sketch {
   }
 }
 
-const span: [number, number] = [0, 0];
-
-/** The steps from `first` to `last` at which a share that begins at `from` and grows by `by` is not below zero. */
-function above(from: number, by: number, first: number, last: number): [number, number] {
-  const zero = -from / by;
-  span[0] = by > 0 ? Math.max(first, Math.ceil(zero)) : first;
-  span[1] = by < 0 ? Math.min(last, Math.floor(zero)) : by === 0 && from < 0 ? first - 1 : last;
-  return span;
-}
-
 const place = new Vector3();
 const normal = new Vector3();
 const from3 = new Vector3();
 const to3 = new Vector3();
-
-/** Sky and sun on one material, by the formulas of three's own shaders. */
-class Lamp {
-  private readonly up = new Vector3();
-  private readonly towardsSun = new Vector3();
-  private readonly view = new Vector3();
-  private readonly half = new Vector3();
-  private readonly specular: Color | null;
-  private readonly shininess: number;
-  private readonly out: [number, number, number] = [0, 0, 0];
-
-  constructor(
-    private readonly sky: HemisphereLight,
-    private readonly sun: DirectionalLight,
-    private readonly material: MeshLambertMaterial | MeshPhongMaterial,
-    private readonly eye: Vector3,
-  ) {
-    this.up.copy(sky.position).normalize();
-    this.towardsSun.copy(sun.position).sub(sun.target.position).normalize();
-    this.specular = material instanceof MeshPhongMaterial ? material.specular : null;
-    this.shininess = material instanceof MeshPhongMaterial ? material.shininess : 0;
-  }
-
-  /** Red, green and blue, 0…255, of a place with `normal`, which points out of the body. */
-  colour(at: Vector3, normal: Vector3): [number, number, number] {
-    this.view.subVectors(this.eye, at).normalize();
-    const above = 0.5 * normal.dot(this.up) + 0.5;
-    const facing = Math.max(0, normal.dot(this.towardsSun));
-    let gloss = 0;
-    let grazing = 0;
-    if (this.specular && facing > 0) {
-      this.half.addVectors(this.view, this.towardsSun).normalize();
-      const seen = this.half.dot(this.view);
-      grazing = 2 ** ((-5.55473 * seen - 6.98316) * seen);
-      gloss = 0.25 * (0.5 * this.shininess + 1) * Math.max(0, normal.dot(this.half)) ** this.shininess;
-    }
-    for (let k = 0; k < 3; k++) {
-      const part = PARTS[k]!;
-      const sun = this.sun.color[part] * this.sun.intensity * facing;
-      const sky = (this.sky.groundColor[part] * (1 - above) + this.sky.color[part] * above) * this.sky.intensity;
-      const mirror = this.specular ? (this.specular[part] * (1 - grazing) + grazing) * gloss : 0;
-      this.out[k] = shade((this.material.color[part] * (sky + sun) + mirror * sun) / Math.PI);
-    }
-    return this.out;
-  }
-}
-
-const PARTS = ["r", "g", "b"] as const;
-
-/** Linear light to what a screen wants, 0…255. */
-function shade(light: number): number {
-  if (light >= 1) return 255;
-  return 255 * (light <= 0.0031308 ? 12.92 * light : 1.055 * light ** (1 / 2.4) - 0.055);
-}

@@ -92,11 +92,6 @@ export class Stage {
     this.faded = true;
   }
 
-  /** Whether the moving parts alone are drawn: quickly, and at any time. */
-  get nimble(): boolean {
-    return this.backdrop.holds;
-  }
-
   /** Draw if needed; true if it did. */
   draw(now: number): boolean {
     if (this.stirred) this.changed = now;
@@ -122,6 +117,7 @@ export class Stage {
   private whole(now: number): void {
     this.backdrop.drop();
     this.patch.hide();
+    this.canvas.classList.remove("empty");
     this.sharpen(this.detail.whole);
     this.camera.layers.enable(STILL);
     this.camera.layers.enable(MOVING);
@@ -137,6 +133,7 @@ export class Stage {
       this.renderer.render(this.scene, this.camera);
       this.backdrop.take(this.canvas);
       this.renderer.clear();
+      this.canvas.classList.add("empty");
       this.kept = now;
     }
     this.patch.draw(this.moving, this.camera, this.size, this.detail.moving, this.screen);

@@ -1,6 +1,6 @@
 // The stylus: tip at −z, ring magnet about the origin, pen body beyond.
 
-import { DoubleSide, Group, LatheGeometry, Mesh, MeshLambertMaterial, MeshPhongMaterial, Vector2, Vector3 } from "three";
+import { Group, LatheGeometry, Mesh, MeshLambertMaterial, MeshPhongMaterial, Vector2, Vector3 } from "three";
 import type { ToolMover } from "../session";
 import { css, onThemeChange } from "../theme";
 
@@ -11,7 +11,7 @@ export class Stylus {
   readonly group = new Group();
   private readonly tip: Vector3;
   private readonly end = new Vector3(0, 0, LENGTH);
-  private readonly pen = new MeshLambertMaterial({ side: DoubleSide });
+  private readonly pen = new MeshLambertMaterial();
 
   constructor(tool: ToolMover, changed: () => void) {
     const { outer_radius, length, tip_distance } = tool.magnet;

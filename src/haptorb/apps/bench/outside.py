@@ -47,6 +47,8 @@ def console(effort: float, tell: Callable[[str], None]) -> list[Row]:
         Row("console", "from drag to force shown, median", told["median_ms"], "ms", limit=25.0, note=drawn),
         Row("console", "the same, 90 %", told["p90_ms"], "ms"),
         Row("console", "from drag to force arrived, median", told["arrived_median_ms"], "ms"),
+        Row("console", "ticks in time beside the browser", told["success_rate"], "1", limit=0.999, at_least=True),
+        Row("console", "processor time that a virtual machine's host kept", told["stolen_share"], "1"),
     ]
 
 
