@@ -27,14 +27,16 @@ settings.register_profile(
 settings.load_profile("fixed")
 
 #: folders and files whose tests run beside a clock: a browser, an emulator, a servo or a server in a process of its
-#: own; where several processes share the tests, they wait for the second phase
+#: own. They can lose it to the machine's other tenants: they may try again
 AGAINST_TIME = {
-    *("browser", "firmware", "test_black_box.py", "test_check.py", "test_cli.py", "test_console.py"),
-    *("test_design_session.py", "test_drivers.py", "test_frame.py", "test_framed_feed.py", "test_hall_loop.py"),
-    *("test_motor_chain.py", "test_pages.py", "test_postgres.py", "test_recording.py", "test_room.py"),
-    *("test_runner.py", "test_safety.py", "test_schedule.py", "test_serial_port.py", "test_servo.py"),
-    *("test_streams.py", "test_trackers.py", "test_tutorial.py", "test_wakefulness.py"),
+    *("browser", "firmware", "test_black_box.py", "test_cli.py", "test_console.py", "test_design_session.py"),
+    *("test_frame.py", "test_framed_feed.py", "test_hall_loop.py", "test_motor_chain.py", "test_pages.py"),
+    *("test_postgres.py", "test_recording.py", "test_room.py", "test_runner.py", "test_safety.py"),
+    *("test_serial_port.py", "test_servo.py", "test_streams.py", "test_trackers.py", "test_tutorial.py"),
 }
+#: where several processes share the tests, these wait for the second phase; beside AGAINST_TIME those that need a
+#: processor for themselves and pass at once when they have it
+ALONE = AGAINST_TIME | {"test_check.py", "test_drivers.py", "test_schedule.py", "test_wakefulness.py"}
 #: begun first where several processes share the tests: whoever gets one of these at the end keeps the others waiting
 HEAVY = ("test_docs.py", "test_gathered.py", "reproduce", "test_tools.py", "test_examples.py")
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
@@ -61,8 +63,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     if lacking:
         skips["firmware"] = f"no {', '.join(lacking)} on this machine{_why_missing()}"
     for item in items:
-        # What runs against the clock beside a browser, an emulator or a servo can lose it to the machine's other
-        # tenants: such a test may try three times, and the summary counts every further try.
+        # Three times at the most, and the summary counts every further try.
         if AGAINST_TIME & set(item.path.parts):
             item.add_marker(pytest.mark.flaky(reruns=2, reruns_delay=3))
         for marker, reason in skips.items():
@@ -78,7 +79,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module.TwoPhases(config, log, lambda file: AGAINST_TIME & set(Path(file).parts), HEAVY)
+    return module.TwoPhases(config, log, lambda file: ALONE & set(Path(file).parts), HEAVY)
 
 
 @pytest.fixture(scope="session")
