@@ -12,7 +12,6 @@ from haptorb.apps.bench import outside as programs
 from haptorb.apps.cli import main
 from haptorb.errors import InputError, UnknownName
 
-pytestmark = pytest.mark.timeout(900)  # whoever comes first compiles both devices' kernels
 SHORT = 0.02
 
 
