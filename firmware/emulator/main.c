@@ -28,6 +28,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include <avr_extint.h>
 #include <avr_ioport.h>
 #include <sim_elf.h>
 #include <sim_io.h>
@@ -101,6 +102,10 @@ static void on_reset(avr_io_t *io)
     twi_model_reset();
     uart_model_reset();
     onewire_model_reset();
+    /* No pin interrupts here; the library would look at a low pin, such as the stop button's, in every cycle. */
+    for (uint8_t i = 0; i < EXTINT_COUNT; i++)
+        if (avr_extint_is_strict_lvl_trig(avr, i) > 0)
+            avr_extint_set_strict_lvl_trig(avr, i, 0);
     button(pressed);
     if (hung) {
         memcpy(avr->flash + hung_at, &hung_code, 2);

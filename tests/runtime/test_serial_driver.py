@@ -161,6 +161,32 @@ def test_three_answers_missed_in_a_row_are_a_device_that_has_gone(made: Make) ->
     assert driver.write(SOME).tolist() == [0, 0, 0]
 
 
+def test_who_waits_for_an_answer_goes_on_talking(made: Make) -> None:
+    # A firmware switches off after 15 ms of silence: waiting longer in silence would be the silence.
+    board, driver = made(patience=0.5)
+    ticks(driver, SOME, 3)
+    driver._patience = 0.04
+    board.heard.clear()
+    board.mute = True
+    ticks(driver, SOME, 2)
+    board.mute = False
+    sample = driver.read(1.0)
+    said = [frame for frame in board.heard if frame.type == Command.SET]
+    assert len(said) == len(board.heard) >= 10  # every 5 ms of 80, if this computer is not too busy
+    assert {frame.payload for frame in said} == {said[0].payload}
+    assert len({frame.sequence for frame in said}) == len(said)
+    assert np.abs(sample.currents).max() > 1  # and the duties are what they were
+
+
+def test_who_waits_at_rest_asks_and_engages_nothing(made: Make) -> None:
+    board, driver = made(patience=0.02)
+    ticks(driver, OFF, 3)
+    board.heard.clear()
+    board.mute = True
+    driver.read(1.0)
+    assert {frame.type for frame in board.heard} == {Command.READ}
+
+
 def test_a_silent_board_at_rest_is_given_more_time(made: Make) -> None:
     board, driver = made(patience=0.02)
     driver._patience = 0.002

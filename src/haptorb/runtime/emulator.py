@@ -25,6 +25,7 @@ from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import DriverError
 from haptorb.physics.arrays import Array
 from haptorb.runtime.hall_sensor import HallSensors
+from haptorb.runtime.realtime import urgent
 from haptorb.sensing.sample import Pose
 from haptorb.simulation.registry import simulated
 
@@ -70,6 +71,7 @@ class EmulatedDevice:
         self._thread.start()
 
     def _serve(self) -> None:
+        urgent()  # the emulator waits for every answer, and firmware time with it
         with suppress(OSError):
             while True:
                 connection, _ = self._listener.accept()
@@ -141,6 +143,7 @@ class Emulator:
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, bufsize=1
         )
+        urgent(self._process.pid)  # real hardware does not wait for its turn on this computer
         self._lines: Queue[str] = Queue()
         self._listener = threading.Thread(target=self._listen, name="emulator", daemon=True)
         self._listener.start()

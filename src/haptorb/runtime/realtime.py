@@ -37,9 +37,12 @@ def punctual(*, real_time: bool = True) -> Facts:
     }
 
 
-def urgent() -> bool:
-    """Ask for this thread to come before ordinary ones, behind every loop; for threads that sleep nearly always."""
-    return _fifo(1)
+def urgent(number: int = 0) -> bool:
+    """Ask for this thread, or the process `number`, to come before ordinary ones, behind every loop; False if refused.
+
+    For what sleeps nearly always.
+    """
+    return _fifo(1, number)
 
 
 def ordinary() -> None:
@@ -48,9 +51,9 @@ def ordinary() -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-def _fifo(priority: int) -> bool:
+def _fifo(priority: int, number: int = 0) -> bool:
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+        os.sched_setscheduler(number, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except OSError:
         return False
     return True

@@ -26,6 +26,7 @@ __all__ = ["SerialDriver", "untracked"]
 
 _LOST_IN_A_ROW = 3  #: readings repeated before the device counts as silent, with current in its coils
 _LOST_AT_REST = 20  #: the same while it is not engaged: a busy computer is no danger then
+_SAY_AGAIN = 5e-3  #: who waits longer for an answer must go on talking: 15 ms of silence switch the coils off [s]
 _RETRY = 0.25  #: between two attempts to reach a port that has gone [s]
 _MEETING = 0.2  #: for an answer when the port is back [s]; no Arduino restarts in the middle of a loop
 _REQUIRED = 0xFF  #: every part
@@ -54,8 +55,8 @@ class SerialDriver(Driver):
     by the next `read`, a quarter of a second later at the latest.
 
     pose(now) is the tracker's word on where the tool is; without it no pose is ever valid. `patience` [s] is how long
-    `read` waits for the answer to the last tick's frame; three unanswered in a row are a device that has gone,
-    twenty while no current may flow.
+    `read` waits for the answer to the last tick's frame, which is sent again every 5 ms meanwhile; three unanswered in a
+    row are a device that has gone, twenty while no current may flow.
     duty_limit [1] and current_limit [A] are what the firmware is told to hold in this session; by default 5 % above
     the device's own current limit. `open` waits at most `warm_up` [s] for every sensor's first reading, and refuses a
     board whose Hall sensors have fewer than `hall_axes`.
@@ -229,7 +230,7 @@ class SerialDriver(Driver):
         try:
             if not board.posted:
                 board.post(None)
-            row = board.collect(self._patience)
+            row = self._collected(board)
         except DriverError as cause:
             raise self._failed(str(cause), gone=True) from cause
         if row is None:
@@ -244,6 +245,16 @@ class SerialDriver(Driver):
                 if why:
                     raise self._failed(why)
         return self._told.sample(now, self._pose(now))
+
+    def _collected(self, board: Board) -> Array | None:
+        """The answer to the last question; while it is waited for, the question is put again with a new number."""
+        end = monotonic() + self._patience
+        while True:
+            left = end - monotonic()
+            row = board.collect(min(left, _SAY_AGAIN))
+            if row is not None or left <= _SAY_AGAIN:
+                return row
+            board.post(self._steps if self._engaged else None)
 
     def write(self, duties: Array) -> Array:
         """Send `duties` (3,); returns (3,) what was applied: in the PWM's steps, zeros while the coils are off."""
