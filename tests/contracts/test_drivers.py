@@ -9,6 +9,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +31,17 @@ FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 
 
 class Subject:
-    """A driver, and a way to see what its coils really get."""
+    """A driver, and a way to see what its coils really get; `repeats`: the same ticks read the same numbers."""
 
-    def __init__(self, driver: Driver, coils: Callable[[], Array], between: Callable[[], None] = lambda: None) -> None:
-        self.driver, self.coils, self.between = driver, coils, between
+    def __init__(
+        self,
+        driver: Driver,
+        coils: Callable[[], Array],
+        between: Callable[[], None] = lambda: None,
+        *,
+        repeats: bool = True,
+    ) -> None:
+        self.driver, self.coils, self.between, self.repeats = driver, coils, between, repeats
         self.now = 0.0
 
     def tick(self, duties: Array) -> tuple[Any, Array]:
@@ -104,7 +112,9 @@ def subject(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Subject]
         emulator.slow()
 
     driver.open = open_then_slow  # type: ignore[method-assign]
-    yield Subject(driver, lambda: np.array([float(one) for one in emulator.status()["duty"].split(",")]))
+    yield Subject(
+        driver, lambda: np.array([float(one) for one in emulator.status()["duty"].split(",")]), repeats=False
+    )  # the emulator's time passes by itself
     driver.close()
     emulator.close()
 
@@ -184,9 +194,63 @@ def test_engaging_what_runs_changes_nothing(subject: Subject) -> None:
         assert applied == pytest.approx(SOME, abs=1e-3)
 
 
-def test_a_name_and_whether_it_is_simulated(subject: Subject) -> None:
+def prepared(subject: Subject, times: int) -> tuple[Array, Array]:
+    """What ten ticks, each prepared so many times, applied (10, 3) [1], and what they read (10, 33)."""
+    subject.now = 0.0
+    applied, read = [], []
+    with subject.driver as driver:
+        for n in range(10):
+            for _ in range(times):
+                driver.prepare(subject.now)
+            sample, duties = subject.tick(SOME * (n % 4))
+            applied.append(duties)
+            read.append(np.concatenate((sample.currents, sample.temperatures, sample.field.ravel())))
+    return np.array(applied), np.array(read)
+
+
+def test_a_tick_is_the_same_whether_it_was_prepared_or_not_or_twice(subject: Subject) -> None:
+    applied, read = prepared(subject, 0)
+    assert applied.any()
+    for times in (1, 2):
+        applied_then, read_then = prepared(subject, times)
+        np.testing.assert_array_equal(applied_then, applied)
+        if subject.repeats:
+            np.testing.assert_array_equal(read_then, read)
+
+
+def test_preparing_never_moves_a_coil(subject: Subject) -> None:
+    def prepare_and_see(coils: Array) -> None:
+        for _ in range(2):
+            driver.prepare(subject.now)
+            assert subject.coils() == pytest.approx(coils, abs=1e-3)
+
+    driver, off = subject.driver, np.zeros(3)
+    for opened in (False, True):  # not yet, and no longer: silence, or what `read` says as well
+        with suppress(DriverError):
+            prepare_and_see(off)
+        with pytest.raises(DriverError, match="open"):
+            driver.read(subject.now)
+        assert subject.coils() == pytest.approx(off, abs=0)
+        if opened:
+            return
+        with driver:
+            prepare_and_see(off)
+            for _ in range(5):
+                subject.tick(SOME)
+            prepare_and_see(SOME)
+            for _ in range(3):
+                subject.tick(off)
+            prepare_and_see(off)
+            for _ in range(3):
+                subject.tick(SOME)
+            prepare_and_see(SOME)
+
+
+def test_a_name_whether_it_is_simulated_and_how_long_before_a_tick_it_prepares(subject: Subject) -> None:
     assert subject.driver.name
     assert isinstance(subject.driver.simulated, bool)
+    assert isinstance(subject.driver.lead, float)
+    assert 0.0 <= subject.driver.lead < 1e-3
 
 
 def test_a_device_with_other_channels_is_refused() -> None:

@@ -219,20 +219,25 @@ def test_it_says_what_it_is():
 
 
 def _driven(prepares):
-    """Five ticks, `prepares` saying for which instants each is prepared: truth, currents and poses, as bytes."""
+    """Five ticks, `prepares` saying for which instants each is prepared: truth, currents and poses, as bytes.
+
+    Each is read twice: the sensors' noise is another one then.
+    """
     told = b""
     with SimDriver.of(OMNI, PERIOD, lambda now: wish((0.01 * now, 0.0, 0.052)), seed=5) as driver:
         for n, instants in enumerate(prepares):
             for instant in instants:
                 driver.prepare(instant * PERIOD)
-            sample = driver.read(n * PERIOD)
-            told += driver.truth().tobytes() + sample.pose.p.tobytes()
+            for sample in (driver.read(n * PERIOD), driver.read(n * PERIOD)):
+                told += driver.truth().tobytes() + sample.currents.tobytes() + sample.pose.p.tobytes()
             driver.write(np.full(3, 0.1 * n))
     return told
 
 
 def test_what_is_prepared_is_what_would_have_been_read():
-    assert _driven([[0], [1], [2], [3], [4]]) == _driven([[]] * 5)
+    unprepared = _driven([[]] * 5)
+    assert _driven([[0], [1], [2], [3], [4]]) == unprepared
+    assert _driven([[0, 0], [], [2, 2, 2], [3], [4]]) == unprepared
 
 
 def test_time_passes_while_the_loop_waits_and_reading_only_hands_over():

@@ -105,9 +105,10 @@ class SimDriver(Driver):
         self._open = False
 
     def prepare(self, now: float) -> None:
-        """Let time pass until `now` [s] and read the sensors. Raises DriverError as `read` does."""
-        self._ready = None
-        self._ready = self._sampled(now)
+        """Let time pass until `now` [s] and read the sensors, once. Raises DriverError as `read` does."""
+        if self._ready is None or self._ready.t != now:
+            self._ready = None
+            self._ready = self._sampled(now)
 
     def read(self, now: float) -> Sample:
         """The sample at `now` [s]; `now` may stand still but never go back. Raises DriverError if it does, if it is not
