@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterable
 
+import numpy as np
 import pytest
 
 from haptorb.devices.loader import load
@@ -13,6 +14,7 @@ from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.schedule import Schedule
 from haptorb.runtime.shared import Shared, Word
+from haptorb.runtime.sim_driver import SimDriver
 from haptorb.worlds import named
 
 RATE = 1000.0
@@ -65,6 +67,19 @@ def test_a_host_whose_heart_beats_is_obeyed_to_the_end() -> None:
     assert well
     assert loop.reason == ""
     assert clock.waits == 2 * SILENT + 1
+
+
+def test_every_tick_is_prepared_for_its_own_deadline_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[str, float]] = []
+    for door in ("prepare", "read"):
+        inner = getattr(SimDriver, door)
+        monkeypatch.setattr(
+            SimDriver, door, lambda self, now, inner=inner, door=door: asked.append((door, now)) or inner(self, now)
+        )
+    run(range(20), beating=True)
+    assert asked[:40:2] == [("prepare", now) for _, now in asked[1:40:2]]
+    assert [door for door, _ in asked[1:40:2]] == ["read"] * 20
+    assert [now for _, now in asked[1:40:2]] == pytest.approx(np.arange(20) / RATE)
 
 
 def test_a_host_without_a_heartbeat_is_dead_after_the_silence() -> None:

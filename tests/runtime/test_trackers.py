@@ -28,7 +28,6 @@ from haptorb.runtime.feed import Feed, Garbage, Heard
 from haptorb.runtime.osc_feed import OscFeed
 from haptorb.runtime.reception import REASONS, Reception
 from haptorb.runtime.replay_feed import played
-from haptorb.runtime.sender_clock import SenderClock
 from haptorb.runtime.servo import Servo
 from haptorb.runtime.tracked_block import WORDS, Tracked, TrackedBlock
 from haptorb.runtime.tracker_door import TOKEN, known_tracker, prepared
@@ -381,22 +380,6 @@ def test_velocity_is_that_of_the_poses_and_a_jump_has_none() -> None:
     assert say(0.205, 1.0).v.tolist() == [0, 0, 0]
     assert say(0.4, 1.05).v.tolist() == [0, 0, 0]  # after a gap nobody knows
     assert reception.facts()["gaps"] == 1
-
-
-def test_a_senders_clock_shows_what_was_held_up() -> None:
-    clock = SenderClock()
-    draw = random.Random(3)
-    late = []
-    for k in range(4000):
-        sent = 0.01 * k
-        delay = 0.002 + (0.03 if draw.random() < 0.05 else 0.0)
-        arrival = 500.0 + sent * (1 + 50e-6) + delay  # a clock that loses 50 µs a second
-        late.append((delay - 0.002, arrival - clock.stamp(sent, arrival)))
-    true, seen = np.array(late).T
-    assert np.abs(seen - true).max() < 1.1e-3
-    assert seen.min() >= 0.0
-    anew = clock.stamp(0.0, 541.0)  # the sender began again, its clock at zero
-    assert anew == 541.0
 
 
 def test_a_damaged_block_is_not_waited_for() -> None:
