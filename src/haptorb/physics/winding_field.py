@@ -83,16 +83,9 @@ def _integral(
 
 @kernel
 def winding_field(
-    points: Array,
-    shape: Array,
-    c: Array,
-    density: float,
-    wanted: float,
-    far2: float,
-    out: Array,
-    bound: Array,
+    points: Array, shape: Array, c: Array, density: float, wanted: float, far2: float, out: Array, bound: Array,
     gross: Array,
-) -> None:
+) -> None:  # fmt: skip
     """Fill out (n, 3) [T] with the field at points (n, 3) [m], bound (n,) with its error, gross (n,) before cancelling.
 
     shape (3,): inner and outer radius, half length [m]; c, far2: the zonal series for points beyond √far2; density:
@@ -108,25 +101,15 @@ def winding_field(
             error = 1e-14 * whole
         else:
             over, b_z, _, error, whole = _integral(inner, outer, h, np.sqrt(rho2), z, wanted, False)
-            over *= density
-            b_z *= density
-            error *= density
-            whole *= density
+            over, b_z, error, whole = density * over, density * b_z, density * error, density * whole
         out[n, 0], out[n, 1], out[n, 2], bound[n], gross[n] = over * x, over * y, b_z, error, whole
 
 
 @kernel
 def winding_gradient(
-    points: Array,
-    shape: Array,
-    c: Array,
-    density: float,
-    wanted: float,
-    far2: float,
-    out: Array,
-    bound: Array,
+    points: Array, shape: Array, c: Array, density: float, wanted: float, far2: float, out: Array, bound: Array,
     gross: Array,
-) -> None:
+) -> None:  # fmt: skip
     """As `winding_field`, of the gradient: out (n, 3, 3) [T/m], bound and gross [T/m]."""
     inner, outer, h = shape
     for n in range(points.shape[0]):
@@ -138,11 +121,8 @@ def winding_gradient(
             error = 1e-14 * whole
         else:
             over, stretch, shear, error, whole = _integral(inner, outer, h, np.sqrt(rho2), z, wanted, True)
-            over *= density
-            stretch *= density
-            shear *= density
-            error *= density
-            whole *= density
+            over, stretch, shear = density * over, density * stretch, density * shear
+            error, whole = density * error, density * whole
         tensor(x, y, over, stretch, shear, out[n])
         if inner * inner < rho2 < outer * outer and abs(z) < h:  # in the wire curl B = μ0 J: ∂B_z/∂ρ lacks it so far
             out[n, 2, 0] -= density * x / np.sqrt(rho2)
