@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import haptorb
 from haptorb.devices import pair_table, table_cache, table_kernels
 from haptorb.devices.pair_table import PairTable, field_table, torque_table
 from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import GeometryError, InputError, PrecisionError
+from haptorb.physics import compiled
 from haptorb.physics.coil import Coil
 from haptorb.physics.cylinder import CylinderMagnet
 from haptorb.physics.interaction import wrench
@@ -231,6 +234,18 @@ def test_another_body_distance_or_precision_is_another_table(folder):
     table_cache.cached_field_table(MAGNET, R_PM, 51e-3, precision=1e-4)
     table_cache.cached_field_table(CylinderMagnet(15.875e-3, 5.08e-3, 1.3100000000000003), R_PM, 50e-3, precision=1e-4)
     assert len(list(folder.iterdir())) == 4
+
+
+def test_the_code_of_all_that_makes_a_tables_numbers_is_in_its_name():
+    package, seen, waiting = Path(haptorb.__file__).parent, set(), [Path(pair_table.__file__)]
+    while waiting:
+        file = waiting.pop()
+        if file not in seen:
+            seen.add(file)
+            waiting.extend(compiled._neighbours(file)[1])
+    imported = {file.relative_to(package).with_suffix("").as_posix() for file in seen}
+    carriers = {"errors", "physics/__init__", "physics/arrays", "physics/compiled", "physics/source"}
+    assert set(table_cache._MAKERS) == imported - carriers
 
 
 @pytest.mark.parametrize("damage", ["empty", "torn", "bit", "scale", "foreign", "binary", "list"])
