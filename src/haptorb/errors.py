@@ -8,6 +8,7 @@
     ├── PrecisionError       the precision asked for was not reached (the best reached is told)
     ├── CalibrationError     measurements that cannot be what the device is wired to be (which part is named)
     ├── DriverError          hardware or simulation that does not answer as it must
+    │   └── HostSilent       the hardware switched off because this computer was silent
     ├── RecordingError       a recording that cannot be written or read
     └── ServoError           the real-time process did not start, or died
 
@@ -25,6 +26,7 @@ __all__ = [
     "DriverError",
     "GeometryError",
     "HaptorbError",
+    "HostSilent",
     "InputError",
     "PrecisionError",
     "RecordingError",
@@ -73,6 +75,10 @@ class CalibrationError(HaptorbError):
 
 class DriverError(HaptorbError):
     """Hardware, or its simulation, that does not answer as it must."""
+
+
+class HostSilent(DriverError):
+    """The hardware switched off because this computer was silent: a moment's hesitation, and nothing is broken."""
 
 
 class RecordingError(HaptorbError):

@@ -9,14 +9,14 @@ from typing import final
 import numpy as np
 
 from haptorb.devices.device import Device
-from haptorb.errors import DriverError, InputError
+from haptorb.errors import DriverError, HostSilent, InputError
 from haptorb.physics.arrays import Array
 from haptorb.runtime.board import Board
 from haptorb.runtime.board_answers import Identity
 from haptorb.runtime.board_complaints import refusal, switched_off
 from haptorb.runtime.board_reading import At, Reading
 from haptorb.runtime.board_sample import BoardSample
-from haptorb.runtime.board_words import Standing, missing_chips
+from haptorb.runtime.board_words import Reason, Standing, missing_chips
 from haptorb.runtime.driver import Driver
 from haptorb.runtime.hall_sensor import HallSensors
 from haptorb.runtime.protocol import CHANNELS, DUTY_STEPS, HALL_SENSORS, stepped
@@ -55,8 +55,8 @@ class SerialDriver(Driver):
     by the next `read`, a quarter of a second later at the latest.
 
     pose(now) is the tracker's word on where the tool is; without it no pose is ever valid. `patience` [s] is how long
-    `read` waits for the answer to the last tick's frame, which is sent again every 5 ms meanwhile; three unanswered in a
-    row are a device that has gone, twenty while no current may flow.
+    `read` waits for the answer to the last tick's frame, sent again every 5 ms meanwhile; three unanswered in a row are
+    a device that has gone, twenty while no current may flow. A trip because this computer was silent is a HostSilent.
     duty_limit [1] and current_limit [A] are what the firmware is told to hold in this session; by default 5 % above
     the device's own current limit. `open` waits at most `warm_up` [s] for every sensor's first reading, and refuses a
     board whose Hall sensors have fewer than `hall_axes`.
@@ -199,7 +199,7 @@ class SerialDriver(Driver):
             except DriverError as cause:
                 raise self._failed(str(cause), gone=True) from cause
 
-    def _failed(self, why: str, *, gone: bool = False) -> DriverError:
+    def _failed(self, why: str, *, gone: bool = False, as_: type[DriverError] = DriverError) -> DriverError:
         """No current from now on, until `engage`."""
         self._armed = self._engaged = False
         self._applied = np.zeros(CHANNELS)
@@ -209,7 +209,7 @@ class SerialDriver(Driver):
             self._next_try = monotonic() + _RETRY
             if board is not None:
                 board.close()
-        return DriverError(why)
+        return as_(why)
 
     def _reconnected(self) -> Board:
         if monotonic() < self._next_try:
@@ -243,7 +243,8 @@ class SerialDriver(Driver):
             if row[At.STANDING] != Standing.ENGAGED:
                 why = switched_off(Reading.of(row), self._engaged)
                 if why:
-                    raise self._failed(why)
+                    silent = row[At.REASON] == Reason.SILENCE
+                    raise self._failed(why, as_=HostSilent if silent else DriverError)
         return self._told.sample(now, self._pose(now))
 
     def _collected(self, board: Board) -> Array | None:

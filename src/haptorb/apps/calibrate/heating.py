@@ -2,27 +2,35 @@
 
 Its resistance tells the winding's temperature, so a small current stays on while it cools. Zárate 2020, Fig. 6: 30 %
 duty for three minutes.
+
+Six minutes are long for a computer that must never be silent for 15 ms. Where it was, and the firmware switched off for
+that reason alone, the second is lost and the record goes on in the next: less heat went in, and that is written down.
+The person has agreed to current in this coil for all of the step, with the tool away; any other trip ends it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import ceil
+from typing import final
 
 import numpy as np
 
 from haptorb.apps.calibrate.measure import Session
 from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.errors import CalibrationError
+from haptorb.errors import CalibrationError, HostSilent
 from haptorb.physics.arrays import Array
 from haptorb.sensing.thermal_identification import ThermalIdentification, thermal_identification
 
-__all__ = ["HEATING", "Course", "heated"]
+__all__ = ["HEATING", "Course", "Heated", "heated"]
 
 _RATE = 250.0  #: a firmware's watchdog waits 15 ms: three readings may come late, in six minutes [Hz]
 _UNWATCHED = 100.0  #: nothing watches a simulation [Hz]
 _BIN = 1.0  #: readings are averaged over this [s]
 _MARGIN = 5.0  #: heating ends so far below the device's warning [K]
 _COLD = 4.0  #: a coil that is warmer than the others by this is not cold [K]
+_PAUSES = 0.2  #: share of the seconds that may be lost: with more, the record is one of this computer
+_BREATH = 0.1  #: a pause lasts at least this [s]
 
 
 @dataclass(frozen=True)
@@ -43,13 +51,21 @@ class Course:
 HEATING = Course()
 
 
+@dataclass(frozen=True)
+class Heated:
+    """What was found, and how many seconds were lost because this computer hesitated."""
+
+    found: ThermalIdentification
+    pauses: int
+
+
 def heated(
     session: Session, device: SphericalElectromagnet, resistance: Array, course: Course = HEATING, coil: int = 0
-) -> ThermalIdentification:
+) -> Heated:
     """The two nodes of `coil`, found over `course`; `resistance` (m,) [Ω] as it was when cold.
 
-    Begin with a cold device: its first temperature is taken as the room's. Raises CalibrationError if it is not, or if
-    the record determines too little.
+    Begin with a cold device: its first temperature is taken as the room's. Raises CalibrationError if it is not, if the
+    record determines too little, or if more than a fifth of it was lost.
     """
     coils, rate = device.coils, _UNWATCHED if session.simulated else _RATE
     rest, _ = session.held(np.zeros(device.channels), 0.2, rate=rate)
@@ -59,23 +75,76 @@ def heated(
             f"coil '{coils.names[coil]}' is {cold[coil] - cold.min():.0f} K warmer than the others: let it cool for "
             "ten minutes"
         )
-    hot, hottest = int(course.heating / _BIN), coils.heat.warn - _MARGIN
-    times, power, winding, boundary = [], [], [], []
-    duties = np.zeros(device.channels)
-    for n in range(hot + int(course.cooling / _BIN)):
+    hot, cool = int(course.heating / _BIN), int(course.cooling / _BIN)
+    hottest, start, ohms = coils.heat.warn - _MARGIN, session.now(), float(resistance[coil])
+    duties, record = np.zeros(device.channels), _Record()
+    n = pauses = 0
+    while n < hot + cool:
         duties[coil] = course.hot if n < hot else course.warm
-        samples, applied = session.held(duties, _BIN, 0.2 * _BIN, rate=rate)
+        try:
+            samples, applied = session.held(duties, _BIN, 0.2 * _BIN, rate=rate)
+        except HostSilent as cause:
+            pauses += 1
+            if pauses > _PAUSES * (hot + cool):
+                raise CalibrationError(
+                    f"this computer was silent too often: {pauses} of the {n + 1} s so far are lost; end what else it "
+                    "does, or take another"
+                ) from cause
+            last = (duties[coil] * device.supply.voltage) ** 2 / ohms
+            record.spend(min(max(session.now() - start, n * _BIN), (n + 1) * _BIN), last)
+            after = _paused(session, device, start, n, rate)
+            record.spend(after * _BIN, 0.0)
+            n = after
+            continue
         current = float(np.mean([sample.currents[coil] for sample in samples]))
-        edge = float(np.mean([sample.temperatures[coil] for sample in samples]))
+        edge = np.mean([sample.temperatures for sample in samples], axis=0)
         volts = abs(float(applied[coil])) * device.supply.voltage
         if abs(current) < 0.02:
             raise CalibrationError(f"coil '{coils.names[coil]}' carries no current while it is heated: is it engaged?")
-        warm = cold[coil] + (volts / abs(current) / resistance[coil] - 1) / coils.temperature_coefficient
-        times.append((n + 0.6) * _BIN)
-        power.append(volts * abs(current))
-        winding.append(warm)
-        boundary.append(edge)
-        if edge > hottest and n < hot:
+        ohms = volts / abs(current)
+        warm = cold[coil] + (ohms / resistance[coil] - 1) / coils.temperature_coefficient
+        record.tell((n + 0.6) * _BIN, warm, edge[coil])  # readings are averaged over the last four fifths
+        record.spend((n + 1) * _BIN, volts * abs(current))
+        if edge[coil] > hottest and n < hot:
             hot = n + 1
+        n += 1
     session.held(np.zeros(device.channels), 0.02, rate=rate)
-    return thermal_identification(times, power, winding, boundary, float(cold[coil]))
+    return Heated(
+        thermal_identification(record.times, record.power(), record.winding, record.boundary, float(cold[coil])), pauses
+    )
+
+
+@final
+class _Record:
+    """Temperatures [K] at times [s], and the heat [J] that went in since the beginning, at times of its own."""
+
+    def __init__(self) -> None:
+        self.times: list[float] = []
+        self.winding: list[float] = []
+        self.boundary: list[float] = []
+        self._until, self._joules = [0.0], [0.0]
+
+    def tell(self, t: float, winding: float, boundary: float) -> None:
+        """One pair of temperatures."""
+        self.times.append(t)
+        self.winding.append(winding)
+        self.boundary.append(float(boundary))
+
+    def spend(self, until: float, watts: float) -> None:
+        """So much power from the last such time until this one."""
+        self._joules.append(self._joules[-1] + watts * (until - self._until[-1]))
+        self._until.append(until)
+
+    def power(self) -> Array:
+        """(n,) mean power [W] from each of the times to the next, from the last to the end."""
+        times = np.array([*self.times, self._until[-1]])
+        mean: Array = np.diff(np.interp(times, self._until, self._joules)) / np.diff(times)
+        return mean
+
+
+def _paused(session: Session, device: SphericalElectromagnet, start: float, second: int, rate: float) -> int:
+    """Coils off until a second begins: which."""
+    session.again()
+    after = max(second + 1, ceil((session.now() - start + _BREATH) / _BIN))
+    session.held(np.zeros(device.channels), start + after * _BIN - session.now(), rate=rate)
+    return after

@@ -142,6 +142,15 @@ class Session:
             self._passed(1 / rate)
         return samples, applied
 
+    def now(self) -> float:
+        """On the session's clock [s]."""
+        return self._pace.clock() - self._start
+
+    def again(self) -> None:
+        """After a trip: the next duties may engage the coils, and readings are due from here on."""
+        self._driver.engage()
+        self._due = self._pace.clock()
+
     def at_rest(self) -> Array:
         """(m,) the coils' temperatures [K]; nothing flows and no magnet is near, or CalibrationError."""
         samples, _ = self.held(self._off, _REST)

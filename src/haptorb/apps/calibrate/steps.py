@@ -151,8 +151,8 @@ class Heat(Step):
 
     def measured(self, bench: Bench, before: Results) -> dict[str, Any]:
         """Capacities and conductances, and how sure they are."""
-        found = heated(bench.session, bench.device, np.array(before["currents"]["resistance_ohm"]), bench.course)
-        model = found.model
+        did = heated(bench.session, bench.device, np.array(before["currents"]["resistance_ohm"]), bench.course)
+        found, model = did.found, did.found.model
         return {
             "winding_capacity": model.winding_capacity,
             "body_capacity": model.body_capacity,
@@ -160,13 +160,15 @@ class Heat(Step):
             "body_to_air": model.body_to_air,
             "uncertainty": found.uncertainty.tolist(),
             "residual_k": found.residual,
+            "pauses": did.pauses,
         }
 
     def told(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
         """What it stands for ever."""
         heat = device.coils.heat
         watts = (heat.derate - heat.ambient) / (1 / result["winding_to_body"] + 1 / result["body_to_air"])
-        return f"{watts:.1f} W for ever; rms left {result['residual_k']:.2f} K"
+        lost = f"; {n} s lost while this computer hesitated" if (n := result.get("pauses", 0)) else ""
+        return f"{watts:.1f} W for ever; rms left {result['residual_k']:.2f} K{lost}"
 
 
 @final

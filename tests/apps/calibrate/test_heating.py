@@ -1,0 +1,83 @@
+"""The heat step through a computer that hesitates: what is lost is written down, and nothing else is forgiven."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptorb.apps.calibrate.door import door
+from haptorb.apps.calibrate.heating import Course, heated
+from haptorb.apps.calibrate.measure import Session
+from haptorb.devices.loader import load
+from haptorb.errors import CalibrationError, DriverError, HostSilent
+from haptorb.runtime.driver import Driver
+
+OMNI: Any = load("omni")
+COURSE = Course(heating=90.0, cooling=60.0)
+TRIPPED = "the firmware switched the coils off: a test wanted it"
+
+
+class Hesitant(Driver):
+    """The simulated device, which switches off at `trips` [s], with current only, and stays off until engaged again."""
+
+    name, simulated = "hesitant", True
+
+    def __init__(self, trips: Iterable[float], kind: type[DriverError] = HostSilent) -> None:
+        self.inner, self.pace = door("sim", OMNI, 5)
+        self.trips, self.kind, self.off, self.live, self.engaged = sorted(trips), kind, False, False, 0
+
+    def open(self) -> None:
+        self.inner.open()
+
+    def close(self) -> None:
+        self.inner.close()
+
+    def read(self, now: float) -> Any:
+        sample = self.inner.read(now)
+        if self.live and self.trips and now >= self.trips[0]:
+            self.trips.pop(0)
+            self.off, self.live = True, False
+            self.inner.write(np.zeros(3))
+            raise self.kind(TRIPPED)
+        return sample
+
+    def write(self, duties: Any) -> Any:
+        self.live = not self.off and bool(np.any(duties))
+        return self.inner.write(duties if self.live else 0.0 * duties)
+
+    def engage(self) -> None:
+        self.off = False
+        self.engaged += 1
+
+    def truth(self) -> Any:
+        return self.inner.truth()
+
+
+def found_by(driver: Hesitant) -> Any:
+    with driver:
+        return heated(Session(OMNI, driver, driver.pace), OMNI, OMNI.coils.resistance, COURSE)
+
+
+def test_seconds_that_were_lost_do_not_spoil_the_record() -> None:
+    trips = (0.55, 7.3, 8.9, 21.35, 40.0, 62.7, 89.95, 101.5, 130.2)
+    whole, torn = found_by(Hesitant(())), found_by(driver := Hesitant(trips))
+    assert (whole.pauses, torn.pauses, driver.engaged) == (0, len(trips), len(trips))
+    for name in ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air"):
+        assert getattr(torn.found.model, name) == pytest.approx(getattr(whole.found.model, name), rel=0.05)
+    assert torn.found.model.body_to_air == pytest.approx(OMNI.coils.heat.body_to_air, rel=0.25)
+    assert torn.found.residual < 2 * whole.found.residual + 0.1
+
+
+def test_any_other_trip_ends_the_step() -> None:
+    driver = Hesitant((7.3,), DriverError)
+    with pytest.raises(DriverError, match="a test wanted it"):
+        found_by(driver)
+    assert driver.engaged == 0
+
+
+def test_a_record_that_is_mostly_pauses_is_refused() -> None:
+    with pytest.raises(CalibrationError, match=r"silent too often: 31 of the .* s so far are lost"):
+        found_by(Hesitant(np.arange(1.0, 140.0, 2.5)))
