@@ -43,6 +43,27 @@ DUTY, SWINGS = 0.25, 3.0  #: 5 A, times a second
 SETTLED = 0.15  #: after which filter and currents are what they stay [s]
 
 
+class _Run:
+    """One emulated device, its driver open."""
+
+    def __init__(self, device: SphericalElectromagnet, folder: str, pace: float) -> None:
+        self.pace = pace
+        self.trackers: dict[tuple[bool, int], Estimator] = {}
+        self.goal = (np.array([0.0, 0.0, device.contact_distance + 2e-3]), np.array([0.0, 0.0, 0.0, 1.0]))
+        self.emulated = EmulatedDevice(device, Path(folder, "physics"), lambda t: self.goal)
+        self.emulated.place(*self.goal)
+        self.emulator = Emulator(BUILD, Path(folder, "port"), physics=self.emulated)
+        self.driver = SerialDriver(device, self.emulator.port, patience=1.0, warm_up=90.0, hall_axes=3)
+        self.driver.open()
+        self.emulator.slow(pace)
+
+    def close(self) -> None:
+        """Driver first: it says OFF."""
+        self.driver.close()
+        self.emulator.close()
+        self.emulated.close()
+
+
 def tracker_of(device: SphericalElectromagnet, driving: bool, seed: int) -> Estimator:
     """A tracker that believes a moment map as wrong as a calibration leaves it, where the coils are driven."""
     rng = np.random.default_rng(seed)
@@ -70,27 +91,6 @@ def errors(place: Array, driving: bool, run: _Run, ticks: int, number: int) -> A
             turned = float(np.arccos(np.clip(estimate.state.axis @ true.R_SR[:, 2], -1.0, 1.0)))
             found.append((float(np.linalg.norm(estimate.state.p - true.p)), turned))
     return np.array(found).reshape(-1, 2)
-
-
-class _Run:
-    """One emulated device, its driver open."""
-
-    def __init__(self, device: SphericalElectromagnet, folder: str, pace: float) -> None:
-        self.pace = pace
-        self.trackers: dict[tuple[bool, int], Estimator] = {}
-        self.goal = (np.array([0.0, 0.0, device.contact_distance + 2e-3]), np.array([0.0, 0.0, 0.0, 1.0]))
-        self.emulated = EmulatedDevice(device, Path(folder, "physics"), lambda t: self.goal)
-        self.emulated.place(*self.goal)
-        self.emulator = Emulator(BUILD, Path(folder, "port"), physics=self.emulated)
-        self.driver = SerialDriver(device, self.emulator.port, patience=1.0, warm_up=90.0, hall_axes=3)
-        self.driver.open()
-        self.emulator.slow(pace)
-
-    def close(self) -> None:
-        """Driver first: it says OFF."""
-        self.driver.close()
-        self.emulator.close()
-        self.emulated.close()
 
 
 def again(once: Callable[[], Array], run: _Run) -> Array:
