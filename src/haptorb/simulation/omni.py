@@ -14,94 +14,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.devices.passive_pull import pull
-from haptorb.devices.ring_tool import per_ampere
 from haptorb.devices.state import State
 from haptorb.errors import DriverError, InputError
 from haptorb.physics import dipole
 from haptorb.physics.arrays import Array, finite, vectors
-from haptorb.physics.charged_ring import ChargedRing, dipole_on_charges
-from haptorb.physics.compiled import kernel
+from haptorb.physics.charged_ring import ChargedRing
 from haptorb.physics.soft_sphere import SoftSphere
 from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.sample import Pose, Sample
-from haptorb.simulation.coils import BODY, CURRENT, WINDING, Wires, chop, coil_step, cold, wires
-from haptorb.simulation.hand import LETTING_GO, Grip, rotation_left
+from haptorb.simulation.coils import BODY, CURRENT, WINDING, chop, cold, wires
+from haptorb.simulation.hand import LETTING_GO, Grip
 from haptorb.simulation.noise import seeded
+from haptorb.simulation.omni_kernels import advance
 from haptorb.simulation.sensors import Magnets, Senses, sense
 from haptorb.simulation.simulation import Simulation
-from haptorb.simulation.tool import GRAVITY, Body, Dome, contact, matrix, move
+from haptorb.simulation.tool import GRAVITY, Body, Dome, matrix
 
 __all__ = ["SimulatedElectromagnet"]
 
 _ABOVE = 12e-3  #: the tool starts this far above contact [m]
 _SHORTEST = 5e-6  #: a simulation with finer steps than this is slower than time [s]
-
-
-@kernel
-def _want(wish_p: Array, wish_q: Array, goal: Array) -> None:
-    """goal (7,): position and unit quaternion become the wish; what is not finite, or no turn, stays as it was."""
-    square = 0.0
-    for i in range(4):
-        square += wish_q[i] * wish_q[i]
-    if 0.0 < square < 1e12:  # false for NaN as well
-        for i in range(4):
-            goal[3 + i] = wish_q[i] / np.sqrt(square)
-    if np.isfinite(wish_p[0] + wish_p[1] + wish_p[2]):
-        for i in range(3):
-            goal[i] = wish_p[i]
-
-
-@kernel
-def _advance(
-    tool: Array, coils: Array, duties: Array, wish_p: Array, wish_q: Array, goal: Array, numbers: Array,
-    resistance: Array, inductance: Array, heat: Array, rows: Array, table: Array, moment_per_current: Array, dt: float,
-    steps: int, truth: Array,
-) -> float:  # fmt: skip
-    """`steps` steps of `dt` [s] towards what the hand wishes; fills truth (6,) with the mean wrench of coils and core;
-    returns the depth [m].
-
-    numbers (20,): what is one number of wires, body, dome, grip and core; a call with tuples takes twice as long.
-    """
-    _want(wish_p, wish_q, goal)
-    goal_p, goal_q = goal[:3], goal[3:]
-    n = numbers
-    wires = Wires(resistance, inductance, n[0], n[1], n[2], n[3])
-    body = Body(n[4], n[5], n[6], n[7], n[8], n[9], n[10])
-    dome = Dome(n[11], n[12], n[13], n[14])
-    grip = Grip(n[15], n[16], n[17], n[18])
-    nearest = n[19]
-    count = duties.shape[0]
-    R = np.empty((3, 3))
-    per_moment, per_current = np.empty((6, 3)), np.empty((6, count))
-    emf, mean = np.empty(count), np.empty(count)
-    given, total, passive = np.empty(6), np.empty(6), np.empty(6)
-    turn, axis = np.empty(3), np.empty(3)
-    truth[:] = 0.0
-    depth = 0.0
-    for _ in range(steps):
-        matrix(tool[3:7], R)
-        dipole_on_charges(rows, R, tool[:3], per_moment)
-        per_ampere(per_moment, moment_per_current, per_current)
-        for i in range(3):
-            axis[i] = R[i, 2]
-        passive[:] = 0.0
-        pull(table, nearest, tool[:3], axis, passive)
-        for k in range(count):  # the power that leaves the coil's circuit is the power that the tool gets
-            emf[k] = 0.0
-            for i in range(6):
-                emf[k] += per_current[i, k] * tool[7 + i]
-        coil_step(coils, wires, heat, duties, emf, dt, mean)
-        for i in range(6):
-            given[i] = passive[i]
-            for k in range(count):
-                given[i] += per_current[i, k] * mean[k]
-            truth[i] += given[i] / steps
-            total[i] = given[i]
-        depth = contact(tool, R, body, dome, dt, total)
-        rotation_left(tool[3:7], goal_q, turn)
-        move(tool, R, body, grip, goal_p, turn, total, dt)
-    return depth
 
 
 @final
@@ -231,7 +163,7 @@ class SimulatedElectromagnet(Simulation):
             steps = max(ceil(dt / self._longest - 1e-9), 1)
             self._last_dt, self._steps, self._heat_step = dt, steps, self._heat.step(dt / steps)
         wires = self._wires
-        self._depth = _advance(
+        self._depth = advance(
             self._tool, self._coils, duties, goal_p, goal_q, self._goal, self._numbers, wires.resistance,
             wires.inductance, self._heat_step, self._rows, self._table, self._per_ampere, dt / self._steps,
             self._steps, self._truth,
