@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import tempfile
 import time
 from pathlib import Path
@@ -30,6 +31,12 @@ from haptorb.runtime.serial_port import BAUD
 BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"
 
 
+def _worked(number: int) -> float:
+    """Processor time that the process `number` has taken [s]."""
+    fields = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
     """Numbers of one run: a frame every millisecond of firmware time, signs changing every 20 ms."""
     with tempfile.TemporaryDirectory() as folder, Emulator(BUILD, Path(folder, "port"), board) as emulator:
@@ -42,7 +49,7 @@ def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
         emulator.status()
         start = float(emulator.status()["t"])
         trips = rounds = 0
-        cpu, wall = time.process_time(), time.perf_counter()
+        cpu, wall, emulating = time.process_time(), time.perf_counter(), _worked(emulator.pid)
         deadline = wall
         for k in range(cycles):  # as the driver does: collect the answer to the last frame, send the next
             deadline = max(deadline + 1e-3 / pace, time.perf_counter() - 1e-3 / pace)
@@ -62,6 +69,7 @@ def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
                 device.engage(0.5, 20.0)
                 before = device.set([100, 100, 100]).rounds
         cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+        emulating = _worked(emulator.pid) - emulating
         words = emulator.status()
         device.collect(1.0)
         took = np.empty(300)
@@ -87,6 +95,7 @@ def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
             "round trip on this computer, median [ms]": 1e3 * float(np.median(took)),
             "round trip on this computer, 99 % [ms]": 1e3 * float(np.percentile(took, 99)),
             "host CPU [%]": 100 * cpu / wall,
+            "emulator's CPU for a second of firmware time [s]": emulating / elapsed,
         }
 
 

@@ -21,6 +21,7 @@ class PretendBoard:
         self.standing, self.reason, self.refusal = Standing.OFF, Reason.NONE, Refusal.ACCEPTED
         self.payload: bytes | None = None  #: instead of a reading's
         self.calibration = bytes(16)
+        self.late = 0.0  #: [s] from a question to its answer
         self.duties = [0, 0, 0]
         self.heard: list[Frame] = []
         self._group, self._thermometer = 0, 0
@@ -38,7 +39,13 @@ class PretendBoard:
             for frame in parser.feed(os.read(self._device, 256)):
                 self.heard.append(frame)
                 if not self.mute:
-                    os.write(self._device, encoded(self._answer(frame)))
+                    self._say(encoded(self._answer(frame)))
+
+    def _say(self, line: bytes) -> None:
+        if self.late:
+            threading.Timer(self.late, os.write, (self._device, line)).start()
+        else:
+            os.write(self._device, line)
 
     def _answer(self, frame: Frame) -> Frame:
         if frame.type == Command.IDENTIFY:

@@ -178,6 +178,17 @@ def test_who_waits_for_an_answer_goes_on_talking(made: Make) -> None:
     assert np.abs(sample.currents).max() > 1  # and the duties are what they were
 
 
+def test_a_late_answer_is_as_good_as_that_to_the_last_question(made: Make) -> None:
+    board, driver = made(patience=0.5)
+    ticks(driver, SOME, 3)
+    driver._patience, board.late = 0.06, 0.012  # later than a question is asked again
+    assert len(ticks(driver, SOME, 6)) == 6
+    assert driver._lost == 0
+    board.late = 0.0
+    driver._patience = 0.5
+    ticks(driver, SOME, 10)  # until what was late has come, too
+
+
 def test_who_waits_at_rest_asks_and_engages_nothing(made: Make) -> None:
     board, driver = made(patience=0.02)
     ticks(driver, OFF, 3)

@@ -41,12 +41,13 @@ class Board:
         self._parser = FrameParser()
         self._sequence = 0
         self._waiting: int | None = None  #: sequence of the SET or READ whose answer has not been collected
+        self._first = 0  #: sequence of the first that asked the same
         # Used again every millisecond; and everything compiled before a port is opened, as the firmware does not wait.
         self._out, self._at = np.zeros(SET_BYTES, np.uint8), np.zeros(1, np.int64)
         self._said = self._out.data
         self._row = reading_row()
         set_line(self._out, 0, np.array(counts(np.zeros(3)), np.int64))
-        answered(self._parser.line, self._parser.held, 0, self._row, self._at)
+        answered(self._parser.line, self._parser.held, 0, 0, self._row, self._at)
         self._port = SerialPort(path)
         try:
             self.identity = self._met(patience)
@@ -181,6 +182,11 @@ class Board:
 
     def post(self, steps: Numbers | None) -> None:
         """Send new duties (3,) in signed steps, or without them only ask for a reading; it is collected later."""
+        self._first = (self._sequence + 1) & 0xFF
+        self.repeat(steps)
+
+    def repeat(self, steps: Numbers | None) -> None:
+        """Ask the same as the last `post` again, with a number of its own; any of up to 255 answers will do."""
         sequence = self._next()
         self._waiting = sequence
         if steps is None:
@@ -202,11 +208,11 @@ class Board:
         """
         if self._waiting is None:
             return None
-        sequence, self._waiting = self._waiting, None
+        last, self._waiting = self._waiting, None
         parser, end = self._parser, monotonic() + patience
         while True:
             self._received(end)
-            answer = answered(parser.line, parser.held, sequence, self._row, self._at)
+            answer = answered(parser.line, parser.held, self._first, last, self._row, self._at)
             if answer == Answer.READING:
                 return self._row
             if answer == Answer.OTHER:

@@ -110,17 +110,17 @@ def _told(line: Octets, at: int, row: Array) -> bool:
 
 
 @kernel
-def answered(line: Octets, held: Numbers, sequence: int, row: Array, at: Numbers) -> int:
-    """Look on the line for the answer to SET or READ number `sequence`; a reading fills `row`. An `Answer`.
+def answered(line: Octets, held: Numbers, first: int, last: int, row: Array, at: Numbers) -> int:
+    """Look on the line for the answer to a SET or READ numbered `first` to `last`; a reading fills `row`. An `Answer`.
 
-    line, held as `frames.found` takes them; at (1,): where the frame is that was found.
+    Numbers begin again after 255. line, held as `frames.found` takes them; at (1,): where the frame is that was found.
     """
     while True:
         begin = found(line, held)
         at[0] = begin
         if begin < 0:
             return 0
-        if line[begin + 4] != sequence:
+        if (int(line[begin + 4]) - first) & 0xFF > (last - first) & 0xFF:
             continue
         if line[begin + 3] == STATE:
             return 2

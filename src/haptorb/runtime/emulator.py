@@ -223,6 +223,11 @@ class Emulator:
         return {name: float(value) for name, value in re.findall(r"(\w+)=([-\d.]+)", self.heard("@off", patience))}
 
     @property
+    def pid(self) -> int:
+        """Of the emulator's process."""
+        return self._process.pid
+
+    @property
     def alive(self) -> bool:
         """It has not ended."""
         return self._process.poll() is None

@@ -27,6 +27,7 @@ __all__ = ["SerialDriver", "untracked"]
 _LOST_IN_A_ROW = 3  #: readings repeated before the device counts as silent, with current in its coils
 _LOST_AT_REST = 20  #: the same while it is not engaged: a busy computer is no danger then
 _SAY_AGAIN = 5e-3  #: who waits longer for an answer must go on talking: 15 ms of silence switch the coils off [s]
+_TIMES = 10  #: at most, in all of the patience: who has much of it has an emulator that runs slower than time
 _RETRY = 0.25  #: between two attempts to reach a port that has gone [s]
 _MEETING = 0.2  #: for an answer when the port is back [s]; no Arduino restarts in the middle of a loop
 _REQUIRED = 0xFF  #: every part
@@ -248,14 +249,14 @@ class SerialDriver(Driver):
         return self._told.sample(now, self._pose(now))
 
     def _collected(self, board: Board) -> Array | None:
-        """The answer to the last question; while it is waited for, the question is put again with a new number."""
-        end = monotonic() + self._patience
+        """The answer to the last question; meanwhile the same is asked again, and any of the answers will do."""
+        end, pause = monotonic() + self._patience, max(_SAY_AGAIN, self._patience / _TIMES)
         while True:
             left = end - monotonic()
-            row = board.collect(min(left, _SAY_AGAIN))
-            if row is not None or left <= _SAY_AGAIN:
+            row = board.collect(min(left, pause))
+            if row is not None or left <= pause:
                 return row
-            board.post(self._steps if self._engaged else None)
+            board.repeat(self._steps if self._engaged else None)
 
     def write(self, duties: Array) -> Array:
         """Send `duties` (3,); returns (3,) what was applied: in the PWM's steps, zeros while the coils are off."""

@@ -15,7 +15,7 @@ from haptorb.runtime.real_driver import is_real, real_driver
 __all__ = ["door", "hold_tool"]
 
 _STEP = 2e-3  #: of the simulated device [s]
-_PATIENCE = 0.02  #: for an answer: six minutes of heat should not end with a moment's hesitation of the device [s]
+_PATIENCE = 0.05  #: for an answer: six minutes of heat should not end with a moment's hesitation of the device [s]
 
 
 @dataclass(frozen=True)
