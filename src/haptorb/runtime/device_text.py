@@ -14,11 +14,16 @@ _CATALOGUE = Path(devices.__file__).parent / "catalogue"
 
 
 def text_of(device: Device, given: object = None) -> str:
-    """The text of `device`'s file: of `given` if that is its path, else of the catalogue; empty if neither fits."""
+    """The text of `device`'s file: the catalogue's, or that of `given` if that is its path; empty if neither fits.
+
+    `given` may be a name, and a file of that name that lies about something else, a port or a folder perhaps.
+    """
     candidates = sorted(_CATALOGUE.glob("*.toml"))
     if isinstance(given, str | Path):
-        candidates.insert(0, Path(given))
+        candidates.append(Path(given))
     for path in candidates:
+        if not path.is_file():  # to read a port is to wait for it
+            continue
         try:
             content = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError):
