@@ -165,14 +165,14 @@ def test_who_waits_for_an_answer_goes_on_talking(made: Make) -> None:
     # A firmware switches off after 15 ms of silence: waiting longer in silence would be the silence.
     board, driver = made(patience=0.5)
     ticks(driver, SOME, 3)
-    driver._patience = 0.04
+    driver._patience = 0.2
     board.heard.clear()
     board.mute = True
     ticks(driver, SOME, 2)
     board.mute = False
     sample = driver.read(1.0)
     said = [frame for frame in board.heard if frame.type == Command.SET]
-    assert len(said) == len(board.heard) >= 10  # every 5 ms of 80, if this computer is not too busy
+    assert len(said) == len(board.heard) >= 6  # two ticks, asked again nine times each if the computer is not too busy
     assert {frame.payload for frame in said} == {said[0].payload}
     assert len({frame.sequence for frame in said}) == len(said)
     assert np.abs(sample.currents).max() > 1  # and the duties are what they were
