@@ -265,6 +265,27 @@ PROOFS = [
         "tests/runtime/test_i2c_driver.py",
     ),
     (
+        "who waits for an answer is not silent",
+        SERIAL,
+        "            board.repeat(self._steps if self._engaged else None)",
+        "            pass",
+        SERIAL_TESTS,
+    ),
+    (
+        "only this computer's silence is forgiven while a coil is heated",
+        "apps/calibrate/heating.py",
+        "except HostSilent as cause:",
+        "except Exception as cause:",
+        "tests/apps/calibrate/test_heating.py",
+    ),
+    (
+        "a heated coil is not engaged again for ever",
+        "apps/calibrate/heating.py",
+        "if pauses > _PAUSES * (hot + cool):",
+        "if False:",
+        "tests/apps/calibrate/test_heating.py",
+    ),
+    (
         "a firmware's trip latches in the driver",
         SERIAL,
         "self._armed = self._engaged = False",
