@@ -281,7 +281,7 @@ PROOFS = [
     (
         "a heated coil is not engaged again for ever",
         "apps/calibrate/heating.py",
-        "if pauses > _PAUSES * (hot + cool):",
+        "if lost > _LOST * (hot + cool):",
         "if False:",
         "tests/apps/calibrate/test_heating.py",
     ),

@@ -64,7 +64,7 @@ def found_by(driver: Hesitant) -> Any:
 def test_seconds_that_were_lost_do_not_spoil_the_record() -> None:
     trips = (0.55, 7.3, 8.9, 21.35, 40.0, 62.7, 89.95, 101.5, 130.2)
     whole, torn = found_by(Hesitant(())), found_by(driver := Hesitant(trips))
-    assert (whole.pauses, torn.pauses, driver.engaged) == (0, len(trips), len(trips))
+    assert (whole.lost, torn.lost, driver.engaged) == (0, len(trips), len(trips))
     for name in ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air"):
         assert getattr(torn.found.model, name) == pytest.approx(getattr(whole.found.model, name), rel=0.05)
     assert torn.found.model.body_to_air == pytest.approx(OMNI.coils.heat.body_to_air, rel=0.25)

@@ -29,7 +29,7 @@ _UNWATCHED = 100.0  #: nothing watches a simulation [Hz]
 _BIN = 1.0  #: readings are averaged over this [s]
 _MARGIN = 5.0  #: heating ends so far below the device's warning [K]
 _COLD = 4.0  #: a coil that is warmer than the others by this is not cold [K]
-_PAUSES = 0.2  #: share of the seconds that may be lost: with more, the record is one of this computer
+_LOST = 0.2  #: share of the seconds that may be lost: with more, the record is one of this computer
 _BREATH = 0.1  #: a pause lasts at least this [s]
 
 
@@ -56,7 +56,7 @@ class Heated:
     """What was found, and how many seconds were lost because this computer hesitated."""
 
     found: ThermalIdentification
-    pauses: int
+    lost: int
 
 
 def heated(
@@ -78,23 +78,23 @@ def heated(
     hot, cool = int(course.heating / _BIN), int(course.cooling / _BIN)
     hottest, start, ohms = coils.heat.warn - _MARGIN, session.now(), float(resistance[coil])
     duties, record = np.zeros(device.channels), _Record()
-    n = pauses = 0
+    n = lost = 0
     while n < hot + cool:
         duties[coil] = course.hot if n < hot else course.warm
         try:
             samples, applied = session.held(duties, _BIN, 0.2 * _BIN, rate=rate)
         except HostSilent as cause:
-            pauses += 1
-            if pauses > _PAUSES * (hot + cool):
+            lost += 1
+            if lost > _LOST * (hot + cool):
                 raise CalibrationError(
-                    f"this computer was silent too often: {pauses} of the {n + 1} s so far are lost; end what else it "
+                    f"this computer was silent too often: {lost} of the {n + 1} s so far are lost; end what else it "
                     "does, or take another"
                 ) from cause
             last = (duties[coil] * device.supply.voltage) ** 2 / ohms
             record.spend(min(max(session.now() - start, n * _BIN), (n + 1) * _BIN), last)
             after = _paused(session, device, start, n, rate)
             record.spend(after * _BIN, 0.0)
-            n = after
+            lost, n = lost + after - n - 1, after
             continue
         current = float(np.mean([sample.currents[coil] for sample in samples]))
         edge = np.mean([sample.temperatures for sample in samples], axis=0)
@@ -110,7 +110,7 @@ def heated(
         n += 1
     session.held(np.zeros(device.channels), 0.02, rate=rate)
     return Heated(
-        thermal_identification(record.times, record.power(), record.winding, record.boundary, float(cold[coil])), pauses
+        thermal_identification(record.times, record.power(), record.winding, record.boundary, float(cold[coil])), lost
     )
 
 

@@ -160,14 +160,14 @@ class Heat(Step):
             "body_to_air": model.body_to_air,
             "uncertainty": found.uncertainty.tolist(),
             "residual_k": found.residual,
-            "pauses": did.pauses,
+            "lost_s": did.lost,
         }
 
     def told(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
         """What it stands for ever."""
         heat = device.coils.heat
         watts = (heat.derate - heat.ambient) / (1 / result["winding_to_body"] + 1 / result["body_to_air"])
-        lost = f"; {n} s lost while this computer hesitated" if (n := result.get("pauses", 0)) else ""
+        lost = f"; {n} s lost while this computer hesitated" if (n := result.get("lost_s", 0)) else ""
         return f"{watts:.1f} W for ever; rms left {result['residual_k']:.2f} K{lost}"
 
 
