@@ -2,6 +2,7 @@
 
 import gc
 import os
+import sys
 
 import pytest
 
@@ -11,10 +12,13 @@ from haptorb.runtime.steady import steady
 
 def test_what_exists_is_not_looked_through_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(steady_module, "urgent", lambda: os.getpid() > 0)
+    usual = sys.getswitchinterval()
     try:
         assert steady()
         left = len(gc.get_objects())
         assert gc.get_freeze_count() > 10 * left
         assert gc.isenabled()
+        assert sys.getswitchinterval() < 1e-3  # a thread that draws a bar gives way at once
     finally:
         gc.unfreeze()
+        sys.setswitchinterval(usual)

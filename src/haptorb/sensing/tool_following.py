@@ -45,8 +45,6 @@ _SHARE = 0.01  #: of the coils' own field that calibration may leave unexplained
 _CALIBRATED = 1e-3  #: standard deviation of the moment map's entries after a calibration, of their column
 _OLD = 0.05  #: a reading that is older tells nothing any more: a sensor has gone [s]
 _FRESH = 0.05  #: weight of a tick in the share of readings that are new
-_OLD = 0.05  #: a reading that is older tells nothing any more: a sensor has gone [s]
-_FRESH = 0.05  #: weight of a tick in the share of readings that are new
 _VAGUE = 3e-3  #: standard deviation of the place above which it is not known [m]
 _OUTWARD = -0.2  #: a tool whose axis points inwards by more than this cosine has its magnet the wrong way round
 
