@@ -107,6 +107,7 @@ def measured(seconds: float, detail: str) -> dict[str, Any]:
     line, other = processes.Pipe()
     serving = processes.Process(target=served, args=(other,))
     serving.start()
+    other.close()  # or the death at that end would go unnoticed here
     try:
         url = line.recv()
         with sync_playwright() as play:
@@ -114,8 +115,8 @@ def measured(seconds: float, detail: str) -> dict[str, Any]:
             page = browser.new_page(viewport={"width": 1280, "height": 800})
             page.goto(url + (f"?detail={detail}" if detail else ""))
             while not page.evaluate("window.haptorb && haptorb.control && haptorb.frames > 100"):
-                if not serving.is_alive():
-                    raise SystemExit("the device's process ended before the page was ready: nothing was measured")
+                if line.poll():  # its last words
+                    raise SystemExit(f"the loop ended by itself, nothing was measured: {line.recv()['trips']}")
                 page.wait_for_timeout(100)
             page.evaluate(PACES)
             dragged(page, *taken(page), seconds, again=True)
@@ -138,9 +139,10 @@ def measured(seconds: float, detail: str) -> dict[str, Any]:
                 "return gl.getParameter(gl.getExtension('WEBGL_debug_renderer_info').UNMASKED_RENDERER_WEBGL) })()"
             )
             browser.close()
-    finally:
         line.send("end")
         report = line.recv()
+    finally:
+        line.close()  # whoever listens at the other end finds it readable, and ends as well
         serving.join()
     return {
         "drags": len(times),
