@@ -377,6 +377,8 @@ def main() -> int:
     """Prove every chosen rule; the exit code is the number of rules that no test keeps."""
     words, unproved = sys.argv[1:], 0
     chosen = [proof for proof in PROOFS if not words or any(word in proof[0] or word in proof[1] for word in words)]
+    if not chosen:
+        sys.exit(f"no rule, and no file of one, has {' or '.join(repr(word) for word in words)} in its name")
     for rule, *proof in chosen:
         red = proved(*proof)
         unproved += not red
