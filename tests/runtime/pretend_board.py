@@ -25,6 +25,7 @@ class PretendBoard:
         self.duties = [0, 0, 0]
         self.heard: list[Frame] = []
         self._group, self._thermometer = 0, 0
+        self._on_the_way: list[threading.Timer] = []
         self._device, self._host = pty.openpty()
         tty.setraw(self._device)
         tty.setraw(self._host)
@@ -43,7 +44,8 @@ class PretendBoard:
 
     def _say(self, line: bytes) -> None:
         if self.late:
-            threading.Timer(self.late, os.write, (self._device, line)).start()
+            self._on_the_way.append(threading.Timer(self.late, os.write, (self._device, line)))
+            self._on_the_way[-1].start()
         else:
             os.write(self._device, line)
 
@@ -79,9 +81,12 @@ class PretendBoard:
         )  # fmt: skip
 
     def close(self) -> None:
-        """Ends the thread."""
+        """Ends the threads; an answer still on its way is lost, and never written to a number that is another file's."""
         self._over.set()
         os.write(self._host, b"\0")  # wakes the reader
         self._thread.join(5.0)
+        for answer in self._on_the_way:
+            answer.cancel()
+            answer.join(5.0)
         os.close(self._host)
         os.close(self._device)
