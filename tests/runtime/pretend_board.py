@@ -81,7 +81,7 @@ class PretendBoard:
         )  # fmt: skip
 
     def close(self) -> None:
-        """Ends the threads; an answer still on its way is lost, and never written to a number that is another file's."""
+        """Ends the threads; an answer on its way is lost, and not written to what is another file by then."""
         self._over.set()
         os.write(self._host, b"\0")  # wakes the reader
         self._thread.join(5.0)

@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
+import sys
 from functools import lru_cache
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator
+
+from haptorb.physics.compiled import cache_folder
 
 __all__ = [
     "Angle",
@@ -47,9 +51,18 @@ _NUMBER = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?inf)\
 
 @lru_cache(maxsize=1)
 def _registry() -> Any:
+    """pint's, with its definitions as it kept them the last time: reading them again is half of a device file's time.
+
+    It writes them without care for a process that is killed meanwhile; what cannot be read is thrown away.
+    """
     import pint
 
-    return pint.UnitRegistry(cache_folder=None)
+    folder = cache_folder() / "units" / f"pint {pint.__version__}, {sys.implementation.cache_tag}"
+    try:
+        return pint.UnitRegistry(cache_folder=folder)
+    except Exception:  # whatever a file that is half there makes of pickle, or a disk that is full
+        shutil.rmtree(folder, ignore_errors=True)
+        return pint.UnitRegistry(cache_folder=None)
 
 
 def si(value: object, unit: str, kind: str) -> float:

@@ -6,12 +6,9 @@ tenth of a second; one whose tick never ends is told so, and the tick ends with 
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
-import sys
 import threading
-from pathlib import Path
 from time import monotonic, monotonic_ns, sleep
 from typing import final
 
@@ -19,6 +16,7 @@ from haptorb.errors import DriverError, RecordingError, ServoError
 from haptorb.runtime.black_box import BlackBox
 from haptorb.runtime.realtime import urgent
 from haptorb.runtime.shared import Phase, Shared, Word
+from haptorb.runtime.standby import Standby, started
 
 __all__ = ["Children"]
 
@@ -31,16 +29,18 @@ _DRAIN = 20.0  #: for the recorder to write what it has [s]
 
 @final
 class Children:
-    """Starts the servo process at once; `record` and `track` may add others, then `wait_until_running`."""
+    """Gives `standby`, whose plan is written, its work; `record` and `track` may add others, then
+    `wait_until_running`."""
 
-    def __init__(self, shared: Shared, plan: Path, errors: Path, black_box: BlackBox) -> None:
+    def __init__(self, standby: Standby, shared: Shared, black_box: BlackBox) -> None:
         self._shared = shared
         self._black_box = black_box
-        self._errors = errors
+        self._errors = standby.errors
         self._ending = threading.Event()
         self._told = False
         shared.words[Word.HEARTBEAT] = monotonic_ns()
-        self._servo = self._started("haptorb.runtime.servo_process", str(plan), str(shared.path), str(os.getpid()))
+        self._servo = standby.process
+        standby.give(shared.path)
         self._recorder: subprocess.Popen[bytes] | None = None
         self._tracker: subprocess.Popen[bytes] | None = None
         # Not the thread that may be blocked by a user's code: it has nothing else to do.
@@ -64,11 +64,11 @@ class Children:
 
     def record(self, spec: str, descriptor: int) -> None:
         """Start the recorder with `spec` (JSON) and the open file `descriptor`."""
-        self._recorder = self._started("haptorb.runtime.recorder_process", spec, descriptor=descriptor)
+        self._recorder = started("haptorb.runtime.recorder_process", spec, errors=self._errors, descriptor=descriptor)
 
     def track(self, spec: str, descriptor: int | None) -> None:
         """Start the tracker's process with `spec` (JSON) and its open socket `descriptor`, if it has one."""
-        self._tracker = self._started("haptorb.runtime.tracker_process", spec, descriptor=descriptor)
+        self._tracker = started("haptorb.runtime.tracker_process", spec, errors=self._errors, descriptor=descriptor)
 
     def wait_until_running(self) -> None:
         """Return when the loop has ticked, and recorder and tracker are ready. Raises ServoError, RecordingError or
@@ -146,20 +146,6 @@ class Children:
         self._ending.set()
         self._heart.join()
         self._black_box.finish()
-
-    def _started(self, module: str, *arguments: str, descriptor: int | None = None) -> subprocess.Popen[bytes]:
-        # A session of its own: Ctrl-C in the terminal reaches the parent alone, which then ends them in order.
-        with self._errors.open("ab") as errors:
-            return subprocess.Popen(
-                [sys.executable, "-m", module, *arguments],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=errors,
-                start_new_session=True,
-                pass_fds=() if descriptor is None else (descriptor,),
-                # Small matrices: a second thread of OpenBLAS would only wait in a loop, beside the servo's.
-                env={"OPENBLAS_NUM_THREADS": "1", **os.environ},
-            )
 
     def _beat(self) -> None:
         urgent()  # on an overloaded computer half a second may pass before an ordinary thread has its turn

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import tempfile
 import weakref
 from functools import partial
 from pathlib import Path
@@ -44,6 +43,7 @@ from haptorb.runtime.report import loop_report
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.schedule import known_rate
 from haptorb.runtime.shared import Shared
+from haptorb.runtime.standby import Standby
 from haptorb.runtime.tracker_door import Preparation, fed, known_frame, known_tracker, prepared
 from haptorb.runtime.world_change import description
 from haptorb.sensing.calibration import Calibration
@@ -154,15 +154,18 @@ class Servo(Commands):
         self._folder: Path | None = None
         self._path: Path | None = None
 
-    def open(self) -> None:
-        """Start: returns when the loop runs. Raises RecordingError or ServoError, with nothing left running."""
+    def open(self, standby: Standby | None = None) -> None:
+        """Start: returns when the loop runs. Raises RecordingError or ServoError, with nothing left running.
+
+        standby: a process that was sent ahead, and is this servo's from here on; None: one is started now.
+        """
         if self._children is not None:
             raise ServoError("this servo was started before; make a new one")
         preparation = prepared(self.tracker) if fed(self.tracker) else None
         descriptor: int | None = None
         try:
             descriptor = self._recording_descriptor()
-            self._start(descriptor, preparation)
+            self._start(descriptor, preparation, standby)
         except BaseException:
             self.close()
             if self._path is not None:
@@ -309,16 +312,15 @@ class Servo(Commands):
         self._path = path
         return descriptor
 
-    def _start(self, descriptor: int | None, tracker: Preparation | None) -> None:
-        self._folder = Path(tempfile.mkdtemp(prefix="haptorb-"))
-        file = self._folder / "plan"
-        try:
-            plans.save(self._plan, file)
-        except Exception as cause:
-            raise InputError(f"world or device cannot be sent to the servo's process: {cause}") from cause
-        self._shared = Shared.create(self.layout)
-        self._black_box = BlackBox(self._shared, self.device.name, self.rate, self._trips_folder)
-        self._children = Children(self._shared, file, self._folder / "errors", self._black_box)
+    def _start(self, descriptor: int | None, tracker: Preparation | None, standby: Standby | None) -> None:
+        with standby or Standby() as process:
+            try:
+                plans.save(self._plan, process.plan)
+            except Exception as cause:
+                raise InputError(f"world or device cannot be sent to the servo's process: {cause}") from cause
+            self._shared = Shared.create(self.layout)
+            self._black_box = BlackBox(self._shared, self.device.name, self.rate, self._trips_folder)
+            self._children, self._folder = Children(process, self._shared, self._black_box), process.folder
         if descriptor is not None:
             spec = recorder_spec(
                 self._shared, self._children.servo_pid, descriptor, self.rate,

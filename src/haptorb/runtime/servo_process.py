@@ -1,7 +1,10 @@
-"""The process that holds the coils: `python -m haptorb.runtime.servo_process PLAN SHARED PARENT`.
+"""The process that holds the coils: `python -m haptorb.runtime.servo_process FOLDER PARENT`.
 
-Started as a program of its own, not by `multiprocessing`: a user's script needs no `__main__` guard, and nothing of
-the host's (its threads, its garbage, its interpreter lock) can delay a tick.
+It loads what any servo needs, then waits to be told on its standard input where the memory is that it shares with its
+host; by then the plan lies in the folder. A host that hangs up needs no servo.
+
+A program of its own, not started by `multiprocessing`: a user's script needs no `__main__` guard, and nothing of the
+host's (its threads, its garbage, its interpreter lock) can delay a tick.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ import signal
 import sys
 import traceback
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from types import FrameType
 
@@ -28,6 +32,7 @@ from haptorb.runtime.orphan import die_with_parent, orphaned
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.realtime import punctual
 from haptorb.runtime.shared import Phase, Shared, Word
+from haptorb.runtime.standby import PLAN
 from haptorb.runtime.tracker import Tracker
 from haptorb.runtime.wakefulness import Wakefulness
 from haptorb.runtime.world_change import description
@@ -35,22 +40,28 @@ from haptorb.runtime.world_change import description
 __all__ = ["main"]
 
 _REHEARSAL = 5  #: ticks
+_ALWAYS = ("haptorb.runtime.assembly", "haptorb.runtime.sim_driver", "haptorb.simulation.registry")
 
 
-def main(plan_path: str, shared_path: str, parent: int) -> int:
+def main(folder: Path, parent: int) -> int:
     """Build what the plan says, run it to its end, and say in the shared memory how it ended; returns the exit code.
 
-    The plan lies in a folder of its own, made for this process alone.
+    The `folder` was made for this process alone.
     """
-    shared = Shared.attach(shared_path)
+    _load()  # the host reads a device file meanwhile
+    told = sys.stdin.buffer.read()
     die_with_parent()
+    if not told:
+        shutil.rmtree(folder, ignore_errors=True)
+        return 0
+    shared = Shared.attach(os.fsdecode(told))
     if orphaned(parent):  # it ended before the kernel was asked to tell
         shared.unlink()
-        shutil.rmtree(Path(plan_path).parent, ignore_errors=True)
+        shutil.rmtree(folder, ignore_errors=True)
         return 1
     shared.words[Word.PID] = os.getpid()
     try:
-        return _run(shared, Path(plan_path), parent)
+        return _run(shared, folder / PLAN, parent)
     except SystemExit as end:  # told to end before the driver was open
         shared.reason.write("ended by a signal before it had begun")
         shared.words[Word.PHASE] = Phase.ENDED
@@ -63,7 +74,7 @@ def main(plan_path: str, shared_path: str, parent: int) -> int:
     finally:
         if orphaned(parent):  # nobody else will tidy up
             shared.unlink()
-            shutil.rmtree(Path(plan_path).parent, ignore_errors=True)
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _run(shared: Shared, path: Path, parent: int) -> int:
@@ -101,6 +112,14 @@ def _run(shared: Shared, path: Path, parent: int) -> int:
     if loop.told_by:
         return 128 + signal.Signals[loop.told_by]
     return 0 if well else 1
+
+
+def _load() -> None:
+    """What any servo needs: its modules, the worlds, and what loading the first compiled function loads with it."""
+    for module in _ALWAYS:
+        import_module(module)
+    for kind in worlds.CATALOGUE.values():
+        kind()
 
 
 def _rehearse(plan: plans.Plan, shared: Shared) -> None:
@@ -155,4 +174,4 @@ class _Told:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1], sys.argv[2], int(sys.argv[3])))
+    sys.exit(main(Path(sys.argv[1]), int(sys.argv[2])))

@@ -17,6 +17,7 @@ from haptorb.errors import InputError
 
 if TYPE_CHECKING:
     from haptorb.runtime.servo import Servo
+    from haptorb.runtime.standby import Standby
 
 __all__ = ["register", "values_of"]
 
@@ -69,40 +70,46 @@ def run(
     ] = False,
 ) -> None:
     """Run a device: simulated Omni, a dome under the stylus and the console in the browser, unless told otherwise."""
-    from haptorb import worlds
-    from haptorb.devices.loader import load
-    from haptorb.runtime.assembly import default_world
-
     values = values_of(settings or [])
-    found = load(device)
-    felt = worlds.named(world or default_world(found))().changed(**values)
     if duration is not None and not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
-    from haptorb.apps.progress import build_tables
-    from haptorb.runtime.black_box import state_folder
-    from haptorb.runtime.servo import Servo
+    from haptorb.runtime.standby import Standby
 
-    build_tables(found)
-    servo = Servo(
-        device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction, frame=frame,
-        rate=rate, seed=seed, level=level, record=record or False,
-        overwrite=force, estimator=estimator, calibration=calibration, black_box=state_folder() / "trips",
-    )  # fmt: skip
-    before = signal.signal(signal.SIGTERM, _end)
-    try:
-        number = _alone(servo, duration, json) if headless else _with_console(servo, duration, port, browser, json)
-        for file in servo.trip_files:
-            _say(f"the last ticks before that trip: {file}")
-    except _Terminated:  # while it was still starting
-        number = int(signal.SIGTERM)
-    finally:
-        signal.signal(signal.SIGTERM, before)
+    with Standby() as standby:  # it loads while this process does, and reads the device file
+        from haptorb import worlds
+        from haptorb.apps.progress import build_tables
+        from haptorb.devices.loader import load
+        from haptorb.runtime.assembly import default_world
+        from haptorb.runtime.black_box import state_folder
+        from haptorb.runtime.servo import Servo
+
+        found = load(device)
+        felt = worlds.named(world or default_world(found))().changed(**values)
+        build_tables(found)
+        servo = Servo(
+            device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction, frame=frame,
+            rate=rate, seed=seed, level=level, record=record or False,
+            overwrite=force, estimator=estimator, calibration=calibration, black_box=state_folder() / "trips",
+        )  # fmt: skip
+        before = signal.signal(signal.SIGTERM, _end)
+        try:
+            number = (
+                _alone(servo, standby, duration, json)
+                if headless
+                else _with_console(servo, standby, duration, port, browser, json)
+            )
+            for file in servo.trip_files:
+                _say(f"the last ticks before that trip: {file}")
+        except _Terminated:  # while it was still starting
+            number = int(signal.SIGTERM)
+        finally:
+            signal.signal(signal.SIGTERM, before)
     if number:
         raise typer.Exit(128 + number)
 
 
-def _alone(servo: Servo, duration: float | None, json: bool) -> int:
-    with _opened(servo):
+def _alone(servo: Servo, standby: Standby, duration: float | None, json: bool) -> int:
+    with _opened(servo, standby):
         if not json:
             _say(f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_nature(servo)}. Ctrl-C ends.")
         try:
@@ -116,12 +123,12 @@ def _alone(servo: Servo, duration: float | None, json: bool) -> int:
     return number
 
 
-def _with_console(servo: Servo, duration: float | None, port: int, browser: bool, json: bool) -> int:
+def _with_console(servo: Servo, standby: Standby, duration: float | None, port: int, browser: bool, json: bool) -> int:
     from time import monotonic
 
     from haptorb.apps.console import Console
 
-    with Console(servo, port) as console, _opened(servo):
+    with Console(servo, port) as console, _opened(servo, standby):
         _say(f"Open {console.url} in a browser: {servo.device.name}, {_nature(servo)}. Ctrl-C ends.")
         end = float("inf") if duration is None else monotonic() + duration
         number = console.serve(open_browser=browser, until=lambda: monotonic() > end)
@@ -131,13 +138,13 @@ def _with_console(servo: Servo, duration: float | None, port: int, browser: bool
 
 
 @contextmanager
-def _opened(servo: Servo) -> Iterator[None]:
+def _opened(servo: Servo, standby: Standby) -> Iterator[None]:
     """`servo` running, and closed on the way out; people are told why when the start takes long."""
     hint = Timer(3.0, _say, ["Starting ... The first start after an installation compiles for about half a minute."])
     hint.daemon = True
     hint.start()
     try:
-        servo.open()
+        servo.open(standby)
     finally:
         hint.cancel()
     try:
