@@ -14,7 +14,7 @@ from haptorb.apps.bench import stored
 ROOT = Path(__file__).resolve().parents[1]
 BEGIN, END = "<!-- benchmarks: begin -->\n", "<!-- benchmarks: end -->"
 #: what README shows; docs/reference/benchmarks.md has all
-SHOWN = ("magnetics", "allocation", "tick", "loop", "console", "recording")
+SHOWN = ("magnetics", "allocation", "tick", "start", "loop", "console", "recording")
 
 
 def with_table(readme: str) -> str:

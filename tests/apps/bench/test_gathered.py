@@ -18,14 +18,14 @@ SHORT = 0.02
 @pytest.fixture(scope="module")
 def quick():
     told = []
-    names = ("allocation", "estimation", "tick", "recording")
+    names = ("allocation", "estimation", "tick", "start", "recording")
     found = gathered(names, SHORT, "haptorb bench --effort 0.02", lambda name, what: told.append(name))
     assert set(told) == set(names)
     return found
 
 
 def test_each_benchmark_has_rows_with_figures(quick):
-    for name in ("allocation", "estimation", "tick", "recording"):
+    for name in ("allocation", "estimation", "tick", "start", "recording"):
         rows = [row for row in quick.rows if row.benchmark == name]
         assert rows
         assert all(row.value is not None and np.isfinite(row.value) and row.value > 0 for row in rows)

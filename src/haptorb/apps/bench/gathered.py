@@ -28,6 +28,7 @@ BENCHMARKS = {
     "estimation": ("estimation", "rows"),
     "allocation": ("allocation", "rows"),
     "tick": ("ticking", "rows"),
+    "start": ("starting", "rows"),
     "loop": ("outside", "loop"),
     "console": ("outside", "console"),
     "serial": ("outside", "serial"),

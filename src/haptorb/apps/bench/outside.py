@@ -15,17 +15,17 @@ from typing import Any
 
 from haptorb.apps.bench.row import Row
 
-__all__ = ["console", "loop", "serial", "study"]
+__all__ = ["HAPTORB", "console", "loop", "serial", "study"]
 
 _CLONE = Path(__file__).resolve().parents[4]
-_HAPTORB = "import sys; from haptorb.apps.cli import main; sys.exit(main(sys.argv[1:]))"
+HAPTORB = "import sys; from haptorb.apps.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
 def loop(effort: float, tell: Callable[[str], None]) -> list[Row]:
     """The servo in its own process with a client that drags, 30 s times `effort`."""
     seconds = max(30.0 * effort, 3.0)
     tell(f"{seconds:.0f} s of 1 kHz")
-    told = _told([sys.executable, "-c", _HAPTORB, "check", "--duration", f"{seconds:g}", "--json"])
+    told = _told([sys.executable, "-c", HAPTORB, "check", "--duration", f"{seconds:g}", "--json"])
     if isinstance(told, str):
         return [Row("loop", "servo at 1 kHz with a client that drags", None, "", note=told)]
     return [
