@@ -53,7 +53,9 @@ class _Run:
         self.emulated = EmulatedDevice(device, Path(folder, "physics"), lambda t: self.goal)
         self.emulated.place(*self.goal)
         self.emulator = Emulator(BUILD, Path(folder, "port"), physics=self.emulated)
-        self.driver = SerialDriver(device, self.emulator.port, patience=1.0, warm_up=90.0, hall_axes=3)
+        self.driver = SerialDriver(
+            device, self.emulator.port, patience=1.0, warm_up=90.0, hall_axes=3, clock=lambda: time.monotonic() * pace
+        )
         self.driver.open()
         self.emulator.slow(pace)
 

@@ -51,7 +51,9 @@ def test_a_dome_is_felt_through_the_real_firmware(
     """With a perfect tracker, and with the field sensors alone, one axis of one block in each tick."""
     device, emulator = emulated
     pose = device.pose if tracker == "tracker" else untracked
-    driver = SerialDriver(omni, emulator.port, pose, patience=1.0, warm_up=90.0, hall_axes=3)
+    driver = SerialDriver(
+        omni, emulator.port, pose, patience=1.0, warm_up=90.0, hall_axes=3, clock=lambda: time.monotonic() * PACE
+    )
 
     def chain(through: Driver) -> Tick:
         allocator = LeastSquaresAllocator.force(omni.coils.current_limit, compensate_passive=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -70,7 +71,20 @@ def test_what_is_set_is_told_back_in_si(made: Make) -> None:
     assert board.duties == [410, -205, 82]
     assert sample.currents == pytest.approx(np.array([2.05, -1.025, 0.41]))
     assert sample.temperatures == pytest.approx(273.15 + np.array([25.0, 26.0, 27.0]))
-    assert driver.reading_age == pytest.approx(868e-6)
+
+
+def test_a_sample_says_how_old_currents_and_field_are(made: Make) -> None:
+    """By the tick in which they were asked for: a loop that was held up finds an answer that has been lying there."""
+    _, driver = made()
+    in_time, late, now = [], [], 0.0
+    for n in range(40):
+        now += 6e-3 if n % 4 == 3 else 1e-3
+        sample = driver.read(now)
+        assert sample.currents_age - sample.field_age == pytest.approx(868e-6 - 420e-6 + 0.28e-3)
+        (late if n % 4 == 3 else in_time).append(sample.field_age)
+        driver.write(SOME)
+    assert np.median(in_time) == pytest.approx(1e-3 - 0.25e-3 + 420e-6 + 0.15e-3, abs=0.5e-3)
+    assert np.median(late) - np.median(in_time) == pytest.approx(5e-3, abs=0.5e-3)
 
 
 def test_sensors_of_one_axis_do_not_do_where_three_are_needed(made: Make) -> None:
@@ -192,10 +206,22 @@ def test_a_late_answer_is_as_good_as_that_to_the_last_question(made: Make) -> No
 def test_who_waits_at_rest_asks_and_engages_nothing(made: Make) -> None:
     board, driver = made(patience=0.02)
     ticks(driver, OFF, 3)
+    driver.read(1.0)  # nothing is on its way any more
     board.heard.clear()
     board.mute = True
-    driver.read(1.0)
+    driver.read(2.0)
     assert {frame.type for frame in board.heard} == {Command.READ}
+
+
+def test_at_rest_the_answer_is_there_when_the_next_tick_reads(made: Make) -> None:
+    board, driver = made()
+    ticks(driver, OFF, 3)
+    time.sleep(0.1)  # until the last question is heard and answered
+    heard = len(board.heard)
+    board.mute = True  # what is asked from now on is not answered, and need not be
+    driver.read(1.0)
+    assert len(board.heard) == heard
+    assert driver.fault == ""
 
 
 def test_a_silent_board_at_rest_is_given_more_time(made: Make) -> None:

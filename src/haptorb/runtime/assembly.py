@@ -98,10 +98,10 @@ def estimator_of(
     if name == "tracker":
         return TrackedPose(device, level)
     if name == "hall":
-        from haptorb.sensing.tool_position import APART, IN_TURNS, HallTracker
+        from haptorb.sensing.tool_position import IN_TURNS, HallTracker
 
         if in_turns:
-            return HallTracker(electromagnet(device), level, offsets=offsets, bandwidth=IN_TURNS, apart=APART)
+            return HallTracker(electromagnet(device), level, offsets=offsets, bandwidth=IN_TURNS)
         return HallTracker(electromagnet(device), level, offsets=offsets)
     from haptorb.sensing.field_estimators import field_estimator
 

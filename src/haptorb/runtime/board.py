@@ -30,19 +30,25 @@ class Board:
     """Questions and answers; `post` and `collect` split the one that is asked every millisecond.
 
     Opening waits until the firmware has answered (an Arduino restarts when its port is opened, which takes up to two
-    seconds), at most `patience` [s], and leaves the coils off. `answer` [s] is how long any later answer may take.
+    seconds), at most `patience` [s], and leaves the coils off. `answer` [s] is how long any later answer may take;
+    `clock` tells the time of a question in `asked`.
 
     Raises DriverError if the port cannot be opened, if nothing answers there, or if what answers is not haptorb's
     firmware with this version's protocol.
     """
 
-    def __init__(self, path: str, patience: float = 3.0, answer: float = _ANSWER) -> None:
+    def __init__(
+        self, path: str, patience: float = 3.0, answer: float = _ANSWER, clock: Callable[[], float] = monotonic
+    ) -> None:
         self._answer = answer
+        self._clock = clock
         self._parser = FrameParser()
         self._sequence = 0
         self._waiting: int | None = None  #: sequence of the SET or READ whose answer has not been collected
         self._first = 0  #: sequence of the first that asked the same
+        self.asked = 0.0  #: when the question was sent whose answer was collected last [s]
         # Used again every millisecond; and everything compiled before a port is opened, as the firmware does not wait.
+        self._asked_at = [0.0] * 256  # [s], by sequence
         self._out, self._at = np.zeros(SET_BYTES, np.uint8), np.zeros(1, np.int64)
         self._said = self._out.data
         self._row = reading_row()
@@ -189,6 +195,7 @@ class Board:
         """Ask the same as the last `post` again, with a number of its own; any of up to 255 answers will do."""
         sequence = self._next()
         self._waiting = sequence
+        self._asked_at[sequence] = self._clock()
         if steps is None:
             self._send(Frame(Command.READ, sequence, b""))
             return
@@ -214,6 +221,7 @@ class Board:
             self._received(end)
             answer = answered(parser.line, parser.held, self._first, last, self._row, self._at)
             if answer == Answer.READING:
+                self.asked = self._asked_at[parser.line[self._at[0] + 4]]
                 return self._row
             if answer == Answer.OTHER:
                 raise _refused(READING, parser.frame(int(self._at[0])))

@@ -19,6 +19,11 @@ __all__ = ["BoardSample"]
 _CURRENTS, _AXIS, _FIRST, _COUNT, _HALL, _NEWS, _THERMOMETER, _TEMPERATURE = (
     int(one) for one in (At.CURRENTS, At.AXIS, At.FIRST, At.COUNT, At.HALL, At.NEWS, At.THERMOMETER, At.TEMPERATURE)
 )
+#: A current sensor converts for 0.53 ms and tells the last whole conversion, whose middle was 0.53 ms ago on average;
+#: the three are read one after the other in 0.2 ms, and the firmware tells the age of the first [s].
+_CONVERTED = 0.43e-3
+#: The firmware tells when it had the last of four or five Hall sensors; they take 0.3 ms [s].
+_SCANNED = 0.15e-3
 
 
 @kernel
@@ -46,28 +51,26 @@ def _taken(
 
 @final
 class BoardSample:
-    """Currents, temperatures and the field of `hall`, as they come in.
-
-    age  of the last sample's currents when the firmware sent them [s]
-    """
+    """Currents, temperatures and the field of `hall`, as they come in, and when they were so."""
 
     def __init__(self, hall: HallSensors) -> None:
         self.hall = hall
-        self.age = 0.0
+        self._currents_at = self._field_at = 0.0
         self._nothing = hall.nothing()
         self._currents, self._temperatures = np.zeros(CHANNELS), np.full(CHANNELS, np.nan)
         self._field = self._nothing.copy()
         self._heard = np.zeros((3, len(BLOCKS)), np.bool_)
-        self.take(reading_row())  # compiled before anybody waits; it tells nothing, as a row's news are 0
+        self.take(reading_row(), 0.0)  # compiled before anybody waits; it tells nothing, as a row's news are 0
         self._temperatures[:] = np.nan
 
-    def take(self, row: Array) -> None:
-        """A reading's row (24,), in SI."""
+    def take(self, row: Array, sent: float) -> None:
+        """A reading's row (24,), in SI, and when the firmware sent it [s], on the clock of `sample`."""
         hall = self.hall
         _taken(
             row, hall.radial, hall.axes, hall.span, self._currents, self._temperatures, self._field, self._heard
         )  # fmt: skip
-        self.age = float(row[At.AGE])
+        self._currents_at = sent - float(row[At.AGE]) - _CONVERTED
+        self._field_at = sent - float(row[At.HALL_AGE]) - _SCANNED
 
     @property
     def whole(self) -> bool:
@@ -77,4 +80,7 @@ class BoardSample:
     def sample(self, now: float, pose: Pose) -> Sample:
         """The sample at `now` [s]; field that was not told since the last one is NaN."""
         field, self._field = self._field, self._nothing.copy()
-        return Sample(now, self._currents.copy(), self._temperatures.copy(), field, pose)
+        return Sample(
+            now, self._currents.copy(), self._temperatures.copy(), field, pose,
+            max(now - self._currents_at, 0.0), max(now - self._field_at, 0.0),
+        )  # fmt: skip

@@ -30,6 +30,8 @@ _FAILS_IN_A_ROW = 3
 _OVER_IN_A_ROW = 2
 _WARM_UP = 5.0
 
+_CONVERTED = 0.53e-3  #: before a current sensor is read, the middle of what it tells, on average [s]
+
 _NOTHING_KNOWN = np.full(6, np.nan)
 
 
@@ -241,7 +243,7 @@ class I2cDriver(Driver):
             coil = "xyz"[int(np.argmax(self._over))]
             raise self._failed(f"the current of coil {coil} was above its limit; look for a short before going on")
         field, self._field = self._field, self._hall_sensors.nothing()
-        return Sample(now, self._currents.copy(), self._thermometers.read(), field, self._pose(now))
+        return Sample(now, self._currents.copy(), self._thermometers.read(), field, self._pose(now), _CONVERTED)
 
     def _read_hall(self) -> None:
         """One axis of one block, the next time the other block, then the next axis."""

@@ -31,6 +31,7 @@ _TIMES = 10  #: at most, in all of the patience: who has much of it has an emula
 _RETRY = 0.25  #: between two attempts to reach a port that has gone [s]
 _MEETING = 0.2  #: for an answer when the port is back [s]; no Arduino restarts in the middle of a loop
 _REQUIRED = 0xFF  #: every part
+_HEARD = 0.25e-3  #: from a question's sending to its answer's making [s]: 15 bytes at 1 Mbaud, and their check
 
 _NOTHING_KNOWN = np.full(6, np.nan)
 _UPRIGHT, _STILL = np.eye(3), np.zeros(3)
@@ -46,9 +47,9 @@ def untracked(now: float) -> Pose:
 class SerialDriver(Driver):
     """Three coils, their currents and temperatures and nine Hall sensors behind the firmware at `path`.
 
-    `write` sends the duties and returns at once; the answer, with the readings, is collected by the next `read`. So a
-    sample is one period old: `reading_age` tells exactly. Each answer brings one axis of four or five Hall sensors; the
-    rest of a sample's `field` is NaN.
+    `write` sends the duties, or at rest a question, and returns at once; the answer, with the readings, is collected by
+    the next `read`. So a sample is one period old: it says how old its currents and its field are. Each answer brings
+    one axis of four or five Hall sensors; the rest of a sample's `field` is NaN.
 
     The coils are engaged by the first duties that are not zero after `open` or `engage`. When the firmware trips, when
     the line falls silent or the port disappears, `read` raises DriverError with the reason, duties are zero, and stay
@@ -60,7 +61,8 @@ class SerialDriver(Driver):
     a device that has gone, twenty while no current may flow. A trip because this computer was silent is a HostSilent.
     duty_limit [1] and current_limit [A] are what the firmware is told to hold in this session; by default 5 % above
     the device's own current limit. `open` waits at most `warm_up` [s] for every sensor's first reading, and refuses a
-    board whose Hall sensors have fewer than `hall_axes`.
+    board whose Hall sensors have fewer than `hall_axes`. `clock` runs as fast as the board's time does: an emulated one
+    may be slow.
     """
 
     simulated = False
@@ -76,6 +78,7 @@ class SerialDriver(Driver):
         current_limit: float | None = None,
         warm_up: float = 4.0,
         hall_axes: int = 1,
+        clock: Callable[[], float] = monotonic,
     ) -> None:
         if device.channels != CHANNELS:
             raise DriverError(
@@ -88,6 +91,7 @@ class SerialDriver(Driver):
         limit = 1.05 * float(np.max(device.coils.current_limit)) if current_limit is None else current_limit
         self._session = (duty_limit, min(limit, 65.5))
         self._patience = patience
+        self._clock = clock
         self._answer = 10 * patience
         self._warm_up_time = warm_up
         positions = getattr(getattr(device, "hall", None), "positions", None)
@@ -108,6 +112,7 @@ class SerialDriver(Driver):
         self._steps = np.zeros(CHANNELS, np.int64)
         stepped(self._applied, self._steps)  # compiled before anybody waits
         self._told = BoardSample(HallSensors(self._positions))
+        self._ticks = ((0.0, 0.0), (0.0, 0.0))  # the last two: by the loop's clock and by `clock` [s]
 
     @property
     def identity(self) -> Identity | None:
@@ -141,16 +146,11 @@ class SerialDriver(Driver):
         """Why no current flows, in one clause; empty if it may."""
         return self._fault
 
-    @property
-    def reading_age(self) -> float:
-        """Age of the last sample's currents when the firmware sent them [s]."""
-        return self._told.age
-
     def open(self) -> None:
         """Connect; wait until every sensor has been read once. Raises DriverError naming what is missing."""
         self.close()
         self._start()
-        self._board = Board(self._path, answer=self._answer)
+        self._board = Board(self._path, answer=self._answer, clock=self._clock)
         self._opened = True
         try:
             self._know(self._board.identity)
@@ -171,7 +171,7 @@ class SerialDriver(Driver):
         end = monotonic() + self._warm_up_time
         while True:
             row = board.row()
-            self._told.take(row)
+            self._told.take(row, 0.0)
             missing = int(row[At.MISSING])
             if self._told.whole and not missing & _REQUIRED:
                 return
@@ -196,6 +196,8 @@ class SerialDriver(Driver):
         self._lost = 0
         if self._board is not None:
             try:
+                if self._board.posted:
+                    self._board.collect(self._patience)
                 self._board.off()
             except DriverError as cause:
                 raise self._failed(str(cause), gone=True) from cause
@@ -217,7 +219,7 @@ class SerialDriver(Driver):
             raise DriverError(self._fault)
         self._next_try = monotonic() + _RETRY
         try:
-            self._board = Board(self._path, _MEETING, self._answer)
+            self._board = Board(self._path, _MEETING, self._answer, self._clock)
         except DriverError as cause:
             self._next_try = monotonic() + _RETRY
             raise DriverError(f"{self._fault}; trying again: {cause}") from cause
@@ -227,6 +229,7 @@ class SerialDriver(Driver):
         """The sample at `now` [s]: the answer to what the last tick sent."""
         if not self._opened:
             raise DriverError(f"the device at {self._path} is not open; use it in a `with` block or call open() first")
+        self._ticks = (self._ticks[1], (now, self._clock()))
         board = self._board or self._reconnected()
         try:
             if not board.posted:
@@ -240,13 +243,22 @@ class SerialDriver(Driver):
                 raise self._failed(f"no answer from the firmware at {self._path}; check cable and supply", gone=True)
         else:
             self._lost = 0
-            self._told.take(row)
+            self._told.take(row, self._sent(board.asked))
             if row[At.STANDING] != Standing.ENGAGED:
                 why = switched_off(Reading.of(row), self._engaged)
                 if why:
                     silent = row[At.REASON] == Reason.SILENCE
                     raise self._failed(why, as_=HostSilent if silent else DriverError)
         return self._told.sample(now, self._pose(now))
+
+    def _sent(self, asked: float) -> float:
+        """When the firmware answered what it was asked at `asked` [s by `clock`], by the loop's clock [s].
+
+        By the tick in which it was asked: a tick may come late, and the answer has then been lying here.
+        """
+        before, here = self._ticks
+        at, begun = here if asked >= here[1] else before
+        return at + (asked - begun) + _HEARD
 
     def _collected(self, board: Board) -> Array | None:
         """The answer to the last question; meanwhile the same is asked again, and any of the answers will do."""
@@ -264,9 +276,13 @@ class SerialDriver(Driver):
             raise InputError(f"duties must have one entry per coil, shape ({CHANNELS},); got shape {duties.shape}")
         some = stepped(duties, self._steps)
         board = self._board
-        if board is None or not self._opened or not (self._engaged or (self._armed and some)):
+        if board is None or not self._opened:
             return np.zeros(CHANNELS)
         try:
+            if not (self._engaged or (self._armed and some)):
+                if not board.posted:
+                    board.post(None)  # so that the next tick need not wait for all of the answer
+                return np.zeros(CHANNELS)
             why = "" if self._engaged else self._refusal(board)
             if not why:
                 board.post(self._steps)

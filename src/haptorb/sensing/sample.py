@@ -26,11 +26,13 @@ class Pose:
 class Sample:
     """What was read in one tick; arrays have one entry per channel or per sensor.
 
-    t             time of the reading [s]
+    t             time of the tick that read [s]
     currents      (m,) measured [A]
     temperatures  (m,) coil boundary [K]
     field         (k, 3) field sensors [T]; (0, 3) where the device has none
     pose          the tracker's last word; for a rotor that is sensed through its field, not valid
+    currents_age  since the currents were what was measured [s]: the middle of what their sensors average
+    field_age     since the field was read [s]
     """
 
     t: float
@@ -38,6 +40,8 @@ class Sample:
     temperatures: Array
     field: Array
     pose: Pose
+    currents_age: float = 0.0
+    field_age: float = 0.0
 
 
 @record

@@ -52,10 +52,11 @@ _OUTWARD = -0.2  #: a tool whose axis points inwards by more than this cosine ha
 @kernel
 def subtracted(
     read: Array, currents: Array, per_ampere: Array, offsets: Array, UU: Array, measured: Array, columns: Array,
-    t: float, numbers: Array, readings: Array, G: Array,
+    taken: float, t: float, numbers: Array, readings: Array, G: Array,
 ) -> bool:  # fmt: skip
-    """readings = read (k, 3) [T] − offsets − field of the coils, where something was read; numbers[LIMIT] and G (3, 3)
-    for such currents (m,) [A] at `t` [s]; False if a current is not a number or a reading too old.
+    """readings = read (k, 3) [T] − offsets − field of the coils, where something was read, at `taken` [s]; their ages
+    at `t` [s], numbers[LIMIT] and G (3, 3) for such currents (m,) [A]; False if a current is not a number or a reading
+    too old.
 
     per_ampere (k, 3, m) [T/A]; UU, measured, columns as in `moment_weight`.
     """
@@ -69,7 +70,7 @@ def subtracted(
             left = read[k, i] - offsets[k, i] - coils
             if left - left == 0.0:  # a number
                 readings[FIELD, k, i] = left
-                readings[WHEN, k, i] = t
+                readings[WHEN, k, i] = taken
                 new += 1
             age = t - readings[WHEN, k, i]
             readings[AGES, k, i] = age
@@ -146,14 +147,16 @@ def told(
 @kernel
 def followed(
     read: Array, currents: Array, per_ampere: Array, offsets: Array, UU: Array, measured: Array, columns: Array,
-    rows: Array, sensors: Array, response: Array, U: Array, t: float, dt: float, numbers: Array, readings: Array,
-    belief: Array, spread: Array, G: Array, covariance: Array, p: Array, R: Array, motion: Array,
+    rows: Array, sensors: Array, response: Array, U: Array, taken: float, t: float, dt: float, numbers: Array,
+    readings: Array, belief: Array, spread: Array, G: Array, covariance: Array, p: Array, R: Array, motion: Array,
 ) -> int:  # fmt: skip
     """From what was read (k, 3) [T] to place, rotation and motion, starting where the tool should be after `dt` [s].
 
     Arguments as in `subtracted`, `fitted` and `told`; rows, sensors and response are a `ToolModel`'s.
     """
-    if not subtracted(read, currents, per_ampere, offsets, UU, measured, columns, t, numbers, readings, G):
+    if not subtracted(
+        read, currents, per_ampere, offsets, UU, measured, columns, taken, t, numbers, readings, G
+    ):  # fmt: skip
         return UNREAD
     model, rates, field = ToolModel(rows, sensors, numbers[CORE], response), np.empty(5), readings[FIELD]
     predicted(belief, dt, p, R)

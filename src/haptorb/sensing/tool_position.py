@@ -8,7 +8,8 @@ What is measured in every tick goes through the filter of `sensing.place_filter`
 loop, the place not late at steady velocity, the velocity 7 ms late.
 
 Where a driver reads the sensors in turns, what it did not read in a tick is NaN. The last reading of each stands in,
-less the coils' field at the time when it was taken, and is held against where the tool was then, by its velocity.
+less the coils' field at the time when it was taken (`sensing.current_history`), and is held against where the tool was
+then, by its velocity.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from haptorb.devices.state import State, rotation_to_axis
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import GeometryError, InputError
 from haptorb.physics.arrays import Array, finite
+from haptorb.sensing.current_history import CurrentHistory
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.sample import Estimate, Sample
 from haptorb.sensing.tool_field import ToolModel, coil_field, moment_field, tool_field
@@ -52,17 +54,13 @@ from haptorb.sensing.tool_following import (
     told,
 )
 
-__all__ = ["APART", "IN_TURNS", "HallTracker"]
+__all__ = ["IN_TURNS", "HallTracker"]
 
 #: bandwidth [Hz] for drivers that read the sensors in turns, six ticks for all: more lets through noise only
 IN_TURNS = 30.0
-#: by how much such drivers read the field later than the currents: a current sensor tells the last 0.5 ms' mean [s]
-APART = 0.75e-3
 
 _EXACT, _COLD = 1e-6, 40  #: last step of a fit from nothing [m, rad], and its evaluations at most
 _REACH = 15e-3  #: how far outside the shell a tool is still believed to be [m]
-_GUESSED = 0.4  #: of such a change may be wrong
-_LATELY = 0.01  #: for so long a change of the currents spoils readings that are still in use [s]
 _PAUSE = 0.05  #: without a sample for so long the velocity says nothing any more [s]
 _WAIT = 0.02  #: between two searches from nothing [s]: a search takes longer than a tick
 _AT_REST = np.zeros(5)
@@ -75,7 +73,6 @@ class HallTracker(Estimator):
     level      of its wrench map
     offsets    (k, 3) [T] of the sensors at zero current without a tool, as calibration found them
     bandwidth  of place and axis [Hz]
-    apart      by which the field is read later than the currents [s]: they are carried on, and known the less for it
 
     `verdict` says why an estimate is not valid: "lost", "reversed" (the tool's magnet is the wrong way round: forces
     would invert), or "" where it is.
@@ -97,7 +94,6 @@ class HallTracker(Estimator):
         *,
         offsets: ArrayLike | None = None,
         bandwidth: float = 100.0,
-        apart: float = 0.0,
     ) -> None:
         if not isinstance(device, SphericalElectromagnet) or device.sensors < 2:
             raise InputError(
@@ -117,11 +113,10 @@ class HallTracker(Estimator):
         hall, supply = device.hall, device.supply
         self._per_moment, moments = moment_field(device), np.array(device.moment_per_current, dtype=np.float64)
         self._moments, self._per_ampere_rms = moments, np.sqrt((self._per_ampere**2).mean(axis=(0, 1)))
-        self._heard = -math.inf
         self._per_moment2 = np.einsum("kia,kib->ab", self._per_moment, self._per_moment)
         self._read = (supply.current_noise**2 + supply.current_step**2 / 12) * (moments @ moments.T)
         self._measured = self._read
-        self._apart, self._recent, self._swing = apart, np.zeros(device.channels), np.zeros(device.channels)
+        self._history = CurrentHistory(device.channels, device.sensors)
         self._columns, self._weight = np.ascontiguousarray((moments**2).sum(axis=0)), np.zeros((3, 3))
         self.noise = float(np.hypot(max(hall.noise, 1e-7), hall.step / np.sqrt(12)))  #: of one reading [T]
         #: (5, 5) of what was told last, noise only: place [m²], turns about two axes across the tool's [rad²]
@@ -147,7 +142,9 @@ class HallTracker(Estimator):
             raise InputError(
                 f"device '{self._device.name}' has {self._device.sensors} field sensors; the sample has {read.shape[0]}"
             )
-        currents = sample.currents if self._apart == 0.0 else self._carried(sample)
+        currents, taken = sample.currents, sample.t - sample.field_age
+        if sample.currents_age != sample.field_age:
+            read, currents, taken = self._waited(sample)
         pose = np.empty((6, 3))
         R, p, motion = pose[:3], pose[3], pose[4:]
         if self._found:
@@ -157,11 +154,11 @@ class HallTracker(Estimator):
                 dt = 0.0
             code = followed(
                 read, currents, self._per_ampere, self._offsets, self._per_moment2, self._measured,
-                self._columns, model.rows, model.sensors, model.response, self._per_moment, sample.t, dt,
+                self._columns, model.rows, model.sensors, model.response, self._per_moment, taken, sample.t, dt,
                 self._numbers, self._readings, self._belief, self._spread, self._weight, self.covariance, p, R, motion,
             )  # fmt: skip
         else:
-            code = self._looked(read, currents, sample.t)
+            code = self._looked(read, currents, taken, sample.t)
         if code == UNEXPLAINED:
             self._found = False
             if sample.t - self._searched < _WAIT:
@@ -181,25 +178,23 @@ class HallTracker(Estimator):
         self._last = Estimate(state, wrench_map, True, 0.0)
         return self._last
 
-    def _looked(self, read: Array, currents: Array, t: float) -> int:
+    def _looked(self, read: Array, currents: Array, taken: float, t: float) -> int:
         """What is left of the readings without the coils; the place is still to be searched."""
         told_all = subtracted(
-            read, currents, self._per_ampere, self._offsets, self._per_moment2, self._measured, self._columns, t,
-            self._numbers, self._readings, self._weight,
+            read, currents, self._per_ampere, self._offsets, self._per_moment2, self._measured, self._columns, taken,
+            t, self._numbers, self._readings, self._weight,
         )  # fmt: skip
         return UNEXPLAINED if told_all else UNREAD
 
-    def _carried(self, sample: Sample) -> Array:
-        """(m,) currents when the field was read [A]; numbers[SWING] is the field that this may be wrong by [T]."""
-        dt = min(max(sample.t - self._heard, 1e-4), _PAUSE)
-        change = self._apart / dt * (sample.currents - self._recent)
-        self._swing = np.maximum(_GUESSED * np.abs(change), math.exp(-dt / _LATELY) * self._swing)
-        self._recent, self._heard = sample.currents.copy(), sample.t
-        moments = self._moments * self._swing
+    def _waited(self, sample: Sample) -> tuple[Array, Array, float]:
+        """The field (k, 3) [T] that waited for these currents, the currents (m,) [A] at its time, and that time [s];
+        numbers[SWING] is the field that they may be wrong by [T]."""
+        history = self._history
+        history.take(sample)
+        moments = self._moments * history.doubt
         self._measured = self._read + moments @ moments.T
-        self._numbers[SWING] = self._per_ampere_rms @ self._swing
-        carried: Array = sample.currents + change
-        return carried
+        self._numbers[SWING] = self._per_ampere_rms @ history.doubt
+        return history.field, history.currents, history.taken
 
     def _unknown(self, t: float, why: str) -> Estimate:
         self.verdict = why
