@@ -37,9 +37,9 @@ def loop(effort: float, tell: Callable[[str], None]) -> list[Row]:
 
 
 def console(effort: float, tell: Callable[[str], None]) -> list[Row]:
-    """From a drag in a real browser to the force drawn, 10 s times `effort`."""
+    """From a drag in a real browser to the force drawn, 30 s times `effort`."""
     tell("a browser that drags")
-    told = _script("console_latency", "--seconds", f"{max(10 * effort, 2):g}")
+    told = _script("console_latency", "--seconds", f"{max(30 * effort, 2):g}")
     if isinstance(told, str):
         return [Row("console", "from drag to force shown, median", None, "ms", limit=25.0, note=told)]
     drawn = f"renderer {told['renderer']}"
