@@ -61,12 +61,12 @@ $(BIN)/python:
 
 $(VENV)/.run: $(BUILT_FROM) | $(BIN)/python
 	@echo "Installing haptorb into $(VENV) (the first time: a minute or two) ..."
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable .
 	@touch $@
 
 $(VENV)/.test: $(BUILT_FROM) | $(BIN)/python
 	@echo "Installing haptorb and its tests' packages into $(VENV) (the first time: a few minutes) ..."
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,bench,docs,hardware,study,trackers]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[test,bench,docs,hardware,study,trackers]'
 	@touch $(VENV)/.run $@
 
 clean:

@@ -6,6 +6,7 @@ tenth of a second; one whose tick never ends is told so, and the tick ends with 
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import threading
@@ -23,6 +24,7 @@ __all__ = ["Children"]
 _EVERY = 0.05  #: between two heartbeats [s]
 _STUCK = 1.0  #: without a tick the servo is told that it is stuck [s]
 _START = 180.0  #: the first start on a machine compiles the kernels [s]
+_USUAL = 3.0  #: a start with compiled code; who needs longer has it compiled by two [s]
 _FINISH = 2.0  #: to end as told before a signal is sent [s]
 _DRAIN = 20.0  #: for the recorder to write what it has [s]
 
@@ -35,7 +37,7 @@ class Children:
     def __init__(self, standby: Standby, shared: Shared, black_box: BlackBox) -> None:
         self._shared = shared
         self._black_box = black_box
-        self._errors = standby.errors
+        self._errors, self._plan = standby.errors, standby.plan
         self._ending = threading.Event()
         self._told = False
         shared.words[Word.HEARTBEAT] = monotonic_ns()
@@ -43,6 +45,7 @@ class Children:
         standby.give(shared.path)
         self._recorder: subprocess.Popen[bytes] | None = None
         self._tracker: subprocess.Popen[bytes] | None = None
+        self._compiler: subprocess.Popen[bytes] | None = None
         # Not the thread that may be blocked by a user's code: it has nothing else to do.
         self._heart = threading.Thread(target=self._beat, name="haptorb-heartbeat", daemon=True)
         self._heart.start()
@@ -73,7 +76,16 @@ class Children:
     def wait_until_running(self) -> None:
         """Return when the loop has ticked, and recorder and tracker are ready. Raises ServoError, RecordingError or
         DriverError otherwise."""
-        deadline = monotonic() + _START
+        try:
+            self._wait()
+        finally:
+            if self._compiler is not None:
+                self._compiler.kill()
+                self._compiler.wait()
+        self.check()
+
+    def _wait(self) -> None:
+        begun = monotonic()
         words = self._shared.words
         while (
             not (self.alive and words[Word.TICKS])
@@ -83,10 +95,12 @@ class Children:
             self.check()
             if trouble := self.tracker_trouble:
                 raise DriverError(trouble)
-            if monotonic() > deadline:
+            if monotonic() > begun + _START:
                 raise ServoError(f"the servo did not start within {_START:g} s")
+            if self._compiler is None and monotonic() > begun + _USUAL:
+                plan = str(self._plan)
+                self._compiler = started("haptorb.runtime.first_start", plan, str(os.getpid()), errors=self._errors)
             sleep(0.005)
-        self.check()
 
     def check(self) -> None:
         """Raise ServoError if the servo ended, RecordingError if the recorder did."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -24,8 +24,9 @@ class Plan:
     rate: float  #: [Hz]
     assemble: Callable[[Tracker], Chain]
     practice: Callable[[Tracker], Chain]  #: the same on the simulated device, run before the start
-    prediction: float | None = None  #: of a tracker's own process [s]; None: the host's pointer is the tracker
-    calibration: bytes | None = None  #: id of what the controller believes of the device beside its file
+    prediction: float | None  #: of a tracker's own process [s]; None: the host's pointer is the tracker
+    calibration: bytes | None  #: id of what the controller believes of the device beside its file
+    compiling: Callable[[], Iterator[None]]  #: its code part by part, for a first start's second process
 
 
 def save(plan: Plan, path: Path) -> None:

@@ -38,6 +38,7 @@ from haptorb.runtime.children import Children
 from haptorb.runtime.commands import Commands
 from haptorb.runtime.device_text import text_of
 from haptorb.runtime.fed_tracker import PREDICTION, known_prediction
+from haptorb.runtime.first_start import compiling
 from haptorb.runtime.launch import notes, recorder_spec, tracker_spec
 from haptorb.runtime.report import loop_report
 from haptorb.runtime.row import RowLayout
@@ -145,6 +146,7 @@ class Servo(Commands):
         self._plan = plans.Plan(
             first, self.rate, chain, practice, self._ahead if fed(self.tracker) else None,
             None if self.calibration is None else self.calibration.id,
+            partial(compiling, self.device, first, self.estimator, level, gains),
         )  # fmt: skip
         self._record, self._overwrite = record, overwrite
         self._trips_folder = None if black_box is None else Path(black_box).expanduser().absolute()
