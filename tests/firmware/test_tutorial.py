@@ -48,6 +48,7 @@ def test_the_tutorial(built, tmp_path):
         ["hardware", "monitor", "--driver"],
         ["hardware", "jog", "x"],
         ["run", "omni", "--driver"],
+        ["run", "omni", "--driver"],
     ]
     with subprocess.Popen(emulate, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as emulator:
         try:
@@ -61,9 +62,10 @@ def test_the_tutorial(built, tmp_path):
         finally:
             emulator.terminate()
             started = emulator.communicate(timeout=30)[0]
-    probe, monitor, jog, run = told
+    probe, monitor, jog, run, felt = told
     assert "an emulated device is coming up" in started
     assert "firmware" in probe
     assert re.search(r"^ +\d\.\d\d s .* A .* °C .* mT$", monitor, re.MULTILINE)
     assert "x" in jog
     assert "ticks" in run or "%" in run
+    assert re.search(r"peak force \d\.\d\d N|tripped at", felt)

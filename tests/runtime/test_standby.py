@@ -54,6 +54,19 @@ def test_a_servo_takes_the_one_it_is_given_and_tidies_up(folders: Path) -> None:
     assert list(folders.iterdir()) == []
 
 
+def test_it_serves_once(folders: Path) -> None:
+    with Standby() as standby:
+        first = Servo("omni", "dome", record=False)
+        first.open(standby)
+        try:
+            with pytest.raises(ServoError, match="serves another servo"):
+                Servo("omni", "dome", record=False).open(standby)
+            assert first.alive
+        finally:
+            first.close()
+    assert list(folders.iterdir()) == []
+
+
 def test_a_plan_that_cannot_be_sent_ends_it(folders: Path) -> None:
     class Held(Dome):
         def __reduce__(self) -> str:

@@ -17,7 +17,7 @@ from haptorb.errors import DriverError, RecordingError, ServoError
 from haptorb.runtime.black_box import BlackBox
 from haptorb.runtime.realtime import urgent
 from haptorb.runtime.shared import Phase, Shared, Word
-from haptorb.runtime.standby import Standby, started
+from haptorb.runtime.standby import PLAN, Standby, started
 
 __all__ = ["Children"]
 
@@ -37,7 +37,7 @@ class Children:
     def __init__(self, standby: Standby, shared: Shared, black_box: BlackBox) -> None:
         self._shared = shared
         self._black_box = black_box
-        self._errors, self._plan = standby.errors, standby.plan
+        self._errors, self._plan = standby.errors, standby.folder / PLAN
         self._ending = threading.Event()
         self._told = False
         shared.words[Word.HEARTBEAT] = monotonic_ns()

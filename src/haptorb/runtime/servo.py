@@ -316,8 +316,9 @@ class Servo(Commands):
 
     def _start(self, descriptor: int | None, tracker: Preparation | None, standby: Standby | None) -> None:
         with standby or Standby() as process:
+            file = process.plan
             try:
-                plans.save(self._plan, process.plan)
+                plans.save(self._plan, file)
             except Exception as cause:
                 raise InputError(f"world or device cannot be sent to the servo's process: {cause}") from cause
             self._shared = Shared.create(self.layout)

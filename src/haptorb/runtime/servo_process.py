@@ -21,8 +21,6 @@ from importlib import import_module
 from pathlib import Path
 from types import FrameType
 
-import numpy as np
-
 from haptorb import worlds
 from haptorb.errors import HaptorbError, ServoError
 from haptorb.runtime import plan as plans
@@ -132,10 +130,9 @@ def _rehearse(plan: plans.Plan, shared: Shared) -> None:
     """
     chain = plan.practice(PointerTracker())
     row = shared.layout.empty()
-    with chain.driver as driver:
-        for tick in range(_REHEARSAL):  # the device alone: at a first start the host compiles the rest meanwhile
-            driver.read(tick / plan.rate)
-            driver.write(np.zeros(len(row[shared.layout["duties"]])))
+    with chain.driver:
+        for tick in range(_REHEARSAL):  # the device alone: at a first start another process compiles the rest
+            chain.prepare(tick / plan.rate)
         for tick in range(_REHEARSAL, 2 * _REHEARSAL):
             chain.step(row, tick / plan.rate)
         for tick, kind in enumerate(worlds.CATALOGUE.values(), start=2 * _REHEARSAL):

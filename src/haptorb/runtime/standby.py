@@ -15,6 +15,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, final
 
+from haptorb.errors import ServoError
+
 __all__ = ["PLAN", "Standby", "started"]
 
 PLAN = "plan"  #: name of the file in the folder
@@ -29,7 +31,6 @@ class Standby:
 
     def __init__(self) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="haptorb-"))  #: the giver's from `give` on
-        self.plan = self.folder / PLAN  #: to be written before `give`
         self.errors = self.folder / "errors"  #: what the process prints
         self.given = False
         try:
@@ -40,6 +41,13 @@ class Standby:
         except BaseException:
             shutil.rmtree(self.folder, ignore_errors=True)
             raise
+
+    @property
+    def plan(self) -> Path:
+        """The file to be written before `give`. Raises ServoError if it serves somebody already."""
+        if self.given:
+            raise ServoError("this standby serves another servo, or was ended; make a new one")
+        return self.folder / PLAN
 
     def give(self, shared: Path) -> None:
         """The plan is written, and `shared` is the memory through which the servo is talked to."""
