@@ -60,7 +60,7 @@ $(BIN)/python:
 	@sh scripts/virtual-environment $(VENV)
 
 $(VENV)/.run: $(BUILT_FROM) | $(BIN)/python
-	@echo "Installing haptorb into $(VENV) (the first time: a minute or two) ..."
+	@echo "Installing haptorb into $(VENV) (the first time: half a minute or more) ..."
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable .
 	@touch $@
 

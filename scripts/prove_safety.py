@@ -265,6 +265,20 @@ PROOFS = [
         "tests/runtime/test_i2c_driver.py",
     ),
     (
+        "at rest the device is asked and never set",
+        SERIAL,
+        "board.post(None)  # so that the next tick need not wait for all of the answer",
+        "board.post(self._steps)",
+        SERIAL_TESTS,
+    ),
+    (
+        "a servo that waits for its plan ends with its host",
+        "runtime/servo_process.py",
+        "    if not told:\n",
+        "    while not told:\n        pass\n    if False:\n",
+        "tests/runtime/test_standby.py",
+    ),
+    (
         "who waits for an answer is not silent",
         SERIAL,
         "            board.repeat(self._steps if self._engaged else None)",

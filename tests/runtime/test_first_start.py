@@ -51,7 +51,7 @@ def test_it_is_a_program_that_ends(tmp_path: Path) -> None:
     plans.save(Servo("omni", record=False)._plan, tmp_path / "plan")
     command = [sys.executable, "-m", "haptorb.runtime.first_start", str(tmp_path / "plan")]
     assert subprocess.run([*command, str(os.getpid())], check=False, timeout=300).returncode == 0
-    assert subprocess.run([*command, "1"], check=False, timeout=300).returncode == 1  # nobody's child
+    assert subprocess.run([*command, "0"], check=False, timeout=300).returncode == 1  # nobody's child
 
 
 def test_a_start_that_takes_long_is_helped_and_the_helper_goes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,3 +61,5 @@ def test_a_start_that_takes_long_is_helped_and_the_helper_goes(monkeypatch: pyte
         assert helper is not None
         assert helper.poll() is not None
         assert servo.alive
+        # From here on it would only be a device that takes its time.
+        assert not servo._children._compiling_since(0.0)  # type: ignore[union-attr]

@@ -68,6 +68,16 @@ def bench() -> Iterator[Bench]:
     one.driver.close()
 
 
+def test_a_sample_says_how_old_currents_and_field_are(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The currents' reading takes 0.3 ms, the field's 0.4 ms; what a current sensor tells is half a millisecond old."""
+    times = iter([5.0, 5.0003, 5.0007])
+    monkeypatch.setattr("haptorb.runtime.i2c_driver.monotonic", lambda: next(times))
+    bench.settle()
+    sample = bench.driver.read(1.0)
+    assert sample.currents_age == pytest.approx(0.53e-3 - 0.15e-3)
+    assert sample.field_age == pytest.approx(-0.5e-3)
+
+
 def test_currents_and_field_are_read(bench: Bench) -> None:
     bench.hall.inputs[:, 6] = (0.6, 0.5, 0.4)
     for _ in range(4):

@@ -182,7 +182,7 @@ class Mine(World):  # written in a user's script, no __main__ guard anywhere
 servo = haptorb.Servo("omni", Mine(), record=sys.argv[1] if sys.argv[1] else None)
 with servo:
     pids = servo._children.servo_pid, servo._children.recorder_pid
-    print(*pids, servo._shared.path, servo._path, servo._folder, flush=True)
+    print(*pids, servo._shared.path, servo._recording._path, servo._folder, flush=True)
     servo.run(60)
 """
 

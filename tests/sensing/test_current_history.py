@@ -80,3 +80,25 @@ def test_doubt_is_that_of_a_change_and_fades():
     for tick in range(3, 23):
         taken(history, 1e-3 * tick, 1e-3, 0.7e-3, at=1.0)
     assert (history.doubt < 0.25 * 0.15e-3 * 1e3 * np.abs(SLOPE)).all()
+
+
+def test_ages_that_make_a_measurement_seem_older_than_the_last_tell_nothing_new():
+    """Ages are known to some tenths of a millisecond; the order in which answers come is not in doubt."""
+    history = CurrentHistory(3, 2)
+    for tick in range(3):
+        taken(history, 1e-3 * tick, 1e-3, 0.7e-3)
+    taken(history, 3e-3, 2.2e-3, 1.9e-3)
+    assert np.isnan(history.field).all()
+    taken(history, 4e-3, 1e-3, 0.7e-3)
+    assert history.currents == pytest.approx(START + SLOPE * history.taken)
+
+
+def test_a_clock_that_begins_anew_begins_anew():
+    history = CurrentHistory(3, 2)
+    for tick in range(3):
+        taken(history, 5.0 + 1e-3 * tick, 1e-3, 0.7e-3)
+    taken(history, 0.0, 1e-3, 0.7e-3)
+    assert np.isnan(history.field).all()
+    taken(history, 1e-3, 1e-3, 0.7e-3)
+    assert history.taken == pytest.approx(-0.7e-3)
+    assert history.currents == pytest.approx(START + SLOPE * history.taken)

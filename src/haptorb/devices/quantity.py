@@ -11,6 +11,7 @@ import re
 import shutil
 import sys
 from functools import lru_cache
+from importlib.metadata import version
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator
@@ -53,11 +54,13 @@ _NUMBER = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?inf)\
 def _registry() -> Any:
     """pint's, with its definitions as it kept them the last time: reading them again is half of a device file's time.
 
-    It writes them without care for a process that is killed meanwhile; what cannot be read is thrown away.
+    It writes them without care for a process that is killed meanwhile; what cannot be read is thrown away. They are
+    pickled objects of pint and its parser: with another version of either they are made anew.
     """
     import pint
 
-    folder = cache_folder() / "units" / f"pint {pint.__version__}, {sys.implementation.cache_tag}"
+    parser, python = version("flexparser"), sys.implementation.cache_tag
+    folder = cache_folder() / "units" / f"pint {pint.__version__}, flexparser {parser}, {python}"
     try:
         return pint.UnitRegistry(cache_folder=folder)
     except Exception:  # whatever a file that is half there makes of pickle, or a disk that is full

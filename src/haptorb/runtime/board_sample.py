@@ -82,5 +82,5 @@ class BoardSample:
         field, self._field = self._field, self._nothing.copy()
         return Sample(
             now, self._currents.copy(), self._temperatures.copy(), field, pose,
-            max(now - self._currents_at, 0.0), max(now - self._field_at, 0.0),
+            now - self._currents_at, now - self._field_at,
         )  # fmt: skip

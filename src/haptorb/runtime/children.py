@@ -97,10 +97,14 @@ class Children:
                 raise DriverError(trouble)
             if monotonic() > begun + _START:
                 raise ServoError(f"the servo did not start within {_START:g} s")
-            if self._compiler is None and monotonic() > begun + _USUAL:
+            if self._compiler is None and self._compiling_since(begun):
                 plan = str(self._plan)
                 self._compiler = started("haptorb.runtime.first_start", plan, str(os.getpid()), errors=self._errors)
             sleep(0.005)
+
+    def _compiling_since(self, begun: float) -> bool:
+        """Whether the servo has been preparing for too long; opening a device may take its time."""
+        return monotonic() > begun + _USUAL and not self._shared.facts.read()[1]
 
     def check(self) -> None:
         """Raise ServoError if the servo ended, RecordingError if the recorder did."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from time import monotonic
 from typing import Protocol, final
 
 import numpy as np
@@ -117,6 +118,7 @@ class I2cDriver(Driver):
         self._fails = 0
         self._over = np.zeros(CHANNELS, dtype=np.int64)
         self._currents = np.zeros(CHANNELS)
+        self._currents_at = self._field_at = 0.0  # [s], by the loop's clock
         self._field = self._hall_sensors.nothing()
         self._applied = np.zeros(CHANNELS)
 
@@ -228,9 +230,11 @@ class I2cDriver(Driver):
             raise DriverError(f"the device at {self.name} is not open; use it in a `with` block or call open() first")
         if self._fault:
             raise DriverError(self._fault)
+        begun = monotonic()
         try:
             for i, sensor in enumerate(self._sensors):
                 self._currents[i] = sensor.current()
+            had = monotonic()
             self._read_hall()
         except OSError as cause:
             self._fails += 1
@@ -238,12 +242,18 @@ class I2cDriver(Driver):
                 raise self._failed(f"a chip on the I²C bus does not answer: {cause}") from cause
         else:
             self._fails = 0
+            # the middle of either's reading; a bus takes its time, and the tick's `now` is when it began
+            self._currents_at = now + (had - begun) / 2 - _CONVERTED
+            self._field_at = now + (had + monotonic()) / 2 - begun
         self._over = np.where(np.abs(self._currents) > self._limit, self._over + 1, 0)
         if (self._over >= _OVER_IN_A_ROW).any():
             coil = "xyz"[int(np.argmax(self._over))]
             raise self._failed(f"the current of coil {coil} was above its limit; look for a short before going on")
         field, self._field = self._field, self._hall_sensors.nothing()
-        return Sample(now, self._currents.copy(), self._thermometers.read(), field, self._pose(now), _CONVERTED)
+        return Sample(
+            now, self._currents.copy(), self._thermometers.read(), field, self._pose(now),
+            now - self._currents_at, now - self._field_at,
+        )  # fmt: skip
 
     def _read_hall(self) -> None:
         """One axis of one block, the next time the other block, then the next axis."""

@@ -16,6 +16,7 @@ from haptorb.runtime.board_answers import Identity
 from haptorb.runtime.board_complaints import refusal, switched_off
 from haptorb.runtime.board_reading import At, Reading
 from haptorb.runtime.board_sample import BoardSample
+from haptorb.runtime.board_time import BoardTime
 from haptorb.runtime.board_words import Reason, Standing, missing_chips
 from haptorb.runtime.driver import Driver
 from haptorb.runtime.hall_sensor import HallSensors
@@ -31,7 +32,6 @@ _TIMES = 10  #: at most, in all of the patience: who has much of it has an emula
 _RETRY = 0.25  #: between two attempts to reach a port that has gone [s]
 _MEETING = 0.2  #: for an answer when the port is back [s]; no Arduino restarts in the middle of a loop
 _REQUIRED = 0xFF  #: every part
-_HEARD = 0.25e-3  #: from a question's sending to its answer's making [s]: 15 bytes at 1 Mbaud, and their check
 
 _NOTHING_KNOWN = np.full(6, np.nan)
 _UPRIGHT, _STILL = np.eye(3), np.zeros(3)
@@ -112,7 +112,7 @@ class SerialDriver(Driver):
         self._steps = np.zeros(CHANNELS, np.int64)
         stepped(self._applied, self._steps)  # compiled before anybody waits
         self._told = BoardSample(HallSensors(self._positions))
-        self._ticks = ((0.0, 0.0), (0.0, 0.0))  # the last two: by the loop's clock and by `clock` [s]
+        self._time = BoardTime(self._clock)
 
     @property
     def identity(self) -> Identity | None:
@@ -229,7 +229,7 @@ class SerialDriver(Driver):
         """The sample at `now` [s]: the answer to what the last tick sent."""
         if not self._opened:
             raise DriverError(f"the device at {self._path} is not open; use it in a `with` block or call open() first")
-        self._ticks = (self._ticks[1], (now, self._clock()))
+        self._time.tick(now)
         board = self._board or self._reconnected()
         try:
             if not board.posted:
@@ -243,22 +243,13 @@ class SerialDriver(Driver):
                 raise self._failed(f"no answer from the firmware at {self._path}; check cable and supply", gone=True)
         else:
             self._lost = 0
-            self._told.take(row, self._sent(board.asked))
+            self._told.take(row, self._time.answered(board.asked))
             if row[At.STANDING] != Standing.ENGAGED:
                 why = switched_off(Reading.of(row), self._engaged)
                 if why:
                     silent = row[At.REASON] == Reason.SILENCE
                     raise self._failed(why, as_=HostSilent if silent else DriverError)
         return self._told.sample(now, self._pose(now))
-
-    def _sent(self, asked: float) -> float:
-        """When the firmware answered what it was asked at `asked` [s by `clock`], by the loop's clock [s].
-
-        By the tick in which it was asked: a tick may come late, and the answer has then been lying here.
-        """
-        before, here = self._ticks
-        at, begun = here if asked >= here[1] else before
-        return at + (asked - begun) + _HEARD
 
     def _collected(self, board: Board) -> Array | None:
         """The answer to the last question; meanwhile the same is asked again, and any of the answers will do."""

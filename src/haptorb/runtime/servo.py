@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import weakref
 from functools import partial
 from pathlib import Path
 from time import monotonic, sleep
@@ -20,10 +19,9 @@ from haptorb import worlds
 from haptorb.control.modes import Gains
 from haptorb.devices.device import Device
 from haptorb.devices.loader import load
-from haptorb.errors import InputError, RecordingError, ServoError
+from haptorb.errors import InputError, ServoError
 from haptorb.physics.arrays import Array, finite
 from haptorb.runtime import plan as plans
-from haptorb.runtime import recording_file
 from haptorb.runtime.assembly import (
     assemble,
     default_world,
@@ -42,6 +40,7 @@ from haptorb.runtime.first_start import compiling
 from haptorb.runtime.launch import notes, recorder_spec, tracker_spec
 from haptorb.runtime.report import loop_report
 from haptorb.runtime.row import RowLayout
+from haptorb.runtime.run_recording import RunRecording
 from haptorb.runtime.schedule import known_rate
 from haptorb.runtime.shared import Shared
 from haptorb.runtime.standby import Standby
@@ -148,13 +147,12 @@ class Servo(Commands):
             None if self.calibration is None else self.calibration.id,
             partial(compiling, self.device, first, self.estimator, level, gains),
         )  # fmt: skip
-        self._record, self._overwrite = record, overwrite
+        self._recording = RunRecording(record, overwrite=overwrite)
         self._trips_folder = None if black_box is None else Path(black_box).expanduser().absolute()
         self._black_box: BlackBox | None = None
         self._shared: Shared | None = None
         self._children: Children | None = None
         self._folder: Path | None = None
-        self._path: Path | None = None
 
     def open(self, standby: Standby | None = None) -> None:
         """Start: returns when the loop runs. Raises RecordingError or ServoError, with nothing left running.
@@ -166,12 +164,11 @@ class Servo(Commands):
         preparation = prepared(self.tracker) if fed(self.tracker) else None
         descriptor: int | None = None
         try:
-            descriptor = self._recording_descriptor()
+            descriptor = self._recording.opened()
             self._start(descriptor, preparation, standby)
         except BaseException:
             self.close()
-            if self._path is not None:
-                self._path.unlink(missing_ok=True)
+            self._recording.discard()
             raise
         finally:
             if descriptor is not None:
@@ -267,7 +264,7 @@ class Servo(Commands):
             "estimator": self.estimator,
             "rate_hz": self.rate,
             "seed": self.seed,
-            "recording": str(self._path) if self._record else None,
+            "recording": self._recording.named,
             **loop_report(self._memory),
             "warning": self.warning,
             **({"tracker_trouble": trouble} if trouble else {}),
@@ -292,27 +289,11 @@ class Servo(Commands):
 
         Raises RecordingError if nothing was, or if the file cannot be read.
         """
-        from haptorb.runtime.recording import Recording
-
-        if self._path is None:
-            raise RecordingError("nothing was recorded: the servo was not started, or was told not to record")
-        return Recording(self._path)
+        return self._recording.read()
 
     @property
     def _attached(self) -> Shared | None:
         return self._shared
-
-    def _recording_descriptor(self) -> int | None:
-        if self._record is False:
-            return None
-        if self._record is None:
-            self._path, descriptor = recording_file.temporary()
-            weakref.finalize(self, self._path.unlink, missing_ok=True)
-            return descriptor
-        path = Path(self._record).expanduser().absolute()
-        descriptor = recording_file.opened(path, overwrite=self._overwrite)
-        self._path = path
-        return descriptor
 
     def _start(self, descriptor: int | None, tracker: Preparation | None, standby: Standby | None) -> None:
         with standby or Standby() as process:
@@ -327,7 +308,7 @@ class Servo(Commands):
         if descriptor is not None:
             spec = recorder_spec(
                 self._shared, self._children.servo_pid, descriptor, self.rate,
-                temporary=self._path if self._record is None else None, notes=self._notes(),
+                temporary=self._recording.temporary, notes=self._notes(),
             )  # fmt: skip
             self._children.record(json.dumps(spec), descriptor)
         if tracker is not None:

@@ -44,13 +44,13 @@ class CurrentHistory:
         self.currents, self.doubt = np.zeros(channels), np.zeros(channels)
 
     def take(self, sample: Sample) -> None:
-        """The next sample; its field will be told with the next one but, at the latest, lost with the one after."""
+        """The next sample. Its field waits for the next that has newer currents, and is told then or never."""
         at = sample.t - sample.currents_age
         newer = at - self._times[-1]
         self.field = self._nothing
-        if 0.0 <= newer < _SAME:  # the same measurement once more: an answer was lost
+        if -_PAUSE <= newer < _SAME:  # the same measurement once more, as far as is known: an answer was lost
             return
-        if not newer <= _PAUSE:
+        if not 0.0 <= newer <= _PAUSE:
             self._times[:] = -math.inf
         self._times[:-1], self._values[:-1] = self._times[1:], self._values[1:]
         self._times[-1], self._values[-1] = at, sample.currents

@@ -31,8 +31,9 @@ class Sample:
     temperatures  (m,) coil boundary [K]
     field         (k, 3) field sensors [T]; (0, 3) where the device has none
     pose          the tracker's last word; for a rotor that is sensed through its field, not valid
-    currents_age  since the currents were what was measured [s]: the middle of what their sensors average
-    field_age     since the field was read [s]
+    currents_age  from when the currents were so, the middle of what their sensors average, until t [s]; negative where
+                  they were measured after the tick began
+    field_age     the same for the field [s]
     """
 
     t: float

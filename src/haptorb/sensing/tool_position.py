@@ -143,7 +143,7 @@ class HallTracker(Estimator):
                 f"device '{self._device.name}' has {self._device.sensors} field sensors; the sample has {read.shape[0]}"
             )
         currents, taken = sample.currents, sample.t - sample.field_age
-        if sample.currents_age != sample.field_age:
+        if sample.currents_age != sample.field_age:  # a board's; a simulated device's are of one moment
             read, currents, taken = self._waited(sample)
         pose = np.empty((6, 3))
         R, p, motion = pose[:3], pose[3], pose[4:]
