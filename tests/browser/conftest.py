@@ -87,11 +87,11 @@ class Screen:
         """The painted map in a direction [N]."""
         return self.tell(f"haptorb.felt({[float(x) for x in direction]}).force")
 
-    def hold(self) -> tuple[float, float]:
-        """Press the mouse on the stylus, above its magnet; the place."""
+    def hold(self, reach: float = 0.4) -> tuple[float, float]:
+        """Press the mouse on the stylus or handle, `reach` of the way from its magnet to its end; the place."""
         for _ in range(40):  # the guided hand moves on while the mouse is on its way
             _, magnet, end = self.tell("haptorb.stylus()")
-            x, y = 0.6 * magnet["x"] + 0.4 * end["x"], 0.6 * magnet["y"] + 0.4 * end["y"]
+            x, y = (magnet[axis] + reach * (end[axis] - magnet[axis]) for axis in "xy")
             self.page.mouse.move(x, y)
             self.page.mouse.down()
             self.page.wait_for_timeout(60)

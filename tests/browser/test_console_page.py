@@ -126,6 +126,24 @@ def test_drag_and_wheel_move_the_hand_and_letting_go_leaves_it_there(staged, fak
     assert (fake.target == rest).all()
 
 
+def test_hand_that_holds_survives_a_silence_of_the_server(staged, fake):
+    screen = staged()
+    screen.until("haptorb.control && haptorb.status === 'running'")
+    page = screen.page
+    x, y = screen.hold()
+    page.mouse.move(x + 20, y)
+    fake.silent = True
+    screen.until("haptorb.status === 'waiting'")
+    assert page.locator("#asked").inner_text() == "–"
+    fake.silent = False
+    screen.until("haptorb.status === 'running'")
+    before = fake.target.copy()
+    page.mouse.move(x + 70, y, steps=6)
+    page.wait_for_timeout(150)
+    assert np.linalg.norm(fake.target - before) > 0.004
+    page.mouse.up()
+
+
 def test_drag_beside_the_stylus_turns_the_view_only(staged, fake):
     screen = staged()
     screen.until("haptorb.control")

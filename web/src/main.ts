@@ -170,7 +170,8 @@ class Console {
     this.health = null;
     this.header.loop(null);
     this.subject?.forget();
-    this.grasp?.letGo(performance.now());
+    // Silence alone does not open the hand that holds: when samples come again, it is still there.
+    if (this.silence.disconnected || this.silence.servoEnded) this.grasp?.letGo(performance.now());
     this.readouts.show(this.sample);
     this.legend.show(this.sample);
     this.modes?.show(this.sample);

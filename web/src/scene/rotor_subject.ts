@@ -122,6 +122,7 @@ export class RotorSubject implements Subject {
   }
 
   drag(x: number, y: number): Wish {
+    this.grasped = true;
     const { from, along } = this.stage.ray(x + this.slip.x, y + this.slip.y);
     const radius = this.handle * MM;
     const b = from.dot(along);

@@ -150,6 +150,7 @@ export class ToolSubject implements Subject {
   }
 
   drag(x: number, y: number): Wish {
+    this.grasped = true;
     const { from, along } = this.stage.ray(x + this.slip.x, y + this.slip.y);
     const radius = this.contact + this.lift;
     const b = from.dot(along);
