@@ -1,13 +1,14 @@
 """How long `make run` takes from a fresh clone to the console's address: python scripts/first_run.py [--write]
 
 What is committed is cloned into a temporary folder and started with an empty home: no caches, no environment of its
-own but what pip needs to reach its index. --write puts the seconds into README.md, between its marks.
+own but what pip and npm need to reach their registries. --write puts the seconds into README.md, between its marks.
 """
 
 from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,7 +17,8 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-KEPT = ("PATH", "LANG", "SSL_CERT_FILE", "REQUESTS_CA_BUNDLE")
+KEPT = ("PATH", "LANG", "SSL_CERT_FILE", "REQUESTS_CA_BUNDLE", "NODE_EXTRA_CA_CERTS")
+SETTINGS = (".config/pip", ".npmrc")  # of the registries, in a home
 MARKED = re.compile(r"(<!-- first-run -->) \d+ s (<!-- /first-run -->)")
 
 
@@ -25,6 +27,11 @@ def seconds() -> float:
     with tempfile.TemporaryDirectory() as folder:
         clone, home = Path(folder, "clone"), Path(folder, "home")
         home.mkdir()
+        for name in SETTINGS:
+            if (mine := Path.home() / name).is_dir():
+                shutil.copytree(mine, home / name)
+            elif mine.exists():
+                shutil.copy(mine, home / name)
         subprocess.run(["git", "clone", "--quiet", str(ROOT), str(clone)], check=True)
         here = {
             k: v for k, v in os.environ.items() if k in KEPT or k.startswith("PIP_") or k.lower().endswith("_proxy")

@@ -158,7 +158,8 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     run.until(page, "study.pen && Math.hypot(study.pen.x, study.pen.y) < 1.4")  # an arrow begins where the pen is
     for _ in range(8):
         page.keyboard.press("ArrowRight")
-    run.until(page, "study.pen && Math.abs(study.pen.x - 24) < 1.5 && !study.pen.off")
+    # Eight arrows are 24°; the pen began up to 1.4° beside the summit, and what pushes moves it from where it is sent.
+    run.until(page, "study.pen && Math.abs(study.pen.x - 24) < 3.5 && !study.pen.off")
     run.until(page, "Math.hypot(study.pen.fx, study.pen.fy) + Math.abs(study.pen.out) > 0.02")
     page.keyboard.type("7")
     page.keyboard.press("Enter")
