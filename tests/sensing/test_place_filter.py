@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptorb.sensing.place_filter import corrected, memory, noise_share, predicted
+from haptorb.sensing.place_filter import carried, corrected, memory, noise_share, predicted
 
 
 def told(places, rate, bandwidth=100.0):
@@ -66,3 +66,16 @@ def test_memory_grows_with_the_rate():
     thetas = [memory(2 * np.pi * 100 / rate) for rate in (201.0, 300.0, 1000.0, 4000.0)]
     assert thetas == sorted(thetas)
     assert 0.0 < thetas[0] < thetas[-1] < 1.0
+
+
+def test_what_is_carried_goes_on_as_it_went():
+    """Without anything measured: straight on, the axis turning at its rate, and the belief as it was."""
+    belief = np.array([[0.01, 0.0, 0.05], [0.0, 0.0, 1.0], [0.1, -0.2, 0.0], [0.5, 0.0, 0.0]])
+    before, p, R, v, w = belief.copy(), np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(3)
+    carried(belief, 4e-3, p, R, v, w)
+    assert p == pytest.approx([0.0104, -0.0008, 0.05])
+    assert R[:, 2] == pytest.approx(np.array([2e-3, 0.0, 1.0]) / np.hypot(2e-3, 1.0))
+    np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
+    assert v == pytest.approx([0.1, -0.2, 0.0])
+    assert w == pytest.approx([0.0, 0.5, 0.0])
+    assert (belief == before).all()

@@ -327,6 +327,38 @@ def test_a_loop_that_is_held_up_does_not_mistake_its_own_time_for_the_boards():
     assert right < 0.5 * error_under_swinging(times, ages, (1.75e-3, 1e-3))
 
 
+def test_sensors_that_are_told_late_are_used_all_the_same():
+    """Every sixth group has waited on the board for 7 ms: it is the only word of those sensors."""
+    times = 1e-3 * np.arange(300)
+    ages = np.column_stack([np.full(300, 1.75e-3), np.where(np.arange(300) % 6 == 5, 8e-3, 1e-3)])
+    assert error_under_swinging(times, ages) < 1.5e-3
+
+
+@pytest.mark.parametrize(("lasts", "kept"), [(3, True), (30, False)])
+def test_a_moment_in_which_the_currents_jump_is_passed_over_and_no_longer_time(lasts, kept):
+    """Nobody knows the coils' field well enough while they change by 4 A in a millisecond; the tool is still there."""
+    tracker, p, found = HallTracker(OMNI, "exact", bandwidth=IN_TURNS), np.array([0.0, 0.01, 0.052]), []
+
+    def flowing(s):
+        phase = min(max(s - 0.2, 0.0), 1e-3 * lasts) / 8e-3
+        return np.array([32.0, -24.0, 16.0]) * abs((phase + 1.0) % 2.0 - 1.0)
+
+    for tick in range(300):
+        t = 1e-3 * tick
+        read = sample(OMNI, field_of(OMNI, p, p), flowing(t - 1e-3), t)
+        told = replace(
+            read, field=in_turns(tick, read.field), currents=flowing(t - 1.5e-3), currents_age=1.5e-3, field_age=1e-3
+        )
+        found.append(tracker.update(told))
+    unsure = [one for one in found[100:] if one.valid and one.age > 0]
+    assert unsure
+    assert max(one.age for one in unsure) <= 10.1e-3
+    assert max(np.linalg.norm(one.state.p - p) for one in unsure) < (3e-3 if kept else 9e-3)
+    assert all(one.valid for one in found[100:]) == kept
+    assert found[-1].valid
+    assert found[-1].age == 0.0
+
+
 def test_no_sensor_at_its_assumed_place_is_driven_out_of_its_range():
     """DRV5055A2: linear to 42 mT. The tool on the dome, all over the workspace, and every coil at 20 A either way."""
     per_ampere = np.abs(coil_field(OMNI)).sum(axis=2) * 20.0

@@ -18,7 +18,7 @@ from haptorb.sensing.sample import Sample
 
 __all__ = ["CurrentHistory"]
 
-_KEPT = 4  #: measurements: a field may have waited on the board, too
+_KEPT = 16  #: measurements: a field waits on the board while newer ones of other sensors are told, for 7 ms and more
 _SAME = 0.2e-3  #: currents that are newer by less than this are no second measurement [s]
 _PAUSE = 0.05  #: between two of them, after which nothing is known of the time between [s]
 _BEYOND = 0.3  #: of a step between two measurements, so far outside of them a field may lie

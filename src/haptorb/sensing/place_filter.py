@@ -22,7 +22,7 @@ from haptorb.devices.ring_tool import axis_frame
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 
-__all__ = ["corrected", "memory", "noise_share", "predicted"]
+__all__ = ["carried", "corrected", "memory", "noise_share", "predicted"]
 
 
 @kernel
@@ -77,6 +77,20 @@ def predicted(belief: Array, dt: float, p: Array, R: Array) -> None:
 
 
 @kernel
+def _turning(n: Array, rate: Array, w: Array) -> None:
+    """w (3,) [rad/s] of an axis n that changes at `rate` [1/s]."""
+    w[0], w[1], w[2] = n[1] * rate[2] - n[2] * rate[1], n[2] * rate[0] - n[0] * rate[2], n[0] * rate[1] - n[1] * rate[0]
+
+
+@kernel
+def carried(belief: Array, dt: float, p: Array, R: Array, v: Array, w: Array) -> None:
+    """What is told `dt` [s] after `belief` (4, 3) where nothing measured goes in: p [m], R, v [m/s] and w [rad/s]."""
+    predicted(belief, dt, p, R)
+    v[:] = belief[2]
+    _turning(belief[1], belief[3], w)
+
+
+@kernel
 def corrected(
     belief: Array, spread: Array, dt: float, bandwidth: float, p: Array, R: Array, v: Array, w: Array
 ) -> None:
@@ -118,6 +132,5 @@ def corrected(
         belief[3, i] -= along * belief[1, i]  # a unit vector moves across itself only
         p[i] = belief[0, i]
         v[i] = belief[2, i]
-    n, r = belief[1], belief[3]
-    w[0], w[1], w[2] = n[1] * r[2] - n[2] * r[1], n[2] * r[0] - n[0] * r[2], n[0] * r[1] - n[1] * r[0]
-    axis_frame(n, R)
+    _turning(belief[1], belief[3], w)
+    axis_frame(belief[1], R)

@@ -17,14 +17,14 @@ import numpy as np
 
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
-from haptorb.sensing.place_filter import corrected, predicted
+from haptorb.sensing.place_filter import carried, corrected, predicted
 from haptorb.sensing.tool_field import ToolModel
 from haptorb.sensing.tool_fit import fitted, moment_weight
 
 __all__ = [
     "AGES", "BANDWIDTH", "CORE", "FIELD", "FURTHEST", "LIMIT", "LOST", "LOWEST", "MISFIT", "NEAREST", "NOISE",
-    "RESIDUAL", "REVERSED", "SEEN", "SHARE", "SWING", "UNEXPLAINED", "UNREAD", "explained", "followed", "subtracted",
-    "told",
+    "RESIDUAL", "REVERSED", "SEEN", "SHARE", "SWING", "UNEXPLAINED", "UNREAD", "VAGUE", "explained", "followed",
+    "subtracted", "told",
 ]  # fmt: skip
 
 NOISE, BANDWIDTH, NEAREST, FURTHEST, LOWEST, CORE, SWING, LIMIT, RESIDUAL, MISFIT, SHARE = range(11)
@@ -36,6 +36,7 @@ UNEXPLAINED: Final = 1  #: no tool near the predicted place leaves such readings
 LOST: Final = 2
 REVERSED: Final = 3
 UNREAD: Final = 4  #: a current is not a number, or a sensor has gone
+VAGUE: Final = 5  #: what was read contradicts nothing and says too little, as while the currents jump
 
 #: a last step below this leaves its square over 70 mm, 0.1 mm and 0.2°; typical noise makes half such steps
 _NEAR, _TURN = 3e-3, 0.08
@@ -110,9 +111,10 @@ def _kept(numbers: Array, spread: Array) -> float:
 
 @kernel
 def _doubt(numbers: Array, covariance: Array, kept: float, p: Array, R: Array) -> int:
+    if not kept * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) <= 3.0 * _VAGUE * _VAGUE:
+        return VAGUE
     distance = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
-    vague = kept * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) > 3.0 * _VAGUE * _VAGUE
-    if not (numbers[NEAREST] < distance < numbers[FURTHEST]) or vague:
+    if not numbers[NEAREST] < distance < numbers[FURTHEST]:
         return LOST
     if p[2] < distance * numbers[LOWEST]:
         return LOST
@@ -150,7 +152,8 @@ def followed(
     rows: Array, sensors: Array, response: Array, U: Array, taken: float, t: float, dt: float, numbers: Array,
     readings: Array, belief: Array, spread: Array, G: Array, covariance: Array, p: Array, R: Array, motion: Array,
 ) -> int:  # fmt: skip
-    """From what was read (k, 3) [T] to place, rotation and motion, starting where the tool should be after `dt` [s].
+    """From what was read (k, 3) [T] to place, rotation and motion, starting where the tool should be after `dt` [s];
+    for VAGUE they are what the filter alone expects.
 
     Arguments as in `subtracted`, `fitted` and `told`; rows, sensors and response are a `ToolModel`'s.
     """
@@ -164,4 +167,7 @@ def followed(
     found, misfit = fitted(model, field, readings[AGES], rates, U, G, _NEAR, _TURN, _MOST, p, R, covariance)
     if not found or not explained(misfit, field.size, numbers[LIMIT]):
         return UNEXPLAINED
-    return told(numbers, belief, spread, covariance, misfit, field.size, dt, p, R, motion)
+    why = told(numbers, belief, spread, covariance, misfit, field.size, dt, p, R, motion)
+    if why == VAGUE:
+        carried(belief, dt, p, R, motion[0], motion[1])
+    return why

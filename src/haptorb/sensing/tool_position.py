@@ -10,6 +10,9 @@ loop, the place not late at steady velocity, the velocity 7 ms late.
 Where a driver reads the sensors in turns, what it did not read in a tick is NaN. The last reading of each stands in,
 less the coils' field at the time when it was taken (`sensing.current_history`), and is held against where the tool was
 then, by its velocity.
+
+A tick whose readings contradict nothing and say too little is passed over: for 10 ms the tool is told where it should
+be by then, and the estimate says how old what was seen of it is.
 """
 
 from __future__ import annotations
@@ -48,6 +51,7 @@ from haptorb.sensing.tool_following import (
     SWING,
     UNEXPLAINED,
     UNREAD,
+    VAGUE,
     explained,
     followed,
     subtracted,
@@ -62,6 +66,7 @@ IN_TURNS = 30.0
 _EXACT, _COLD = 1e-6, 40  #: last step of a fit from nothing [m, rad], and its evaluations at most
 _REACH = 15e-3  #: how far outside the shell a tool is still believed to be [m]
 _PAUSE = 0.05  #: without a sample for so long the velocity says nothing any more [s]
+_CARRIED = 0.01  #: for so long the tool is believed to go on as it went, while the readings say too little [s]
 _WAIT = 0.02  #: between two searches from nothing [s]: a search takes longer than a tick
 _AT_REST = np.zeros(5)
 
@@ -119,7 +124,7 @@ class HallTracker(Estimator):
         self._history = CurrentHistory(device.channels, device.sensors)
         self._columns, self._weight = np.ascontiguousarray((moments**2).sum(axis=0)), np.zeros((3, 3))
         self.noise = float(np.hypot(max(hall.noise, 1e-7), hall.step / np.sqrt(12)))  #: of one reading [T]
-        #: (5, 5) of what was told last, noise only: place [m²], turns about two axes across the tool's [rad²]
+        #: (5, 5) of what was seen last, noise only: place [m²], turns about two axes across the tool's [rad²]
         self.covariance = np.full((5, 5), np.inf)
         self.verdict: str = self.LOST
         self._grid = _grid(device)
@@ -165,7 +170,8 @@ class HallTracker(Estimator):
                 return self._unknown(sample.t, self.verdict or self.LOST)
             self._searched = sample.t
             code = self._search(p, R, motion)
-        if code != SEEN:
+        unsure = code == VAGUE and self._found and sample.t - self._t <= _CARRIED
+        if not (code == SEEN or unsure):
             self._found = self._found and code == UNREAD
             return self._unknown(sample.t, self.REVERSED if code == REVERSED else self.LOST)
         state = State(sample.t, R, p, motion[1], motion[0])
@@ -174,8 +180,10 @@ class HallTracker(Estimator):
         except GeometryError:
             self._found = False
             return self._unknown(sample.t, self.LOST)
-        self._found, self._t, self.verdict = True, sample.t, ""
-        self._last = Estimate(state, wrench_map, True, 0.0)
+        if not unsure:
+            self._t = sample.t
+        self._found, self.verdict = True, ""
+        self._last = Estimate(state, wrench_map, True, sample.t - self._t)
         return self._last
 
     def _looked(self, read: Array, currents: Array, taken: float, t: float) -> int:
