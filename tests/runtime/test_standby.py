@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -108,7 +109,10 @@ def test_it_ends_with_who_started_it(tmp_path: Path) -> None:
     assert Path(folder).parent == tmp_path
     host.kill()
     host.communicate()
-    assert eventually(lambda: not Path(f"/proc/{number}").exists())
+    ended = eventually(lambda: not Path(f"/proc/{number}").exists())
+    if not ended:  # the next who measures here would wonder who takes the processor
+        os.kill(int(number), signal.SIGKILL)
+    assert ended
     assert list(tmp_path.iterdir()) == []
 
 
