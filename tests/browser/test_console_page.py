@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.server
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -142,6 +143,27 @@ def test_hand_that_holds_survives_a_silence_of_the_server(staged, fake):
     page.wait_for_timeout(150)
     assert np.linalg.norm(fake.target - before) > 0.004
     page.mouse.up()
+
+
+def test_late_word_of_a_change_does_not_undo_the_next(staged, fake, monkeypatch):
+    screen = staged()
+    screen.until("haptorb.control && haptorb.status === 'running'")
+    page, promptly = screen.page, fake.set_world
+
+    def late(*change):
+        time.sleep(0.6)
+        promptly(*change)
+
+    monkeypatch.setattr(fake, "set_world", late)
+    for name, value, pause in (("moment", "2", 50), ("summit tilt", "30", 700), ("summit azimuth", "90", 0)):
+        entry = page.get_by_role("spinbutton", name=name)
+        entry.fill(value)
+        entry.press("Enter")
+        page.wait_for_timeout(pause)
+    end = time.monotonic() + 10
+    while fake.world[1]["summit"] != pytest.approx([0, 0.5, 0.75**0.5], abs=1e-3):
+        assert time.monotonic() < end, fake.world
+        page.wait_for_timeout(50)
 
 
 def test_drag_beside_the_stylus_turns_the_view_only(staged, fake):

@@ -6,7 +6,7 @@ import { at, make, write } from "./dom";
 
 const EVERY = 33; // ms between two changes sent while a slider is dragged
 
-const SETTLED = 400; // ms after which a hand on a slider counts as at rest
+const SETTLED = 1000; // ms after the last change made here within which the server may still tell of the one before
 
 /** One number on the panel; a direction has two. */
 interface Entry {
@@ -44,7 +44,7 @@ export class WorldPanel {
   /** The world is this now, whoever changed it. */
   show(name: string, values: Values): void {
     const another = name !== this.name;
-    // While somebody drags, their own hand is ahead of what the server says: that is shown when the hand rests.
+    // While somebody changes values, their own hand is ahead of what the server says: that is shown when the hand rests.
     clearTimeout(this.later);
     const wait = this.last + SETTLED - performance.now();
     if (!another && wait > 0) {
@@ -97,7 +97,6 @@ export class WorldPanel {
     const changed = (value: number): void => {
       if (!Number.isFinite(value)) return;
       entry.put(this.values, Math.min(high, Math.max(low, value)));
-      this.last = performance.now();
       this.refresh(number);
       this.push();
     };
@@ -131,6 +130,7 @@ export class WorldPanel {
 
   /** At most every 33 ms, and always the last one. */
   private push(): void {
+    this.last = performance.now();
     const wait = this.awaited + EVERY - performance.now();
     clearTimeout(this.timer);
     if (wait > 0) {
