@@ -213,10 +213,12 @@ def test_watcher_is_told_and_cannot_move_but_can_stop(staged, fake):
 
 def test_gone_server_is_said_and_nothing_stale_is_shown(staged, fake):
     screen = staged()
-    screen.until("haptorb.status === 'running'")
+    screen.until("haptorb.control && haptorb.status === 'running'")
+    screen.hold()
     staged.console.close()
     screen.until("haptorb.status === 'disconnected'")
     page = screen.page
+    screen.until("document.querySelector('#scene.holding') === null")  # nobody is there to follow the hand
     assert "nothing here is live" in page.locator("#alert").inner_text()
     for cell in ("#asked", "#given", "#tilt", "#distance", "#coils td", "#remaining"):
         assert page.locator(cell).first.inner_text() == "–"

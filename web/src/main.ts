@@ -170,8 +170,6 @@ class Console {
     this.health = null;
     this.header.loop(null);
     this.subject?.forget();
-    // Silence alone does not open the hand that holds: when samples come again, it is still there.
-    if (this.silence.disconnected || this.silence.servoEnded) this.grasp?.letGo(performance.now());
     this.readouts.show(this.sample);
     this.legend.show(this.sample);
     this.modes?.show(this.sample);
@@ -247,6 +245,8 @@ class Console {
     requestAnimationFrame((next) => this.frame(next));
     this.silence.stale = performance.now() - this.arrived > STALE;
     const dead = this.silence.disconnected || this.silence.servoEnded || this.silence.stale;
+    // Silence alone does not open the hand that holds: when samples come again, it is still there.
+    if (this.silence.disconnected || this.silence.servoEnded) this.grasp?.letGo(now);
     if (dead && !this.wasDead) this.forget();
     else if (!dead && this.wasDead) this.revive();
     if (this.fresh && !dead) {
