@@ -279,6 +279,13 @@ PROOFS = [
         "tests/runtime/test_standby.py",
     ),
     (
+        "a tool that is only carried on is lost soon",
+        "sensing/tool_position.py",
+        "self._found and sample.t - self._t <= _CARRIED",
+        "self._found",
+        "tests/sensing/test_tool_position.py",
+    ),
+    (
         "who waits for an answer is not silent",
         SERIAL,
         "            board.repeat(self._steps if self._engaged else None)",
