@@ -76,13 +76,18 @@ class Guard:
         """Whether the coils are off for a reason, until somebody engages."""
         return self.state is GuardState.TRIPPED
 
+    @property
+    def engaged(self) -> bool:
+        """Whether current may flow: neither off nor tripped."""
+        return self.state not in (GuardState.OFF, GuardState.TRIPPED)
+
     def trip(self, reason: Trip) -> None:
         """Coils off, latched. The first reason stands until `engage`; a later one does not hide it."""
         rules.trip(self.numbers, int(reason))
 
     def engage(self) -> bool:
         """Leave OFF or TRIPPED and ramp up from zero; False if the reason is still there."""
-        if self.state not in (GuardState.OFF, GuardState.TRIPPED):
+        if self.engaged:
             return True
         if not self.numbers[rules.FRESH] or not self.heat.winding.max() < self.numbers[rules.DERATE]:
             return False

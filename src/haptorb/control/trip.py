@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-__all__ = ["GuardState", "Trip"]
+__all__ = ["CoilState", "GuardState", "Trip"]
 
 
 class GuardState(IntEnum):
@@ -15,6 +15,14 @@ class GuardState(IntEnum):
     RUNNING = 2
     DERATED = 3
     TRIPPED = 4
+
+
+class CoilState(IntEnum):
+    """Whether current can flow, as the device itself confirmed; the numbers stand in recordings and never change."""
+
+    OFF = 0  #: confirmed by the device
+    ON = 1
+    UNKNOWN = 2  #: off was asked for, and the device has not confirmed it yet
 
 
 class Trip(IntEnum):
@@ -35,6 +43,8 @@ class Trip(IntEnum):
     CLOSING = 12
     LOOP_FAILED = 13
     MAGNET_REVERSED = 14
+    OVERRUN = 15
+    CURRENT_MISMATCH = 16
 
     @property
     def text(self) -> str:
@@ -64,5 +74,13 @@ _TEXT = {
     Trip.MAGNET_REVERSED: (
         "The tool's magnet is the wrong way round, or the tool upside down: every force would invert. "
         "Turn it round, then re-engage."
+    ),
+    Trip.OVERRUN: (
+        "The loop missed its deadlines: the computer is too busy, or a tick takes too long. "
+        "Close other programs, lower --rate or simplify the world, then re-engage."
+    ),
+    Trip.CURRENT_MISMATCH: (
+        "A coil's measured current does not match its voltage. Check that coil, its current sensor and its driver, "
+        "then re-engage."
     ),
 }

@@ -1,23 +1,15 @@
-"""What the loop drives, as far as the loop must know: the tick's chain, its guard's trip, its driver's close."""
+"""What the loop drives, as far as the loop must know: the tick's chain, its stop, its driver's close."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
 from haptorb.control.modes import Mode
-from haptorb.control.trip import Trip
 from haptorb.physics.arrays import Array
 from haptorb.runtime.driver import Driver
 from haptorb.worlds.world import World
 
-__all__ = ["Chain", "Joining", "Tripping"]
-
-
-class Tripping(Protocol):
-    """The part of a guard that the loop needs."""
-
-    def trip(self, reason: Trip) -> None:
-        """Coils off in the next step, and off until `engage`."""
+__all__ = ["Chain", "Joining"]
 
 
 class Joining(Protocol):
@@ -40,10 +32,6 @@ class Chain(Protocol):
         """The door to the device."""
 
     @property
-    def guard(self) -> Tripping:
-        """Who can switch off."""
-
-    @property
     def linkage(self) -> Joining:
         """What joins the mover to the world's object."""
 
@@ -53,6 +41,9 @@ class Chain(Protocol):
     def step(self, row: Array, now: float) -> None:
         """One tick at `now` [s] on the loop's clock; fills all of `row` (width,) except what the clock knows, each
         number in the unit of its field."""
+
+    def stop(self) -> None:
+        """A person stopped: coils off in the next step, and off until `engage`."""
 
     def engage(self) -> bool:
         """After a stop or a trip: begin again, from zero; False while the reason is still there."""

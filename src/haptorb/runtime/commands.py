@@ -17,7 +17,7 @@ from haptorb.devices.device import Device
 from haptorb.errors import InputError, ServoError, UnknownName
 from haptorb.physics.arrays import finite
 from haptorb.runtime.guided import upright
-from haptorb.runtime.shared import Shared, Word
+from haptorb.runtime.shared import Shared, Word, engage_request
 from haptorb.runtime.world_change import answered, name_of, request
 from haptorb.worlds.parameter import values as parameter_values
 from haptorb.worlds.world import World
@@ -83,13 +83,23 @@ class Commands(ABC):
         pointed = self._memory.pointer.pointed()
         self._memory.pointer.write(False, pointed.p, pointed.q, pointed.stamp)
 
+    @property
+    def stops(self) -> int:
+        """How often `stop` was called. Read it when a person asks to engage, and pass it to `engage`."""
+        return int(self._memory.words[Word.STOP])
+
     def stop(self) -> None:
         """Coils off within a tick, and off until `engage`."""
         self._memory.words[Word.STOP] += 1
 
-    def engage(self) -> None:
-        """After a stop or a trip: begin again, from zero. Refused by the guard while the reason is still there."""
-        self._memory.words[Word.ENGAGE] += 1
+    def engage(self, stops: int | None = None) -> None:
+        """After a stop or a trip: begin again, from zero. Refused by the guard while the reason is still there.
+
+        `stops` is the value of `stops` when the person asked to engage; None: now. The servo refuses to engage when
+        `stop` was called since, by whomever.
+        """
+        words = self._memory.words
+        words[Word.ENGAGE] = engage_request(words[Word.ENGAGE], self.stops if stops is None else stops)
 
     def set_mode(self, mode: str) -> None:
         """Go over to `mode`, "translate" or "rotate", without a step of the target's pose or of torque.

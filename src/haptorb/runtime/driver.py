@@ -8,6 +8,7 @@ from typing import Self
 
 import numpy as np
 
+from haptorb.control.trip import CoilState
 from haptorb.physics.arrays import Array
 from haptorb.sensing.sample import Sample
 
@@ -44,6 +45,12 @@ class Driver(ABC):
     def write(self, duties: Array) -> Array:
         """Apply `duties` (m,) in −1…1 of the supply voltage; returns (m,) what was really applied, after clipping
         and quantisation."""
+
+    @property
+    def coil_state(self) -> CoilState:
+        """Whether current can flow, as far as the device confirmed it. OFF only when the device said so: UNKNOWN from
+        the moment at which off is asked for until then. A driver that cannot tell says UNKNOWN."""
+        return CoilState.UNKNOWN
 
     @property
     def field_axes(self) -> Array | None:

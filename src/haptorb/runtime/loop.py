@@ -17,7 +17,7 @@ from haptorb.runtime.clock import Clock
 from haptorb.runtime.histogram import BINS
 from haptorb.runtime.ledger import columns, counted, kept
 from haptorb.runtime.orphan import SILENCE, orphaned
-from haptorb.runtime.shared import Phase, Shared, Word
+from haptorb.runtime.shared import Phase, Shared, Word, engage_stops
 from haptorb.runtime.world_change import answer, changed, description, requested
 from haptorb.worlds.world import World
 
@@ -118,14 +118,17 @@ class Loop:
             )  # fmt: skip
 
     def _obey(self) -> None:
-        """Stop, engage, clutch and change the world as the host has asked since the last tick; a stop wins."""
+        """Stop, engage, clutch and change the world as the host has asked since the last tick."""
         words = self._shared.words
-        if words[Word.ENGAGE] != self._engaged:
-            self._engaged = words[Word.ENGAGE]
-            self._chain.engage()
-        if words[Word.STOP] != self._stopped:
-            self._stopped = words[Word.STOP]
-            self._chain.guard.trip(Trip.STOPPED)
+        stops, engage = words[Word.STOP], words[Word.ENGAGE]
+        if stops != self._stopped:
+            self._stopped = stops
+            self._chain.stop()
+        if engage != self._engaged:
+            self._engaged = engage
+            # An engage request that was given before the last stop is void, however late it comes.
+            if engage_stops(engage) == stops & 0xFFFF_FFFF:
+                self._chain.engage()
         if words[Word.MODE] != self._mode:
             self._mode = words[Word.MODE]
             self._chain.linkage.set_mode(MODES[self._mode - 1])
@@ -170,6 +173,7 @@ class Loop:
         row[at["asked"]] = row[at["wanted"]] = row[at["duties"]] = 0.0
         row[at["guard"]] = GuardState.OFF if failed is None else GuardState.TRIPPED
         row[at["trip"]] = Trip.CLOSING if failed is None else failed
+        row[at["coil_state"]] = self._chain.driver.coil_state
         if failed is not None:
             shared.announce_trip(self._now, failed)
         shared.ring.publish(row)

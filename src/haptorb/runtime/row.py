@@ -56,6 +56,7 @@ class RowLayout:
             Field("ahead", 1, "s", "time that the driver took before the deadline: a simulated device moves on there"),
             Field("guard", 1, "1", "state of the guard: 0 off, 1 ramping, 2 running, 3 derated, 4 tripped"),
             Field("trip", 1, "1", "code of the reason for the last trip, 0 for none"),
+            Field("coil_state", 1, "1", "whether current can flow: 0 off (confirmed), 1 on, 2 unknown"),
             Field("gain", 1, "1", "share of the asked wrench that the guard lets through, 0 to 1"),
             Field("world", 1, "1", "how many times the world was changed"),
             Field("valid", 1, "1", "1 if the pose may be believed"),
@@ -107,7 +108,7 @@ class RowLayout:
         """Where `name` lies in a row.
 
         >>> RowLayout(channels=3, sensors=0)["p"]
-        slice(19, 22, None)
+        slice(20, 23, None)
         """
         return self._slices[name]
 

@@ -26,10 +26,10 @@ from haptorb.runtime.row import RowLayout
 from haptorb.runtime.text_slot import TextSlot
 from haptorb.runtime.tracked_block import TrackedBlock
 
-__all__ = ["CAPACITY", "TRIPS", "WORLDS", "Phase", "Shared", "Word"]
+__all__ = ["CAPACITY", "TRIPS", "WORLDS", "Phase", "Shared", "Word", "engage_request", "engage_stops"]
 
 _MAGIC = int.from_bytes(b"haptorb\0", "little")
-_VERSION = 2
+_VERSION = 3
 _PAGE = 4096
 _TEXTS = 9
 CAPACITY = 8192  #: rows: 2 s at the fastest rate
@@ -58,7 +58,7 @@ class Word(IntEnum):
     # host → servo
     HEARTBEAT = 16  #: monotonic clock [ns]
     STOP = 17  #: count
-    ENGAGE = 18  #: count
+    ENGAGE = 18  #: `engage_request`: count, and the stop count under which it was given
     QUIT = 19  #: 1: end
     MODE = 20  #: 0: as it is, else number of the mode from 1 on
     CLUTCH = 21  #: 0: as it is, 1: engaged, 2: let go
@@ -82,6 +82,23 @@ class Word(IntEnum):
     # a tracker's process → servo, host
     TRACKER = 60  #: a Phase
     TRACKED = 64  #: and the fifteen after it
+
+
+def engage_request(last: int, stops: int) -> int:
+    """The word ENGAGE after `last`: a new count, and the stop count under which the person asked.
+
+    One word, so that two threads that engage at once cannot mix one's count with the other's stop count.
+
+    >>> engage_stops(engage_request(0, 7))
+    7
+    """
+    count = ((last >> 32) + 1) & 0x7FFF_FFFF
+    return count << 32 | stops & 0xFFFF_FFFF
+
+
+def engage_stops(word: int) -> int:
+    """The stop count under which the engage request `word` was given, modulo 2³²."""
+    return word & 0xFFFF_FFFF
 
 
 @final

@@ -8,6 +8,7 @@ from typing import Protocol, final
 
 import numpy as np
 
+from haptorb.control.trip import CoilState
 from haptorb.devices.device import Device
 from haptorb.errors import DriverError, InputError
 from haptorb.physics.arrays import Array
@@ -149,6 +150,11 @@ class SimDriver(Driver):
         if self._open:
             self._duties = self.simulation.quantised(duties)
         return self._duties.copy()
+
+    @property
+    def coil_state(self) -> CoilState:
+        """On while any duty is not zero."""
+        return CoilState.ON if self._duties.any() else CoilState.OFF
 
     def truth(self) -> Array:
         """(6,) the mean wrench of coils and core on the mover over the last advance [N, N·m]."""

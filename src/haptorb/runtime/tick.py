@@ -17,7 +17,7 @@ from haptorb.control.drive import Drive
 from haptorb.control.guard import Guard
 from haptorb.control.linkage import NO_CONTACTS, Direct, Felt, Linkage
 from haptorb.control.passivity import PassivityControl
-from haptorb.control.trip import Trip
+from haptorb.control.trip import GuardState, Trip
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
@@ -76,7 +76,6 @@ class Tick:
         layout = self.layout
         self._at = {field.name: layout[field.name] for field in layout.fields}
         self._one = {field.name: layout[field.name].start for field in layout.fields if field.width == 1}
-        self._wants_engagement = True
 
     def change_world(self, world: World) -> None:
         """Render `world` from the next tick on; the guard's slew limit takes the step out of the change.
@@ -91,8 +90,14 @@ class Tick:
         self.passivity.restart()
         self.world_changes += 1
 
+    def stop(self) -> None:
+        """A person stopped: coils off, and off until a person engages."""
+        self.guard.trip(Trip.STOPPED)
+
     def engage(self) -> bool:
-        """Leave OFF or a trip deliberately; False while its reason is still there."""
+        """Leave OFF or a trip deliberately; False while its reason is still there. Nothing happens while engaged."""
+        if self.guard.engaged:
+            return True
         try:
             self.driver.engage()
         except HaptorbError as cause:
@@ -122,10 +127,10 @@ class Tick:
             return
         t1 = perf_counter()
         estimate = self.estimator.update(sample)
-        # The first belief starts the ramp; after that, and after a reversed magnet, only people do.
-        if self._wants_engagement and estimate.valid and guard.reason is not Trip.MAGNET_REVERSED:
+        # The first valid pose starts the ramp. Whatever stopped before it, or after it, only a person clears.
+        if estimate.valid and guard.state is GuardState.OFF:
             guard.admit(self._nothing, estimate)
-            self._wants_engagement = not guard.engage()
+            guard.engage()
         t2 = perf_counter()
         felt = self._felt(estimate.state)
         t3 = perf_counter()
@@ -160,6 +165,7 @@ class Tick:
         cells[one["t"]] = sample.t
         cells[one["ahead"]] = self._ahead
         cells[one["world"]] = self.world_changes
+        cells[one["coil_state"]] = self.driver.coil_state
         cells[one["valid"]] = estimate.valid
         cells[one["age"]] = estimate.age
         cells[one["saturated"]] = allocation.saturated
@@ -203,6 +209,7 @@ class Tick:
         row[self._one["t"]] = now
         row[self._one["guard"]] = self.guard.state
         row[self._one["trip"]] = self.guard.reason
+        row[self._one["coil_state"]] = self.driver.coil_state
         row[self._one["gain"]] = 0.0
         row[self._one["world"]] = self.world_changes
         row[self._one["valid"]] = 0.0
