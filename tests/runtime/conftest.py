@@ -77,6 +77,9 @@ class FakeChain:
         if self._trip is Trip.NONE:
             self._trip = reason
 
+    def stop(self) -> None:
+        self.trip(Trip.STOPPED)
+
     def engage(self) -> bool:
         self._trip = Trip.NONE
         return True

@@ -93,6 +93,32 @@ def test_stop_and_engage(fake_servo: Any) -> None:
     assert "Re-engage" in trips[0]["reason"]
 
 
+def test_a_stop_that_is_given_before_or_while_the_servo_starts_holds(fake_servo: Any) -> None:
+    servo = fake_servo().servo
+    servo.stop()
+    with servo:
+        asked = servo.stops
+        servo.run(0.2)
+        _, rows = servo.rows(0)
+        assert (rows[:, servo.layout["duties"]] == 0).all()
+        assert len(rows) > 10
+        servo.stop()
+        servo.engage(asked)  # asked for before the last stop
+        servo.run(0.1)
+        assert (servo.latest()[servo.layout["duties"]] == 0).all()
+        servo.engage(servo.stops)
+        _until(servo, lambda: (servo.latest()[servo.layout["duties"]] == 0.5).all())
+
+
+def test_every_stop_has_a_number_of_its_own(fake_servo: Any) -> None:
+    servo = fake_servo().servo
+    seen = {servo.stops}
+    for _ in range(3):
+        servo.stop()
+        seen.add(servo.stops)
+    assert len(seen) == 4
+
+
 def test_world_changes_between_ticks(fake_servo: Any) -> None:
     with fake_servo(world="dome").servo as servo:
         assert servo.world[0] == "dome"
@@ -181,7 +207,7 @@ def test_run_refuses_what_is_no_time(running: Servo, seconds: Any) -> None:
 def test_nothing_works_before_the_start(fake_servo: Any) -> None:
     servo = fake_servo().servo
     assert not servo.alive
-    for use in (lambda: servo.run(1), servo.stop, servo.report, lambda: servo.point((0, 0, 1)), lambda: servo.rows(0)):
+    for use in (lambda: servo.run(1), servo.engage, servo.report, lambda: servo.point((0, 0, 1)), lambda: servo.rows(0)):
         with pytest.raises(ServoError, match="not started"):
             use()
 

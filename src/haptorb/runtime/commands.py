@@ -6,6 +6,7 @@ import json
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from itertools import count
 from time import monotonic, sleep
 from typing import Any
 
@@ -40,6 +41,8 @@ class Commands(ABC):
         self._first = first
         self._requests = 0
         self._requesting = threading.Lock()
+        self._stop_numbers = count(1)
+        self._stopped = 0  # number of the last stop
 
     @property
     @abstractmethod
@@ -86,11 +89,22 @@ class Commands(ABC):
     @property
     def stops(self) -> int:
         """How often `stop` was called. Read it when a person asks to engage, and pass it to `engage`."""
-        return int(self._memory.words[Word.STOP])
+        shared = self._attached
+        return self._stopped if shared is None else int(shared.words[Word.STOP])
 
     def stop(self) -> None:
-        """Coils off within a tick, and off until `engage`."""
-        self._memory.words[Word.STOP] += 1
+        """Coils off within a tick, and off until `engage`. Given before or during the start, it holds from the first
+        tick on. May be called from any thread."""
+        # Every stop has a number of its own: two threads that stop at once cannot hide one's behind the other's.
+        self._stopped = number = next(self._stop_numbers)
+        shared = self._attached
+        if shared is not None:
+            shared.words[Word.STOP] = number
+
+    def _carry_stops(self, shared: Shared) -> None:
+        """Tell a loop that is about to start of the stops that were given before; `_attached` is `shared` already."""
+        if self._stopped:
+            shared.words[Word.STOP] = self._stopped
 
     def engage(self, stops: int | None = None) -> None:
         """After a stop or a trip: begin again, from zero. Refused by the guard while the reason is still there.

@@ -45,7 +45,7 @@ class Loop:
         _load(self._row)
         self._ticks = 0
         self._now = 0.0  # on the loop's clock [s]
-        self._stopped = shared.words[Word.STOP]
+        self._stopped = 0  # a stop that was given while the servo started counts in the first tick
         self._engaged = shared.words[Word.ENGAGE]
         self._mode, self._clutch = 0, 0
         self._asked = shared.request.version

@@ -303,6 +303,7 @@ class Servo(Commands):
             except Exception as cause:
                 raise InputError(f"world or device cannot be sent to the servo's process: {cause}") from cause
             self._shared = Shared.create(self.layout)
+            self._carry_stops(self._shared)
             self._black_box = BlackBox(self._shared, self.device.name, self.rate, self._trips_folder)
             self._children, self._folder = Children(process, self._shared, self._black_box), process.folder
         if descriptor is not None:
