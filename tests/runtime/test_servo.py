@@ -207,7 +207,13 @@ def test_run_refuses_what_is_no_time(running: Servo, seconds: Any) -> None:
 def test_nothing_works_before_the_start(fake_servo: Any) -> None:
     servo = fake_servo().servo
     assert not servo.alive
-    for use in (lambda: servo.run(1), servo.engage, servo.report, lambda: servo.point((0, 0, 1)), lambda: servo.rows(0)):
+    for use in (
+        lambda: servo.run(1),
+        servo.engage,
+        servo.report,
+        lambda: servo.point((0, 0, 1)),
+        lambda: servo.rows(0),
+    ):
         with pytest.raises(ServoError, match="not started"):
             use()
 
