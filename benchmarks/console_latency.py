@@ -109,11 +109,11 @@ def measured(seconds: float, detail: str) -> dict[str, Any]:
     serving.start()
     other.close()  # or the death at that end would go unnoticed here
     try:
-        url = line.recv()
+        url, _, token = line.recv().partition("#")
         with sync_playwright() as play:
             browser = play.chromium.launch(executable_path=shutil.which("chromium"), args=list(FLAGS))
             page = browser.new_page(viewport={"width": 1280, "height": 800})
-            page.goto(url + (f"?detail={detail}" if detail else ""))
+            page.goto(url + (f"?detail={detail}" if detail else "") + f"#{token}")
             while not page.evaluate("window.haptorb && haptorb.control && haptorb.frames > 100"):
                 if line.poll():  # its last words
                     raise SystemExit(f"the loop ended by itself, nothing was measured: {line.recv()['trips']}")

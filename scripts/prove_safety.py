@@ -30,6 +30,7 @@ FRAME_TESTS, FRAMED_TESTS = "tests/sensing/test_frame_registration.py", "tests/r
 ORIENTATION_TESTS, MAP_TESTS = "tests/sensing/test_orientation.py", "tests/sensing/test_torque_maps.py"
 
 PAGES, PAGES_TESTS = "apps/study/pages/room.py", "tests/apps/study/test_pages.py"
+CONSOLE, CONSOLE_TESTS = "apps/console/room.py", "tests/apps/console/test_room.py"
 
 #: (rule, file in the package, code that keeps it, code without it, tests that must go red)
 PROOFS = [
@@ -369,6 +370,22 @@ PROOFS = [
         "pass",
         "tests/apps/study/test_runner.py",
     ),
+    (
+        "console: no token, no entry",
+        "apps/web/doors.py",
+        "not knows(headers, self._token)",
+        "False",
+        "tests/apps/web/test_token.py",
+    ),
+    ("console: a stop takes an engage back", CONSOLE, "page, self._servo.stops)", "page, None)", CONSOLE_TESTS),
+    (
+        "console: a stop cancels what waits",
+        CONSOLE,
+        "self._servo.stop()\n        self._do_not_engage()",
+        "self._servo.stop()",
+        CONSOLE_TESTS,
+    ),
+    ("console: a stop before any check", CONSOLE, "if asks_to_stop(text):", "if False:", CONSOLE_TESTS),
 ]
 
 

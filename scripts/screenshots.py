@@ -122,7 +122,7 @@ def take(wanted: list[tuple[str, str, str, Path]]) -> None:
                 serving.start()
                 width, height = SIZES[size]
                 page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=theme)  # type: ignore[arg-type]
-                page.goto(console.url + "?detail=full")
+                page.goto(f"{console.origin}/?detail=full#{console.token}")
                 for _ in range(300):
                     page.wait_for_timeout(100)
                     if page.evaluate("!document.getElementById('legend').hidden"):

@@ -56,7 +56,7 @@ class Screen:
 
     def __init__(self, page: Any, url: str) -> None:
         self.page = page
-        self.url = url
+        self.url, _, self.token = url.partition("#")
         self.requests: list[str] = []
         self.troubles: list[str] = []
         page.on("request", lambda request: self.requests.append(request.url))
@@ -203,9 +203,10 @@ def staged(browser: Any, fake: Any, painting: FeltProcess) -> Iterator[Any]:
 
         def show(width: int = 1280, height: int = 800, **options: Any) -> Screen:
             query, context = options.pop("query", ""), options.pop("context", None)
+            url = f"{console.origin}/{query}#{console.token}"
             size = {"width": width, "height": height}
             pages.append(context.new_page() if context else browser.new_page(viewport=size, **options))
-            return Screen(pages[-1], console.url + query)
+            return Screen(pages[-1], url)
 
         show.console = console  # type: ignore[attr-defined]
         yield show

@@ -248,12 +248,12 @@ def test_page_of_another_origin_gets_no_socket(staged, browser):
             page = browser.new_page()
             page.goto(f"http://127.0.0.1:{server.server_port}/")
             outcome = page.evaluate(
-                """url => new Promise(done => {
-                    const socket = new WebSocket(url);
+                """([url, token]) => new Promise(done => {
+                    const socket = new WebSocket(url, ["haptorb", "token." + token]);
                     socket.onopen = () => done("open");
                     socket.onerror = () => done("refused");
                 })""",
-                screen.url.replace("http", "ws") + "ws",
+                [screen.url.replace("http", "ws") + "ws", screen.token],
             )
             page.close()
         finally:

@@ -5,7 +5,8 @@ import { parse, type Felt, type Mesh, type Pointer, type Rows } from "./wire";
 
 export interface Listener {
   opened(): void;
-  closed(): void;
+  /** `code` and `reason` as the server gave them */
+  closed(code: number, reason: string): void;
   /** `came`: when the socket had it, on the page's clock [ms] */
   frame(frame: Rows | Mesh | Felt, came: number): void;
   event(event: Record<string, unknown> & { event: string }): void;
@@ -16,13 +17,13 @@ const BEAT = 50; // ms between two signs of life to the socket's thread
 export class Link {
   private readonly worker = new Worker("/static/socket.js", { type: "module" });
 
-  constructor(listener: Listener) {
+  constructor(token: string, listener: Listener) {
     this.worker.onmessage = ({ data }: MessageEvent<FromSocket>) => {
       switch (data.kind) {
         case "opened":
           return listener.opened();
         case "closed":
-          return listener.closed();
+          return listener.closed(data.code, data.reason);
         case "text":
           return listener.event(JSON.parse(data.text) as { event: string });
         case "frame": {
@@ -31,7 +32,7 @@ export class Link {
         }
       }
     };
-    this.post({ kind: "open", url: `ws://${location.host}/ws` });
+    this.post({ kind: "open", url: `ws://${location.host}/ws`, protocols: ["haptorb", `token.${token}`] });
     setInterval(() => this.post({ kind: "alive" }), BEAT);
   }
 

@@ -7,6 +7,7 @@ import { fill } from "./panels/dialogs";
 import { at, write } from "./panels/dom";
 import { Header, type Health } from "./panels/header";
 import { Legend } from "./panels/legend";
+import { cover, full, UNKNOWN, UNREACHED } from "./panels/lock";
 import { ModePanel } from "./panels/modes";
 import { MotorReadouts } from "./panels/motor_readouts";
 import { Plots } from "./panels/plots";
@@ -25,7 +26,7 @@ import { TargetPane } from "./scene/target_pane";
 import { ToolSubject } from "./scene/tool_subject";
 import { Rumble } from "./senses/rumble";
 import { Sound } from "./senses/sound";
-import { session as fetchSession, type Session, type TargetScene, type Values } from "./session";
+import { session as fetchSession, Stranger, token, type Session, type TargetScene, type Values } from "./session";
 import { status, type Silence } from "./status";
 import { Vector3 } from "three";
 import type { Rows } from "./wire";
@@ -33,6 +34,7 @@ import type { Rows } from "./wire";
 const READ = 100; // ms between two readings of the numbers
 const SAY = 4000; // ms between two sentences for those who listen
 const NOTED = 8000; // ms for which a note stands that nobody must act upon
+const FULL = 1013; // the server's word for too many pages
 const STALE = 500; // ms without a sample after which nothing is live
 
 const MOTOR: Home = { azimuth: -62, elevation: 24, distance: 560, centre: [-30, -16, 0] };
@@ -66,6 +68,7 @@ class Console {
   private fresh = false;
   private arrived = 0;
   private wasDead = false;
+  private changes = 0; // of the socket: opened, closed
   private echo = NaN;
   private touched = false;
   private frames = 0;
@@ -94,9 +97,9 @@ class Console {
       this.target = new TargetPane(session.world.scene, this.governor.best);
     }
     this.plots = new Plots(this.history, session);
-    this.link = new Link({
+    this.link = new Link(token(), {
       opened: () => void this.opened(),
-      closed: () => this.closed(),
+      closed: (code, reason) => void this.closed(code, reason),
       frame: (frame, came) => {
         if (frame.kind === "rows") this.rows(frame, came);
         else if (frame.kind === "mesh") this.subject?.shape(frame);
@@ -152,16 +155,26 @@ class Console {
   private async opened(): Promise<void> {
     if (!this.silence.disconnected) return;
     // After an interruption another servo may answer: then this page knows the wrong device.
+    const opened = ++this.changes;
     const again = await fetchSession().catch(() => null);
+    if (opened !== this.changes) return; // closed meanwhile
     if (again && again.started !== this.session.started) location.reload();
     this.silence.disconnected = false;
     this.silence.servoEnded = false;
   }
 
-  private closed(): void {
+  private async closed(code: number, reason: string): Promise<void> {
+    const before = this.silence.disconnected;
+    this.changes++;
     this.silence.disconnected = true;
     this.control = false;
     this.forget();
+    if (code === FULL) cover(full(reason));
+    else if (before) {
+      // It cannot come back: is there nobody, or somebody who does not know it?
+      const mistake: unknown = await fetchSession().catch((mistake: unknown) => mistake);
+      if (mistake instanceof Stranger) cover(UNKNOWN);
+    }
   }
 
   /** Nothing is live: take every number away at once. */
@@ -196,6 +209,7 @@ class Console {
   private rows(frame: Rows, came: number): void {
     if (this.silence.disconnected || !frame.count) return;
     if (frame.t0 < this.history.newest - 1) this.history.clear();
+    cover(null);
     this.history.append(frame);
     this.sample.row.set(frame.data.subarray((frame.count - 1) * frame.width));
     this.sample.t = this.history.newest;
@@ -417,12 +431,13 @@ function keep(list: number[], value: number): void {
 
 const median = (list: number[]): number => [...list].sort((a, b) => a - b)[list.length >> 1] ?? NaN;
 
-fetchSession().then(
-  (session) => new Console(session),
-  (mistake: unknown) => {
-    const alert = at("alert");
-    write(at("alert-word"), "No connection.");
-    write(at("alert-text"), `${String(mistake)}. Reload the page when \`haptorb run\` is up.`);
-    alert.hidden = false;
-  },
-);
+// Another address pasted over this one differs only behind the #, and would load nothing by itself.
+addEventListener("hashchange", () => location.reload());
+
+if (!token()) cover(UNKNOWN);
+else {
+  fetchSession().then(
+    (session) => new Console(session),
+    (mistake: unknown) => cover(mistake instanceof Stranger ? UNKNOWN : UNREACHED),
+  );
+}

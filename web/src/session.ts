@@ -96,8 +96,15 @@ export interface Session {
   trips: Record<string, { word: string; text: string }>;
 }
 
+/** What the address says behind its #: whoever knows it may use this console. */
+export const token = (): string => location.hash.slice(1);
+
+/** The server does not know this page's token. */
+export class Stranger extends Error {}
+
 export async function session(): Promise<Session> {
-  const answer = await fetch("/api/session");
+  const answer = await fetch("/api/session", { headers: { authorization: `Bearer ${token()}` } });
+  if (answer.status === 403) throw new Stranger(await answer.text());
   if (!answer.ok) throw new Error(`the server answered ${answer.status} to /api/session`);
   return (await answer.json()) as Session;
 }

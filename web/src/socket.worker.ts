@@ -5,7 +5,7 @@ import { pointerMessage, type Pointer } from "./wire";
 
 /** from the page to this worker */
 export type ToSocket =
-  | { kind: "open"; url: string }
+  | { kind: "open"; url: string; protocols: string[] }
   | { kind: "alive" }
   | { kind: "pointer"; pointer: Pointer }
   | { kind: "free" }
@@ -14,7 +14,7 @@ export type ToSocket =
 /** from this worker to the page */
 export type FromSocket =
   | { kind: "opened" }
-  | { kind: "closed" }
+  | { kind: "closed"; code: number; reason: string }
   | { kind: "text"; text: string }
   | { kind: "frame"; buffer: ArrayBuffer; came: number }; // came: when it did [ms since 1970]
 
@@ -37,18 +37,18 @@ function send(data: string | ArrayBuffer): void {
   if (socket?.readyState === WebSocket.OPEN) socket.send(data);
 }
 
-function open(url: string): void {
-  socket = new WebSocket(url);
+function open(url: string, protocols: string[]): void {
+  socket = new WebSocket(url, protocols);
   socket.binaryType = "arraybuffer";
   socket.onopen = () => page.postMessage({ kind: "opened" });
   socket.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => {
     if (typeof data === "string") page.postMessage({ kind: "text", text: data });
     else page.postMessage({ kind: "frame", buffer: data, came: performance.timeOrigin + performance.now() }, [data]);
   };
-  socket.onclose = () => {
+  socket.onclose = ({ code, reason }) => {
     held = null;
-    page.postMessage({ kind: "closed" });
-    setTimeout(() => open(url), RETRY);
+    page.postMessage({ kind: "closed", code, reason });
+    setTimeout(() => open(url, protocols), RETRY);
   };
 }
 
@@ -56,7 +56,7 @@ page.onmessage = ({ data: message }) => {
   alive = performance.now();
   switch (message.kind) {
     case "open":
-      open(message.url);
+      open(message.url, message.protocols);
       break;
     case "alive":
       break;

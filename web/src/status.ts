@@ -26,7 +26,7 @@ const KELVIN = 273.15;
 
 export function status(sample: Sample, session: Session, silence: Silence): Status {
   if (silence.disconnected) {
-    const reason = "The console's server does not answer: nothing here is live. Start `haptorb run` again; this page comes back by itself.";
+    const reason = "The console's server does not answer: nothing here is live. Start `haptorb run` again, and open the address that it prints.";
     return { word: "disconnected", tone: "bad", reason, engageable: false };
   }
   if (silence.servoEnded) {

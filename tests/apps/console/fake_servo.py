@@ -79,8 +79,14 @@ class FakeServo:
         self.calls.append(("stop",))
         self.guard, self.trip = GuardState.TRIPPED, Trip.STOPPED
 
-    def engage(self) -> None:
-        self.calls.append(("engage",))
+    @property
+    def stops(self) -> int:
+        return self.count("stop")
+
+    def engage(self, stops: int | None = None) -> None:
+        self.calls.append(("engage", stops))
+        if stops is not None and stops != self.stops:
+            return
         self.guard, self.trip = GuardState.RUNNING, Trip.NONE
 
     def set_mode(self, mode: str) -> None:

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import json
 import math
+import socket
 import struct
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from socket import SHUT_RDWR
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from haptorb.apps.console import wire
+from haptorb.control.trip import GuardState
 
 
 class Client:
@@ -50,8 +54,8 @@ class Client:
         else:
             self.felt.append(np.frombuffer(message[48 : 48 + 4 * count], "<f4"))
 
-    def until(self, what: Callable[[], Any]) -> Any:
-        end = time.monotonic() + 10
+    def until(self, what: Callable[[], Any], seconds: float = 10) -> Any:
+        end = time.monotonic() + seconds
         while time.monotonic() < end:
             if found := what():
                 return found
@@ -72,9 +76,18 @@ class Client:
         self.socket.send(struct.pack("<9d", stamp, *p, *[math.nan] * 4, float(held)))
 
 
+def shown(console) -> dict[str, str]:
+    return {"Authorization": f"Bearer {console.token}"}
+
+
+def joined(console, **more: Any) -> ClientConnection:
+    # A client that does not read what is on its way does not see the server's goodbye, either.
+    return connect(f"ws://127.0.0.1:{console.port}/ws", additional_headers=shown(console), close_timeout=0.3, **more)
+
+
 @pytest.fixture
 def client(console):
-    with connect(f"ws://127.0.0.1:{console.port}/ws", origin=console.url.rstrip("/")) as socket:
+    with joined(console, origin=console.origin) as socket:
         yield Client(socket)
 
 
@@ -86,7 +99,7 @@ def eventually(what: Callable[[], Any]) -> None:
 
 
 def test_session_tells_all_that_a_page_needs(console):
-    told = httpx.get(console.url + "api/session").json()
+    told = httpx.get(f"{console.origin}/api/session", headers=shown(console)).json()
     assert told["simulated"] is True
     assert told["steered"] is True
     assert told["device"]["name"] == "omni"
@@ -130,7 +143,7 @@ def test_pointer_goes_to_the_servo_and_its_answer_is_marked(client, servo):
 
 
 def test_resting_hand_is_refreshed_while_the_page_is_there(console, servo):
-    with connect(f"ws://127.0.0.1:{console.port}/ws") as socket:
+    with joined(console) as socket:
         page = Client(socket)
         page.event("role", control=True)
         page.point(1.0, (0.01, 0.0, 0.047), held=False)
@@ -143,7 +156,7 @@ def test_resting_hand_is_refreshed_while_the_page_is_there(console, servo):
 
 
 def test_vanishing_in_the_middle_of_a_drag_stops_the_refresh(console, servo):
-    with connect(f"ws://127.0.0.1:{console.port}/ws") as socket:
+    with joined(console) as socket:
         page = Client(socket)
         page.event("role", control=True)
         page.point(1.0, (0.01, 0.0, 0.047), held=True)
@@ -195,13 +208,115 @@ def test_of_many_changes_the_last_one_stands(client, servo):
 
 
 @pytest.mark.parametrize(
-    "nonsense", ["", "no json", "[]", '{"do": "dance"}', '{"do": "world"}', '{"do": "world", "name": 3}', "[" * 5000]
+    "nonsense",
+    [
+        *("", "no json", "[]", '{"do": "dance"}', '{"do": "world"}', '{"do": "world", "name": 3}', "[" * 5000),
+        *('{"do": []}', '{"do": {"do": 1}}', '{"do": ' + "[" * 900 + "]" * 900 + "}", '{"do": "' + "x" * 60000 + '"}'),
+        '{"do": "world", "name": "dome", "values": {"moment": ' + "9" * 400 + "}}",
+        '{"do": "world", "name": "dome", "values": {"moment": 1e999}}',
+        '{"do": "world", "name": "dome", "values": {"moment": {}}}',
+        '{"do": "world", "name": "dome", "values": {"self": "moment"}}',
+        '{"do": "world", "name": "' + "dome" * 5000 + '"}',
+        '{"do": "\\ud800"}',
+        '{"do": "clutch", "engaged": 1}',
+    ],
 )
 def test_nonsense_is_refused_and_the_page_lives_on(client, nonsense):
     client.socket.send(nonsense)
     assert client.event("mistake")["text"]
     seen = len(client.rows)
     client.until(lambda: len(client.rows) > seen + 3)
+
+
+def test_a_stop_after_an_engage_is_the_last_word(client, servo):
+    """Whoever says it: the hand needs a moment before it is engaged, and a stop may fall into it."""
+    client.event("role", control=True)
+    for _ in range(20):
+        asked = servo.count("release")
+        client.do(do="engage")
+        eventually(lambda asked=asked: servo.count("release") > asked)  # the console has heard it
+        servo.stop()  # from another program, past the console
+    time.sleep(0.3)
+    assert all(stops != servo.stops for _, stops in [call for call in servo.calls if call[0] == "engage"])
+    assert servo.guard == GuardState.TRIPPED
+
+
+def test_a_stop_of_any_page_takes_an_engage_back(console, client, servo):
+    client.event("role", control=True)
+    with joined(console) as socket:
+        other = Client(socket)
+        other.event("role", control=False)
+        for k in range(20):
+            asked = servo.count("release")
+            client.do(do="engage")
+            eventually(lambda asked=asked: servo.count("release") > asked)
+            other.do(do="stop")
+            eventually(lambda k=k: servo.count("stop") > k)
+        time.sleep(0.3)
+    assert servo.count("engage") == 0
+    client.do(do="engage")  # and one that was given after the last stop counts
+    eventually(lambda: servo.guard == GuardState.RUNNING)
+
+
+@pytest.mark.parametrize(
+    "stop",
+    ['{"do": "stop"', '{"do":"stop","at":' + "9" * 400 + "}", '{"do": "st\\u006fp"}', '{"x": NaN, "do": "stop"}'],
+)
+def test_a_stop_is_obeyed_however_it_is_written(console, client, servo, stop):
+    client.event("role", control=True)
+    with joined(console) as socket:
+        Client(socket).event("role", control=False)
+        socket.send(stop)
+        eventually(lambda: servo.count("stop") == 1)
+
+
+def test_sixteen_pages_and_no_more(console, servo):
+    with ExitStack() as stack:
+        pages = [stack.enter_context(joined(console)) for _ in range(16)]
+        Client(pages[-1]).event("role", control=False)
+        with joined(console) as late, pytest.raises(ConnectionClosed) as refused:
+            late.recv(timeout=5)
+        assert refused.value.rcvd.code == 1013
+        assert "close one" in refused.value.rcvd.reason
+        pages[3].close()
+        eventually(lambda: admitted(console))
+
+
+def admitted(console) -> bool:
+    with joined(console) as page:
+        try:
+            return bool(page.recv(timeout=5))
+        except ConnectionClosed:
+            return False
+
+
+def test_a_page_that_never_reads_is_left_and_disturbs_nobody(console, client, servo, monkeypatch):
+    monkeypatch.setattr("haptorb.apps.console.page.PATIENCE", 0.3)
+    client.event("role", control=True)
+    deaf = socket.socket()
+    deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    deaf.connect(("127.0.0.1", console.port))
+    with deaf:
+        deaf.sendall(
+            f"GET /ws HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+            f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+            f"Authorization: Bearer {console.token}\r\n\r\n".encode()
+        )
+        client.event("role", watchers=1)
+        client.events.clear()
+        client.until(lambda: any(e["event"] == "role" and e["watchers"] == 0 for e in client.events), 30)
+    assert client.dropped == 0
+
+
+def test_rows_are_read_once_for_all_pages(console, servo, monkeypatch):
+    read = []
+    rows = servo.rows
+    monkeypatch.setattr(servo, "rows", lambda cursor=0: read.append(cursor) or rows(cursor))
+    with ExitStack() as stack:
+        pages = [Client(stack.enter_context(joined(console))) for _ in range(5)]
+        for page in pages:
+            page.until(lambda page=page: len(page.rows) > 3)
+    assert sum(cursor == 0 for cursor in read) <= 2, "the whole of the kept rows is not copied for every page"
 
 
 def test_nonsense_bytes_are_refused(client, servo):
@@ -212,7 +327,7 @@ def test_nonsense_bytes_are_refused(client, servo):
 
 def test_second_page_watches_but_may_stop(console, client, servo):
     client.event("role", control=True)
-    with connect(f"ws://127.0.0.1:{console.port}/ws") as socket:
+    with joined(console) as socket:
         other = Client(socket)
         other.event("role", control=False)
         other.point(1.0, (0.01, 0.0, 0.047), held=True)
@@ -249,7 +364,7 @@ def test_a_map_that_cannot_be_painted_is_said(servo):
         serving = threading.Thread(target=console.serve)
         serving.start()
         try:
-            with connect(f"ws://127.0.0.1:{console.port}/ws") as socket:
+            with joined(console) as socket:
                 assert "no such force" in Client(socket).event("mistake")["text"]
         finally:
             console.close()

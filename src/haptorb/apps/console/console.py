@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import os
 import threading
-import webbrowser
 from collections.abc import Callable
 from types import TracebackType
 from typing import Self, final
@@ -15,6 +12,7 @@ from haptorb.apps.console.felt import FeltMap
 from haptorb.apps.console.felt_process import FeltProcess
 from haptorb.apps.console.servant import Servant
 from haptorb.apps.console.site import application
+from haptorb.apps.web.browser import open_browser_at
 from haptorb.apps.web.server import HOST, bound, hurry, server, signals
 
 __all__ = ["PORT", "Console"]
@@ -24,7 +22,9 @@ PORT = 8765  #: unless told otherwise
 
 @final
 class Console:
-    """A page for a running servo, at `url`.
+    """A page for a running servo, at `url`: the address of this computer, and behind its # the token of this run.
+
+    Who does not know the token, such as another account of this computer, gets neither numbers nor control.
 
         servo = Servo(device, world)
         with Console(servo) as console, servo:
@@ -47,7 +47,9 @@ class Console:
             raise
         self._felt: FeltProcess | None = app.state.felt
         self.port = int(self._socket.getsockname()[1])
-        self.url = f"http://{HOST}:{self.port}/"
+        self.token: str = app.state.token  #: what a program says instead: `Authorization: Bearer TOKEN`
+        self.origin = f"http://{HOST}:{self.port}"
+        self.url = f"{self.origin}/#{self.token}"
         self._server = server(app)
 
     def serve(self, *, open_browser: bool = False, until: Callable[[], bool] = lambda: False) -> int | None:
@@ -71,7 +73,7 @@ class Console:
         while not serving.done():
             if self._server.started and not opened:
                 opened = True
-                threading.Thread(target=_opened, args=(self.url,), daemon=True).start()
+                threading.Thread(target=open_browser_at, args=(self.url,), daemon=True).start()
             if not self._servo.alive or until():
                 # One more moment, so that the page can say so before the socket closes.
                 await asyncio.sleep(0.7 if not self._servo.alive else 0.0)
@@ -92,10 +94,3 @@ class Console:
         self._socket.close()
         if self._felt is not None:
             self._felt.close()
-
-
-def _opened(url: str) -> None:
-    """Open the browser, which is an ordinary program."""
-    with contextlib.suppress(OSError, AttributeError):
-        os.setpriority(os.PRIO_PROCESS, 0, 0)
-    webbrowser.open(url)

@@ -3,49 +3,38 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Coroutine, Mapping
 from typing import Any, final
 
-import numpy as np
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptorb.apps.console.felt import Painter
 from haptorb.apps.console.hand import Hand
 from haptorb.apps.console.health import Health
+from haptorb.apps.console.page import Page, plain
+from haptorb.apps.console.recent import Recent
 from haptorb.apps.console.servant import Servant
 from haptorb.apps.console.target import prepare, target_scene
 from haptorb.apps.console.wire import Columns, felt_frame, mesh_frame, pointer, rows_frame
+from haptorb.apps.web.command import asks_to_stop
 from haptorb.apps.web.command import command as read_command
+from haptorb.apps.web.token import PROTOCOL
 from haptorb.errors import HaptorbError, InputError
 
-__all__ = ["Room"]
+__all__ = ["MOST", "Room"]
 
+MOST = 16  #: pages at the same time
 FRAME = 1 / 60  #: between two frames [s]
 SOON = 1 / 500  #: between two looks at the rows while an answer to the pointer is awaited [s]
 REFRESH = 1 / 100  #: between two refreshes of a hand at rest [s]
 LOOK = 0.5  #: between two looks at the loop's health [s]
 FRESH = 0.1  #: from steadying the hand to engaging [s]
-BACKLOG = 2.0  #: rows older than this are not worth sending to a page that was too slow [s]
 
-
-@final
-class Page:
-    """One connected page: its socket, and the newest of every kind of event that it has not got yet."""
-
-    def __init__(self, socket: WebSocket) -> None:
-        self.socket = socket
-        self.events: dict[str, dict[str, Any]] = {}
-        self.felt = -1  #: version of the felt map that it has
-        self.dropped = 0  #: rows that it will never get
-        self.soon = asyncio.Event()  #: something is worth sending before the frame is full
-
-    def tell(self, event: str, **what: Any) -> None:
-        """Send `event`; a newer one of the same kind replaces it if it has not left yet."""
-        self.events[event] = {"event": event, **what}
-        self.soon.set()
+_FULL = 1013  #: of a WebSocket that is closed: try again later
+_NAME = 64  #: of a world, a mode or a value [characters]
+_VALUES = 64  #: of a world
 
 
 @final
@@ -58,6 +47,7 @@ class Room:
         self._pages: list[Page] = []  # the first has the control
         self._hand = Hand(servo)
         self._health = Health(servo)
+        self._recent = Recent(servo)
         columns = Columns(servo.layout, bool(servo.modes))
         self._index = columns.index
         layout = servo.layout
@@ -70,6 +60,7 @@ class Room:
         self._asked: tuple[Page, str, dict[str, Any]] | None = None
         self._trouble = ""  # why there is no map of this world
         self._asking: asyncio.Task[None] | None = None
+        self._engaging: asyncio.TimerHandle | None = None
 
     async def keep(self) -> None:
         """Housekeeping for as long as the server runs: the resting hand, the loop's health, the world."""
@@ -84,74 +75,95 @@ class Room:
             await asyncio.sleep(REFRESH)
 
     async def join(self, socket: WebSocket) -> None:
-        """Serve one page until it goes away."""
-        await socket.accept()
+        """Serve one page until it goes away, or does not listen; a seventeenth is sent away with the reason."""
+        await socket.accept(PROTOCOL if PROTOCOL in socket.scope["subprotocols"] else None)
+        if len(self._pages) >= MOST:
+            await socket.close(_FULL, f"{MOST} pages are open already: close one of them")
+            return
         page = Page(socket)
         self._pages.append(page)
-        self._notice_world()
-        self._tell_roles()
-        page.tell("world", **self._world_event())
-        if self._trouble:
-            page.tell("mistake", text=self._trouble)
-        sending = asyncio.create_task(self._send(page))
         try:
-            while True:
-                message = await socket.receive()
-                if message["type"] == "websocket.disconnect":
-                    break
-                self._hear(page, message)
-        except (WebSocketDisconnect, RuntimeError):
-            pass  # the page went away while something was on its way
+            self._notice_world()
+            self._tell_roles()
+            page.tell("world", **self._world_event())
+            if self._trouble:
+                page.tell("mistake", text=self._trouble)
+            await _first_of(self._send(page), self._listen(page))
+        except (WebSocketDisconnect, RuntimeError, TimeoutError):
+            pass  # the page went away while something was on its way, or it does not listen
         finally:
             had_control = self._pages[0] is page
             self._pages.remove(page)
             if had_control:
+                self._do_not_engage()
                 self._hand.gone()
             self._tell_roles()
-            sending.cancel()
-            await asyncio.gather(sending, return_exceptions=True)
+
+    async def _listen(self, page: Page) -> None:
+        while True:
+            message = await page.socket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            self._hear(page, message)
+            await asyncio.sleep(0)  # however much one page says, the others have their turn
 
     def _hear(self, page: Page, message: Mapping[str, Any]) -> None:
-        """One message of a page: its pointer, or a command."""
+        """One message of a page: its pointer, or a command; a stop before all else, whoever says it and however."""
         try:
-            if message.get("bytes") is not None:
-                if page is self._pages[0]:
-                    self._hand.point(pointer(message["bytes"]))
-                    page.soon.set()
-            else:
-                self._obey(page, read_command(message.get("text") or ""))
+            if (text := message.get("text")) is not None:
+                if asks_to_stop(text):
+                    self._stop()
+                else:
+                    self._obey(page, read_command(text))
+            elif page is self._pages[0]:
+                self._hand.point(pointer(message.get("bytes") or b""))
+                page.soon.set()
         except HaptorbError as mistake:
             page.tell("mistake", text=str(mistake))
 
+    def _stop(self) -> None:
+        self._servo.stop()
+        self._do_not_engage()
+        self._tell_all("stopped", by="you" if len(self._pages) == 1 else "a page")
+
     def _obey(self, page: Page, command: dict[str, Any]) -> None:
         """One command; only the page that has the control may do more than stop."""
-        match command.get("do"):
-            case "stop":
-                self._servo.stop()
-                self._tell_all("stopped", by="you" if len(self._pages) == 1 else "a page")
+        match command["do"]:
+            case "stop":  # in letters that `asks_to_stop` does not read
+                self._stop()
             case _ if page is not self._pages[0]:
                 raise InputError("another page has the control; this one watches (it may still stop)")
             case "engage":
                 self._hand.steady()
-                # The guard engages only on a fresh pose; give it time to see one.
-                asyncio.get_running_loop().call_later(FRESH, self._servo.engage)
+                self._do_not_engage()
+                # The guard engages only on a fresh pose; give it time to see one. A stop in between counts.
+                self._engaging = asyncio.get_running_loop().call_later(FRESH, self._engage, page, self._servo.stops)
             case "home":
                 self._hand.home()
             case "mode":
-                self._servo.set_mode(str(command.get("mode")))
+                self._servo.set_mode(str(command.get("mode"))[:_NAME])
             case "clutch":
                 if not isinstance(command.get("engaged"), bool):
                     raise InputError("the clutch is set by `engaged`, true or false")
                 self._servo.clutch(command["engaged"])
             case "world":
-                values = command.get("values", {})
-                if not isinstance(command.get("name"), str) or not isinstance(values, dict):
-                    raise InputError("a world is set by its name (text) and its values (an object)")
-                self._asked = (page, command["name"], values)
+                self._asked = (page, *_wish(command))
                 if self._asking is None or self._asking.done():
                     self._asking = asyncio.create_task(self._ask())
             case other:
                 raise InputError(f"unknown command {other!r} (known: stop, engage, home, mode, clutch, world)")
+
+    def _engage(self, page: Page, stops: int) -> None:
+        self._engaging = None
+        try:
+            self._servo.engage(stops)
+        except HaptorbError as mistake:
+            page.tell("mistake", text=str(mistake))
+
+    def _do_not_engage(self) -> None:
+        if self._engaging is not None:
+            self._engaging.cancel()
+            self._engaging = None
 
     async def _ask(self) -> None:
         """Ask the servo for the world that was wished for last; it answers within a tick or two, or refuses."""
@@ -167,7 +179,7 @@ class Room:
     def _notice_world(self) -> None:
         """Tell everyone, and repaint, if the world is another one than before."""
         name, values = self._servo.world
-        now = (name, {key: _plain(value) for key, value in values.items()})
+        now = (name, {key: plain(value) for key, value in values.items()})
         if now == self._world:
             return
         self._world = now
@@ -199,35 +211,29 @@ class Room:
 
     async def _send(self, page: Page) -> None:
         """Frames to one page, sixty times a second; at once when they answer its pointer or tell of an event."""
-        cursor, _ = self._servo.rows(0)
+        sent = looked = self._recent.look()
         if self._painter is not None:
-            await page.socket.send_bytes(mesh_frame(self._painter.directions, self._painter.triangles))
+            await page.send(mesh_frame(self._painter.directions, self._painter.triangles))
         due = time.monotonic()
-        unsent: list[Any] = []
         while True:
-            while page.events:
-                event = page.events.pop(next(iter(page.events)))
-                await page.socket.send_text(json.dumps(event, allow_nan=False, default=_plain))
+            await page.send_events()
             if self._painter is not None and self._painter.version > page.felt:
                 page.felt = self._painter.version
-                await page.socket.send_bytes(felt_frame(self._painter.force, self._painter.saturated, page.felt))
-            before = cursor
-            cursor, rows = self._servo.rows(cursor)
-            if len(rows):
-                page.dropped += max(cursor - before - len(rows), 0)
-                unsent.append(rows)
+                await page.send(felt_frame(self._painter.force, self._painter.saturated, page.felt))
+            end = self._recent.look()
             echo = math.nan
-            if unsent and page is self._pages[0]:
-                new = np.concatenate(unsent)
+            if end > looked and page is self._pages[0]:
+                new = self._recent.since(looked)
                 echo = self._hand.echo(new[:, self._target], new[:, self._turn])
+            looked = end
             now = time.monotonic()
-            if unsent and (now >= due or math.isfinite(echo)):
-                rows, late = _newest(np.concatenate(unsent), self._t)
-                unsent.clear()
-                page.dropped += late
-                await page.socket.send_bytes(rows_frame(rows, self._index, self._t, self._tick, echo, page.dropped))
+            if end > sent and (now >= due or math.isfinite(echo)):
+                rows = self._recent.since(sent)
+                page.dropped += end - sent - len(rows)
+                sent = end
+                await page.send(rows_frame(rows, self._index, self._t, self._tick, echo, page.dropped))
                 due = now + FRAME
-            await self._pause(page, max(due - time.monotonic(), 0.0) if not unsent or due > now else 0.0)
+            await self._pause(page, max(due - time.monotonic(), 0.0) if end == sent or due > now else 0.0)
 
     async def _pause(self, page: Page, rest: float) -> None:
         """Wait until the next frame is due, or until there is something to say sooner."""
@@ -243,14 +249,28 @@ class Room:
             return
 
 
-def _newest(rows: Any, t: int) -> tuple[Any, int]:
-    """The rows of the last seconds, and how many older ones were left out."""
-    first = int(np.searchsorted(rows[:, t], rows[-1, t] - BACKLOG))
-    return rows[first:], first
+async def _first_of(*ways: Coroutine[Any, Any, None]) -> None:
+    """Until one of `ways` ends; the others are cancelled."""
+    tasks = [asyncio.create_task(way) for way in ways]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+    for task in done:
+        task.result()
 
 
-def _plain(value: Any) -> Any:
-    """`value` as JSON has it."""
-    if isinstance(value, tuple | list | np.ndarray):
-        return [float(number) for number in value]
-    return value.item() if isinstance(value, np.generic) else value
+def _wish(command: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Name and values of the world that a page asks for; InputError if they cannot be one's."""
+    name, values = command.get("name"), command.get("values", {})
+    if not isinstance(name, str) or not isinstance(values, dict):
+        raise InputError("a world is set by its name (text) and its values (an object)")
+    if len(name) > _NAME or len(values) > _VALUES or any(len(key) > _NAME for key in values):
+        raise InputError(f"a world has a name of at most {_NAME} characters, and at most {_VALUES} values with such")
+    for key, value in values.items():
+        numbers = value if isinstance(value, list) else [value]
+        if len(numbers) > _VALUES or not all(type(one) in (int, float) for one in numbers):
+            raise InputError(f"a world's value is a number or a list of numbers; {key} is something else")
+    return name, values

@@ -68,8 +68,13 @@ class Servant(Protocol):
         """Coils off within a tick, and off until `engage`."""
         ...
 
-    def engage(self) -> None:
-        """After a stop or a trip: begin again from zero, unless the guard refuses."""
+    @property
+    def stops(self) -> int:
+        """How often `stop` was called."""
+        ...
+
+    def engage(self, stops: int | None = None) -> None:
+        """After a stop or a trip: begin again from zero, unless the guard refuses, or `stops` has changed since."""
         ...
 
     def set_mode(self, mode: str) -> None:

@@ -21,6 +21,7 @@ from haptorb.apps.console.servant import Servant
 from haptorb.apps.console.session import session, world_now
 from haptorb.apps.web.doors import Doors
 from haptorb.apps.web.files import answered, page_files
+from haptorb.apps.web.token import chosen_token
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 
@@ -31,12 +32,13 @@ STATIC = Path(__file__).parent / "static"
 
 
 def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
-    """The ASGI application for one running servo.
+    """The ASGI application for one running servo, for those who know `app.state.token`.
 
     `felt` answers what the device would give at points in space; by default the simulation of `servo.device` does.
     `app.state.felt` is the process behind that, to be closed at the end, or None.
-    Raises InputError if the page has not been built.
+    Raises InputError if the page has not been built, or the environment's HAPTORB_TOKEN cannot be one.
     """
+    token = chosen_token()
     files = page_files(STATIC)
     if "index.html" not in files:
         raise InputError(
@@ -75,8 +77,9 @@ def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
             Route("/api/session", about),
             WebSocketRoute("/ws", room.join),
         ],
-        middleware=[Middleware(Doors)],
+        middleware=[Middleware(Doors, token=token)],
         lifespan=lifespan,
     )
     app.state.felt = process
+    app.state.token = token
     return app

@@ -1,25 +1,99 @@
-"""What a page asks for: one JSON object per text message."""
+"""What a page asks for: one JSON object per text message, read strictly, and the Stop in it before anything else.
+
+Whatever a message holds, reading it ends in a command or in an InputError that can be sent back: no number is too long
+to be handled, nothing is nested deeper than a command is, every text can be written into a file.
+"""
 
 from __future__ import annotations
 
 import json
-from typing import Any
+import re
+from typing import Any, Never
 
 from haptorb.errors import InputError
 
-__all__ = ["command"]
+__all__ = ["asks_to_stop", "command"]
+
+_LONGEST = 65536  #: of a message [characters]; the server's own limit is the same in bytes
+_DIGITS = 18  #: of a whole number: what fits into 64 bits
+_DEPTH = 6  #: of lists and objects in each other; a world's values need three
+_NAME = 64  #: of a command [characters]
+
+_STOP = re.compile(r'"do"\s*:\s*"stop"')
+
+
+def asks_to_stop(text: str) -> bool:
+    """Whether a text message is a Stop, whatever else is right or wrong with it.
+
+    To be asked before `command`: a Stop is obeyed even when the message cannot be read as JSON.
+
+    >>> asks_to_stop('{"do": "stop"}'), asks_to_stop('{"do":"stop", "why": 1e999'), asks_to_stop('{"do": "engage"}')
+    (True, True, False)
+    """
+    return _STOP.search(text) is not None
 
 
 def command(text: str) -> dict[str, Any]:
-    """The command in a text message, or InputError.
+    """The command in a text message, or InputError; its `do` is a text.
+
+    Numbers are finite, whole ones have at most 18 digits.
 
     >>> command('{"do": "stop"}')
     {'do': 'stop'}
     """
+    if len(text) > _LONGEST:
+        raise InputError(f"a command must have at most {_LONGEST} characters; got {len(text)}")
     try:
-        found = json.loads(text)
+        found = json.loads(text, parse_int=_whole, parse_float=_real, parse_constant=_constant)
     except (ValueError, RecursionError) as mistake:
         raise InputError(f"a command must be JSON: {mistake}") from mistake
     if not isinstance(found, dict):
         raise InputError("a command must be a JSON object")
+    _check(found)
+    do = found.get("do")
+    if not isinstance(do, str) or len(do) > _NAME:
+        raise InputError(f'a command must say what to do: {{"do": NAME}} with a name of at most {_NAME} characters')
     return found
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > _DIGITS + digits.startswith("-"):
+        raise InputError(f"a whole number in a command must have at most {_DIGITS} digits; got {len(digits)}")
+    return int(digits)
+
+
+def _real(digits: str) -> float:
+    number = float(digits)
+    if number in (float("inf"), float("-inf")):
+        raise InputError("a number in a command must be finite; one is too large")
+    return number
+
+
+def _constant(name: str) -> Never:
+    raise InputError(f"a number in a command must be finite; got {name}")
+
+
+def _check(found: dict[str, Any]) -> None:
+    """Refuse what is nested too deep, and texts that are none: half of a surrogate pair cannot be stored or sent."""
+    level: list[Any] = [found]
+    for _ in range(_DEPTH):
+        below: list[Any] = []
+        for one in level:
+            if isinstance(one, dict):
+                below.extend(one)
+                below.extend(one.values())
+            elif isinstance(one, list):
+                below.extend(one)
+            elif isinstance(one, str) and not _storable(one):
+                raise InputError("a text in a command must be Unicode; one has half of a surrogate pair")
+        level = below
+    if level:
+        raise InputError(f"a command must not be nested deeper than {_DEPTH} levels")
+
+
+def _storable(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True

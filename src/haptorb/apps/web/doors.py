@@ -1,16 +1,17 @@
-"""Who may come in: only pages of this server itself, and only under the name of this computer.
+"""Who may come in: only pages of this server itself, under the name of this computer, that know the token.
 
 A page of another site could otherwise open a WebSocket to 127.0.0.1 (browsers let it) and move a powered machine; one
-that has its own name resolved to 127.0.0.1 could pretend to be this server. Origin stops the first, Host the second.
+that has its own name resolved to 127.0.0.1 could pretend to be this server; and so could any program of another account
+of this computer. Origin stops the first, Host the second, the token the third.
 """
 
 from __future__ import annotations
 
-from urllib.parse import urlsplit
-
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from haptorb.apps.web.token import knows
 
 __all__ = ["LOOPBACK", "Doors"]
 
@@ -40,16 +41,25 @@ def _host(authority: str) -> str:
 
 
 class Doors:
-    """ASGI middleware: checks Host and Origin on the way in, and adds the content policy on the way out."""
+    """ASGI middleware: checks Host, Origin and token on the way in, and adds the content policy on the way out.
 
-    def __init__(self, app: ASGIApp) -> None:
+    token   empty: none is needed
+    free    paths that need no token, as the files in /static/ never do: a page alone says nothing about the device
+    """
+
+    def __init__(self, app: ASGIApp, *, token: str = "", free: tuple[str, ...] = ("/",)) -> None:
         self.app = app
+        self._token = token
+        self._free = free
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        refusal = self.refusal(Headers(scope=scope))
+        headers = Headers(scope=scope)
+        refusal = self.refusal(headers)
+        if refusal is None and not self._open(scope["path"]) and not knows(headers, self._token):
+            refusal = "this needs the address that the terminal printed, with what stands behind its #"
         if refusal is None:
             await self.app(scope, receive, _with_policy(send))
         elif scope["type"] == "websocket":
@@ -58,6 +68,9 @@ class Doors:
         else:
             await PlainTextResponse(refusal + "\n", status_code=403)(scope, receive, send)
 
+    def _open(self, path: str) -> bool:
+        return not self._token or path in self._free or path.startswith("/static/")
+
     @staticmethod
     def refusal(headers: Headers) -> str | None:
         """Why this request may not come in, or None."""
@@ -65,10 +78,8 @@ class Doors:
         if _host(host) not in LOOPBACK:
             return f"this server answers on 127.0.0.1 only, not as '{host}'"
         origin = headers.get("origin")
-        # Programs send no Origin; browsers always send it with a WebSocket.
-        if origin is not None and (
-            urlsplit(origin).scheme != "http" or urlsplit(origin).netloc.lower() != host.lower()
-        ):
+        # Programs send no Origin; browsers always send it with a WebSocket. It is compared, never taken apart.
+        if origin is not None and origin.lower() != f"http://{host.lower()}":
             return f"pages of '{origin}' may not use this server"
         return None
 

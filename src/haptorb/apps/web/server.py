@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import logging
 import os
 import signal
 import socket
 import sys
 import threading
 from collections.abc import Callable, Generator
+from functools import partial
 from types import FrameType
-from typing import Any
+from typing import Any, cast
 
 import uvicorn
 
+from haptorb.apps.web.connection import OwnMistakes, Request, Socket
 from haptorb.errors import InputError
 
 __all__ = ["HOST", "Server", "bound", "hurry", "server", "signals"]
 
 HOST = "127.0.0.1"
 _URGENT = -10  #: niceness of the serving thread
+_AT_ONCE = 8  #: connections that are taken at once: a page's pose has its turn in between
+_QUEUE = 128  #: connections that may wait to be taken
+_UNREAD = 262144  #: bytes that the system keeps for a page that is slow
 
 
 class Server(uvicorn.Server):
@@ -31,6 +37,12 @@ class Server(uvicorn.Server):
         """Leave every signal to whoever has it."""
         yield
 
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to take connections; more may wait for it than are taken at once."""
+        await super().startup(sockets)
+        for one in sockets or ():
+            one.listen(_QUEUE)
+
 
 def server(app: Any) -> Server:
     """`app` (ASGI) as it is served here, its modules loaded: later a servo may count on this process."""
@@ -38,13 +50,18 @@ def server(app: Any) -> Server:
         app,
         log_level="warning",
         access_log=False,
-        ws="websockets-sansio",
+        backlog=_AT_ONCE,
+        http=cast("type[Request]", partial(Request, waiting=[])),
+        ws=Socket,
         ws_max_size=65536,
         ws_per_message_deflate=False,
         timeout_graceful_shutdown=1,
         server_header=False,
     )
     config.load()
+    log = logging.getLogger("uvicorn.error")
+    if not any(isinstance(one, OwnMistakes) for one in log.filters):
+        log.addFilter(OwnMistakes())
     return Server(config)
 
 
@@ -55,8 +72,9 @@ def bound(port: int) -> socket.socket:
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _UNREAD)
         listening.bind((HOST, port))
-        listening.listen(16)
+        listening.listen(_QUEUE)
     except OSError as cause:
         listening.close()
         if cause.errno == errno.EADDRINUSE:
