@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptorb.control.drive import Drive
+from haptorb.control.drive import Drive, pass_time
 from haptorb.control.guard import Guard
 from haptorb.control.passivity import PassivityControl
 from haptorb.control.trip import GuardState, Trip
@@ -23,17 +23,20 @@ class Parts:
     def __init__(self) -> None:
         self.guard, self.drive, self.passivity = Guard(OMNI, DT), Drive(OMNI, DT), PassivityControl(DT)
         self.applied = np.zeros(3)
+        self.guard.check.coils["limit"] = 1e9  # the currents are random here: whether they match is asked elsewhere
 
 
 def one_by_one(parts: Parts, wrench, estimate: Estimate, sample: Sample, wanted) -> tuple[np.ndarray, np.ndarray]:
     """(6,) admitted and (3,) duties, through the doors for people."""
     state, guard = estimate.state, parts.guard
+    guard.pass_time(sample.t)
     damped = parts.passivity.damped(wrench, state.p, state.R_SR, sample.t, estimate.age, guard.gain, passive=True)
     admitted = guard.admit(damped, estimate).copy()
     currents = guard.limit(wanted, sample)
     matrix = estimate.wrench_map.matrix
     emf = matrix[:3].T @ state.v + matrix[3:].T @ state.w
     drive = parts.drive
+    pass_time(drive.numbers, guard.clock["elapsed"][0])
     duties = drive.duties(currents, sample.currents, parts.applied, emf) if guard.gain else drive.rest()
     return admitted, duties.copy()
 
@@ -42,13 +45,14 @@ def at_once(parts: Parts, wrench, estimate: Estimate, sample: Sample, wanted) ->
     """The same as the tick does it."""
     state, guard, drive, admitted = estimate.state, parts.guard, parts.drive, np.empty(6)
     asked(
-        parts.passivity.memory, guard.numbers, wrench, state.p, state.R_SR, sample.t, estimate.age, True,
-        estimate.valid, estimate.reversed, admitted,
+        parts.passivity.memory, guard.numbers, guard.coils, guard.clock, wrench, state.p, state.R_SR, sample.t,
+        estimate.age, True, estimate.valid, estimate.reversed, admitted,
     )  # fmt: skip
     heat = guard.heat
     driven(
-        guard.numbers, guard.coils, heat.numbers, heat.coils, drive.numbers, drive.coils, wanted, sample.currents,
-        sample.temperatures, parts.applied, estimate.wrench_map.matrix, state.v, state.w,
+        guard.numbers, guard.coils, guard.clock, heat.numbers, heat.coils, guard.check.coils, drive.numbers,
+        drive.coils, wanted, sample.currents, 0.0, sample.temperatures, parts.applied, estimate.wrench_map.matrix,
+        state.v, state.w,
     )  # fmt: skip
     return admitted, drive.chosen.copy()
 

@@ -10,7 +10,7 @@ from haptorb.devices.device import Device
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 
-__all__ = ["EMF", "Drive", "drive", "rest"]
+__all__ = ["EMF", "Drive", "drive", "pass_time", "rest"]
 
 _WINDOW = 0.05  #: time constant of the sliding window of eq. (6) [s]
 _COLDEST, _HOTTEST = 233.15, 453.15  #: windings outside this are not resistances but faults [K]
@@ -28,13 +28,19 @@ def _left(resistance: float, inductance: float, dt: float) -> float:
 #: learned [A], where the currents should be and where they were measured a tick ago [A], the voltage that is induced,
 #: and that was when the last duties were applied [V], two sliding sums, and the duties
 RESISTANCE, _INDUCTANCE, _LOW, _HIGH, _TRUSTED, _LAST, _BEFORE, EMF, _EMF_BEFORE, _VOLTS, _SQUARES, DUTY = range(12)
-#: the numbers: weight of a tick in the sums, the supply's voltage [V], the tick [s]
-_WEIGHT, _SUPPLY, _DT = range(3)
+#: the numbers: the nominal tick [s], the supply's voltage [V], the time that the last tick took and the next may [s]
+_PERIOD, _SUPPLY, _DT = range(3)
+
+
+@kernel
+def pass_time(numbers: Array, elapsed: float) -> None:
+    """The last tick was `elapsed` [s] ago, the next may be as far: a voltage for a shorter time would overshoot."""
+    numbers[_DT] = max(elapsed, numbers[_PERIOD])
 
 
 @kernel
 def _learn(numbers: Array, coils: Array, duties: Array, currents: Array) -> None:
-    weight = numbers[_WEIGHT]
+    weight = min(1.0, numbers[_DT] / _WINDOW)
     for j in range(duties.size):
         now, then = currents[j], coils[_BEFORE, j]
         if not np.isfinite(now):
@@ -98,7 +104,7 @@ class Drive:
     def __init__(self, device: Device, dt: float) -> None:
         coils = device.coils
         channels = device.channels
-        self.numbers: Array = np.array([min(1.0, dt / _WINDOW), device.supply.voltage, dt])
+        self.numbers: Array = np.array([dt, device.supply.voltage, dt])
         self.coils: Array = np.zeros((12, channels))
         self.coils[_INDUCTANCE] = coils.inductance
         self.coils[_LOW] = coils.resistance_at(np.full(channels, _COLDEST))
@@ -111,7 +117,7 @@ class Drive:
     @property
     def lag(self) -> float:
         """By how much the currents' rise within a tick is late, on average over it and at worst over the coils [s]."""
-        dt = float(self.numbers[_DT])
+        dt = float(self.numbers[_PERIOD])
         x = self.resistance * dt / np.maximum(self.coils[_INDUCTANCE], 1e-12)
         return float(dt * np.max(1 + 1 / x + 1 / np.expm1(-x)))
 

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from haptorb.control import guard_rules as rules
+from haptorb.control.current_check import CurrentCheck
 from haptorb.control.heat_observer import HeatObserver
+from haptorb.control.tick_time import make_clock
 from haptorb.control.trip import GuardState, Trip
 from haptorb.devices.device import Device
-from haptorb.physics.arrays import Array
+from haptorb.physics.arrays import Array, Records
 
 if TYPE_CHECKING:
     from haptorb.sensing.sample import Estimate, Sample
@@ -34,15 +36,17 @@ class Guard:
 
     def __init__(self, device: Device, dt: float) -> None:
         limits, heat, channels = device.limits, device.coils.heat, device.channels
-        self.heat = HeatObserver(device.coils, dt)
+        self.heat = HeatObserver(device.coils)
+        self.check = CurrentCheck(device)
+        self.clock: Records = make_clock(dt)  #: (1,) `tick_time.CLOCK`: the time that really passes between two ticks
         self.coils: Array = np.zeros((4, channels))
         self.coils[rules.LIMIT] = device.coils.current_limit
         self.coils[rules.BROKEN] = _OVERCURRENT * device.coils.current_limit
         self.numbers: Array = np.zeros(12)
-        self.numbers[rules.DT], self.numbers[rules.EXPIRY], self.numbers[rules.STEP] = (
+        self.numbers[rules.ELAPSED], self.numbers[rules.EXPIRY], self.numbers[rules.SLEW] = (
             dt,
             limits.expiry,
-            limits.slew * dt,
+            limits.slew,
         )
         self.numbers[rules.FORCE], self.numbers[rules.TORQUE] = limits.force, limits.torque
         self.numbers[rules.DERATE], self.numbers[rules.STOP] = heat.derate, heat.stop
@@ -94,7 +98,12 @@ class Guard:
         self.numbers[rules.STATE] = GuardState.RAMPING
         self.numbers[rules.REASON] = Trip.NONE
         self.numbers[rules.GAIN] = 0.0
+        self.check.restart()
         return True
+
+    def pass_time(self, now: float) -> None:
+        """A tick begins at `now` [s] on the loop's clock; before `admit`. Without it every tick takes `dt`."""
+        rules.pass_time(self.numbers, self.coils, self.clock, now)
 
     def admit(self, wrench: Array, estimate: Estimate) -> Array:
         """The part of the world's `wrench` (6,) that may be asked now: clamped, faded; zero when anything is wrong.
@@ -111,6 +120,7 @@ class Guard:
         """
         heat = self.heat
         rules.limit(
-            self.numbers, self.coils, heat.numbers, heat.coils, currents, sample.currents, sample.temperatures
+            self.numbers, self.coils, heat.numbers, heat.coils, currents, sample.currents, sample.temperatures,
+            True,
         )  # fmt: skip
         return self.currents

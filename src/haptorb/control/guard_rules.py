@@ -3,7 +3,8 @@
 All that a guard remembers between two ticks lies in two arrays, so that one compiled pass can run the rules with what
 comes before and after them. `Guard` is the door for people.
 
-numbers (12,)  state, reason, trips, gain, whether the last estimate could be believed, and the settings
+numbers (12,)  state, reason, trips, gain, whether the last estimate could be believed, time since
+               the last tick, and the settings
 coils (4, m)   currents let through now and in the tick before, the limit, and where wiring must be broken [A]
 """
 
@@ -12,16 +13,17 @@ from __future__ import annotations
 import numpy as np
 
 from haptorb.control.heat_observer import HOTTEST, observe
+from haptorb.control.tick_time import advance_clock
 from haptorb.control.trip import GuardState, Trip
-from haptorb.physics.arrays import Array
+from haptorb.physics.arrays import Array, Records
 from haptorb.physics.compiled import kernel
 
 __all__ = [
-    "BROKEN", "DERATE", "DT", "EXPIRY", "FORCE", "FRESH", "GAIN", "HELD", "LAST", "LIMIT", "REASON", "STATE", "STEP",
-    "STOP", "TORQUE", "TRIPS", "admit", "limit", "trip",
+    "BROKEN", "DERATE", "ELAPSED", "EXPIRY", "FORCE", "FRESH", "GAIN", "HELD", "LAST", "LIMIT", "REASON", "SLEW",
+    "STATE", "STOP", "TORQUE", "TRIPS", "admit", "limit", "pass_time", "trip",
 ]  # fmt: skip
 
-STATE, REASON, TRIPS, GAIN, FRESH, DT, EXPIRY, FORCE, TORQUE, STEP, DERATE, STOP = range(12)
+STATE, REASON, TRIPS, GAIN, FRESH, ELAPSED, EXPIRY, FORCE, TORQUE, SLEW, DERATE, STOP = range(12)
 HELD, LAST, LIMIT, BROKEN = range(4)
 
 _RAMP_UP = 0.3  #: from nothing to the full wrench after engaging [s]
@@ -33,6 +35,7 @@ _DERATED, _TRIPPED = int(GuardState.DERATED), int(GuardState.TRIPPED)
 _EXPIRED, _LOST, _REVERSED = int(Trip.POSE_EXPIRED), int(Trip.POSE_LOST), int(Trip.MAGNET_REVERSED)
 _WORLD, _CURRENTS = int(Trip.WORLD_NOT_FINITE), int(Trip.CURRENTS_NOT_FINITE)
 _SAMPLE, _OVERHEATED, _OVERCURRENT = int(Trip.SAMPLE_NOT_FINITE), int(Trip.OVERHEATED), int(Trip.OVERCURRENT)
+_OVERRUN, _MISMATCH = int(Trip.OVERRUN), int(Trip.CURRENT_MISMATCH)
 
 
 @kernel
@@ -50,11 +53,30 @@ def trip(numbers: Array, reason: int) -> None:
 @kernel
 def _fade(numbers: Array) -> None:
     if numbers[STATE] == _TRIPPED:
-        numbers[GAIN] = max(0.0, numbers[GAIN] - numbers[DT] / _RAMP_DOWN)
+        numbers[GAIN] = max(0.0, numbers[GAIN] - numbers[ELAPSED] / _RAMP_DOWN)
     elif numbers[STATE] == _RAMPING:
-        numbers[GAIN] = min(1.0, numbers[GAIN] + numbers[DT] / _RAMP_UP)
+        numbers[GAIN] = min(1.0, numbers[GAIN] + numbers[ELAPSED] / _RAMP_UP)
         if numbers[GAIN] == 1.0:
             numbers[STATE] = _RUNNING
+
+
+@kernel
+def pass_time(numbers: Array, coils: Array, clock: Records, now: float) -> None:
+    """A tick begins at `now` [s]: what ramps, slews, heats and expires goes by the time that really passed.
+
+    After a silence in which the device has switched off by itself the ramp begins again at zero; too many missed
+    deadlines trip. clock (1,) is `tick_time.CLOCK`.
+    """
+    numbers[ELAPSED] = advance_clock(clock, now)
+    if numbers[STATE] == _OFF or numbers[STATE] == _TRIPPED:
+        clock[0].missed[:] = 0.0
+        return
+    if clock[0].overrun:
+        trip(numbers, _OVERRUN)
+    elif clock[0].restart:
+        numbers[STATE] = _RAMPING
+        numbers[GAIN] = 0.0
+        _nothing(coils)
 
 
 @kernel
@@ -87,19 +109,23 @@ def admit(numbers: Array, wrench: Array, valid: bool, age: float, reversed: bool
 
 @kernel
 def limit(
-    numbers: Array, coils: Array, heat: Array, windings: Array, wanted: Array, measured: Array, temperatures: Array
-) -> None:
+    numbers: Array, coils: Array, heat: Array, windings: Array, wanted: Array, measured: Array, temperatures: Array,
+    plausible: bool,
+) -> None:  # fmt: skip
     """coils[HELD] becomes what may flow of `wanted` (m,) [A]: within limits and slew, derated when warm, else zero.
 
-    measured (m,) [A] and temperatures (m,) [K] are readings; heat (13,) and windings (4, m) a `HeatObserver`'s memory.
+    measured (m,) [A] and temperatures (m,) [K] are readings; heat (13,) and windings (6, m) a `HeatObserver`'s memory;
+    plausible: the readings of the currents match the duties (`current_check`).
     """
     seen = _look(coils[BROKEN], measured, temperatures)
     if seen == 1:
         trip(numbers, _SAMPLE)  # and nothing is learned from it
     else:
-        observe(heat, windings, measured, temperatures)
+        observe(heat, windings, measured, temperatures, numbers[ELAPSED])
         if seen == 2:
             trip(numbers, _OVERCURRENT)
+        elif not plausible:
+            trip(numbers, _MISMATCH)
     hottest = heat[HOTTEST]
     if not hottest < numbers[STOP]:  # written so that NaN trips too
         trip(numbers, _OVERHEATED)
@@ -119,7 +145,7 @@ def limit(
             trip(numbers, _CURRENTS)
             _nothing(coils)
             return
-    _hold(coils, wanted, share, numbers[STEP])
+    _hold(coils, wanted, share, numbers[SLEW] * numbers[ELAPSED])
 
 
 @kernel

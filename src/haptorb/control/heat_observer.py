@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from haptorb.control.tick_time import SILENCE
 from haptorb.devices.device import Coils
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
@@ -16,37 +17,70 @@ __all__ = ["HeatObserver", "observe"]
 
 _PULL = 0.5  #: rate at which the body follows the thermometer [1/s]
 _LOAD_WINDOW = 1.0  #: over which the present load is averaged [s]
+_STEP = 0.02  #: longest step of the integration [s]
+_LONGEST = 60.0  #: time that one tick can make up for [s]; a longer pause leaves the windings as warm as after this
+_OFTEN = 0.02  #: between two looks at the time that is left [s]
 
 #: places in the numbers: what it finds, then what it is told once
-HOTTEST, REMAINING, _TICKS, _EVERY, _DT, _ALPHA, _REFERENCE, _LIMIT = range(8)
+HOTTEST, REMAINING, _TICKS, _SINCE, _UNUSED, _ALPHA, _REFERENCE, _LIMIT = range(8)
 _C_WINDING, _C_BODY, _INNER, _OUTER, _AMBIENT = range(8, 13)
-#: rows of the coils: temperatures [K], i²R at the reference temperature, averaged [W], and resistance there [Ω]
-WINDING, BODY, LOAD, _RESISTANCE = range(4)
+#: rows of the coils: temperatures [K], i²R at the reference temperature, averaged [W], resistance there [Ω], inductance
+#: [H] and the current of the tick before [A]
+WINDING, BODY, LOAD, _RESISTANCE, _INDUCTANCE, _BEFORE = range(6)
 
 
 @kernel
-def observe(numbers: Array, coils: Array, currents: Array, boundary: Array) -> float:
-    """One tick with measured `currents` (m,) [A] and `boundary` temperatures (m,) [K]; returns the hottest winding [K].
+def _mean_square(before: float, now: float, x: float) -> float:
+    """Mean of i² while a current goes from `before` to `now` [A] as e^(−x) of a coil does, x = R dt/L."""
+    if not x < 50.0:
+        return now * now
+    if x < 1e-6:
+        return (before * before + before * now + now * now) / 3.0
+    gone = -np.expm1(-x)
+    end = (now - before * (1.0 - gone)) / gone
+    gap, share = before - end, gone / x
+    return float(max(end * end + 2.0 * end * gap * share + gap * gap * share * (1.0 - 0.5 * gone), 0.0))
 
-    numbers (13,) and coils (4, m) are a `HeatObserver`'s memory. NaN if any winding is.
+
+@kernel
+def observe(numbers: Array, coils: Array, currents: Array, boundary: Array, elapsed: float) -> float:
+    """A tick `elapsed` [s] after the last, with measured `currents` (m,) [A] and `boundary` temperatures (m,) [K].
+
+    numbers (13,) and coils (6, m) are a `HeatObserver`'s memory. Returns the hottest winding [K], NaN if any is.
     """
-    n, dt, weight = numbers, numbers[_DT], min(numbers[_DT] / _LOAD_WINDOW, 1.0)
+    n = numbers
+    elapsed = min(elapsed, _LONGEST)
+    steps = max(1, int(np.ceil(elapsed / _STEP - 1e-9)))
+    dt, weight = elapsed / steps, -np.expm1(-elapsed / _LOAD_WINDOW)
+    pull = -np.expm1(-_PULL * dt)
+    # After a long silence the readings tell that the device switched off, but not when: at the latest its watchdog did.
+    held = SILENCE / elapsed if elapsed > 1.05 * SILENCE else 0.0
     hottest = -np.inf
     for j in range(currents.size):
         if n[_TICKS] == 0.0:  # a device that was used a minute ago starts warm
             coils[BODY, j] = coils[WINDING, j] = boundary[j]
+            coils[_BEFORE, j] = currents[j]
         winding, body = coils[WINDING, j], coils[BODY, j]
-        cold = currents[j] ** 2 * coils[_RESISTANCE, j]
-        inward = n[_INNER] * (winding - body)
-        winding += dt * (cold * (1.0 + n[_ALPHA] * (winding - n[_REFERENCE])) - inward) / n[_C_WINDING]
-        outward = n[_OUTER] * (body - n[_AMBIENT])
-        coils[WINDING, j] = winding
-        coils[BODY, j] += dt * ((inward - outward) / n[_C_BODY] + _PULL * (boundary[j] - body))
+        inductance, warm = coils[_INDUCTANCE, j], 1.0 + n[_ALPHA] * (winding - n[_REFERENCE])
+        x = coils[_RESISTANCE, j] * warm * elapsed / inductance if inductance > 0.0 else np.inf
+        square = _mean_square(coils[_BEFORE, j], currents[j], x)
+        if held > 0.0:
+            square = held * coils[_BEFORE, j] ** 2 + (1.0 - held) * square
+        cold = square * coils[_RESISTANCE, j]
+        coils[_BEFORE, j] = currents[j]
+        for _ in range(steps):
+            inward = n[_INNER] * (winding - body)
+            outward = n[_OUTER] * (body - n[_AMBIENT])
+            winding += dt * (cold * (1.0 + n[_ALPHA] * (winding - n[_REFERENCE])) - inward) / n[_C_WINDING]
+            body += dt * (inward - outward) / n[_C_BODY] + pull * (boundary[j] - body)
+        coils[WINDING, j], coils[BODY, j] = winding, body
         coils[LOAD, j] += weight * (cold - coils[LOAD, j])
         if winding > hottest or winding != winding:  # once not a number, never again below a limit
             hottest = winding
     n[HOTTEST] = hottest
-    if n[_TICKS] % n[_EVERY] == 0.0:
+    n[_SINCE] += elapsed
+    if n[_TICKS] == 0.0 or n[_SINCE] >= _OFTEN - 1e-9:
+        n[_SINCE] = 0.0
         n[REMAINING] = _remaining(numbers, coils)
     n[_TICKS] += 1.0
     return float(hottest)
@@ -100,20 +134,21 @@ def _remaining(numbers: Array, coils: Array) -> float:
 class HeatObserver:
     """Winding temperatures (m,) [K] and the time that is left; one `update` per tick.
 
-    numbers  (13,) and coils (4, m): all that it remembers, for compiled code
+    numbers  (13,) and coils (6, m): all that it remembers, for compiled code
     """
 
-    def __init__(self, coils: Coils, dt: float) -> None:
+    def __init__(self, coils: Coils) -> None:
         heat, channels = coils.heat, len(coils.names)
         self.numbers: Array = np.array(
             [
-                heat.ambient, np.inf, 0.0, max(1, round(0.02 / dt)), dt, coils.temperature_coefficient,
+                heat.ambient, np.inf, 0.0, 0.0, 0.0, coils.temperature_coefficient,
                 coils.reference_temperature, heat.derate, heat.winding_capacity, heat.body_capacity,
                 heat.winding_to_body, heat.body_to_air, heat.ambient,
             ]
         )  # fmt: skip
-        self.coils: Array = np.zeros((4, channels))
+        self.coils: Array = np.zeros((6, channels))
         self.coils[_RESISTANCE] = coils.resistance
+        self.coils[_INDUCTANCE] = coils.inductance
         self.winding: Array = self.coils[WINDING]  #: (m,) [K]
         self.body: Array = self.coils[BODY]  #: (m,) [K]
         self.load: Array = self.coils[LOAD]  #: (m,) i²R at the reference temperature, averaged [W]
@@ -129,6 +164,6 @@ class HeatObserver:
         """Time until a winding reaches the derating temperature under the present load [s]; inf if never."""
         return float(self.numbers[REMAINING])
 
-    def update(self, currents: Array, boundary: Array) -> None:
-        """One tick with measured `currents` (m,) [A] and `boundary` temperatures (m,) [K]."""
-        observe(self.numbers, self.coils, currents, boundary)
+    def update(self, currents: Array, boundary: Array, elapsed: float) -> None:
+        """A tick `elapsed` [s] after the last, measured `currents` (m,) [A], `boundary` temperatures (m,) [K]."""
+        observe(self.numbers, self.coils, currents, boundary, elapsed)

@@ -1,17 +1,19 @@
-"""The array type of the whole package, and the checks that every public door makes."""
+"""The array types of the whole package, and the checks that every public door makes."""
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptorb.errors import InputError
 
-__all__ = ["Array", "finite", "rotation", "vectors"]
+__all__ = ["Array", "Records", "finite", "rotation", "vectors"]
 
 Array: TypeAlias = NDArray[np.float64]
+#: a structured array: records with named fields, what compiled code remembers
+Records: TypeAlias = NDArray[Any]
 
 
 def finite(value: ArrayLike, what: str) -> Array:

@@ -6,10 +6,13 @@ code costs more than most of them do.
 
 from __future__ import annotations
 
+from haptorb.control.current_check import check_currents
 from haptorb.control.drive import EMF, drive, rest
-from haptorb.control.guard_rules import GAIN, HELD, admit, limit
+from haptorb.control.drive import pass_time as pass_drive_time
+from haptorb.control.guard_rules import ELAPSED, GAIN, HELD, admit, limit, pass_time
+from haptorb.control.heat_observer import WINDING
 from haptorb.control.passivity import watched
-from haptorb.physics.arrays import Array
+from haptorb.physics.arrays import Array, Records
 from haptorb.physics.compiled import kernel
 from haptorb.runtime.told import induced
 
@@ -18,32 +21,40 @@ __all__ = ["asked", "driven"]
 
 @kernel
 def asked(
-    passivity: Array, guard: Array, wrench: Array, p: Array, R: Array, now: float, age: float, passive: bool,
-    valid: bool, reversed: bool, out: Array,
+    passivity: Array, guard: Array, held: Array, clock: Records, wrench: Array, p: Array, R: Array, now: float,
+    age: float, passive: bool, valid: bool, reversed: bool, out: Array,
 ) -> None:  # fmt: skip
     """out (6,) [N, N·m] becomes what may be asked of the coils for the world's `wrench` (6,): damped, then admitted.
 
-    passivity and guard are the memories of a `PassivityControl` and a `Guard`; the rest is the estimate's.
+    passivity and guard, held, clock are the memories of a `PassivityControl` and a `Guard`; the rest is the estimate's.
+    The tick begins here, at `now` [s].
     """
+    pass_time(guard, held, clock, now)
     watched(passivity, wrench, p, R, now, age, guard[GAIN], passive, out)
     admit(guard, out, valid, age, reversed, out)
 
 
 @kernel
 def driven(
-    guard: Array, held: Array, heat: Array, windings: Array, numbers: Array, coils: Array, wanted: Array,
-    measured: Array, temperatures: Array, applied: Array, matrix: Array, v: Array, w: Array,
+    guard: Array, held: Array, clock: Records, heat: Array, windings: Array, check: Records, numbers: Array,
+    coils: Array, wanted: Array, measured: Array, age: float, temperatures: Array, applied: Array, matrix: Array,
+    v: Array, w: Array,
 ) -> None:  # fmt: skip
     """From `wanted` currents (m,) [A] to duties: what the guard lets flow, then what the drive makes of it.
 
-    guard, held and heat, windings are a `Guard`'s memory, numbers and coils a `Drive`'s; measured (m,) [A] and
-    temperatures (m,) [K] are readings, applied (m,) the last duties, matrix (6, m) the wrench per ampere against which
-    a mover with velocity v (3,) [m/s] and w (3,) [rad/s] induces a voltage.
+    guard, held, clock, heat, windings and check are a `Guard`'s memory, numbers and coils a `Drive`'s; measured (m,)
+    [A], `age` [s] old, and temperatures (m,) [K] are readings, applied (m,) the last duties, matrix (6, m) the wrench
+    per ampere against which a mover with velocity v (3,) [m/s] and w (3,) [rad/s] induces a voltage.
     """
-    limit(guard, held, heat, windings, wanted, measured, temperatures)
+    elapsed = guard[ELAPSED]
+    pass_drive_time(numbers, elapsed)
+    # What the coils push against: the power that they give to the mover, per ampere.
+    induced(matrix, v, w, coils[EMF])
+    plausible = check_currents(
+        check, elapsed, clock[0].restart, applied, measured, age, windings[WINDING], coils[EMF]
+    )  # fmt: skip
+    limit(guard, held, heat, windings, wanted, measured, temperatures, plausible)
     if guard[GAIN] > 0.0:
-        # What the coils push against: the power that they give to the mover, per ampere.
-        induced(matrix, v, w, coils[EMF])
         drive(numbers, coils, held[HELD], measured, applied)
     else:
         rest(coils)

@@ -8,6 +8,7 @@ from typing import Protocol, final
 
 import numpy as np
 
+from haptorb.control.tick_time import silence_of
 from haptorb.control.trip import CoilState
 from haptorb.devices.device import Device
 from haptorb.errors import DriverError, InputError
@@ -51,6 +52,8 @@ class SimDriver(Driver):
     period [s] is the servo's. `goal(now)` says where the hand wants the mover; without it the hand stays at the start.
     Time passes in `prepare`, before the tick, as it does for a real device between two ticks; `read` hands over what
     its sensors said. Who does not prepare waits in `read` for the same result.
+    Like a real device it switches its coils off by itself when no `read` comes for 20 ms (two periods, if these are
+    longer), and does not latch it: the guard begins its ramp anew.
     The pose is as old as the goal while a person holds the pointer, so that a console that has gone lets it expire;
     else it is fresh. Time is what `read` is told: two runs with the same times, goals and duties are alike to the bit.
 
@@ -69,6 +72,7 @@ class SimDriver(Driver):
         self.simulation = simulation
         self.goal = goal
         self._period = float(period)
+        self._silence = silence_of(self._period)
         self._seed = seed
         self._open = False
         self._start()
@@ -142,6 +146,11 @@ class SimDriver(Driver):
         if periods:
             self._clock += periods * self._period
             passed = min(periods * self._period, _CATCH_UP)
+            # A board's watchdog: a loop that is silent for so long finds its coils off.
+            if passed > self._silence + 1e-9:  # periods are whole, their sum is not
+                self.simulation.advance(self._silence, self._duties, target[:3], target[3:])
+                passed -= self._silence
+                self._duties = np.zeros_like(self._duties)
             self.simulation.advance(passed, self._duties, target[:3], target[3:])
         return self.simulation.sample(now, stamp if valid else now, valid)
 

@@ -15,6 +15,7 @@ import numpy as np
 from haptorb.control.allocator import Allocation, Allocator
 from haptorb.control.drive import Drive
 from haptorb.control.guard import Guard
+from haptorb.control.guard_rules import STATE
 from haptorb.control.linkage import NO_CONTACTS, Direct, Felt, Linkage
 from haptorb.control.passivity import PassivityControl
 from haptorb.control.trip import GuardState, Trip
@@ -128,7 +129,7 @@ class Tick:
         t1 = perf_counter()
         estimate = self.estimator.update(sample)
         # The first valid pose starts the ramp. Whatever stopped before it, or after it, only a person clears.
-        if estimate.valid and guard.state is GuardState.OFF:
+        if estimate.valid and guard.numbers[STATE] == GuardState.OFF:
             guard.admit(self._nothing, estimate)
             guard.engage()
         t2 = perf_counter()
@@ -136,14 +137,15 @@ class Tick:
         t3 = perf_counter()
         state, matrix, heat, drive = estimate.state, estimate.wrench_map.matrix, guard.heat, self.drive
         asked(
-            self.passivity.memory, guard.numbers, self._rendered, state.p, state.R_SR, sample.t, estimate.age,
-            self._passive, estimate.valid, estimate.reversed, self._admitted,
+            self.passivity.memory, guard.numbers, guard.coils, guard.clock, self._rendered, state.p, state.R_SR,
+            sample.t, estimate.age, self._passive, estimate.valid, estimate.reversed, self._admitted,
         )  # fmt: skip
         allocation = self._allocated(estimate.wrench_map, self._admitted)
         t4 = perf_counter()
         driven(
-            guard.numbers, guard.coils, heat.numbers, heat.coils, drive.numbers, drive.coils, allocation.currents,
-            sample.currents, sample.temperatures, self._applied, matrix, state.v, state.w,
+            guard.numbers, guard.coils, guard.clock, heat.numbers, heat.coils, guard.check.coils, drive.numbers,
+            drive.coils, allocation.currents, sample.currents, sample.currents_age, sample.temperatures,
+            self._applied, matrix, state.v, state.w,
         )  # fmt: skip
         t5 = perf_counter()
         try:
