@@ -5,7 +5,7 @@
 The whole chain of the Omni runs in simulated time at a nominal 1 kHz and renders 5 N (clamped by the device's limits)
 at contact, with ticks of 1 to 50 ms, and with patterns of late ticks that meet more than 80 % of the deadlines.
 Somebody re-engages 0.3 s after every trip. Limits: OVERRUN within 0.2 s where fewer than 80 % of the deadlines are met
-and never elsewhere; the observed winding within 2 K of the simulated one; no winding more than 2 K above the stop temperature.
+and never elsewhere; the observed winding within 2 K of the simulated one; no winding more than 2 K above stop.
 """
 
 from __future__ import annotations

@@ -1,13 +1,16 @@
 """The loop itself, on a clock that a test winds: when it takes the host for dead, and when for held up like itself."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 
 import numpy as np
 import pytest
 
+from haptorb.control.trip import GuardState
 from haptorb.devices.loader import load
 from haptorb.runtime.assembly import assemble
+from haptorb.runtime.commands import Commands
 from haptorb.runtime.loop import Loop
 from haptorb.runtime.orphan import SILENCE
 from haptorb.runtime.pointer import PointerTracker
@@ -17,6 +20,7 @@ from haptorb.runtime.shared import Shared, Word
 from haptorb.runtime.sim_driver import SimDriver
 from haptorb.worlds import named
 
+RAMPING, RUNNING, TRIPPED = int(GuardState.RAMPING), int(GuardState.RUNNING), int(GuardState.TRIPPED)
 RATE = 1000.0
 BEAT = 1_000_000_000
 
@@ -42,6 +46,85 @@ class WoundClock:
             self._shared.words[Word.HEARTBEAT] = now
         self.waits += 1
         return now, *self.schedule.begin(now)
+
+
+class Script:
+    """A clock's ticks, with deeds of the host between them."""
+
+    def __init__(self, deeds: dict[int, Callable[[], None]], ticks: int) -> None:
+        self.deeds, self.ticks = deeds, ticks
+
+    def __iter__(self) -> Iterator[int]:
+        for number in range(self.ticks):
+            self.deeds.get(number, lambda: None)()
+            yield number
+
+
+class Host(Commands):
+    """What a host says, into memory that a loop reads."""
+
+    def __init__(self, shared: Shared) -> None:
+        self.device, self.modes = load("omni"), ()
+        super().__init__(named("nothing")())
+        self._shared = shared
+
+    @property
+    def _attached(self) -> Shared:
+        return self._shared
+
+    def check(self) -> None:
+        return
+
+
+def states_after(*deeds: Callable[[Host], None], apart: int = 50) -> list[int]:
+    """State of the guard before the first deed, and `apart` ticks after each."""
+    omni, world = load("omni"), named("dome")()
+    shared = Shared.create(RowLayout.of(omni))
+    states: list[int] = []
+    try:
+        host = Host(shared)
+
+        def do(deed: Callable[[Host], None] | None) -> None:
+            latest = shared.ring.latest()
+            assert latest is not None
+            states.append(int(latest[shared.layout["guard"]][0]))
+            if deed is not None:
+                deed(host)
+
+        chain = assemble(omni, world, "sim", RATE, 0, None, PointerTracker())
+        script = {400 + apart * n: partial(do, deed) for n, deed in enumerate([*deeds, None])}
+        clock = WoundClock(shared, Script(script, 401 + apart * len(deeds)), beating=True)
+        chain.driver.open()
+        Loop(chain, world, shared, RATE, os.getppid()).run(clock)
+        return states
+    finally:
+        shared.unlink()
+
+
+def test_an_engage_that_was_asked_for_before_a_stop_is_void() -> None:
+    kept: list[int] = []
+    states = states_after(
+        lambda host: host.stop(),
+        lambda host: kept.append(host.stops),  # somebody asks to engage ...
+        lambda host: host.stop(),  # ... somebody else stops ...
+        lambda host: host.engage(kept[0]),  # ... and the first word arrives late
+        lambda host: host.engage(),
+    )
+    assert states[:5] == [RUNNING, TRIPPED, TRIPPED, TRIPPED, TRIPPED]
+    assert states[5] in (RAMPING, RUNNING)
+
+
+def test_stop_and_engage_in_one_tick_are_taken_in_their_order() -> None:
+    def stop_then_engage(host: Host) -> None:
+        host.stop()
+        host.engage()
+
+    def engage_then_stop(host: Host) -> None:
+        host.engage()
+        host.stop()
+
+    assert states_after(stop_then_engage)[1] == RAMPING
+    assert states_after(lambda host: host.stop(), engage_then_stop)[2] == TRIPPED
 
 
 def run(ticks: Iterable[int], beating: bool) -> tuple[bool, Loop, WoundClock]:

@@ -38,6 +38,7 @@ class Faulty(Driver):
     def __init__(self, inner):
         self.inner, self.reads, self.writes = inner, True, True
         self.pose = {}
+        self.lie = lambda currents: currents  #: what its current sensors tell
         self.written = np.zeros(3)
 
     def open(self):
@@ -55,7 +56,7 @@ class Faulty(Driver):
         if not self.reads:
             raise DriverError("the device did not answer")
         sample = self.inner.read(now)
-        return replace(sample, pose=replace(sample.pose, **self.pose))
+        return replace(sample, currents=self.lie(sample.currents), pose=replace(sample.pose, **self.pose))
 
     def write(self, duties):
         if not self.writes:
@@ -81,11 +82,11 @@ class Rig:
         self.n = 0
         self.driver.open()
 
-    def go(self, ticks):
+    def go(self, ticks, periods=1):
         for _ in range(ticks):
             self.tick.prepare(self.n * DT)
             self.tick.step(self.row, self.n * DT)
-            self.n += 1
+            self.n += periods
         return self
 
     def __getitem__(self, name):
@@ -314,3 +315,81 @@ def test_nothing_is_compiled_in_a_tick_whatever_arrays_a_world_gives():
         rig.go(20)
     assert [entry.data for _, entry in compiled.buffer] == []
     assert rig.row[rig.tick.layout["object_wrench"]] == pytest.approx([0, 0, 0.1, 0, 0, 0], abs=1e-7)
+
+
+def test_a_stop_before_the_first_pose_is_not_cleared_by_the_tracker():
+    rig = Rig()
+    rig.driver.pose = {"valid": False}
+    rig.go(10)
+    rig.tick.stop()
+    rig.driver.pose = {}
+    assert rig.is_off()
+    assert rig["trip"][0] == Trip.STOPPED
+    assert rig.tick.engage()
+
+
+def test_a_device_that_failed_before_the_first_pose_comes_back_by_hand_only_and_from_zero():
+    rig = Rig()
+    rig.driver.reads = False
+    rig.go(3)
+    rig.driver.reads = True
+    assert rig.is_off()
+    assert rig["trip"][0] == Trip.DRIVER_FAILED
+    assert rig.tick.engage()
+    rig.go(1)
+    assert rig["gain"][0] < 0.01
+
+
+def test_engaging_what_is_engaged_changes_nothing():
+    rig = Rig().go(800)
+    before = float(rig["gain"][0])
+    assert rig.tick.engage()
+    rig.go(1)
+    assert rig["gain"][0] == before == 1.0
+
+
+@pytest.mark.parametrize("periods", [2, 5, 12, 50])
+def test_a_loop_that_misses_its_deadlines_trips_within_a_fifth_of_a_second(periods):
+    rig = Rig().go(800)
+    rig.go(int(0.2 / DT / periods) + 1, periods)
+    assert rig["trip"][0] == Trip.OVERRUN
+    assert rig.is_off()
+
+
+def test_after_a_pause_of_the_computer_the_force_comes_back_from_zero():
+    rig = Rig().go(800)
+    rig.go(1, periods=60).go(1)
+    assert rig["guard"][0] == GuardState.RAMPING
+    assert rig["gain"][0] < 0.01
+    assert np.abs(rig["wanted"]).max() < 0.5
+    assert np.abs(rig["currents"]).max() < 0.05  # the device had switched off by itself
+    rig.go(400)
+    assert rig["guard"][0] == GuardState.RUNNING
+
+
+def test_the_ramp_takes_its_time_whatever_the_ticks_take():
+    quick, slow = Rig().go(150), Rig()
+    for n in range(150):  # the same time, with every tenth deadline missed
+        if n % 10:
+            slow.go(1, periods=2 if n % 10 == 9 else 1)
+    assert slow["gain"][0] == pytest.approx(quick["gain"][0], abs=0.01)
+
+
+@pytest.mark.parametrize("steps", [(1,), (1, 1, 1, 1, 2), (19, *(1,) * 181), (40, *(1,) * 400)])
+def test_the_windings_are_observed_by_the_clock_and_not_by_the_count_of_ticks(steps):
+    rig = Rig(world=worlds.Dome(moment=-4.0))
+    for number in range(4000):
+        rig.go(1, steps[number % len(steps)])
+    assert rig["winding"].max() > 312.0  # it was driven hard
+    true = rig.driver.inner.simulation.winding
+    assert np.abs(rig["winding"] - true).max() < 2.0
+
+
+@pytest.mark.parametrize("lie", [lambda i: 0.0 * i, lambda i: 0.1 * i, lambda i: 10.0 * i, lambda i: i + 3.0])
+def test_a_current_sensor_that_lies_trips_within_50_ms(lie):
+    rig = Rig().go(500)
+    assert np.abs(rig["currents"]).max() > 5.0
+    rig.driver.lie = lie
+    rig.go(50)
+    assert rig["trip"][0] in (Trip.CURRENT_MISMATCH, Trip.OVERCURRENT)
+    assert rig.tick.guard.tripped

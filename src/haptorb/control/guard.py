@@ -12,7 +12,7 @@ import numpy as np
 
 from haptorb.control import guard_rules as rules
 from haptorb.control.current_check import CurrentCheck
-from haptorb.control.heat_observer import HeatObserver
+from haptorb.control.heat_observer import ELAPSED, HeatObserver
 from haptorb.control.tick_time import make_clock
 from haptorb.control.trip import GuardState, Trip
 from haptorb.devices.device import Device
@@ -36,7 +36,7 @@ class Guard:
 
     def __init__(self, device: Device, dt: float) -> None:
         limits, heat, channels = device.limits, device.coils.heat, device.channels
-        self.heat = HeatObserver(device.coils)
+        self.heat = HeatObserver(device.coils, dt)
         self.check = CurrentCheck(device)
         self.clock: Records = make_clock(dt)  #: (1,) `tick_time.CLOCK`: the time that really passes between two ticks
         self.coils: Array = np.zeros((4, channels))
@@ -119,6 +119,7 @@ class Guard:
         In [A].
         """
         heat = self.heat
+        heat.numbers[ELAPSED] = self.clock["elapsed"][0]
         rules.limit(
             self.numbers, self.coils, heat.numbers, heat.coils, currents, sample.currents, sample.temperatures,
             True,

@@ -68,6 +68,8 @@ def pass_time(numbers: Array, coils: Array, clock: Records, now: float) -> None:
     deadlines trip. clock (1,) is `tick_time.CLOCK`.
     """
     numbers[ELAPSED] = advance_clock(clock, now)
+    if clock[0].restart:
+        numbers[ELAPSED] = clock[0].period  # nothing ramps and nothing slews by a silence
     if numbers[STATE] == _OFF or numbers[STATE] == _TRIPPED:
         clock[0].missed[:] = 0.0
         return
@@ -121,7 +123,7 @@ def limit(
     if seen == 1:
         trip(numbers, _SAMPLE)  # and nothing is learned from it
     else:
-        observe(heat, windings, measured, temperatures, numbers[ELAPSED])
+        observe(heat, windings, measured, temperatures)
         if seen == 2:
             trip(numbers, _OVERCURRENT)
         elif not plausible:

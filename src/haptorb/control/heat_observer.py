@@ -13,7 +13,7 @@ from haptorb.devices.device import Coils
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 
-__all__ = ["HeatObserver", "observe"]
+__all__ = ["ELAPSED", "HeatObserver", "observe"]
 
 _PULL = 0.5  #: rate at which the body follows the thermometer [1/s]
 _LOAD_WINDOW = 1.0  #: over which the present load is averaged [s]
@@ -22,7 +22,7 @@ _LONGEST = 60.0  #: time that one tick can make up for [s]; a longer pause leave
 _OFTEN = 0.02  #: between two looks at the time that is left [s]
 
 #: places in the numbers: what it finds, then what it is told once
-HOTTEST, REMAINING, _TICKS, _SINCE, _UNUSED, _ALPHA, _REFERENCE, _LIMIT = range(8)
+HOTTEST, REMAINING, _TICKS, _SINCE, ELAPSED, _ALPHA, _REFERENCE, _LIMIT = range(8)
 _C_WINDING, _C_BODY, _INNER, _OUTER, _AMBIENT = range(8, 13)
 #: rows of the coils: temperatures [K], i²R at the reference temperature, averaged [W], resistance there [Ω], inductance
 #: [H] and the current of the tick before [A]
@@ -43,13 +43,14 @@ def _mean_square(before: float, now: float, x: float) -> float:
 
 
 @kernel
-def observe(numbers: Array, coils: Array, currents: Array, boundary: Array, elapsed: float) -> float:
-    """A tick `elapsed` [s] after the last, with measured `currents` (m,) [A] and `boundary` temperatures (m,) [K].
+def observe(numbers: Array, coils: Array, currents: Array, boundary: Array) -> float:
+    """A tick, numbers[ELAPSED] [s] after the last, with measured `currents` (m,) [A] and `boundary` temperatures (m,)
+    [K].
 
     numbers (13,) and coils (6, m) are a `HeatObserver`'s memory. Returns the hottest winding [K], NaN if any is.
     """
     n = numbers
-    elapsed = min(elapsed, _LONGEST)
+    elapsed = min(n[ELAPSED], _LONGEST)
     steps = max(1, int(np.ceil(elapsed / _STEP - 1e-9)))
     dt, weight = elapsed / steps, -np.expm1(-elapsed / _LOAD_WINDOW)
     pull = -np.expm1(-_PULL * dt)
@@ -137,11 +138,11 @@ class HeatObserver:
     numbers  (13,) and coils (6, m): all that it remembers, for compiled code
     """
 
-    def __init__(self, coils: Coils) -> None:
+    def __init__(self, coils: Coils, dt: float) -> None:
         heat, channels = coils.heat, len(coils.names)
         self.numbers: Array = np.array(
             [
-                heat.ambient, np.inf, 0.0, 0.0, 0.0, coils.temperature_coefficient,
+                heat.ambient, np.inf, 0.0, 0.0, dt, coils.temperature_coefficient,
                 coils.reference_temperature, heat.derate, heat.winding_capacity, heat.body_capacity,
                 heat.winding_to_body, heat.body_to_air, heat.ambient,
             ]
@@ -166,4 +167,5 @@ class HeatObserver:
 
     def update(self, currents: Array, boundary: Array, elapsed: float) -> None:
         """A tick `elapsed` [s] after the last, measured `currents` (m,) [A], `boundary` temperatures (m,) [K]."""
-        observe(self.numbers, self.coils, currents, boundary, elapsed)
+        self.numbers[ELAPSED] = elapsed
+        observe(self.numbers, self.coils, currents, boundary)

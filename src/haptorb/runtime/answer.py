@@ -9,8 +9,8 @@ from __future__ import annotations
 from haptorb.control.current_check import check_currents
 from haptorb.control.drive import EMF, drive, rest
 from haptorb.control.drive import pass_time as pass_drive_time
-from haptorb.control.guard_rules import ELAPSED, GAIN, HELD, admit, limit, pass_time
-from haptorb.control.heat_observer import WINDING
+from haptorb.control.guard_rules import GAIN, HELD, admit, limit, pass_time
+from haptorb.control.heat_observer import ELAPSED, WINDING
 from haptorb.control.passivity import watched
 from haptorb.physics.arrays import Array, Records
 from haptorb.physics.compiled import kernel
@@ -46,7 +46,8 @@ def driven(
     [A], `age` [s] old, and temperatures (m,) [K] are readings, applied (m,) the last duties, matrix (6, m) the wrench
     per ampere against which a mover with velocity v (3,) [m/s] and w (3,) [rad/s] induces a voltage.
     """
-    elapsed = guard[ELAPSED]
+    elapsed = clock[0].elapsed
+    heat[ELAPSED] = elapsed
     pass_drive_time(numbers, elapsed)
     # What the coils push against: the power that they give to the mover, per ampere.
     induced(matrix, v, w, coils[EMF])
