@@ -29,6 +29,8 @@ FRAME_TESTS, FRAMED_TESTS = "tests/sensing/test_frame_registration.py", "tests/r
 
 ORIENTATION_TESTS, MAP_TESTS = "tests/sensing/test_orientation.py", "tests/sensing/test_torque_maps.py"
 
+SWITCH, GUARDIAN, I2C = "runtime/coil_switch.py", "runtime/i2c_guardian.py", "runtime/i2c_driver.py"
+I2C_TESTS, LOCK_TESTS = "tests/runtime/test_i2c_faults.py", "tests/runtime/test_i2c_lock.py"
 PAGES, PAGES_TESTS = "apps/study/pages/room.py", "tests/apps/study/test_pages.py"
 CONSOLE, CONSOLE_TESTS = "apps/console/room.py", "tests/apps/console/test_room.py"
 
@@ -261,7 +263,7 @@ PROOFS = [
     (
         "chips whose sensors have one axis cannot steer by the field",
         "runtime/i2c_driver.py",
-        "if axes < self._hall_axes:",
+        "if axes < needed:",
         "if False:",
         "tests/runtime/test_i2c_driver.py",
     ),
@@ -386,6 +388,120 @@ PROOFS = [
         CONSOLE_TESTS,
     ),
     ("console: a stop before any check", CONSOLE, "if asks_to_stop(text):", "if False:", CONSOLE_TESTS),
+    (
+        "i2c: reading tries to switch off until the chip confirms it",
+        SWITCH,
+        "        if self.state is not CoilState.OFF:\n            self.off()\n        elif",
+        "        if",
+        I2C_TESTS,
+    ),
+    (
+        "i2c: writing tries to switch off until the chip confirms it",
+        I2C,
+        "if self._fault and switch.state is not CoilState.OFF:",
+        "if False:",
+        I2C_TESTS,
+    ),
+    (
+        "i2c: off is not said before the chip confirms it",
+        SWITCH,
+        "        self.state = CoilState.UNKNOWN\n        with suppress",
+        "        self.state = CoilState.OFF\n        with suppress",
+        I2C_TESTS,
+    ),
+    (
+        "i2c: a chip that does not obey is not called off",
+        "runtime/pca9685.py",
+        "as_set_up and all(high & _FULL for high in block[_OFF_HIGH])",
+        "as_set_up",
+        I2C_TESTS,
+    ),
+    (
+        "i2c: a chip that lost its supply is set up before it is believed",
+        "runtime/pca9685.py",
+        "return as_set_up and all(",
+        "return all(",
+        I2C_TESTS,
+    ),
+    (
+        "i2c: nobody engages before off is confirmed",
+        SWITCH,
+        "if self.state is not CoilState.OFF and not self.off():",
+        "if False:",
+        I2C_TESTS,
+    ),
+    (
+        "i2c: closing without a confirmation complains",
+        SWITCH,
+        "        if self.state is CoilState.OFF:\n            if watcher",
+        "        if True:\n            if watcher",
+        I2C_TESTS,
+    ),
+    ("i2c: zero duties are confirmed as off", I2C, "self._clock() - self._idle > _IDLE", "False", I2C_TESTS),
+    (
+        "i2c: the guardian tries until the chip confirms it",
+        GUARDIAN,
+        "        wait(_AGAIN)",
+        "        return",
+        I2C_TESTS,
+    ),
+    ("i2c: the guardian answers", GUARDIAN, 'os.write(answers, b".")', "pass", I2C_TESTS),
+    (
+        "i2c: a guardian that does not answer trips",
+        GUARDIAN,
+        "if engaged and now - self._heard > ANSWER:",
+        "if False:",
+        I2C_TESTS,
+    ),
+    (
+        "i2c: without a monostable nothing opens",
+        I2C,
+        "            if self._watchdog:\n                output_enable.pulse",
+        "            if False:\n                output_enable.pulse",
+        I2C_TESTS,
+    ),
+    (
+        "i2c: a monostable that was bridged is noticed when engaging",
+        I2C,
+        "            if self._watchdog:\n                output_enable.ready",
+        "            if False:\n                output_enable.ready",
+        I2C_TESTS,
+    ),
+    (
+        "i2c: every trigger is an edge",
+        "runtime/hall_select.py",
+        "bytes((_OUTPUT, axis, axis | _TRIGGER))",
+        "bytes((_OUTPUT, axis | _TRIGGER))",
+        I2C_TESTS,
+    ),
+    (
+        "i2c: a second program is refused",
+        "runtime/i2c_lock.py",
+        "fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)",
+        "pass",
+        LOCK_TESTS,
+    ),
+    (
+        "i2c: a lock without a name excludes nobody",
+        "runtime/i2c_lock.py",
+        "if os.path.samestat(os.stat(self._path), os.fstat(descriptor)):",
+        "if True:",
+        LOCK_TESTS,
+    ),
+    (
+        "i2c: probing switches off before it enables the outputs",
+        "apps/hardware/probe.py",
+        "Pca9685(bus).setup()",
+        "pass",
+        "tests/apps/test_hardware.py",
+    ),
+    (
+        "serial: a board that does not answer leaves the coils' state unknown",
+        SERIAL,
+        "            self._coils = CoilState.UNKNOWN\n            if board",
+        "            if board",
+        SERIAL_TESTS,
+    ),
 ]
 
 

@@ -10,13 +10,14 @@ import pytest
 from haptorb.apps.hardware.jog import jog
 from haptorb.apps.hardware.monitor import line, monitor
 from haptorb.apps.hardware.probe import chips_on, probe
+from haptorb.control.trip import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError, UnknownName
 from haptorb.physics.arrays import Array
 from haptorb.runtime.i2c_driver import I2cDriver
 from haptorb.runtime.real_driver import real_driver
 from haptorb.runtime.sim_driver import SimDriver
-from haptorb.simulation.chips import ChipBus
+from haptorb.simulation.chips import TCA9534, ChipBus
 
 
 class Time:
@@ -56,7 +57,7 @@ def wired(matrix: Array) -> tuple[I2cDriver, Time, ChipBus]:
             chip.pass_time(0.6e-3, float(current))
 
     time.then = follow
-    return I2cDriver(load("omni"), bus, thermometers=_Warm), time, bus
+    return I2cDriver(load("omni"), bus, thermometers=_Warm, clock=lambda: bus.now), time, bus
 
 
 def moved(matrix: Array, coil: str = "y", duty: float = 0.05) -> tuple[str, ...]:
@@ -136,15 +137,37 @@ def test_monitoring_switches_nothing_on() -> None:
 
 
 def test_probing_a_bus_names_what_answers_and_what_does_not() -> None:
-    bus, _, currents, _ = ChipBus.of_device()
-    found = chips_on(bus, "i2c:1")
+    bus, pwm, currents, _ = ChipBus.of_device()
+    bus.transfer([(0x60, bytes((0x00, 0x20)))])
+    bus.transfer([(0x60, bytes((0x06, 0, 0x10, 0, 0)))])  # what a program that was killed may leave: always on
+    found = chips_on(bus, "i2c:1", lambda: bus.now)
     assert found.answers
+    assert pwm.driven(0) == 0.0  # off before the monostable enables it
+    assert any("disabled 20" in sentence for sentence in found.about)
     assert found.driver == "i2c:1"
     currents[1].present = False
-    found = chips_on(bus, "i2c:1")
+    found = chips_on(bus, "i2c:1", lambda: bus.now)
     assert found.driver == ""
     assert "missing: current sensor INA219 of coil y at 0x44" in found.about
     assert not chips_on(ChipBus([]), "i2c:1").answers
+
+
+def test_probing_a_bus_says_why_its_monostable_will_not_do() -> None:
+    bus, *_ = ChipBus.of_device()
+    select = next(chip for chip in bus.chips if isinstance(chip, TCA9534))
+    select.wired[3] = lambda: False
+    about = chips_on(bus, "i2c:1", lambda: bus.now).about
+    assert any("not proved" in sentence and "74HC123" in sentence for sentence in about)
+    select.present = False
+    about = chips_on(bus, "i2c:1", lambda: bus.now).about
+    assert any("missing: TCA9534" in sentence and "--no-watchdog" in sentence for sentence in about)
+
+
+def test_a_line_of_the_monitor_says_when_the_coils_state_is_not_known() -> None:
+    driver, time, _ = wired(GOOD)
+    sample = next(iter(monitor(driver, 10.0, 0.05, clock=time.clock, wait=time.wait)))
+    assert "UNKNOWN" not in line(sample, CoilState.OFF)
+    assert "COIL STATE UNKNOWN" in line(sample, CoilState.UNKNOWN)
 
 
 def test_probing_a_port_that_is_none_says_so() -> None:

@@ -87,7 +87,7 @@ def i2c() -> Subject:
         for chip, duty in zip(currents, pwm.duties(), strict=True):
             chip.pass_time(0.6e-3, 20.0 * float(duty))
 
-    driver = I2cDriver(load("omni"), Reopening(bus), thermometers=_Warm)
+    driver = I2cDriver(load("omni"), Reopening(bus), thermometers=_Warm, clock=lambda: bus.now)
     return Subject(driver, pwm.duties, coils_follow)
 
 

@@ -14,8 +14,10 @@ import pytest
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError
 from haptorb.physics.arrays import Array
+from haptorb.runtime.i2c_bus import I2cBus
 from haptorb.runtime.i2c_driver import I2cDriver
 from haptorb.runtime.i2c_guardian import watch
+from haptorb.runtime.i2c_port import Port, Watcher
 from haptorb.runtime.w1_thermometers import W1Thermometers
 from haptorb.simulation.chips import TCA9534, ChipBus
 
@@ -39,7 +41,7 @@ class Bench:
     def __init__(self) -> None:
         self.bus, self.pwm, self.currents, self.hall = ChipBus.of_device()
         self.select = next(chip for chip in self.bus.chips if isinstance(chip, TCA9534))
-        self.driver = I2cDriver(load("omni"), self.bus, thermometers=Warm)
+        self.driver = I2cDriver(load("omni"), self.bus, thermometers=Warm, clock=lambda: self.bus.now)
         self.ampere = 20.0
 
     def settle(self) -> None:
@@ -68,14 +70,14 @@ def bench() -> Iterator[Bench]:
     one.driver.close()
 
 
-def test_a_sample_says_how_old_currents_and_field_are(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The currents' reading takes 0.3 ms, the field's 0.4 ms; what a current sensor tells is half a millisecond old."""
-    times = iter([5.0, 5.0003, 5.0007])
-    monkeypatch.setattr("haptorb.runtime.i2c_driver.monotonic", lambda: next(times))
+def test_a_sample_says_how_old_currents_and_field_are(bench: Bench) -> None:
+    """The bus takes 9 bytes for the currents, 11 for these sensors; what a current sensor tells is 0.5 ms old."""
+    byte = 9 / 400e3
+    bench.driver.read(0.0)
     bench.settle()
     sample = bench.driver.read(1.0)
-    assert sample.currents_age == pytest.approx(0.53e-3 - 0.15e-3)
-    assert sample.field_age == pytest.approx(-0.5e-3)
+    assert sample.currents_age == pytest.approx(0.53e-3 - 4.5 * byte)
+    assert sample.field_age == pytest.approx(-(9 + 5.5) * byte)
 
 
 def test_currents_and_field_are_read(bench: Bench) -> None:
@@ -96,12 +98,13 @@ def test_without_the_selector_the_sensors_have_one_axis() -> None:
     """The radial one; who needs three is told which chip to look for."""
     one = Bench()
     one.select.present = False
-    with one.driver as driver:
+    radial = I2cDriver(load("omni"), one.bus, thermometers=Warm, watchdog=False)
+    with radial as driver:
         assert driver.field_axes is not None
         driver.read(0.0)  # has what was read while it was opened
         field = driver.read(0.0).field
         assert np.isfinite(field).all(axis=1).sum() in (4, 5)
-    picky = I2cDriver(load("omni"), one.bus, thermometers=Warm, hall_axes=3)
+    picky = I2cDriver(load("omni"), one.bus, thermometers=Warm, hall_axes=3, watchdog=False)
     one.bus.closed = False
     with pytest.raises(DriverError, match=r"nobody answers at 0x20 .* 1 axis"):
         picky.open()
@@ -141,22 +144,65 @@ def test_open_names_what_is_missing() -> None:
     assert one.pwm.duties().tolist() == [0, 0, 0]
 
 
-def test_a_guardian_that_has_gone_means_no_current(bench: Bench) -> None:
-    class Dead:
-        alive = False
+class Warned:
+    """A guardian that goes as soon as it is told to, and can be gone."""
 
-        def beat(self, engaged: bool) -> None:
+    def __init__(self) -> None:
+        self.gone = self.ended = False
+        self.beats: list[bool] = []
+
+    def ready(self, patience: float) -> bool:
+        return not self.ended
+
+    def beat(self, engaged: bool) -> None:
+        if self.gone:
             raise DriverError("the guardian has switched off")
+        self.beats.append(engaged)
 
-        def close(self) -> None:
-            return
+    def leave(self) -> None:
+        return
 
-    bench.tick(SOME)
-    bench.driver._watcher = Dead()
-    with pytest.raises(DriverError, match="guardian"):
-        bench.driver.write(SOME)
-    assert bench.pwm.duties().tolist() == [0, 0, 0]
-    assert bench.driver.write(SOME).tolist() == [0, 0, 0]
+    def end(self, patience: float) -> bool:
+        self.ended = True
+        return True
+
+
+class Watched(Port):
+    """Simulated chips and guardians of ours."""
+
+    name = "i2c:watched"
+
+    def __init__(self, bus: I2cBus) -> None:
+        self.bus = bus
+        self.guardians: list[Warned] = []
+
+    def open(self) -> I2cBus:
+        return self.bus
+
+    def watcher(self) -> Watcher:
+        self.guardians.append(Warned())
+        return self.guardians[-1]
+
+    def close(self) -> None:
+        return
+
+
+def test_a_guardian_that_has_gone_means_no_current_until_there_is_another() -> None:
+    bench = Bench()
+    port = Watched(bench.bus)
+    bench.driver = I2cDriver(load("omni"), port, thermometers=Warm, clock=lambda: bench.bus.now)
+    with bench.driver:
+        bench.tick(SOME)
+        assert port.guardians[0].beats == [True]
+        port.guardians[0].gone = True
+        with pytest.raises(DriverError, match="guardian"):
+            bench.driver.write(SOME)
+        assert bench.pwm.duties().tolist() == [0, 0, 0]
+        assert bench.driver.write(SOME).tolist() == [0, 0, 0]
+        bench.driver.engage()
+        assert len(port.guardians) == 2
+        bench.tick(SOME)
+        assert bench.pwm.duties() == pytest.approx(SOME, abs=1e-3)
 
 
 def watched(patience: float) -> tuple[int, list[float], threading.Thread, list[bool]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from pretend_board import PretendBoard
 
+from haptorb.control.trip import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
 from haptorb.runtime.board_words import Reason, Refusal, Standing
@@ -255,3 +257,44 @@ def test_duties_have_one_entry_per_coil(made: Make) -> None:
     _, driver = made()
     with pytest.raises(InputError, match="one entry per coil"):
         driver.write(np.zeros(2))
+
+
+def test_the_coils_state_is_what_the_firmware_says_and_unknown_without_a_word(made: Make) -> None:
+    board, driver = made(opened=False, patience=0.05)
+    assert driver.coil_state is CoilState.UNKNOWN
+    driver.open()
+    assert driver.coil_state is CoilState.OFF
+    ticks(driver, SOME, 2)
+    assert driver.coil_state is CoilState.ON
+    board.standing, board.reason = Standing.TRIPPED, Reason.OVER_CURRENT
+    with pytest.raises(DriverError, match="limit"):
+        ticks(driver, SOME, 2)
+    assert driver.coil_state is CoilState.OFF
+    board.standing, board.reason = Standing.OFF, Reason.NONE
+    driver.engage()
+    ticks(driver, SOME, 2)
+    board.mute = True
+    with pytest.raises(DriverError, match="no answer"):
+        ticks(driver, SOME, 5)
+    assert driver.coil_state is CoilState.UNKNOWN
+    with pytest.raises(DriverError):
+        driver.read(1.0)
+    assert driver.coil_state is CoilState.UNKNOWN
+    board.mute = False
+    end = time.monotonic() + 10.0
+    while driver.coil_state is not CoilState.OFF and time.monotonic() < end:
+        with suppress(DriverError):
+            driver.read(1.0)
+    assert driver.coil_state is CoilState.OFF
+    assert board.standing is Standing.OFF
+
+
+def test_a_board_that_does_not_say_goodbye_leaves_the_state_unknown(made: Make) -> None:
+    board, driver = made(patience=0.05)
+    driver.close()
+    assert driver.coil_state is CoilState.OFF
+    driver.open()
+    ticks(driver, SOME, 2)
+    board.mute = True
+    driver.close()
+    assert driver.coil_state is CoilState.UNKNOWN

@@ -144,10 +144,12 @@ def assemble(
     estimator: str | None = None,
     gains: Gains | None = None,
     calibration: Calibration | None = None,
+    watchdog: bool = True,
 ) -> Tick:
     """The chain that renders `world` on `device` at `rate` [Hz]; coils are off until its driver is opened.
 
-    What `calibration` measured is believed by everything but the simulated device, which stays what its file says.
+    What `calibration` measured is believed by everything but the simulated device, which stays what its file says. An
+    I²C bus needs a monostable on its PWM chip's OE pin, unless `watchdog` is False.
     """
     from haptorb.runtime.sim_driver import SimDriver  # the simulation is loaded only where it runs
 
@@ -163,7 +165,7 @@ def assemble(
     return Tick(
         believed,
         world,
-        real_driver(driver, device, tracker.pose, hall_axes=axes)
+        real_driver(driver, device, tracker.pose, hall_axes=axes, watchdog=watchdog)
         if real
         else SimDriver.of(device, dt, tracker.goal, seed),
         estimator_of(believed, known, level, offsets, in_turns=real),

@@ -13,6 +13,7 @@ from haptorb.physics.arrays import Array
 from haptorb.runtime.board_answers import BoardLimits, BoardState, Identity
 from haptorb.runtime.board_complaints import refusal
 from haptorb.runtime.board_reading import Answer, Reading, answered, reading_row
+from haptorb.runtime.board_words import Standing
 from haptorb.runtime.frames import Frame, FrameParser, Numbers, encoded
 from haptorb.runtime.protocol import READING, SET_BYTES, STATE, Command, counts, engage, set_line
 from haptorb.runtime.serial_port import SerialPort
@@ -230,13 +231,15 @@ class Board:
             if monotonic() >= end:
                 return None
 
-    def close(self) -> None:
-        """Coils off if the line still works, then the port. May be called twice."""
+    def close(self) -> bool:
+        """Coils off if the line still works, then the port; whether the firmware said that they are. May be called
+        twice."""
         try:
             self._send(Frame(Command.OFF, self._next(), b""))
-            self._awaited(STATE, self._sequence, self._answer)
+            frame, _ = self._awaited(STATE, self._sequence, self._answer)
+            return frame is not None and BoardState.parse(frame.payload).standing is not Standing.ENGAGED
         except DriverError:
-            pass  # the line is dead: the firmware's own watchdog has switched off
+            return False  # the line is dead: the firmware's own watchdog has switched off
         finally:
             self._port.close()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -14,6 +15,8 @@ __all__ = ["I2cBus", "LinuxBus", "Message", "bus_list"]
 
 #: address, and the bytes to write or how many to read
 Message: TypeAlias = tuple[int, bytes | int]
+
+_SET_TIMEOUT, _TIMEOUT = 0x0702, 1  #: I2C_TIMEOUT, in units of 10 ms
 
 
 class I2cBus(Protocol):
@@ -47,10 +50,15 @@ class LinuxBus:
             ) from cause
         self._messages: Any = smbus2.i2c_msg
         self.number = number
+        self._bus: Any
         try:
             self._bus = smbus2.SMBus(number)
         except OSError as cause:
             raise _explained(number, cause) from cause
+        # A transfer that hangs must not hang for the second that the kernel gives it by itself: every try to switch
+        # off waits for it. Controllers that do not know the setting keep theirs.
+        with suppress(OSError, TypeError):
+            fcntl.ioctl(self._bus.fd, _SET_TIMEOUT, _TIMEOUT)
 
     def transfer(self, messages: Sequence[Message]) -> list[bytes]:
         """Carry `messages` in one system call."""

@@ -31,12 +31,14 @@ def real_driver(
     current_limit: float | None = None,
     hall_axes: int = 1,
     patience: float = 5e-3,
+    watchdog: bool = True,
 ) -> Driver:
     """The driver `name` of `device`, not open yet; InputError if the name is no port or bus.
 
     duty_limit [1] and current_limit [A] bind the firmware for this session, where there is one. Hall sensors of fewer
     than `hall_axes` are refused when it is opened. `patience` [s] is how long a bridge's answer is waited for: a loop
-    has no time, a program without one has.
+    has no time, a program without one has. An I²C bus whose PWM chip has no monostable on OE is refused when it is
+    opened, unless `watchdog` is False.
     """
     kind, _, where = name.partition(":")
     if kind == "serial" and where:
@@ -49,5 +51,5 @@ def real_driver(
     if kind == "i2c" and where.isdecimal():
         from haptorb.runtime.i2c_driver import I2cDriver
 
-        return I2cDriver(device, int(where), pose, hall_axes=hall_axes)
+        return I2cDriver(device, int(where), pose, hall_axes=hall_axes, watchdog=watchdog)
     raise InputError(f"driver must be serial:PORT (serial:/dev/ttyACM0) or i2c:BUS (i2c:1); got '{name}'")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.control.trip import Trip
+from haptorb.control.trip import CoilState, Trip
 from haptorb.runtime.histogram import Histogram
 from haptorb.runtime.row import STAGES
 from haptorb.runtime.shared import TRIPS, Shared, Word
@@ -20,9 +20,10 @@ def loop_report(shared: Shared) -> dict[str, Any]:
     """Ticks, success rate, lateness, compute, stages, trips and peak force of the run so far; plain JSON types.
 
     success_rate: ticks that began and ended within their period, over all deadlines that passed. stage_us: medians
-    over the last rows. ahead_us: what the driver did before the deadlines of the last rows, which no tick waits for (a
-    simulated device moves on there). peak_force_n, peak_torque_nm: of what is really on the mover where that is known,
-    else of what is modelled. tracking: how well the poses came, see `tracking`.
+    over the last rows. coil_state: "off" (the device confirmed it), "on" or "unknown", by the last row. ahead_us:
+    what the driver did before the deadlines of the last rows, which no tick waits for (a simulated device moves on
+    there). peak_force_n, peak_torque_nm: of what is really on the mover where that is known, else of what is
+    modelled. tracking: how well the poses came, see `tracking`.
     """
     words = shared.words
     ticks, missed = words[Word.TICKS], words[Word.MISSED]
@@ -38,12 +39,22 @@ def loop_report(shared: Shared) -> dict[str, Any]:
         "ahead_us": _ahead(shared),
         "trips": trips(shared),
         "trip_count": words[Word.TRIPS],
+        "coil_state": _coil_state(shared),
         "peak_force_n": shared.floats[Word.PEAK],
         "peak_torque_nm": shared.floats[Word.PEAK_TORQUE],
         "scheduler": json.loads(facts) if facts else {},
         "tracking": tracking(shared),
         "recorded": {"rows": words[Word.WRITTEN], "lost": words[Word.LOST]},
     }
+
+
+def _coil_state(shared: Shared) -> str | None:
+    """Of the newest row; None before the first."""
+    row = shared.ring.latest()
+    if row is None:
+        return None
+    state = float(row[shared.layout["coil_state"].start])
+    return CoilState(int(state)).name.lower() if math.isfinite(state) else None
 
 
 def trips(shared: Shared) -> list[dict[str, Any]]:

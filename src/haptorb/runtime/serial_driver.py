@@ -8,6 +8,7 @@ from typing import final
 
 import numpy as np
 
+from haptorb.control.trip import CoilState
 from haptorb.devices.device import Device
 from haptorb.errors import DriverError, HostSilent, InputError
 from haptorb.physics.arrays import Array
@@ -100,6 +101,7 @@ class SerialDriver(Driver):
         self._positions, self._hall_axes = positions, hall_axes
         self._board: Board | None = None
         self._next_try = 0.0
+        self._coils = CoilState.UNKNOWN
         self._start()
 
     def _start(self) -> None:
@@ -137,7 +139,7 @@ class SerialDriver(Driver):
             self._board.collect(self._patience)
         self._engaged = False
         self._applied = np.zeros(CHANNELS)
-        self._board.off()
+        self._told_standing(self._board.off().standing)
         self._board.keep(calibration)
         return True
 
@@ -145,6 +147,14 @@ class SerialDriver(Driver):
     def fault(self) -> str:
         """Why no current flows, in one clause; empty if it may."""
         return self._fault
+
+    @property
+    def coil_state(self) -> CoilState:
+        """As the firmware said last; UNKNOWN from the moment at which it does not answer until it does."""
+        return self._coils
+
+    def _told_standing(self, standing: float) -> None:
+        self._coils = CoilState.ON if standing == Standing.ENGAGED else CoilState.OFF
 
     def open(self) -> None:
         """Connect; wait until every sensor has been read once. Raises DriverError naming what is missing."""
@@ -171,6 +181,7 @@ class SerialDriver(Driver):
         end = monotonic() + self._warm_up_time
         while True:
             row = board.row()
+            self._told_standing(row[At.STANDING])
             self._told.take(row, 0.0)
             missing = int(row[At.MISSING])
             if self._told.whole and not missing & _REQUIRED:
@@ -185,7 +196,7 @@ class SerialDriver(Driver):
         self._opened = self._engaged = False
         self._applied = np.zeros(CHANNELS)
         if board is not None:
-            board.close()
+            self._coils = CoilState.OFF if board.close() else CoilState.UNKNOWN
 
     def engage(self) -> None:
         """A person wants the coils on again: forget a trip; the next duties that are not zero engage them."""
@@ -198,7 +209,7 @@ class SerialDriver(Driver):
             try:
                 if self._board.posted:
                     self._board.collect(self._patience)
-                self._board.off()
+                self._told_standing(self._board.off().standing)
             except DriverError as cause:
                 raise self._failed(str(cause), gone=True) from cause
 
@@ -210,8 +221,9 @@ class SerialDriver(Driver):
         if gone:
             board, self._board = self._board, None
             self._next_try = monotonic() + _RETRY
-            if board is not None:
-                board.close()
+            self._coils = CoilState.UNKNOWN
+            if board is not None and board.close():
+                self._coils = CoilState.OFF
         return as_(why)
 
     def _reconnected(self) -> Board:
@@ -243,6 +255,7 @@ class SerialDriver(Driver):
                 raise self._failed(f"no answer from the firmware at {self._path}; check cable and supply", gone=True)
         else:
             self._lost = 0
+            self._told_standing(row[At.STANDING])
             self._told.take(row, self._time.answered(board.asked))
             if row[At.STANDING] != Standing.ENGAGED:
                 why = switched_off(Reading.of(row), self._engaged)
@@ -290,7 +303,10 @@ class SerialDriver(Driver):
         if board.posted:
             board.collect(self._patience)
         self._armed = False
-        return refusal(board.engage(*self._session))
+        self._coils = CoilState.ON  # from here on it may be
+        state = board.engage(*self._session)
+        self._told_standing(state.standing)
+        return refusal(state)
 
     def truth(self) -> Array:
         """(6,) NaN for the wrench [N, N·m]: nobody can know it on a real device."""

@@ -78,6 +78,8 @@ class Servo(Commands):
     gains      of a motor's two modes; None: `assembly.MOTOR_GAINS`
     calibration  file of `haptorb calibrate` (or a Calibration) whose values the controller believes; must be this
                device's
+    watchdog   False: drive an I²C bus although no monostable on its PWM chip's OE pin switches off when this computer
+               stops; nobody may touch such a device
     black_box  folder for a recording of the last 100 ticks before every trip; None: they are in `trips` only
 
     Raises UnknownName for a name that is not in its list, InputError for a value that cannot be used, or a world,
@@ -107,6 +109,7 @@ class Servo(Commands):
         gains: Gains | None = None,
         calibration: str | Path | Calibration | None = None,
         black_box: str | Path | None = None,
+        watchdog: bool = True,
     ) -> None:
         self.device = device if isinstance(device, Device) else load(device)
         self._device_text = text_of(self.device, device)
@@ -134,7 +137,7 @@ class Servo(Commands):
         chain, practice = (
             partial(
                 assemble, self.device, first, through, self.rate, self.seed, level,
-                estimator=self.estimator, gains=gains, calibration=self.calibration,
+                estimator=self.estimator, gains=gains, calibration=self.calibration, watchdog=watchdog,
             )
             for through in (self.driver, "sim")
         )  # fmt: skip

@@ -1,21 +1,25 @@
 """The chips of a device's electronics, register by register: PCA9685, INA219, MAX11616, TCA9534 on a bus of their own.
 
 They stand in for hardware in tests of the drivers, and know of the world only what their pins see: PWM outputs go out,
-shunt voltages and Hall voltages come in. `firmware/emulator/chips.c` has the same chips for the emulated firmware.
+shunt voltages and Hall voltages come in. Beside them stands the 74HC123 that hangs on the PCA9685's OE pin.
+`firmware/emulator/chips.c` has the same chips for the emulated firmware.
 """
 
 from __future__ import annotations
 
 import errno
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import final
 
 import numpy as np
 
 from haptorb.physics.arrays import Array
 
-__all__ = ["INA219", "MAX11616", "PCA9685", "TCA9534", "Chip", "ChipBus"]
+__all__ = ["INA219", "MAX11616", "PCA9685", "TCA9534", "Chip", "ChipBus", "Monostable"]
+
+
+_BYTE = 9 / 400e3  #: eight bits and an acknowledgement [s]
 
 
 class Chip(ABC):
@@ -44,6 +48,7 @@ class PCA9685(Chip):
 
     def __init__(self, address: int = 0x60) -> None:
         super().__init__(address)
+        self.oe: Callable[[], bool] = lambda: False  #: level of the OE pin; tied to ground until something is wired
         self.power_on()
 
     def power_on(self) -> None:
@@ -92,7 +97,11 @@ class PCA9685(Chip):
         self._outputs = bytes(self.registers)
 
     def level(self, output: int) -> float:
-        """Share of the time for which `output` is high."""
+        """Share of the time for which `output` is high; none of it while OE is high."""
+        return 0.0 if self.oe() else self.driven(output)
+
+    def driven(self, output: int) -> float:
+        """The same as the registers alone have it."""
         on_low, on_high, off_low, off_high = self._outputs[0x06 + 4 * output : 0x0A + 4 * output]
         if self._outputs[0x00] & 0x10 or off_high & 0x10:  # asleep, or always off, which wins
             return 0.0
@@ -169,17 +178,21 @@ class INA219(Chip):
 
 @final
 class TCA9534(Chip):
-    """Eight pins, inputs until they are told otherwise; a pin that is no output is pulled low here."""
+    """Eight pins, inputs until they are told otherwise; a pin that is no output is pulled low unless something is wired
+    to it."""
 
     def __init__(self, address: int = 0x20) -> None:
         super().__init__(address)
         self.registers = bytearray((0x00, 0xFF, 0x00, 0xFF))  # input, output, polarity, configuration
+        self.wired: dict[int, Callable[[], bool]] = {}  #: number of an input → its level
+        self.moved: Callable[[int], None] = lambda pins: None  #: told of the outputs after every byte
         self._pointer = 0
 
     @property
     def pins(self) -> int:
         """Which of the eight are high."""
-        return self.registers[1] & ~self.registers[3]
+        inputs = sum(1 << pin for pin, level in self.wired.items() if level())
+        return self.registers[1] & ~self.registers[3] | inputs & self.registers[3]
 
     def write(self, data: bytes) -> None:
         """Pointer, and with one more byte a register."""
@@ -188,6 +201,7 @@ class TCA9534(Chip):
         for byte in data[1:]:
             if self._pointer:
                 self.registers[self._pointer] = byte
+                self.moved(self.registers[1] & ~self.registers[3])
 
     def read(self, count: int) -> bytes:
         """The register under the pointer."""
@@ -236,21 +250,52 @@ class MAX11616(Chip):
 
 
 @final
+class Monostable:
+    """One half of a 74HC123: Q is high for `width` [s] after the last rising edge at B; `clock` says when that was."""
+
+    def __init__(self, clock: Callable[[], float], width: float = 0.020) -> None:
+        self.width = width
+        self._clock = clock
+        self._b = False
+        self._until = float("-inf")
+
+    def b(self, level: bool) -> None:
+        """The level at B, A being low and the reset input high."""
+        if level and not self._b:
+            self._until = self._clock() + self.width
+        self._b = level
+
+    @property
+    def q(self) -> bool:
+        """The output; OE hangs on its inverse."""
+        return self._clock() < self._until
+
+
+@final
 class ChipBus:
-    """Chips on one bus; a message to an address where nobody is raises OSError, as Linux does."""
+    """Chips on one bus; a message to an address where nobody is raises OSError, as Linux does.
+
+    Its time `now` [s] passes with what it carries at 400 kHz, and as a test wants it.
+    """
 
     def __init__(self, chips: Sequence[Chip]) -> None:
         self.chips = tuple(chips)
         self.bytes_carried = 0
         self.closed = False
+        self.now = 0.0
 
     @classmethod
     def of_device(cls) -> tuple[ChipBus, PCA9685, tuple[INA219, INA219, INA219], MAX11616]:
-        """The bus of a three-coil device, and its chips."""
+        """The bus of a three-coil device, and its chips; a monostable keeps OE as a Raspberry Pi's is wired."""
         pwm, select = PCA9685(), TCA9534()
         hall = MAX11616(select=select)
         currents = (INA219(0x41), INA219(0x44), INA219(0x45))
-        return cls((pwm, *currents, hall, select)), pwm, currents, hall
+        bus = cls((pwm, *currents, hall, select))
+        monostable = Monostable(lambda: bus.now)
+        pwm.oe = lambda: not monostable.q
+        select.moved = lambda pins: monostable.b(bool(pins & 4))
+        select.wired[3] = pwm.oe
+        return bus, pwm, currents, hall
 
     def transfer(self, messages: Sequence[tuple[int, bytes | int]]) -> list[bytes]:
         """Messages joined by repeated STARTs; the bytes that were read."""
@@ -264,10 +309,12 @@ class ChipBus:
                 raise OSError(errno.EREMOTEIO, f"nobody acknowledges address {address:#04x}")
             if isinstance(what, int):
                 heard.append(last.read(what))
-                self.bytes_carried += 1 + what
+                carried = 1 + what
             else:
                 last.write(what)
-                self.bytes_carried += 1 + len(what)
+                carried = 1 + len(what)
+            self.bytes_carried += carried
+            self.now += carried * _BYTE
         if last is not None:
             last.stop()
         return heard

@@ -339,7 +339,7 @@ def test_the_i2c_driver_is_calibrated_by_the_same_steps(factor: float, complaint
         for chip, duty in zip(currents, pwm.duties(), strict=True):
             chip.pass_time(2e-3, 20.0 * factor * float(duty))
 
-    driver = I2cDriver(OMNI, Reopening(bus), thermometers=Warm)
+    driver = I2cDriver(OMNI, Reopening(bus), thermometers=Warm, clock=lambda: bus.now)
     steps, out, said = known_steps(["rest", "currents"]), tmp_path / "omni.json", []
     wants: dict[str, Any] = {"steps": steps, "pace": Pace(lambda: now[0], wait), "guide": Guide(said.append)}
     if complaint:

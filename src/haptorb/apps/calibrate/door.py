@@ -28,10 +28,10 @@ class _Held:
     held: bool = False
 
 
-def door(name: str, device: SphericalElectromagnet, seed: int = 0) -> tuple[Driver, Pace]:
+def door(name: str, device: SphericalElectromagnet, seed: int = 0, *, watchdog: bool = True) -> tuple[Driver, Pace]:
     """The driver `name` of `device`, not open yet, and its pace; UnknownName or InputError if there is no such."""
     if is_real(name):
-        return real_driver(name, device, patience=_PATIENCE), Pace()
+        return real_driver(name, device, patience=_PATIENCE, watchdog=watchdog), Pace()
     from haptorb.runtime.assembly import known_driver
     from haptorb.runtime.sim_driver import SimDriver
 

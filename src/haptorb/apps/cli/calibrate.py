@@ -36,6 +36,9 @@ def calibrate(
     ] = None,
     restart: Annotated[bool, typer.Option("--restart", help="Forget steps that were taken already.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    no_watchdog: Annotated[
+        bool, typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; nobody may touch it.")
+    ] = False,
     seed: Annotated[int, typer.Option(help="Of the simulation's noise.")] = 0,
     json: Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")] = False,
 ) -> None:  # fmt: skip
@@ -56,7 +59,7 @@ def calibrate(
     chosen = known_steps(names, () if thermal is None else ("heat",))
     path = writable(out or Path(f"{found.name}.calibration.json"), overwrite=force)
     heat = None if thermal is None else thermal_record(thermal, found).identified().model
-    through, pace = door(driver, found, seed)
+    through, pace = door(driver, found, seed, watchdog=not no_watchdog)
     asks = not (yes or through.simulated)
     if asks and not sys.stdin.isatty():
         raise InputError(

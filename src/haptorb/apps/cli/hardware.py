@@ -55,8 +55,9 @@ def monitor(
     from haptorb.devices.loader import load
     from haptorb.runtime.real_driver import real_driver
 
-    for sample in samples(real_driver(driver, load(device)), rate, duration):
-        print(line(sample), flush=True)
+    through = real_driver(driver, load(device), watchdog=False)  # which nothing needs that switches nothing on
+    for sample in samples(through, rate, duration):
+        print(line(sample, through.coil_state), flush=True)
 
 
 @hardware.command()
@@ -67,18 +68,27 @@ def jog(
     duty: Annotated[float, typer.Option(help="At the top, at most 0.2 either way.")] = 0.05,
     seconds: Annotated[float, typer.Option(help="Up, a moment there, and down.")] = 1.0,
     current: Annotated[float, typer.Option(help="Switch off above this [A].")] = 3.0,
+    no_watchdog: Annotated[
+        bool, typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; nobody may touch it.")
+    ] = False,
 ) -> None:
     """Move one coil gently and say whether its current fits. Keep the tool away from the dome."""
     from haptorb.apps.hardware.jog import GENTLE_DUTY
     from haptorb.apps.hardware.jog import jog as moved
+    from haptorb.apps.hardware.monitor import state_words
     from haptorb.devices.loader import load
     from haptorb.runtime.real_driver import real_driver
     from haptorb.runtime.steady import steady
 
     it = load(device)
-    through = real_driver(driver, it, duty_limit=GENTLE_DUTY, current_limit=min(max(current, 0.1), 60.0))
+    through = real_driver(
+        driver, it, duty_limit=GENTLE_DUTY, current_limit=min(max(current, 0.1), 60.0), watchdog=not no_watchdog
+    )
     steady()  # the firmware switches off after 15 ms of silence, however busy this computer is
-    seen = moved(it, through, coil, duty, seconds, current)
+    try:
+        seen = moved(it, through, coil, duty, seconds, current)
+    finally:
+        print(f"coils: {state_words(through.coil_state)}")
     told = ", ".join(f"{name} {one:+.3f} A" for name, one in zip(it.coils.names, seen.currents, strict=True))
     print(f"coil {seen.coil}: duty {seen.duty:+.4f}, currents {told}, resistance {seen.resistance:.3f} Ω")
     for sentence in seen.verdict:

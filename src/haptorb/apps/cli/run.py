@@ -63,6 +63,9 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Let --record replace a file.")] = False,
     headless: Annotated[bool, typer.Option("--headless", help="No console.")] = False,
     duration: Annotated[float | None, typer.Option(help="End after so many seconds.")] = None,
+    no_watchdog: Annotated[
+        bool, typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; nobody may touch it.")
+    ] = False,
     port: Annotated[int, typer.Option(help="Of the console; 0 takes any free one.")] = 8765,
     browser: Annotated[bool, typer.Option("--open", help="Open the browser.")] = False,
     json: Annotated[
@@ -90,6 +93,7 @@ def run(
             device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction, frame=frame,
             rate=rate, seed=seed, level=level, record=record or False,
             overwrite=force, estimator=estimator, calibration=calibration, black_box=state_folder() / "trips",
+            watchdog=not no_watchdog,
         )  # fmt: skip
         before = signal.signal(signal.SIGTERM, _end)
         try:
@@ -155,6 +159,8 @@ def _opened(servo: Servo, standby: Standby) -> Iterator[None]:
         yield
     finally:
         servo.close()
+        if servo.report()["coil_state"] == "unknown":
+            _say("COIL STATE UNKNOWN: the device did not confirm that its coils are off. Switch its supply off.")
 
 
 def _nature(servo: Servo) -> str:

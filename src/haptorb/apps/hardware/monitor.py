@@ -8,11 +8,18 @@ from time import monotonic, sleep
 
 import numpy as np
 
+from haptorb.control.trip import CoilState
 from haptorb.errors import InputError
 from haptorb.runtime.driver import Driver
 from haptorb.sensing.sample import Sample
 
-__all__ = ["line", "monitor"]
+__all__ = ["line", "monitor", "state_words"]
+
+_STATES = {
+    CoilState.OFF: "off",
+    CoilState.ON: "on",
+    CoilState.UNKNOWN: "COIL STATE UNKNOWN: switch the supply off",
+}
 
 _TURNS = 24  #: readings at most for all field sensors; three axes in two blocks need six of them, with luck
 
@@ -50,8 +57,18 @@ def _whole(driver: Driver, now: float) -> Sample:
     return replace(sample, field=field)
 
 
-def line(sample: Sample) -> str:
-    """One line for people: time, currents, temperatures, and the field's size at every sensor.
+def state_words(state: CoilState) -> str:
+    """Whether current can flow, for people.
+
+    >>> state_words(CoilState.OFF), state_words(CoilState.UNKNOWN)
+    ('off', 'COIL STATE UNKNOWN: switch the supply off')
+    """
+    return _STATES[state]
+
+
+def line(sample: Sample, state: CoilState = CoilState.OFF) -> str:
+    """One line for people: time, currents, temperatures, and the field's size at every sensor; and the coils' `state`,
+    if they are not off.
 
     >>> from haptorb.runtime.serial_driver import untracked
     >>> line(Sample(1.5, np.array([1.0, -2, 0]), np.full(3, 300.0), np.eye(3) * 1e-3, untracked(0.0)))
@@ -60,4 +77,5 @@ def line(sample: Sample) -> str:
     currents = "  ".join(f"{one:+.3f}" for one in sample.currents)
     heat = "  ".join(f"{one - 273.15:.1f}" for one in sample.temperatures)
     field = " ".join(f"{one * 1e3:.2f}" for one in np.linalg.norm(sample.field, axis=1))
-    return f"{sample.t:7.2f} s   {currents} A    {heat} °C   {field} mT"
+    text = f"{sample.t:7.2f} s   {currents} A    {heat} °C   {field} mT"
+    return text if state is CoilState.OFF else f"{text}   coils: {state_words(state)}"

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from time import monotonic
 
 from haptorb.errors import DriverError
-from haptorb.runtime import hall_adc, ina219, pca9685
+from haptorb.runtime import hall_adc, hall_select, ina219, output_enable, pca9685
 from haptorb.runtime.board import Board
 from haptorb.runtime.board_words import missing_chips
-from haptorb.runtime.i2c_bus import I2cBus, LinuxBus, bus_list
+from haptorb.runtime.hall_select import HallSelect
+from haptorb.runtime.i2c_bus import I2cBus, bus_list
+from haptorb.runtime.i2c_port import LinuxPort
+from haptorb.runtime.pca9685 import Pca9685
 from haptorb.runtime.serial_port import port_list
 
 __all__ = ["Finding", "chips_on", "probe"]
+
+_SELECT = hall_select.ADDRESS
 
 #: address → what should answer there
 _CHIPS = {
@@ -41,13 +47,14 @@ def probe(ports: Sequence[str] | None = None, buses: Sequence[int] | None = None
     for path in [one for one, _ in port_list()] if ports is None else ports:
         yield _port(path)
     for number in bus_list() if buses is None else buses:
+        port = LinuxPort(number)
         try:
-            bus = LinuxBus(number)
-        except DriverError as cause:
-            yield Finding(f"i2c:{number}", False, (str(cause),))
+            bus = port.open()
+        except DriverError as cause:  # also if another program drives it: it is asked nothing then
+            yield Finding(port.name, False, (str(cause),))
             continue
-        with closing(bus):
-            yield chips_on(bus, f"i2c:{number}")
+        with closing(port):
+            yield chips_on(bus, port.name)
 
 
 def _port(path: str) -> Finding:
@@ -73,8 +80,11 @@ def _port(path: str) -> Finding:
         board.close()
 
 
-def chips_on(bus: I2cBus, place: str) -> Finding:
-    """Which of the device's chips acknowledge on `bus`."""
+def chips_on(bus: I2cBus, place: str, clock: Callable[[], float] = monotonic) -> Finding:
+    """Which of the device's chips acknowledge on `bus`, and how its monostable fares; outputs are switched off first.
+
+    `clock` [s] is that of the bus.
+    """
     there, missing = [], []
     for address, part in _CHIPS.items():
         try:
@@ -85,4 +95,22 @@ def chips_on(bus: I2cBus, place: str) -> Finding:
             there.append(f"{part} at {address:#04x}")
     if not there:
         return Finding(place, False, ("none of the device's chips answers",))
-    return Finding(place, True, (*there, *missing), "" if missing else place)
+    about = (*there, *missing, *_enabling(bus, clock))
+    return Finding(place, True, about, "" if missing else place)
+
+
+def _enabling(bus: I2cBus, clock: Callable[[], float]) -> Iterator[str]:
+    """What there is to say of the chip with the Hall sensors' axes and the trigger, and of OE."""
+    select, where = HallSelect(bus), f"TCA9534 (axes of the Hall sensors, trigger of the monostable) at {_SELECT:#04x}"
+    if not select.present():
+        yield f"missing: {where}: one axis, and no monostable, so that coils are driven with --no-watchdog only"
+        return
+    yield where
+    try:
+        Pca9685(bus).setup()  # all off: the test enables its outputs
+        select.setup()
+        held = output_enable.pulse(select, clock)
+    except (DriverError, OSError) as cause:
+        yield f"monostable not proved: {cause}"
+    else:
+        yield f"monostable: outputs disabled {1e3 * held:.1f} ms after the last trigger"
