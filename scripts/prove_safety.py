@@ -170,6 +170,22 @@ PROOFS = [
         TRACKER_TESTS,
     ),
     (
+        "a pose that jumped is lost",
+        "runtime/reception.py",
+        "self._block.write(self._last._replace(valid=False, stamp=pose.stamp))",
+        "pass",
+        FEED_TESTS,
+    ),
+    ("a jump is seen", "runtime/reception.py", "float(way @ way) > (_FASTEST * passed) ** 2", "False", FEED_TESTS),
+    ("one sender per tracker", "runtime/osc_feed.py", "if sender != self._sender:", "if False:", FEED_TESTS),
+    (
+        "another sender comes through a loss",
+        "runtime/osc_feed.py",
+        "if arrival < self._heard_from:",
+        "if False:",
+        FEED_TESTS,
+    ),
+    (
         "poses that come late are refused",
         "runtime/reception.py",
         "not heard.stamp > self._stamp",

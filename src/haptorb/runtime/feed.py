@@ -31,7 +31,12 @@ class Garbage(NamedTuple):
 
 
 class Feed(ABC):
-    """A source of poses, in a process of its own: it may wait, and it may fail."""
+    """A source of poses, in a process of its own: it may wait, and it may fail.
+
+    `one_tool` False: what it says is where a hand once wanted the tool, and that may jump.
+    """
+
+    one_tool = True
 
     @abstractmethod
     def heard(self, patience: float) -> Iterator[Heard | Garbage]:

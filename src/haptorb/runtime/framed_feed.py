@@ -17,6 +17,7 @@ class FramedFeed(Feed):
 
     def __init__(self, feed: Feed, frame: TrackerFrame) -> None:
         self._feed, self._frame = feed, frame
+        self.one_tool = feed.one_tool
 
     def heard(self, patience: float) -> Iterator[Heard | Garbage]:
         """As the feed hears it; a loss has no pose, and what cannot be one is left for others to refuse."""

@@ -4,6 +4,8 @@
     /haptorb/lost  [token]  [t]
 
 Metres and a unit quaternion in the stator frame, as floats, doubles or integers; t [s] on the sender's own clock.
+Poses of two programs make no path of one tool, so the first that says one is the only one: another is heard only when
+it was silent for two seconds, and then the pose counts as lost first.
 """
 
 from __future__ import annotations
@@ -27,6 +29,8 @@ POSE, LOST = "/haptorb/pose", "/haptorb/lost"
 
 _LONGEST = 1024  #: no message of the layout is longer; what is, is not even parsed [bytes]
 _BURST = 256  #: datagrams taken at once before the pose is written again
+_SILENT = 2.0  #: a sender that says nothing for so long may be replaced [s]
+_LOST = 0.05  #: so long the pose is lost in between: some ticks of any loop must see it [s]
 
 
 def loopback(host: str) -> bool:
@@ -71,21 +75,24 @@ class OscFeed(Feed):
         self._socket.setblocking(False)
         self._token = token.encode()
         self._clock = SenderClock()
+        self._sender: object = None
+        self._spoke = float("-inf")  # when it last said something of the layout
+        self._heard_from = float("-inf")  # its poses count from then on
 
     def heard(self, patience: float) -> Iterator[Heard | Garbage]:
         """What came in up to 256 datagrams; at most `patience` [s] for the first."""
         select.select([self._socket], [], [], patience)
         for _ in range(_BURST):
             try:
-                data = self._socket.recv(_LONGEST + 1)
+                data, sender = self._socket.recvfrom(_LONGEST + 1)
             except BlockingIOError:
                 return
             except OSError:  # a reply of "nobody there" to something that we never sent
                 continue
-            yield from self.read(data, monotonic())
+            yield from self.read(data, monotonic(), sender)
 
-    def read(self, data: bytes, arrival: float) -> Iterator[Heard | Garbage]:
-        """What one datagram says."""
+    def read(self, data: bytes, arrival: float, sender: object = "the only one") -> Iterator[Heard | Garbage]:
+        """What one datagram of `sender` (its address and port) says."""
         if len(data) > _LONGEST:
             yield Garbage("garbage")
             return
@@ -97,9 +104,9 @@ class OscFeed(Feed):
         if not messages:
             yield Garbage("garbage")
         for address, values in messages:
-            yield self._message(address, values, arrival)
+            yield self._message(address, values, arrival, sender)
 
-    def _message(self, address: str, values: list[object], arrival: float) -> Heard | Garbage:
+    def _message(self, address: str, values: list[object], arrival: float, sender: object) -> Heard | Garbage:
         if self._token:
             said = values.pop(0) if values else None
             if not (isinstance(said, str) and compare_digest(said.encode("utf-8", "replace"), self._token)):
@@ -111,6 +118,16 @@ class OscFeed(Feed):
         sent = numbers[first] if len(numbers) > first else None
         if sent is not None and not isfinite(sent):
             return Garbage("not_finite")
+        if sender != self._sender:
+            if arrival - self._spoke <= _SILENT:
+                return Garbage("another_sender")
+            replaced, self._sender, self._spoke = self._sender is not None, sender, arrival
+            if replaced:
+                self._clock, self._heard_from = SenderClock(), arrival + _LOST
+                return Heard((), (), arrival, arrival, False)
+        self._spoke = arrival
+        if arrival < self._heard_from:
+            return Garbage("another_sender")
         stamp = arrival if sent is None else self._clock.stamp(sent, arrival)
         if address == LOST:
             return Heard((), (), stamp, arrival, False)

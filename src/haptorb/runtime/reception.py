@@ -1,7 +1,8 @@
 """What is heard from a tracker becomes what is believed: order, finiteness and plausibility judged, velocity added.
 
 Whatever is refused is counted under a name, so that a sender's mistake can be found; the last good pose then simply
-grows old, and the guard knows what to do with that.
+grows old, and the guard knows what to do with that. A pose that has jumped is more than a mistake: either it or the one
+before is wrong, so the tool is lost until the poses agree with each other again.
 """
 
 from __future__ import annotations
@@ -22,17 +23,22 @@ __all__ = ["REASONS", "Reception"]
 #: why something was refused, as the report names it
 REASONS = {
     "garbage": "no message of the documented layout",
-    "stranger": "without the token, or from another sender",
+    "stranger": "without the token",
+    "another_sender": "from another program than the poses before",
     "not_finite": "a number that is none",
     "no_rotation": "a quaternion whose length is not 1",
     "too_far": "farther than 5 m away: millimetres instead of metres?",
     "out_of_order": "not newer than the one before",
+    "jump": "farther from the one before than a hand can have brought the tool",
 }
 
 _REACH = 5.0  #: no tool is farther away; one in millimetres seems to be [m]
 _UNIT = 0.1  #: a quaternion's length may be off 1 by this
 _FASTEST = 3.0  #: no hand moves the tool faster, a tracker that jumps does [m/s]
 _SPINNING = 30.0  #: nor does it turn it faster [rad/s]
+_BURST = 0.010  #: poses without a time of their own may have waited, and then come all at once: this far apart [s]
+_STEP = 0.004  #: and with one, by the clocks' comparison [s]
+_AGREED = 0.05  #: after a jump, poses must agree for so long, and at least three of them [s]
 _SMOOTHED = 0.010  #: time constant of the velocities [s]
 _SILENCE = 0.05  #: without a pose for longer is a gap [s]
 _KEPT = 2048  #: of intervals and delays, for the percentiles
@@ -47,6 +53,8 @@ class Reception:
         self._last: Tracked | None = None  # the last pose that was believed; None after a loss
         self._arrival = float("-inf")  # of the last message that was in order
         self._stamp = float("-inf")
+        self._doubted: Tracked | None = None  # the last pose since a jump, while they do not agree for long enough
+        self._since, self._alike = 0.0, 0  # since when they agree, and how many
         self.accepted = 0
         self.lost = 0  #: how often the tracker said that it lost the tool
         self.gaps = 0  #: silences above 50 ms
@@ -80,28 +88,51 @@ class Reception:
         self._arrival, self._stamp = heard.arrival, heard.stamp
         if not heard.valid:
             self.lost += self._last is not None
-            before, self._last = self._last, None
+            before, self._last, self._doubted = self._last, None, None
             if before is not None:
                 self._block.write(before._replace(valid=False, stamp=heard.stamp))
             return
+        p, q = np.array(heard.p, dtype=np.float64), np.array(heard.q, dtype=np.float64)
+        pose = Tracked(True, p, q / sqrt(float(q @ q)), np.zeros(3), np.zeros(3), heard.stamp)
+        if self._feed.one_tool and self._doubtful(pose, _BURST if heard.stamp >= heard.arrival else _STEP):
+            self.refused["jump"] += 1
+            return
         self.accepted += 1
         self._delays.append(heard.arrival - heard.stamp)
-        self._last = self._moved(heard)
+        self._last = self._moved(pose)
         self._block.write(self._last)
 
-    def _moved(self, heard: Heard) -> Tracked:
+    def _doubtful(self, pose: Tracked, least: float) -> bool:
+        """Whether `pose` has jumped, or comes after one that has; `least` [s] may be missing between two stamps."""
+        last = self._doubted or self._last
+        jumped = last is not None and _jumped(last, pose, max(pose.stamp - last.stamp, least))
+        if self._doubted is None:
+            if not jumped:
+                return False
+            assert self._last is not None
+            self.lost += 1
+            self._block.write(self._last._replace(valid=False, stamp=pose.stamp))
+            self._last = None
+        if jumped:
+            self._since, self._alike = pose.stamp, 0
+        self._alike += 1
+        self._doubted = pose
+        if self._alike < 3 or pose.stamp - self._since < _AGREED:
+            return True
+        self._doubted = None
+        return False
+
+    def _moved(self, pose: Tracked) -> Tracked:
         """The pose with the velocities since the one before; none after a loss, a gap or a jump."""
-        p, q = np.array(heard.p, dtype=np.float64), np.array(heard.q, dtype=np.float64)
-        q /= sqrt(float(q @ q))
-        v, w = np.zeros(3), np.zeros(3)
+        p, q, v, w = pose.p, pose.q, pose.v, pose.w
         last = self._last
-        if last is not None and 0.0 < heard.stamp - last.stamp <= _SILENCE:
-            passed = heard.stamp - last.stamp
+        if last is not None and 0.0 < pose.stamp - last.stamp <= _SILENCE:
+            passed = pose.stamp - last.stamp
             rate, turn = (p - last.p) / passed, _turned(last.q, q) / passed
             share = 1.0 - exp(-passed / _SMOOTHED)
             if float(rate @ rate) <= _FASTEST**2 and float(turn @ turn) <= _SPINNING**2:
                 v, w = last.v + share * (rate - last.v), last.w + share * (turn - last.w)
-        return Tracked(True, p, q, v, w, heard.stamp)
+        return pose._replace(v=v, w=w)
 
     def facts(self) -> dict[str, Any]:
         """How well it comes, as plain JSON types; rates and times over the last 2048 poses."""
@@ -128,6 +159,12 @@ def _wrong(heard: Heard) -> str:
         return "too_far"
     length = sqrt(sum(x * x for x in heard.q))
     return "" if abs(length - 1.0) <= _UNIT else "no_rotation"
+
+
+def _jumped(before: Tracked, pose: Tracked, passed: float) -> bool:
+    """Whether no hand could have brought the tool from one pose to the other within `passed` [s]."""
+    way, turn = pose.p - before.p, _turned(before.q, pose.q)
+    return bool(float(way @ way) > (_FASTEST * passed) ** 2 or float(turn @ turn) > (_SPINNING * passed) ** 2)
 
 
 def _turned(before: Array, q: Array) -> Array:

@@ -48,6 +48,8 @@ def played(path: str | Path) -> Array:
 class ReplayFeed(Feed):
     """Plays `rows` of `played` from `origin` on: the monotonic clock [s] at which the loop's clock shows zero."""
 
+    one_tool = False
+
     def __init__(self, rows: Array, origin: float) -> None:
         self._rows, self._origin, self._at = rows, origin, 0
 

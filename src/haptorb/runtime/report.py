@@ -82,8 +82,13 @@ def tracking(shared: Shared) -> dict[str, Any]:
         different = 1 + int((np.abs(np.diff(t - age)) > 1e-6).sum())
         found["poses_hz"] = different / float(t[-1] - t[0])
         found["age_ms"] = {f"p{p}": 1e3 * float(np.percentile(age, p)) for p in (50, 99)}
+    return {**found, **tracker_facts(shared)}
+
+
+def tracker_facts(shared: Shared) -> dict[str, Any]:
+    """What the tracker's own process counted last; empty if there is none, or before its first word."""
     _, facts = shared.tracker_facts.read()
-    return {**found, **json.loads(facts)} if facts else found
+    return dict(json.loads(facts)) if facts else {}
 
 
 def _percentiles(histogram: Histogram, which: tuple[float, ...]) -> dict[str, float | None]:

@@ -38,7 +38,7 @@ from haptorb.runtime.device_text import text_of
 from haptorb.runtime.fed_tracker import PREDICTION, known_prediction
 from haptorb.runtime.first_start import compiling
 from haptorb.runtime.launch import notes, recorder_spec, tracker_spec
-from haptorb.runtime.report import loop_report
+from haptorb.runtime.report import loop_report, tracker_facts
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.run_recording import RunRecording
 from haptorb.runtime.schedule import known_rate
@@ -272,6 +272,12 @@ class Servo(Commands):
             "warning": self.warning,
             **({"tracker_trouble": trouble} if trouble else {}),
         }
+
+    @property
+    def tracker_refused(self) -> dict[str, int]:
+        """How many messages the tracker's process has refused so far, by the reasons of `runtime.reception`."""
+        shared = self._attached
+        return dict(tracker_facts(shared).get("refused", {})) if shared is not None else {}
 
     @property
     def trips(self) -> tuple[Tripped, ...]:

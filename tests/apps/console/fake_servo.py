@@ -31,6 +31,7 @@ class FakeServo:
     modes: tuple[str, ...] = ()
 
     def __init__(self, device: str = "omni", world: str = "dome") -> None:
+        self.tracker_refused: dict[str, int] = {}
         self.device = load(device)
         self.layout = RowLayout.of(self.device)
         self.alive = True

@@ -22,6 +22,7 @@ from haptorb.apps.web.command import asks_to_stop
 from haptorb.apps.web.command import command as read_command
 from haptorb.apps.web.token import PROTOCOL
 from haptorb.errors import HaptorbError, InputError
+from haptorb.runtime.reception import REASONS
 
 __all__ = ["MOST", "Room"]
 
@@ -32,6 +33,7 @@ REFRESH = 1 / 100  #: between two refreshes of a hand at rest [s]
 LOOK = 0.5  #: between two looks at the loop's health [s]
 FRESH = 0.1  #: from steadying the hand to engaging [s]
 
+_TELLING = ("another_sender", "stranger", "jump")  # what a tracker refuses and a person should know of
 _FULL = 1013  #: of a WebSocket that is closed: try again later
 _NAME = 64  #: of a world, a mode or a value [characters]
 _VALUES = 64  #: of a world
@@ -60,6 +62,7 @@ class Room:
         self._asked: tuple[Page, str, dict[str, Any]] | None = None
         self._trouble = ""  # why there is no map of this world
         self._asking: asyncio.Task[None] | None = None
+        self._refused = dict.fromkeys(_TELLING, 0)
         self._engaging: asyncio.TimerHandle | None = None
 
     async def keep(self) -> None:
@@ -72,6 +75,7 @@ class Room:
                 if self._pages:
                     self._tell_all("health", alive=self._servo.alive, **self._health.look())
                 self._notice_world()
+                self._notice_refused()
             await asyncio.sleep(REFRESH)
 
     async def join(self, socket: WebSocket) -> None:
@@ -187,6 +191,15 @@ class Room:
         self._tell_all("world", **self._world_event())
         if self._painter is not None:
             self._painter.want(name, dict(values), self._version, self._painted, self._not_painted)
+
+    def _notice_refused(self) -> None:
+        """Tell everyone when somebody else speaks to the tracker, or it jumps: nothing else would show it."""
+        counted = self._servo.tracker_refused
+        refused = {why: counted.get(why, 0) for why in _TELLING}
+        news = [f"{refused[why] - n} poses {REASONS[why]}" for why, n in self._refused.items() if refused[why] > n]
+        self._refused = refused
+        if news:
+            self._tell_all("mistake", text=f"tracker {self._servo.tracker}: refused {', '.join(news)}")
 
     def _world_event(self) -> dict[str, Any]:
         name, values = self._world

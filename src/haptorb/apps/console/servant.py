@@ -48,6 +48,11 @@ class Servant(Protocol):
         ...
 
     @property
+    def tracker_refused(self) -> Mapping[str, int]:
+        """How many messages of the tracker's senders were refused so far, by reason."""
+        ...
+
+    @property
     def alive(self) -> bool:
         """Whether the loop runs."""
         ...
