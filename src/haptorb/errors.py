@@ -17,6 +17,7 @@ Every message says what, where, what was expected and what to do.
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -32,7 +33,35 @@ __all__ = [
     "RecordingError",
     "ServoError",
     "UnknownName",
+    "shown",
 ]
+
+
+class _Short(reprlib.Repr):
+    """Python's own shortening, and integers too long to be written."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel, self.maxother, self.maxlist, self.maxtuple, self.maxdict = 3, 60, 6, 6, 4
+
+    def repr_int(self, x: int, level: int) -> str:
+        """All digits, or how many there are."""
+        return repr(x) if x.bit_length() < 200 else f"an integer of {int(x.bit_length() * 0.30103) + 1} digits"
+
+    def repr_str(self, x: str, level: int) -> str:
+        """Escaped, and cut where it is long."""
+        return repr(x) if len(x) <= self.maxstring else f"{x[: self.maxstring]!r} and {len(x) - self.maxstring} more"
+
+
+def shown(value: object, most: int = 60) -> str:
+    """`value` as a message may show it: one line without control characters, texts of at most `most` characters.
+
+    >>> shown("1 m"), shown("a\\nb"), shown(10**400)
+    ("'1 m'", "'a\\\\nb'", 'an integer of 401 digits')
+    """
+    short = _Short()
+    short.maxstring = most
+    return short.repr(value)
 
 
 class HaptorbError(Exception):
@@ -56,9 +85,9 @@ class UnknownName(InputError):
 
     def __init__(self, what: str, name: str, known: Iterable[str]) -> None:
         names = sorted(known)
-        near = get_close_matches(name, names, n=1, cutoff=0.5)
+        near = get_close_matches(name[:100], names, n=1, cutoff=0.5)
         hint = f"; did you mean '{near[0]}'?" if near else ""
-        super().__init__(f"unknown {what} '{name}'{hint} (known: {', '.join(names)})")
+        super().__init__(f"unknown {what} {shown(name)}{hint} (known: {', '.join(names)})")
 
 
 class DeviceError(HaptorbError):

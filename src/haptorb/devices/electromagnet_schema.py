@@ -93,8 +93,8 @@ class WindingsSection(Section):
 class MarksSection(Section):
     """[marks]"""
 
-    names: Annotated[tuple[Name, ...], Len(3)]
-    positions: Annotated[tuple[Point, ...], Len(3)]
+    names: Annotated[tuple[Name, ...], Len(3, 100)]
+    positions: Annotated[tuple[Point, ...], Len(3, 100)]
 
     @model_validator(mode="after")
     def _apart(self) -> MarksSection:

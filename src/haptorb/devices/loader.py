@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from collections.abc import Mapping
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from haptorb.devices.device import Device
-from haptorb.errors import DeviceError, InputError, UnknownName
+from haptorb.devices.text_file import read_text, toml_of
+from haptorb.errors import DeviceError, InputError, UnknownName, shown
 
 __all__ = ["catalogue", "load", "parse"]
 
 _FOLDER = Path(__file__).parent / "catalogue"
+
+_MISTAKES = 40  #: told at once
 
 #: kind → (module, class of its file); imported when a file of that kind is read
 KINDS = {
@@ -28,7 +32,7 @@ def catalogue() -> dict[str, str]:
     """Name → title of every device that comes with the package."""
     titles = {}
     for path in sorted(_FOLDER.glob("*.toml")):
-        titles[path.stem] = str(tomllib.loads(path.read_text(encoding="utf-8"))["title"])
+        titles[path.stem] = str(toml_of(path.read_text(encoding="utf-8"))["title"])
     return titles
 
 
@@ -41,21 +45,20 @@ def load(name: str | Path, *, override: bool = False) -> Device:
     >>> load("omni").channels
     3
     """
-    content, shown = _read(str(name))
-    return parse(content, shown, override=override)
+    content, told = _read(str(name))
+    return parse(content, told, override=override)
 
 
 def _read(text: str) -> tuple[str, str]:
     """The file's content, and the name that mistakes are reported under."""
-    path = Path(text) if text.endswith(".toml") or "/" in text else _FOLDER / f"{text}.toml"
-    if path.parent == _FOLDER and not path.exists():
-        raise UnknownName("device", text, catalogue())
-    try:
-        content = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as cause:
-        reason = cause.strerror if isinstance(cause, OSError) else "not a text file"
-        raise DeviceError(f"device file {path}: cannot be read ({reason})") from cause
-    return content, str(path) if path.parent != _FOLDER else text
+    if not text.endswith(".toml") and "/" not in text:
+        if text not in (path.stem for path in _FOLDER.glob("*.toml")):
+            raise UnknownName("device", text, catalogue())
+        return read_text(_FOLDER / f"{text}.toml", "device file", DeviceError), text
+    name = shown(text, 400)[1:-1]
+    if len(text) > 4096:
+        raise DeviceError(f"device file {name}: cannot be read (no file has so long a name)")
+    return read_text(text, "device file", DeviceError), name
 
 
 def parse(content: str, name: str, *, override: bool = False) -> Device:
@@ -68,34 +71,44 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
     raw, whole = _with_base(content, name, 0)
     kind = raw.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
-        raise DeviceError(f"device '{name}': kind must be one of {', '.join(KINDS)}; got {kind!r}")
+        raise DeviceError(f"device '{name}': kind must be one of {', '.join(KINDS)}; got {shown(kind)}")
     assumed: dict[str, str] = {}
     module, schema = KINDS[kind]
     file_class: Any = getattr(import_module(module), schema)
     try:
-        plain = {key: _plain(value, key, assumed) for key, value in raw.items()}
-        file = file_class.model_validate(plain)
+        # sizes that overflow, or divide by nothing, are refused here and not carried on as NaN
+        with np.errstate(over="raise", invalid="raise", divide="raise"):
+            plain = {key: _plain(value, key, assumed) for key, value in raw.items()}
+            file = file_class.model_validate(plain)
+            digest = hashlib.sha256(whole.encode()).hexdigest()
+            device: Device = file.built(assumed, digest, override=override)
     except ValidationError as cause:
         raise DeviceError(_mistakes(name, cause.errors(), file_class)) from cause
+    except (ArithmeticError, np.linalg.LinAlgError, MemoryError) as cause:
+        raise DeviceError(
+            f"device '{name}': its values are so large, or so far apart, that it cannot be computed ({cause}); "
+            "expected the sizes of a device that stands on a table"
+        ) from cause
     except ValueError as cause:
         raise DeviceError(f"device '{name}': {cause}") from cause
-    device: Device = file.built(assumed, hashlib.sha256(whole.encode()).hexdigest(), override=override)
     return device
 
 
 def _with_base(content: str, name: str, depth: int) -> tuple[dict[str, Any], str]:
     """The file's tables, laid over those of the device it is `based_on`; and all text that went into them."""
     try:
-        raw = tomllib.loads(content)
-    except tomllib.TOMLDecodeError as cause:
+        raw = toml_of(content)
+    except ValueError as cause:
         raise DeviceError(f"device '{name}': not a TOML file: {cause}") from cause
     base = raw.get("based_on")
     if base is None:
         return raw, content
     if not isinstance(base, str) or depth > 8:
-        raise DeviceError(f"device '{name}': based_on must name another device, without going in circles; got {base!r}")
-    text, shown = _read(base)
-    below, whole = _with_base(text, shown, depth + 1)
+        raise DeviceError(
+            f"device '{name}': based_on must name another device, without going in circles; got {shown(base)}"
+        )
+    text, below_name = _read(base)
+    below, whole = _with_base(text, below_name, depth + 1)
     return _laid_over(below, raw), whole + content
 
 
@@ -117,11 +130,13 @@ def _plain(value: Any, path: str, assumed: dict[str, str]) -> Any:
         return {key: _plain(part, f"{path}.{key}", assumed) for key, part in value.items()}
     strange = set(value) - {"value", "unit", "assumed", "source"}
     if strange:
-        raise InputError(f"{path}.{min(strange)}: a value has only the keys value, unit, source and assumed")
+        raise InputError(
+            f"{path}.{shown(min(strange))[1:-1]}: a value has only the keys value, unit, source and assumed"
+        )
     if "assumed" in value:
-        if not str(value["assumed"]).strip():
+        if not isinstance(value["assumed"], str) or not value["assumed"].strip():
             raise InputError(f"{path}.assumed must say why the value is believed")
-        assumed[path] = str(value["assumed"])
+        assumed[path] = value["assumed"]
     return _with_unit(value["value"], str(value["unit"])) if "unit" in value else value["value"]
 
 
@@ -129,26 +144,28 @@ def _with_unit(value: Any, unit: str) -> Any:
     if isinstance(value, list):
         return [_with_unit(item, unit) for item in value]
     if isinstance(value, int | float) and not isinstance(value, bool):
-        return (float(value), unit)
+        return (value, unit)
     return value
 
 
 def _mistakes(name: str, errors: list[Any], file_class: Any) -> str:
     lines = []
-    for error in errors:
-        where = ".".join(str(part) for part in error["loc"]) or "file"
+    for error in errors[:_MISTAKES]:
+        where = ".".join(shown(part)[1:-1] if isinstance(part, str) else str(part) for part in error["loc"]) or "file"
         kind, got = error["type"], error.get("input")
         if kind == "extra_forbidden":
             known = _keys_at(file_class, error["loc"][:-1])
-            near = get_close_matches(str(error["loc"][-1]), known, n=1, cutoff=0.5)
+            near = get_close_matches(str(error["loc"][-1])[:60], known, n=1, cutoff=0.5)
             what = "is not a key that is known here" + (f"; did you mean '{near[0]}'?" if near else "")
         elif kind == "missing":
             what = "is missing"
         elif kind == "value_error":
             what = str(error["ctx"]["error"])
         else:
-            what = f"{error['msg'].replace('Input should', 'must')}; got {got!r}"
+            what = f"{error['msg'].replace('Input should', 'must')}; got {shown(got)}"
         lines.append(f"device '{name}': {where} {what}")
+    if len(errors) > _MISTAKES:
+        lines.append(f"device '{name}': and {len(errors) - _MISTAKES} mistakes more")
     return "\n".join(lines)
 
 

@@ -6,11 +6,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Len
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from haptorb.devices import quantity as q
 from haptorb.devices.layouts import Layout, Ring, alternating
-from haptorb.devices.schema import Positive, Section, hollow
+from haptorb.devices.schema import Count, Positive, Section, hollow
+from haptorb.errors import shown
 from haptorb.physics.arrays import Array
 from haptorb.physics.multipole import MultipoleSource
 
@@ -25,16 +26,21 @@ __all__ = [
 ]
 
 Share = Annotated[q.Number, Field(gt=0, le=1)]
-Count = Annotated[int, Field(ge=1, le=1000)]
+Coil = Annotated[int, Field(ge=-1000, le=1000, strict=True)]
+_MOST_PARTS = 48  #: on all rings together: what is computed of them grows with their squares
+
+
+def _sign(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and -1 <= value <= 1
 
 
 def _polarity(value: Any) -> Any:
     if value in ("checkerboard", "in-phase"):
         return value
-    signs = isinstance(value, list) and all(isinstance(sign, int | float) and abs(sign) <= 1 for sign in value)
+    signs = isinstance(value, list) and all(_sign(sign) for sign in value)
     if not signs:
         raise ValueError(
-            f"must be 'checkerboard', 'in-phase' or a list of +1 (outward) and -1, one per magnet; got {value!r}"
+            f"must be 'checkerboard', 'in-phase' or a list of +1 (outward) and -1, one per magnet; got {shown(value)}"
         )
     return tuple(float(sign) for sign in value)
 
@@ -55,7 +61,14 @@ class RingSection(Section):
         return Ring(self.latitude, self.count, self.first, self.step)
 
 
-Rings = Annotated[tuple[RingSection, ...], Len(1)]
+def _few(rings: tuple[RingSection, ...]) -> tuple[RingSection, ...]:
+    total = sum(ring.count for ring in rings)
+    if total > _MOST_PARTS:
+        raise ValueError(f"must have at most {_MOST_PARTS} parts on all rings together; got {total}")
+    return rings
+
+
+Rings = Annotated[tuple[RingSection, ...], Len(1, _MOST_PARTS), AfterValidator(_few)]
 
 
 class MultipoleSection(Section):
@@ -63,7 +76,7 @@ class MultipoleSection(Section):
 
     dipoles_per_loop: Count
     length_ratio: Share  #: l̄/l
-    strengths: Annotated[tuple[q.Number, ...], Len(1)]  #: m_0 … m_k [A·m], coils: per ampere [m]
+    strengths: Annotated[tuple[q.Number, ...], Len(1, 20)]  #: m_0 … m_k [A·m], coils: per ampere [m]
 
     def built(self, radius: float, length: float) -> MultipoleSource:
         """The model of a body of this radius and length [m]."""
@@ -128,9 +141,13 @@ class SensorsSection(Section):
 class GroupsSection(Section):
     """[groups]: which coils are wired in series; each group is one channel."""
 
-    coils: Annotated[tuple[Annotated[tuple[int, ...], Len(1)], ...], Len(1)]  #: numbered from 1
+    coils: Annotated[
+        tuple[Annotated[tuple[Coil, ...], Len(1, _MOST_PARTS)], ...], Len(1, _MOST_PARTS)
+    ]  #: numbered from 1
     winding: Literal["series-aiding", "series-opposed"]
-    antipodal: bool = False  #: the maker states that the coils of a group face each other across the centre
+    antipodal: Annotated[bool, Field(strict=True)] = (
+        False  #: the maker states that the coils of a group face each other across the centre
+    )
 
 
 def layout(distance: float, rings: Rings) -> Layout:

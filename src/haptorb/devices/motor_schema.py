@@ -28,6 +28,7 @@ from haptorb.devices.schema import (
     Positive,
     Section,
     SupplySection,
+    Text,
     ThermometerSection,
 )
 from haptorb.devices.spherical_motor import Rotor, SphericalMotor
@@ -53,8 +54,8 @@ class MotorFile(Section):
 
     kind: Literal["spherical-motor"]
     name: Name
-    title: str
-    source: str
+    title: Text
+    source: Text
     based_on: str | None = None
     magnets: MagnetsSection
     electromagnets: ElectromagnetsSection

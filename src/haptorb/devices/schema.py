@@ -13,6 +13,7 @@ from haptorb.devices.device import Coils, Heat, Limits, Supply
 
 __all__ = [
     "CommonFile",
+    "Count",
     "FieldSensorsSection",
     "HeatSection",
     "LimitsSection",
@@ -21,12 +22,15 @@ __all__ = [
     "Positive",
     "Section",
     "SupplySection",
+    "Text",
     "ThermometerSection",
     "hollow",
 ]
 
 Positive = Gt(0)
-Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$")]
+Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=64)]  #: it becomes part of files' names
+Count = Annotated[int, Field(ge=1, le=1000, strict=True)]
+Text = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]*$", max_length=400)]  #: one line
 Point = Annotated[tuple[q.Length, ...], Len(3, 3)]
 
 
@@ -70,7 +74,7 @@ class HeatSection(Section):
 class CoilsSection(Section):
     """[coils]"""
 
-    names: Annotated[tuple[str, ...], Len(1)]
+    names: Annotated[tuple[Annotated[Text, Len(1, 40)], ...], Len(1, 100)]
     resistance: tuple[Annotated[q.Resistance, Positive], ...]
     inductance: tuple[Annotated[q.Inductance, Positive], ...]
     current_limit: tuple[Annotated[q.Current, Positive], ...]
@@ -105,7 +109,7 @@ class SupplySection(Section):
     """[supply]"""
 
     voltage: Annotated[q.Voltage, Positive]
-    duty_bits: Annotated[int, Field(ge=1, le=24)]
+    duty_bits: Annotated[int, Field(ge=1, le=24, strict=True)]
     current_noise: Annotated[q.Current, Field(ge=0)]
     current_step: Annotated[q.Current, Field(ge=0)]
 
@@ -130,7 +134,7 @@ class LimitsSection(Section):
 class FieldSensorsSection(Section):
     """[hall]"""
 
-    positions: tuple[Point, ...]
+    positions: Annotated[tuple[Point, ...], Len(0, 100)]
     noise: Annotated[q.Polarization, Field(ge=0)]
     step: Annotated[q.Polarization, Field(ge=0)]
 
@@ -146,8 +150,8 @@ class CommonFile(Section):
     """What every device file has."""
 
     name: Name
-    title: str
-    source: str
+    title: Text
+    source: Text
     coils: CoilsSection
     supply: SupplySection
     limits: LimitsSection

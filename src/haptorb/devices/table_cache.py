@@ -112,7 +112,7 @@ def _read(path: Path, name: str, functions: int) -> PairTable | None:
             return None
         cells = np.frombuffer(numbers, dtype="<f8").reshape(rows, columns).astype(np.float64)
         return PairTable(cells, float(told["scale"]), float(told["bound"]))
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError):
         return None
 
 

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptorb.errors import InputError
+from haptorb.errors import InputError, shown
 
 __all__ = ["Array", "Records", "finite", "rotation", "vectors"]
 
@@ -26,10 +26,10 @@ def finite(value: ArrayLike, what: str) -> Array:
     """
     try:
         array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as cause:
-        raise InputError(f"{what} must be numbers; got {value!r}") from cause
+    except (TypeError, ValueError, OverflowError) as cause:
+        raise InputError(f"{what} must be numbers; got {shown(value)}") from cause
     if not np.isfinite(array).all():
-        raise InputError(f"{what} must be finite; got {value!r}")
+        raise InputError(f"{what} must be finite; got {shown(value)}")
     return array
 
 

@@ -17,11 +17,12 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.errors import GeometryError, InputError
+from haptorb.errors import GeometryError, InputError, shown
 from haptorb.physics.arrays import Array, finite
 
 __all__ = ["METALS_FROM", "TABLE_3", "Hook"]
 
+_LARGEST = 1e15  #: in SI units
 METALS_FROM = 10e9  #: [Pa] no engineering metal is softer (lead: 16 GPa); what is, was probably misprinted
 
 
@@ -52,8 +53,8 @@ class Hook:
             value = getattr(self, item.name)
             if item.name == "flat_top":
                 continue
-            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-                raise InputError(f"hook.{item.name} must be a finite number; got {value!r}")
+            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
+                raise InputError(f"hook.{item.name} must be a finite number; got {shown(value)}")
             if item.name != "poisson_ratio" and value <= 0.0:
                 raise InputError(f"hook.{item.name} must be greater than zero; got {value:g}")
         if not 0.0 <= self.poisson_ratio < 0.5:

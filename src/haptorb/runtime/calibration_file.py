@@ -5,29 +5,24 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from haptorb.devices.text_file import read_text
 from haptorb.errors import CalibrationError
 from haptorb.sensing.calibration import Calibration
 from haptorb.sensing.tracker_frame import TrackerFrame
 
 __all__ = ["read_calibration", "read_frame", "writable", "write_calibration", "write_frame"]
 
+_MOST = 1024 * 1024  #: bytes
+
 
 def read_calibration(path: str | Path) -> Calibration:
     """The calibration in the file; CalibrationError if it cannot be read or is none."""
-    return Calibration.parse(_text(path, "calibration"), str(path))
+    return Calibration.parse(read_text(path, "calibration", CalibrationError, _MOST), str(path))
 
 
 def read_frame(path: str | Path) -> TrackerFrame:
     """The tracker's frame in the file; CalibrationError if it cannot be read or is none."""
-    return TrackerFrame.parse(_text(path, "frame"), str(path))
-
-
-def _text(path: str | Path, what: str) -> str:
-    try:
-        return Path(path).expanduser().read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as cause:
-        reason = cause.strerror if isinstance(cause, OSError) else "not a text file"
-        raise CalibrationError(f"{what} {path}: cannot be read ({reason})") from cause
+    return TrackerFrame.parse(read_text(path, "frame", CalibrationError, _MOST), str(path))
 
 
 def writable(path: str | Path, *, overwrite: bool) -> Path:

@@ -6,6 +6,7 @@ The usual readers begin at the end of the file, where a killed writer has writte
 from __future__ import annotations
 
 import os
+import struct
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from typing import Any, BinaryIO
@@ -17,7 +18,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Metadata, Schema
 from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import NDArray
-from zstandard import ZstdError
+from zstandard import ZstdError, frame_content_size
+
+from haptorb.errors import RecordingError
 
 __all__ = ["MAGIC", "Block", "records"]
 
@@ -25,11 +28,15 @@ MAGIC = b"\x89MCAP0\r\n"
 
 _HEAD = 9  #: opcode and length before every record
 _MESSAGE_HEAD = 22  #: channel, sequence and two times before a message's data
+_CHUNK = 64 * 1024 * 1024  #: bytes of a chunk before compression: ours have 32 kB, those of other tools a few MB
+_RATIO = 200  #: all chunks together over the file's size: rows with running times in them do not shrink so far
+_RECORDS = 20_000  #: records of any file, and one more for every _EACH bytes of it: an index has 16 for each message
+_EACH = 16
+_TOO_MANY = "the recording has more records than a file of its size can have: haptorb did not write it"
 _READ: dict[int, Callable[[ReadDataStream], Any]] = {
     Opcode.SCHEMA: Schema.read,
     Opcode.CHANNEL: Channel.read,
     Opcode.METADATA: Metadata.read,
-    Opcode.CHUNK: Chunk.read,
     Opcode.FOOTER: Footer.read,
 }
 
@@ -42,8 +49,14 @@ class Block:
 
 
 def records(file: BinaryIO) -> Iterator[Schema | Channel | Metadata | Footer | Block]:
-    """Records in order; ends without a word at the first that is not whole. Other kinds are passed over."""
-    left = os.fstat(file.fileno()).st_size - len(MAGIC)
+    """Records in order; ends without a word at the first that is not whole. Other kinds are passed over.
+
+    Raises RecordingError, before memory or time is taken, for chunks that say they are far larger than a recording's,
+    and for more records than a file of its size can have.
+    """
+    size = os.fstat(file.fileno()).st_size
+    left, room = size - len(MAGIC), _CHUNK + _RATIO * size
+    most = _RECORDS + size // _EACH
     file.seek(len(MAGIC))
     while left >= _HEAD:
         head = file.read(_HEAD)
@@ -52,37 +65,62 @@ def records(file: BinaryIO) -> Iterator[Schema | Channel | Metadata | Footer | B
         if left < 0:
             return
         try:
-            found = list(_opened(head[0], file.read(length)))
-        except (McapError, ZstdError, ValueError, MemoryError):
+            found, took = _opened(head[0], file.read(length), room, most)
+        except (McapError, ZstdError, ValueError, OverflowError, MemoryError, struct.error):
             return  # not whole after all: what follows cannot be trusted either
+        room -= took
+        most -= max(len(found), 1)
+        if most <= 0:
+            raise RecordingError(_TOO_MANY)
         yield from found
 
 
-def _opened(opcode: int, data: bytes) -> Iterator[Any]:
-    """The record itself, or what is in it."""
+def _opened(opcode: int, data: bytes, room: int, most: int) -> tuple[list[Any], int]:
+    """The record itself, or what is in it; and how many bytes that was, at most `room`, in at most `most` records."""
+    if opcode != Opcode.CHUNK:
+        return list(_single(opcode, data)), 0
+    chunk = Chunk.read(ReadDataStream(BytesIO(data)))
+    if chunk.compression == "lz4":
+        raise RecordingError("a chunk of the recording is compressed with lz4; only zstd is read (mcap compress)")
+    if chunk.compression not in ("", "zstd"):
+        raise ValueError(f"compression {chunk.compression!r}")
+    told = [chunk.uncompressed_size]
+    if chunk.compression == "zstd":
+        told.append(frame_content_size(chunk.data))  # -1: it does not say, and takes what the record says
+    if max(told) > min(_CHUNK, room):
+        raise RecordingError(
+            f"a chunk of the recording says that it is {max(told)} bytes long; at most {min(_CHUNK, room)} can be, so "
+            "this is no file that haptorb wrote"
+        )
+    if chunk.uncompressed_size == 0:
+        return [], 0
+    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
+    return _in_chunk(stream.read(length) if length else b"", most), length
+
+
+def _single(opcode: int, data: bytes) -> Iterator[Any]:
     if opcode == Opcode.MESSAGE:
         yield Block(int.from_bytes(data[:2], "little"), np.frombuffer(data, np.uint8, offset=_MESSAGE_HEAD)[None])
     elif opcode in _READ:
-        record = _READ[opcode](ReadDataStream(BytesIO(data)))
-        if isinstance(record, Chunk):
-            stream, length = get_chunk_data_stream(record, validate_crc=True)
-            yield from _in_chunk(stream.read(length) if length else b"")
-        else:
-            yield record
+        yield _READ[opcode](ReadDataStream(BytesIO(data)))
 
 
-def _in_chunk(data: bytes) -> Iterator[Any]:
+def _in_chunk(data: bytes, most: int) -> list[Any]:
     """A chunk's records; messages that are alike in channel and size as one block: fifty times faster than singly."""
     at = 0
-    while at + _HEAD <= len(data):
+    found: list[Any] = []
+    for _ in range(most):
+        if at + _HEAD > len(data):
+            return found
         whole = _HEAD + int.from_bytes(data[at + 1 : at + _HEAD], "little")
         if data[at] != Opcode.MESSAGE:
-            yield from _opened(data[at], data[at + _HEAD : at + whole])
+            found += _single(data[at], data[at + _HEAD : at + whole])
             at += whole
             continue
         alike, count = data[at : at + _HEAD + 2], 1
         while data[at + count * whole : at + count * whole + _HEAD + 2] == alike:
             count += 1
         block = np.frombuffer(data, np.uint8, count=count * whole, offset=at).reshape(count, whole)
-        yield Block(int.from_bytes(alike[_HEAD:], "little"), block[:, _HEAD + _MESSAGE_HEAD :])
+        found.append(Block(int.from_bytes(alike[_HEAD:], "little"), block[:, _HEAD + _MESSAGE_HEAD :]))
         at += count * whole
+    raise RecordingError(_TOO_MANY)

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import re
 
-from haptorb.errors import RecordingError
+from haptorb.errors import RecordingError, shown
 from haptorb.runtime.row import Field, RowLayout
+
+_WIDEST = 65_536  #: numbers in a row
 
 __all__ = ["CDR_HEADER", "ENCODING", "MESSAGE_ENCODING", "NAME", "TOPIC", "fields_of", "schema"]
 
@@ -20,7 +22,7 @@ TOPIC = "/haptorb/tick"
 CDR_HEADER = b"\x00\x01\x00\x00"
 
 _LINE = re.compile(
-    r"float64(?:\[(?P<width>\d+)\])? (?P<name>[a-z][a-z0-9_]*)(?:  # \[(?P<unit>[^\]]*)\] (?P<about>.*))?"
+    r"float64(?:\[(?P<width>[0-9]{1,6})\])? (?P<name>[a-z][a-z0-9_]{0,63})(?:  # \[(?P<unit>[^\]]*)\] (?P<about>.*))?"
 )
 
 
@@ -40,13 +42,19 @@ def schema(layout: RowLayout) -> str:
 
 def fields_of(text: str) -> tuple[Field, ...]:
     """The fields that a `schema` describes. Raises RecordingError for anything but numbers of type float64."""
-    fields = []
+    fields: list[Field] = []
     for line in text.splitlines():
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         match = _LINE.fullmatch(line)
         if match is None:
-            raise RecordingError(f"the recording's schema has a field that haptorb did not write: '{line}'")
+            raise RecordingError(f"the recording's schema has a field that haptorb did not write: {shown(line)}")
         width = int(match["width"] or 1)
+        if not 1 <= width + sum(field.width for field in fields) <= _WIDEST or width < 1:
+            raise RecordingError(
+                f"the recording's schema has more than {_WIDEST} numbers in a row, or none: {shown(line)}"
+            )
+        if match["name"] in {field.name for field in fields}:
+            raise RecordingError(f"the recording's schema has the field '{match['name']}' twice")
         fields.append(Field(match["name"], width, match["unit"] or "", match["about"] or ""))
     return tuple(fields)

@@ -18,6 +18,7 @@ from typing import Any
 
 from haptorb.runtime.orphan import orphaned
 from haptorb.runtime.recorder import Recorder
+from haptorb.runtime.recording_file import complete
 from haptorb.runtime.shared import Phase, Shared, Word
 
 __all__ = ["main"]
@@ -79,7 +80,7 @@ def _record(shared: Shared, spec: Mapping[str, Any]) -> None:
         recorder.note("end", {"rows": str(recorder.written), "lost": str(lost), "reason": reason})
         recorder.finish()
         # Only a complete recording may be replaced by hand; one that was cut short stays write-protected.
-        os.fchmod(file.fileno(), 0o644)
+        complete(file.fileno(), temporary=bool(spec["temporary"]))
 
 
 class _Ending:

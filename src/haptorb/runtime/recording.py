@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, BinaryIO, final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptorb.errors import RecordingError, UnknownName
+from haptorb.errors import RecordingError, UnknownName, shown
 from haptorb.physics.arrays import Array
 from haptorb.runtime.mcap_rows import MAGIC, Block, records
 from haptorb.runtime.mcap_schema import CDR_HEADER, NAME, TOPIC, fields_of
@@ -38,12 +39,20 @@ class Recording:
         self.fields: tuple[Field, ...] = ()  #: as the file's own schema describes them
         self._channel = 0
         with _opened(self.path) as file:
-            parts = list(self._parts(file))
+            try:
+                parts = list(self._parts(file))
+            except RecordingError as cause:
+                raise RecordingError(f"{self.path}: {cause}") from cause
+            except OSError as cause:
+                raise RecordingError(f"cannot read {self.path}: {cause.strerror}") from cause
         if not self.fields:
             cut = "it was cut short before its first rows" if self.truncated else f"topic {TOPIC} is missing"
             raise RecordingError(f"{self.path} holds no haptorb recording: {cut}")
         width = sum(field.width for field in self.fields)
-        self.rows: Array = np.concatenate(parts) if parts else np.empty((0, width))  #: (n, width) bit for bit
+        try:
+            self.rows: Array = np.concatenate(parts) if parts else np.empty((0, width))  #: (n, width) bit for bit
+        except MemoryError as cause:
+            raise RecordingError(f"{self.path} is too large for the memory of this computer") from cause
         self._at: dict[str, slice] = {}
         start = 0
         for field in self.fields:
@@ -78,18 +87,38 @@ class Recording:
 
     @property
     def lost(self) -> int:
-        """Rows that the recorder could not fetch in time."""
-        return sum(int(values["rows"]) for name, values in self.notes if name == "haptorb/gap")
+        """Rows that the recorder could not fetch in time. RecordingError if the file says no number."""
+        return sum(self._whole(values, "rows") for name, values in self.notes if name == "haptorb/gap")
 
     @property
     def layout(self) -> RowLayout:
         """The layout of `rows`. Raises RecordingError if another version of haptorb ordered them otherwise."""
         noted = self.metadata.get("layout", {})
-        layout = RowLayout(int(noted.get("channels", 0)), int(noted.get("sensors", 0)))
+        layout = RowLayout(*(self._whole(noted, key) if key in noted else 0 for key in ("channels", "sensors")))
         mine = [(field.name, field.width) for field in layout.fields if field.width]
         if mine != [(field.name, field.width) for field in self.fields]:
             raise RecordingError(f"{self.path} was written by another version of haptorb; read its fields by name")
         return layout
+
+    def require(self, *names: str) -> None:
+        """Raise RecordingError unless there are fields `names` as wide as this version of haptorb writes them.
+
+        Those of coils and sensors may have any width.
+        """
+        wide = {field.name: field.width for field in RowLayout(0, 0).fields if field.width}
+        found = {field.name: field.width for field in self.fields}
+        for name in names:
+            if found.get(name) is None or found[name] != wide.get(name, found[name]):
+                raise RecordingError(
+                    f"{self.path}: field '{name}' must have {wide.get(name, 'some')} numbers; got "
+                    f"{found.get(name, 0)}: another version of haptorb wrote it, or another program"
+                )
+
+    def _whole(self, values: dict[str, str], key: str) -> int:
+        text = values.get(key, "")
+        if not (text.isascii() and text.isdecimal() and len(text) <= 15):
+            raise RecordingError(f"{self.path}: a note's '{key}' must be a whole number; got {shown(text)}")
+        return int(text)
 
     def to_csv(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write all rows as text, one column per number, named `p[0]`, every digit kept. Nothing is written half.
@@ -135,8 +164,11 @@ class Recording:
             elif isinstance(found, Channel) and found.topic == TOPIC:
                 kind = schemas.get(found.schema_id)
                 if kind is None or kind.name != NAME:
-                    raise RecordingError(f"{self.path}: topic {TOPIC} is not of type {NAME}; another program wrote it")
-                self.fields, self._channel = fields_of(kind.data.decode()), found.id
+                    raise RecordingError(f"topic {TOPIC} is not of type {NAME}; another program wrote it")
+                fields = fields_of(kind.data.decode("utf-8", "replace"))
+                if self.fields and fields != self.fields:
+                    raise RecordingError(f"topic {TOPIC} is there twice, with different fields")
+                self.fields, self._channel = fields, found.id
             elif isinstance(found, Metadata):
                 self.notes.append((found.name, dict(found.metadata)))
             elif isinstance(found, Footer):
@@ -146,7 +178,7 @@ class Recording:
         """Rows (n, width) from messages (n, bytes): four bytes of CDR header, then the row itself."""
         width = sum(field.width for field in self.fields)
         if block.shape[1] != len(CDR_HEADER) + 8 * width:
-            raise RecordingError(f"{self.path}: a message has {block.shape[1]} bytes; its schema says {4 + 8 * width}")
+            raise RecordingError(f"a message has {block.shape[1]} bytes; its schema says {4 + 8 * width}")
         decoded: Array = np.ascontiguousarray(block[:, len(CDR_HEADER) :]).view("<f8")
         return decoded
 
@@ -154,9 +186,15 @@ class Recording:
 def _opened(path: Path) -> BinaryIO:
     """The file, if it begins like MCAP."""
     try:
-        file = path.open("rb")
+        # a pipe without a writer would be waited for
+        file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
     except OSError as cause:
         raise RecordingError(f"cannot read {path}: {cause.strerror}") from cause
+    except ValueError as cause:  # a zero byte in its name
+        raise RecordingError(f"cannot read {shown(str(path))}: not the name of a file") from cause
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise RecordingError(f"cannot read {path}: not a regular file")
     if file.read(len(MAGIC)) != MAGIC:
         file.close()
         raise RecordingError(f"{path} is not an MCAP file: record one with `haptorb run --record FILE.mcap`")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from haptorb.errors import RecordingError
 
-__all__ = ["opened", "temporary"]
+__all__ = ["complete", "opened", "temporary"]
 
 _FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
 
@@ -30,6 +30,16 @@ def opened(path: Path, *, overwrite: bool) -> int:
         return os.open(path, _FLAGS, 0o444)
     except OSError as cause:
         raise RecordingError(f"cannot record to {path}: {cause.strerror}; choose another place") from cause
+
+
+def complete(descriptor: int, *, temporary: bool) -> None:
+    """Lift the write protection of a recording that is whole: as any file that the user makes, and no more than that.
+
+    What others may read is for the user's umask to say; a `temporary` file stays its owner's alone.
+    """
+    mask = os.umask(0o077)
+    os.umask(mask)
+    os.fchmod(descriptor, 0o600 if temporary else 0o666 & ~mask)
 
 
 def temporary() -> tuple[Path, int]:

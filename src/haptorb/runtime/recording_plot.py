@@ -22,6 +22,7 @@ __all__ = ["plot"]
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 _INK, _FAINT = "#222222", "#888888"
 _KELVIN = 273.15
+_FIELDS = ("t", "given", "modelled", "asked", "currents", "boundary", "winding", "lateness", "missed", "guard")
 _POINTS = 4000  #: per curve; more are joined so that no peak is lost
 
 
@@ -32,6 +33,8 @@ def plot(recording: Recording, path: str | Path | None = None) -> Figure:
     """
     if not len(recording):
         raise RecordingError(f"{recording.path} holds no rows: there is nothing to plot")
+    known = {field.name for field in recording.fields}
+    recording.require(*_FIELDS, *(name for name in ("energy", "injected") if name in known))
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -84,7 +87,7 @@ def _wrench(axes: Axes, recording: Recording, t: Array) -> None:
 
 def _energy(axes: Axes, recording: Recording, t: Array) -> None:
     """What the hand was given, and where damping was injected because sampling and delay had made energy."""
-    if "energy" not in {field.name for field in recording.fields}:  # an older recording
+    if not {"energy", "injected"} <= {field.name for field in recording.fields}:  # an older recording
         return
     axes.plot(*_joined(t, 1e3 * recording["energy"]), color=_COLOURS[0], linewidth=1.1, label="given to the hand")
     damped = recording["injected"] > 0

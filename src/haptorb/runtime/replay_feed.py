@@ -26,9 +26,10 @@ _SAME = 1e-6  #: two ticks whose poses were measured within this saw the same po
 def played(path: str | Path) -> Array:
     """(n, 10): time on the loop's clock at which the pose came, when it was measured [s], p (3), q (4), valid.
 
-    Raises RecordingError if the file is none, DriverError if it holds no pose.
+    Raises RecordingError if the file is none of this version, DriverError if it holds no pose.
     """
     recording = Recording(path)
+    recording.require("t", "age", "valid", "target", "target_q", "p", "q")
     t, age, valid = recording.t, recording["age"], recording["valid"] == 1.0
     wanted, turned = recording["target"], recording["target_q"]
     if not np.isfinite(wanted).any():

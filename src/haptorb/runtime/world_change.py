@@ -40,7 +40,7 @@ def request(number: int, name: str, values: Mapping[str, Any]) -> str:
     """The wish for another world, or other values, as JSON. Raises InputError for values that are not numbers."""
     try:
         return json.dumps({"number": number, "name": name, "values": dict(values)}, default=list)
-    except TypeError as cause:
+    except (TypeError, ValueError, RecursionError) as cause:
         raise InputError(f"the values of world '{name}' must be numbers or lists of numbers: {cause}") from cause
 
 

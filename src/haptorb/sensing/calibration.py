@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.errors import CalibrationError
+from haptorb.errors import CalibrationError, shown
 from haptorb.physics.arrays import Array
 from haptorb.physics.thermal import TwoNode
-from haptorb.sensing.document import document
+from haptorb.sensing.document import document, numbers
 
 __all__ = ["FORMAT", "Calibration"]
 
@@ -52,7 +52,7 @@ class Calibration:
         """`device` with what was measured; CalibrationError if the calibration is another device's."""
         if device.digest != self.digest:
             raise CalibrationError(
-                f"the calibration is that of device '{self.device}' with file {self.digest[:12]}, not of "
+                f"the calibration is that of device {shown(self.device)} with file {shown(self.digest[:12])}, not of "
                 f"'{device.name}' with file {device.digest[:12]}; calibrate again with "
                 f"`haptorb calibrate {device.name}`"
             )
@@ -90,43 +90,34 @@ class Calibration:
     def parse(cls, text: str, name: str) -> Calibration:
         """From JSON; `name` is what mistakes are reported under. CalibrationError if it is no calibration."""
         raw = document(text, name, "calibration", FORMAT, _KEYS, "calibrate again")
-        moments = _numbers(raw, "moment_per_current_m2", name, (3, None))
+        moments = numbers(raw, "moment_per_current_m2", name, (3, None))
         channels = moments.shape[1]
         if np.linalg.matrix_rank(moments) < min(3, channels):
             raise CalibrationError(f"{name}: moment_per_current_m2 is singular: two coils would do the same")
-        resistance = _numbers(raw, "resistance_ohm", name, (channels,))
+        if not isinstance(raw["simulated"], bool):
+            raise CalibrationError(f"{name}: simulated must be true or false; got {shown(raw['simulated'])}")
+        resistance = numbers(raw, "resistance_ohm", name, (channels,))
         if not (resistance > 0).all():
             raise CalibrationError(f"{name}: resistance_ohm must be positive; got {resistance.tolist()}")
         return cls(
             _word(raw, "device", name),
             _word(raw, "digest", name),
             moments,
-            _numbers(raw, "uncertainty_m2", name, moments.shape),
-            _numbers(raw, "offsets_t", name, (None, 3)),
+            numbers(raw, "uncertainty_m2", name, moments.shape),
+            numbers(raw, "offsets_t", name, (None, 3)),
             resistance,
-            float(_numbers(raw, "residual_t", name, ())),
-            float(_numbers(raw, "condition", name, ())),
-            float(_numbers(raw, "repeatability", name, ())),
+            float(numbers(raw, "residual_t", name, ())),
+            float(numbers(raw, "condition", name, ())),
+            float(numbers(raw, "repeatability", name, ())),
             _heat(raw["heat"], name),
-            bool(raw["simulated"]),
+            raw["simulated"],
         )
 
 
 def _word(raw: Mapping[str, Any], key: str, name: str) -> str:
     if not isinstance(raw[key], str):
-        raise CalibrationError(f"{name}: {key} must be a text; got {raw[key]!r}")
+        raise CalibrationError(f"{name}: {key} must be a text; got {shown(raw[key])}")
     return str(raw[key])
-
-
-def _numbers(raw: Mapping[str, Any], key: str, name: str, shape: tuple[int | None, ...]) -> Array:
-    try:
-        values = np.array(raw[key], dtype=np.float64)
-    except (TypeError, ValueError) as cause:
-        raise CalibrationError(f"{name}: {key} must be numbers; got {str(raw[key])[:60]}") from cause
-    fits = values.ndim == len(shape) and all(want in (None, got) for want, got in zip(shape, values.shape, strict=True))
-    if not fits or not np.isfinite(values).all():
-        raise CalibrationError(f"{name}: {key} must be finite numbers of shape {shape}; got shape {values.shape}")
-    return values
 
 
 def _heat(raw: Any, name: str) -> TwoNode | None:
@@ -134,7 +125,7 @@ def _heat(raw: Any, name: str) -> TwoNode | None:
         return None
     if not isinstance(raw, Mapping) or set(raw) != set(_HEAT):
         raise CalibrationError(f"{name}: heat must be null or have exactly {', '.join(_HEAT)}")
-    values = [float(_numbers(raw, key, name, ())) for key in _HEAT]
+    values = [float(numbers(raw, key, name, ())) for key in _HEAT]
     if not all(value > 0 for value in values):
         raise CalibrationError(f"{name}: all values of heat must be positive; got {values}")
     return TwoNode(*values)

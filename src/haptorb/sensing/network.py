@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.devices.spherical_motor import SphericalMotor
-from haptorb.errors import InputError
+from haptorb.errors import InputError, shown
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 from haptorb.sensing.levenberg_marquardt import trained
@@ -43,8 +43,8 @@ class TrainedNetworks:
         """The neighbourhoods of `motor` in the networks' order; InputError if they were trained for another device."""
         if self.digest != motor.digest:
             raise InputError(
-                f"these networks were trained for device '{self.device}' (digest {self.digest[:12]}), not for "
-                f"'{motor.name}' ({motor.digest[:12]}): its magnetics differ; run `haptorb train {motor.name}`"
+                f"these networks were trained for device {shown(self.device)} (digest {shown(self.digest[:12])}), not "
+                f"for '{motor.name}' ({motor.digest[:12]}): its magnetics differ; run `haptorb train {motor.name}`"
             )
         found = neighbourhoods(motor, self.reach)
         sizes = [3 * near.sensors.shape[1] for near in found]

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.devices.spherical_motor import SphericalMotor
+from haptorb.devices.text_file import json_of, read_bytes
 from haptorb.errors import InputError
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import cache_folder
@@ -25,6 +26,7 @@ from haptorb.sensing.perceptron import Perceptron, Scaling
 __all__ = ["known_networks", "networks_path", "read_networks", "write_networks"]
 
 _KIND = "haptorb networks 1"
+_MOST = 64 * 1024 * 1024  #: bytes
 
 
 def networks_path(motor: SphericalMotor) -> Path:
@@ -70,11 +72,11 @@ def write_networks(networks: TrainedNetworks, path: Path) -> None:
 def read_networks(path: Path) -> TrainedNetworks:
     """What `write_networks` wrote; InputError where the file is absent, torn, altered or something else."""
     try:
-        line, _, numbers = path.read_bytes().partition(b"\n")
-    except OSError as cause:
-        raise InputError(f"network file '{path}' cannot be read: {cause.strerror}; run `haptorb train`") from cause
+        line, _, numbers = read_bytes(path, _MOST, "network file", InputError).partition(b"\n")
+    except InputError as cause:
+        raise InputError(f"{cause}; run `haptorb train`") from cause
     try:
-        head: dict[str, Any] = json.loads(line)
+        head: dict[str, Any] = json_of(line)
         if head.get("kind") != _KIND:
             raise InputError(f"'{path}' is not a network file of this version; run `haptorb train`")
         told = head.pop("sha256")
@@ -83,15 +85,32 @@ def read_networks(path: Path) -> TrainedNetworks:
         weights = np.frombuffer(numbers, dtype="<f8").astype(np.float64)
         ends = np.cumsum([0, *(int(np.prod(shape)) for shape in head["shapes"])])
         parts = [weights[ends[i] : ends[i + 1]].reshape(shape) for i, shape in enumerate(head["shapes"])]
+        if len(parts) % 6 or not np.isfinite(weights).all() or ends[-1] != len(weights):
+            raise ValueError("weights that are none, too many or too few")
         networks = tuple(
             Perceptron(parts[i], parts[i + 1], Scaling(parts[i + 2], parts[i + 3]), Scaling(parts[i + 4], parts[i + 5]))
             for i in range(0, len(parts), 6)
         )
+        for network in networks:
+            _fits(network)
+        if not all(isinstance(head[key], kind) for key, kind in (("device", str), ("digest", str), ("record", dict))):
+            raise TypeError("device, digest and record")
         return TrainedNetworks(head["device"], head["digest"], float(head["reach"]), networks, head["record"])
     except InputError:
         raise
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError) as cause:
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError) as cause:
         raise InputError(f"'{path}' is not a network file; run `haptorb train`") from cause
+
+
+def _fits(network: Perceptron) -> None:
+    """ValueError unless weights and scalings have sizes that go together."""
+    inputs, outputs = len(network.inputs.mean), len(network.outputs.mean)
+    nodes = len(network.hidden)
+    wanted = ((nodes, inputs + 1), (outputs, nodes + 1), (inputs,), (inputs,), (outputs,), (outputs,))
+    if any(part.shape != shape for part, shape in zip(_arrays(network), wanted, strict=True)):
+        raise ValueError("sizes that do not go together")
+    if not ((network.inputs.spread > 0).all() and (network.outputs.spread > 0).all()):
+        raise ValueError("a spread that is not positive")
 
 
 def _arrays(network: Perceptron) -> tuple[Array, ...]:

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import hypot
-from typing import Any, final
+from typing import final
 
 import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.devices.state import rotation_to_axis
-from haptorb.errors import CalibrationError
+from haptorb.errors import CalibrationError, shown
 from haptorb.physics.arrays import Array, rotation
 from haptorb.physics.quaternions import product, quaternion, turned
-from haptorb.sensing.document import document
+from haptorb.sensing.document import document, numbers
 from haptorb.sensing.frame_registration import FrameRegistration
 
 __all__ = ["FORMAT", "TrackerFrame"]
@@ -72,13 +72,13 @@ class TrackerFrame:
         """Itself; CalibrationError if it is that of another device or tracker."""
         if self.digest != device.digest:
             raise CalibrationError(
-                f"the tracker's frame is that of device '{self.device}' with file {self.digest[:12]}, not of "
-                f"'{device.name}' with file {device.digest[:12]}; register again with `haptorb frame {device.name}`"
+                f"the tracker's frame is that of device {shown(self.device)} with file {shown(self.digest[:12])}, not "
+                f"of '{device.name}' with file {device.digest[:12]}; register again with `haptorb frame {device.name}`"
             )
         if self.tracker != tracker:
             raise CalibrationError(
-                f"the frame is that of tracker '{self.tracker}', not of '{tracker}': name that one, or register this "
-                f"one with `haptorb frame {device.name} --tracker {tracker}`"
+                f"the frame is that of tracker {shown(self.tracker)}, not of '{tracker}': name that one, or register "
+                f"this one with `haptorb frame {device.name} --tracker {tracker}`"
             )
         return self
 
@@ -126,11 +126,11 @@ class TrackerFrame:
         raw = document(text, name, "tracker's frame", FORMAT, _KEYS, "register again with `haptorb frame`")
         for key in ("device", "digest", "tracker"):
             if not isinstance(raw[key], str):
-                raise CalibrationError(f"{name}: {key} must be a text; got {raw[key]!r}")
+                raise CalibrationError(f"{name}: {key} must be a text; got {shown(raw[key])}")
         if not isinstance(raw["simulated"], bool):
-            raise CalibrationError(f"{name}: simulated must be true or false; got {raw['simulated']!r}")
-        arrays = {key: _numbers(raw, key, name, shape) for key, shape in _VECTORS.items()}
-        numbers = [float(_numbers(raw, key, name, ())) for key in _NUMBERS]
+            raise CalibrationError(f"{name}: simulated must be true or false; got {shown(raw['simulated'])}")
+        arrays = {key: numbers(raw, key, name, shape) for key, shape in _VECTORS.items()}
+        grades = [float(numbers(raw, key, name, ())) for key in _NUMBERS]
         try:
             turn = rotation(arrays["turn"], "turn")
         except ValueError as cause:
@@ -141,15 +141,5 @@ class TrackerFrame:
             raise CalibrationError(f"{name}: the tool is more than {_ARM:g} m from its rigid body; register again")
         return cls(
             raw["device"], raw["digest"], raw["tracker"], raw["simulated"],
-            turn, arrays["shift_m"], arrays["tip_m"], arrays["magnet_m"], arrays["axis"], *numbers,
+            turn, arrays["shift_m"], arrays["tip_m"], arrays["magnet_m"], arrays["axis"], *grades,
         )  # fmt: skip
-
-
-def _numbers(raw: Mapping[str, Any], key: str, name: str, shape: tuple[int, ...]) -> Array:
-    try:
-        values = np.array(raw[key], dtype=np.float64)
-    except (TypeError, ValueError) as cause:
-        raise CalibrationError(f"{name}: {key} must be numbers; got {str(raw[key])[:60]}") from cause
-    if values.shape != shape or not np.isfinite(values).all():
-        raise CalibrationError(f"{name}: {key} must be finite numbers of shape {shape}; got shape {values.shape}")
-    return values

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
-from haptorb.errors import InputError, UnknownName
+from haptorb.errors import InputError, UnknownName, shown
 
 __all__ = ["Parameter", "check", "parameter", "parameters", "values"]
 
@@ -57,16 +57,24 @@ def check(world: Any) -> None:
     kind = type(world).__name__
     for name, known in parameters(type(world)).items():
         value = getattr(world, name)
-        numbers = value if isinstance(value, tuple | list) else (value,)
-        if len(numbers) != known.size:
-            raise InputError(f"{kind}.{name} must be {known.size} numbers; got {value!r}")
-        for number in numbers:
-            if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
-                raise InputError(f"{kind}.{name} must be a finite number; got {value!r}")
+        several = isinstance(value, tuple | list)
+        if several is not isinstance(known.default, tuple) or (several and len(value) != known.size):
+            wanted = f"{known.size} numbers" if isinstance(known.default, tuple) else "a finite number, not a list"
+            raise InputError(f"{kind}.{name} must be {wanted}; got {shown(value)}")
+        for number in value if several else (value,):
+            if isinstance(number, bool) or not isinstance(number, int | float) or not _finite(number):
+                raise InputError(f"{kind}.{name} must be a finite number; got {shown(value)}")
             if not known.low <= number <= known.high:
                 raise InputError(
                     f"{kind}.{name} must lie between {known.low:g} and {known.high:g} {known.unit}; got {number:g}"
                 )
+
+
+def _finite(number: float) -> bool:
+    try:
+        return math.isfinite(number)
+    except OverflowError:  # an integer that no float can hold
+        return False
 
 
 def checked_names(world: type[Any], given: Mapping[str, Any]) -> None:

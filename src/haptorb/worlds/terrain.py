@@ -22,6 +22,8 @@ from haptorb.worlds.world import World
 
 __all__ = ["Terrain", "hills"]
 
+_PIXELS = 4096  #: a side of a picture
+
 
 @kernel
 def _height(heights: Array, u: float, v: float, out: Array) -> None:
@@ -59,7 +61,7 @@ def _whole(heights: ArrayLike) -> Array:
     """`heights` as an array, or InputError saying where its first hole is."""
     try:
         filled = np.ma.filled(np.ma.asarray(heights, dtype=np.float64), np.nan)
-    except (TypeError, ValueError) as cause:
+    except (TypeError, ValueError, OverflowError) as cause:
         raise InputError(f"Terrain.heights must be a table of numbers; {cause}") from cause
     holes = np.argwhere(~np.isfinite(filled))
     if len(holes):
@@ -138,11 +140,13 @@ class Terrain(World):
 
         try:
             with Image.open(path) as picture:
+                if max(picture.size) > _PIXELS:
+                    raise InputError(f"height map '{path}' has more than {_PIXELS} pixels a side; make it smaller")
                 deep = picture.mode.startswith("I")  # 16-bit grey
                 if picture.mode in ("LA", "PA", "RGBA") and np.asarray(picture.getchannel("A")).min() < 255:
                     raise InputError(f"height map '{path}' has transparent pixels: holes; fill them first")
                 grey = np.asarray(picture if deep else picture.convert("L"), dtype=float) / (65535 if deep else 255)
-        except (OSError, UnidentifiedImageError, ValueError) as cause:
+        except (OSError, UnidentifiedImageError, ValueError, SyntaxError, Image.DecompressionBombError) as cause:
             raise InputError(f"height map '{path}' cannot be read as an image: {cause}") from cause
         if grey.shape[0] != grey.shape[1]:
             raise InputError(f"height map '{path}' must be square; it is {grey.shape[1]} × {grey.shape[0]} pixels")

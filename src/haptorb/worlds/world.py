@@ -18,6 +18,13 @@ __all__ = ["Sum", "World"]
 _NO_HOOKS = np.zeros((2, 8))
 
 
+def _plain(value: Any) -> Any:
+    """Arrays and lists as tuples, a number of numpy's as Python's."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    return tuple(value) if isinstance(value, list) else value
+
+
 @dataclass(frozen=True)
 class World(ABC):
     """A world renders a wrench (6,) for a state: force [N] and torque about the mover's origin [N·m], frame S.
@@ -52,7 +59,7 @@ class World(ABC):
     def changed(self, **values: Any) -> Self:
         """A copy with some parameters changed; UnknownName and InputError as in the constructor."""
         _parameter.checked_names(type(self), values)
-        tuples = {key: tuple(value) if isinstance(value, list | np.ndarray) else value for key, value in values.items()}
+        tuples = {key: _plain(value) for key, value in values.items()}
         return replace(self, **tuples)
 
     def __add__(self, other: World) -> Sum:

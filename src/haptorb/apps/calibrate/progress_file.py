@@ -10,12 +10,33 @@ from time import time
 from typing import Any, final
 
 from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.errors import CalibrationError
+from haptorb.devices.text_file import json_of, read_bytes
+from haptorb.errors import CalibrationError, shown
+from haptorb.sensing.document import numbers
 
 __all__ = ["ProgressFile"]
 
 FORMAT = "haptorb-calibration-steps-1"
+_MOST = 4 * 1024 * 1024  #: bytes
 _STALE = 24 * 3600.0  #: a device may have been rewired since [s]
+#: step → what its result must have, and of which shape (None: any length)
+_SHAPES: dict[str, dict[str, tuple[int | None, ...]]] = {
+    "rest": {"temperatures_k": (None,)},
+    "currents": {"resistance_ohm": (None,)},
+    "magnetic": {
+        "moment_per_current_m2": (3, None),
+        "uncertainty_m2": (3, None),
+        "offsets_t": (None, 3),
+        "residual_t": (),
+        "condition": (),
+        "repeatability": (),
+    },
+    "heat": {
+        **dict.fromkeys(("winding_capacity", "body_capacity", "winding_to_body", "body_to_air", "residual_k"), ()),
+        "uncertainty": (None,),
+    },
+    "tool": {"likeness": (), "strength": ()},
+}
 
 
 @final
@@ -38,13 +59,13 @@ class ProgressFile:
 
     def _taken_up(self) -> str:
         try:
-            raw = json.loads(self.path.read_text(encoding="utf-8"))
+            raw = json_of(read_bytes(self.path, _MOST, "progress", CalibrationError))
             head = {key: raw[key] for key in self._head}
-            written, results = float(raw["written"]), dict(raw["steps"])
-        except (OSError, ValueError, KeyError, TypeError):
+            written, results = float(raw["written"]), _sound(raw["steps"])
+        except (CalibrationError, ValueError, KeyError, TypeError, OverflowError):
             return f"{self.path} is damaged and is not taken up"
         if head != self._head:
-            return f"{self.path} is of driver {raw['driver']} and another file of the device; it is not taken up"
+            return f"{self.path} is of driver {shown(raw['driver'])} and another file of the device; it is not taken up"
         if not 0.0 <= self._clock() - written <= _STALE:
             return f"{self.path} is older than a day and is not taken up"
         self.results = results
@@ -69,3 +90,13 @@ class ProgressFile:
         """Begin anew, or be done."""
         self.results = {}
         self.path.unlink(missing_ok=True)
+
+
+def _sound(steps: Any) -> dict[str, dict[str, Any]]:
+    """`steps` if every known one has what those after it use, and its line on the screen; ValueError otherwise."""
+    for name, result in dict(steps).items():
+        if name not in _SHAPES or not isinstance(result, dict):
+            raise ValueError(f"{name} is no step")
+        for key, shape in _SHAPES[name].items():
+            numbers(result, key, name, shape)
+    return dict(steps)

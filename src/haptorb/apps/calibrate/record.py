@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.devices.device import Device
-from haptorb.errors import CalibrationError
+from haptorb.errors import CalibrationError, shown
 from haptorb.physics.arrays import Array
 from haptorb.sensing.thermal_identification import ThermalIdentification, thermal_identification
 
@@ -17,6 +17,9 @@ __all__ = ["ThermalRecord", "thermal_record"]
 
 _COLUMNS = ("t_s", "power_w", "winding_degc", "boundary_degc")
 _BIN = 0.5  #: readings of a recording are averaged over so long [s]
+_LONGEST = 30 * 24 * 3600.0  #: [s]
+_LARGEST = 1e6  #: of any value, in its unit
+_MOST = 1_000_000  #: readings in a table
 _TRUST = 0.5  #: current from which the resistance tells a temperature [A]
 
 
@@ -57,7 +60,11 @@ def _from_table(path: Path) -> ThermalRecord:
                 try:
                     rows.append([float(cell) if cell else np.nan for cell in cells])
                 except ValueError as cause:
-                    raise CalibrationError(f"{path}, line {reader.line_num}: {cause}") from cause
+                    raise CalibrationError(f"{path}, line {reader.line_num}: not numbers: {shown(cells)}") from cause
+                if len(rows) > _MOST:
+                    raise CalibrationError(f"{path}: a thermal record has at most {_MOST} readings")
+    except csv.Error as cause:
+        raise CalibrationError(f"thermal record {path}: is not a table ({cause})") from cause
     except (OSError, UnicodeDecodeError) as cause:
         reason = cause.strerror if isinstance(cause, OSError) else "not a text file"
         raise CalibrationError(f"thermal record {path}: cannot be read ({reason})") from cause
@@ -67,8 +74,17 @@ def _from_table(path: Path) -> ThermalRecord:
     if not np.isfinite(table[:, [0, 1, 3]]).all():
         first = int(np.flatnonzero(~np.isfinite(table[:, [0, 1, 3]]).all(axis=1))[0]) + 2
         raise CalibrationError(f"{path}, line {first}: t_s, power_w and boundary_degc must be numbers")
+    _plausible(path, table[:, 0], np.nan_to_num(table[:, 1:], nan=0.0, posinf=np.inf, neginf=-np.inf))
     boundary = table[:, 3] + 273.15
     return ThermalRecord(table[:, 0], table[:, 1], table[:, 2] + 273.15, boundary, float(boundary[:3].mean()))
+
+
+def _plausible(path: Path, t: Array, values: Array) -> None:
+    """CalibrationError unless time runs forward, for a month at most, and all values are of a size that can be."""
+    if not (np.abs(t) < _LONGEST).all() or not (np.diff(t) >= 0).all():
+        raise CalibrationError(f"{path}: time must be in seconds and run forward, for {_LONGEST:.3g} s at most")
+    if not (np.abs(values) < _LARGEST).all():
+        raise CalibrationError(f"{path}: powers, currents, resistances and temperatures must be below {_LARGEST:g}")
 
 
 def _from_recording(path: Path, device: Device) -> ThermalRecord:
@@ -78,9 +94,11 @@ def _from_recording(path: Path, device: Device) -> ThermalRecord:
     noted = recording.metadata.get("device", {})
     if noted.get("digest", device.digest) != device.digest:
         raise CalibrationError(
-            f"{path} was recorded on device '{noted.get('name')}' with file {noted['digest'][:12]}, not on "
-            f"'{device.name}' with file {device.digest[:12]}"
+            f"{path} was recorded on device {shown(noted.get('name'))} with file {shown(noted['digest'][:12])[1:-1]}, "
+            f"not on '{device.name}' with file {device.digest[:12]}"
         )
+    if not len(recording) or recording.t.ndim != 1:
+        raise CalibrationError(f"{path} has no readings; a thermal record needs at least 20")
     t, currents = recording.t, recording["currents"].reshape(len(recording), -1)
     resistance = recording["resistance"].reshape(len(recording), -1)
     boundary = recording["boundary"].reshape(len(recording), -1)
@@ -88,6 +106,9 @@ def _from_recording(path: Path, device: Device) -> ThermalRecord:
     t, currents, resistance, boundary = t[whole], currents[whole], resistance[whole], boundary[whole]
     if len(t) < 20:
         raise CalibrationError(f"{path} has {len(t)} whole readings; a thermal record needs at least 20")
+    if currents.shape[1] != device.channels or not resistance.shape == boundary.shape == currents.shape:
+        raise CalibrationError(f"{path} is of {currents.shape[1]} coils, device '{device.name}' has {device.channels}")
+    _plausible(path, t, np.column_stack([currents, resistance, boundary]))
     coil = int(np.argmax((currents**2).mean(axis=0)))
     i, R, edge = currents[:, coil], resistance[:, coil], boundary[:, coil]
     bins = ((t - t[0]) / _BIN).astype(int)

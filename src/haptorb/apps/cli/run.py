@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptorb.errors import InputError
+from haptorb.errors import InputError, shown
 
 if TYPE_CHECKING:
     from haptorb.runtime.servo import Servo
@@ -216,7 +216,7 @@ def values_of(settings: list[str]) -> dict[str, float | tuple[float, ...]]:
         except ValueError:
             numbers = ()
         if not equals or not numbers:
-            raise InputError(f"--set must be NAME=VALUE or NAME=X,Y,Z with numbers; got '{setting}'")
+            raise InputError(f"--set must be NAME=VALUE or NAME=X,Y,Z with numbers; got {shown(setting)}")
         values[name.strip()] = numbers[0] if len(numbers) == 1 else numbers
     return values
 

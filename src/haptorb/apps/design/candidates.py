@@ -24,7 +24,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -35,7 +34,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from haptorb.control.modes import Gains
 from haptorb.devices import quantity as q
-from haptorb.errors import HaptorbError, InputError
+from haptorb.devices.text_file import read_text, toml_of
+from haptorb.errors import HaptorbError, InputError, shown
 from haptorb.physics.beams import Model
 from haptorb.physics.hook import METALS_FROM, Hook
 from haptorb.worlds import Outlet, SnapFit
@@ -54,7 +54,10 @@ MATERIALS = {
     "spring steel": (206e9, 0.29, True),
 }
 
+_MISTAKES = 40  #: told at once
+
 Positive = Gt(0)
+DesignName = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f/]+$", max_length=64)]  #: also of files of traces
 Length = Annotated[q.Length, Positive]
 Angle = Annotated[q.Angle, Positive]
 Modulus = Annotated[float, BeforeValidator(lambda value: q.si(value, "Pa", "a modulus of elasticity")), Positive]
@@ -67,10 +70,10 @@ class _Design(BaseModel):
 
     title: str = ""
     material: str
-    metal: bool | None = None
+    metal: Annotated[bool, Field(strict=True)] | None = None
     youngs_modulus: Modulus | None = None
-    poisson_ratio: Annotated[float, Field(ge=0, lt=0.5)] | None = None
-    friction: Annotated[float, Field(ge=0, le=1)]
+    poisson_ratio: Annotated[float, Field(ge=0, lt=0.5, strict=True)] | None = None
+    friction: Annotated[float, Field(ge=0, le=1, strict=True)]
     base_length: Length
     peak: Length
     thickness: Length
@@ -96,9 +99,9 @@ class _File(BaseModel):
     title: str
     world: Literal["snap_fit", "outlet"]
     beam: Model = "timoshenko"
-    force_scale: Annotated[float, Field(gt=0)] = 1.0
+    force_scale: Annotated[float, Field(ge=1e-6, le=1e6, strict=True)] = 1.0
     common: dict[str, Any] = Field(default_factory=dict)
-    design: dict[str, dict[str, Any]] = Field(min_length=1)
+    design: dict[DesignName, dict[str, Any]] = Field(min_length=1, max_length=100)
 
 
 @dataclass(frozen=True)
@@ -140,45 +143,45 @@ def load_designs(path: str | Path) -> Candidates:
     Raises InputError with every mistake: file, design, key, value and what was expected; among them sizes that
     contradict each other, with the amount (erratum E8).
     """
-    shown = str(path)
+    where = str(path)
+    text = read_text(path, "design file", InputError)
     try:
-        raw = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as cause:
-        raise InputError(f"{shown}: cannot be read ({cause.strerror})") from cause
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as cause:
-        raise InputError(f"{shown}: is not TOML ({cause})") from cause
+        raw = toml_of(text)
+    except ValueError as cause:
+        raise InputError(f"{where}: is not TOML ({cause})") from cause
     try:
         file = _File.model_validate(raw)
     except ValidationError as cause:
-        raise InputError(_listed(shown, [_said(error, _File) for error in cause.errors()])) from cause
+        raise InputError(_listed(where, [_said(error, _File) for error in cause.errors()])) from cause
     mistakes: list[str] = []
     designs = []
     for name, own in file.design.items():
         try:
             designs.append(_candidate(name, file, {**file.common, **own}))
         except ValidationError as cause:
-            mistakes += [f"design '{name}': {_said(error, _Design)}" for error in cause.errors()]
+            mistakes += [f"design {shown(name)}: {_said(error, _Design)}" for error in cause.errors()]
         except HaptorbError as cause:
-            mistakes.append(f"design '{name}': {cause}")
+            mistakes.append(f"design {shown(name)}: {cause}")
     if mistakes:
-        raise InputError(_listed(shown, mistakes))
+        raise InputError(_listed(where, mistakes))
     gains = Gains() if file.force_scale == 1.0 else Gains().scaled(file.force_scale)
     return Candidates(file.title, file.beam, gains, tuple(designs))
 
 
-def _listed(shown: str, mistakes: list[str]) -> str:
-    return f"{shown}: {mistakes[0]}" if len(mistakes) == 1 else "\n  ".join([f"{shown}:", *mistakes])
+def _listed(where: str, mistakes: list[str]) -> str:
+    more = [f"and {len(mistakes) - _MISTAKES} mistakes more"] if len(mistakes) > _MISTAKES else []
+    return f"{where}: {mistakes[0]}" if len(mistakes) == 1 else "\n  ".join([f"{where}:", *mistakes[:_MISTAKES], *more])
 
 
 def _said(error: Any, model: type[BaseModel]) -> str:
-    key = ".".join(str(part) for part in error["loc"])
+    key = ".".join(shown(part)[1:-1] if isinstance(part, str) else str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":
-        near = get_close_matches(key, model.model_fields, n=1, cutoff=0.6)
+        near = get_close_matches(key[:60], model.model_fields, n=1, cutoff=0.6)
         return f"{key} is not a key of this file" + (f"; did you mean '{near[0]}'?" if near else "")
     if error["type"] == "missing":
         return f"{key} is missing"
     message = str(error["msg"]).removeprefix("Value error, ")
-    got = "" if "got" in message else f"; got {error['input']!r}"
+    got = "" if "got" in message else f"; got {shown(error['input'])}"
     return f"{key} {message[:1].lower()}{message[1:]}{got}"
 
 
@@ -186,9 +189,9 @@ def _material(name: str, design: _Design) -> tuple[float, float, bool]:
     known = MATERIALS.get(design.material)
     E, nu = design.youngs_modulus, design.poisson_ratio
     if known is None and (E is None or nu is None):
-        near = get_close_matches(design.material, MATERIALS, n=1, cutoff=0.5)
+        near = get_close_matches(design.material[:60], MATERIALS, n=1, cutoff=0.5)
         raise InputError(
-            f"material '{design.material}' is not known"
+            f"material {shown(design.material)} is not known"
             + (f"; did you mean '{near[0]}'?" if near else "")
             + f" (known: {', '.join(MATERIALS)}); give youngs_modulus and poisson_ratio with it"
         )

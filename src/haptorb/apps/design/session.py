@@ -25,10 +25,13 @@ from haptorb.apps.asking.rating import SCALE
 from haptorb.apps.asking.rating import rating as rating_of
 from haptorb.apps.design.candidates import Candidate, Candidates
 from haptorb.devices.state import State
+from haptorb.devices.text_file import json_of, read_bytes
 from haptorb.errors import InputError, RecordingError
 from haptorb.physics.arrays import Array
 
 __all__ = ["COLUMNS", "SCORES", "Choice", "Rating", "Session", "Trace"]
+
+_MOST = 64 * 1024 * 1024  #: bytes of all ratings
 
 SCORES = SCALE  #: the scale that studies have as well
 COLUMNS = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
@@ -149,12 +152,12 @@ class Session:
             if tuple(head) != COLUMNS:
                 raise ValueError("the columns are others")
             return np.array(rows, dtype=float).reshape(-1, len(COLUMNS))
-        except (OSError, ValueError) as cause:
+        except (OSError, ValueError, csv.Error) as cause:
             raise RecordingError(f"{path}: is not a trace ({cause})") from cause
 
     def ratings(self) -> tuple[Rating, ...]:
         """All ratings, oldest first."""
-        return tuple(Rating(**line) for line in self._lines("rating"))
+        return tuple(Rating(**line) for line in self._lines("rating") if _is_score(line["score"]))
 
     def choice(self) -> Choice | None:
         """The last choice, if any."""
@@ -191,23 +194,28 @@ class Session:
 
     def _lines(self, kind: str) -> Iterable[dict[str, Any]]:
         try:
-            text = self._path.read_text(encoding="utf-8", errors="replace")
-        except FileNotFoundError:
-            return []
+            if not self._path.exists():
+                return []
         except OSError as cause:
             raise RecordingError(f"{self._path}: cannot be read ({cause.strerror})") from cause
+        text = read_bytes(self._path, _MOST, "ratings", RecordingError).decode("utf-8", "replace")
         keys = set((Rating if kind == "rating" else Choice).__dataclass_fields__)
         found, self.skipped = [], 0
         for line in text.splitlines():
             try:
-                record = json.loads(line)
+                record = json_of(line)
                 named = record.pop("kind")
             except (ValueError, AttributeError, KeyError, TypeError):
                 self.skipped += bool(line.strip())
                 continue
-            if named == kind and set(record) == keys:
+            texts = all(isinstance(value, str) for key, value in record.items() if key != "score")
+            if named == kind and set(record) == keys and texts:
                 found.append(record)
         return found
+
+
+def _is_score(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and SCORES[0] <= value <= SCORES[1]
 
 
 def _now() -> str:

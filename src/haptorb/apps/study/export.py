@@ -1,4 +1,8 @@
-"""Data out: tidy CSV, Parquet, and a folder after the Brain Imaging Data Structure (BIDS), behavioural data."""
+"""Data out: tidy CSV, Parquet, and a folder after the Brain Imaging Data Structure (BIDS), behavioural data.
+
+Texts that a spreadsheet would take for a formula begin with `'` in tables of text (CSV and TSV); Parquet has them as
+they were said.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ import csv
 import json
 import math
 import os
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -15,9 +20,22 @@ from haptorb.apps.study.columns import COLUMNS, Columns
 from haptorb.apps.study.study_file import Study
 from haptorb.errors import RecordingError
 
-__all__ = ["Replies", "write_bids", "write_csv", "write_parquet", "write_replies"]
+__all__ = ["Replies", "plain", "write_bids", "write_csv", "write_parquet", "write_replies"]
 
 Replies = dict[str, dict[str, str]]  #: participant's code → question's name → what was answered
+
+
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_NUMBER = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
+
+
+def plain(text: str) -> str:
+    """`text` for a cell that no spreadsheet takes for a formula: where it begins like one, `'` stands before it.
+
+    >>> plain("=1+1"), plain("-3"), plain("as it is")
+    ("'=1+1", '-3', 'as it is')
+    """
+    return f"'{text}" if text.startswith(_FORMULA) and not _NUMBER.fullmatch(text) else text
 
 
 def write_csv(columns: Columns, path: str | Path, *, overwrite: bool = False) -> Path:
@@ -67,7 +85,8 @@ def write_replies(study: Study, replies: Replies, path: str | Path, *, overwrite
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(("participant", "question", "text", "reply"))
             for code, mine in replies.items():
-                writer.writerows((code, q.name, q.text, mine[q.name]) for q in study.questions if q.name in mine)
+                told = ((code, q.name, q.text, mine[q.name]) for q in study.questions if q.name in mine)
+                writer.writerows(map(plain, row) for row in told)
         os.replace(part, path)
     except OSError as cause:
         part.unlink(missing_ok=True)
@@ -113,7 +132,7 @@ def write_bids(
         lines = ["\t".join(["participant_id", "simulated", *(question.name for question in asked)])]
         for code in codes:
             mine = {name: values[columns["participant"] == code] for name, values in columns.items()}
-            told = [" ".join((replies or {}).get(code, {}).get(q.name, "n/a").split()) for q in asked]
+            told = [plain(" ".join((replies or {}).get(code, {}).get(q.name, "n/a").split())) for q in asked]
             lines.append("\t".join([f"sub-{code}", "true" if mine["simulated"][0] else "false", *told]))
             place = part / f"sub-{code}" / "beh"
             place.mkdir(parents=True)
@@ -148,7 +167,7 @@ def _cell(value: Any, whole: bool, nothing: str) -> str:
         if not math.isfinite(value):
             return nothing
         return str(int(value)) if whole else repr(value)
-    return str(value) or nothing
+    return plain(str(value)) or nothing
 
 
 def _nothing_if_nan(value: Any) -> Any:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import tomllib
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
@@ -14,7 +13,8 @@ from haptorb.apps.study.set_points import SetPoint, published
 from haptorb.apps.study.study_parts import Condition, Levels, Mask, Name, Part, Places, Question, Rating, Trials, Value
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
-from haptorb.errors import InputError
+from haptorb.devices.text_file import read_text, toml_of
+from haptorb.errors import InputError, shown
 from haptorb.worlds.parameter import checked_names, parameters
 from haptorb.worlds.world import World
 
@@ -23,6 +23,7 @@ __all__ = ["PROCEDURES", "Study", "read_study", "study_of"]
 PROCEDURES = ("identification", "localisation", "constant", "staircase", "bayesian", "forced-choice", "rating")
 #: left out of the digest where they are not used: studies that were begun before there were such things go on
 _LATER = ("mask", "questions")
+_MISTAKES = 20  #: told at once
 _LEVELLED = ("constant", "staircase", "bayesian")
 
 
@@ -40,11 +41,11 @@ class Study(Part):
     parameters: dict[str, Value] = Field(default_factory=dict)
     set_points: Places = Places(layout="published")
     trials: Trials = Trials()
-    conditions: tuple[Condition, ...] = (Condition(name="base"),)
+    conditions: Annotated[tuple[Condition, ...], Field(max_length=100)] = (Condition(name="base"),)
     levels: Levels | None = None
     rating: Rating = Rating()
     mask: Mask | None = None
-    questions: tuple[Question, ...] = ()
+    questions: Annotated[tuple[Question, ...], Field(max_length=200)] = ()
     _text: str = PrivateAttr("")
 
     @model_validator(mode="after")
@@ -113,28 +114,31 @@ class Study(Part):
 
 def read_study(path: str | Path) -> Study:
     """The study in the file `path`. Raises InputError saying what is wrong, where, and what was expected."""
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as cause:
-        raise InputError(f"study file {path} cannot be read: {getattr(cause, 'strerror', None) or cause}") from cause
-    return study_of(text, str(path))
+    return study_of(read_text(path, "study file", InputError), str(path))
 
 
 def study_of(text: str, where: str = "study") -> Study:
     """The study that `text` (TOML) describes; `where` names it in messages."""
     try:
-        study = Study.model_validate(tomllib.loads(text))
+        raw = toml_of(text)
+    except ValueError as cause:
+        raise InputError(f"study file {where} is not TOML: {cause}") from cause
+    try:
+        study = Study.model_validate(raw)
         study._text = text
         _checked(study)
-    except tomllib.TOMLDecodeError as cause:
-        raise InputError(f"study file {where} is not TOML: {cause}") from cause
     except ValidationError as cause:
-        told = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'the whole'}: {e['msg']}" for e in cause.errors())
-        raise InputError(f"study file {where}: {told}") from cause
+        told = [f"{_place(e['loc'])}: {e['msg']}" for e in cause.errors()[:_MISTAKES]]
+        more = cause.error_count() - len(told)
+        told += [f"and {more} mistakes more"] if more else []
+        raise InputError(f"study file {where}: {'; '.join(told)}") from cause
     except InputError as cause:
         raise InputError(f"study file {where}: {cause}") from cause
     return study
+
+
+def _place(path: tuple[int | str, ...]) -> str:
+    return ".".join(shown(part)[1:-1] if isinstance(part, str) else str(part) for part in path) or "the whole"
 
 
 def _levels(study: Study) -> None:

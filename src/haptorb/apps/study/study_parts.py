@@ -19,13 +19,18 @@ __all__ = [
     "Places",
     "Question",
     "Rating",
+    "Real",
     "Trials",
     "Value",
+    "Whole",
 ]
 
 _LONGEST = 4000  #: characters of a reply
+_MOST = 1_000_000_000  #: of a whole number that is counted with
 
-Value = float | tuple[float, float, float]
+Real = Annotated[float, Field(strict=True)]  #: no truth and no text
+Whole = Annotated[int, Field(strict=True)]
+Value = Real | tuple[Real, Real, Real]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,40}$")]
 
 
@@ -38,16 +43,16 @@ class Part(BaseModel):
 class Place(Part):
     """A set-point of the study's own."""
 
-    number: Annotated[int, Field(ge=1, le=999)]
-    theta_deg: Annotated[float, Field(ge=0, le=180)]
-    phi_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    number: Annotated[Whole, Field(ge=1, le=999)]
+    theta_deg: Annotated[Real, Field(ge=0, le=180)]
+    phi_deg: Annotated[Real, Field(ge=-360, le=360)] = 0.0
 
 
 class Places(Part):
     """The built-in layout, or points."""
 
     layout: Literal["published"] | None = None
-    points: tuple[Place, ...] = ()
+    points: Annotated[tuple[Place, ...], Field(max_length=999)] = ()
 
     @model_validator(mode="after")
     def _one_of_both(self) -> Self:
@@ -63,15 +68,15 @@ class Places(Part):
 class Trials(Part):
     """How often, in which order, and with what rests."""
 
-    repetitions: Annotated[int, Field(ge=1, le=1000)] = 2
+    repetitions: Annotated[Whole, Field(ge=1, le=1000)] = 2
     order: Literal["random", "blocked", "counter-balanced"] = "random"
-    seed: Annotated[int, Field(ge=0)] = 0
-    practice: Annotated[int, Field(ge=0, le=200)] = 0
-    break_every: Annotated[int, Field(ge=0)] = 0
-    break_seconds: Annotated[float, Field(ge=0, le=3600)] = 60.0
-    time_limit: Annotated[float, Field(gt=0, le=3600)] | None = None
-    expected_seconds: Annotated[float, Field(gt=0, le=3600)] = 12.0
-    pause_seconds: Annotated[float, Field(ge=0, le=600)] = 2.0
+    seed: Annotated[Whole, Field(ge=0, le=2**63 - 1)] = 0
+    practice: Annotated[Whole, Field(ge=0, le=200)] = 0
+    break_every: Annotated[Whole, Field(ge=0, le=_MOST)] = 0
+    break_seconds: Annotated[Real, Field(ge=0, le=3600)] = 60.0
+    time_limit: Annotated[Real, Field(gt=0, le=3600)] | None = None
+    expected_seconds: Annotated[Real, Field(gt=0, le=3600)] = 12.0
+    pause_seconds: Annotated[Real, Field(ge=0, le=600)] = 2.0
 
 
 class Condition(Part):
@@ -85,22 +90,22 @@ class Levels(Part):
     """What is varied against a reference: for constant stimuli, staircases and the adaptive procedure."""
 
     parameter: str = "moment"
-    reference: float
-    values: tuple[float, ...] = ()
-    start: Annotated[float, Field(gt=0)] | None = None
-    least: Annotated[float, Field(gt=0)] | None = None
-    most: Annotated[float, Field(gt=0)] | None = None
-    step: Annotated[float, Field(gt=1, le=10)] = 1.5
-    reversals: Annotated[int, Field(ge=4, le=100)] = 10
-    trials: Annotated[int, Field(ge=4, le=2000)] = 60
+    reference: Real
+    values: Annotated[tuple[Real, ...], Field(max_length=200)] = ()
+    start: Annotated[Real, Field(gt=0)] | None = None
+    least: Annotated[Real, Field(gt=0)] | None = None
+    most: Annotated[Real, Field(gt=0)] | None = None
+    step: Annotated[Real, Field(gt=1, le=10)] = 1.5
+    reversals: Annotated[Whole, Field(ge=4, le=100)] = 10
+    trials: Annotated[Whole, Field(ge=4, le=2000)] = 60
 
 
 class Rating(Part):
     """The scale of a rating."""
 
     question: str = "How well does this feel?"
-    low: Annotated[int, Field(ge=0)] = SCALE[0]
-    high: Annotated[int, Field(ge=1, le=100)] = SCALE[1]
+    low: Annotated[Whole, Field(ge=0)] = SCALE[0]
+    high: Annotated[Whole, Field(ge=1, le=100)] = SCALE[1]
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -114,7 +119,7 @@ class Mask(Part):
 
     noise: Literal["pink", "white"] = "pink"
     volume_db: Annotated[
-        float, Field(ge=-60, le=-12)
+        Real, Field(ge=-60, le=-12)
     ] = -20.0  #: effective value over the loudest sine's [dB]; louder clips
 
 
@@ -124,9 +129,9 @@ class Question(Part):
     name: Name
     text: Annotated[str, Field(min_length=1)]
     when: Literal["before", "after"] = "after"  #: the trials
-    choices: tuple[Annotated[str, Field(min_length=1)], ...] = ()
-    low: int | None = None
-    high: int | None = None
+    choices: Annotated[tuple[Annotated[str, Field(min_length=1, max_length=_LONGEST)], ...], Field(max_length=200)] = ()
+    low: Annotated[Whole, Field(ge=-_MOST, le=_MOST)] | None = None
+    high: Annotated[Whole, Field(ge=-_MOST, le=_MOST)] | None = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:

@@ -1,0 +1,93 @@
+"""Files that people write: text of bounded size, TOML and JSON of bounded depth; what cannot be read is one sentence.
+
+What a file says is nobody's promise: it may be a device that never ends, a megabyte of brackets, or a number of a
+thousand digits. Each of them must end in the reader's own error, at once and with little memory.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from haptorb.errors import HaptorbError
+
+__all__ = ["json_of", "read_bytes", "read_text", "toml_of"]
+
+_TOML = 256 * 1024  #: bytes of a TOML file
+_DEEP = 16  #: tables and lists within one another
+_DOTS = 64  #: parts of a dotted key: the time to read one grows with their square
+_DOTTED = re.compile(r"[\w\"'-]+(?:[ \t]*\.[ \t]*[\w\"'-]+)*")
+
+
+def read_bytes(path: str | Path, most: int, what: str, error: type[HaptorbError]) -> bytes:
+    """The bytes of the regular file `path`, at most `most`.
+
+    Raises `error` naming `what` it is if it cannot be read, is no regular file, or is longer.
+    """
+    try:
+        with open(Path(path).expanduser(), "rb", opener=_without_waiting) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise error(f"{what} {path}: cannot be read (not a regular file)")
+            content = file.read(most + 1)
+    except OSError as cause:
+        raise error(f"{what} {path}: cannot be read ({cause.strerror})") from cause
+    except (ValueError, RuntimeError) as cause:  # a zero byte in its name, or somebody's folder who is not known
+        raise error(f"{what} {str(path)!r}: cannot be read (not the name of a file)") from cause
+    if len(content) > most:
+        raise error(f"{what} {path}: cannot be read (longer than {most} bytes)")
+    return content
+
+
+def read_text(path: str | Path, what: str, error: type[HaptorbError], most: int = _TOML) -> str:
+    """The UTF-8 text of the file `path`. Raises `error` as `read_bytes` does, and if it is no text."""
+    try:
+        return read_bytes(path, most, what, error).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError as cause:
+        raise error(f"{what} {path}: cannot be read (not a text file)") from cause
+
+
+def toml_of(text: str) -> dict[str, Any]:
+    """The tables that `text` describes. Raises ValueError (one line) if it is no TOML, or is nested too deep."""
+    if len(text) > _TOML:
+        raise ValueError(f"it is longer than {_TOML} characters")
+    if any(found.group().count(".") > _DOTS for found in _DOTTED.finditer(text)):
+        raise ValueError(f"a key has more than {_DOTS} parts")
+    try:
+        raw = tomllib.loads(text)
+    except RecursionError as cause:
+        raise ValueError(f"it is nested deeper than {_DEEP} levels") from cause
+    _shallow(raw)
+    return raw
+
+
+def json_of(text: str | bytes) -> Any:
+    """What the JSON `text` says. Raises ValueError (one line) if it is no JSON, or is nested too deep."""
+    try:
+        raw = json.loads(text)
+    except RecursionError as cause:
+        raise ValueError(f"it is nested deeper than {_DEEP} levels") from cause
+    _shallow(raw)
+    return raw
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe without a writer would be waited for
+
+
+def _shallow(raw: Any) -> None:
+    level = [raw]
+    for _ in range(_DEEP):
+        level = [
+            part
+            for found in level
+            if isinstance(found, dict | list)
+            for part in (found.values() if isinstance(found, dict) else found)
+        ]
+        if not level:
+            return
+    raise ValueError(f"it is nested deeper than {_DEEP} levels")

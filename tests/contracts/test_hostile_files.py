@@ -1,0 +1,224 @@
+"""Files that are damaged, or made to hurt: every reader returns or explains itself, at once and with little memory."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import sys
+from importlib.resources import files
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptorb import worlds
+from haptorb.apps.study.export import write_replies
+from haptorb.apps.study.study_file import study_of
+from haptorb.devices.loader import load, parse
+from haptorb.devices.quantity import si
+from haptorb.errors import CalibrationError, DeviceError, InputError, RecordingError, UnknownName
+from haptorb.runtime import recording_file
+from haptorb.runtime.recording import Recording
+from haptorb.runtime.world_change import changed, request, requested
+from haptorb.sensing.document import document, numbers
+
+ROOT = Path(__file__).resolve().parents[2]
+OMNI = (files("haptorb.devices") / "catalogue" / "omni.toml").read_text(encoding="utf-8")
+
+KINDS = ("device", "motor", "variant", "design", "study", "calibration", "frame", "parameters", "recording", "network",
+         "progress", "ratings", "thermal")  # fmt: skip
+#: of those that take long to read: what is computed of them is the reader's check
+FEWER = {"device": 60, "motor": 2, "variant": 2, "design": 60, "study": 60, "recording": 60}
+
+
+@pytest.fixture(scope="module")
+def hostile() -> ModuleType:
+    """benchmarks/hostile_files.py."""
+    spec = importlib.util.spec_from_file_location("hostile_files", ROOT / "benchmarks" / "hostile_files.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def found(hostile: ModuleType, kind: str, mutants: int, folder: Path) -> Any:
+    known = {one.name: one for one in hostile.kinds(folder)}
+    assert set(known) == set(KINDS)
+    told = hostile.tried(known[kind], mutants, 1, folder)
+    assert told.refused > 0  # they were hostile
+    return told
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_few_hundred_of_each(hostile: ModuleType, tmp_path: Path, kind: str) -> None:
+    assert found(hostile, kind, FEWER.get(kind, 200), tmp_path).wrong == []
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("kind", KINDS)
+def test_ten_thousand_of_each(hostile: ModuleType, tmp_path: Path, kind: str) -> None:
+    told = found(hostile, kind, 1000 if kind in ("motor", "variant") else 10_000, tmp_path)
+    print(
+        f"{kind}: {told.read} read, {told.refused} refused, slowest {told.slowest:.2f} s, {told.memory / 1024:.0f} MB"
+    )
+    assert told.wrong == []
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["45 m**9**9**9", "1 m/0", "1 (m", "1 " + "(" * 500 + "m", "1 m^99", "1 yottaparsec^9", "1e999 m", "9" * 400 + " m",
+     "1 m\u0000", "1 m\u001b[31m", "1 " + "x" * 300, "1 m m m m m m m m m", "inf m", "1e-300 m", "1 m//s", "1 m*",
+     "1 2 m"],
+)  # fmt: skip
+def test_a_unit_is_read_and_not_evaluated(value: str) -> None:
+    with pytest.raises(ValueError, match="length") as told:
+        si(value, "m", "a length")
+    assert len(str(told.value)) < 200
+    assert str(told.value).isprintable()
+    quoted = json.dumps(value)
+    with pytest.raises(DeviceError) as refused:
+        parse(OMNI.replace('radius = "30 mm"', f"radius = {quoted}", 1), "x")
+    assert len(str(refused.value).splitlines()) == 1
+    assert str(refused.value).startswith("device 'x': dome.radius must be a")
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "number"),
+    [("5 %", "", 0.05), ("2.5 °C", "K", 275.65), ("3 µm", "m", 3e-6), ("3 μm", "m", 3e-6), ("180 °", "rad", np.pi),
+     ("2 kg·m²", "kg*m**2", 2.0), ("2 kg m^2", "kg*m**2", 2.0), ("3.93e-3 / K", "1/K", 3.93e-3), ("4 1/K", "1/K", 4.0),
+     ("1 m⁻¹", "1/m", 1.0), ("1 N per mm", "N/m", 1e3), ("8 A/ms", "A/s", 8e3), ("0.1 Δ°C", "delta_degC", 0.1),
+     ("2 Ω", "ohm", 2.0), ("12.5 m/s/s", "m/s**2", 12.5), ("inf", "", np.inf), (".5 inch", "m", 0.0127)],
+)  # fmt: skip
+def test_what_people_write_is_read(value: str, unit: str, number: float) -> None:
+    assert si(value, unit, "a value") == pytest.approx(number, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('name = "omni"', f'name = "{"x" * 300}"', "name"),
+        ('based_on = "', 'x = "', "x is not a key"),
+        ("duty_bits = 12", "duty_bits = true", "duty_bits must be a valid integer"),
+        ("duty_bits = 12", "duty_bits = " + "9" * 400, "duty_bits"),
+        ("duty_bits = 12", "duty_bits = " + "9" * 5000, "not a TOML file"),
+        ("duty_bits = 12", "duty_bits = " + "[" * 5000, "nested deeper"),
+        ("duty_bits = 12", "duty_bits = " + "[" * 30 + "]" * 30, "nested deeper"),
+        ("duty_bits = 12", ".".join("a" * 5000) + " = 1", "more than 64 parts"),
+        ('title = "', 'title = "\\u001b[31m', "title"),
+        ('voltage = "12 V"', "voltage = { value = " + "9" * 400 + ', unit = "V" }', "an integer of 40"),
+    ],
+)
+def test_a_hostile_device_file_is_refused_in_one_line(old: str, new: str, told: str) -> None:
+    text = OMNI.replace(old, new, 1) if old in OMNI else f'x = "{OMNI[:3]}"\n{OMNI}'
+    with pytest.raises(DeviceError) as refused:
+        parse(text, "x")
+    assert told in str(refused.value)
+    assert len(str(refused.value).splitlines()) == 1
+    assert len(str(refused.value)) < 300
+
+
+def test_names_that_no_file_can_have_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnknownName):
+        load("x" * 300)
+    for name in (f"{'x' * 300}.toml", f"{'x/' * 3000}y.toml", "a\0.toml", str(tmp_path)):
+        with pytest.raises((DeviceError, UnknownName)) as refused:
+            load(name if name != str(tmp_path) else f"{name}/")
+        assert len(str(refused.value).splitlines()) == 1
+    with pytest.raises(DeviceError, match="regular file"):
+        load("/dev/zero")
+    pipe = tmp_path / "pipe.toml"
+    os.mkfifo(pipe)
+    with pytest.raises(DeviceError, match="regular file"):  # and is not waited for
+        load(pipe)
+    long = f'based_on = "{"y" * 300}.toml"\nname = "mine"\ntitle = "mine"\n'
+    with pytest.raises(DeviceError, match="cannot be read"):
+        parse(long, "x")
+
+
+@pytest.mark.parametrize("value", [[2.4], (2.4,), True, 10**400, float("nan"), "2.4", None, {"a": 1}, [[1.0]]])
+def test_a_number_is_a_number_wherever_a_world_is_changed(value: Any) -> None:
+    with pytest.raises(InputError):
+        worlds.Dome().changed(moment=value)
+    with pytest.raises(InputError):
+        changed(worlds.Dome(), *requested(request(1, "dome", {"moment": value}))[1:])
+    with pytest.raises(InputError):
+        worlds.Dome().changed(summit=[0.0, 0.0, value])
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    assert worlds.Dome().changed(moment=np.array(2.4)).moment == 2.4
+    assert worlds.Dome().changed(moment=np.float64(2.4)).moment == 2.4
+    assert worlds.Dome().changed(summit=np.array([0.0, 0.0, 1.0])).summit == (0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("text", ["[trials]\nrepetitions = true", "[parameters]\nmoment = true",
+                                  "[parameters]\nmoment = " + "9" * 400, "[trials]\nseed = " + "9" * 30,
+                                  "[trials]\ntime_limit = \"3\""])  # fmt: skip
+def test_a_study_takes_no_truth_and_no_text_for_a_number(text: str) -> None:
+    with pytest.raises(InputError, match="study file"):
+        study_of(f'name = "x"\n{text}')
+
+
+@pytest.mark.parametrize("value", ["true", '"1"', "9" * 400, "[[1]]", "1e999", "1e300"])
+def test_a_measured_number_is_a_number(value: str) -> None:
+    with pytest.raises(CalibrationError):
+        numbers(document(f'{{"format": "a", "x": {value}}}', "FILE", "a", "a", {"format", "x"}, ""), "x", "FILE", ())
+
+
+@pytest.mark.parametrize("mask", [0o022, 0o077, 0o027, 0o002, 0o000])
+def test_a_recording_is_as_open_as_its_owner_wants_files(tmp_path: Path, mask: int) -> None:
+    before = os.umask(mask)
+    try:
+        descriptor = recording_file.opened(tmp_path / "a.mcap", overwrite=False)
+        during = os.fstat(descriptor).st_mode & 0o777
+        recording_file.complete(descriptor, temporary=False)
+        after = os.fstat(descriptor).st_mode & 0o777
+        os.close(descriptor)
+        place, descriptor = recording_file.temporary()
+        recording_file.complete(descriptor, temporary=True)
+        temporary = os.fstat(descriptor).st_mode & 0o777
+        os.close(descriptor)
+        place.unlink()
+    finally:
+        os.umask(before)
+    assert during == 0o444 & ~mask
+    assert after == 0o666 & ~mask
+    assert temporary == 0o600
+
+
+def test_a_chunk_that_says_it_is_a_gigabyte_is_refused_before_it_is_made(hostile: ModuleType, tmp_path: Path) -> None:
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(hostile.MAGIC + hostile.mcap_chunk(b"", claimed=10**9))
+    with pytest.raises(RecordingError, match="1000000000 bytes long"):
+        Recording(path)
+    bomb = hostile.mcap_chunk(bytes(65 * 1024 * 1024), claimed=64)  # it is larger than its record says
+    path.write_bytes(hostile.MAGIC + bomb)
+    with pytest.raises(RecordingError, match="bytes long"):
+        Recording(path)
+    channel = b"\x05" + (22).to_bytes(8, "little") + bytes(22)  # one message, a million times
+    path.write_bytes(hostile.MAGIC + hostile.mcap_chunk(channel * 1_000_000) * 9)  # all together
+    with pytest.raises(RecordingError, match="bytes long"):
+        Recording(path)
+    other = b"\x05" + (23).to_bytes(8, "little") + bytes(23)  # never two alike in a row
+    path.write_bytes(hostile.MAGIC + hostile.mcap_chunk((channel + other) * 500_000))
+    with pytest.raises(RecordingError, match="more records"):
+        Recording(path)
+
+
+def test_cells_that_spreadsheets_would_compute_are_text(tmp_path: Path) -> None:
+    study = study_of('name = "x"\n[[questions]]\nname = "note"\ntext = "=cmd"\n[[questions]]\nname = "n"\ntext = "n?"')
+    told = {"P1": {"note": '=HYPERLINK("x")', "n": "-3"}, "@P": {"note": "+1+1", "n": "\t=1"}, "P3": {"note": "fine"}}
+    rows = write_replies(study, told, tmp_path / "replies.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[1:] == [
+        'P1,note,\'=cmd,"\'=HYPERLINK(""x"")"',
+        "P1,n,n?,-3",
+        "'@P,note,'=cmd,'+1+1",
+        "'@P,n,n?,'\t=1",
+        "P3,note,'=cmd,fine",
+    ]
