@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from haptorb.control.trip import GuardState, Trip
+from haptorb.control.trip import CoilState, GuardState, Trip
 
 pytestmark = pytest.mark.browser
 
@@ -52,6 +52,34 @@ def test_every_state_has_its_word_and_its_way_out(staged, fake):
     fake.silent = True
     screen.until("haptorb.status === 'waiting'")
     assert page.locator("#asked").inner_text() == "–"
+
+
+def test_coils_whose_state_is_not_known_are_said_to_be_loudly(staged, fake):
+    """Whatever the guard says, and also when the servo has ended and no row comes any more."""
+    screen = staged()
+    page = screen.page
+    screen.until("haptorb.status === 'running'")
+    assert page.locator("#unknown").is_hidden()
+    fake.guard, fake.trip, fake.coils = GuardState.TRIPPED, Trip.DRIVER_FAILED, CoilState.UNKNOWN
+    screen.until("haptorb.status === 'coil state unknown'")
+    page.wait_for_timeout(60)
+    assert page.locator("#unknown").inner_text() == "COIL STATE UNKNOWN"
+    assert "supply" in page.locator("#alert").inner_text()
+    assert page.get_by_role("button", name="Re-engage").count() == 0
+    fake.silent, fake.alive = True, False
+    screen.until("haptorb.status !== 'coil state unknown' || Number.isNaN(haptorb.value('guard')[0])", 5.0)
+    assert screen.tell("haptorb.status") == "coil state unknown"
+    assert page.locator("#unknown").is_visible()
+
+
+def test_coils_that_are_confirmed_off_again_are_no_longer_unknown(staged, fake):
+    fake.guard, fake.trip, fake.coils = GuardState.TRIPPED, Trip.DRIVER_FAILED, CoilState.UNKNOWN
+    screen = staged()
+    screen.until("haptorb.status === 'coil state unknown'")
+    fake.coils = CoilState.OFF
+    screen.until("haptorb.status === 'tripped'")
+    screen.page.wait_for_timeout(60)
+    assert screen.page.locator("#unknown").is_hidden()
 
 
 def test_second_step_of_engaging_must_follow_soon_and_can_be_taken_back(staged, fake):

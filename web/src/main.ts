@@ -57,7 +57,7 @@ class Console {
   private readonly sound = new Sound();
   private readonly rumble = new Rumble();
   private readonly link: Link;
-  private readonly silence: Silence = { disconnected: true, servoEnded: false, stale: true };
+  private readonly silence: Silence = { disconnected: true, servoEnded: false, stale: true, coils: NaN };
   private readonly told: number[] = [];
   private readonly answers: number[] = [];
   private readonly arrivals: number[] = [];
@@ -213,6 +213,7 @@ class Console {
     this.history.append(frame);
     this.sample.row.set(frame.data.subarray((frame.count - 1) * frame.width));
     this.sample.t = this.history.newest;
+    this.silence.coils = this.sample.number("coil_state");
     this.frames++;
     if (frame.dropped > this.dropped) this.droppedAt = performance.now();
     this.dropped = frame.dropped;

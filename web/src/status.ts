@@ -19,23 +19,29 @@ export interface Silence {
   disconnected: boolean;
   servoEnded: boolean;
   stale: boolean;
+  /** the coils' state in the last row that came: it stays true of a device that nobody hears any more */
+  coils: number;
 }
 
 const GUARD = { off: 0, ramping: 1, running: 2, derated: 3, tripped: 4 };
+const COILS = { off: 0, unknown: 2 };
 const KELVIN = 273.15;
 
 export function status(sample: Sample, session: Session, silence: Silence): Status {
+  if (silence.coils === COILS.unknown) {
+    const reason = "Off was asked for, and the device has not confirmed it: keep away from it, and switch its supply off.";
+    return { word: "coil state unknown", tone: "bad", reason, engageable: false };
+  }
   if (silence.disconnected) {
     const reason = "The console's server does not answer: nothing here is live. Start `haptorb run` again, and open the address that it prints.";
     return { word: "disconnected", tone: "bad", reason, engageable: false };
   }
   if (silence.servoEnded) {
-    return {
-      word: "servo ended",
-      tone: "bad",
-      reason: "The real-time process has ended; the coils are off. Start `haptorb run` again.",
-      engageable: false,
-    };
+    const off = session.simulated || silence.coils === COILS.off;
+    const reason = off
+      ? "The real-time process has ended; the coils are off. Start `haptorb run` again."
+      : "The real-time process has ended, and the device did not say that the coils are off. Look before you touch it.";
+    return { word: "servo ended", tone: "bad", reason, engageable: false };
   }
   if (silence.stale || Number.isNaN(sample.number("guard"))) {
     return { word: "waiting", tone: "off", reason: "No sample has arrived for half a second.", engageable: false };

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.control.trip import GuardState, Trip
+from haptorb.control.trip import CoilState, GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.errors import InputError
@@ -38,6 +38,7 @@ class FakeServo:
         self.silent = False  #: publish nothing
         self.guard = GuardState.RUNNING
         self.trip = Trip.NONE
+        self.coils = CoilState.ON
         self.valid = True
         self.winding = np.array([303.0, 309.0, 298.5])
         self.target = self.at(24.0, -50.0, 0.048)
@@ -133,6 +134,7 @@ class FakeServo:
             "stages": 8e-6,
             "guard": self.guard,
             "trip": self.trip,
+            "coil_state": self.coils,
             "gain": float(on),
             "world": self._changes,
             "valid": float(self.valid),
