@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from haptorb.apps.cli import main
 from haptorb.apps.hardware.jog import jog
 from haptorb.apps.hardware.monitor import line, monitor
 from haptorb.apps.hardware.probe import chips_on, probe
@@ -15,7 +18,9 @@ from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError, UnknownName
 from haptorb.physics.arrays import Array
 from haptorb.runtime.i2c_driver import I2cDriver
+from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.real_driver import real_driver
+from haptorb.runtime.servo import Servo
 from haptorb.runtime.sim_driver import SimDriver
 from haptorb.simulation.chips import TCA9534, ChipBus
 
@@ -187,3 +192,42 @@ def test_a_wrong_port_says_what_to_do() -> None:
         real_driver("serial:/dev/haptorb-nowhere", load("omni")).open()
     with pytest.raises(DriverError, match=r"there is no bus /dev/i2c-99"):
         real_driver("i2c:99", load("omni")).open()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["hardware", "jog", "x", "--driver", "i2c:1"],
+        ["calibrate", "omni", "--driver", "i2c:1", "--yes"],
+        ["run", "omni", "--driver", "i2c:1", "--headless"],
+    ],
+)
+def test_only_no_watchdog_drives_a_bus_without_a_monostable(
+    command: list[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked: list[object] = []
+
+    class Refused(Exception):
+        pass
+
+    def made(*_: object, watchdog: object = None, **__: object) -> None:
+        asked.append(watchdog)
+        raise Refused
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("haptorb.runtime.i2c_driver.I2cDriver", made)
+    monkeypatch.setattr("haptorb.runtime.servo.Servo", made)
+    for more in ([], ["--no-watchdog"]):
+        with suppress(Refused, SystemExit):
+            main([*command, *more])
+    assert asked == [True, False]
+
+
+def test_a_servo_hands_on_that_there_is_no_monostable(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[object] = []
+    monkeypatch.setattr("haptorb.runtime.i2c_driver.I2cDriver", lambda *_, watchdog, **__: asked.append(watchdog))
+    for told in ({}, {"watchdog": False}):
+        Servo("omni", "dome", driver="i2c:1", record=False, **told)._plan.assemble(
+            PointerTracker.__new__(PointerTracker)
+        )
+    assert asked == [True, False]
