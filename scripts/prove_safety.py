@@ -34,6 +34,9 @@ I2C_TESTS, LOCK_TESTS = "tests/runtime/test_i2c_faults.py", "tests/runtime/test_
 PAGES, PAGES_TESTS = "apps/study/pages/room.py", "tests/apps/study/test_pages.py"
 CONSOLE, CONSOLE_TESTS = "apps/console/room.py", "tests/apps/console/test_room.py"
 
+CHILDREN, HOSTILE_TESTS = "runtime/children.py", "tests/runtime/test_hostile_worlds.py"
+STALLED_TESTS, LEFTOVER_TESTS = "tests/runtime/test_stalled_recorder.py", "tests/runtime/test_leftovers.py"
+
 #: (rule, file in the package, code that keeps it, code without it, tests that must go red)
 PROOFS = [
     ("off is the default", DOOR, "= GuardState.OFF", "= GuardState.RUNNING", GUARD_TESTS),
@@ -86,9 +89,66 @@ PROOFS = [
     (
         "a silent host is dead",
         "runtime/loop.py",
-        "if now - max(words[Word.HEARTBEAT], heard) > _SILENCE:",
+        "if silence > _LATE:",
         "if False:",
         "tests/runtime/test_loop.py",
+    ),
+    (
+        "a stopped host is dead within 100 ms",
+        "runtime/host_life.py",
+        "if silence > FROZEN * 1e9 and unused > _UNUSED:",
+        "if False:",
+        "tests/runtime/test_host_life.py",
+    ),
+    (
+        "a host that computes is not taken for dead",
+        "runtime/host_life.py",
+        "and unused > _UNUSED:",
+        "and True:",
+        "tests/runtime/test_host_life.py",
+    ),
+    (
+        "a world that hears nothing is ended by force",
+        CHILDREN,
+        "self._servo.kill()\n            self._end_group()",
+        "pass",
+        HOSTILE_TESTS,
+    ),
+    (
+        "a servo that hangs ends without its host",
+        "runtime/end_timer.py",
+        "signal=int(signal.SIGKILL)",
+        "signal=int(signal.SIGWINCH)",
+        HOSTILE_TESTS,
+    ),
+    (
+        "a forked world is no second loop",
+        "runtime/servo_process.py",
+        "partial(os._exit, _FORKED)",
+        "int",
+        HOSTILE_TESTS,
+    ),
+    (
+        "what a world started ends with it",
+        CHILDREN,
+        "os.killpg(self._servo.pid, signal.SIGKILL)",
+        "pass",
+        HOSTILE_TESTS,
+    ),
+    (
+        "a world that leaves by sys.exit trips",
+        TICK,
+        "except BaseException as cause:  # a world",
+        "except Exception as cause:  # a world",
+        TICK_TESTS,
+    ),
+    ("a stalled recorder is told", CHILDREN, "if writing and still > _STALLED else", "if False else", STALLED_TESTS),
+    (
+        "the living keep their files",
+        "runtime/leftovers.py",
+        "fcntl.LOCK_EX | fcntl.LOCK_NB",
+        "fcntl.LOCK_UN",
+        LEFTOVER_TESTS,
     ),
     ("a world that fails trips", TICK, "self._failed(Trip.WORLD_FAILED, cause)", "pass", TICK_TESTS),
     (

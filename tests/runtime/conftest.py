@@ -98,6 +98,8 @@ class FakeChain:
         if self._ticks == wants.get("hang_at"):
             while True:
                 pass
+        if self._ticks == wants.get("act_at"):
+            wants["act"]()
         if self._ticks == wants.get("kill_at"):
             os.kill(os.getpid(), signal.SIGKILL)
         if wants.get("slow_at", 1 << 60) <= self._ticks < wants.get("slow_until", 1 << 60):

@@ -11,8 +11,8 @@ from haptorb.control.trip import GuardState
 from haptorb.devices.loader import load
 from haptorb.runtime.assembly import assemble
 from haptorb.runtime.commands import Commands
+from haptorb.runtime.host_life import SILENCE
 from haptorb.runtime.loop import Loop
-from haptorb.runtime.orphan import SILENCE
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.schedule import Schedule

@@ -12,6 +12,7 @@ from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.errors import DriverError, InputError
 from haptorb.runtime.driver import Driver
+from haptorb.runtime.hang import Hang
 from haptorb.runtime.pointer import Goal
 from haptorb.runtime.sim_driver import SimDriver
 from haptorb.runtime.tick import Tick
@@ -161,7 +162,7 @@ class Broken(World):
     what: object = None
 
     def wrench(self, state):
-        if isinstance(self.what, Exception):
+        if isinstance(self.what, BaseException):
             raise self.what
         return np.asarray(self.what, float)
 
@@ -172,6 +173,8 @@ class Broken(World):
         (np.full(6, np.nan), Trip.WORLD_NOT_FINITE),
         ((0, 0, np.inf, 0, 0, 0), Trip.WORLD_NOT_FINITE),
         (ZeroDivisionError("division by zero"), Trip.WORLD_FAILED),
+        (SystemExit(3), Trip.WORLD_FAILED),
+        (KeyboardInterrupt(), Trip.WORLD_FAILED),
         (InputError("no"), Trip.WORLD_FAILED),
         ((1, 2, 3), Trip.WORLD_FAILED),
     ],
@@ -188,6 +191,20 @@ def test_a_broken_world_ends_in_coils_off(what, reason):
     assert rig.tick.engage()
     rig.go(400)
     assert rig["guard"][0] == GuardState.RUNNING
+
+
+def test_a_world_that_leaves_is_explained():
+    rig = Rig().go(10)
+    rig.tick.change_world(Broken(SystemExit(3)))
+    rig.go(1)
+    assert rig.tick.error == "the world called sys.exit(3)"
+
+
+def test_a_tick_that_is_ended_from_outside_is_no_failure_of_its_world():
+    rig = Rig().go(10)
+    rig.tick.change_world(Broken(Hang("it takes too long")))
+    with pytest.raises(Hang):
+        rig.go(1)
 
 
 def test_an_allocation_that_fails_ends_in_coils_off(monkeypatch):

@@ -1,7 +1,8 @@
 """The processes of servo, recorder and tracker as their parent holds them: start, watch, feed with heartbeats, end.
 
-The parent looks every 50 ms, and takes hold of the ticks before a trip. A servo that vanished is noticed within a
-tenth of a second; one whose tick never ends is told so, and the tick ends with an error.
+The parent looks every 20 ms, and takes hold of the ticks before a trip. A servo that vanished is noticed within a
+tenth of a second. One whose tick does not end is told so after a second; what runs in there can refuse to hear that,
+and half a second later the process is killed. A recorder that stands still is reported, and the loop goes on.
 """
 
 from __future__ import annotations
@@ -10,23 +11,37 @@ import os
 import signal
 import subprocess
 import threading
+from contextlib import suppress
 from time import monotonic, monotonic_ns, sleep
 from typing import final
 
 from haptorb.errors import DriverError, RecordingError, ServoError
 from haptorb.runtime.black_box import BlackBox
+from haptorb.runtime.memory_growth import MemoryGrowth
 from haptorb.runtime.realtime import urgent
+from haptorb.runtime.report import recorded
 from haptorb.runtime.shared import Phase, Shared, Word
 from haptorb.runtime.standby import PLAN, Standby, started
+from haptorb.runtime.stillness import Stillness
 
 __all__ = ["Children"]
 
-_EVERY = 0.05  #: between two heartbeats [s]
+_EVERY = 0.02  #: between two heartbeats [s]
 _STUCK = 1.0  #: without a tick the servo is told that it is stuck [s]
+_HUNG = 1.5  #: and so long without one it is killed [s]
+_STALLED = 1.0  #: without a look for rows the recorder is said to stand still [s]
 _START = 180.0  #: the first start on a machine compiles the kernels [s]
 _USUAL = 3.0  #: a start with compiled code; who needs longer has it compiled by two [s]
-_FINISH = 2.0  #: to end as told before a signal is sent [s]
+_FINISH = 1.5  #: to end as told before a signal is sent [s]
 _DRAIN = 20.0  #: for the recorder to write what it has [s]
+_HANG = (
+    "world '{}' hangs: the last tick began {:.1f} s ago and did not end; the process was killed. A world must come "
+    "back from every call at once, and must let through what is raised in it"
+)
+_STALL = (
+    "the recorder has stood still for {:.1f} s, and rows that it does not fetch in time are lost; look for a full or "
+    "slow disk"
+)
 
 
 @final
@@ -42,6 +57,9 @@ class Children:
         self._told = False
         shared.words[Word.HEARTBEAT] = monotonic_ns()
         self._servo = standby.process
+        self._hang = self._stall = ""
+        self._asked = False  # whether the servo was told that it is stuck
+        self.memory = MemoryGrowth(standby.process.pid)
         standby.give(shared.path)
         self._recorder: subprocess.Popen[bytes] | None = None
         self._tracker: subprocess.Popen[bytes] | None = None
@@ -108,10 +126,13 @@ class Children:
 
     def check(self) -> None:
         """Raise ServoError if the servo ended, RecordingError if the recorder did."""
+        # Looked at first: the servo's end is the recorder's, too.
+        recorder = self._recorder
+        over = recorder and (self._shared.words[Word.RECORDER] >= Phase.ENDED or recorder.poll() is not None)
         code = self._servo.poll()
         if self._shared.phase >= Phase.ENDED or code is not None:
             raise ServoError(f"the servo ended: {self._why(code)}")
-        if self._recorder and (self._shared.words[Word.RECORDER] >= Phase.ENDED or self._recorder.poll() is not None):
+        if over:
             raise RecordingError(f"the recording ended: {self.recorder_trouble}")
 
     @property
@@ -122,8 +143,13 @@ class Children:
         reason = self._shared.recorder_reason.read()[1]
         code = self._recorder.poll()
         if reason or not code:
-            return reason
+            return reason or self._stall
         return f"its process was killed ({_signal(code)})" if code < 0 else f"its process failed: {self._said()}"
+
+    @property
+    def recorded(self) -> dict[str, int]:
+        """Rows in the recording, and rows that are lost to it: see `report.recorded`."""
+        return recorded(self._shared, over=self._recorder is not None and self._recorder.poll() is not None)
 
     @property
     def tracker_trouble(self) -> str:
@@ -149,6 +175,7 @@ class Children:
             except subprocess.TimeoutExpired:
                 if force is not None:
                     self._servo.send_signal(force)
+        self._end_group()
         if self._tracker:
             try:
                 self._tracker.wait(_FINISH)
@@ -166,24 +193,51 @@ class Children:
         self._black_box.finish()
 
     def _beat(self) -> None:
-        urgent()  # on an overloaded computer half a second may pass before an ordinary thread has its turn
-        words, ticks, since = self._shared.words, -1, monotonic()
+        words = self._shared.words
+        # On an overloaded computer half a second may pass before an ordinary thread has its turn.
+        words[Word.URGENT] = urgent()
+        ticking, recording = Stillness(2 * _EVERY), Stillness(2 * _EVERY)
         while not self._ending.wait(_EVERY):
             words[Word.HEARTBEAT] = monotonic_ns()
             self._black_box.look()
-            if not self.alive or words[Word.TICKS] != ticks:
-                ticks, since = words[Word.TICKS], monotonic()
-            elif monotonic() - since > _STUCK:
-                self._servo.send_signal(signal.SIGUSR2)
-                since = monotonic()
+            now = monotonic()
+            self._watch_servo(now, ticking)
+            still = recording.look(now, words[Word.RECORDER_LOOKS])
+            writing = words[Word.RECORDER] == Phase.RUNNING
+            self._stall = _STALL.format(still) if writing and still > _STALLED else ""
+
+    def _watch_servo(self, now: float, ticking: Stillness) -> None:
+        """End a servo whose tick does not end, and look how much memory it takes."""
+        if not self.alive or self._told:
+            ticking.look(now, -1)
+            return
+        self.memory.look(now)
+        still = ticking.look(now, self._shared.words[Word.TICKS])
+        if still > _HUNG:
+            world = self._shared.world_now()
+            self._hang = _HANG.format(world, still)
+            self._servo.kill()
+            self._end_group()
+        elif still > _STUCK and not self._asked:
+            self._servo.send_signal(signal.SIGUSR2)
+        self._asked = still > _STUCK  # once: a second one could meet what the first one has begun
+
+    def _end_group(self) -> None:
+        """End what the servo's process left behind in its group: what a world has started."""
+        with suppress(OSError):
+            os.killpg(self._servo.pid, signal.SIGKILL)
 
     def _why(self, code: int | None) -> str:
-        reason = self._shared.reason.read()[1]
+        reason = self._hang or self._shared.reason.read()[1]
         if reason or self._shared.phase is Phase.ENDED:
             return reason or "as it was told"
         if code is not None and code < 0:
             return f"its process was killed ({_signal(code)})"
-        return self._said() or f"its process failed with code {code}"
+        if said := self._said():
+            return said
+        if self._shared.phase is Phase.RUNNING:
+            return f"its process ended with code {code} in the middle of a run, as a world does that calls os._exit"
+        return f"its process failed with code {code}"
 
     def _said(self) -> str:
         try:

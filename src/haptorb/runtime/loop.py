@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import traceback
+from collections.abc import Callable
 from time import monotonic_ns
 from typing import final
 
@@ -14,30 +15,43 @@ from haptorb.errors import HaptorbError
 from haptorb.physics.arrays import Array
 from haptorb.runtime.chain import Chain
 from haptorb.runtime.clock import Clock
+from haptorb.runtime.hang import Hang
 from haptorb.runtime.histogram import BINS
+from haptorb.runtime.host_life import LATE, HostLife, processor_time
 from haptorb.runtime.ledger import columns, counted, kept
-from haptorb.runtime.orphan import SILENCE, orphaned
+from haptorb.runtime.orphan import orphaned
 from haptorb.runtime.shared import Phase, Shared, Word, engage_stops
-from haptorb.runtime.world_change import answer, changed, description, requested
+from haptorb.runtime.world_change import answer, changed, description, name_of, requested
 from haptorb.worlds.world import World
 
 __all__ = ["Loop"]
 
-_SILENCE = int(SILENCE * 1e9)
+_LATE = int(LATE * 1e9)
 _STANDSTILL = 100_000_000  #: without a tick, after which the host is given its full time anew [ns]
 _TRIPPED = float(GuardState.TRIPPED)
-_PARENT_EVERY = 64  #: ticks between two looks for the parent
+_LOOK = 0.05  #: between two looks for the parent [s]
+_LIFE = 2.0  #: without a tick, after which the kernel ends the process [s]
 
 
 @final
 class Loop:
     """Drives `chain` at `rate` [Hz] and tells everything in `shared`, until told to end or until something fails."""
 
-    def __init__(self, chain: Chain, world: World, shared: Shared, rate: float, parent: int) -> None:
+    def __init__(
+        self,
+        chain: Chain,
+        world: World,
+        shared: Shared,
+        rate: float,
+        parent: int,
+        put_off: Callable[[float], None] = lambda seconds: None,
+    ) -> None:
         self._chain = chain
         self._world = world
         self._shared = shared
         self._parent = parent
+        self._host = HostLife(processor_time(parent))
+        self._put_off, self._every = put_off, max(1, int(rate * _LOOK))
         self._rate = rate
         self._row = shared.layout.empty()
         # Single numbers come out of a memoryview ten times faster than out of an array.
@@ -56,12 +70,17 @@ class Loop:
         self.in_step = False  #: whether the chain is being stepped just now
         self.reason = ""  #: why the loop ended; empty: as it was told
 
+    @property
+    def world(self) -> str:
+        """Name of the world that is rendered."""
+        return name_of(self._world)
+
     def run(self, clock: Clock) -> bool:
         """Run to the end; True if it ended as it was told. The driver is closed and the last row published."""
         failed: Trip | None = None
         try:
             failed = self._ticking(clock)
-        except Exception as cause:
+        except BaseException as cause:  # also what is no `Exception`: a hang, an exit
             self._off()  # first of all; explaining can wait
             failed = Trip.LOOP_FAILED
             self.reason = _explained(cause)
@@ -97,12 +116,16 @@ class Loop:
                 return None
             if skipped * period > _STANDSTILL:  # whoever held up this loop held up the host's heart as well
                 heard = now
-            if now - max(words[Word.HEARTBEAT], heard) > _SILENCE:
-                self.reason = f"the program that started the servo showed no sign of life for {SILENCE:g} s"
-                return Trip.HOST_SILENT
-            if self._ticks % _PARENT_EVERY == 0 and orphaned(self._parent):
-                self.reason = "the program that started the servo ended"
-                return Trip.HOST_SILENT
+            silence = now - max(words[Word.HEARTBEAT], heard)
+            if silence > _LATE:
+                self.reason = self._host.trouble(now, silence, urgent=bool(words[Word.URGENT]))
+                if self.reason:
+                    return Trip.HOST_SILENT
+            if self._ticks % self._every == 0:
+                self._put_off(_LIFE)
+                if orphaned(self._parent):
+                    self.reason = "the program that started the servo ended"
+                    return Trip.HOST_SILENT
             self._obey()
             self.in_step = True
             self._now = schedule.time(schedule.deadline(schedule.number))
@@ -187,9 +210,9 @@ def _load(row: Array) -> None:
     row[:] = np.nan
 
 
-def _explained(cause: Exception) -> str:
+def _explained(cause: BaseException) -> str:
     """What went wrong in one line; for what nobody foresaw, where as well."""
-    if isinstance(cause, HaptorbError):
+    if isinstance(cause, HaptorbError | Hang):
         return str(cause)
     frames = traceback.extract_tb(cause.__traceback__)
     where = f" ({frames[-1].filename}, line {frames[-1].lineno})" if frames else ""

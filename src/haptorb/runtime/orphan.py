@@ -6,22 +6,20 @@ import ctypes
 import os
 import signal
 
-__all__ = ["SILENCE", "die_with_parent", "orphaned"]
-
-SILENCE = 0.5  #: a host that shows no heartbeat for so long is taken for dead [s]
+__all__ = ["die_with_parent", "orphaned"]
 
 _PR_SET_PDEATHSIG = 1
 
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
-def die_with_parent() -> None:
-    """Ask the kernel for SIGUSR1 when the parent ends.
+def die_with_parent(number: signal.Signals = signal.SIGKILL) -> None:
+    """Ask the kernel for the signal `number` when the parent ends.
 
-    Not SIGTERM: the kernel also sends it when only the *thread* that started this process ends, and then
-    `orphaned` says no and life goes on.
+    The kernel sends it when the *thread* ends that started this process. Processes are therefore started by a thread
+    that lives as long as its program (`starter`); whoever has another signal sent can ask `orphaned` as well.
     """
-    _libc.prctl(_PR_SET_PDEATHSIG, int(signal.SIGUSR1), 0, 0, 0)
+    _libc.prctl(_PR_SET_PDEATHSIG, int(number), 0, 0, 0)
 
 
 def orphaned(parent: int) -> bool:

@@ -7,6 +7,8 @@ import os
 import resource
 from contextlib import suppress
 
+from haptorb.runtime.core_claim import claim
+
 __all__ = ["Facts", "ordinary", "punctual", "urgent"]
 
 Facts = dict[str, str | bool | int]
@@ -14,6 +16,7 @@ Facts = dict[str, str | bool | int]
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PRIORITY = 40  #: below the kernel's own interrupt threads (50)
+_RUNAWAY = 3_000_000  #: of a processor under the real-time scheduler without one wait [µs]
 
 _libc = ctypes.CDLL(None, use_errno=True)
 
@@ -22,11 +25,14 @@ def punctual(*, real_time: bool = True) -> Facts:
     """Ask for exact timers, a real-time scheduler and memory that stays; returns what was granted.
 
     Without a real-time scheduler the process is not bound to a core either: the kernel could then not move it away
-    from a busy one.
+    from a busy one. Nor is it where other servos hold all cores: two real-time loops on one core wait for each other.
     """
     # The default lets timers come up to 50 µs late so that wake-ups can be joined.
     slack = _libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0
     fifo = real_time and _fifo(_PRIORITY)
+    if fifo:
+        # Who computes for so long without ever waiting does not come back: the kernel kills it.
+        resource.setrlimit(resource.RLIMIT_RTTIME, (_RUNAWAY, _RUNAWAY))
     return {
         "policy": "SCHED_FIFO" if fifo else "SCHED_OTHER",
         "priority": _PRIORITY if fifo else 0,
@@ -69,12 +75,15 @@ def _lock_memory() -> bool:
 
 
 def _bind() -> int:
-    """Stay on the last core that is allowed (interrupts like the first); −1 if there is no choice."""
-    cores = sorted(os.sched_getaffinity(0))
-    if len(cores) < 2:
+    """Stay on the last core that is allowed and free of other servos, but not on the first, which interrupts like.
+
+    −1 if there is none: the kernel then chooses.
+    """
+    core = claim(sorted(os.sched_getaffinity(0))[:0:-1])
+    if core < 0:
         return -1
     try:
-        os.sched_setaffinity(0, {cores[-1]})
+        os.sched_setaffinity(0, {core})
     except OSError:
         return -1
-    return cores[-1]
+    return core

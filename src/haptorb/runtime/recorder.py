@@ -29,7 +29,9 @@ class Recorder:
     """
 
     def __init__(self, file: BinaryIO, layout: RowLayout, rate: float, unix_minus_monotonic: int) -> None:
-        self.written = 0  #: rows
+        self.written = 0  #: rows, of which the last ones may still wait for their chunk to be full
+        self.kept = 0  #: rows that are in the file
+        self._size = 0
         self._file = file
         self._wall = layout["wall"].start
         self._offset = unix_minus_monotonic
@@ -45,17 +47,22 @@ class Recorder:
     def note(self, name: str, values: Mapping[str, str]) -> None:
         """Add a metadata record 'haptorb/NAME'."""
         self._writer.add_metadata(f"haptorb/{name}", dict(values))
+        self._size = self._file.tell()
 
     def append(self, rows: Array) -> None:
         """Add rows (n, width), then hand everything that is complete to the operating system."""
-        write, channel, offset = self._writer.add_message, self._channel, self._offset
+        write, channel, offset, full = self._writer.add_message, self._channel, self._offset, self.kept
         for row in rows:
             time = int(row[self._wall] * 1e9) + offset
             write(channel, time, CDR_HEADER + row.tobytes(), time, self.written & 0xFFFFFFFF)
             self.written += 1
+            if (size := self._file.tell()) != self._size:  # a chunk is full, and with it all rows so far
+                self._size, full = size, self.written
         self._file.flush()
+        self.kept = full
 
     def finish(self) -> None:
         """Write what is left, the index and the end mark; the file is then complete."""
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._file.flush()
+        self.kept = self.written

@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from haptorb.runtime.end_timer import EndTimer
 from haptorb.runtime.orphan import orphaned
 from haptorb.runtime.recorder import Recorder
 from haptorb.runtime.recording_file import complete
@@ -24,6 +25,7 @@ from haptorb.runtime.shared import Phase, Shared, Word
 __all__ = ["main"]
 
 _EVERY = 20  #: [ms]
+_STALLED = 30.0  #: without a look for rows, after which the kernel ends the process [s]
 
 
 def main(spec: Mapping[str, Any]) -> int:
@@ -59,9 +61,11 @@ def _record(shared: Shared, spec: Mapping[str, Any]) -> None:
         file.flush()
         words[Word.RECORDER] = Phase.RUNNING
         cursor = worlds = lost = 0
-        servo = _Ending(spec["servo"])
+        servo, timer = _Ending(spec["servo"]), EndTimer()
         last = False
         while True:
+            words[Word.RECORDER_LOOKS] += 1
+            timer.set(_STALLED)
             last = servo.wait(_EVERY) or words[Word.PHASE] >= Phase.ENDED
             for number, text in shared.worlds_since(worlds):
                 recorder.note("world", {"change": str(number), "tick": str(words[Word.TICKS]), "world": text})
@@ -72,13 +76,15 @@ def _record(shared: Shared, spec: Mapping[str, Any]) -> None:
             if gap:
                 recorder.note("gap", {"rows": str(gap), "after": str(recorder.written)})
                 lost += gap
+            words[Word.LOST], words[Word.TAKEN] = lost, cursor
             recorder.append(rows)
-            words[Word.WRITTEN], words[Word.LOST] = recorder.written, lost
+            words[Word.WRITTEN] = recorder.kept
             if last and not len(rows):
                 break
         reason = shared.reason.read()[1]
         recorder.note("end", {"rows": str(recorder.written), "lost": str(lost), "reason": reason})
         recorder.finish()
+        words[Word.WRITTEN] = recorder.kept
         # Only a complete recording may be replaced by hand; one that was cut short stays write-protected.
         complete(file.fileno(), temporary=bool(spec["temporary"]))
 

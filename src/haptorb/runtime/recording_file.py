@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 from haptorb.errors import RecordingError
+from haptorb.runtime.leftovers import RECORDING, Claim
 
 __all__ = ["complete", "opened", "temporary"]
 
@@ -42,11 +43,18 @@ def complete(descriptor: int, *, temporary: bool) -> None:
     os.fchmod(descriptor, 0o600 if temporary else 0o666 & ~mask)
 
 
-def temporary() -> tuple[Path, int]:
-    """(path, descriptor) of a new file in the system's temporary folder; RecordingError if none can be made there."""
+def temporary() -> tuple[Path, int, Claim]:
+    """(path, descriptor, claim) of a new file in the system's temporary folder, which is ours while the claim is held.
+
+    Raises RecordingError if none can be made there.
+    """
     folder = Path(tempfile.gettempdir())
-    try:
-        descriptor, name = tempfile.mkstemp(prefix="haptorb-", suffix=".mcap", dir=folder)
-    except OSError as cause:
-        raise RecordingError(f"cannot record to {folder}: {cause.strerror}; name a file to record to") from cause
-    return Path(name), descriptor
+    while True:
+        try:
+            descriptor, name = tempfile.mkstemp(prefix="haptorb-", suffix=RECORDING, dir=folder)
+        except OSError as cause:
+            raise RecordingError(f"cannot record to {folder}: {cause.strerror}; name a file to record to") from cause
+        claim = Claim(name)
+        if claim.there:
+            return Path(name), descriptor, claim
+        os.close(descriptor)  # somebody who tidied up was faster

@@ -11,9 +11,9 @@ import numpy as np
 from haptorb.control.trip import CoilState, Trip
 from haptorb.runtime.histogram import Histogram
 from haptorb.runtime.row import STAGES
-from haptorb.runtime.shared import TRIPS, Shared, Word
+from haptorb.runtime.shared import CAPACITY, TRIPS, Shared, Word
 
-__all__ = ["loop_report"]
+__all__ = ["loop_report", "recorded"]
 
 
 def loop_report(shared: Shared) -> dict[str, Any]:
@@ -23,7 +23,8 @@ def loop_report(shared: Shared) -> dict[str, Any]:
     over the last rows. coil_state: "off" (the device confirmed it), "on" or "unknown", by the last row. ahead_us:
     what the driver did before the deadlines of the last rows, which no tick waits for (a simulated device moves on
     there). peak_force_n, peak_torque_nm: of what is really on the mover where that is known, else of what is
-    modelled. tracking: how well the poses came, see `tracking`.
+    modelled. tracking: how well the poses came, see `tracking`. error: what the world or the driver said at the last
+    trip that one of them caused.
     """
     words = shared.words
     ticks, missed = words[Word.TICKS], words[Word.MISSED]
@@ -44,7 +45,8 @@ def loop_report(shared: Shared) -> dict[str, Any]:
         "peak_torque_nm": shared.floats[Word.PEAK_TORQUE],
         "scheduler": json.loads(facts) if facts else {},
         "tracking": tracking(shared),
-        "recorded": {"rows": words[Word.WRITTEN], "lost": words[Word.LOST]},
+        "recorded": recorded(shared, over=False),
+        "error": shared.error.read()[1],
     }
 
 
@@ -55,6 +57,19 @@ def _coil_state(shared: Shared) -> str | None:
         return None
     state = float(row[shared.layout["coil_state"].start])
     return CoilState(int(state)).name.lower() if math.isfinite(state) else None
+
+
+def recorded(shared: Shared, *, over: bool) -> dict[str, int]:
+    """Rows that are in the recording, and rows that will never be.
+
+    over: the recorder writes no more, however it ended. As long as it may, rows that still wait for it are not lost.
+    """
+    words = shared.words
+    rows, published = int(words[Word.WRITTEN]), int(words[Word.ROWS])
+    if over:
+        return {"rows": rows, "lost": max(published - rows, 0)}
+    overwritten = published - int(words[Word.TAKEN]) - (CAPACITY - 1)
+    return {"rows": rows, "lost": int(words[Word.LOST]) + (max(overwritten, 0) if words[Word.RECORDER_LOOKS] else 0)}
 
 
 def trips(shared: Shared) -> list[dict[str, Any]]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, final
 
 from haptorb.errors import RecordingError
 from haptorb.runtime import recording_file
+from haptorb.runtime.leftovers import Claim
 
 if TYPE_CHECKING:
     from haptorb.runtime.recording import Recording
@@ -22,6 +23,7 @@ class RunRecording:
     def __init__(self, where: str | Path | Literal[False] | None, *, overwrite: bool) -> None:
         self._where, self._overwrite = where, overwrite
         self._path: Path | None = None
+        self._claim: Claim | None = None
 
     @property
     def named(self) -> str | None:
@@ -38,7 +40,7 @@ class RunRecording:
         if self._where is False:
             return None
         if self._where is None:
-            self._path, descriptor = recording_file.temporary()
+            self._path, descriptor, self._claim = recording_file.temporary()
             weakref.finalize(self, self._path.unlink, missing_ok=True)
             return descriptor
         path = Path(self._where).expanduser().absolute()

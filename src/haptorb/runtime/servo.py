@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import threading
 from functools import partial
 from pathlib import Path
 from time import monotonic, sleep
@@ -38,6 +39,7 @@ from haptorb.runtime.device_text import text_of
 from haptorb.runtime.fed_tracker import PREDICTION, known_prediction
 from haptorb.runtime.first_start import compiling
 from haptorb.runtime.launch import notes, recorder_spec, tracker_spec
+from haptorb.runtime.leftovers import Claim, sweep
 from haptorb.runtime.report import loop_report, tracker_facts
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.run_recording import RunRecording
@@ -156,6 +158,7 @@ class Servo(Commands):
         self._shared: Shared | None = None
         self._children: Children | None = None
         self._folder: Path | None = None
+        self._claim: Claim | None = None  # on the folder
 
     def open(self, standby: Standby | None = None) -> None:
         """Start: returns when the loop runs. Raises RecordingError or ServoError, with nothing left running.
@@ -166,6 +169,8 @@ class Servo(Commands):
             raise ServoError("this servo was started before; make a new one")
         preparation = prepared(self.tracker) if fed(self.tracker) else None
         descriptor: int | None = None
+        tidying = threading.Thread(target=sweep, name="haptorb-tidying", daemon=True)  # beside the start, which waits
+        tidying.start()
         try:
             descriptor = self._recording.opened()
             self._start(descriptor, preparation, standby)
@@ -178,6 +183,7 @@ class Servo(Commands):
                 os.close(descriptor)
             if preparation is not None:
                 preparation.close()
+            tidying.join()
 
     def close(self) -> None:
         """Coils off, processes ended, recording complete. May be called twice."""
@@ -187,6 +193,8 @@ class Servo(Commands):
             self._shared.unlink()
         if self._folder is not None:
             shutil.rmtree(self._folder, ignore_errors=True)
+        if self._claim is not None:
+            self._claim.close()
 
     def __enter__(self) -> Self:
         self.open()
@@ -207,13 +215,15 @@ class Servo(Commands):
 
     @property
     def recording_trouble(self) -> str:
-        """Why the recording ended before the servo did; empty while all is well."""
+        """Why the recording ended before the servo did, or stands still; empty while all is well."""
         return self._children.recorder_trouble if self._children is not None else ""
 
     @property
     def warning(self) -> str:
-        """What a person should know of the device that answered; empty if there is nothing."""
-        return self._shared.warning.read()[1] if self._shared is not None else ""
+        """What a person should know of the device that answered and of the servo's memory; empty if nothing."""
+        if self._shared is None or self._children is None:
+            return ""
+        return "; ".join(filter(None, (self._shared.warning.read()[1], self._children.memory.warning)))
 
     def check(self) -> None:
         """Raise ServoError with the servo's own reason if the loop no longer runs, RecordingError if the recorder
@@ -257,7 +267,9 @@ class Servo(Commands):
     def report(self) -> dict[str, Any]:
         """What the run was like so far, as plain JSON types: see `loop_report`."""
         world, values = self.world
-        trouble = self._children.tracker_trouble if self._children is not None else ""
+        loop, children = loop_report(self._memory), self._children
+        assert children is not None
+        troubles = {"recording_trouble": children.recorder_trouble, "tracker_trouble": children.tracker_trouble}
         return {
             "device": self.device.name,
             "world": world,
@@ -268,9 +280,11 @@ class Servo(Commands):
             "rate_hz": self.rate,
             "seed": self.seed,
             "recording": self._recording.named,
-            **loop_report(self._memory),
+            **loop,
+            "recorded": children.recorded,
+            "memory_mb": children.memory.facts(),
             "warning": self.warning,
-            **({"tracker_trouble": trouble} if trouble else {}),
+            **{name: trouble for name, trouble in troubles.items() if trouble},
         }
 
     @property
@@ -314,7 +328,8 @@ class Servo(Commands):
             self._shared = Shared.create(self.layout)
             self._carry_stops(self._shared)
             self._black_box = BlackBox(self._shared, self.device.name, self.rate, self._trips_folder)
-            self._children, self._folder = Children(process, self._shared, self._black_box), process.folder
+            self._claim, self._folder = process.claim, process.folder
+            self._children = Children(process, self._shared, self._black_box)
         if descriptor is not None:
             spec = recorder_spec(
                 self._shared, self._children.servo_pid, descriptor, self.rate,

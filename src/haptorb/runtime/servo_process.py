@@ -17,16 +17,19 @@ import signal
 import sys
 import traceback
 from contextlib import suppress
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
 
 from haptorb import worlds
-from haptorb.errors import HaptorbError, ServoError
+from haptorb.errors import HaptorbError
 from haptorb.runtime import plan as plans
 from haptorb.runtime.calibration_match import disagreement
 from haptorb.runtime.clock import Clock
+from haptorb.runtime.end_timer import EndTimer
 from haptorb.runtime.fed_tracker import FedTracker
+from haptorb.runtime.hang import Hang
 from haptorb.runtime.loop import Loop
 from haptorb.runtime.orphan import die_with_parent, orphaned
 from haptorb.runtime.pointer import PointerTracker
@@ -40,6 +43,8 @@ from haptorb.runtime.world_change import description
 __all__ = ["main"]
 
 _REHEARSAL = 5  #: ticks
+_BEGIN = 3.0  #: to the first tick, then the loop says [s]
+_FORKED = 70  #: exit code of a child that a world forked
 _ALWAYS = ("haptorb.runtime.assembly", "haptorb.runtime.sim_driver", "haptorb.simulation.registry")
 
 
@@ -50,7 +55,7 @@ def main(folder: Path, parent: int) -> int:
     """
     _load()  # the host reads a device file meanwhile
     told = sys.stdin.buffer.read()
-    die_with_parent()
+    die_with_parent()  # at once, as long as there is no coil to be switched off
     if not told:
         shutil.rmtree(folder, ignore_errors=True)
         return 0
@@ -79,12 +84,15 @@ def main(folder: Path, parent: int) -> int:
 
 def _run(shared: Shared, path: Path, parent: int) -> int:
     told = _Told(parent)
+    # Who forks in a world would have a second loop at the same device: the child ends before it comes back from there.
+    os.register_at_fork(after_in_child=partial(os._exit, _FORKED))
     plan = plans.load(path)
     shared.announce_world(description(plan.world))
     _rehearse(plan, shared)
     tracker = _tracker(plan, shared)
     chain = plan.assemble(tracker)
-    loop = Loop(chain, plan.world, shared, plan.rate, parent)
+    timer = EndTimer()
+    loop = Loop(chain, plan.world, shared, plan.rate, parent, timer.set)
     # No collection from here on: one would hold up the loop. What is alive now is never looked at again.
     gc.collect()
     gc.freeze()
@@ -92,7 +100,7 @@ def _run(shared: Shared, path: Path, parent: int) -> int:
     facts = punctual()
     wakefulness = Wakefulness(int(facts["core"]))
     try:
-        shared.facts.write(json.dumps({**facts, "awake": wakefulness.granted}))
+        shared.facts.write(json.dumps({**facts, "awake": wakefulness.granted, "collects_garbage": gc.isenabled()}))
         told.loop = loop
         if told.early:
             sys.exit(128 + told.early)
@@ -100,6 +108,8 @@ def _run(shared: Shared, path: Path, parent: int) -> int:
         shared.warning.write(disagreement(chain.driver.calibration, plan.calibration))
         clock = Clock(plan.rate, chain.driver.lead)
         tracker.origin = clock.schedule.origin * 1e-9
+        die_with_parent(signal.SIGUSR1)  # in order from here on, with the coils off first ...
+        timer.set(_BEGIN)  # ... and by force if that takes long
         well = loop.run(clock)
     finally:
         wakefulness.end()
@@ -172,7 +182,7 @@ class _Told:
     def _stuck(self, number: int, frame: FrameType | None) -> None:
         """The host saw no tick for a long time. Raised into a step, this ends whatever loops in there."""
         if self.loop is not None and self.loop.in_step:
-            raise ServoError("one tick took longer than a second")
+            raise Hang(f"world '{self.loop.world}' hangs: one tick took longer than a second")
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ Every word has one writer; nothing in here ever waits.
 from __future__ import annotations
 
 import contextlib
+import json
 import mmap
 import os
 import tempfile
@@ -20,6 +21,7 @@ from haptorb.errors import ServoError
 from haptorb.physics.arrays import Array
 from haptorb.runtime import pointer_block, text_slot, tracked_block
 from haptorb.runtime.histogram import BINS, Histogram
+from haptorb.runtime.leftovers import SHARED, Claim, folders
 from haptorb.runtime.pointer_block import PointerBlock
 from haptorb.runtime.ring import Ring
 from haptorb.runtime.row import RowLayout
@@ -29,7 +31,7 @@ from haptorb.runtime.tracked_block import TrackedBlock
 __all__ = ["CAPACITY", "TRIPS", "WORLDS", "Phase", "Shared", "Word", "engage_request", "engage_stops"]
 
 _MAGIC = int.from_bytes(b"haptorb\0", "little")
-_VERSION = 3
+_VERSION = 4
 _PAGE = 4096
 _TEXTS = 9
 CAPACITY = 8192  #: rows: 2 s at the fastest rate
@@ -62,6 +64,7 @@ class Word(IntEnum):
     QUIT = 19  #: 1: end
     MODE = 20  #: 0: as it is, else number of the mode from 1 on
     CLUTCH = 21  #: 0: as it is, 1: engaged, 2: let go
+    URGENT = 22  #: 1: the heartbeat comes before ordinary programs
     POINTER = 24  #: and the nine after it
     # servo → host
     PID = 40
@@ -77,10 +80,13 @@ class Word(IntEnum):
     PEAK_TORQUE = 50  #: float: greatest torque on the mover [N·m]
     # recorder → host
     RECORDER = 56  #: a Phase
-    WRITTEN = 57  #: rows
+    WRITTEN = 57  #: rows that are in the file, whatever happens to the recorder
     LOST = 58  #: rows overwritten before they could be recorded
+    TAKEN = 59  #: rows that it has fetched, and those that it lost
     # a tracker's process → servo, host
     TRACKER = 60  #: a Phase
+    # recorder → host
+    RECORDER_LOOKS = 61  #: how often it has looked for rows
     TRACKED = 64  #: and the fifteen after it
 
 
@@ -115,6 +121,7 @@ class Shared:
             if size < _PAGE:
                 raise ServoError(f"{path} is not a servo's shared memory: too small")
             self._map = mmap.mmap(file.fileno(), size, flags=flags)
+        self._claim: Claim | None = None  # of the process that made it
         memory = memoryview(self._map)
         self.path = path
         self.words = memory[:_PAGE].cast("q")
@@ -150,9 +157,9 @@ class Shared:
     def create(cls, layout: RowLayout) -> Shared:
         """A new one, all zeros, in memory where the system has a place for that; ServoError if nowhere is room."""
         size = _size(layout)
-        for folder in (Path("/dev/shm"), Path(tempfile.gettempdir())):
+        for folder in folders():
             try:
-                descriptor, name = tempfile.mkstemp(prefix="haptorb-", suffix=".shared", dir=folder)
+                descriptor, name, claim = _made(folder)
             except OSError:
                 continue
             try:
@@ -162,7 +169,9 @@ class Shared:
                 head[[Word.MAGIC, Word.VERSION, Word.WIDTH, Word.CAPACITY]] = _MAGIC, _VERSION, layout.width, CAPACITY
                 head[[Word.CHANNELS, Word.SENSORS]] = layout.channels, layout.sensors
                 os.pwrite(descriptor, head.tobytes(), 0)
-                return cls(Path(name))
+                made = cls(Path(name))
+                made._claim = claim
+                return made
             except OSError:
                 Path(name).unlink()
             finally:
@@ -178,6 +187,8 @@ class Shared:
         """Remove its name; who has it mapped keeps it."""
         with contextlib.suppress(FileNotFoundError):
             self.path.unlink()
+        if self._claim is not None:
+            self._claim.close()
 
     @property
     def phase(self) -> Phase:
@@ -196,12 +207,27 @@ class Shared:
         count = self.words[Word.WORLD]
         return [(i, self._worlds[i % WORLDS].read()[1]) for i in range(max(known, count - WORLDS + 1, 0), count)]
 
+    def world_now(self) -> str:
+        """Name of the world that is rendered; empty before the first."""
+        told = self.worlds_since(self.words[Word.WORLD] - 1)
+        return str(json.loads(told[-1][1])["name"]) if told else ""
+
     def announce_trip(self, t: float, code: float) -> None:
         """Note a trip; those after the first 64 are only counted."""
         number = self.words[Word.TRIPS]
         if number < TRIPS:
             self.trips[number] = t, code
         self.words[Word.TRIPS] = number + 1
+
+
+def _made(folder: Path) -> tuple[int, str, Claim]:
+    """(descriptor, path, claim) of a new file in `folder`. Raises OSError if none can be made there."""
+    while True:
+        descriptor, name = tempfile.mkstemp(prefix="haptorb-", suffix=SHARED, dir=folder)
+        claim = Claim(name)
+        if claim.there:
+            return descriptor, name, claim
+        os.close(descriptor)  # somebody who tidied up was faster
 
 
 def _size(layout: RowLayout) -> int:

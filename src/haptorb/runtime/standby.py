@@ -16,6 +16,8 @@ from types import TracebackType
 from typing import Self, final
 
 from haptorb.errors import ServoError
+from haptorb.runtime.leftovers import FOLDER, Claim
+from haptorb.runtime.starter import start
 
 __all__ = ["PLAN", "Standby", "started"]
 
@@ -30,7 +32,7 @@ class Standby:
     """
 
     def __init__(self) -> None:
-        self.folder = Path(tempfile.mkdtemp(prefix="haptorb-"))  #: the giver's from `give` on
+        self.folder, self.claim = _made()  #: the giver's from `give` on
         self.errors = self.folder / "errors"  #: what the process prints
         self.given = False
         try:
@@ -39,7 +41,7 @@ class Standby:
                 stdin=subprocess.PIPE,
             )  # fmt: skip
         except BaseException:
-            shutil.rmtree(self.folder, ignore_errors=True)
+            self._tidy()
             raise
 
     @property
@@ -66,7 +68,11 @@ class Standby:
         self.given = True
         self.process.kill()
         self.process.communicate()
+        self._tidy()
+
+    def _tidy(self) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)
+        self.claim.close()
 
     def __enter__(self) -> Self:
         return self
@@ -75,15 +81,25 @@ class Standby:
         self.end()
 
 
+def _made() -> tuple[Path, Claim]:
+    """A new folder, and its claim."""
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=FOLDER))
+        claim = Claim(folder)
+        if claim.there:
+            return folder, claim
+
+
 def started(
     module: str, *arguments: str, errors: Path, stdin: int = subprocess.DEVNULL, descriptor: int | None = None
 ) -> subprocess.Popen[bytes]:
     """`python -m module arguments` in a session of its own; what it prints goes to the end of `errors`.
 
-    Ctrl-C in the terminal then reaches the parent alone, which ends its children in order.
+    Ctrl-C in the terminal then reaches the parent alone, which ends its children in order. The process may ask to die
+    with its parent: it is started by a thread that lives as long as that.
     """
     with errors.open("ab") as file:
-        return subprocess.Popen(
+        return start(
             [sys.executable, "-m", module, *arguments],
             stdin=stdin,
             stdout=subprocess.DEVNULL,

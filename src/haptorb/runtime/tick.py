@@ -26,6 +26,7 @@ from haptorb.errors import HaptorbError, InputError
 from haptorb.physics.arrays import Array
 from haptorb.runtime.answer import asked, driven
 from haptorb.runtime.driver import Driver
+from haptorb.runtime.hang import Hang
 from haptorb.runtime.row import STAGES, RowLayout
 from haptorb.runtime.told import places, tell
 from haptorb.sensing.estimator import Estimator
@@ -184,7 +185,9 @@ class Tick:
             self._rendered[:], self._on_thing[:] = felt.wrench, felt.on_thing
             self._felt_last = felt
             return felt
-        except Exception as cause:  # a world is the user's code: whatever it raises must end in coils off
+        except Hang:
+            raise
+        except BaseException as cause:  # a world is the user's code: whatever it raises must end in coils off
             self._failed(Trip.WORLD_FAILED, cause)
             self._rendered[:] = self._on_thing[:] = 0.0
             return replace(self._felt_last, wrench=self._nothing, on_thing=self._nothing)
@@ -196,9 +199,10 @@ class Tick:
             self._failed(Trip.CURRENTS_NOT_FINITE, cause)
             return self._no_currents
 
-    def _failed(self, reason: Trip, cause: Exception) -> None:
+    def _failed(self, reason: Trip, cause: BaseException) -> None:
         if not self.guard.tripped:
-            self.error = f"{type(cause).__name__}: {cause}"
+            leaves = isinstance(cause, SystemExit)
+            self.error = f"the world called sys.exit({cause})" if leaves else f"{type(cause).__name__}: {cause}"
         self.guard.trip(reason)
 
     def _off(self, row: Array, now: float) -> None:

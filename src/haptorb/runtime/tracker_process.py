@@ -41,7 +41,6 @@ def main(spec: Mapping[str, Any]) -> int:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # the servo's end is this one's end
     die_with_parent()
-    signal.signal(signal.SIGUSR1, signal.SIG_IGN)  # a parent's thread that ended is no parent that did: looked at below
     shared = Shared(Path(spec["shared"]))
     words, parent = shared.words, int(spec["parent"])
 

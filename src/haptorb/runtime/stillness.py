@@ -1,0 +1,35 @@
+"""For how long a number has not changed: ticks of a loop, beats of a recorder, processor time of a host."""
+
+from __future__ import annotations
+
+from typing import final
+
+__all__ = ["Stillness"]
+
+
+@final
+class Stillness:
+    """Counts only time in which whoever looks was running itself: a computer that stood still accuses nobody.
+
+    `step`: at most so much counts between two looks, in any unit of time.
+    """
+
+    def __init__(self, step: float) -> None:
+        self.time = 0.0  #: since the number changed, in the unit of `step`
+        self._step = step
+        self._value: int | None = None
+        self._looked = 0.0
+
+    def look(self, now: float, value: int) -> float:
+        """The time for which `value` has stayed as it is.
+
+        >>> still = Stillness(step=2.0)
+        >>> still.look(10.0, 7), still.look(11.0, 7), still.look(12.0, 8), still.look(99.0, 8)
+        (0.0, 1.0, 0.0, 2.0)
+        """
+        if value != self._value:
+            self._value, self.time = value, 0.0
+        else:
+            self.time += min(now - self._looked, self._step)
+        self._looked = now
+        return self.time
