@@ -275,6 +275,18 @@ def test_stop_means_zero_current_within_milliseconds():
     assert np.abs(rig["currents"]).max() < 0.05
 
 
+def test_a_stop_ends_the_fading_of_an_old_pose_at_once():
+    rig = Rig().go(500)
+    rig.driver.pose = {"t": rig.n * DT - 0.06}
+    rig.go(10)
+    assert rig["trip"][0] == Trip.POSE_EXPIRED
+    assert 0.0 < rig["gain"][0] < 1.0
+    rig.tick.stop()
+    rig.go(1)
+    assert rig["gain"][0] == 0.0
+    assert not rig.driver.written.any()
+
+
 def test_another_world_comes_without_a_jump_of_current():
     rig = Rig().go(800)
     before = rig["wanted"].copy()
@@ -352,9 +364,12 @@ def test_a_device_that_failed_before_the_first_pose_comes_back_by_hand_only_and_
     rig.driver.reads = True
     assert rig.is_off()
     assert rig["trip"][0] == Trip.DRIVER_FAILED
+    rig.driver.reads = False
+    rig.go(15)
+    rig.driver.reads = True
     assert rig.tick.engage()
     rig.go(1)
-    assert rig["gain"][0] < 0.01
+    assert rig["gain"][0] < 0.01  # the ticks that it missed are no part of the ramp
 
 
 def test_engaging_what_is_engaged_changes_nothing():

@@ -12,7 +12,7 @@ import numpy as np
 
 from haptorb.control import guard_rules as rules
 from haptorb.control.current_check import CurrentCheck
-from haptorb.control.heat_observer import ELAPSED, HeatObserver
+from haptorb.control.heat_observer import ELAPSED, PENDING, HeatObserver
 from haptorb.control.tick_time import make_clock
 from haptorb.control.trip import GuardState, Trip
 from haptorb.devices.device import Device
@@ -104,6 +104,11 @@ class Guard:
     def pass_time(self, now: float) -> None:
         """A tick begins at `now` [s] on the loop's clock; before `admit`. Without it every tick takes `dt`."""
         rules.pass_time(self.numbers, self.coils, self.clock, now)
+
+    def skip(self, now: float) -> None:
+        """A tick at `now` [s] in which nothing could be read: time passes, and the windings are looked at later."""
+        self.pass_time(now)
+        self.heat.numbers[PENDING] += self.clock["elapsed"][0]
 
     def admit(self, wrench: Array, estimate: Estimate) -> Array:
         """The part of the world's `wrench` (6,) that may be asked now: clamped, faded; zero when anything is wrong.

@@ -41,13 +41,13 @@ _OVERRUN, _MISMATCH = int(Trip.OVERRUN), int(Trip.CURRENT_MISMATCH)
 @kernel
 def trip(numbers: Array, reason: int) -> None:
     """Coils off, latched. The first reason stands until somebody engages; a later one does not hide it."""
+    if reason != _EXPIRED:  # that one fades; whatever comes while it does, a Stop first of all, ends it at once
+        numbers[GAIN] = 0.0
     if numbers[STATE] == _TRIPPED:
         return
     numbers[STATE] = _TRIPPED
     numbers[REASON] = reason
     numbers[TRIPS] += 1.0
-    if reason != _EXPIRED:
-        numbers[GAIN] = 0.0
 
 
 @kernel
@@ -116,7 +116,7 @@ def limit(
 ) -> None:  # fmt: skip
     """coils[HELD] becomes what may flow of `wanted` (m,) [A]: within limits and slew, derated when warm, else zero.
 
-    measured (m,) [A] and temperatures (m,) [K] are readings; heat (13,) and windings (6, m) a `HeatObserver`'s memory;
+    measured (m,) [A] and temperatures (m,) [K] are readings; heat (14,) and windings (6, m) a `HeatObserver`'s memory;
     plausible: the readings of the currents match the duties (`current_check`).
     """
     seen = _look(coils[BROKEN], measured, temperatures)

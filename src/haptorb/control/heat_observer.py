@@ -13,7 +13,7 @@ from haptorb.devices.device import Coils
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
 
-__all__ = ["ELAPSED", "HeatObserver", "observe"]
+__all__ = ["ELAPSED", "PENDING", "HeatObserver", "observe"]
 
 _PULL = 0.5  #: rate at which the body follows the thermometer [1/s]
 _LOAD_WINDOW = 1.0  #: over which the present load is averaged [s]
@@ -23,7 +23,7 @@ _OFTEN = 0.02  #: between two looks at the time that is left [s]
 
 #: places in the numbers: what it finds, then what it is told once
 HOTTEST, REMAINING, _TICKS, _SINCE, ELAPSED, _ALPHA, _REFERENCE, _LIMIT = range(8)
-_C_WINDING, _C_BODY, _INNER, _OUTER, _AMBIENT = range(8, 13)
+_C_WINDING, _C_BODY, _INNER, _OUTER, _AMBIENT, PENDING = range(8, 14)
 #: rows of the coils: temperatures [K], i²R at the reference temperature, averaged [W], resistance there [Ω], inductance
 #: [H] and the current of the tick before [A]
 WINDING, BODY, LOAD, _RESISTANCE, _INDUCTANCE, _BEFORE = range(6)
@@ -44,13 +44,14 @@ def _mean_square(before: float, now: float, x: float) -> float:
 
 @kernel
 def observe(numbers: Array, coils: Array, currents: Array, boundary: Array) -> float:
-    """A tick, numbers[ELAPSED] [s] after the last, with measured `currents` (m,) [A] and `boundary` temperatures (m,)
-    [K].
+    """A tick, numbers[ELAPSED] + numbers[PENDING] [s] after the last one that could be read, with measured `currents`
+    (m,) [A] and `boundary` temperatures (m,) [K].
 
-    numbers (13,) and coils (6, m) are a `HeatObserver`'s memory. Returns the hottest winding [K], NaN if any is.
+    numbers (14,) and coils (6, m) are a `HeatObserver`'s memory. Returns the hottest winding [K], NaN if any is.
     """
     n = numbers
-    elapsed = min(n[ELAPSED], _LONGEST)
+    elapsed = min(n[ELAPSED] + n[PENDING], _LONGEST)
+    n[PENDING] = 0.0
     steps = max(1, int(np.ceil(elapsed / _STEP - 1e-9)))
     dt, weight = elapsed / steps, -np.expm1(-elapsed / _LOAD_WINDOW)
     pull = -np.expm1(-_PULL * dt)
@@ -135,7 +136,7 @@ def _remaining(numbers: Array, coils: Array) -> float:
 class HeatObserver:
     """Winding temperatures (m,) [K] and the time that is left; one `update` per tick.
 
-    numbers  (13,) and coils (6, m): all that it remembers, for compiled code
+    numbers  (14,) and coils (6, m): all that it remembers, for compiled code
     """
 
     def __init__(self, coils: Coils, dt: float) -> None:
@@ -144,7 +145,7 @@ class HeatObserver:
             [
                 heat.ambient, np.inf, 0.0, 0.0, dt, coils.temperature_coefficient,
                 coils.reference_temperature, heat.derate, heat.winding_capacity, heat.body_capacity,
-                heat.winding_to_body, heat.body_to_air, heat.ambient,
+                heat.winding_to_body, heat.body_to_air, heat.ambient, 0.0,
             ]
         )  # fmt: skip
         self.coils: Array = np.zeros((6, channels))

@@ -211,6 +211,7 @@ class Tick:
             self._applied = self.driver.write(self._zeros)
         except HaptorbError:
             self._applied = self._zeros
+        self.guard.skip(now)
         row[:] = np.nan
         row[self._one["t"]] = now
         row[self._one["guard"]] = self.guard.state
