@@ -24,6 +24,7 @@ class FakeServo:
         self.p = np.array([0.0, 0.0, 0.05])
         self.alive = True
         self.off = False
+        self.stops = 0
 
     def set_world(self, name: str, values: dict[str, Any] | None = None) -> None:
         self.told.append((name, (values or {}).get("summit")))
@@ -47,6 +48,7 @@ class FakeServo:
 
     def stop(self) -> None:
         self.told.append("stop")
+        self.stops += 1
         self.trip(Trip.STOPPED)
 
     def rows(self, cursor: int = 0) -> tuple[int, np.ndarray]:
@@ -57,9 +59,10 @@ class FakeServo:
             rows[2 * n + 1, self.layout["guard"]], rows[2 * n + 1, self.layout["trip"]] = 4, trip
         return len(rows), rows[cursor:]
 
-    def engage(self) -> None:
+    def engage(self, stops: int | None = None) -> None:
         self.told.append("engage")
-        self.off = False
+        if stops in (None, self.stops):
+            self.off = False
 
     def latest(self) -> np.ndarray:
         row = np.zeros(self.layout.width)

@@ -25,7 +25,7 @@ from haptorb.apps.study.pages.reception import Reception
 from haptorb.apps.study.pages.site import STATIC
 from haptorb.apps.study.study_file import Study, study_of
 from haptorb.control.trip import Trip
-from haptorb.errors import InputError, RecordingError
+from haptorb.errors import InputError, RecordingError, ServoError
 
 STUDY = """
 name = "short"
@@ -115,9 +115,16 @@ class Desk:
 
         self.reception = Reception(self.engine, study, start, lambda session: Path(f"session-{session}.mcap"))
         self.host = Host(self.reception, 0, more={"database": "here"})
-        self._serving = threading.Thread(target=self.host.serve)
+        self.failures: list[ServoError] = []  # with which the server ended by itself
+        self._serving = threading.Thread(target=self._serve)
         self._serving.start()
         self._pages: list[Page] = []
+
+    def _serve(self) -> None:
+        try:
+            self.host.serve()
+        except ServoError as failure:
+            self.failures.append(failure)
 
     @property
     def servo(self) -> Any:

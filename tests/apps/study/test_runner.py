@@ -100,7 +100,7 @@ def test_leaving_keeps_what_was_answered_and_resumes_there(short: Study, tmp_pat
 
 
 def test_a_pause_switches_the_coils_off_and_is_no_safety_event(short: Study, tmp_path: Path) -> None:
-    ran = run(short, tmp_path / "s.db", "space", "1", "enter", "space", "1", "enter", "1", "enter")
+    ran = run(short, tmp_path / "s.db", "space", "1", "space", "enter", "e", "1", "enter", "1", "enter")
     assert ran.how == "done"
     assert [told for told in ran.servo.told if isinstance(told, str)] == ["stop", "engage"]
     assert tidy(database(tmp_path / "s.db"), short)["safety"].tolist() == ["", ""]

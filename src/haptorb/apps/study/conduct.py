@@ -10,6 +10,7 @@ from time import monotonic
 from typing import Any, final
 
 from haptorb.apps.asking.prompt import Answer, Prompt
+from haptorb.apps.study.halt import Asked, Halt
 from haptorb.apps.study.sitting import Sitting
 from haptorb.apps.study.stage import Stage
 from haptorb.apps.study.study_parts import Question
@@ -29,16 +30,24 @@ def _nobody(kind: str, facts: dict[str, Any]) -> None:
 class Conduct:
     """Runs `sitting` on `stage`. `tick` is to be called some fifty times a second.
 
+    A Stop is carried out by `halt`, at once; here it becomes the state "paused", whatever the state was, and a record.
+
     state      question, pause (between trials), break, running, time is up, paused, done, left, aborted
     recording  file that the tool's course goes to; its name is kept with every trial
     mark       is told of everything that happens, as it happens: for streams to other equipment
+    halt       knows the stage's servo and who stopped it; None: one of its own
     """
 
     def __init__(
         self, sitting: Sitting, stage: Stage, recording: str | None = None,
         mark: Callable[[str, dict[str, Any]], None] = _nobody, clock: Callable[[], float] = monotonic,
+        halt: Halt | None = None,
     ) -> None:  # fmt: skip
         self.sitting, self.stage = sitting, stage
+        if halt is None:
+            halt = Halt()
+            halt.attach(stage.servo, halt.ask())
+        self.halt = halt
         self.which = 1  #: interval that is felt
         self.seconds = 0.0  #: time in this trial without pauses [s]
         self.trips: list[dict[str, Any]] = []  #: safety events of the session, with the trial each came in
@@ -49,6 +58,7 @@ class Conduct:
         self._paused_from, self._rest_left = "", 0.0
         self.state = "pause"
         self._go_on()
+        self.heed()
 
     @property
     def prompt(self) -> Prompt | None:
@@ -71,6 +81,7 @@ class Conduct:
         """Time passes: rests end, time limits are noticed, and trips of the device are kept."""
         now = self._clock()
         passed, self._last = now - self._last, now
+        self.heed()
         self._notice()
         if self.state in ("pause", "break") and now >= self._until:
             self._begin()
@@ -84,8 +95,17 @@ class Conduct:
         elif self.state == "time is up":
             self.seconds += passed
 
+    def heed(self) -> None:
+        """Pause if Stop was given, by whomever, and keep who gave it. The coils are off already."""
+        if self.halt.stands and self.state not in ("paused", *OVER):
+            self._rest_left = self.left
+            self._paused_from, self.state = self.state, "paused"
+        for stopped in self.halt.take():
+            self._note("pause", stopped.why, stopped.at)
+
     def answer(self, value: int | None) -> None:
         """Keep the answer, durably, and go on. InputError, and the trial goes on, if it may not be answered so."""
+        self.heed()
         prompt = self.prompt
         if self.state not in _TRIAL or prompt is None:
             raise InputError(f"no answer is expected now ({self.state})")
@@ -102,6 +122,7 @@ class Conduct:
 
     def reply(self, told: str) -> None:
         """Keep the answer to the question in words."""
+        self.heed()
         question = self.question
         if question is None:
             raise InputError("no question is asked now")
@@ -111,11 +132,13 @@ class Conduct:
 
     def skip(self) -> None:
         """End a break early; a pause that the study file sets between trials stays."""
+        self.heed()
         if self.state == "break":
             self._begin()
 
     def interval(self, which: int | None) -> None:
         """Let interval `which`, 1 or 2, be felt."""
+        self.heed()
         prompt = self.prompt
         if not isinstance(which, int) or which not in (1, 2) or prompt is None or not prompt.interval:
             raise InputError("there is no such interval in this trial")
@@ -126,18 +149,20 @@ class Conduct:
 
     def pause(self, why: str = "") -> None:
         """Coils off until `resume`; a rest stands still meanwhile."""
-        if self.state in ("paused", "question", *OVER):
-            return
-        self.stage.servo.stop()
-        self._rest_left = self.left
-        self._paused_from, self.state = self.state, "paused"
-        self._note("pause", why)
+        if self.state not in OVER:
+            if not self.halt.stands:
+                self.halt.stop(why)
+            self.heed()
 
-    def resume(self) -> None:
-        """Go on where `pause` was; the coils come back from zero."""
+    def resume(self, asked: Asked | None = None) -> None:
+        """Go on where `pause` was; the coils come back from zero.
+
+        InputError, and nothing changes, if Stop was given after `asked`; None: it is asked for now.
+        """
+        self.heed()
         if self.state != "paused":
             return
-        self.stage.servo.engage()
+        self.halt.engage(asked or self.halt.ask())
         self.state = self._paused_from
         self._until = self._clock() + self._rest_left
         self._last = self._clock()
@@ -145,6 +170,7 @@ class Conduct:
 
     def repeat(self) -> None:
         """The trial from its beginning, with its time limit anew; that it was repeated is kept."""
+        self.heed()
         prompt = self.prompt
         if self.state not in _TRIAL or prompt is None:
             raise InputError(f"there is no trial to repeat now ({self.state})")
@@ -152,23 +178,26 @@ class Conduct:
         self.stage.interval(prompt, 1)
         self._note("repeat")
 
-    def engage(self) -> None:
-        """After a trip: coils on again, unless the guard refuses."""
+    def engage(self, asked: Asked | None = None) -> None:
+        """After a trip: coils on again, unless the guard refuses, or Stop was given after `asked`; None: now."""
+        self.heed()
         if self.state == "paused":
             raise InputError("the session is paused: resume switches the coils on")
-        self.stage.servo.engage()
+        self.halt.engage(asked or self.halt.ask())
 
     def leave(self) -> None:
-        """End for now: the session can be resumed at this trial."""
+        """End for now: the session can be resumed at this trial. Coils off first of all."""
         if self.state not in OVER:
+            self.halt.stop(None)
+            self.heed()
             self._note("leave")
-            self.stage.rest()
             self.state = "left"
 
     def abort(self, why: str = "") -> None:
-        """End for good."""
+        """End for good. Coils off first of all, also if it cannot be kept."""
         if self.state not in OVER:
-            self.stage.rest()
+            self.halt.stop(None)
+            self.heed()
             self.sitting.abort(why)
             self._mark("abort", {"trial": self.sitting.number})
             self.state = "aborted"
@@ -213,9 +242,9 @@ class Conduct:
                 continue
             known = {**trip, "trial": self.sitting.number}
             self.trips.append(known)
-            self.sitting.note("safety", f"{trip['code']}: {trip['reason']}")
+            self.sitting.note("safety", f"{trip['code']}: {trip['reason']}", later=True)
             self._mark("safety", known)
 
-    def _note(self, kind: str, text: str = "") -> None:
-        self.sitting.note(kind, text)
+    def _note(self, kind: str, text: str = "", at: str | None = None) -> None:
+        self.sitting.note(kind, text, at=at, later=True)
         self._mark(kind, {"trial": self.sitting.number} | ({"why": text} if text else {}))

@@ -1,4 +1,4 @@
-"""A session at the terminal: keys in, a view of it out; pause, repeat, leave, abort at any time."""
+"""A session at the terminal: keys in, a view of it out; stop, repeat, leave, abort at any time."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import final
 
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.conduct import OVER, Conduct
+from haptorb.apps.study.halt import Halt
 from haptorb.apps.study.keys import END, Keys
 from haptorb.apps.study.sitting import Sitting
 from haptorb.apps.study.stage import Stage
@@ -37,14 +38,23 @@ class View:
 
 @final
 class Runner:
-    """Runs `sitting` to its end, or until somebody leaves; `show` draws a view, some ten times a second."""
+    """Runs `sitting` to its end, or until somebody leaves; `show` draws a view, some ten times a second.
+
+    `halt` knows the stage's servo, and which Stop stands; None: nobody but the keys stops.
+    """
 
     def __init__(
-        self, sitting: Sitting, stage: Stage, keys: Keys, show: Callable[[View], None], recording: str | None = None
-    ) -> None:
+        self, sitting: Sitting, stage: Stage, keys: Keys, show: Callable[[View], None], recording: str | None = None,
+        halt: Halt | None = None,
+    ) -> None:  # fmt: skip
         self._stage, self._keys, self._show = stage, keys, show
-        self._conduct = Conduct(sitting, stage, recording)
+        self._conduct = Conduct(sitting, stage, recording, halt=halt)
         self._typed, self._message, self._abort = "", "", False
+
+    @property
+    def writing(self) -> bool:
+        """Whether words are being typed, in which a space is a space."""
+        return self._conduct.state == "question"
 
     def run(self) -> str:
         """'done', 'left' (the session can be resumed) or 'aborted'."""
@@ -67,7 +77,7 @@ class Runner:
             case "pause" | "break":
                 return f"{self._conduct.left:.0f} s"
             case "paused":
-                return "paused: coils are off; space goes on"
+                return "STOPPED: the coils are off. e goes on, q ends for now, A aborts"
             case "time is up":
                 return "time is up: please answer now"
             case "running" if self._stage.off:
@@ -80,6 +90,8 @@ class Runner:
             self._abort = False
             if key == "y":
                 conduct.abort("by the experimenter, at the terminal")
+        elif key == "escape":
+            conduct.pause("at the terminal")
         elif conduct.state == "question" and key != END:
             self._worded(key)
         elif key in ("q", END):
@@ -87,10 +99,10 @@ class Runner:
         elif key == "A":
             self._abort = True
         elif key == "space":
-            if conduct.state == "paused":
-                conduct.resume()
-            else:
-                conduct.pause()
+            conduct.pause("at the terminal")
+        elif key == "e" and conduct.state == "paused":
+            conduct.resume(self._keys.asked)
+            self._message = ""
         elif conduct.state == "break" and key == "enter":
             conduct.skip()
         elif conduct.state in ("running", "time is up"):
@@ -106,7 +118,7 @@ class Runner:
         elif key == "tab" and conduct.prompt is not None and conduct.prompt.interval:
             conduct.interval(3 - conduct.which)
         elif key == "e":
-            conduct.engage()
+            conduct.engage(self._keys.asked)
             self._message = ""
         elif key == "r":
             conduct.repeat()

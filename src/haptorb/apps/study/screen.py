@@ -22,7 +22,7 @@ __all__ = ["Screen"]
 
 _WIDE, _HIGH = 62, 23
 _ARROWS = "→↗↑↖←↙↓↘"
-_KEYS = "Enter answer · space pause · r again · e switch on · q leave (resumable) · A abort"
+_KEYS = "space or Esc STOP · Enter answer · r again · e switch on · q leave (resumable) · A abort"
 
 
 @final
@@ -52,7 +52,7 @@ class Screen:
             parts += [Text(view.question.text, style="bold"), *map(Text, choices), answer]
             if view.message:
                 parts.append(Text(view.message, style="bold yellow"))
-            return Panel(Group(*parts, Text("Enter answers", style="dim")), title=head, width=_WIDE + 6)
+            return Panel(Group(*parts, Text("Enter answers · Esc STOP", style="dim")), title=head, width=_WIDE + 6)
         if view.state in ("break", "pause"):
             early = "; Enter goes on" if prompt.pause else ""
             parts.append(Text(f"\n  {view.state}: {view.message}{early}\n", style="bold"))

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.panel import Panel
 
+from haptorb.apps.study.halt import Halt
 from haptorb.apps.study.keys import END, Keyboard
 from haptorb.apps.study.runner import Runner
 from haptorb.apps.study.screen import Screen
@@ -22,16 +23,20 @@ __all__ = ["hold"]
 
 def hold(sitting: Sitting, start: Callable[[Path | None], Servo], recording: Path | None) -> str:
     """'done', 'left' or 'aborted'; coils are off afterwards. `start` makes a servo that records to that file."""
-    study, console = sitting.study, Console(stderr=True)
-    with Keyboard() as keys:
+    study, console, halt = sitting.study, Console(stderr=True), Halt()
+    with Keyboard(halt) as keys:
         console.print(Panel(f"{study.instructions}\n\n{study.consent}".strip(), title=study.name))
-        console.print("Enter begins and, where something is asked above, says yes. q leaves.")
+        console.print(
+            "Enter begins and, where something is asked above, says yes. q leaves. Space or Esc stops at any time."
+        )
         while (key := keys.pressed(1.0)) != "enter":
             if key in ("q", END):
                 sitting.note("leave")
                 return "left"
         console.print("starting the device ...")
-        with start(recording) as servo, Live(console=console, auto_refresh=False, screen=sys.stderr.isatty()) as live:
+        servo = start(recording)
+        halt.attach(servo, keys.asked or halt.ask())  # before it is open: Stop reaches it from here on
+        with servo, Live(console=console, auto_refresh=False, screen=sys.stderr.isatty()) as live:
             stage = Stage(study, servo)
             drawn = Screen(stage, live)
 
@@ -40,4 +45,6 @@ def hold(sitting: Sitting, start: Callable[[Path | None], Servo], recording: Pat
                 if sys.stderr.isatty():
                     live.refresh()
 
-            return Runner(sitting, stage, keys, show, str(recording) if recording else None).run()
+            runner = Runner(sitting, stage, keys, show, str(recording) if recording else None, halt)
+            keys.writing = lambda: runner.writing
+            return runner.run()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from types import TracebackType
 from typing import Any, Self, final
 
@@ -18,6 +17,7 @@ from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.claim import Claim
 from haptorb.apps.study.database import alone, events, participants, replies, sessions, studies, trials
+from haptorb.apps.study.halt import now
 from haptorb.apps.study.order import plan, procedure_of
 from haptorb.apps.study.study_file import Study
 from haptorb.apps.study.study_parts import Question
@@ -53,6 +53,7 @@ class Sitting:
     def __init__(self, engine: Engine, study: Study, code: str, *, simulated: bool = False) -> None:
         self.engine, self.study, self.code = engine, study, known_code(code)
         self.simulated = simulated
+        self._late: list[dict[str, Any]] = []  # events that the database would not take yet
         try:
             self.id, stored = self._found_or_made()
             self._claim = Claim(engine, self.id)
@@ -63,6 +64,9 @@ class Sitting:
             self._replied = self._said()
             self.resumed = self.number > 0
             self.note("resume" if self.resumed else "begin")
+        except SQLAlchemyError as cause:
+            self._claim.release()
+            raise _failed(cause) from cause
         except BaseException:
             self._claim.release()
             raise
@@ -91,12 +95,14 @@ class Sitting:
         last = self.prompt is None and not self._questions_after(question)
         try:
             with self.engine.begin() as connection:
-                row = {"session": self.id, "question": question.name, "reply": reply, "at": _now()}
+                self._catch_up(connection)
+                row = {"session": self.id, "question": question.name, "reply": reply, "at": now()}
                 connection.execute(replies.insert().values(**row))
                 if last:
-                    connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=_now()))
+                    connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=now()))
         except SQLAlchemyError as cause:
             raise _failed(cause) from cause
+        self._late.clear()
         self._replied.add(question.name)
 
     def answer(self, answer: Answer, *, safety: Sequence[dict[str, Any]] = (), recording: str | None = None) -> None:
@@ -116,41 +122,69 @@ class Sitting:
             "seconds": answer.seconds,
             "safety": json.dumps(list(safety), ensure_ascii=False),
             "recording": recording,
-            "answered": _now(),
+            "answered": now(),
         }
         try:
             with self.engine.begin() as connection:
+                self._catch_up(connection)
                 connection.execute(trials.insert().values(**row))
                 if after.prompt is None and (self.simulated or not self._questions_after()):
-                    connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=_now()))
+                    connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=now()))
         except IntegrityError as cause:
             raise RecordingError(
                 f"trial {self.number} of session {self.id} was answered before; start again"
             ) from cause
         except SQLAlchemyError as cause:
             raise _failed(cause) from cause
+        self._late.clear()
         self.procedure, self.number = after, self.number + 1
 
-    def note(self, kind: str, text: str = "") -> None:
-        """Keep that something happened now: pause, abort, repeat ..."""
+    def note(self, kind: str, text: str = "", *, at: str | None = None, later: bool = False) -> None:
+        """Keep that something happened, now or `at` that time of day: pause, abort, repeat ...
+
+        With `later`, what the database does not take now is kept with the next thing that it takes, and nothing is
+        raised: what was done must not wait for the record of it.
+        """
+        text = text.replace("\0", "").encode("utf-8", "backslashreplace").decode()  # a record is never refused
+        self._late.append({"session": self.id, "kind": kind, "trial": self.number, "at": at or now(), "text": text})
         try:
             with self.engine.begin() as connection:
-                connection.execute(
-                    events.insert().values(session=self.id, kind=kind, trial=self.number, at=_now(), text=text)
-                )
+                self._catch_up(connection)
         except SQLAlchemyError as cause:
+            if later:
+                return
+            self._late.pop()
             raise _failed(cause) from cause
+        self._late.clear()
 
     def abort(self, reason: str = "") -> None:
         """End for good: what was answered stays, and the session cannot be resumed."""
         self.note("abort", reason)
-        with self.engine.begin() as connection:
-            done = {"ended": _now(), "aborted": True}
-            connection.execute(sessions.update().where(sessions.c.id == self.id).values(**done))
+        try:
+            with self.engine.begin() as connection:
+                done = {"ended": now(), "aborted": True}
+                connection.execute(sessions.update().where(sessions.c.id == self.id).values(**done))
+        except SQLAlchemyError as cause:
+            raise _failed(cause) from cause
 
     def close(self) -> None:
         """Let somebody else have the session; may be called twice."""
-        self._claim.release()
+        try:
+            if self._late:
+                with self.engine.begin() as connection:
+                    self._catch_up(connection)
+                self._late.clear()
+        except SQLAlchemyError as cause:
+            raise RecordingError(
+                f"session {self.id}: {len(self._late)} events (pauses, safety events) could not be kept"
+            ) from cause
+        finally:
+            self._claim.release()
+
+    def _catch_up(self, connection: Connection) -> None:
+        """Keep the events that are late, in the transaction of `connection`."""
+        if self._late:
+            connection.execute(events.insert(), self._late)
 
     def __enter__(self) -> Self:
         return self
@@ -182,7 +216,7 @@ class Sitting:
                     participant=person[0],
                     plan=json.dumps(drawn),
                     simulated=self.simulated,
-                    started=_now(),
+                    started=now(),
                     versions=json.dumps({"haptorb": __version__}),
                 )
             ).inserted_primary_key
@@ -230,7 +264,3 @@ class Sitting:
 def _failed(cause: SQLAlchemyError) -> RecordingError:
     told = str(getattr(cause, "orig", None) or cause).splitlines()[0]
     return RecordingError(f"the answer could not be kept: {told}; nothing was half written, resume when it is mended")
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="milliseconds")

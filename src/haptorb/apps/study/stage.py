@@ -9,7 +9,7 @@ import numpy as np
 
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.study_file import Study
-from haptorb.control.trip import GuardState, Trip
+from haptorb.control.trip import CoilState, GuardState, Trip
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 from haptorb.physics.arrays import Array
@@ -112,6 +112,12 @@ class Stage:
         """Whether the guard has the coils off."""
         row = self.servo.latest()
         return row is None or row[self.servo.layout["guard"]][0] in (0, 4)
+
+    @property
+    def unconfirmed(self) -> bool:
+        """Whether the coils were told to be off, and the device has not confirmed that they are."""
+        row = self.servo.latest()
+        return row is not None and bool(row[self.servo.layout["coil_state"]][0] == CoilState.UNKNOWN)
 
     def look(self) -> None:
         """Add new trips to `trips`: read off the loop's rows, which costs less than its report."""

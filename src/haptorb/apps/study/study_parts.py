@@ -148,12 +148,14 @@ class Question(Part):
         told = reply.strip()
         if not told:
             raise InputError("please answer the question first")
+        if len(told) > _LONGEST:
+            raise InputError(f"the answer must have at most {_LONGEST} characters; got {len(told)}")
+        if any("\ud800" <= letter <= "\udfff" or letter == "\0" for letter in told):
+            raise InputError("the answer holds a character that is none: please type it again")
         if self.choices and told not in self.choices:
             raise InputError(f"the answer must be one of {', '.join(self.choices)}; got '{told}'")
         if self.low is not None and self.high is not None:
-            number = int(told) if told.lstrip("-").isdecimal() and told.isascii() else None
+            number = int(told) if told.removeprefix("-").isdecimal() and told.isascii() else None
             if number is None or not self.low <= number <= self.high:
                 raise InputError(f"the answer must be a whole number from {self.low} to {self.high}; got '{told}'")
-        if len(told) > _LONGEST:
-            raise InputError(f"the answer must have at most {_LONGEST} characters; got {len(told)}")
         return told

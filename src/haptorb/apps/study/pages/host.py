@@ -13,10 +13,13 @@ from haptorb.apps.study.pages.room import Room
 from haptorb.apps.study.pages.site import application
 from haptorb.apps.study.pages.views import about, places
 from haptorb.apps.web.server import HOST, bound, hurry, server, signals
+from haptorb.errors import ServoError
 
 __all__ = ["PORT", "Host"]
 
 PORT = 8766  #: unless told otherwise; the console's is another
+_LOOK = 0.05  #: between two looks whether the reception is well [s]
+_LAST_WORDS = 0.5  #: for the pages to show that it is not [s]
 
 
 @final
@@ -47,20 +50,43 @@ class Host:
             raise
 
     def serve(self) -> int | None:
-        """Serve until `close`, SIGINT or SIGTERM; the signal's number is returned."""
+        """Serve until `close`, SIGINT or SIGTERM; the signal's number is returned.
+
+        Raises ServoError, with the coils off, if the thread that runs the sessions ended by itself.
+        """
         heard: list[int] = []
 
         def end(number: int) -> None:
             heard.append(number)
+            self._reception.halt.stop(None)
             self.close()
 
         self._reception.open()
         try:
             with signals(end), hurry():
-                asyncio.run(self._server.serve(sockets=[self._socket]))
+                dead = asyncio.run(self._serve())
         finally:
             self._reception.close()
+        if dead:
+            raise ServoError(
+                f"the thread that runs the sessions ended: {self._reception.trouble}; the coils are off, and what was "
+                "answered is kept: start again and enter the same code to resume"
+            )
         return heard[0] if heard else None
+
+    async def _serve(self) -> bool:
+        """Serve until `close`, or until nobody is there who does what is asked; whether it was that."""
+        serving = asyncio.create_task(self._server.serve(sockets=[self._socket]))
+        dead = False
+        while not serving.done():
+            if dead := self._reception.dead:
+                self._reception.halt.stop(None)
+                await asyncio.sleep(_LAST_WORDS)  # the pages show it
+                self._server.should_exit = True
+                break
+            await asyncio.sleep(_LOOK)
+        await serving
+        return dead
 
     def close(self) -> None:
         """End `serve`; may be called from any thread, and twice."""

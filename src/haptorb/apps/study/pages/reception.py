@@ -1,19 +1,23 @@
 """Runs sessions one after another in a thread of its own: commands of the pages in, one state out.
 
-The thread may wait for the disk, a database far away, or a device that starts; the pages and the pen do not.
+The thread may wait for the disk, a database far away, or a device that starts; the pages, the pen and Stop do not:
+Stop goes through `Reception.halt`, which asks nobody.
 """
 
 from __future__ import annotations
 
 import threading
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from queue import Empty, SimpleQueue
+from time import monotonic
 from typing import Any, final
 
 from sqlalchemy.engine import Engine
 
 from haptorb.apps.study.conduct import OVER, Conduct
+from haptorb.apps.study.halt import Asked, Halt
 from haptorb.apps.study.sitting import Sitting
 from haptorb.apps.study.stage import Stage
 from haptorb.apps.study.streams import Streams
@@ -24,6 +28,7 @@ from haptorb.runtime.servo import Servo
 __all__ = ["Reception"]
 
 _TICK = 0.02  #: between two looks at the device [s]
+_WAITING = 100  #: commands that may wait at most: who sends more is no person
 
 #: asked of the reception by a page: tells the page what was wrong, or nothing
 Told = Callable[[str], None]
@@ -36,14 +41,17 @@ class Reception:
     state   waiting (for a participant), starting (the device), consent, ready, then those of `Conduct`, or failed
     start   makes the servo of a session, recording to the given file; not yet open
     beside  file for the recording of session number so-and-so; None: no recording
+    sit     opens the session of a participant's code in the database
     """
 
     def __init__(
         self, engine: Engine, study: Study, start: Callable[[Path | None], Servo],
         beside: Callable[[int], Path | None] = lambda session: None, streams: Streams | None = None,
+        sit: Callable[[Engine, Study, str], Sitting] = Sitting,
     ) -> None:  # fmt: skip
         self.engine, self.study = engine, study
-        self._start, self._beside, self._streams = start, beside, streams
+        self._start, self._beside, self._streams, self._sit = start, beside, streams, sit
+        self.halt = Halt()  #: Stop, for every page and thread
         self.state = "waiting"
         self.trouble = ""  #: why the last session ended as it did
         self.sitting: Sitting | None = None
@@ -52,8 +60,10 @@ class Reception:
         self.log: list[dict[str, Any]] = []  #: answered trials of this session, newest last
         self._recording: Path | None = None
         self._servo: Servo | None = None
-        self._inbox: SimpleQueue[tuple[dict[str, Any], Told]] = SimpleQueue()
+        self._inbox: SimpleQueue[tuple[dict[str, Any], Asked, Told]] = SimpleQueue()
         self._ended = threading.Event()
+        self._died = ""  # why the thread ended by itself
+        self._next = 0.0  # look at the device
         self._thread = threading.Thread(target=self._run, name="reception", daemon=True)
 
     def open(self) -> None:
@@ -61,20 +71,33 @@ class Reception:
         self._thread.start()
 
     def close(self) -> None:
-        """A session that runs is left, resumable; coils off. May be called twice."""
+        """Coils off; a session that runs is left, resumable. May be called twice."""
         self._ended.set()
+        self.halt.stop(None)  # the thread may be waiting for a database
         if self._thread.is_alive():
             self._thread.join()
 
+    @property
+    def dead(self) -> bool:
+        """Whether the thread has ended although nobody told it to: nothing that is asked would be done."""
+        return bool(self._died) and not self._thread.is_alive()
+
     def ask(self, command: dict[str, Any], told: Told) -> None:
         """Obey `command` soon; `told` hears what was wrong with it, if anything was."""
-        self._inbox.put((command, told))
+        if self._died:
+            raise InputError(f"the study's program has failed and ends: {self._died}")
+        if self._inbox.qsize() >= _WAITING:
+            raise InputError("too much is waiting to be done already (is the database locked?): try again in a moment")
+        self._inbox.put((command, self.halt.ask(), told))
 
     @property
     def now(self) -> str:
-        """The state, in one word."""
-        conduct = self.conduct  # the thread may put it away meanwhile
-        return conduct.state if conduct is not None else self.state
+        """The state, in one word; "paused" from the moment at which somebody stops."""
+        conduct, sitting = self.conduct, self.sitting  # the thread may put them away meanwhile
+        state = conduct.state if conduct is not None else self.state
+        if self.halt.stands and sitting is not None and state not in ("starting", "waiting", "failed", *OVER):
+            return "paused"
+        return state
 
     @property
     def number(self) -> int:
@@ -82,51 +105,81 @@ class Reception:
         sitting = self.sitting  # the thread may put it away meanwhile
         return sitting.id if sitting is not None else 0
 
+    def step(self, wait: float = 0.0) -> None:
+        """Obey the command that has waited longest, for which `wait` [s] are waited; and look at the device."""
+        try:
+            command, asked, told = self._inbox.get(timeout=wait) if wait > 0 else self._inbox.get_nowait()
+        except Empty:
+            self._next = 0.0
+        else:
+            self._try(lambda: self._obey(command, asked), told)
+        if monotonic() >= self._next:
+            self._next = monotonic() + _TICK
+            # A session whose device or database went away can be resumed, so nothing is lost by ending it here.
+            self._try(self._tick, None)
+
     def _run(self) -> None:
         try:
             while not self._ended.is_set():
-                try:
-                    command, told = self._inbox.get(timeout=_TICK)
-                except Empty:
-                    self._tick()
-                    continue
-                try:
-                    self._obey(command)
-                except HaptorbError as mistake:
-                    told(str(mistake))
-                    if isinstance(mistake, ServoError):
-                        self._end(str(mistake))
+                self.step(_TICK)
+        except BaseException as fault:
+            self._died = f"its thread ended: {_explained(fault)}"
         finally:
-            if self.conduct is not None and self.conduct.state not in OVER:
-                self._quietly(self.conduct.leave)
-            self._end("")
+            self.halt.stop(None)
+            conduct = self.conduct
+            if conduct is not None and conduct.state not in OVER:
+                self._quietly(conduct.leave)
+            self._end(self._died, "failed" if self._died else "left")
+            if self._died:
+                self.state, self.trouble = "failed", self._died
+
+    def _try(self, do: Callable[[], None], told: Told | None) -> None:
+        """`do` it; whatever it raises is told, and this thread goes on. None: nobody asked, so the session ends."""
+        try:
+            do()
+        except HaptorbError as mistake:
+            if told is not None:
+                told(str(mistake))
+            if told is None or isinstance(mistake, ServoError):
+                self._end(str(mistake))
+        except BaseException as fault:
+            # Nobody foresaw it, so nobody knows what the session is in: off, and it can be resumed.
+            self.halt.stop(None)
+            text = f"a fault in haptorb, please report it: {_explained(fault)}. Coils off; the session can be resumed"
+            if told is not None:
+                told(text)
+            self._end(text)
 
     def _tick(self) -> None:
         if self._servo is None or self.stage is None:
             return
-        try:
-            self._servo.check()
-            if self._streams is not None:
-                self._streams.poses(self._servo)
-            if self.conduct is not None:
-                self.conduct.tick()
-                if self.conduct.state in OVER:
-                    self._end("", self.conduct.state)
-        except HaptorbError as failure:
-            # A session whose device or database went away can be resumed, so nothing is lost by ending it here.
-            self._end(str(failure))
+        self._heed()
+        self._servo.check()
+        if self._streams is not None:
+            self._streams.poses(self._servo)
+        if self.conduct is not None:
+            self.conduct.tick()
+            if self.conduct.state in OVER:
+                self._end("", self.conduct.state)
 
-    def _obey(self, command: dict[str, Any]) -> None:
+    def _heed(self) -> None:
+        """Keep the Stops of the time before the first trial; `Conduct` keeps the later ones."""
+        if self.conduct is None and self.sitting is not None:
+            for stopped in self.halt.take():
+                self.sitting.note("pause", stopped.why, at=stopped.at, later=True)
+
+    def _obey(self, command: dict[str, Any], asked: Asked) -> None:
+        self._heed()
         do = command["do"]
         if do == "begin":
-            self._begin(command["code"])
+            self._begin(command["code"], asked)
             return
         if do == "agree":
             self._agree(bool(command.get("agreed", True)))
             return
         conduct = self.conduct
-        if do == "leave" and conduct is None and self.sitting is not None:
-            self._end("", "left")
+        if conduct is None and self.sitting is not None and do in ("leave", "abort", "resume"):
+            self._before_trials(do, asked)
             return
         if conduct is None:
             raise InputError("no session is running")
@@ -137,19 +190,17 @@ class Reception:
                     self._answer(conduct, command.get("value"))
             case "reply":
                 if conduct.question is not None and command.get("question") == conduct.question.name:
-                    conduct.reply(str(command.get("reply", "")))
+                    conduct.reply(_text(command, "reply"))
             case "skip":
                 conduct.skip()
             case "interval":
                 conduct.interval(command.get("which"))
-            case "pause":
-                conduct.pause(str(command.get("why", "")))
             case "resume":
-                conduct.resume()
+                conduct.resume(asked)
             case "repeat":
                 conduct.repeat()
             case "engage":
-                conduct.engage()
+                conduct.engage(asked)
             case "leave":
                 conduct.leave()
             case "abort":
@@ -157,22 +208,23 @@ class Reception:
         if conduct.state in OVER:
             self._end("", conduct.state)
 
-    def _begin(self, code: str) -> None:
+    def _begin(self, code: str, asked: Asked) -> None:
         """Take a participant in: session claimed, device started, nothing felt yet."""
         if self.sitting is not None:
             raise InputError(f"participant {self.sitting.code} is here: end that session first")
-        sitting = Sitting(self.engine, self.study, code.strip())
+        sitting = self._sit(self.engine, self.study, code.strip())
         if sitting.over:
             sitting.close()
             raise InputError(f"participant '{code}' has answered everything already")
         self.sitting, self.state, self.trouble, self.log = sitting, "starting", "", []
         try:
             self._recording = self._beside(sitting.id)
-            servo = self._start(self._recording)
+            self._servo = servo = self._start(self._recording)
+            self.halt.attach(servo, asked)  # before it is open: Stop reaches it from here on
             servo.open()
             stage = Stage(self.study, servo)
             stage.hold()  # the first time loads kernels; afterwards the pen must never be silent that long
-            self._servo, self.stage = servo, stage
+            self.stage = stage
             self._mark("session", {"session": sitting.id, "participant": sitting.code})
         except HaptorbError as failure:
             self._end(str(failure))
@@ -183,12 +235,28 @@ class Reception:
         if self.state != "consent" or self.sitting is None or self.stage is None or self.conduct is not None:
             raise InputError("nobody is asked for consent now")
         if not agreed:
-            self.sitting.note("declined")
+            self.halt.stop(None)
+            self.sitting.note("declined", later=True)
             self._end("the participant did not agree", "left")
             return
+        if self.halt.stands:
+            raise InputError("the session is stopped: the experimenter must resume it first")
         self.sitting.note("consent")
         recording = self._recording.name if self._recording is not None else None
-        self.conduct = Conduct(self.sitting, self.stage, recording, self._mark)
+        self.conduct = Conduct(self.sitting, self.stage, recording, self._mark, halt=self.halt)
+
+    def _before_trials(self, do: str, asked: Asked) -> None:
+        """What may be asked for while the participant is asked for consent."""
+        assert self.sitting is not None
+        if do == "resume":
+            if self.halt.stands:
+                self.halt.engage(asked)
+                self.sitting.note("resume", later=True)
+        elif do == "leave":
+            self._end("", "left")
+        else:
+            self.sitting.abort("by the experimenter")
+            self._end("", "aborted")
 
     def _answer(self, conduct: Conduct, value: Any) -> None:
         prompt, number, seconds = conduct.prompt, conduct.sitting.number, conduct.seconds
@@ -213,19 +281,36 @@ class Reception:
         servo, sitting = self._servo, self.sitting
         self._servo = None
         if servo is not None:
+            if state == "failed":
+                self._quietly(servo.stop)  # `close` may itself be what fails
             self._quietly(servo.close)
+        self.halt.detach()
         if sitting is not None:
             if trouble and state == "failed":
-                self._quietly(lambda: sitting.note("failed", trouble))
-            self._mark("end", {"state": state})
+                self._quietly(lambda: sitting.note("failed", trouble, later=True))
+            self._quietly(lambda: self._mark("end", {"state": state}))
             self._quietly(sitting.close)
             self.state, self.trouble = state, trouble
         self.sitting = self.conduct = self.stage = None
 
     @staticmethod
     def _quietly(do: Callable[[], object]) -> None:
-        """On the way out one failure must not keep the next step from being taken."""
+        """On the way out one failure, foreseen or not, must not keep the next step from being taken."""
         try:
             do()
-        except HaptorbError:
+        except Exception:
             return
+
+
+def _text(command: dict[str, Any], name: str) -> str:
+    value = command.get(name, "")
+    if not isinstance(value, str):
+        raise InputError(f"{name} must be a text; got {type(value).__name__}")
+    return value
+
+
+def _explained(fault: BaseException) -> str:
+    """What it was, and where."""
+    frames = traceback.extract_tb(fault.__traceback__)
+    where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    return f"{type(fault).__name__}: {fault}{where}"

@@ -1,9 +1,13 @@
-"""Who is connected: participants' pages through one door, experimenters' through another that wants a token."""
+"""Who is connected: participants' pages through one door, experimenters' through another that wants a token.
+
+Every page may stop. Stop is looked for in a message before anything else is, and goes straight to the servo.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import json
+import re
 import secrets
 from collections.abc import Mapping
 from contextlib import suppress
@@ -22,19 +26,28 @@ REFRESH = 1 / 100  #: between two refreshes of a pen that is steered from here [
 FRAME = 1 / 25  #: between two looks at what there is to tell [s]
 PATIENCE = 5.0  #: for an experimenter's token [s]
 
+#: Stop, in a message of a participant's or an experimenter's page; the rest of the message may be anything
+_STOP = re.compile(r'"do"\s*:\s*"stop"')
+_STOPS = re.compile(r'"do"\s*:\s*"(stop|pause|leave|abort)"')
 #: what a participant may ask of the reception; everything else steers, and steering is the experimenter's
 _PARTICIPANT = frozenset({"agree", "answer", "reply", "skip", "interval"})
-_EXPERIMENTER = frozenset({"begin", "pause", "resume", "repeat", "engage", "leave", "abort", "skip"})
+_EXPERIMENTER = frozenset({"begin", "pause", "stop", "resume", "repeat", "engage", "leave", "abort", "skip"})
+_UNTOLD = 20  #: mistakes that a page was not told of yet, at most
+_LARGEST = 10**6  #: draft of an answer
 
 
 @final
 class Page:
-    """One connected page."""
+    """One connected page. `told`: what it knows, by kind of event."""
 
-    def __init__(self, socket: WebSocket) -> None:
-        self.socket = socket
-        self.told: dict[str, Any] = {}  #: what it knows, by kind of event
+    def __init__(self, socket: WebSocket, participant: bool) -> None:
+        self.socket, self.participant = socket, participant
+        self.told: dict[str, Any] = {}
         self.mistakes: list[str] = []
+
+    def tell(self, mistake: str) -> None:
+        """Have it shown what was wrong; of too much at once only the newest."""
+        self.mistakes = [*self.mistakes[1 - _UNTOLD :], mistake]
 
 
 @final
@@ -54,20 +67,19 @@ class Room:
         while True:
             stage = self._reception.stage
             if stage is not None:
-                with suppress(HaptorbError):  # the reception's thread notices by itself, and says so
+                with suppress(Exception):  # the reception's thread notices by itself, and says so
                     stage.hold()
             await asyncio.sleep(REFRESH)
 
     async def join_participant(self, socket: WebSocket) -> None:
-        """Serve a participant's page until it goes away; a trial that runs is then paused, with the coils off."""
+        """Serve a participant's page until it goes away."""
         await socket.accept()
-        page = Page(socket)
-        self._participants.append(page)
-        await self._serve(page, self._hear_participant, self._about)
-        first = self._participants[0] is page
-        self._participants.remove(page)
-        if first and self._reception.conduct is not None:
-            self._reception.ask({"do": "pause", "why": "the participant's page was closed"}, lambda text: None)
+        page = Page(socket, participant=True)
+        self.enter(page)
+        try:
+            await self._serve(page, self._about)
+        finally:
+            self.part(page)
 
     async def join_experimenter(self, socket: WebSocket) -> None:
         """Serve an experimenter's page, if its first message is the token."""
@@ -76,36 +88,69 @@ class Room:
             given = await asyncio.wait_for(socket.receive_text(), PATIENCE)
         except (TimeoutError, WebSocketDisconnect, KeyError, RuntimeError):
             given = ""
-        if not secrets.compare_digest(given.encode(), self._token.encode()):
+        if not secrets.compare_digest(given.encode("utf-8", "replace"), self._token.encode()):
             with suppress(RuntimeError):
                 await socket.close(1008, "this page needs the address that the terminal printed")
             return
-        page = Page(socket)
-        self._experimenters.append(page)
-        await self._serve(page, self._hear_experimenter, self._about | self._more)
-        self._experimenters.remove(page)
+        page = Page(socket, participant=False)
+        self.enter(page)
+        try:
+            await self._serve(page, self._about | self._more)
+        finally:
+            self.part(page)
 
-    async def _serve(self, page: Page, hear: Any, about: Mapping[str, Any]) -> None:
+    def enter(self, page: Page) -> None:
+        """`page` is there."""
+        (self._participants if page.participant else self._experimenters).append(page)
+
+    def part(self, page: Page) -> None:
+        """`page` went away. If it was the participant's, the coils go off, and stay off until somebody resumes."""
+        if page.participant and self._participants[0] is page:
+            self._reception.halt.stop("the participant's page was closed")
+        (self._participants if page.participant else self._experimenters).remove(page)
+
+    def hear(self, page: Page, text: str) -> None:
+        """One message of `page`: Stop before anything else. Nothing that it may hold is raised, `page` is told."""
+        try:
+            if page.participant:
+                if _STOP.search(text):
+                    self._reception.halt.stop("by the participant")
+            elif found := _STOPS.search(text):
+                ends = found[1] in ("leave", "abort")
+                self._reception.halt.stop(None if ends else "by the experimenter")
+            command = read_command(text)
+            do = command.get("do")
+            if not isinstance(do, str):
+                raise InputError("a command must say what to do, as a text: do")
+            if page.participant:
+                self._hear_participant(page, do, command)
+            else:
+                self._hear_experimenter(page, do, command)
+        except HaptorbError as mistake:
+            page.tell(str(mistake))
+        except Exception as fault:  # whatever it holds, the page's next Stop must be heard
+            page.tell(f"this message cannot be obeyed: {type(fault).__name__}")
+
+    async def _serve(self, page: Page, about: Mapping[str, Any]) -> None:
         sending = asyncio.create_task(self._send(page, about))
         try:
             while True:
                 message = await page.socket.receive()
                 if message["type"] == "websocket.disconnect":
                     break
-                try:
-                    hear(page, read_command(message.get("text") or ""))
-                except HaptorbError as mistake:
-                    page.mistakes.append(str(mistake))
+                self.hear(page, message.get("text") or (message.get("bytes") or b"").decode("utf-8", "replace"))
         except (WebSocketDisconnect, RuntimeError):
             pass  # the page went away while something was on its way
         finally:
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
 
-    def _hear_participant(self, page: Page, command: dict[str, Any]) -> None:
+    def _hear_participant(self, page: Page, do: str, command: dict[str, Any]) -> None:
+        if do == "stop":
+            return  # `hear` has done it
         if page is not self._participants[0]:
             raise InputError("another participant's page is open: close that one first")
-        reception, do = self._reception, command.get("do")
+        reception = self._reception
         if do == "steer":
             stage = reception.stage
             if stage is not None and stage.steered:
@@ -113,52 +158,69 @@ class Room:
         elif do == "draft":
             sitting = reception.sitting
             value = command.get("value")
-            if isinstance(value, int) or value is None:
+            if value is None or (type(value) is int and abs(value) < _LARGEST):
                 self._draft, self._draft_of = value, sitting.number if sitting is not None else -1
-        elif do == "stop":
-            reception.ask({"do": "pause", "why": "by the participant"}, page.mistakes.append)
         elif do in _PARTICIPANT:
-            reception.ask(command, page.mistakes.append)
+            reception.ask(command, page.tell)
         else:
-            raise InputError(f"a participant's page may not do {do!r}")
+            raise InputError(f"a participant's page may not do {do[:40]!r}")
 
-    def _hear_experimenter(self, page: Page, command: dict[str, Any]) -> None:
-        do = command.get("do")
+    def _hear_experimenter(self, page: Page, do: str, command: dict[str, Any]) -> None:
         if do not in _EXPERIMENTER:
             known = ", ".join(sorted(_EXPERIMENTER))
-            raise InputError(f"unknown command {do!r} (known: {known})")
+            raise InputError(f"unknown command {do[:40]!r} (known: {known})")
         if do == "begin" and not isinstance(command.get("code"), str):
             raise InputError("a session begins with a participant's code, a text")
-        self._reception.ask(command, page.mistakes.append)
+        if do not in ("stop", "pause"):
+            self._reception.ask(command, page.tell)
 
     async def _send(self, page: Page, about: Mapping[str, Any]) -> None:
         """Whatever is new to `page`, some 25 times a second."""
         await page.socket.send_text(json.dumps({"event": "about", **about}))
         while True:
-            reception = self._reception
-            mine = page in self._participants
-            events: dict[str, Any] = {}
-            if mine:
-                events["view"] = for_participant(reception) | {"watching": page is not self._participants[0]}
-            else:
-                sitting = reception.sitting
-                draft = self._draft if sitting is not None and self._draft_of == sitting.number else None
-                events["view"] = for_experimenter(reception, len(self._participants), draft)
-            stage = reception.stage
-            if stage is not None and (not mine or stage.simulated):
-                with suppress(HaptorbError):
-                    events["pen"] = pen(stage)
-            for event, what in events.items():
-                if page.told.get(event) != what:
-                    page.told[event] = what
-                    await page.socket.send_text(json.dumps({"event": event, "is": what}))
+            for text in self._news(page):
+                await page.socket.send_text(text)
             while page.mistakes:
                 await page.socket.send_text(json.dumps({"event": "mistake", "text": page.mistakes.pop(0)}))
             await asyncio.sleep(FRAME)
+
+    def _news(self, page: Page) -> list[str]:
+        """Messages with what is new to `page`; a fault in one of them does not keep it from the next ones."""
+        news = []
+        try:
+            for event, what in self._events(page).items():
+                if page.told.get(event) != what:
+                    news.append(json.dumps({"event": event, "is": what}))
+                    page.told[event] = what
+        except Exception as fault:
+            text = f"this page cannot be kept up to date: {type(fault).__name__}: {fault}"
+            if page.told.get("fault") != text:
+                page.told["fault"] = text
+                page.tell(text)
+        return news
+
+    def _events(self, page: Page) -> dict[str, Any]:
+        """What `page` is to know now, by kind of event."""
+        reception = self._reception
+        events: dict[str, Any] = {}
+        if page.participant:
+            events["view"] = for_participant(reception) | {"watching": page is not self._participants[0]}
+        else:
+            sitting = reception.sitting
+            draft = self._draft if sitting is not None and self._draft_of == sitting.number else None
+            events["view"] = for_experimenter(reception, len(self._participants), draft)
+        stage = reception.stage
+        if stage is not None and (not page.participant or stage.simulated):
+            with suppress(HaptorbError):
+                events["pen"] = pen(stage)
+        return events
 
 
 def _number(command: dict[str, Any], name: str) -> float:
     value = command.get(name)
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{name} must be a number; got {value!r}")
-    return float(value)
+        raise InputError(f"{name} must be a number; got {str(value)[:40]!r}")
+    try:
+        return float(value)
+    except OverflowError:
+        raise InputError(f"{name} must be a number that is not that large") from None

@@ -40,9 +40,17 @@ def places(study: Study) -> list[dict[str, float]]:
 
 
 def for_participant(reception: Reception) -> dict[str, Any]:
-    """State, task, progress; never what is prompted, nor which interval holds what."""
-    view: dict[str, Any] = {"state": reception.now, "session": reception.number, "task": None, "question": None}
-    conduct, sitting = reception.conduct, reception.sitting
+    """State, task, progress; never what is prompted, nor which interval holds what.
+
+    stopped      who stopped, "" if nobody did or somebody has resumed since
+    unconfirmed  whether the coils are told to be off, and the device has not confirmed that
+    """
+    conduct, sitting, stage, halt = reception.conduct, reception.sitting, reception.stage, reception.halt
+    view: dict[str, Any] = {
+        "state": "failed" if reception.dead else reception.now, "session": reception.number, "task": None,
+        "question": None, "stopped": (halt.why or "by the program") if halt.stands and sitting is not None else "",
+        "unconfirmed": stage is not None and stage.unconfirmed,
+    }  # fmt: skip
     if sitting is not None:
         view["resumed"] = sitting.resumed
     if conduct is None or sitting is None:
@@ -71,7 +79,7 @@ def for_participant(reception: Reception) -> dict[str, Any]:
 def for_experimenter(reception: Reception, pages: int, draft: Any) -> dict[str, Any]:
     """Everything: what is prompted, what is being answered, what the device did."""
     view = for_participant(reception) | {
-        "trouble": reception.trouble,
+        "trouble": reception.trouble or ("the study's program has failed and ends" if reception.dead else ""),
         "pages": pages,
         "draft": draft,
         "log": reception.log[-200:],
