@@ -121,7 +121,7 @@ def test_stop_of_any_page_comes_before_the_database(desk: Desk, who: str) -> Non
     desk.experimenter.do("resume")
     desk.first.state("running", 1)
     assert not desk.servo.off
-    assert [kind for kind, _ in desk.kinds()] == ["begin", "consent", "pause", "resume"]
+    _until(lambda: [kind for kind, _ in desk.kinds()] == ["begin", "consent", "pause", "resume"])
     assert tidy(desk.engine, desk.served.study)["safety"].tolist() == [""]
 
 
@@ -153,7 +153,7 @@ def test_a_page_that_goes_away_stops_before_the_database(desk: Desk) -> None:
         _until(lambda: desk.servo.off)
     desk.second.until(lambda page: page.view["watching"] is False)
     desk.second.state("paused", 1)
-    assert ("pause", "the participant's page was closed") in desk.kinds()
+    _until(lambda: ("pause", "the participant's page was closed") in desk.kinds())
 
 
 @pytest.mark.parametrize("end", ["leave", "abort"])
@@ -210,7 +210,7 @@ def test_stop_holds_in_every_state_until_somebody_resumes(tmp_path: Path, state:
         desk.experimenter.do("resume")
         desk.first.state(state)
         assert not desk.servo.off
-        assert [kind for kind, _ in desk.kinds()][-2:] == ["pause", "resume"]
+        _until(lambda: [kind for kind, _ in desk.kinds()][-2:] == ["pause", "resume"])
     finally:
         desk.served.close()
 
@@ -253,7 +253,7 @@ def test_a_begin_that_was_asked_for_before_a_stop_begins_stopped(desk: Desk) -> 
         desk.first.until(lambda page: page.mistakes)
     desk.first.state("paused")
     assert desk.servo.off
-    assert desk.kinds()[-1] == ("pause", "by the participant")
+    _until(lambda: desk.kinds()[-1] == ("pause", "by the participant"))
 
 
 HOSTILE = [
@@ -331,7 +331,7 @@ def test_the_thread_outlives_a_fault_that_nobody_foresaw(desk: Desk) -> None:
     desk.experimenter.state("failed")
     assert desk.servo.off
     assert desk.servo.told[-1] == "close"
-    assert desk.kinds()[-1][0] == "failed"
+    _until(lambda: desk.kinds()[-1][0] == "failed")
     desk.experimenter.do("begin", code="P01")
     desk.first.state("consent")
     desk.first.do("agree", agreed=True)

@@ -1,6 +1,6 @@
 // The experimenter's page: where the session stands, what is asked and answered, what the device did, and the levers.
 
-import { element, Line, say, show, type About, type Pen, type View } from "./line";
+import { BY_HAND, element, Line, say, show, type About, type Pen, type View } from "./line";
 import { draw, felt } from "./plan";
 
 interface Trip {
@@ -47,7 +47,7 @@ const WORDS: Record<string, [string, string]> = {
   break: ["break", "good"],
   running: ["trial", "good"],
   "time is up": ["time is up, answer awaited", "warn"],
-  paused: ["paused, coils off", "warn"],
+  paused: ["STOPPED, coils off", "bad"],
   done: ["done", "off"],
   left: ["ended, resumable", "off"],
   aborted: ["aborted", "off"],
@@ -90,10 +90,12 @@ const line = new Line<Everything>(
       element("state").dataset["tone"] = "bad";
       show("session-panel", false);
       show("begin-panel", false);
-      show("alert", refused !== "");
-      say("alert-word", refused ? "Not let in" : "");
-      say("alert-text", refused);
+      show("alert", true);
+      say("alert-word", refused ? "Not let in" : "No connection");
+      say("alert-text", refused || `The study's program does not answer, and STOP does nothing on this page now. If the device still pushes: ${BY_HAND.toLowerCase()} This page comes back by itself.`);
       show("engage", false);
+      show("resume", false);
+      element<HTMLButtonElement>("stop").disabled = true;
       paint();
     },
   },
@@ -119,15 +121,14 @@ function asked(prompt: Prompt): string {
 function render(): void {
   if (!view) return;
   const running = view.code !== "";
-  const [word, tone] = WORDS[view.state] ?? [view.state, "off"];
+  const unsure = view.unconfirmed && (view.stopped !== "" || view.off === true);
+  const [word, tone] = unsure ? ["coil state unknown", "bad"] : view.stopped && view.state === "starting" ? ["starting, stays off", "bad"] : (WORDS[view.state] ?? [view.state, "off"]);
   say("state-word", word);
   element("state").dataset["tone"] = tone;
   show("begin-panel", !running);
   show("session-panel", running);
   const inTrial = view.state === "running" || view.state === "time is up";
-  const stoppable = inTrial || view.state === "pause" || view.state === "break";
-  element<HTMLButtonElement>("stop").disabled = !stoppable;
-  show("resume", view.state === "paused");
+  element<HTMLButtonElement>("stop").disabled = false;
   show("repeat", inTrial);
   show("skip", view.state === "break");
   const total = view.total ?? 0;
@@ -177,14 +178,23 @@ function facts(): void {
   );
 }
 
+/** What needs the experimenter: a Stop, a device that is off, a session that ended by itself. */
 function alarm(inTrial: boolean): void {
   const v = view!;
   const last = v.trips?.[v.trips.length - 1];
-  const off = inTrial && v.off === true;
-  show("alert", off || v.state === "failed");
+  const stopped = v.stopped !== "" && v.code !== "";
+  const off = inTrial && v.off === true && !stopped;
+  show("alert", stopped || off || v.state === "failed");
   show("engage", off);
+  show("resume", stopped && v.state === "paused");
+  if (stopped) {
+    const coils = v.unconfirmed ? `The device has not confirmed that its coils are off. ${BY_HAND}` : v.state === "starting" ? "The device stays off when it has started." : "The coils are off.";
+    say("alert-word", `Stopped ${v.stopped}.`);
+    say("alert-text", `${coils} Ask the participant whether they want to go on: then Resume; or end the session below.`);
+    return;
+  }
   say("alert-word", v.state === "failed" ? "The session ended." : "The device is off.");
-  say("alert-text", v.state === "failed" ? v.trouble : last && last.trial === v.trial ? last.reason : "Switch it on again to go on.");
+  say("alert-text", v.state === "failed" ? v.trouble : (v.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : "") + (last && last.trial === v.trial ? last.reason : "Switch it on again to go on."));
 }
 
 function safety(): void {
@@ -228,13 +238,17 @@ function paint(): void {
   say("felt", view?.code && pen ? felt(pen) : "");
 }
 
-const levers: Record<string, string> = { resume: "resume", repeat: "repeat", skip: "skip", leave: "leave", engage: "engage", stop: "pause" };
+const levers: Record<string, string> = { resume: "resume", repeat: "repeat", skip: "skip", leave: "leave", engage: "engage" };
 for (const [id, command] of Object.entries(levers)) {
   element(id).addEventListener("click", () => {
     mistake("");
     line.send({ do: command });
   });
 }
+function stop(): void {
+  if (!line.send({ do: "stop" })) mistake(`STOP could not be sent. ${BY_HAND}`);
+}
+element("stop").addEventListener("click", stop);
 element("abort").addEventListener("click", () => {
   show("abort-sure", true);
   element("abort-sure").focus();
@@ -250,7 +264,7 @@ element("begin").addEventListener("submit", (event) => {
   line.send({ do: "begin", code: code.value.trim() });
 });
 addEventListener("keydown", (event) => {
-  if (event.key === "Escape") line.send({ do: "pause" });
+  if (event.key === "Escape") stop();
 });
 addEventListener("resize", paint);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", paint);

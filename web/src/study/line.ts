@@ -41,6 +41,10 @@ export interface View {
   session: number;
   task: Task | null;
   question: Question | null;
+  /** who stopped; empty: nobody did, or somebody has resumed since */
+  stopped: string;
+  /** the coils are told to be off, and the device has not confirmed it */
+  unconfirmed: boolean;
   resumed?: boolean;
   watching?: boolean;
   trial?: number;
@@ -85,8 +89,11 @@ export class Line<V extends View> {
     this.open();
   }
 
-  send(command: Record<string, unknown>): void {
-    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(command));
+  /** Whether it was sent: without a connection nobody hears it. */
+  send(command: Record<string, unknown>): boolean {
+    if (this.socket?.readyState !== WebSocket.OPEN) return false;
+    this.socket.send(JSON.stringify(command));
+    return true;
   }
 
   private open(): void {
@@ -108,6 +115,9 @@ export class Line<V extends View> {
     };
   }
 }
+
+/** What to do when a Stop could not be sent, or was not confirmed. */
+export const BY_HAND = "Let go of the tool and switch the device's power off.";
 
 export function element<E extends HTMLElement>(id: string): E {
   const found = document.getElementById(id);

@@ -1,6 +1,6 @@
 // The participant's page: what to do, what is felt where nobody can feel it, and one answer that cannot be mistaken.
 
-import { element, Line, say, show, type About, type Pen, type Question, type Task, type View } from "./line";
+import { BY_HAND, element, Line, say, show, type About, type Pen, type Question, type Task, type View } from "./line";
 import { Mask } from "./mask";
 import { across, draw, felt, under } from "./plan";
 
@@ -9,7 +9,9 @@ const SOON = 20; // ms between two places of a dragged pen
 const ARROWS: Record<string, [number, number]> = { ArrowUp: [0, STEP], ArrowDown: [0, -STEP], ArrowLeft: [-STEP, 0], ArrowRight: [STEP, 0] };
 
 let about: About | null = null;
-let view: View = { state: "connecting", session: 0, task: null, question: null };
+const NOBODY: View = { state: "connecting", session: 0, task: null, question: null, stopped: "", unconfirmed: false };
+
+let view: View = NOBODY;
 let pen: Pen | null = null;
 let aim: { x: number; y: number } | null = null;
 let chosen: number | null = null;
@@ -43,7 +45,7 @@ const line = new Line<View>("/ws/participant", {
   },
   mistake,
   gone() {
-    view = { state: "connecting", session: 0, task: null, question: null };
+    view = NOBODY;
     pen = aim = null;
     mask?.stop();
     render();
@@ -64,7 +66,8 @@ function render(): void {
   const trial = inTrial();
   show("trial", trial);
   show("message", !trial);
-  show("stop", ["running", "time is up", "pause", "break"].includes(view.state) && !view.watching);
+  show("stop", view.state !== "connecting");
+  document.body.classList.toggle("stopped", view.stopped !== "");
   const total = view.total ?? 0;
   show("progress", total > 0);
   element<HTMLProgressElement>("progress").max = Math.max(total, 1);
@@ -183,8 +186,8 @@ element("confirm").addEventListener("submit", (event) => {
 
 function renderMessage(): void {
   const question = view.question ? view.question.name : "";
-  const key = `${view.session} ${view.state} ${question} ${view.watching}`;
-  const state = view.watching ? "watching" : view.state;
+  const key = `${view.session} ${view.state} ${question} ${view.watching} ${view.stopped} ${view.unconfirmed}`;
+  const state = view.stopped && live(view.state) ? "paused" : view.watching ? "watching" : view.state;
   if (state === "break") say("message-text", `${view.left ?? 0} s. Rest your hand.`);
   if (key === worded) return;
   worded = key;
@@ -223,10 +226,22 @@ function renderMessage(): void {
   }
 }
 
+/** Whether a device runs, or is about to. */
+function live(state: string): boolean {
+  return !["connecting", "waiting", "done", "left", "aborted", "failed"].includes(state);
+}
+
+/** What is said of a Stop: who gave it, whether the coils are off, and what comes next. */
+function stopped(): string {
+  const who = view.stopped === "by the participant" ? "You stopped the device." : `The device was stopped${view.stopped ? ` (${view.stopped})` : ""}.`;
+  const coils = view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND}` : view.state === "starting" ? "It stays off when it has started." : "Its coils are off.";
+  return `${who} ${coils}\n\nNothing goes on by itself. When you want to go on, tell the experimenter: only they can press Resume. You may also end here.`;
+}
+
 function words(state: string): [string, string] {
   switch (state) {
     case "connecting":
-      return ["No connection", "The study's program does not answer. This page comes back by itself."];
+      return ["No connection", `The study's program does not answer, and STOP on this page does nothing now. If you feel a force: ${BY_HAND.toLowerCase()}\n\nThis page comes back by itself.`];
     case "waiting":
       return ["Welcome", "Please wait for the experimenter."];
     case "starting":
@@ -238,11 +253,11 @@ function words(state: string): [string, string] {
     case "break":
       return ["Break", ""];
     case "paused":
-      return ["Paused", "The device is off. The experimenter will go on with you."];
+      return ["Stopped", stopped()];
     case "question":
       return [view.question?.text ?? "", ""];
     case "watching":
-      return ["Another page is open", "Answers are given there. Close it first to answer here."];
+      return ["Another page is open", "Answers are given there. Close it first to answer here. STOP works here as well."];
     case "done":
       return ["Thank you", "Everything is answered and kept."];
     case "left":
@@ -250,7 +265,7 @@ function words(state: string): [string, string] {
     case "aborted":
       return ["The session has ended", "What you answered is kept."];
     case "failed":
-      return ["Something went wrong", "What you answered is kept. Please call the experimenter."];
+      return ["Something went wrong", "The device was switched off. What you answered is kept. Please call the experimenter."];
   }
   return ["", ""];
 }
@@ -310,7 +325,7 @@ function steer(x: number, y: number): void {
 }
 
 function stop(): void {
-  line.send({ do: "stop" });
+  if (!line.send({ do: "stop" })) mistake(`STOP could not be sent. ${BY_HAND}`);
 }
 
 pad.addEventListener("pointerdown", (event) => {
@@ -343,8 +358,9 @@ addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey) return;
   const writing = event.target instanceof HTMLTextAreaElement;
   if (wrong && !writing && event.key !== "Enter") mistake("");
-  const stops = !element("stop").hidden;
-  if (event.key === "Escape" && stops) stop();
+  // Elsewhere the space bar presses the button that has the focus, or writes a space.
+  const stops = ["starting", "pause", "break"].includes(view.state);
+  if (event.key === "Escape") stop();
   if (!inTrial()) {
     if (event.key === " " && stops && !writing && !(event.target instanceof HTMLInputElement)) {
       event.preventDefault();
