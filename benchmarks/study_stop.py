@@ -103,19 +103,19 @@ class Client:
 
     def until(self, *states: str) -> None:
         """Wait for one of `states`."""
-        waited(lambda: self.view.get("state") in states, f"{states}, not {self.view}; {self.mistakes}")
+        waited(lambda: self.view.get("state") in states, lambda: f"{states}, not {self.view}; {self.mistakes}")
 
     def close(self) -> None:
         """Go away."""
         self._stack.close()
 
 
-def waited(holds: Callable[[], object], what: str) -> None:
+def waited(holds: Callable[[], object], what: Callable[[], str] | str) -> None:
     """Return when `holds`."""
-    end = time.monotonic() + 60
+    end = time.monotonic() + 300
     while not holds():
         if time.monotonic() > end:
-            raise SystemExit(f"did not come to pass: {what}")
+            raise SystemExit(f"did not come to pass: {what if isinstance(what, str) else what()}")
         time.sleep(0.002)
 
 

@@ -126,7 +126,7 @@ def run(browser: Any, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator
 def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Path) -> None:
     page, desk = run.participant, run.experimenter
     run.state(page, "waiting")
-    assert desk.locator("#stop").is_disabled()
+    assert desk.locator("#stop").is_enabled()
     # A page without the token is told so, and shows nothing.
     stranger = browser.new_page()
     stranger.goto(desk.url.split("#")[0])
@@ -190,8 +190,10 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     run.state(page, "running", 2)
     page.keyboard.press("Space")
     run.state(page, "paused")
-    assert "The device is off" in page.locator("#message").inner_text()
-    assert "The device is off" in said.inner_text()
+    assert "Its coils are off" in page.locator("#message").inner_text()
+    assert "only they can press Resume" in said.inner_text()
+    assert page.locator("#stop").is_visible()
+    assert "Stopped by the participant." in desk.locator("#alert").inner_text()
     assert unnamed(page) == unnamed(desk) == []
     assert page.get_by_role("button", name="Resume").count() == 0
     desk.get_by_role("button", name="Resume").click()

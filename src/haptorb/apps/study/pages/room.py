@@ -17,6 +17,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptorb.apps.study.pages.reception import Reception
 from haptorb.apps.study.pages.views import for_experimenter, for_participant, pen
+from haptorb.apps.web.command import asks_to_stop
 from haptorb.apps.web.command import command as read_command
 from haptorb.errors import HaptorbError, InputError
 
@@ -26,8 +27,7 @@ REFRESH = 1 / 100  #: between two refreshes of a pen that is steered from here [
 FRAME = 1 / 25  #: between two looks at what there is to tell [s]
 PATIENCE = 5.0  #: for an experimenter's token [s]
 
-#: Stop, in a message of a participant's or an experimenter's page; the rest of the message may be anything
-_STOP = re.compile(r'"do"\s*:\s*"stop"')
+#: what an experimenter's page sends to end with the coils off; the rest of the message may be anything
 _STOPS = re.compile(r'"do"\s*:\s*"(stop|pause|leave|abort)"')
 #: what a participant may ask of the reception; everything else steers, and steering is the experimenter's
 _PARTICIPANT = frozenset({"agree", "answer", "reply", "skip", "interval"})
@@ -113,7 +113,7 @@ class Room:
         """One message of `page`: Stop before anything else. Nothing that it may hold is raised, `page` is told."""
         try:
             if page.participant:
-                if _STOP.search(text):
+                if asks_to_stop(text):
                     self._reception.halt.stop("by the participant")
             elif found := _STOPS.search(text):
                 ends = found[1] in ("leave", "abort")
