@@ -36,11 +36,13 @@ class Page:
             event = self.events.pop(next(iter(self.events)))
             async with asyncio.timeout(PATIENCE):
                 await self.socket.send_text(json.dumps(event, allow_nan=False, default=plain))
+            await asyncio.sleep(0)  # if that went wrong, the server hears of it now
 
     async def send(self, frame: bytes) -> None:
         """One frame; TimeoutError if the page has not taken the earlier ones after five seconds."""
         async with asyncio.timeout(PATIENCE):
             await self.socket.send_bytes(frame)
+        await asyncio.sleep(0)
 
 
 def plain(value: Any) -> Any:

@@ -112,7 +112,7 @@ def pointer(message: bytes) -> Pointer:
         raise InputError(f"a pointer message has {_POINTER.size} bytes; got {len(message)}")
     numbers = _POINTER.unpack(message)
     p = np.array(numbers[1:4])
-    if not np.isfinite(p).all() or float(np.linalg.norm(p)) > REACH:
+    if not math.hypot(*numbers[1:4]) <= REACH:
         raise InputError(f"a pointer's position must be finite and within {REACH:g} m; got {p.tolist()}")
     stamp = numbers[0]
     if math.isinf(stamp):
@@ -120,6 +120,6 @@ def pointer(message: bytes) -> Pointer:
     q = np.array(numbers[4:8])
     if np.isnan(q).all():
         return Pointer(stamp, p, None, numbers[8] == 1.0)
-    if not np.isfinite(q).all() or abs(float(np.linalg.norm(q)) - 1) > 1e-3:
+    if not abs(math.hypot(*numbers[4:8]) - 1) <= 1e-3:
         raise InputError(f"a pointer's orientation must be a unit quaternion; got {list(numbers[4:8])}")
     return Pointer(stamp, p, q, numbers[8] == 1.0)

@@ -24,7 +24,7 @@ __all__ = ["HOST", "Server", "bound", "hurry", "server", "signals"]
 
 HOST = "127.0.0.1"
 _URGENT = -10  #: niceness of the serving thread
-_AT_ONCE = 8  #: connections that are taken at once: a page's pose has its turn in between
+_AT_ONCE = 4  #: connections that are taken at once: a page's pose has its turn in between
 _QUEUE = 128  #: connections that may wait to be taken
 _UNREAD = 262144  #: bytes that the system keeps for a page that is slow
 

@@ -1,0 +1,258 @@
+"""Messages that no page of ours sends, by the thousand, to the console and to both doors of a study.
+
+Every one ends in a sentence or in nothing; no task or thread dies, nobody loses a place, afterwards all still works.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import math
+import random
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import islice
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from websockets.sync.client import connect
+
+from haptorb.apps.console import Console
+from haptorb.apps.web.command import asks_to_stop, command
+from haptorb.errors import InputError
+
+APPS = Path(__file__).parents[1]
+#: (messages, marks): every day a few, at night as many as were promised
+AMOUNTS = [1_000, pytest.param(100_000, marks=[pytest.mark.slow, pytest.mark.timeout(3000)])]
+
+SAID = [
+    '{"do": "stop"}',
+    '{"do": "engage"}',
+    '{"do": "home"}',
+    '{"do": "mode", "mode": "translate"}',
+    '{"do": "clutch", "engaged": true}',
+    '{"do": "world", "name": "dome", "values": {"moment": 1.5, "summit": [0, 0.6, 0.8]}}',
+    '{"do": "world", "name": "nothing"}',
+    '{"do": "begin", "code": "P01"}',
+    '{"do": "agree", "agreed": true}',
+    '{"do": "answer", "trial": 0, "value": 1}',
+    '{"do": "reply", "question": "tired", "reply": "7"}',
+    '{"do": "steer", "x": 1.5, "y": -3}',
+    '{"do": "draft", "value": 12}',
+    '{"do": "interval", "which": 1}',
+    '{"do": "skip"}',
+    '{"do": "pause", "why": "tea"}',
+    '{"do": "resume"}',
+    '{"do": "repeat"}',
+    '{"do": "leave"}',
+]
+VALUES = [
+    *("null", "true", "[]", "{}", '""', '"stop"', "-0", "0", "1e308", "-1e308", "1e400", "5e-324", "NaN", "-Infinity"),
+    *("9" * 19, "9" * 400, "-" + "9" * 5000, "0." + "1" * 5000, "1" * 300 + ".5e-300", "[[[[[[[[1]]]]]]]]"),
+    *("[" * 3000, "[" * 900 + "]" * 900, '{"a":' * 500 + "1" + "}" * 500, '"\\ud800"', '"\\udfff\\ud800"', '"\\u0000"'),
+    *(
+        '"' + "x" * 5000 + '"',
+        '"=1+1"',
+        '"\U0001f600"',
+        "[2.4]",
+        '["a"]',
+        "[NaN]",
+        "[" + "1," * 500 + "1]",
+        '{"do": "stop"}',
+    ),
+]
+
+
+def messages(seed: int, n: int) -> Iterator[str]:
+    """`n` texts: right ones with a value, a letter or a piece replaced, cut or doubled, and plain noise."""
+    draw = random.Random(seed)
+    for _ in range(n):
+        text = draw.choice(SAID)
+        for _ in range(draw.choice((0, 1, 1, 1, 2, 4))):
+            what = draw.random()
+            at = draw.randrange(len(text)) if text else 0
+            if what < 0.45:
+                before, colon, after = text.rpartition(":") if draw.random() < 0.6 else text.partition(":")
+                end = min([k for k in (after.find(","), after.find("}")) if k >= 0], default=len(after))
+                text = before + colon + draw.choice(VALUES) + after[end:]
+            elif what < 0.65:
+                text = (
+                    text[:at]
+                    + chr(draw.choice((0, 9, 34, 44, 91, 92, 123, 125, 233, 0x2028, 0x1F600)))
+                    + text[at + 1 :]
+                )
+            elif what < 0.75:
+                text = text[:at]
+            elif what < 0.85:
+                text += text[: draw.randrange(40)]
+            elif what < 0.95:
+                text = (
+                    text[:at]
+                    + f', "{draw.choice(("do", "values", "self", "__class__", ""))}": '
+                    + draw.choice(VALUES)
+                    + text[at:]
+                )
+            else:
+                text = "".join(chr(draw.randrange(1, 0xD800)) for _ in range(draw.randrange(60)))
+        yield text[:60_000]
+
+
+def pointers(seed: int, n: int) -> Iterator[bytes]:
+    """`n` messages of bytes that are, or are nearly, a pointer's."""
+    draw = random.Random(seed)
+    numbers = (0.0, -0.0, 0.05, 1.0, -1.0, math.nan, math.inf, -math.inf, 1e308, 5e-324, 1e-200, 0.999)
+    for _ in range(n):
+        data = struct.pack("<9d", *(draw.choice(numbers) for _ in range(9)))
+        yield data if draw.random() < 0.9 else draw.randbytes(draw.randrange(200))
+
+
+@pytest.mark.parametrize("n", AMOUNTS)
+def test_every_message_is_read_or_refused_at_once(n):
+    longest, read, sentences = 0.0, 0, [""]
+    for text in messages(1, n):
+        begun = time.process_time()  # a busy computer is not the reader's fault
+        try:
+            asks_to_stop(text)
+            found = command(text)
+            json.dumps(found, allow_nan=False, ensure_ascii=False).encode()
+            read += 1
+        except InputError as refused:
+            sentences.append(str(refused))
+        longest = max(longest, time.process_time() - begun)
+    assert longest < 2.0
+    assert max(len(sentence.encode()) for sentence in sentences) < 400
+    assert n / 10 < read < 9 * n / 10, "both are tried"
+
+
+def _module(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@contextmanager
+def no_news(capfd: Any, caplog: Any) -> Iterator[None]:
+    """Nothing of it is told to whoever reads the terminal."""
+    yield
+    assert "Traceback" not in capfd.readouterr().err
+    assert not [record for record in caplog.records if record.name.startswith(("uvicorn", "asyncio"))]
+
+
+class Line:
+    """A socket on which everything is said, and the answers are looked through for the one to a last question."""
+
+    def __init__(self, socket: Any) -> None:
+        self.socket = socket
+        self.told: list[dict[str, Any]] = []
+        self._hearing = threading.Thread(target=self._hear, daemon=True)
+        self._hearing.start()
+
+    def _hear(self) -> None:
+        for message in self.socket:
+            if isinstance(message, str):
+                self.told.append(json.loads(message))
+
+    def say_all(self, said: Iterator[str | bytes], last: str = "no such thing") -> None:
+        """Everything, with a question now and then that must be answered: the server is there and has read it all."""
+        for k, text in enumerate(said):
+            self.socket.send(text)
+            if k % 500 == 499:
+                self.answered(f"{last} {k}")
+        self.answered(last)
+
+    def answered(self, word: str) -> None:
+        self.told.clear()
+        self.socket.send(json.dumps({"do": word}))
+        self.until(lambda: any(told["event"] == "mistake" and word in told["text"] for told in [*self.told]))
+
+    def until(self, what: Callable[[], object]) -> None:
+        end = time.monotonic() + 60
+        while not what():
+            assert time.monotonic() < end, self.told[-3:]
+            assert self._hearing.is_alive(), "the server has closed the socket"
+            time.sleep(0.005)
+
+
+@pytest.mark.parametrize("n", AMOUNTS)
+def test_the_console_survives_them(n, capfd, caplog):
+    class Servo(_module(APPS / "console" / "fake_servo.py").FakeServo):  # type: ignore[misc]
+        """Its rows cost nothing: it is not they that are tried."""
+
+        def rows(self, cursor: int = 0) -> tuple[int, np.ndarray]:
+            return cursor, np.empty((0, self.layout.width))
+
+    servo = Servo()
+    with (
+        no_news(capfd, caplog),
+        Console(servo, 0, felt=lambda n, v, p: (np.ones(len(p)), np.zeros(len(p), bool))) as console,
+    ):
+        serving = threading.Thread(target=console.serve)
+        serving.start()
+        with connect(
+            f"ws://127.0.0.1:{console.port}/ws", additional_headers={"Authorization": f"Bearer {console.token}"}
+        ) as one:
+            line = Line(one)
+            line.until(lambda: any(told["event"] == "role" and told["control"] for told in line.told))
+            texts, data = messages(2, n), pointers(3, n // 4)
+            line.say_all(texts)
+            line.say_all(data)
+            assert all(np.isfinite(call[1]).all() for call in servo.calls if call[0] == "point")
+            stops = servo.count("stop")
+            one.send('{"do": "stop"}')
+            line.until(lambda: servo.count("stop") > stops)
+            line.told.clear()
+            one.send('{"do": "world", "name": "wall", "values": {}}')
+            line.until(lambda: servo.world[0] == "wall")
+            servo.calls.clear()
+            one.send('{"do": "engage"}')
+            line.until(lambda: servo.count("engage"))
+        console.close()
+        serving.join(20)
+        assert not serving.is_alive()
+
+
+@pytest.mark.parametrize("n", AMOUNTS)
+def test_a_study_survives_them(n, tmp_path, monkeypatch, capfd, caplog):
+    pages = _module(APPS / "study" / "test_pages.py")
+    monkeypatch.chdir(tmp_path)
+    with no_news(capfd, caplog):
+        desk = pages.Desk(pages.study_of(pages.STUDY), tmp_path / "s.db")
+        try:
+            both = desk.experimenter(), desk.participant()
+            said = [messages(seed, n // 2) for seed in (4, 5)]
+            for page in both:
+                page.until(lambda page: page.view)
+            for part in range(n // 400):  # in turns: what one begins the other may be asked about
+                for page, texts in zip(both, said, strict=True):
+                    for text in islice(texts, 200):
+                        page.socket.send(text)
+                    _answered(page, f"no such thing {part}")
+            for page in both:
+                page.close()
+            chief = desk.experimenter()
+            chief.until(lambda page: page.view)
+            if chief.view["session"]:
+                chief.do("leave")
+            chief.until(lambda page: not page.view["session"])
+            chief.do("begin", code="P77")
+            chief.state("consent")
+            chief.do("leave")
+            chief.until(lambda page: not page.view["session"])
+        finally:
+            desk.close()
+
+
+def _answered(page: Any, word: str) -> None:
+    page.socket.send(json.dumps({"do": word}))
+    page.until(lambda page: any(word in text for text in page.mistakes))
+    page.mistakes.clear()
+    page.heard.clear()
