@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -146,3 +149,22 @@ def test_histogram_at_its_ends() -> None:
     assert np.isnan(histogram.percentile(50))
     histogram.add(10**15)
     assert histogram.percentile(50) == BINS
+
+
+def test_a_host_compiles_nothing_when_it_points():
+    """Compiling holds up all threads of a program for seconds, its heart among them: the servo takes it for dead."""
+    program = """
+import numpy as np
+from numba.core import event
+from haptorb.runtime.servo import Servo
+from haptorb.runtime.shared import Shared
+
+servo = Servo("omni", record=False)
+servo._shared = Shared.create(servo.layout)
+with event.install_recorder("numba:compile") as compiled:
+    servo.point((0.0, 0.01, 0.05))
+servo._shared.unlink()
+print(len(compiled.buffer))
+"""
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=240, check=True)
+    assert told.stdout.strip() == "0"

@@ -46,8 +46,7 @@ def _position(t: float, p: Array) -> None:
     p[0], p[1], p[2] = s * math.cos(bearing), s * math.sin(bearing), d * math.cos(tilt)
 
 
-@kernel
-def _upright(p: Array, q: Array) -> None:
+def _turn_upright(p: Array, q: Array) -> None:
     x, y, z = p[0], p[1], p[2]
     length = math.sqrt(x * x + y * y + z * z)
     if length == 0.0 or z <= -length * (1 - 1e-12):  # no way is the shortest
@@ -56,6 +55,9 @@ def _upright(p: Array, q: Array) -> None:
     w = length + z
     n = math.sqrt(x * x + y * y + w * w)
     q[0], q[1], q[2], q[3] = -y / n, x / n, 0.0, w / n
+
+
+_upright = kernel(_turn_upright)
 
 
 def guided_position(t: float) -> Array:
@@ -76,5 +78,6 @@ def upright(p: Array) -> Array:
     [0.707, 0.0, 0.0, 0.707]
     """
     q = np.empty(4)
-    _upright(p, q)
+    # Not the compiled one: a host says it while its heart beats, and compiling holds up all of its threads for seconds.
+    _turn_upright(p, q)
     return q

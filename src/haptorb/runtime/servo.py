@@ -11,6 +11,7 @@ import os
 import shutil
 import threading
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from time import monotonic, sleep
 from types import TracebackType
@@ -340,6 +341,8 @@ class Servo(Commands):
             self.tracker_token = tracker.token
             listening = tracker_spec(self._shared, tracker, self.frame)
             self._children.track(json.dumps(listening), tracker.descriptor if tracker.descriptor >= 0 else None)
+        # What `report` loads at its first percentile: while the loop runs it would hold up this program's heart.
+        import_module("numpy.ma")
         self._children.wait_until_running()
 
     def _notes(self) -> dict[str, dict[str, str]]:
