@@ -16,6 +16,7 @@ __all__ = ["CoilSwitch"]
 _CLOSING = 0.25  #: that `close` tries for, at most [s]
 _TRIES = 2000  #: the same, for a clock that stands still
 _STARTING = 5.0  #: that a guardian's interpreter takes to start, at most [s]
+_LEAVING = 0.05  #: for one that was killed to be gone, when a person engages [s]
 _ENDING = 0.5  #: for a guardian to read the chip once more and end [s]
 _ANEW = 1.0  #: between two guardians [s]
 
@@ -94,9 +95,9 @@ class CoilSwitch:
             with suppress(OSError):
                 self._watcher, self._leaving = self._port.watcher(), False
 
-    def _gone(self) -> bool:
+    def _gone(self, patience: float = 0.0) -> bool:
         """Whether there is no guardian any more. One that still tries need not, for off is confirmed."""
-        if self._watcher is not None and (self._leaving or self._watcher.ended) and self._watcher.end(0.0):
+        if self._watcher is not None and (self._leaving or self._watcher.ended) and self._watcher.end(patience):
             self._watcher = None
         return self._watcher is None
 
@@ -107,7 +108,7 @@ class CoilSwitch:
                 "coil state unknown: the PWM chip has not confirmed that the coils are off. Check the bus and the "
                 "supply, then engage again"
             )
-        if (self._leaving or (self._watcher is not None and self._watcher.ended)) and not self._gone():
+        if (self._leaving or (self._watcher is not None and self._watcher.ended)) and not self._gone(_LEAVING):
             raise DriverError("the guardian of the I²C bus is still trying to switch off. Engage again in a moment")
         self.start()
 

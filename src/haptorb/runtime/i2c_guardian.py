@@ -26,7 +26,7 @@ from haptorb.runtime.pca9685 import Pca9685
 __all__ = ["ANSWER", "PATIENCE", "Guardian", "serve", "switch_off", "watch"]
 
 PATIENCE = 0.015  #: between two heartbeats while the coils are engaged [s]
-ANSWER = 0.012  #: from the last answer to a heartbeat, after which the guardian counts as stopped [s]
+ANSWER = 0.010  #: from the last answer to a heartbeat, after which the guardian counts as stopped [s]
 
 _AGAIN = 5e-3  #: between two tries to switch off [s]
 _PRIORITY = 41  #: before every loop: one that never sleeps must not keep its guardian from the processor
@@ -103,7 +103,7 @@ class Guardian:
         return self._ready and not self.ended
 
     def beat(self, engaged: bool) -> None:
-        """Still here. DriverError if the guardian is not, or did not answer for 12 ms: without it no current may flow.
+        """Still here. DriverError if the guardian is not, or did not answer for 10 ms: without it no current may flow.
         Never waits."""
         now = self._clock()
         try:
