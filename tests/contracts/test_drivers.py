@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from haptorb.control.trip import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
 from haptorb.physics.arrays import Array
@@ -133,6 +134,16 @@ def test_coils_are_off_before_open_and_after_close(subject: Subject) -> None:
     driver.close()
     assert subject.coils() == pytest.approx(np.zeros(3), abs=0)
     assert driver.write(SOME).tolist() == [0, 0, 0]
+
+
+def test_the_coils_state_is_told(subject: Subject) -> None:
+    driver = subject.driver
+    with driver:
+        assert driver.coil_state is CoilState.OFF
+        for _ in range(5):
+            subject.tick(SOME)
+        assert driver.coil_state is CoilState.ON
+    assert driver.coil_state is CoilState.OFF
 
 
 def test_leaving_with_by_an_exception_switches_off(subject: Subject) -> None:

@@ -14,8 +14,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from haptorb.control.trip import CoilState
 from haptorb.errors import InputError, ServoError
 from haptorb.runtime.pointer_block import PointerBlock
+from haptorb.runtime.report import loop_report
 from haptorb.runtime.ring import Ring
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.shared import CAPACITY, TRIPS, WORLDS, Phase, Shared, Word
@@ -309,3 +311,13 @@ def test_any_layout(channels: int, sensors: int) -> None:
     finally:
         memory.unlink()
     memory.unlink()  # twice does no harm
+
+
+@pytest.mark.parametrize("state", list(CoilState))
+def test_the_report_says_what_the_last_row_says_of_the_coils(shared: Shared, state: CoilState) -> None:
+    assert loop_report(shared)["coil_state"] is None
+    row = LAYOUT.empty()
+    for one in (CoilState.ON, state):
+        row[LAYOUT["coil_state"]] = one
+        shared.ring.publish(row)
+    assert loop_report(shared)["coil_state"] == state.name.lower()
