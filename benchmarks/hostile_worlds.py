@@ -77,7 +77,7 @@ def misbehave():
 @dataclass(frozen=True)
 class Mine(World):
     def wrench(self, state):
-        if not held:
+        if not held and sys.modules["__main__"].__spec__.name == "haptorb.runtime.servo_process":
             held.append(SerialPort(PORT))  # as the driver of a real device does
         if os.path.exists(FLAG):
             misbehave()

@@ -198,3 +198,36 @@ def test_a_process_lives_on_when_the_thread_that_wanted_it_ends(tmp_path: Path) 
     found[0].communicate(b"\n", timeout=20)
     assert errors.read_text().split("\n")[:2] == ["asked", "went on"]
     assert found[0].returncode == 0
+
+
+_STARTS = """
+import subprocess, sys
+from dataclasses import dataclass
+import numpy as np
+import haptorb
+from haptorb.worlds import World
+
+started = []
+
+@dataclass(frozen=True)
+class Mine(World):
+    def wrench(self, state):
+        if not started and sys.modules["__main__"].__spec__.name == "haptorb.runtime.servo_process":
+            started.append(subprocess.Popen(["sleep", "100"]))
+            open(TOLD, "w").write(str(started[0].pid))
+        return np.zeros(6)
+
+with haptorb.Servo("omni", Mine(), record=False) as servo:
+    print(servo.servo_pid, flush=True)
+    servo.run(100)
+"""
+
+
+def test_what_a_world_has_started_does_not_outlive_the_host(tmp_path: Path) -> None:
+    script, told = tmp_path / "host.py", tmp_path / "told"
+    script.write_text(f"TOLD = {str(told)!r}\n{_STARTS}")
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        process.kill()
+    assert eventually(lambda: gone(int(told.read_text())))

@@ -5,8 +5,10 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
+from contextlib import suppress
+from pathlib import Path
 
-__all__ = ["die_with_parent", "orphaned"]
+__all__ = ["die_with_parent", "end_group", "orphaned"]
 
 _PR_SET_PDEATHSIG = 1
 
@@ -25,3 +27,12 @@ def die_with_parent(number: signal.Signals = signal.SIGKILL) -> None:
 def orphaned(parent: int) -> bool:
     """Whether the process `parent` is no longer this one's parent: it ended, however it ended."""
     return os.getppid() != parent
+
+
+def end_group(leader: int) -> None:
+    """Kill all processes of the group that `leader` began, but not the one that calls this."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError, ValueError):
+            group = int((folder / "stat").read_text().rpartition(")")[2].split()[2])
+            if group == leader and (number := int(folder.name)) != os.getpid():
+                os.kill(number, signal.SIGKILL)

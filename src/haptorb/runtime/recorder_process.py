@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from haptorb.runtime.end_timer import EndTimer
-from haptorb.runtime.orphan import orphaned
+from haptorb.runtime.orphan import end_group, orphaned
 from haptorb.runtime.recorder import Recorder
 from haptorb.runtime.recording_file import complete
 from haptorb.runtime.shared import Phase, Shared, Word
@@ -45,6 +45,7 @@ def main(spec: Mapping[str, Any]) -> int:
         return 1
     finally:
         if orphaned(spec["parent"]):
+            end_group(spec["servo"])
             shared.unlink()
             if spec["temporary"]:
                 Path(spec["temporary"]).unlink(missing_ok=True)

@@ -31,7 +31,7 @@ from haptorb.runtime.end_timer import EndTimer
 from haptorb.runtime.fed_tracker import FedTracker
 from haptorb.runtime.hang import Hang
 from haptorb.runtime.loop import Loop
-from haptorb.runtime.orphan import die_with_parent, orphaned
+from haptorb.runtime.orphan import die_with_parent, end_group, orphaned
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.realtime import punctual
 from haptorb.runtime.shared import Phase, Shared, Word
@@ -78,6 +78,7 @@ def main(folder: Path, parent: int) -> int:
         return 1
     finally:
         if orphaned(parent):  # nobody else will tidy up
+            end_group(os.getpid())
             shared.unlink()
             shutil.rmtree(folder, ignore_errors=True)
 
