@@ -234,7 +234,7 @@ def test_parent_stopped_then_gone_on(tmp_path: Path) -> None:
     finally:
         process.send_signal(signal.SIGCONT)
     _, errors = process.communicate(timeout=30)
-    assert "no sign of life" in errors
+    assert "was stopped and showed no sign of life" in errors
     assert process.returncode != 0
     assert (Recording(path)["duties"][-1] == 0).all()
 

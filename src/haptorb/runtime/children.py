@@ -193,9 +193,8 @@ class Children:
         self._black_box.finish()
 
     def _beat(self) -> None:
+        urgent()  # on an overloaded computer half a second may pass before an ordinary thread has its turn
         words = self._shared.words
-        # On an overloaded computer half a second may pass before an ordinary thread has its turn.
-        words[Word.URGENT] = urgent()
         ticking, recording = Stillness(2 * _EVERY), Stillness(2 * _EVERY)
         while not self._ending.wait(_EVERY):
             words[Word.HEARTBEAT] = monotonic_ns()

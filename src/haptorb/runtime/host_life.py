@@ -1,63 +1,59 @@
-"""Whether the program that started the servo still lives: by its heartbeat, and by the processor time that it uses.
+"""Whether the program that started the servo still lives: by its heartbeat, and by what the kernel says of it.
 
-A heartbeat is late for two reasons. A program that computes holds Python's interpreter lock, its heart waits for its
-turn, and nothing is wrong. A program that was stopped (SIGSTOP, a debugger, a frozen container) can obey nobody. The
-kernel tells them apart: the first one uses processor time, the second one none at all.
+A heartbeat is late for two reasons. A program that computes holds Python's interpreter lock, or waits for its turn on a
+busy computer: its heart will beat again. A program that was stopped (SIGSTOP, a debugger) can obey nobody. The kernel
+tells them apart.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
-from time import clock_gettime_ns
 from typing import final
 
-from haptorb.runtime.stillness import Stillness
-
-__all__ = ["FROZEN", "LATE", "SILENCE", "HostLife", "processor_time"]
+__all__ = ["LATE", "SILENCE", "STOPPED", "HostLife", "state_of"]
 
 SILENCE = 0.5  #: a host that shows no heartbeat for so long is taken for dead [s]
-FROZEN = 0.1  #: and so is one that uses no processor time meanwhile, if its heart comes before ordinary programs [s]
-LATE = 0.04  #: two beats have not come: time to look [s]
+STOPPED = 0.1  #: and so is one that is stopped [s]
+LATE = 0.08  #: four beats have not come: time to look [s]
 
-_UNUSED = 50_000_000  #: without processor time [ns]; a heart that waits for the interpreter lock wakes every 5 ms
-_STEP = 25_000_000  #: longest time between two looks that counts: this process may have been held up itself [ns]
+_LOOK = 5_000_000  #: between two looks [ns]; one takes about 20 µs
 
 
-def processor_time(pid: int) -> Callable[[], int]:
-    """A function that gives the processor time of all threads of the process `pid` [ns]; −1 if there is none."""
-    clock = ~pid << 3 | 2  # what clock_getcpuclockid does
+def state_of(pid: int) -> Callable[[], str]:
+    """A function that gives the state of the process `pid` as in /proc/PID/stat: "R" runs, "T" is stopped, "t" too, by
+    a debugger; "X" has ended; empty where the kernel does not say."""
+    try:
+        file = os.open(f"/proc/{pid}/stat", os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return lambda: ""
 
-    def used() -> int:
+    def state() -> str:
         try:
-            return clock_gettime_ns(clock)
+            return os.pread(file, 512, 0).rpartition(b")")[2][1:2].decode()
         except OSError:
-            return -1
+            return "X"
 
-    return used
+    return state
 
 
 @final
 class HostLife:
-    """Judges the host; `used` gives its processor time [ns]."""
+    """Judges the host; `state` gives its state, as `state_of` does."""
 
-    def __init__(self, used: Callable[[], int]) -> None:
-        self._used = used
-        self._still = Stillness(_STEP)
+    def __init__(self, state: Callable[[], str]) -> None:
+        self._state = state
+        self._looked = 0
 
-    def trouble(self, now: int, silence: int, *, urgent: bool) -> str:
+    def trouble(self, now: int, silence: int) -> str:
         """Why the host is taken for dead at `now` [ns], after a `silence` [ns] of its heart; empty if it is not.
 
-        `urgent`: its heart is granted a real-time priority. Without one, a busy computer alone keeps it from running.
-        To be called in every tick in which the heart is late.
+        To be called in every tick in which the heart is `LATE`.
         """
         if silence > SILENCE * 1e9:
             return f"the program that started the servo showed no sign of life for {SILENCE:g} s"
-        if not urgent:
-            return ""
-        unused = self._still.look(now, self._used())
-        if silence > FROZEN * 1e9 and unused > _UNUSED:
-            return (
-                f"the program that started the servo showed no sign of life for {FROZEN:g} s and used no processor "
-                "time: it was stopped"
-            )
+        if silence > (STOPPED * 1e9 - _LOOK) and now - self._looked >= _LOOK:
+            self._looked = now
+            if self._state() in ("T", "t"):
+                return f"the program that started the servo was stopped and showed no sign of life for {STOPPED:g} s"
         return ""

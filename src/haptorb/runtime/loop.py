@@ -17,7 +17,7 @@ from haptorb.runtime.chain import Chain
 from haptorb.runtime.clock import Clock
 from haptorb.runtime.hang import Hang
 from haptorb.runtime.histogram import BINS
-from haptorb.runtime.host_life import LATE, HostLife, processor_time
+from haptorb.runtime.host_life import LATE, HostLife, state_of
 from haptorb.runtime.ledger import columns, counted, kept
 from haptorb.runtime.orphan import orphaned
 from haptorb.runtime.shared import Phase, Shared, Word, engage_stops
@@ -50,7 +50,7 @@ class Loop:
         self._world = world
         self._shared = shared
         self._parent = parent
-        self._host = HostLife(processor_time(parent))
+        self._host = HostLife(state_of(parent))
         self._put_off, self._every = put_off, max(1, int(rate * _LOOK))
         self._rate = rate
         self._row = shared.layout.empty()
@@ -118,7 +118,7 @@ class Loop:
                 heard = now
             silence = now - max(words[Word.HEARTBEAT], heard)
             if silence > _LATE:
-                self.reason = self._host.trouble(now, silence, urgent=bool(words[Word.URGENT]))
+                self.reason = self._host.trouble(now, silence)
                 if self.reason:
                     return Trip.HOST_SILENT
             if self._ticks % self._every == 0:

@@ -64,7 +64,6 @@ class Word(IntEnum):
     QUIT = 19  #: 1: end
     MODE = 20  #: 0: as it is, else number of the mode from 1 on
     CLUTCH = 21  #: 0: as it is, 1: engaged, 2: let go
-    URGENT = 22  #: 1: the heartbeat comes before ordinary programs
     POINTER = 24  #: and the nine after it
     # servo → host
     PID = 40

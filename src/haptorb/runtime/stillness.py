@@ -1,4 +1,4 @@
-"""For how long a number has not changed: ticks of a loop, beats of a recorder, processor time of a host."""
+"""For how long a number has not changed: ticks of a loop, looks of a recorder."""
 
 from __future__ import annotations
 
