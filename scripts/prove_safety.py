@@ -31,6 +31,7 @@ ORIENTATION_TESTS, MAP_TESTS = "tests/sensing/test_orientation.py", "tests/sensi
 
 SWITCH, GUARDIAN, I2C = "runtime/coil_switch.py", "runtime/i2c_guardian.py", "runtime/i2c_driver.py"
 I2C_TESTS, LOCK_TESTS = "tests/runtime/test_i2c_faults.py", "tests/runtime/test_i2c_lock.py"
+HOSTILE = "tests/contracts/test_hostile_files.py"
 PAGES, PAGES_TESTS = "apps/study/pages/room.py", "tests/apps/study/test_pages.py"
 CONSOLE, CONSOLE_TESTS = "apps/console/room.py", "tests/apps/console/test_room.py"
 
@@ -40,6 +41,41 @@ STALLED_TESTS, LEFTOVER_TESTS = "tests/runtime/test_stalled_recorder.py", "tests
 #: (rule, file in the package, code that keeps it, code without it, tests that must go red)
 PROOFS = [
     ("off is the default", DOOR, "= GuardState.OFF", "= GuardState.RUNNING", GUARD_TESTS),
+    (
+        "units are read and not evaluated",
+        "devices/quantity.py",
+        "_registry().Quantity(number, _unit(name))",
+        "_registry().Quantity(number, name or 'dimensionless')",
+        f"{HOSTILE}::test_a_unit_is_read_and_not_evaluated",
+    ),
+    (
+        "a list is no number of a world",
+        "worlds/parameter.py",
+        "several is not isinstance(known.default, tuple) or (several and len(value) != known.size)",
+        "several and len(value) != known.size",
+        f"{HOSTILE}::test_a_number_is_a_number_wherever_a_world_is_changed",
+    ),
+    (
+        "a chunk of a recording is asked for its size before it is made",
+        "runtime/mcap_rows.py",
+        "if max(told) > min(_CHUNK, room):",
+        "if False:",
+        f"{HOSTILE}::test_a_chunk_that_says_it_is_a_gigabyte_is_refused_before_it_is_made",
+    ),
+    (
+        "a recording is as open as the umask says",
+        "runtime/recording_file.py",
+        "0o666 & ~mask",
+        "0o644",
+        f"{HOSTILE}::test_a_recording_is_as_open_as_its_owner_wants_files",
+    ),
+    (
+        "an id is kept when the EEPROM has it",
+        "runtime/board.py",
+        ").refusal is Refusal.WRITING and",
+        ").refusal is None and",
+        SERIAL_TESTS,
+    ),
     ("NaN wrench trips", GUARD, "if not np.isfinite(force + torque):", "if False:", GUARD_TESTS),
     ("NaN currents trip", GUARD, "if not np.isfinite(wanted[j]):", "if False:", GUARD_TESTS),
     ("NaN readings trip", GUARD, "if not np.isfinite(total):", "if False:", GUARD_TESTS),

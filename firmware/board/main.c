@@ -11,7 +11,6 @@
 #include <util/atomic.h>
 
 #include "../core/bridge.h"
-#include "../core/crc.h"
 #include "../core/thermometer.h"
 #include "onewire.h"
 #include "pins.h"
@@ -25,7 +24,7 @@ static struct thermometers thermometers;
 static volatile uint8_t ticks;
 static uint8_t mcusr __attribute__((section(".noinit")));
 
-static uint8_t EEMEM stored[CALIBRATION_ID + 1]; /* and its check sum */
+static uint8_t EEMEM stored[CALIBRATION_BYTES];
 
 /* Before anything else: after a watchdog reset the watchdog is still running at its shortest. */
 void catch_reset(void) __attribute__((naked, used, section(".init3")));
@@ -93,38 +92,17 @@ static void clocks_start(void)
     TCCR1B = _BV(CS11) | _BV(CS10);
 }
 
-static void calibration_load(void)
+static uint8_t stored_read(uint8_t at)
 {
-    uint8_t sum = 0;
-
-    for (uint8_t i = 0; i < CALIBRATION_ID; i++) {
-        bridge.calibration[i] = eeprom_read_byte(&stored[i]);
-        sum = crc8(sum, bridge.calibration[i]);
-    }
-    if (eeprom_read_byte(&stored[CALIBRATION_ID]) != sum)
-        for (uint8_t i = 0; i < CALIBRATION_ID; i++)
-            bridge.calibration[i] = 0; /* zeros: not calibrated */
+    return eeprom_read_byte(&stored[at]);
 }
 
-/* One byte at a time and never waiting: the EEPROM takes 3.4 ms for each. */
-static void calibration_store(void)
+static void stored_write(uint8_t at, uint8_t byte)
 {
-    static uint8_t place;
-    uint8_t sum = 0;
-
-    if (!bridge.store || !eeprom_is_ready())
-        return;
-    if (place < CALIBRATION_ID) {
-        eeprom_update_byte(&stored[place], bridge.calibration[place]);
-        place++;
-        return;
-    }
-    for (uint8_t i = 0; i < CALIBRATION_ID; i++)
-        sum = crc8(sum, bridge.calibration[i]);
-    eeprom_update_byte(&stored[CALIBRATION_ID], sum);
-    place = 0;
-    bridge.store = false;
+    eeprom_update_byte(&stored[at], byte); /* only begun: whoever calls next asks whether it is over */
 }
+
+static const struct eeprom eeprom = {stored_read, stored_write};
 
 static void host_bytes(void)
 {
@@ -203,16 +181,13 @@ static void thermometer_slot(void)
     switch (thermometers_done(&thermometers, bit, &line, &sixteenths)) {
     case THERMOMETER_READ:
         fails[line] = 0;
-        bridge.plan.readings.temperature[line] = sixteenths;
-        bridge.plan.missing &= (uint16_t)~MISSING_THERMOMETER(line);
-        guard_temperature(&bridge.guard, sixteenths);
+        bridge_temperature(&bridge, line, sixteenths);
         break;
     case THERMOMETER_MISSING:
         if (++fails[line] < 3)
             break;
         fails[line] = 3;
-        bridge.plan.readings.temperature[line] = 0x7FFF;
-        bridge.plan.missing |= (uint16_t)MISSING_THERMOMETER(line);
+        bridge_thermometer_missing(&bridge, line);
         break;
     default:
         break;
@@ -229,7 +204,8 @@ static void millisecond(void)
         twi_recover();
         plan_start(&bridge.plan);
     }
-    calibration_store();
+    if (eeprom_is_ready())
+        calibration_step(&bridge.calibration, &eeprom);
 }
 
 int main(void)
@@ -243,7 +219,7 @@ int main(void)
     AXIS_DDR |= 3 << AXIS_SHIFT;
 
     bridge_boot(&bridge, BOARD, reset_cause());
-    calibration_load();
+    calibration_load(&bridge.calibration, &eeprom);
     thermometers_start(&thermometers);
     clocks_start();
     uart_start();

@@ -21,7 +21,10 @@ void bridge_boot(struct bridge *bridge, uint8_t board, uint8_t reset_cause)
     bridge->board = board;
     bridge->reset_cause = reset_cause;
     bridge->stop_button = true; /* pressed until it is known not to be */
-    bridge->store = false;
+    for (uint8_t i = 0; i < THERMOMETERS; i++) {
+        bridge->plan.readings.temperature[i] = NO_TEMPERATURE;
+        bridge->temperature_age[i] = 0xFFFF;
+    }
 }
 
 void bridge_millisecond(struct bridge *bridge, bool stop_button)
@@ -29,6 +32,9 @@ void bridge_millisecond(struct bridge *bridge, bool stop_button)
     guard_millisecond(&bridge->guard);
     plan_millisecond(&bridge->plan);
     bridge->stop_button = stop_button;
+    for (uint8_t i = 0; i < THERMOMETERS; i++)
+        if (bridge->temperature_age[i] < 0xFFFF)
+            bridge->temperature_age[i]++;
     if (stop_button)
         guard_trip(&bridge->guard, REASON_STOP_BUTTON);
     if (bridge->parser.place == 0)
@@ -37,6 +43,20 @@ void bridge_millisecond(struct bridge *bridge, bool stop_button)
         frame_reset(&bridge->parser); /* the rest of it never came */
         bridge->frame_age = 0;
     }
+}
+
+void bridge_temperature(struct bridge *bridge, uint8_t line, int16_t sixteenths)
+{
+    bridge->plan.readings.temperature[line] = sixteenths;
+    bridge->temperature_age[line] = 0;
+    bridge->plan.missing &= (uint16_t)~MISSING_THERMOMETER(line);
+    guard_temperature(&bridge->guard, sixteenths);
+}
+
+void bridge_thermometer_missing(struct bridge *bridge, uint8_t line)
+{
+    bridge->plan.readings.temperature[line] = NO_TEMPERATURE;
+    bridge->plan.missing |= (uint16_t)MISSING_THERMOMETER(line);
 }
 
 static uint8_t identity(struct bridge *bridge, uint8_t *out)
@@ -55,7 +75,7 @@ static uint8_t identity(struct bridge *bridge, uint8_t *out)
     for (uint8_t i = 0; i < 8; i++)
         *p++ = (uint8_t) "haptorb"[i]; /* with its final zero */
     for (uint8_t i = 0; i < CALIBRATION_ID; i++)
-        *p++ = bridge->calibration[i];
+        *p++ = bridge->calibration.id[i];
     return (uint8_t)(p - out);
 }
 
@@ -121,23 +141,40 @@ static uint8_t reading(struct bridge *bridge, uint8_t *out, uint16_t now)
     return (uint8_t)(p - out);
 }
 
+/* Coils whose heat nobody knows get no current: what made them hot may have been before the last restart. */
+static uint8_t temperatures(const struct bridge *bridge)
+{
+    uint8_t found = ACCEPTED;
+
+    for (uint8_t i = 0; i < THERMOMETERS; i++) {
+        const int16_t sixteenths = bridge->plan.readings.temperature[i];
+        if (sixteenths == NO_TEMPERATURE || bridge->temperature_age[i] > THERMOMETER_STALE_MS)
+            found = REFUSED_THERMOMETER;
+        else if (sixteenths > HOT_SIXTEENTHS)
+            return REFUSED_HOT;
+    }
+    return found;
+}
+
 static uint8_t engage(struct bridge *bridge, const uint8_t *payload)
 {
     if (bridge->stop_button)
         return REFUSED_STOP_BUTTON;
     if (!plan_ready(&bridge->plan))
         return REFUSED_CHIP;
+    if (bridge->calibration.state == CALIBRATION_WRITING)
+        return REFUSED_WRITING;
+    const uint8_t refused = temperatures(bridge);
+    if (refused != ACCEPTED)
+        return refused;
     return guard_engage(&bridge->guard, get16(payload), get16(payload + 2), get16(payload + 4));
 }
 
 static uint8_t store(struct bridge *bridge, const uint8_t *payload)
 {
     if (guard_live(&bridge->guard))
-        return REFUSED_ENGAGED; /* writing the EEPROM takes 50 ms in which nothing else is looked at */
-    for (uint8_t i = 0; i < CALIBRATION_ID; i++)
-        bridge->calibration[i] = payload[i];
-    bridge->store = true;
-    return ACCEPTED;
+        return REFUSED_ENGAGED;
+    return calibration_wish(&bridge->calibration, payload);
 }
 
 static uint8_t answer(struct bridge *bridge, uint16_t now)

@@ -71,8 +71,6 @@ void plan_start(struct bus_plan *plan)
             plan->readings.hall[axis][i] = 0xFFFF;
     for (uint8_t group = 0; group < HALL_GROUPS; group++)
         plan->readings.hall_time[group] = plan->readings.hall_waited[group] = 0;
-    for (uint8_t i = 0; i < THERMOMETERS; i++)
-        plan->readings.temperature[i] = 0x7FFF;
     plan->readings.hall_untold = 0;
     plan->readings.hall_group = HALL_GROUPS - 1;
     plan->readings.thermometer = 0;

@@ -16,6 +16,8 @@
 #define INA219_ADDRESS_Z 0x45
 #define HALL_ADC_ADDRESS 0x35
 
+#define NO_TEMPERATURE 0x7FFF
+
 #define WRITE_MAX 24
 #define READ_MAX 10
 
@@ -46,7 +48,7 @@ struct readings {
     uint8_t hall_untold;           /* bit per group: read since it was told to the host last */
     uint8_t hall_group;            /* read last */
     uint8_t hall_waited[HALL_GROUPS]; /* answers since each was told */
-    int16_t temperature[THERMOMETERS]; /* [1/16 degC], 0x7FFF before the first reading */
+    int16_t temperature[THERMOMETERS]; /* [1/16 degC], NO_TEMPERATURE before the first reading */
     uint8_t thermometer;           /* told last */
     uint8_t rounds;                /* of the bus, wraps */
 };

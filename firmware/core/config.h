@@ -8,7 +8,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define PROTOCOL_VERSION 2
+#define PROTOCOL_VERSION 3
 #define FIRMWARE_MAJOR 1
 #define FIRMWARE_MINOR 0
 
@@ -36,6 +36,9 @@
 #define HEAT_LIMIT_A2S 4300UL
 
 #define HOT_SIXTEENTHS (85 * 16) /* boundary temperature that stops everything (assumed: plastic dome softens) */
+
+/* A temperature older than this is none: a reading of all three takes 1.1 s, so three were missed. */
+#define THERMOMETER_STALE_MS 4000
 
 /* 15 ms of silence stop the coils; with the PWM's period and the bus they are off within 20 ms. */
 #define SILENCE_MS 15

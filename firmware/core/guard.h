@@ -41,7 +41,11 @@ enum guard_refusal {
     REFUSED_CHIP = 3,        /* a needed chip is missing */
     REFUSED_STOP_BUTTON = 4,
     REFUSED_ENGAGED = 5,     /* not while coils may have current */
-    REFUSED_FRAME = 6        /* unknown type or wrong length */
+    REFUSED_FRAME = 6,       /* unknown type or wrong length */
+    REFUSED_HOT = 7,         /* a thermometer above its limit */
+    REFUSED_THERMOMETER = 8, /* one that has said nothing yet, or not for THERMOMETER_STALE_MS */
+    REFUSED_WRITING = 9,     /* the EEPROM is being written: ask again */
+    REFUSED_EEPROM = 10      /* it did not keep what was written */
 };
 
 struct guard {

@@ -28,6 +28,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include <avr_eeprom.h>
 #include <avr_extint.h>
 #include <avr_ioport.h>
 #include <sim_elf.h>
@@ -37,6 +38,11 @@
 
 #define STEP 100e-6 /* of the physics, and of the pace */
 #define MCUSR 0x54
+#define EECR 0x3F
+#define EEAR 0x41
+#define EEPE 0x02
+#define EEMPE 0x04
+#define EEPROM_US 3400
 #define AT_MOST_BEHIND 1e-3 /* [s] that may be caught up with */
 
 static const struct board {
@@ -63,7 +69,7 @@ static double pace = 1; /* below 1: firmware time runs slower than ours, for com
 static double epoch;    /* our time at which firmware time was zero, had it always run at this pace */
 static double mark = -1;
 static uint8_t reset_flags = 0x01; /* power-on */
-static int resets;
+static int resets, torn; /* the latter: bytes of the EEPROM */
 
 static uint16_t hung_code;
 static uint32_t hung_at;
@@ -119,8 +125,37 @@ static void on_reset(avr_io_t *io)
 
 static avr_io_t reset_listener = {.kind = "emulator", .reset = on_reset};
 
+static avr_cycle_count_t eeprom_done(avr_t *a, avr_cycle_count_t when, void *param)
+{
+    avr->data[EECR] &= (uint8_t)~EEPE;
+    return 0;
+}
+
+/* Called after the library's own, which has the byte written in no time. */
+static void eeprom_begun(avr_t *a, avr_io_addr_t addr, uint8_t value, void *param)
+{
+    if ((value & EEMPE) && (value & EEPE)) {
+        avr->data[EECR] |= EEPE;
+        avr_cycle_timer_register_usec(avr, EEPROM_US, eeprom_done, 0);
+    }
+}
+
+/* As if the supply had failed with the reset: the byte that was being written has some of its bits only. */
+static void tear_eeprom(void)
+{
+    const uint16_t at = (uint16_t)(avr->data[EEAR + 1] << 8 | avr->data[EEAR]);
+    avr_eeprom_desc_t place = {.ee = 0, .offset = at, .size = 1}; /* asked for its address */
+
+    avr_ioctl(avr, AVR_IOCTL_EEPROM_GET, &place);
+    if (!(avr->data[EECR] & EEPE) || !place.ee)
+        return;
+    *place.ee ^= (uint8_t)(rand() % 255 + 1);
+    torn++;
+}
+
 static void reset(uint8_t flags)
 {
+    tear_eeprom();
     reset_flags = flags;
     avr_reset(avr);
 }
@@ -172,10 +207,10 @@ static void status(double behind)
 
     uart_model_turns(&median, &p99, &turns);
     printf("@status t=%.6f on=%d duty=%.6f,%.6f,%.6f current=%.4f,%.4f,%.4f received=%llu sent=%llu overruns=%llu "
-           "bus_bytes=%llu bus_load=%.3f resets=%d behind_ms=%.2f physics_late=%llu turns=%u turn_us=%.1f turn_p99_us=%.1f\n",
+           "bus_bytes=%llu bus_load=%.3f resets=%d torn=%d behind_ms=%.2f physics_late=%llu turns=%u turn_us=%.1f turn_p99_us=%.1f\n",
            t, on, world.duty[0], world.duty[1], world.duty[2], world.current[0], world.current[1], world.current[2],
            (unsigned long long)uart_received, (unsigned long long)uart_sent, (unsigned long long)uart_overruns,
-           (unsigned long long)twi_bytes, (double)(twi_busy_cycles - bus_before) / CLOCK_HZ / (t - t_before), resets,
+           (unsigned long long)twi_bytes, (double)(twi_busy_cycles - bus_before) / CLOCK_HZ / (t - t_before), resets, torn,
            1e3 * behind, (unsigned long long)physics_late, turns, median, p99);
     bus_before = twi_busy_cycles;
     t_before = t;
@@ -324,6 +359,7 @@ int main(int argc, char **argv)
     twi_model_attach(avr, board->twi);
     onewire_model_attach(avr, board->onewire_ports, board->onewire_bits);
     avr_register_io(avr, &reset_listener);
+    avr_register_io_write(avr, EECR, eeprom_begun, 0);
     reset(0x01);
     if (!uart_model_open(link_path)) {
         perror("pty");

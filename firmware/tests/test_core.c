@@ -301,6 +301,8 @@ static void fresh(struct bridge *b)
     CHECK(b->answer[9] == REFUSED_STOP_BUTTON && !guard_live(&b->guard));
     run(b, 30);
     CHECK(plan_ready(&b->plan) && (b->plan.missing & 0x1F) == 0);
+    for (uint8_t i = 0; i < THERMOMETERS; i++)
+        bridge_temperature(b, i, 25 * 16);
     CHECK(duty_on_chip(0) == 0 && duty_on_chip(1) == 0 && duty_on_chip(2) == 0);
     CHECK(pca[0xFE] == 3 && ina_config[2] == 0x199D);
 }
@@ -435,6 +437,158 @@ static void test_stop_button(void)
     CHECK(b.answer[9] == REFUSED_STOP_BUTTON);
 }
 
+static uint8_t engaging(struct bridge *b)
+{
+    CHECK(say(b, FRAME_ENGAGE, 7, engage_all, 6) == 12);
+    return b->answer[9];
+}
+
+/* Nobody is engaged while a coil is too warm, or while nobody knows how warm it is. */
+static void test_temperatures(void)
+{
+    static struct bridge b;
+
+    for (uint8_t line = 0; line < THERMOMETERS; line++) {
+        fresh(&b);
+        bridge_temperature(&b, line, HOT_SIXTEENTHS + 1);
+        CHECK(engaging(&b) == REFUSED_HOT && b.guard.state == STATE_OFF);
+        bridge_temperature(&b, line, 1502); /* 93.9 degC */
+        CHECK(engaging(&b) == REFUSED_HOT && b.guard.state == STATE_OFF);
+        bridge_temperature(&b, line, HOT_SIXTEENTHS);
+        CHECK(engaging(&b) == ACCEPTED && guard_live(&b.guard));
+
+        fresh(&b);
+        bridge_thermometer_missing(&b, line);
+        CHECK(engaging(&b) == REFUSED_THERMOMETER && b.guard.state == STATE_OFF);
+        bridge_temperature(&b, (uint8_t)((line + 1) % THERMOMETERS), HOT_SIXTEENTHS + 1);
+        CHECK(engaging(&b) == REFUSED_HOT); /* the worse of both */
+
+        fresh(&b);
+        for (int ms = 0; ms < THERMOMETER_STALE_MS; ms++)
+            bridge_millisecond(&b, false);
+        for (uint8_t other = 0; other < THERMOMETERS; other++)
+            if (other != line)
+                bridge_temperature(&b, other, 400);
+        CHECK(b.temperature_age[line] == THERMOMETER_STALE_MS && engaging(&b) == ACCEPTED);
+        guard_off(&b.guard);
+        run(&b, 3);
+        bridge_millisecond(&b, false);
+        CHECK(engaging(&b) == REFUSED_THERMOMETER);
+        for (uint32_t ms = 0; ms < 70000; ms++)
+            bridge_millisecond(&b, false);
+        CHECK(b.temperature_age[line] == 0xFFFF && engaging(&b) == REFUSED_THERMOMETER); /* never young again */
+        for (uint8_t other = 0; other < THERMOMETERS; other++)
+            bridge_temperature(&b, other, 400);
+        CHECK(engaging(&b) == ACCEPTED);
+    }
+}
+
+static uint8_t cells[CALIBRATION_BYTES];
+static int writes_left; /* then the supply fails, in the middle of a byte */
+static bool worn;
+
+static uint8_t cell_read(uint8_t at)
+{
+    CHECK(at < CALIBRATION_BYTES);
+    return cells[at];
+}
+
+static void cell_write(uint8_t at, uint8_t byte)
+{
+    CHECK(at < CALIBRATION_BYTES);
+    if (writes_left > 0)
+        cells[at] = worn && at == 5 ? 0xFF : byte;
+    else if (writes_left == 0)
+        cells[at] = (uint8_t)rand(); /* torn: nobody knows */
+    writes_left--;
+}
+
+static const struct eeprom chip = {cell_read, cell_write};
+
+static void name(uint8_t *id, int number)
+{
+    for (int i = 0; i < CALIBRATION_ID; i++)
+        id[i] = (uint8_t)(number * 31 + i * 7 + 1);
+}
+
+/* Whatever moment the supply fails at: the id is the old one or the new one, and the new one once it was called kept. */
+static void test_calibration(void)
+{
+    static const uint8_t none[CALIBRATION_ID];
+    uint8_t id[CALIBRATION_ID], before[CALIBRATION_ID];
+    struct calibration c;
+    int kept = 0, lost = 0, refused = 0;
+
+    memset(cells, 0xFF, sizeof cells); /* as the chip comes */
+    worn = false;
+    calibration_load(&c, &chip);
+    CHECK(memcmp(c.id, none, sizeof none) == 0);
+    CHECK(calibration_wish(&c, none) == ACCEPTED);
+    srand(7);
+    for (int number = 0; number < 30000; number++) {
+        bool called_kept = false;
+        memcpy(before, c.id, sizeof before);
+        name(id, number);
+        writes_left = rand() % 30; /* of 21 */
+        for (int step = 0; writes_left >= 0 && !called_kept && step < 60; step++) {
+            const uint8_t said = calibration_wish(&c, id);
+            CHECK(said == ACCEPTED || said == REFUSED_WRITING);
+            called_kept = said == ACCEPTED;
+            CHECK(!called_kept || memcmp(c.id, id, sizeof id) == 0);
+            calibration_step(&c, &chip);
+        }
+        calibration_load(&c, &chip); /* the supply is back */
+        const bool new = memcmp(c.id, id, sizeof id) == 0, old = memcmp(c.id, before, sizeof before) == 0;
+        CHECK(new || old);
+        CHECK(!called_kept || new);
+        kept += called_kept;
+        lost += !new;
+    }
+    CHECK(kept > 1000 && lost > 1000);
+    writes_left = 1000000;
+    worn = true; /* both places, one after the other */
+    for (int number = 0; number < 4; number++) {
+        uint8_t said = REFUSED_WRITING;
+        name(id, 40000 + number);
+        memcpy(before, c.id, sizeof before);
+        for (int step = 0; said == REFUSED_WRITING && step < 60; step++) {
+            said = calibration_wish(&c, id);
+            calibration_step(&c, &chip);
+        }
+        refused += said == REFUSED_EEPROM;
+        CHECK(said == ACCEPTED || (said == REFUSED_EEPROM && memcmp(c.id, before, sizeof before) == 0));
+        calibration_load(&c, &chip);
+        CHECK(memcmp(c.id, said == ACCEPTED ? id : before, sizeof id) == 0);
+    }
+    CHECK(refused >= 2);
+}
+
+/* STORE is accepted once it is kept; no current flows meanwhile. */
+static void test_store(void)
+{
+    static struct bridge b;
+    uint8_t id[CALIBRATION_ID];
+
+    fresh(&b);
+    memset(cells, 0xFF, sizeof cells);
+    worn = false;
+    writes_left = 1000000;
+    calibration_load(&b.calibration, &chip);
+    name(id, 3);
+    CHECK(say(&b, FRAME_STORE, 1, id, CALIBRATION_ID) == 12 && b.answer[9] == REFUSED_WRITING);
+    CHECK(engaging(&b) == REFUSED_WRITING && !guard_live(&b.guard));
+    say(&b, FRAME_IDENTIFY, 2, 0, 0);
+    CHECK(b.answer[5 + 17] == 0); /* not before it is kept */
+    for (int step = 0; step < 30; step++)
+        calibration_step(&b.calibration, &chip);
+    CHECK(say(&b, FRAME_STORE, 3, id, CALIBRATION_ID) == 12 && b.answer[9] == ACCEPTED);
+    say(&b, FRAME_IDENTIFY, 4, 0, 0);
+    CHECK(memcmp(b.answer + 5 + 17, id, sizeof id) == 0);
+    CHECK(engaging(&b) == ACCEPTED);
+    name(id, 4);
+    CHECK(say(&b, FRAME_STORE, 5, id, CALIBRATION_ID) == 12 && b.answer[9] == REFUSED_ENGAGED);
+}
+
 static void test_thermometers(void)
 {
     struct thermometers t;
@@ -478,6 +632,9 @@ int main(int argc, char **argv)
     test_frames_in_pieces();
     test_stop_button();
     test_thermometers();
+    test_temperatures();
+    test_calibration();
+    test_store();
     printf("%d checks, %d failures\n", checks, failures);
     return failures != 0;
 }

@@ -21,8 +21,10 @@ from haptorb.devices.loader import load, parse
 from haptorb.devices.quantity import si
 from haptorb.errors import CalibrationError, DeviceError, InputError, RecordingError, UnknownName
 from haptorb.runtime import recording_file
+from haptorb.runtime.calibration_file import write_calibration
 from haptorb.runtime.recording import Recording
 from haptorb.runtime.world_change import changed, request, requested
+from haptorb.sensing.calibration import Calibration
 from haptorb.sensing.document import document, numbers
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -141,6 +143,21 @@ def test_names_that_no_file_can_have_are_refused(tmp_path: Path) -> None:
         parse(long, "x")
 
 
+def test_names_that_no_file_can_have_are_refused_for_writing_as_well(hostile: ModuleType, tmp_path: Path) -> None:
+    good = {kind.name: kind.good for kind in hostile.kinds(tmp_path)}
+    (tmp_path / "a.mcap").write_bytes(good["recording"])
+    recording, calibration = Recording(tmp_path / "a.mcap"), Calibration.parse(good["calibration"].decode(), "it")
+    for name in ("x" * 300, "x" * 252):
+        with pytest.raises(RecordingError):
+            recording.to_csv(tmp_path / name)
+        with pytest.raises(CalibrationError):
+            write_calibration(calibration, tmp_path / name)
+    with pytest.raises(RecordingError):
+        recording_file.opened(tmp_path / ("x" * 300), overwrite=False)
+    with pytest.raises(RecordingError):
+        recording_file.opened(tmp_path / "a\0b", overwrite=False)
+
+
 @pytest.mark.parametrize("value", [[2.4], (2.4,), True, 10**400, float("nan"), "2.4", None, {"a": 1}, [[1.0]]])
 def test_a_number_is_a_number_wherever_a_world_is_changed(value: Any) -> None:
     with pytest.raises(InputError):
@@ -180,7 +197,7 @@ def test_a_recording_is_as_open_as_its_owner_wants_files(tmp_path: Path, mask: i
         recording_file.complete(descriptor, temporary=False)
         after = os.fstat(descriptor).st_mode & 0o777
         os.close(descriptor)
-        place, descriptor = recording_file.temporary()
+        place, descriptor, _ = recording_file.temporary()
         recording_file.complete(descriptor, temporary=True)
         temporary = os.fstat(descriptor).st_mode & 0o777
         os.close(descriptor)

@@ -83,12 +83,13 @@ def short_circuit(emulator: Any, host: subprocess.Popen[str]) -> str:
     return "since_mark_ms"
 
 
-def mended(emulator: Any) -> None:
-    """All is well again, and the firmware has had the quarter of a second in which it looks at every chip."""
+def mended(emulator: Any, fault: Callable[[Any, Any], str]) -> None:
+    """All is well again, and the firmware has had the quarter of a second in which it looks at every chip; after a
+    restart, the second in which it learns how warm the coils are, before which it does not engage."""
     for command in ("noise 0", "free", "button 0", "present ina219-y", "resistance 0 0.6"):
         emulator.tell(command)
     emulator.tell("pace 1")
-    emulator.wait(0.25)
+    emulator.wait(1.5 if fault in (reset, brown_out, hung) else 0.25)
     emulator.tell(f"pace {PACE}")
 
 
@@ -99,6 +100,8 @@ OTHERS = (brown_out, hung, button, bus_stuck, current_sensor_gone, chip_forgot, 
 
 def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int, patience: float = 20.0) -> list[float]:
     """Milliseconds of firmware time from the fault to coils off; repeated when the host was kept from running."""
+    emulator.tell("pace 1")
+    emulator.wait(max(1.5 - float(emulator.status()["t"]), 0.0))
     emulator.tell(f"pace {PACE}")
     times: list[float] = []
     tries = 0
@@ -124,7 +127,7 @@ def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int,
             host.stdout.close()
             if fault is pulled:
                 emulator.tell("plug")
-            mended(emulator)
+            mended(emulator, fault)
     return times
 
 

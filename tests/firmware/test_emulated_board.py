@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -14,6 +17,7 @@ from haptorb.apps.hardware.emulate import emulate
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
 from haptorb.runtime.board import Board
+from haptorb.runtime.board_complaints import refusal
 from haptorb.runtime.board_words import Reason, Refusal, Standing
 from haptorb.runtime.emulator import Emulator
 from haptorb.runtime.serial_driver import SerialDriver
@@ -78,8 +82,10 @@ def test_identity_limits_and_calibration_can_be_read(started: Callable[..., Any]
         assert device.limits.current == pytest.approx(21.0)
         assert device.limits.silence == pytest.approx(0.015)
         wanted = bytes(range(100, 116))
-        assert device.store(wanted).refusal is Refusal.ACCEPTED
-        emulator.wait(0.2)  # the EEPROM takes 3.4 ms a byte
+        assert device.store(wanted).refusal is Refusal.WRITING  # the EEPROM takes 3.4 ms a byte
+        assert device.identify().calibration == bytes(16)
+        device.keep(wanted)
+        assert device.identity.calibration == wanted
         device.close()
         emulator.tell("reset")  # the EEPROM remembers
         again = Board(emulator.port, 30.0, answer=5.0)
@@ -90,13 +96,61 @@ def test_identity_limits_and_calibration_can_be_read(started: Callable[..., Any]
 
 def test_a_session_may_ask_for_less_than_the_limits(emulator: Any) -> None:
     device = Board(emulator.port, 30.0, answer=5.0)
-    emulator.wait(0.2)
+    emulator.wait(1.5)  # until it knows how warm the coils are
     emulator.slow()
     assert device.engage(0.25, 30.0).refusal is Refusal.ACCEPTED
     reading = device.set([4095, -4095, 5])
     assert reading.applied == pytest.approx([0.25, -0.25, 5 / 4096])
     assert device.store(bytes(16)).refusal is Refusal.ENGAGED
     device.close()
+
+
+def test_engaging_is_refused_while_a_coil_is_too_warm_or_nobody_knows(started: Callable[..., Any]) -> None:
+    emulator = started()
+    device = Board(emulator.port, 30.0, answer=5.0)
+    early = device.engage()
+    while early.refusal in (Refusal.STOP_BUTTON, Refusal.CHIP):  # it has just started
+        early = device.engage()
+    assert early.refusal is Refusal.THERMOMETER  # the first conversion takes a second
+    assert "nobody knows how warm" in refusal(early)
+    emulator.wait(1.5)
+    emulator.tell("heat 1 93.9")
+    emulator.wait(2.5)
+    hot = device.engage()
+    assert hot.refusal is Refusal.HOT
+    assert hot.standing is Standing.OFF
+    assert "above 85 °C" in refusal(hot)
+    emulator.tell("heat 1 40")
+    emulator.tell("absent ds18b20-z")
+    emulator.wait(5.0)
+    blind = device.engage()
+    assert blind.refusal is Refusal.THERMOMETER
+    assert "DS18B20 of coil z on D7" in refusal(blind)
+    emulator.tell("present ds18b20-z")
+    emulator.wait(2.5)
+    assert device.engage().refusal is Refusal.ACCEPTED
+    device.close()
+
+
+def store_resets() -> ModuleType:
+    """benchmarks/store_resets.py."""
+    path = Path(__file__).resolve().parents[2] / "benchmarks" / "store_resets.py"
+    spec = importlib.util.spec_from_file_location("store_resets", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("resets", [12, pytest.param(100, marks=pytest.mark.slow)])
+def test_no_reset_loses_an_id_that_was_called_kept(built: Path, tmp_path: Path, resets: int) -> None:
+    found = store_resets().tried(built, tmp_path / "port", resets, seed=1)
+    assert found.resets == resets
+    assert (found.lost, found.garbage) == (0, 0)
+    assert found.kept > 0  # resets after it
+    assert found.old > 0  # and before
 
 
 def test_over_current_trips_the_firmware_and_the_host_says_why(emulator: Any, driver: SerialDriver) -> None:

@@ -10,7 +10,7 @@ import tty
 
 from haptorb.runtime.board_words import Reason, Refusal, Standing
 from haptorb.runtime.frames import Frame, FrameParser, encoded
-from haptorb.runtime.protocol import READING, STATE, Command
+from haptorb.runtime.protocol import PROTOCOL_VERSION, READING, STATE, Command
 
 
 class PretendBoard:
@@ -20,7 +20,7 @@ class PretendBoard:
         self.hall_axes, self.missing, self.mute = hall_axes, 0, False
         self.standing, self.reason, self.refusal = Standing.OFF, Reason.NONE, Refusal.ACCEPTED
         self.payload: bytes | None = None  #: instead of a reading's
-        self.calibration = bytes(16)
+        self.calibration, self.writing = bytes(16), 0  #: what is kept; how often it says that it is still writing
         self.late = 0.0  #: [s] from a question to its answer
         self.duties = [0, 0, 0]
         self.heard: list[Frame] = []
@@ -51,7 +51,9 @@ class PretendBoard:
 
     def _answer(self, frame: Frame) -> Frame:
         if frame.type == Command.IDENTIFY:
-            who = struct.pack("<9B8s16s", 2, 1, 0, 1, 3, 9, self.hall_axes, 3, 16, b"haptorb", self.calibration)
+            who = struct.pack(
+                "<9B8s16s", PROTOCOL_VERSION, 1, 0, 1, 3, 9, self.hall_axes, 3, 16, b"haptorb", self.calibration
+            )
             return Frame(0x80 | Command.IDENTIFY, frame.sequence, who)
         if frame.type == Command.LIMITS:
             limits = struct.pack("<7Hh2H", 4095, 21000, 4095, 21000, 15, 5300, 4300, 1360, 4095, 1000)
@@ -64,9 +66,12 @@ class PretendBoard:
             self.standing = Standing.ENGAGED
         if frame.type == Command.OFF:
             self.standing, self.duties = Standing.OFF, [0, 0, 0]
-        if frame.type == Command.STORE:
-            self.calibration = frame.payload
-        refusal = self.refusal if frame.type == Command.ENGAGE else Refusal.ACCEPTED
+        refusal = self.refusal if frame.type in (Command.ENGAGE, Command.STORE) else Refusal.ACCEPTED
+        if frame.type == Command.STORE and refusal is Refusal.ACCEPTED:
+            if self.writing:
+                self.writing, refusal = self.writing - 1, Refusal.WRITING
+            else:
+                self.calibration = frame.payload
         state = struct.pack("<BBHB", self.standing, self.reason, self.missing, refusal)
         return Frame(STATE, frame.sequence, state)
 

@@ -77,12 +77,12 @@ def test_a_state_that_nobody_knows_counts_as_tripped(payload: bytes) -> None:
 
 
 def test_another_protocol_is_told_with_both_versions() -> None:
-    with pytest.raises(DriverError, match=r"version 9, this program version 2.*make firmware"):
+    with pytest.raises(DriverError, match=r"version 9, this program version 3.*make firmware"):
         Identity.parse(bytes((9,)) + bytes(31))
 
 
 def test_identity_and_limits() -> None:
-    who = Identity.parse(struct.pack("<9B8s16s", 2, 1, 4, 2, 3, 9, 3, 3, 18, b"haptorb\0", bytes(range(16))))
+    who = Identity.parse(struct.pack("<9B8s16s", 3, 1, 4, 2, 3, 9, 3, 3, 18, b"haptorb\0", bytes(range(16))))
     assert (who.board, who.version, who.reset, who.name) == ("ATmega2560", (1, 4), Reason.BROWN_OUT, "haptorb")
     assert (who.hall_sensors, who.hall_axes) == (9, 3)
     assert who.calibration == bytes(range(16))

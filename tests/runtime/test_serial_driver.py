@@ -239,9 +239,39 @@ def test_a_reading_of_another_shape_switches_off(made: Make) -> None:
     board, driver = made()
     ticks(driver, SOME, 3)
     board.payload = bytes(35)
-    with pytest.raises(DriverError, match="35 bytes where protocol 2 has 36"):
+    with pytest.raises(DriverError, match="35 bytes where protocol 3 has 36"):
         ticks(driver, SOME, 2)
     assert driver.write(SOME).tolist() == [0, 0, 0]
+
+
+def test_an_id_is_kept_when_the_firmware_says_that_it_is_and_not_before(made: Make) -> None:
+    board, driver = made()
+    board.writing = 4
+    assert driver.remember(bytes(range(16)))
+    assert board.calibration == bytes(range(16))
+    assert sum(frame.type == Command.STORE for frame in board.heard) == 5  # asked until it was written
+    board.refusal = Refusal.EEPROM
+    with pytest.raises(DriverError, match="worn out"):
+        driver.remember(bytes(16))
+    assert driver.calibration == bytes(range(16))
+
+
+@pytest.mark.parametrize(
+    ("why", "missing", "told"),
+    [
+        (Refusal.HOT, 0, "above 85 °C"),
+        (Refusal.THERMOMETER, 0x40, "DS18B20 of coil y on D6 has told nothing"),
+        (Refusal.THERMOMETER, 0, "a thermometer has told nothing"),
+        (Refusal.WRITING, 0, "being written"),
+    ],
+)
+def test_why_engaging_is_refused_is_told(made: Make, why: Refusal, missing: int, told: str) -> None:
+    board, driver = made()
+    board.refusal, board.missing = why, missing
+    with pytest.raises(DriverError, match=told):
+        ticks(driver, SOME, 3)
+    assert driver.write(SOME).tolist() == [0, 0, 0]
+    assert board.duties == [0, 0, 0]
 
 
 def test_the_device_keeps_the_id_of_its_calibration(made: Make) -> None:

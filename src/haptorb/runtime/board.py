@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from time import monotonic
+from time import monotonic, sleep
 from typing import final
 
 import numpy as np
@@ -13,7 +13,7 @@ from haptorb.physics.arrays import Array
 from haptorb.runtime.board_answers import BoardLimits, BoardState, Identity
 from haptorb.runtime.board_complaints import refusal
 from haptorb.runtime.board_reading import Answer, Reading, answered, reading_row
-from haptorb.runtime.board_words import Standing
+from haptorb.runtime.board_words import Refusal, Standing
 from haptorb.runtime.frames import Frame, FrameParser, Numbers, encoded
 from haptorb.runtime.protocol import READING, SET_BYTES, STATE, Command, counts, engage, set_line
 from haptorb.runtime.serial_port import SerialPort
@@ -23,7 +23,8 @@ __all__ = ["Board"]
 _ANSWER = 0.05  #: a line that is alive answers within a millisecond [s]
 _AGAIN = 0.25  #: between two questions to a board that may be starting [s]
 _TRIES = 3
-_EEPROM = 5.0  #: sixteen bytes take 54 ms; an emulated processor may be slow [s]
+_EEPROM = 30.0  #: twenty-one bytes take 72 ms; an emulated processor may be slow [s]
+_ASK_AGAIN = 0.005  #: whether it is written [s]
 
 
 @final
@@ -148,18 +149,25 @@ class Board:
         return self._state(lambda sequence: Frame(Command.OFF, sequence, b""))
 
     def store(self, calibration: bytes) -> BoardState:
-        """Write the 16-byte id of the calibration that belongs to this device; refused while the coils are engaged."""
+        """Wish for the 16-byte id of the calibration that belongs to this device to be kept; see `keep`.
+
+        Accepted once it has been written and read back, refused as WRITING until then: ask again.
+        """
         return self._state(lambda sequence: Frame(Command.STORE, sequence, calibration))
 
     def keep(self, calibration: bytes) -> None:
-        """The same, and read back. Raises DriverError if the firmware refuses it, or its EEPROM does not keep it."""
-        why = refusal(self.store(calibration))
+        """Keep that id: returns when the EEPROM has it, and a reset can lose it no more.
+
+        Raises DriverError if the firmware refuses it (coils engaged), or if its EEPROM does not keep it.
+        """
+        end = monotonic() + _EEPROM
+        while (state := self.store(calibration)).refusal is Refusal.WRITING and monotonic() < end:
+            sleep(_ASK_AGAIN)
+        why = refusal(state)
+        if not why and self.identify().calibration != calibration:
+            why = "it keeps another one"
         if why:
             raise DriverError(f"the firmware did not store the calibration's id: {why}")
-        end = monotonic() + _EEPROM
-        while self.identify().calibration != calibration:
-            if monotonic() > end:
-                raise DriverError("the firmware's EEPROM does not keep the calibration's id: the chip may be worn out")
 
     def identify(self) -> Identity:
         """Who answers, asked once more: what was stored shows here."""

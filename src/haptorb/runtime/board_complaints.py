@@ -8,6 +8,7 @@ from haptorb.runtime.board_words import Reason, Refusal, Standing, missing_chips
 
 __all__ = ["refusal", "switched_off"]
 
+_WARM = 0xE0  #: bits of the thermometers
 _NEEDED = 0x0F  #: bits of the parts without which nothing is driven
 
 
@@ -35,5 +36,11 @@ def refusal(state: BoardState) -> str:
         Refusal.STOP_BUTTON: Reason.STOP_BUTTON.text,
         Refusal.CHIP: "not ready: " + (", ".join(missing_chips(state.missing & _NEEDED)) or "try again"),
         Refusal.TRIPPED: f"it tripped: {state.reason.text}",
+        Refusal.HOT: Reason.HOT.text,
+        Refusal.THERMOMETER: "nobody knows how warm the coils are: "
+        + (", ".join(missing_chips(state.missing & _WARM)) or "a thermometer")
+        + " has told nothing for 4 s (check its wire; after a restart wait two seconds)",
+        Refusal.WRITING: "its calibration is being written (try again)",
+        Refusal.EEPROM: "its EEPROM does not keep what is written: the chip may be worn out",
     }
     return reasons.get(state.refusal, state.refusal.name)

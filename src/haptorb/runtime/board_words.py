@@ -71,6 +71,10 @@ class Refusal(IntEnum):
     STOP_BUTTON = 4
     ENGAGED = 5
     FRAME = 6
+    HOT = 7
+    THERMOMETER = 8
+    WRITING = 9
+    EEPROM = 10
 
 
 #: bit in `missing` → which part, where

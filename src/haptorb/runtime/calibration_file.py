@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from haptorb.devices.text_file import read_text
@@ -30,11 +31,16 @@ def writable(path: str | Path, *, overwrite: bool) -> Path:
 
     Raises CalibrationError if the file exists and `overwrite` is not set, or if there is no folder for it.
     """
-    place = Path(path).expanduser()
-    if place.exists() and not overwrite:
-        raise CalibrationError(f"{path} exists; choose another name, or allow it to be replaced (--force)")
-    if not place.parent.is_dir():
-        raise CalibrationError(f"{path}: the folder '{place.parent}' does not exist")
+    try:
+        place = Path(path).expanduser()
+        if place.exists() and not overwrite:
+            raise CalibrationError(f"{path} exists; choose another name, or allow it to be replaced (--force)")
+        if not place.parent.is_dir():
+            raise CalibrationError(f"{path}: the folder '{place.parent}' does not exist")
+    except OSError as cause:
+        raise CalibrationError(f"cannot write {path}: {cause.strerror}") from cause
+    except (ValueError, RuntimeError) as cause:  # a zero byte in its name, or somebody's folder who is not known
+        raise CalibrationError(f"cannot write {str(path)!r}: not the name of a file") from cause
     return place
 
 
@@ -58,5 +64,6 @@ def _write(text: str, path: str | Path, overwrite: bool) -> None:
         part.write_text(text, encoding="utf-8")
         os.replace(part, place)
     except OSError as cause:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
         raise CalibrationError(f"cannot write {path}: {cause.strerror}") from cause

@@ -36,7 +36,7 @@ __all__ = [
     "stepped",
 ]
 
-PROTOCOL_VERSION = 2
+PROTOCOL_VERSION = 3
 CHANNELS = 3
 HALL_SENSORS = 9  #: places
 THERMOMETERS = 3

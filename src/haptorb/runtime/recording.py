@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
@@ -126,8 +127,11 @@ class Recording:
         Raises RecordingError if the file exists and `overwrite` is not set, or if it cannot be written.
         """
         path = Path(path)
-        if path.exists() and not overwrite:
-            raise RecordingError(f"{path} exists; choose another name, or allow it to be overwritten")
+        try:
+            if path.exists() and not overwrite:
+                raise RecordingError(f"{path} exists; choose another name, or allow it to be overwritten")
+        except OSError as cause:
+            raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
         names = [
             field.name if field.width == 1 else f"{field.name}[{i}]"
             for field in self.fields
@@ -141,7 +145,8 @@ class Recording:
                     file.write(",".join(map(repr, row)) + "\n")
             os.replace(part, path)
         except OSError as cause:
-            part.unlink(missing_ok=True)
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
             raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
 
     def plot(self, path: str | Path | None = None) -> Figure:

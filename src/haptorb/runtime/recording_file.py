@@ -19,11 +19,11 @@ def opened(path: Path, *, overwrite: bool) -> int:
 
     Raises RecordingError if it exists and `overwrite` is not set, or if it cannot be written.
     """
-    if path.is_dir():
-        raise RecordingError(f"cannot record to {path}: it is a folder; name a file in it")
-    if path.exists() and not overwrite:
-        raise RecordingError(f"{path} exists; choose another name, or allow it to be overwritten (--force)")
     try:
+        if path.is_dir():
+            raise RecordingError(f"cannot record to {path}: it is a folder; name a file in it")
+        if path.exists() and not overwrite:
+            raise RecordingError(f"{path} exists; choose another name, or allow it to be overwritten (--force)")
         if overwrite and path.exists():
             if not path.is_file():
                 raise RecordingError(f"cannot record to {path}: it is not a regular file")
@@ -31,6 +31,8 @@ def opened(path: Path, *, overwrite: bool) -> int:
         return os.open(path, _FLAGS, 0o444)
     except OSError as cause:
         raise RecordingError(f"cannot record to {path}: {cause.strerror}; choose another place") from cause
+    except ValueError as cause:  # a zero byte in its name
+        raise RecordingError(f"cannot record to {str(path)!r}: not the name of a file; choose another") from cause
 
 
 def complete(descriptor: int, *, temporary: bool) -> None:

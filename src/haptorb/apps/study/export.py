@@ -12,6 +12,7 @@ import math
 import os
 import re
 import shutil
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,8 @@ def write_csv(columns: Columns, path: str | Path, *, overwrite: bool = False) ->
         dictionary.write_text(json.dumps(COLUMNS, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
         os.replace(part, path)
     except OSError as cause:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
         raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
     return path
 
@@ -71,7 +73,8 @@ def write_parquet(columns: Columns, path: str | Path, *, overwrite: bool = False
         parquet.write_table(pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields)), part)
         os.replace(part, path)
     except OSError as cause:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
         raise RecordingError(f"cannot write {path}: {cause.strerror or cause}") from cause
     return path
 
@@ -89,7 +92,8 @@ def write_replies(study: Study, replies: Replies, path: str | Path, *, overwrite
                 writer.writerows(map(plain, row) for row in told)
         os.replace(part, path)
     except OSError as cause:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
         raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
     return path
 
@@ -180,6 +184,9 @@ def _json(path: Path, content: dict[str, Any]) -> None:
 
 def _free(path: str | Path, overwrite: bool) -> Path:
     path = Path(path)
-    if path.exists() and not overwrite:
-        raise RecordingError(f"{path} exists; choose another name, or allow it to be overwritten")
+    try:
+        if path.exists() and not overwrite:
+            raise RecordingError(f"{path} exists; choose another name, or allow it to be overwritten")
+    except OSError as cause:
+        raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
     return path
