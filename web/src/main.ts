@@ -79,6 +79,7 @@ class Console {
   private saidAt = 0;
   private mistakeTimer = 0;
   private health: Health | null = null;
+  private noticed = "false false";
 
   constructor(private readonly session: Session) {
     this.sample = new Sample(session.columns);
@@ -242,10 +243,21 @@ class Console {
       case "health":
         this.silence.servoEnded = event["alive"] === false;
         this.health = event as unknown as Health;
+        this.notice(this.health);
         break;
       case "mistake":
         this.mistake(String(event["text"]));
     }
+  }
+
+  /** What a person should know beside the numbers, once; the recorder's trouble also stays in the header. */
+  private notice(health: Health): void {
+    // The texts count seconds and megabytes; only that there is one is news.
+    const kinds = `${Boolean(health.recording_trouble)} ${Boolean(health.warning)}`;
+    if (kinds === this.noticed) return;
+    this.noticed = kinds;
+    const text = [health.recording_trouble && `Recording: ${health.recording_trouble}`, health.warning].filter(Boolean);
+    if (text.length) this.mistake(text.join("; "));
   }
 
   private mistake(text: string): void {

@@ -35,6 +35,7 @@ class FakeServo:
         self.device = load(device)
         self.layout = RowLayout.of(self.device)
         self.alive = True
+        self.recording_trouble = self.warning = ""
         self.silent = False  #: publish nothing
         self.guard = GuardState.RUNNING
         self.trip = Trip.NONE

@@ -348,6 +348,11 @@ def test_health_is_told_and_the_servos_end_too(client, servo):
     assert told["success"] == pytest.approx(1.0)
     assert told["lateness_p99_us"] == pytest.approx(4.0)
     assert told["pose_age_ms"] == 0.0
+    assert told["recording_trouble"] == told["warning"] == ""
+    servo.recording_trouble = "the recorder has stood still for 1.2 s"
+    servo.warning = "the servo's process has grown by 101 MB"
+    told = client.event("health", recording_trouble=servo.recording_trouble)
+    assert told["warning"] == servo.warning
     servo.alive = False
     client.event("health", alive=False)
 

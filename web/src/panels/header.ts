@@ -11,6 +11,8 @@ export interface Health {
   success: number | null;
   lateness_p99_us: number | null;
   pose_age_ms: number | null; // 99 % of the believed poses are younger
+  recording_trouble: string; // both are empty while all is well
+  warning: string;
 }
 
 export class Header {
@@ -53,6 +55,7 @@ export class Header {
     ];
     // A hand that nobody tracks has no age.
     if (health.pose_age_ms) parts.push(`pose ${shown(health.pose_age_ms, 0)} ms`);
+    if (health.recording_trouble) parts.push("not recording");
     write(at("loop"), parts.join(" · "));
   }
 

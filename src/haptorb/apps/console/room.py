@@ -73,10 +73,16 @@ class Room:
             if time.monotonic() >= next_look:
                 next_look = time.monotonic() + LOOK
                 if self._pages:
-                    self._tell_all("health", alive=self._servo.alive, **self._health.look())
+                    self._tell_all("health", **self._told_health())
                 self._notice_world()
                 self._notice_refused()
             await asyncio.sleep(REFRESH)
+
+    def _told_health(self) -> dict[str, Any]:
+        """Numbers of `Health`, whether the loop runs, and two texts that are empty while all is well."""
+        servo = self._servo
+        texts = {"recording_trouble": servo.recording_trouble, "warning": servo.warning}
+        return {"alive": servo.alive, **texts, **self._health.look()}
 
     async def join(self, socket: WebSocket) -> None:
         """Serve one page until it goes away, or does not listen; a seventeenth is sent away with the reason."""

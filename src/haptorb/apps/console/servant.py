@@ -53,6 +53,16 @@ class Servant(Protocol):
         ...
 
     @property
+    def recording_trouble(self) -> str:
+        """Why there is no recording any more, or none for the moment; empty while all is well."""
+        ...
+
+    @property
+    def warning(self) -> str:
+        """What a person should know of the device or of the servo's memory; empty if there is nothing."""
+        ...
+
+    @property
     def alive(self) -> bool:
         """Whether the loop runs."""
         ...
