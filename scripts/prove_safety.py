@@ -33,6 +33,7 @@ SWITCH, GUARDIAN, I2C = "runtime/coil_switch.py", "runtime/i2c_guardian.py", "ru
 I2C_TESTS, LOCK_TESTS = "tests/runtime/test_i2c_faults.py", "tests/runtime/test_i2c_lock.py"
 HOSTILE = "tests/contracts/test_hostile_files.py"
 PAGES, PAGES_TESTS = "apps/study/pages/room.py", "tests/apps/study/test_pages.py"
+HALT, STOP_TESTS = "apps/study/halt.py", "tests/apps/study/test_stop.py"
 CONSOLE, CONSOLE_TESTS = "apps/console/room.py", "tests/apps/console/test_room.py"
 
 CHILDREN, HOSTILE_TESTS = "runtime/children.py", "tests/runtime/test_hostile_worlds.py"
@@ -498,23 +499,80 @@ PROOFS = [
     (
         "an experimenter's page needs the token",
         PAGES,
-        "if not secrets.compare_digest(given.encode(), self._token.encode()):",
+        'if not secrets.compare_digest(given.encode("utf-8", "replace"), self._token.encode()):',
         "if False:",
         PAGES_TESTS,
     ),
     (
         "a participant's page that goes away pauses",
         PAGES,
-        "if first and self._reception.conduct is not None:",
+        "if page.participant and self._participants[0] is page:",
         "if False:",
         PAGES_TESTS,
     ),
     (
         "a pause in a study switches the coils off",
         "apps/study/conduct.py",
-        "self.stage.servo.stop()",
+        "self.halt.stop(why)",
         "pass",
         "tests/apps/study/test_runner.py",
+    ),
+    ("a study's Stop waits for no queue and no database", PAGES, "if asks_to_stop(text):", "if False:", STOP_TESTS),
+    (
+        "ending a study session waits for no database with the coils on",
+        PAGES,
+        "elif found := _STOPS.search(text):",
+        "elif found := None:",
+        STOP_TESTS,
+    ),
+    (
+        "no message of a study page takes Stop from it",
+        PAGES,
+        "except Exception as fault:  # whatever it holds",
+        "except KeyError as fault:  # whatever it holds",
+        STOP_TESTS,
+    ),
+    (
+        "what was asked for in a study before a Stop is dropped, and told",
+        HALT,
+        "if asked.number != self._last:",
+        "if False:",
+        STOP_TESTS,
+    ),
+    (
+        "a Stop that comes while a study switches on holds",
+        HALT,
+        "servo.engage(asked.stops)",
+        "servo.engage()",
+        "tests/apps/study/test_interleavings.py",
+    ),
+    (
+        "a Stop while a study's device starts holds",
+        HALT,
+        "        if self.stands:\n            servo.stop()",
+        "        if False:\n            servo.stop()",
+        STOP_TESTS,
+    ),
+    (
+        "a study's thread outlives a fault, with the coils off",
+        "apps/study/pages/reception.py",
+        "except BaseException as fault:\n            # Nobody",
+        "except KeyboardInterrupt as fault:\n            # Nobody",
+        STOP_TESTS,
+    ),
+    (
+        "a key at the terminal stops while the session waits",
+        "apps/study/keys.py",
+        'self._halt.stop("at the terminal")',
+        "pass",
+        STOP_TESTS,
+    ),
+    (
+        "a stop while the servo starts counts",
+        "runtime/loop.py",
+        "self._stopped = 0  #",
+        "self._stopped = shared.words[Word.STOP]  #",
+        "tests/runtime/test_servo.py",
     ),
     (
         "console: no token, no entry",

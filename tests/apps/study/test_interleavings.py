@@ -1,0 +1,22 @@
+"""Stops, requests, trips and failures in any order: never on after a Stop unless somebody asked for it after it."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.mark.timeout(300)
+def test_no_order_of_events_switches_on_after_a_stop() -> None:
+    spec = importlib.util.spec_from_file_location("interleavings", ROOT / "benchmarks" / "study_interleavings.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    found = module.study_interleavings(2000, seed=3)
+    assert found.broken == []
+    assert found.switched_on > 1000
