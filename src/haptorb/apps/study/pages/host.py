@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import secrets
+import sys
 from collections.abc import Mapping
 from types import TracebackType
 from typing import Any, Self, final
@@ -19,6 +20,7 @@ __all__ = ["PORT", "Host"]
 
 PORT = 8766  #: unless told otherwise; the console's is another
 _LOOK = 0.05  #: between two looks whether the reception is well [s]
+_SWITCH = 0.0005  #: for which another thread of this program may compute on while a Stop has come [s]
 _LAST_WORDS = 0.5  #: for the pages to show that it is not [s]
 
 
@@ -61,12 +63,15 @@ class Host:
             self._reception.halt.stop(None)
             self.close()
 
+        before = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH)
         self._reception.open()
         try:
             with signals(end), hurry():
                 dead = asyncio.run(self._serve())
         finally:
             self._reception.close()
+            sys.setswitchinterval(before)
         if dead:
             raise ServoError(
                 f"the thread that runs the sessions ended: {self._reception.trouble}; the coils are off, and what was "
