@@ -171,8 +171,16 @@ class Line:
 
     def answered(self, word: str) -> None:
         self.told.clear()
-        self.socket.send(json.dumps({"do": word}))
-        self.until(lambda: any(told["event"] == "mistake" and word in told["text"] for told in [*self.told]))
+        asked = -math.inf
+
+        def heard() -> bool:
+            nonlocal asked
+            if time.monotonic() - asked > 2.0:  # a newer mistake, of a world that is refused late, takes its place
+                asked = time.monotonic()
+                self.socket.send(json.dumps({"do": word}))
+            return any(told["event"] == "mistake" and word in told["text"] for told in [*self.told])
+
+        self.until(heard)
 
     def until(self, what: Callable[[], object]) -> None:
         end = time.monotonic() + 60
