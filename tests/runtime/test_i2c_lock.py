@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import subprocess
 import sys
@@ -115,6 +116,24 @@ def test_a_file_that_was_removed_is_no_lock(tmp_path: Path, deed: Callable[[Path
         lock(tmp_path)
     first.close()
     second.close()
+
+
+def test_a_file_that_is_removed_before_it_is_locked_is_not_the_lock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, removals = fcntl.flock, [1]
+
+    def late(descriptor: int, how: int) -> None:
+        if removals:
+            removals.pop()
+            next(tmp_path.iterdir()).unlink()
+        real(descriptor, how)
+
+    monkeypatch.setattr("haptorb.runtime.i2c_lock.fcntl.flock", late)
+    first = lock(tmp_path)
+    with pytest.raises(DriverError, match="in use"):
+        lock(tmp_path)
+    first.close()
 
 
 def test_a_link_in_its_place_is_refused(tmp_path: Path) -> None:
