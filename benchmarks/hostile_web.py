@@ -169,8 +169,9 @@ def served(line: Connection) -> None:
         line.send((console.port, console.token))
 
         def answer() -> None:
-            while line.recv() == "trips":
-                line.send([trip["reason"] for trip in servo.report()["trips"]])
+            with contextlib.suppress(EOFError):  # the measuring program has gone
+                while line.recv() == "trips":
+                    line.send([trip["reason"] for trip in servo.report()["trips"]])
             console.close()
 
         threading.Thread(target=answer, daemon=True).start()
