@@ -344,7 +344,7 @@ class Trial:
 
     def wait(self) -> tuple[int, int, int]:
         self.look()
-        while self.gap <= 0 and self.left > 0:
+        while self.gap <= 0 and (self.plan or self.left > 0):
             if not self.plan:
                 self.left -= 1
                 self.trail = []
