@@ -23,7 +23,8 @@ _making = threading.Lock()
 
 
 def start(command: Sequence[str], **options: Any) -> subprocess.Popen[bytes]:
-    """`subprocess.Popen(command, **options)`, by that thread. Who is interrupted meanwhile leaves no process behind."""
+    """A process, made by that thread as `subprocess.Popen` would with these `options`. A caller that is interrupted
+    meanwhile leaves no process behind."""
     future: Future[subprocess.Popen[bytes]] = Future()
     _queue().put((command, options, future))
     try:
