@@ -29,7 +29,7 @@ _LINE = re.compile(
 def schema(layout: RowLayout) -> str:
     """The message definition of `layout`, with unit and meaning of every field; fields without numbers are left out.
 
-    >>> schema(RowLayout(channels=3, sensors=0)).splitlines()[12]
+    >>> schema(RowLayout(channels=3, sensors=0)).splitlines()[13]
     'float64 age  # [s] age of the pose'
     """
     lines = []

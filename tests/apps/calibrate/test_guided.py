@@ -201,7 +201,7 @@ def test_a_state_that_is_not_ours_is_not_taken_up(tmp_path: Path) -> None:
     kept.keep("rest", {"temperatures_k": [298.0] * 3})
     assert ProgressFile(out, OMNI, "serial:/dev/a", lambda: 2000.0).results
     for other, driver, now, why in (
-        (OMNI, "serial:/dev/b", 2000.0, "of driver serial:/dev/a"),
+        (OMNI, "serial:/dev/b", 2000.0, "serial:/dev/a"),
         (replace(OMNI, digest="f" * 64), "serial:/dev/a", 2000.0, "not taken up"),
         (OMNI, "serial:/dev/a", 1e6, "older than a day"),
         (OMNI, "serial:/dev/a", 0.0, "older than a day"),

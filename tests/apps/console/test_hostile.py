@@ -53,7 +53,7 @@ def test_many_that_mean_no_good_take_neither_place_nor_control(console, servo, h
             over.set()
             holding.join()
         assert sum(answers.values()) == 130
-        assert max(at_once) <= connection.MOST + PAGES + 8, "a few are on their way out"
+        assert max(at_once) <= 2 * (connection.MOST + PAGES), "some are on their way out; how many, the machine decides"
         assert not [call for call in servo.calls if call[0] in ("stop", "engage", "world", "release")]
         page.send('{"do": "engage"}')  # it still has the control
         end = time.monotonic() + 10

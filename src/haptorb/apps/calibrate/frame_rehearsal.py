@@ -40,6 +40,7 @@ class Rehearsal:
         self.tracker = MadeUpTracker.drawn(seed)
         self._person = Person(device, self.tracker, seed)
         self._port = port
+        self._own_port = 0  # of the first stroke's socket, and of all later ones: a tracker hears one sender
 
     @contextmanager
     def doing(self, stroke: Stroke) -> Iterator[None]:
@@ -65,6 +66,8 @@ class Rehearsal:
 
         began = monotonic()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+            one.bind(("127.0.0.1", self._own_port))
+            self._own_port = one.getsockname()[1]
             for k, numbers in enumerate(np.column_stack([poses.p, poses.q]).tolist()):
                 if over.is_set():
                     return
