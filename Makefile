@@ -1,6 +1,10 @@
 # Two commands for everybody:  make run   (feel a dome)     make test   (everything that CI runs)
 # They need Python 3.11 or newer, make and the package registries; all else is fetched into .venv.
 
+# pip leaves byte code to Python (--no-compile); where Python may not write it either, every start of a process compiles
+# all of its packages again: 11 s instead of 1.
+unexport PYTHONDONTWRITEBYTECODE
+
 VENV := .venv
 BIN := $(VENV)/bin
 
