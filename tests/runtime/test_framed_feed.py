@@ -114,7 +114,7 @@ def test_the_loop_follows_a_tracker_in_its_own_frame() -> None:
             "osc:9000",
             replace(frame("osc:9000"), digest="1" * 64),
             CalibrationError,
-            "that of device 'omni' with file 1111",
+            "that of device 'omni' with file '1111",
         ),
     ],
 )
