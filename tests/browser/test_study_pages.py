@@ -126,6 +126,7 @@ def run(browser: Any, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator
 def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Path) -> None:
     page, desk = run.participant, run.experimenter
     run.state(page, "waiting")
+    assert desk.locator("#stop").is_enabled()
     # A page without the token is told so, and shows nothing.
     stranger = browser.new_page()
     stranger.goto(desk.url.split("#")[0])
