@@ -13,7 +13,6 @@ from haptorb.apps.cli import main
 from haptorb.errors import InputError, UnknownName
 
 SHORT = 0.02
-pytestmark = pytest.mark.timeout(900)  # a fresh machine compiles first, beside another process that does so too
 
 
 @pytest.fixture(scope="module")

@@ -37,7 +37,9 @@ def test_many_that_mean_no_good_take_neither_place_nor_control(console, servo, h
         def hold() -> None:
             while not over.wait(0.01):
                 page.send(struct.pack("<9d", math.nan, 0.01, 0.0, 0.047, *[math.nan] * 4, 1.0))
-                at_once.append(len(console._server.server_state.connections))
+                with suppress(RuntimeError):  # the set changed while it was copied
+                    held = list(console._server.server_state.connections)
+                    at_once.append(sum(not each.transport.is_closing() for each in held))
 
         def hear() -> None:
             with suppress(ConnectionClosed):
@@ -53,7 +55,7 @@ def test_many_that_mean_no_good_take_neither_place_nor_control(console, servo, h
             over.set()
             holding.join()
         assert sum(answers.values()) == 130
-        assert max(at_once) <= 2 * (connection.MOST + PAGES), "some are on their way out; how many, the machine decides"
+        assert max(at_once) <= connection.MOST + PAGES + 8
         assert not [call for call in servo.calls if call[0] in ("stop", "engage", "world", "release")]
         page.send('{"do": "engage"}')  # it still has the control
         end = time.monotonic() + 10

@@ -284,9 +284,11 @@ def test_no_message_takes_stop_or_the_place_from_a_page(desk: Desk, message: str
         page.socket.send(message.encode())
         page.do("stop")
         _until(lambda: desk.servo.off)
+        desk.first.state("paused")
         desk.experimenter.state("paused")
         desk.experimenter.do("resume")
         desk.first.state("running", 0)
+        desk.experimenter.state("running")  # else the next round takes this pause for its own
     desk.first.close()
     desk.second.until(lambda page: page.view["watching"] is False)
     desk.experimenter.until(lambda page: page.view["pages"] == 1)
@@ -371,6 +373,11 @@ def test_what_a_locked_database_did_not_take_is_kept_later_in_order(identify: St
             with pytest.raises(RecordingError, match="locked"):
                 sitting.note("consent")
             connection.rollback()
+        sitting.keep_late()
+        with other.connect() as connection:
+            assert connection.execute(text("SELECT count(*) FROM events")).scalar_one() == 3, (
+                "nothing else was kept yet"
+            )
         sitting.note("repeat")
     with other.connect() as connection:
         rows = connection.execute(text("SELECT kind, at FROM events ORDER BY id")).all()

@@ -83,6 +83,7 @@ class Conduct:
         passed, self._last = now - self._last, now
         self.heed()
         self._notice()
+        self.sitting.keep_late()
         if self.state in ("pause", "break") and now >= self._until:
             self._begin()
         elif self.state == "running":

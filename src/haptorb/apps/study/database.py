@@ -6,6 +6,8 @@ A database of an older schema is brought forward when it is opened, one of a new
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +42,7 @@ __all__ = [
 
 SCHEMA = 1 + len(STEPS)  #: of this version; a database of a newer one is refused
 FAMILY = 0x68617074  #: of PostgreSQL's advisory locks that are ours
+_BUSY = 10_000  #: milliseconds for which an answer waits while another program holds the database
 _PATIENCE = 5  #: seconds until a server that does not answer counts as unreachable
 
 _tables = MetaData()
@@ -191,6 +194,21 @@ _watched = {
 }  # fmt: skip
 
 
+@contextmanager
+def impatient(engine: Engine) -> Iterator[Connection]:
+    """A transaction that gives up after 50 ms where another program holds the database."""
+    with engine.connect() as connection:
+        sqlite = engine.dialect.name == "sqlite"
+        connection.exec_driver_sql("PRAGMA busy_timeout = 50" if sqlite else "SET LOCAL lock_timeout = 50")
+        try:
+            yield connection
+            connection.commit()
+        finally:
+            if sqlite:
+                connection.rollback()
+                connection.exec_driver_sql(f"PRAGMA busy_timeout = {_BUSY}")
+
+
 def shown(place: str | Path) -> str:
     """`place` without the password that a URL may hold."""
     return make_url(url_of(place)).render_as_string() if "://" in str(place) else str(place)
@@ -198,6 +216,6 @@ def shown(place: str | Path) -> str:
 
 def _durable(connection: Any, record: Any) -> None:
     cursor = connection.cursor()
-    for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", "busy_timeout = 10000"):
+    for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", f"busy_timeout = {_BUSY}"):
         cursor.execute(f"PRAGMA {pragma}")
     cursor.close()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
+from contextlib import suppress
+from time import monotonic
 from types import TracebackType
 from typing import Any, Self, final
 
@@ -16,7 +18,7 @@ from haptorb import __version__
 from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.claim import Claim
-from haptorb.apps.study.database import alone, events, participants, replies, sessions, studies, trials
+from haptorb.apps.study.database import alone, events, impatient, participants, replies, sessions, studies, trials
 from haptorb.apps.study.halt import now
 from haptorb.apps.study.order import plan, procedure_of
 from haptorb.apps.study.study_file import Study
@@ -25,6 +27,7 @@ from haptorb.errors import InputError, RecordingError
 
 __all__ = ["Sitting", "known_code"]
 
+_AGAIN = 1.0  #: until the database is offered again what it did not take [s]
 _CODE = re.compile(r"[A-Z]{1,4}[0-9]{2,6}")
 
 
@@ -54,6 +57,7 @@ class Sitting:
         self.engine, self.study, self.code = engine, study, known_code(code)
         self.simulated = simulated
         self._late: list[dict[str, Any]] = []  # events that the database would not take yet
+        self._again = 0.0  # when to offer them again
         try:
             self.id, stored = self._found_or_made()
             self._claim = Claim(engine, self.id)
@@ -142,8 +146,8 @@ class Sitting:
     def note(self, kind: str, text: str = "", *, at: str | None = None, later: bool = False) -> None:
         """Keep that something happened, now or `at` that time of day: pause, abort, repeat ...
 
-        With `later`, what the database does not take now is kept with the next thing that it takes, and nothing is
-        raised: what was done must not wait for the record of it.
+        With `later`, what the database does not take now is kept with the next thing that it takes, or by `keep_late`,
+        and nothing is raised: what was done must not wait for the record of it.
         """
         text = text.replace("\0", "").encode("utf-8", "backslashreplace").decode()  # a record is never refused
         self._late.append({"session": self.id, "kind": kind, "trial": self.number, "at": at or now(), "text": text})
@@ -156,6 +160,16 @@ class Sitting:
             self._late.pop()
             raise _failed(cause) from cause
         self._late.clear()
+
+    def keep_late(self) -> None:
+        """Try once a second to keep what the database has not taken yet; this waits 50 ms at most."""
+        if not self._late or monotonic() < self._again:
+            return
+        self._again = monotonic() + _AGAIN
+        with suppress(SQLAlchemyError):
+            with impatient(self.engine) as connection:
+                self._catch_up(connection)
+            self._late.clear()
 
     def abort(self, reason: str = "") -> None:
         """End for good: what was answered stays, and the session cannot be resumed."""

@@ -167,6 +167,7 @@ class Reception:
         if self.conduct is None and self.sitting is not None:
             for stopped in self.halt.take():
                 self.sitting.note("pause", stopped.why, at=stopped.at, later=True)
+            self.sitting.keep_late()
 
     def _obey(self, command: dict[str, Any], asked: Asked) -> None:
         self._heed()
