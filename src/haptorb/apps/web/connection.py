@@ -16,7 +16,9 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 
 __all__ = ["LIFE", "MOST", "OwnMistakes", "Request", "Socket"]
 
-MOST = 32  #: connections that are no page (yet); a browser needs six. A newer one takes the place of the oldest
+#: connections that ask for something, and as many that become a page or are being closed; a browser needs six. A newer
+#: one takes the place of the oldest
+MOST = 32
 LIFE = 5.0  #: of such a connection [s]
 _PIECE = 16384  #: read from one connection before the others have their turn [bytes]
 _END = 1.0  #: for the other side to take the last words [s]
@@ -63,9 +65,20 @@ class Request(H11Protocol):
 class Socket(WebSocketsSansIOProtocol):
     """A page's connection."""
 
+    _since = 0.0  # by the loop's clock
+
+    @property
+    def passes(self) -> bool:
+        """Whether it is no page yet, or none any more."""
+        return self.close_sent or not self.handshake_complete or self.transport.is_closing()
+
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Look from time to time whether it is to end and cannot."""
         super().connection_made(transport)
+        self._since = self.loop.time()
+        passing = [one for one in self.connections if isinstance(one, Socket) and one is not self and one.passes]
+        for one in sorted(passing, key=lambda one: one._since)[: max(0, len(passing) - MOST + 1)]:
+            one.transport.abort()
         _read_in_pieces(cast("asyncio.Transport", transport))
         self.loop.call_later(_END, self._look, False)
         self.loop.call_later(LIFE, self._leave)
