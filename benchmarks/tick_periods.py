@@ -22,9 +22,9 @@ from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.physics.arrays import Array
 from haptorb.runtime.assembly import allocator_of, estimator_of, linkage_of
-from haptorb.runtime.pointer import Goal
 from haptorb.runtime.sim_driver import SimDriver
 from haptorb.runtime.tick import Tick
+from haptorb.runtime.tracker import Goal
 from haptorb.worlds.world import World
 
 MS = 1e-3

@@ -11,9 +11,10 @@ from haptorb.control.hand_grip import GRIPS
 from haptorb.devices.electromagnet import Hand
 from haptorb.devices.loader import load
 from haptorb.runtime.assembly import allocator_of, assemble, estimator_of
-from haptorb.runtime.pointer import Goal, PointerTracker
+from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.sim_driver import SimDriver
 from haptorb.runtime.tick import Tick
+from haptorb.runtime.tracker import Goal
 from haptorb.worlds.world import World
 
 HOMES = {name: "pmsm" if name in ("outlet", "outlet-published", "snap_fit") else "omni" for name in worlds.CATALOGUE}

@@ -21,10 +21,11 @@ from haptorb.runtime.assembly import (
     modes_of,
 )
 from haptorb.runtime.guided_handle import turned
-from haptorb.runtime.pointer import Goal, PointerTracker
+from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.servo import Servo
 from haptorb.runtime.sim_driver import SimDriver
 from haptorb.runtime.tick import Tick
+from haptorb.runtime.tracker import Goal
 from haptorb.simulation.motor import SimulatedMotor
 from haptorb.worlds import Nothing, Outlet, SnapFit
 

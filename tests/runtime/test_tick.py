@@ -13,9 +13,9 @@ from haptorb.devices.state import State
 from haptorb.errors import DriverError, InputError
 from haptorb.runtime.driver import Driver
 from haptorb.runtime.hang import Hang
-from haptorb.runtime.pointer import Goal
 from haptorb.runtime.sim_driver import SimDriver
 from haptorb.runtime.tick import Tick
+from haptorb.runtime.tracker import Goal
 from haptorb.sensing.estimator import TrackedPose
 from haptorb.worlds.world import World
 

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from haptorb.devices.device import Device
+from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.marks import Marks
 from haptorb.devices.passive_pull import PassivePull
 from haptorb.devices.ring_tool import dipole_per_ampere, ring_per_ampere
@@ -20,7 +21,7 @@ from haptorb.physics.charged_ring import ChargedRing
 from haptorb.physics.dipole import MU0
 from haptorb.physics.soft_sphere import SoftSphere
 
-__all__ = ["Contact", "FieldSensors", "Hand", "SphericalElectromagnet", "Tool"]
+__all__ = ["Contact", "Hand", "SphericalElectromagnet", "Tool"]
 
 
 @dataclass(frozen=True)
@@ -60,15 +61,6 @@ class Contact:
     stiffness: float  #: [N/m]
     damping: float  #: [N·s/m]
     friction: float  #: coefficient [1]
-
-
-@dataclass(frozen=True)
-class FieldSensors:
-    """Three-axis field sensors fixed to the stator."""
-
-    positions: Array  #: (k, 3) [m]
-    noise: float  #: standard deviation of one reading [T]
-    step: float  #: quantum of one reading [T]
 
 
 @dataclass(frozen=True, kw_only=True)

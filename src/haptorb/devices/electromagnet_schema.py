@@ -9,7 +9,8 @@ from annotated_types import Gt, Len
 from pydantic import Field, model_validator
 
 from haptorb.devices import quantity as q
-from haptorb.devices.electromagnet import Contact, FieldSensors, Hand, SphericalElectromagnet, Tool
+from haptorb.devices.electromagnet import Contact, Hand, SphericalElectromagnet, Tool
+from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.marks import Marks
 from haptorb.devices.schema import (
     CommonFile,

@@ -18,7 +18,7 @@ from haptorb.physics.dipole import MU0
 from haptorb.physics.source import Source
 
 if TYPE_CHECKING:
-    from haptorb.devices.spherical_motor import SphericalMotor
+    from haptorb.devices.motor_parts import MotorParts
     from haptorb.physics.multipole import MultipoleSource
 
 __all__ = [
@@ -36,17 +36,17 @@ _REFINEMENTS = ((4, 3, 54), (6, 4, 72), (8, 5, 90), (10, 6, 108), (13, 8, 140), 
 PRECISION = 1e-7  #: of the exact level, relative to the greatest torque of any coil
 
 
-def exact_field(motor: SphericalMotor, R: Array, points: Array) -> Array:
+def exact_field(motor: MotorParts, R: Array, points: Array) -> Array:
     """(n, p, 3) flux density of all magnets [T] at `points` (p, 3) [m], stator frame: closed form, summed."""
     return _summed_field(motor, motor.magnet, R, points)
 
 
-def multipole_field(motor: SphericalMotor, R: Array, points: Array) -> Array:
+def multipole_field(motor: MotorParts, R: Array, points: Array) -> Array:
     """The same by the published model, Bai 2012 eq. (8). (n, p, 3) [T]."""
     return _summed_field(motor, _models(motor)[0], R, points)
 
 
-def _summed_field(motor: SphericalMotor, magnet: Source, R: Array, points: Array) -> Array:
+def _summed_field(motor: MotorParts, magnet: Source, R: Array, points: Array) -> Array:
     out = np.empty((len(R), len(points), 3))
     frames, places = motor.magnets.frames, motor.magnets.positions
     for number, turn in enumerate(R):
@@ -57,7 +57,7 @@ def _summed_field(motor: SphericalMotor, magnet: Source, R: Array, points: Array
     return out
 
 
-def dipole_field(motor: SphericalMotor, R: Array, points: Array) -> Array:
+def dipole_field(motor: MotorParts, R: Array, points: Array) -> Array:
     """The same with every magnet as a point moment. (n, p, 3) [T]."""
     u = np.einsum("nab,ib->nia", R, motor.magnets.directions)[:, :, None]
     moment = u * (motor.polarity[:, None, None] * motor.magnet.moment[2])
@@ -65,7 +65,7 @@ def dipole_field(motor: SphericalMotor, R: Array, points: Array) -> Array:
     return out
 
 
-def coils_field(motor: SphericalMotor, points: Array, currents: Array) -> Array:
+def coils_field(motor: MotorParts, points: Array, currents: Array) -> Array:
     """(p, 3) flux density of all coils [T] at `points` (p, 3) [m] with `currents` (coils,) [A]."""
     frames = motor.electromagnets.frames
     own = (points[None] - motor.electromagnets.positions[:, None]) @ frames
@@ -74,7 +74,7 @@ def coils_field(motor: SphericalMotor, points: Array, currents: Array) -> Array:
     return out
 
 
-def exact_torque(motor: SphericalMotor, R: Array, precision: float = PRECISION) -> Array:
+def exact_torque(motor: MotorParts, R: Array, precision: float = PRECISION) -> Array:
     """The magnets' field integrated over every coil's filaments; refined until two levels agree to `precision`.
 
     Raises PrecisionError, telling the best reached.
@@ -92,7 +92,7 @@ def exact_torque(motor: SphericalMotor, R: Array, precision: float = PRECISION) 
     raise PrecisionError(f"the torque was reached to {best:.1e} relative, not to {precision:.1e}; ask for less")
 
 
-def _integrated(motor: SphericalMotor, R: Array, level: tuple[int, int, int]) -> Array:
+def _integrated(motor: MotorParts, R: Array, level: tuple[int, int, int]) -> Array:
     radii, heights, turns = motor.electromagnet.filaments(level[0], level[1])
     angle = 2 * np.pi * (np.arange(level[2]) + 0.5) / level[2]
     cosine, sine = np.cos(angle), np.sin(angle)
@@ -109,7 +109,7 @@ def _integrated(motor: SphericalMotor, R: Array, level: tuple[int, int, int]) ->
     return -np.swapaxes(on_coils, 1, 2)  # third law: the rotor feels the opposite
 
 
-def dipole_torque(motor: SphericalMotor, R: Array) -> Array:
+def dipole_torque(motor: MotorParts, R: Array) -> Array:
     """Every magnet and every coil as one point moment at its centre. (n, 3, coils) [N·m/A]."""
     u = np.einsum("nab,ib->nia", R, motor.magnets.directions)[:, :, None]
     c = motor.electromagnets.directions[None, None]
@@ -121,7 +121,7 @@ def dipole_torque(motor: SphericalMotor, R: Array) -> Array:
     return np.swapaxes(on_magnets.sum(axis=1), 1, 2)
 
 
-def multipole_torque(motor: SphericalMotor, R: Array) -> Array:
+def multipole_torque(motor: MotorParts, R: Array) -> Array:
     """The published model, Bai 2012 eq. (9) with signs and arms put right (erratum E5)."""
     magnet_model, coil_model = _models(motor)
     poles, strength = magnet_model.poles, magnet_model.strengths
@@ -136,7 +136,7 @@ def multipole_torque(motor: SphericalMotor, R: Array) -> Array:
     return out
 
 
-def _models(motor: SphericalMotor) -> tuple[MultipoleSource, MultipoleSource]:
+def _models(motor: MotorParts) -> tuple[MultipoleSource, MultipoleSource]:
     if motor.magnet_model is None or motor.coil_model is None:
         raise DeviceError(
             f"device '{motor.name}': level 'multipole' needs [magnets.multipole] and [electromagnets.multipole]"

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptorb.devices import quantity as q
 from haptorb.devices.device import Coils
-from haptorb.devices.electromagnet import FieldSensors
+from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.handle import EndStop, Grasp, HallQuality
 from haptorb.devices.magnetics_schema import (
     ElectromagnetsSection,

@@ -13,7 +13,7 @@ from haptorb.devices.table_cache import cached_field_table, cached_torque_table
 from haptorb.physics.arrays import Array
 
 if TYPE_CHECKING:
-    from haptorb.devices.spherical_motor import SphericalMotor
+    from haptorb.devices.motor_parts import MotorParts
 
 __all__ = ["MotorTables", "motor_tables"]
 
@@ -25,7 +25,7 @@ class MotorTables:
     torque_pair: PairTable
     field_pair: PairTable
 
-    def torque(self, motor: SphericalMotor, R: Array) -> Array:
+    def torque(self, motor: MotorParts, R: Array) -> Array:
         """(n, 3, coils) torque on the rotor per ampere in every coil [N·m/A], for R (n, 3, 3)."""
         coils = motor.electromagnets.directions
         out = np.empty((len(R), 3, len(coils)))
@@ -35,7 +35,7 @@ class MotorTables:
         )
         return out
 
-    def field(self, motor: SphericalMotor, R: Array) -> Array:
+    def field(self, motor: MotorParts, R: Array) -> Array:
         """(n, sensors, 3) flux density at the sensors [T], stator frame, for R (n, 3, 3)."""
         sensors = motor.sensor_layout.directions
         out = np.empty((len(R), len(sensors), 3))
@@ -46,7 +46,7 @@ class MotorTables:
         return out
 
 
-def motor_tables(motor: SphericalMotor, progress: Progress | None = None) -> MotorTables:
+def motor_tables(motor: MotorParts, progress: Progress | None = None) -> MotorTables:
     """Built from the exact level, or read from the cache; PrecisionError if the parts are too close for a table."""
     magnet, out = motor.magnet, motor.magnets.distance
     return MotorTables(

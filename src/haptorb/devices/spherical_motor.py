@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet import FieldSensors
+from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.handle import EndStop, Grasp, HallQuality
 from haptorb.devices.layouts import Layout
 from haptorb.devices.motor_levels import (

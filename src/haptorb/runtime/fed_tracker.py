@@ -9,9 +9,8 @@ import numpy as np
 from haptorb.errors import InputError
 from haptorb.physics.arrays import Array
 from haptorb.physics.compiled import kernel
-from haptorb.runtime.pointer import Goal
 from haptorb.runtime.tracked_block import TrackedBlock
-from haptorb.runtime.tracker import Tracker
+from haptorb.runtime.tracker import Goal, Tracker
 from haptorb.sensing.sample import Pose
 
 __all__ = ["FARTHEST", "PREDICTION", "FedTracker", "known_prediction"]

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from haptorb import __version__
 from haptorb.devices.device import Device
 from haptorb.runtime.shared import Shared
 from haptorb.runtime.tracker_door import Preparation
 from haptorb.sensing.tracker_frame import TrackerFrame
+from haptorb.version import __version__
 
 __all__ = ["notes", "recorder_spec", "tracker_spec"]
 

@@ -6,13 +6,12 @@ from abc import ABC, abstractmethod
 from typing import NamedTuple, final
 
 from haptorb.physics.arrays import Array
-from haptorb.physics.record import record
 from haptorb.runtime.guide import Guide, OverDome
 from haptorb.runtime.pointer_pose import PointerPose
-from haptorb.runtime.tracker import Tracker
+from haptorb.runtime.tracker import Goal, Tracker
 from haptorb.sensing.sample import Pose
 
-__all__ = ["Goal", "Pointed", "PointerSource", "PointerTracker"]
+__all__ = ["Pointed", "PointerSource", "PointerTracker"]
 
 _RELEASE = 1.5  #: time in which a released hand returns to rest [s]
 
@@ -34,22 +33,6 @@ class PointerSource(ABC):
         """The pointer as last written; never waits."""
 
 
-@record
-class Goal:
-    """Where the hand wants the tool, and since when that is known.
-
-    p      (3,) tool's magnet centre [m], frame S
-    q      (4,) quaternion (x, y, z, w) of R_SR
-    stamp  time of this wish on the loop's clock [s]: a pointer that is no longer refreshed grows old
-    held   a person holds the pointer; False: the guided motion
-    """
-
-    p: Array
-    q: Array
-    stamp: float
-    held: bool
-
-
 @final
 class PointerTracker(Tracker):
     """Follows the host's pointer while it is held; plays the guided motion until it is held for the first time.
@@ -65,7 +48,7 @@ class PointerTracker(Tracker):
         self._last: tuple[Array, Array] | None = None  # where a held pointer was last
         self._released = 0.0
         self._rest = self._guide.at(self._guide.duration)
-        self._word = PointerPose(self)
+        self._pose = PointerPose()
 
     @property
     def guide(self) -> Guide:
@@ -96,4 +79,4 @@ class PointerTracker(Tracker):
 
     def pose(self, now: float) -> Pose:
         """The pointer as the pose of a real tool: believed only while a person holds it."""
-        return self._word(now)
+        return self._pose(self.goal(now), now)

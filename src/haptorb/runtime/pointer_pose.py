@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, final
+from typing import final
 
 import numpy as np
 
 from haptorb.physics.arrays import Array
+from haptorb.runtime.tracker import Goal
 from haptorb.sensing.sample import Pose
-
-if TYPE_CHECKING:
-    from haptorb.runtime.pointer import PointerTracker
 
 __all__ = ["PointerPose"]
 
@@ -25,15 +23,13 @@ class PointerPose:
     so then the pose is not valid. The velocity is that between the pointer's last two words.
     """
 
-    def __init__(self, tracker: PointerTracker) -> None:
-        self._tracker = tracker
+    def __init__(self) -> None:
         self._p = np.zeros(3)
         self._v = np.zeros(3)
         self._stamp = -np.inf
 
-    def __call__(self, now: float) -> Pose:
-        """The pose at `now` [s]."""
-        goal = self._tracker.goal(now)
+    def __call__(self, goal: Goal, now: float) -> Pose:
+        """The pose at `now` [s], when the pointer's word is `goal`."""
         if not goal.held:
             self._stamp = -np.inf
             return Pose(now, _rotation(goal.q), goal.p, np.zeros(3), np.zeros(3), valid=False)

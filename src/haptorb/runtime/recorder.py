@@ -10,10 +10,10 @@ from typing import BinaryIO, final
 
 from mcap.writer import CompressionType, Writer
 
-import haptorb
 from haptorb.physics.arrays import Array
 from haptorb.runtime.mcap_schema import CDR_HEADER, ENCODING, MESSAGE_ENCODING, NAME, TOPIC, schema
 from haptorb.runtime.row import RowLayout
+from haptorb.version import __version__
 
 __all__ = ["Recorder"]
 
@@ -38,7 +38,7 @@ class Recorder:
         size = len(CDR_HEADER) + 8 * layout.width
         chunk = min(_CHUNK, int(rate * _LONGEST) * size)
         self._writer = Writer(file, chunk_size=max(chunk, 1), compression=CompressionType.ZSTD)
-        self._writer.start(profile="ros2", library=f"haptorb {haptorb.__version__}")
+        self._writer.start(profile="ros2", library=f"haptorb {__version__}")
         schema_id = self._writer.register_schema(NAME, ENCODING, schema(layout).encode())
         self._channel = self._writer.register_channel(TOPIC, MESSAGE_ENCODING, schema_id)
         self.note("layout", {"channels": str(layout.channels), "sensors": str(layout.sensors), "rate_hz": str(rate)})

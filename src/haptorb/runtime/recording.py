@@ -17,6 +17,7 @@ from haptorb.errors import RecordingError, UnknownName, shown
 from haptorb.physics.arrays import Array
 from haptorb.runtime.mcap_rows import MAGIC, Block, records
 from haptorb.runtime.mcap_schema import CDR_HEADER, NAME, TOPIC, fields_of
+from haptorb.runtime.recording_plot import plot
 from haptorb.runtime.row import Field, RowLayout
 
 if TYPE_CHECKING:
@@ -152,8 +153,6 @@ class Recording:
     def plot(self, path: str | Path | None = None) -> Figure:
         """A figure of the run: force asked and given, currents, temperatures, lateness; written to `path` (PNG, SVG,
         PDF) if one is given. Raises RecordingError if there are no rows, or if `path` cannot be written."""
-        from haptorb.runtime.recording_plot import plot
-
         return plot(self, path)
 
     def _parts(self, file: BinaryIO) -> Iterator[Array]:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from haptorb.errors import RecordingError
 from haptorb.physics.arrays import Array
+from haptorb.runtime.row import Field
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from haptorb.runtime.recording import Recording
 
 __all__ = ["plot"]
 
@@ -26,7 +26,32 @@ _FIELDS = ("t", "given", "modelled", "asked", "currents", "boundary", "winding",
 _POINTS = 4000  #: per curve; more are joined so that no peak is lost
 
 
-def plot(recording: Recording, path: str | Path | None = None) -> Figure:
+class Fields(Protocol):
+    """What is plotted of a recording."""
+
+    path: Path
+    fields: tuple[Field, ...]
+    truncated: bool
+
+    @property
+    def t(self) -> Array:
+        """(n,) time on the loop's clock [s]."""
+
+    @property
+    def metadata(self) -> Mapping[str, Mapping[str, str]]:
+        """The device, the run and the versions."""
+
+    def require(self, *names: str) -> None:
+        """RecordingError unless all these fields are there, as wide as today."""
+
+    def __getitem__(self, name: str) -> Array:
+        """A field of all ticks, shape (n, width), or (n,) where the width is 1."""
+
+    def __len__(self) -> int:
+        """Rows recorded."""
+
+
+def plot(recording: Fields, path: str | Path | None = None) -> Figure:
     """The figure; written to `path` if one is given.
 
     Raises RecordingError if the recording has no rows, or if the figure cannot be written.
@@ -66,7 +91,7 @@ def plot(recording: Recording, path: str | Path | None = None) -> Figure:
     return figure
 
 
-def _wrench(axes: Axes, recording: Recording, t: Array) -> None:
+def _wrench(axes: Axes, recording: Fields, t: Array) -> None:
     """Asked dashed, given solid; where nobody knows what was given, the controller's own model stands in.
 
     The force; of a device that gave and was asked for none, the torque.
@@ -85,7 +110,7 @@ def _wrench(axes: Axes, recording: Recording, t: Array) -> None:
     axes.set_ylabel("torque [N·m]" if turning else "force [N]")
 
 
-def _energy(axes: Axes, recording: Recording, t: Array) -> None:
+def _energy(axes: Axes, recording: Fields, t: Array) -> None:
     """What the hand was given, and where damping was injected because sampling and delay had made energy."""
     if not {"energy", "injected"} <= {field.name for field in recording.fields}:  # an older recording
         return
@@ -97,13 +122,13 @@ def _energy(axes: Axes, recording: Recording, t: Array) -> None:
     axes.set_ylabel("energy [mJ]")
 
 
-def _currents(axes: Axes, recording: Recording, t: Array) -> None:
+def _currents(axes: Axes, recording: Fields, t: Array) -> None:
     for i, values in enumerate(_columns(recording["currents"])):
         axes.plot(*_joined(t, values), color=_COLOURS[i % 6], linewidth=1.0, label=f"coil {i + 1}")
     axes.set_ylabel("current [A]")
 
 
-def _temperatures(axes: Axes, recording: Recording, t: Array) -> None:
+def _temperatures(axes: Axes, recording: Fields, t: Array) -> None:
     """Windings solid (observed), boundaries dotted (measured)."""
     for i, values in enumerate(_columns(recording["boundary"])):  # first: their noise must not hide the windings
         axes.plot(*_joined(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=0.7, linestyle=":", alpha=0.4)
@@ -113,7 +138,7 @@ def _temperatures(axes: Axes, recording: Recording, t: Array) -> None:
     axes.set_ylabel("temperature [°C]")
 
 
-def _lateness(axes: Axes, recording: Recording, t: Array) -> None:
+def _lateness(axes: Axes, recording: Fields, t: Array) -> None:
     late = np.maximum(1e6 * recording["lateness"], 0.1)
     axes.plot(t, late, ".", markersize=1.5, color=_FAINT, rasterized=True)
     skipped = recording["missed"] > 0
@@ -125,7 +150,7 @@ def _lateness(axes: Axes, recording: Recording, t: Array) -> None:
     axes.set_ylabel("lateness [µs]")
 
 
-def _trips(axes: Axes, recording: Recording, t: Array) -> None:
+def _trips(axes: Axes, recording: Fields, t: Array) -> None:
     """A line wherever the guard switched off."""
     tripped = recording["guard"] == 4
     begins = np.flatnonzero(tripped & ~np.concatenate(([False], tripped[:-1])))

@@ -8,14 +8,28 @@ unknown: no tracker ever invents one.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING
 
+from haptorb.physics.arrays import Array
+from haptorb.physics.record import record
 from haptorb.sensing.sample import Pose
 
-if TYPE_CHECKING:
-    from haptorb.runtime.pointer import Goal
+__all__ = ["Goal", "Tracker"]
 
-__all__ = ["Tracker"]
+
+@record
+class Goal:
+    """Where the hand wants the tool, and since when that is known.
+
+    p      (3,) tool's magnet centre [m], frame S
+    q      (4,) quaternion (x, y, z, w) of R_SR
+    stamp  time of this wish on the loop's clock [s]: a pointer that is no longer refreshed grows old
+    held   a person holds the pointer; False: the guided motion
+    """
+
+    p: Array
+    q: Array
+    stamp: float
+    held: bool
 
 
 class Tracker(ABC):

@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.devices.electromagnet import FieldSensors, SphericalElectromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import InputError
 from haptorb.physics.arrays import Array, finite, vectors

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-import haptorb
 from haptorb.apps.console.servant import Servant
 from haptorb.apps.console.target import target_scene
 from haptorb.apps.console.wire import Columns
@@ -16,6 +15,7 @@ from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.spherical_motor import SphericalMotor
 from haptorb.errors import InputError
 from haptorb.runtime.tracker_door import fed
+from haptorb.version import __version__
 from haptorb.worlds import CATALOGUE, World
 from haptorb.worlds.parameter import parameters
 
@@ -106,7 +106,7 @@ def session(servo: Servant, started: str) -> dict[str, Any]:
     device = servo.device
     heat = device.coils.heat
     return {
-        "version": haptorb.__version__,
+        "version": __version__,
         "started": started,
         "simulated": servo.driver == "sim",
         "steered": not fed(servo.tracker),

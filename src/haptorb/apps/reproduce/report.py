@@ -10,10 +10,10 @@ from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from haptorb import __version__
 from haptorb.apps.reproduce.item import VERDICTS, Item
 from haptorb.apps.reproduce.place import ROUNDING
 from haptorb.apps.reproduce.registry import Drawing, Reproduction
+from haptorb.version import __version__
 
 __all__ = ["Made", "report_page", "summary"]
 

@@ -23,10 +23,10 @@ from haptorb.devices.wrench_map import WrenchMap
 from haptorb.physics.arrays import Array
 from haptorb.runtime.assembly import allocator_of, estimator_of
 from haptorb.runtime.guided_handle import turned
-from haptorb.runtime.pointer import Goal
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.sim_driver import SimDriver
 from haptorb.runtime.tick import Tick
+from haptorb.runtime.tracker import Goal
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.sample import Estimate, Sample
 from haptorb.simulation.motor import SimulatedMotor

@@ -19,8 +19,8 @@ from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.physics import dipole
 from haptorb.physics.arrays import Array
 from haptorb.runtime.assembly import electromagnet
-from haptorb.runtime.pointer import Goal
 from haptorb.runtime.sim_driver import SimDriver
+from haptorb.runtime.tracker import Goal
 from haptorb.sensing.magnetic_calibration import MagneticCalibration, excitation, magnetic_calibration
 
 __all__ = ["MomentCourse", "items", "moment_course"]

@@ -16,10 +16,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from haptorb import __version__
 from haptorb.apps.study.columns import COLUMNS, Columns
 from haptorb.apps.study.study_file import Study
 from haptorb.errors import RecordingError
+from haptorb.version import __version__
 
 __all__ = ["Replies", "plain", "write_bids", "write_csv", "write_parquet", "write_replies"]
 

@@ -14,7 +14,6 @@ from sqlalchemy import func, select
 from sqlalchemy.engine import Connection, Engine
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
-from haptorb import __version__
 from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.claim import Claim
@@ -24,6 +23,7 @@ from haptorb.apps.study.order import plan, procedure_of
 from haptorb.apps.study.study_file import Study
 from haptorb.apps.study.study_parts import Question
 from haptorb.errors import InputError, RecordingError
+from haptorb.version import __version__
 
 __all__ = ["Sitting", "known_code"]
 

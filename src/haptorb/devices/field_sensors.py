@@ -1,0 +1,18 @@
+"""Field sensors on a stator: where they are, and how finely they read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from haptorb.physics.arrays import Array
+
+__all__ = ["FieldSensors"]
+
+
+@dataclass(frozen=True)
+class FieldSensors:
+    """Three-axis field sensors fixed to the stator."""
+
+    positions: Array  #: (k, 3) [m]
+    noise: float  #: standard deviation of one reading [T]
+    step: float  #: quantum of one reading [T]
