@@ -28,7 +28,7 @@ from playwright.sync_api import Page, sync_playwright
 from haptorb.apps.check.machine import Watch
 from haptorb.apps.console import Console
 from haptorb.devices.loader import load
-from haptorb.runtime.servo import Servo
+from haptorb.runtime.servo.servo import Servo
 
 FLAGS = (
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),

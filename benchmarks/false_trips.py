@@ -17,7 +17,7 @@ from time import monotonic, sleep
 
 import numpy as np
 
-from haptorb.runtime.servo import Servo
+from haptorb.runtime.servo.servo import Servo
 
 
 def compute() -> None:

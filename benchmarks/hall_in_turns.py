@@ -26,15 +26,15 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from haptorb.apps.reproduce.zarate2020_hall_trial import clamped, shell_places
-from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.apps.reproduce.zarate2020.hall_trial import clamped, shell_places
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import DriverError
-from haptorb.physics.arrays import Array
-from haptorb.runtime.assembly import electromagnet, estimator_of
-from haptorb.runtime.emulator import EmulatedDevice, Emulator
-from haptorb.runtime.serial_driver import SerialDriver
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.drivers.serial.emulator import EmulatedDevice, Emulator
+from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
+from haptorb.runtime.tick.assembly import electromagnet, estimator_of
 from haptorb.sensing.estimator import Estimator
 
 BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"

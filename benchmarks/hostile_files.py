@@ -37,22 +37,22 @@ from haptorb.apps.calibrate.progress_file import ProgressFile
 from haptorb.apps.calibrate.record import thermal_record
 from haptorb.apps.calibrate.steps import STEPS, calibration_of
 from haptorb.apps.cli.run import values_of
-from haptorb.apps.design.candidates import load_designs
-from haptorb.apps.design.session import Session
-from haptorb.apps.study.study_file import read_study
+from haptorb.apps.feel.candidates import load_designs
+from haptorb.apps.feel.session import Session
+from haptorb.apps.study.model.study_file import read_study
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, HaptorbError, RecordingError
-from haptorb.runtime.calibration_file import read_calibration, read_frame
-from haptorb.runtime.recorder import Recorder
-from haptorb.runtime.recording import Recording
-from haptorb.runtime.replay_feed import played
+from haptorb.runtime.exchange.world_change import changed, request, requested
+from haptorb.runtime.recording.recorder import Recorder
+from haptorb.runtime.recording.recording import Recording
 from haptorb.runtime.row import RowLayout
-from haptorb.runtime.world_change import changed, request, requested
-from haptorb.sensing.calibration import Calibration
-from haptorb.sensing.network import TrainedNetworks
-from haptorb.sensing.network_file import read_networks, write_networks
-from haptorb.sensing.perceptron import Perceptron, Scaling
-from haptorb.sensing.tracker_frame import TrackerFrame
+from haptorb.runtime.trackers.replay_feed import played
+from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.sensing.calibration_file import read_calibration, read_frame
+from haptorb.sensing.frame.tracker_frame import TrackerFrame
+from haptorb.sensing.torque_maps.network import TrainedNetworks
+from haptorb.sensing.torque_maps.network_file import read_networks, write_networks
+from haptorb.sensing.torque_maps.perceptron import Perceptron, Scaling
 
 SLOW = 2.0  #: of the processor's time for one file [s]
 MEMORY = 512 * 1024  #: more than before, for all files of a kind [kB]
@@ -329,7 +329,7 @@ def kinds(folder: Path) -> list[Kind]:
             raise CalibrationError(progress.left)
         return progress
 
-    designs = load_designs(Path(str(files("haptorb.apps.design") / "example.toml")))
+    designs = load_designs(Path(str(files("haptorb.apps.feel") / "example.toml")))
 
     def of_ratings(path: Path) -> object:
         (folder / "session").mkdir(exist_ok=True)
@@ -371,7 +371,7 @@ def kinds(folder: Path) -> list[Kind]:
         Kind("device", (catalogue / "omni.toml").read_bytes(), ".toml", load),
         Kind("motor", (catalogue / "pmsm.toml").read_bytes(), ".toml", load),
         Kind("variant", (catalogue / "pmsm-in-phase.toml").read_bytes(), ".toml", load),
-        Kind("design", (files("haptorb.apps.design") / "example.toml").read_bytes(), ".toml", load_designs),
+        Kind("design", (files("haptorb.apps.feel") / "example.toml").read_bytes(), ".toml", load_designs),
         Kind("study", STUDY, ".toml", read_study),
         Kind("calibration", calibration.text().encode(), ".json", of_calibration),
         Kind("frame", frame.text().encode(), ".json", of_frame),
@@ -386,7 +386,7 @@ def kinds(folder: Path) -> list[Kind]:
 
 def _sealed(good: bytes, chance: random.Random) -> bytes:
     """A network file with another head, whose hash is right."""
-    from haptorb.sensing.network_file import _seal
+    from haptorb.sensing.torque_maps.network_file import _seal
 
     line, _, numbers = good.partition(b"\n")
     head = json.loads(line)

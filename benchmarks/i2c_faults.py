@@ -30,14 +30,14 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.control.trip import CoilState
+from haptorb.control.protection.trip import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError
-from haptorb.runtime.i2c_driver import I2cDriver
-from haptorb.runtime.i2c_guardian import Guardian, switch_off
-from haptorb.runtime.i2c_port import Port
-from haptorb.runtime.pca9685 import Pca9685
-from haptorb.runtime.realtime import punctual
+from haptorb.runtime.drivers.i2c.i2c_chips import Port
+from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
+from haptorb.runtime.drivers.i2c.i2c_guardian import Guardian, switch_off
+from haptorb.runtime.drivers.i2c.pca9685 import Pca9685
+from haptorb.runtime.realtime.kernel_requests import punctual
 from haptorb.simulation.chips import ChipBus
 
 LIMIT = 0.020  #: from the first answer of the bus to registers that read zero; for noticing the guardian's end [s]
@@ -51,7 +51,7 @@ NONE = np.zeros(3)
 GUARDIAN = """
 import sys
 from multiprocessing.connection import Client
-from haptorb.runtime.i2c_guardian import serve
+from haptorb.runtime.drivers.i2c.i2c_guardian import serve
 class Bus:
     def __init__(self):
         self.line = Client(sys.argv[1], "AF_UNIX")

@@ -20,13 +20,13 @@ from pathlib import Path
 
 import numpy as np
 
-from haptorb.runtime.board import Board
-from haptorb.runtime.board_reading import READING_BYTES, At
-from haptorb.runtime.board_words import Standing
-from haptorb.runtime.emulator import Emulator
-from haptorb.runtime.frames import Frame, encoded
-from haptorb.runtime.protocol import READING, set_duties
-from haptorb.runtime.serial_port import BAUD
+from haptorb.runtime.drivers.serial.board import Board
+from haptorb.runtime.drivers.serial.codes import Standing
+from haptorb.runtime.drivers.serial.emulator import Emulator
+from haptorb.runtime.drivers.serial.frames import Frame, encoded
+from haptorb.runtime.drivers.serial.protocol import READING, set_duties
+from haptorb.runtime.drivers.serial.reading import READING_BYTES, At
+from haptorb.runtime.drivers.serial.serial_port import BAUD
 
 BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"
 

@@ -29,21 +29,21 @@ import numpy as np
 
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.console import room as console_room
+from haptorb.apps.study.model.study_file import study_of
 from haptorb.apps.study.pages import room as study_room
 from haptorb.apps.study.pages.reception import Reception
-from haptorb.apps.study.study_file import study_of
-from haptorb.control.trip import GuardState, Trip
+from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, HaptorbError
-from haptorb.runtime.assembly import assemble
-from haptorb.runtime.commands import Commands
-from haptorb.runtime.driver import Driver
-from haptorb.runtime.loop import Loop
-from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.drivers.driver import Driver
+from haptorb.runtime.exchange.commands import Commands
+from haptorb.runtime.exchange.shared_memory import Shared, Word
+from haptorb.runtime.exchange.world_change import request
+from haptorb.runtime.pointer.pointer import PointerTracker
+from haptorb.runtime.processes.loop import Loop
+from haptorb.runtime.realtime.schedule import Schedule
 from haptorb.runtime.row import RowLayout
-from haptorb.runtime.schedule import Schedule
-from haptorb.runtime.shared import Shared, Word
-from haptorb.runtime.world_change import request
+from haptorb.runtime.tick.assembly import assemble
 from haptorb.worlds import named
 
 RATE, START = 1000.0, 1_000_000_000

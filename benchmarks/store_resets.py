@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from haptorb.errors import DriverError
-from haptorb.runtime.board import Board
-from haptorb.runtime.board_words import Refusal
-from haptorb.runtime.emulator import Emulator
+from haptorb.runtime.drivers.serial.board import Board
+from haptorb.runtime.drivers.serial.codes import Refusal
+from haptorb.runtime.drivers.serial.emulator import Emulator
 
 BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"
 LONGEST = 0.13  #: of firmware time from STORE to the reset [s]; all bytes take 0.075 s

@@ -14,11 +14,11 @@ import time
 from pathlib import Path
 
 from haptorb.apps.asking.prompt import Answer
-from haptorb.apps.study.database import database, trials
-from haptorb.apps.study.desk import analysis_of
-from haptorb.apps.study.report import write_report
-from haptorb.apps.study.sitting import Sitting
-from haptorb.apps.study.study_file import study_of
+from haptorb.apps.study.analysis.load_analysis import analysis_of
+from haptorb.apps.study.analysis.report import write_report
+from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.store.database import database, trials
 
 
 def filled(place: Path, count: int) -> None:

@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 
 from haptorb.apps.asking.prompt import Answer
-from haptorb.apps.study.order import plan, procedure_of
+from haptorb.apps.study.model.order import plan, procedure_of
+from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.pages.reception import Reception
 from haptorb.apps.study.pages.room import Page, Room
-from haptorb.apps.study.study_file import Study, study_of
-from haptorb.control.trip import CoilState, GuardState, Trip
+from haptorb.control.protection.trip import CoilState, GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import RecordingError, ServoError
 from haptorb.runtime.row import RowLayout

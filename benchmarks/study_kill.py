@@ -26,10 +26,10 @@ from typing import Any
 WORKER = """
 import os, sys
 from sqlalchemy import select, func
-from haptorb.apps.study.database import database, sessions
-from haptorb.apps.study.participant import Participant
-from haptorb.apps.study.sitting import Sitting
-from haptorb.apps.study.study_file import study_of
+from haptorb.apps.study.store.database import database, sessions
+from haptorb.apps.study.simulated.participant import Participant
+from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.model.study_file import study_of
 points = ", ".join(f"{{ number = {n}, theta_deg = {9 * n} }}" for n in range(1, 6))
 study = study_of(f'name = "killed"\\n[set_points]\\npoints = [{points}]\\n[trials]\\nrepetitions = 10')
 def work(told):

@@ -30,12 +30,12 @@ from sqlalchemy import text
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from haptorb.apps.study.database import database
+from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.pages.host import Host
 from haptorb.apps.study.pages.reception import Reception
-from haptorb.apps.study.study_file import Study, study_of
-from haptorb.control.trip import GuardState
-from haptorb.runtime.servo import Servo
+from haptorb.apps.study.store.database import database
+from haptorb.control.protection.trip import GuardState
+from haptorb.runtime.servo.servo import Servo
 
 LIMIT = 20.0  #: [ms]
 STATES = ("starting", "consent", "question", "running", "time is up", "pause", "break", "paused")

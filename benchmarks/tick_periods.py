@@ -17,14 +17,14 @@ from itertools import cycle
 
 import numpy as np
 
-from haptorb.control.trip import Trip
+from haptorb.control.protection.trip import Trip
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
-from haptorb.physics.arrays import Array
-from haptorb.runtime.assembly import allocator_of, estimator_of, linkage_of
-from haptorb.runtime.sim_driver import SimDriver
-from haptorb.runtime.tick import Tick
-from haptorb.runtime.tracker import Goal
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.tick.assembly import allocator_of, estimator_of, linkage_of
+from haptorb.runtime.tick.tick import Tick
+from haptorb.runtime.trackers.tracker import Goal
 from haptorb.worlds.world import World
 
 MS = 1e-3

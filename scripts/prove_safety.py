@@ -16,35 +16,48 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 
-GUARD, GUARD_TESTS = "control/guard_rules.py", "tests/control/test_guard.py"
-DOOR, ANSWER = "control/guard.py", "runtime/answer.py"
-DRIVE, DRIVE_TESTS = "control/drive.py", "tests/control/test_drive.py"
-PASSIVITY, PASSIVITY_TESTS = "control/passivity.py", "tests/control/test_passivity.py"
-TICK, TICK_TESTS = "runtime/tick.py", "tests/runtime/test_tick.py"
-TRACKER_TESTS, FEED_TESTS = "tests/contracts/test_trackers.py", "tests/runtime/test_trackers.py"
-SENDER, SENDER_TESTS = "runtime/sender_clock.py", "tests/runtime/test_sender_clock.py"
-SERIAL, SERIAL_TESTS = "runtime/serial_driver.py", "tests/runtime/test_serial_driver.py"
+GUARD, GUARD_TESTS = "control/protection/guard_rules.py", "tests/control/protection/test_guard.py"
+DOOR, ANSWER = "control/protection/guard.py", "runtime/tick/kernels.py"
+DRIVE, DRIVE_TESTS = "control/protection/drive.py", "tests/control/protection/test_drive.py"
+PASSIVITY, PASSIVITY_TESTS = "control/protection/passivity.py", "tests/control/protection/test_passivity.py"
+TICK, TICK_TESTS = "runtime/tick/tick.py", "tests/runtime/tick/test_tick.py"
+TRACKER_TESTS, FEED_TESTS = "tests/contracts/test_trackers.py", "tests/runtime/trackers/test_trackers.py"
+SENDER, SENDER_TESTS = "runtime/trackers/sender_clock.py", "tests/runtime/trackers/test_sender_clock.py"
+SERIAL, SERIAL_TESTS = "runtime/drivers/serial/serial_driver.py", "tests/runtime/drivers/serial/test_serial_driver.py"
 GUIDED_TESTS = "tests/apps/calibrate/test_guided.py"
-FRAME_TESTS, FRAMED_TESTS = "tests/sensing/test_frame_registration.py", "tests/runtime/test_framed_feed.py"
+FRAME_TESTS, FRAMED_TESTS = (
+    "tests/sensing/frame/test_frame_registration.py",
+    "tests/runtime/trackers/test_framed_feed.py",
+)
 
-ORIENTATION_TESTS, MAP_TESTS = "tests/sensing/test_orientation.py", "tests/sensing/test_torque_maps.py"
+ORIENTATION_TESTS, MAP_TESTS = (
+    "tests/sensing/orientation/test_least_squares.py",
+    "tests/sensing/torque_maps/test_torque_maps.py",
+)
 
-SWITCH, GUARDIAN, I2C = "runtime/coil_switch.py", "runtime/i2c_guardian.py", "runtime/i2c_driver.py"
-I2C_TESTS, LOCK_TESTS = "tests/runtime/test_i2c_faults.py", "tests/runtime/test_i2c_lock.py"
+SWITCH, GUARDIAN, I2C = (
+    "runtime/drivers/i2c/coil_switch.py",
+    "runtime/drivers/i2c/i2c_guardian.py",
+    "runtime/drivers/i2c/i2c_driver.py",
+)
+I2C_TESTS, LOCK_TESTS = "tests/runtime/drivers/i2c/test_i2c_faults.py", "tests/runtime/drivers/i2c/test_i2c_lock.py"
 HOSTILE = "tests/contracts/test_hostile_files.py"
 PAGES, PAGES_TESTS = "apps/study/pages/room.py", "tests/apps/study/test_pages.py"
-HALT, STOP_TESTS = "apps/study/halt.py", "tests/apps/study/test_stop.py"
+HALT, STOP_TESTS = "apps/study/session/halt.py", "tests/apps/study/test_stop.py"
 CONSOLE, CONSOLE_TESTS = "apps/console/room.py", "tests/apps/console/test_room.py"
 
-CHILDREN, HOSTILE_TESTS = "runtime/children.py", "tests/runtime/test_hostile_worlds.py"
-STALLED_TESTS, LEFTOVER_TESTS = "tests/runtime/test_stalled_recorder.py", "tests/runtime/test_leftovers.py"
+CHILDREN, HOSTILE_TESTS = "runtime/servo/process_group.py", "tests/runtime/processes/test_hostile_worlds.py"
+STALLED_TESTS, LEFTOVER_TESTS = (
+    "tests/runtime/processes/test_stalled_recorder.py",
+    "tests/runtime/realtime/test_stale_files.py",
+)
 
 #: (rule, file in the package, code that keeps it, code without it, tests that must go red)
 PROOFS = [
     ("off is the default", DOOR, "= GuardState.OFF", "= GuardState.RUNNING", GUARD_TESTS),
     (
         "units are read and not evaluated",
-        "devices/quantity.py",
+        "devices/schema/quantity.py",
         "_registry().Quantity(number, _unit(name))",
         "_registry().Quantity(number, name or 'dimensionless')",
         f"{HOSTILE}::test_a_unit_is_read_and_not_evaluated",
@@ -58,21 +71,21 @@ PROOFS = [
     ),
     (
         "a chunk of a recording is asked for its size before it is made",
-        "runtime/mcap_rows.py",
+        "runtime/recording/mcap_rows.py",
         "if max(told) > min(_CHUNK, room):",
         "if False:",
         f"{HOSTILE}::test_a_chunk_that_says_it_is_a_gigabyte_is_refused_before_it_is_made",
     ),
     (
         "a recording is as open as the umask says",
-        "runtime/recording_file.py",
+        "runtime/recording/recording_file.py",
         "0o666 & ~mask",
         "0o644",
         f"{HOSTILE}::test_a_recording_is_as_open_as_its_owner_wants_files",
     ),
     (
         "an id is kept when the EEPROM has it",
-        "runtime/board.py",
+        "runtime/drivers/serial/board.py",
         ").refusal is Refusal.WRITING and",
         ").refusal is None and",
         SERIAL_TESTS,
@@ -111,7 +124,7 @@ PROOFS = [
         "coils[_VOLTS, j] / coils[_SQUARES, j]",
         DRIVE_TESTS,
     ),
-    ("a reversed magnet trips", GUARD, "if reversed:", "if False:", "tests/runtime/test_hall_loop.py"),
+    ("a reversed magnet trips", GUARD, "if reversed:", "if False:", "tests/runtime/tick/test_hall_loop.py"),
     ("damping brakes", PASSIVITY, "out[i] -= damping *", "out[i] += damping *", PASSIVITY_TESTS),
     ("damping is bounded", PASSIVITY, "min(most, -balance * passed / square)", "1e3 * most", PASSIVITY_TESTS),
     ("active worlds are left alone", PASSIVITY, "if passive and balance < 0.0", "if balance < 0.0", PASSIVITY_TESTS),
@@ -125,24 +138,24 @@ PROOFS = [
     ("duties are bounded", DRIVE, "if largest > 1.0:", "if False:", DRIVE_TESTS),
     (
         "a silent host is dead",
-        "runtime/loop.py",
+        "runtime/processes/loop.py",
         "if silence > _LATE:",
         "if False:",
-        "tests/runtime/test_loop.py",
+        "tests/runtime/processes/test_loop.py",
     ),
     (
         "a stopped host is dead within 100 ms",
-        "runtime/host_life.py",
+        "runtime/realtime/host_heartbeat.py",
         'if self._state() in ("T", "t"):',
         "if False:",
-        "tests/runtime/test_host_life.py",
+        "tests/runtime/realtime/test_host_heartbeat.py",
     ),
     (
         "a host that computes is not taken for dead",
-        "runtime/host_life.py",
+        "runtime/realtime/host_heartbeat.py",
         'if self._state() in ("T", "t"):',
         "if True:",
-        "tests/runtime/test_host_life.py",
+        "tests/runtime/realtime/test_host_heartbeat.py",
     ),
     (
         "a world that hears nothing is told",
@@ -153,14 +166,14 @@ PROOFS = [
     ),
     (
         "a servo that hangs ends without its host",
-        "runtime/end_timer.py",
+        "runtime/realtime/kill_timer.py",
         "signal=int(signal.SIGKILL)",
         "signal=int(signal.SIGWINCH)",
         HOSTILE_TESTS,
     ),
     (
         "a forked world is no second loop",
-        "runtime/servo_process.py",
+        "runtime/processes/servo_process.py",
         "partial(os._exit, _FORKED)",
         "int",
         HOSTILE_TESTS,
@@ -182,17 +195,17 @@ PROOFS = [
     ("a stalled recorder is told", CHILDREN, "if writing and still > _STALLED else", "if False else", STALLED_TESTS),
     (
         "the living keep their files",
-        "runtime/leftovers.py",
+        "runtime/realtime/stale_files.py",
         "fcntl.LOCK_EX | fcntl.LOCK_NB",
         "fcntl.LOCK_UN",
         LEFTOVER_TESTS,
     ),
     (
         "an engage that was asked for before a stop is void",
-        "runtime/loop.py",
+        "runtime/processes/loop.py",
         "if engage_stops(engage) == stops & 0xFFFF_FFFF:",
         "if True:",
-        "tests/runtime/test_loop.py",
+        "tests/runtime/processes/test_loop.py",
     ),
     (
         "what stopped before the first pose is not cleared by the tracker",
@@ -207,14 +220,14 @@ PROOFS = [
     ("a sensor that lies trips", GUARD, "elif not plausible:", "elif False:", TICK_TESTS),
     (
         "a sensor that reads too little is found by the resistance that it makes",
-        "control/current_check.py",
+        "control/protection/current_check.py",
         " and _LOWEST <= c.ratio <= _HIGHEST",
         "",
-        "tests/control/test_current_check.py",
+        "tests/control/protection/test_current_check.py",
     ),
     (
         "a silent loop finds the simulated coils off",
-        "runtime/sim_driver.py",
+        "runtime/drivers/simulated.py",
         "if passed > self._silence + 1e-9:",
         "if False:",
         TICK_TESTS,
@@ -236,10 +249,10 @@ PROOFS = [
     ),
     (
         "what was prepared is not handed over once the driver is closed",
-        "runtime/sim_driver.py",
+        "runtime/drivers/simulated.py",
         "self._ready = None\n        self._open = False",
         "self._open = False",
-        "tests/runtime/test_sim_driver.py",
+        "tests/runtime/drivers/test_simulated.py",
     ),
     ("an allocation that fails trips", TICK, "self._failed(Trip.CURRENTS_NOT_FINITE, cause)", "pass", TICK_TESTS),
     (
@@ -251,93 +264,99 @@ PROOFS = [
     ),
     (
         "dead sensors are no weak magnets",
-        "sensing/gauss_newton.py",
+        "sensing/orientation/gauss_newton.py",
         "if wanted != strength:",
         "if False:",
         ORIENTATION_TESTS,
     ),
     (
         "readings that cannot be are left out",
-        "sensing/readings.py",
+        "sensing/orientation/readings.py",
         "if square <= limit * limit and np.isfinite(total):",
         "if True:",
         MAP_TESTS,
     ),
     (
         "networks of another device are refused",
-        "sensing/network.py",
+        "sensing/torque_maps/network.py",
         "if self.digest != motor.digest:",
         "if False:",
         MAP_TESTS,
     ),
     (
         "a field that nothing explains is no start",
-        "sensing/cold_start.py",
+        "sensing/orientation/cold_start.py",
         "residual <= _POOR * rms and 2 * outliers <= count",
         "True",
         ORIENTATION_TESTS,
     ),
     (
         "a field that nothing explains ends the tracking",
-        "sensing/orientation.py",
+        "sensing/orientation/least_squares.py",
         "or not rms * rms <= _POOR * _POOR * square / (3.0 * count)",
         "",
         ORIENTATION_TESTS,
     ),
     (
         "poses that are not finite are refused",
-        "runtime/reception.py",
+        "runtime/trackers/pose_filter.py",
         "if not isfinite(sum(map(abs, heard.p)) + sum(map(abs, heard.q))):",
         "if False:",
         TRACKER_TESTS,
     ),
     (
         "poses in millimetres are refused",
-        "runtime/reception.py",
+        "runtime/trackers/pose_filter.py",
         "if sqrt(sum(x * x for x in heard.p)) > _REACH:",
         "if False:",
         TRACKER_TESTS,
     ),
     (
         "a pose that jumped is lost",
-        "runtime/reception.py",
+        "runtime/trackers/pose_filter.py",
         "self._block.write(self._last._replace(valid=False, stamp=pose.stamp))",
         "pass",
         FEED_TESTS,
     ),
-    ("a jump is seen", "runtime/reception.py", "float(way @ way) > (_FASTEST * passed) ** 2", "False", FEED_TESTS),
-    ("one sender per tracker", "runtime/osc_feed.py", "if sender != self._sender:", "if False:", FEED_TESTS),
+    (
+        "a jump is seen",
+        "runtime/trackers/pose_filter.py",
+        "float(way @ way) > (_FASTEST * passed) ** 2",
+        "False",
+        FEED_TESTS,
+    ),
+    ("one sender per tracker", "runtime/trackers/osc_feed.py", "if sender != self._sender:", "if False:", FEED_TESTS),
     (
         "another sender comes through a loss",
-        "runtime/osc_feed.py",
+        "runtime/trackers/osc_feed.py",
         "if arrival < self._heard_from:",
         "if False:",
         FEED_TESTS,
     ),
     (
         "poses that come late are refused",
-        "runtime/reception.py",
+        "runtime/trackers/pose_filter.py",
         "not heard.stamp > self._stamp",
         "False",
         TRACKER_TESTS,
     ),
     (
         "a tracker that lost the tool says so",
-        "runtime/reception.py",
+        "runtime/trackers/pose_filter.py",
         "self._block.write(before._replace(valid=False, stamp=heard.stamp))",
         "pass",
         TRACKER_TESTS,
     ),
     (
         "prediction has an end",
-        "runtime/fed_tracker.py",
+        "runtime/trackers/fed_tracker.py",
         "min(max(age, 0.0), self._prediction)",
         "max(age, 0.0)",
         TRACKER_TESTS,
     ),
     (
         "a predicted pose does not grow younger",
-        "runtime/fed_tracker.py",
+        "runtime/trackers/fed_tracker.py",
         "return min(stamp, now)",
         "return now",
         TRACKER_TESTS,
@@ -358,42 +377,42 @@ PROOFS = [
     ),
     (
         "a sender beyond this computer needs the token",
-        "runtime/osc_feed.py",
+        "runtime/trackers/osc_feed.py",
         "if self._token:",
         "if False:",
         FEED_TESTS,
     ),
     (
         "a replay never moves a real device",
-        "runtime/tracker_door.py",
+        "runtime/trackers/tracker_registry.py",
         "if kind is _Replay and is_real(driver):",
         "if False:",
         FEED_TESTS,
     ),
     (
         "a left-handed tracker is refused",
-        "sensing/frame_doubts.py",
+        "sensing/frame/frame_checks.py",
         "if right > _APART / 2 and left < 0.3 * right:",
         "if False:",
         FRAME_TESTS,
     ),
     (
         "a tracker in millimetres is no frame",
-        "sensing/frame_doubts.py",
+        "sensing/frame/frame_checks.py",
         "if abs(scale - 1.0) <= _SCALE:",
         "if True:",
         FRAME_TESTS,
     ),
     (
         "a rehearsed frame moves no real device",
-        "runtime/tracker_door.py",
+        "runtime/trackers/tracker_registry.py",
         "if frame.simulated and is_real(driver):",
         "if False:",
         FRAMED_TESTS,
     ),
     (
         "a frame is of one tracker",
-        "sensing/tracker_frame.py",
+        "sensing/frame/tracker_frame.py",
         "if self.tracker != tracker:",
         "if False:",
         FRAMED_TESTS,
@@ -407,10 +426,10 @@ PROOFS = [
     ),
     (
         "chips whose sensors have one axis cannot steer by the field",
-        "runtime/i2c_driver.py",
+        "runtime/drivers/i2c/i2c_driver.py",
         "if axes < needed:",
         "if False:",
-        "tests/runtime/test_i2c_driver.py",
+        "tests/runtime/drivers/i2c/test_i2c_driver.py",
     ),
     (
         "at rest the device is asked and never set",
@@ -421,17 +440,17 @@ PROOFS = [
     ),
     (
         "a servo that waits for its plan ends with its host",
-        "runtime/servo_process.py",
+        "runtime/processes/servo_process.py",
         "    if not told:\n",
         "    while not told:\n        pass\n    if False:\n",
-        "tests/runtime/test_standby.py",
+        "tests/runtime/processes/test_prestart.py",
     ),
     (
         "a tool that is only carried on is lost soon",
-        "sensing/tool_position.py",
+        "sensing/tool/tool_position.py",
         "self._found and sample.t - self._t <= _CARRIED",
         "self._found",
-        "tests/sensing/test_tool_position.py",
+        "tests/sensing/tool/test_tool_position.py",
     ),
     (
         "who waits for an answer is not silent",
@@ -463,17 +482,17 @@ PROOFS = [
     ),
     (
         "a firmware that restarted is not driven on",
-        "runtime/board_complaints.py",
+        "runtime/drivers/serial/messages.py",
         "if engaged and reading.standing is Standing.OFF:",
         "if False:",
         SERIAL_TESTS,
     ),
     (
         "a damaged frame is none",
-        "runtime/frames.py",
+        "runtime/drivers/serial/frames.py",
         "if _check(line, at + 2, last) != line[last] | line[last + 1] << 8:",
         "if False:",
-        "tests/runtime/test_frames.py",
+        "tests/runtime/drivers/serial/test_frames.py",
     ),
     (
         "a calibration does not go on behind a failed step",
@@ -512,10 +531,10 @@ PROOFS = [
     ),
     (
         "a pause in a study switches the coils off",
-        "apps/study/conduct.py",
+        "apps/study/session/trial_runner.py",
         "self.halt.stop(why)",
         "pass",
-        "tests/apps/study/test_runner.py",
+        "tests/apps/study/session/test_terminal_session.py",
     ),
     ("a study's Stop waits for no queue and no database", PAGES, "if asks_to_stop(text):", "if False:", STOP_TESTS),
     (
@@ -562,21 +581,21 @@ PROOFS = [
     ),
     (
         "a key at the terminal stops while the session waits",
-        "apps/study/keys.py",
+        "apps/study/session/keys.py",
         'self._halt.stop("at the terminal")',
         "pass",
         STOP_TESTS,
     ),
     (
         "a stop while the servo starts counts",
-        "runtime/loop.py",
+        "runtime/processes/loop.py",
         "self._stopped = 0  #",
         "self._stopped = shared.words[Word.STOP]  #",
-        "tests/runtime/test_servo.py",
+        "tests/runtime/servo/test_servo.py",
     ),
     (
         "console: no token, no entry",
-        "apps/web/doors.py",
+        "apps/web/gate.py",
         "not knows(headers, self._token)",
         "False",
         "tests/apps/web/test_token.py",
@@ -613,14 +632,14 @@ PROOFS = [
     ),
     (
         "i2c: a chip that does not obey is not called off",
-        "runtime/pca9685.py",
+        "runtime/drivers/i2c/pca9685.py",
         "as_set_up and all(high & _FULL for high in block[_OFF_HIGH])",
         "as_set_up",
         I2C_TESTS,
     ),
     (
         "i2c: a chip that lost its supply is set up before it is believed",
-        "runtime/pca9685.py",
+        "runtime/drivers/i2c/pca9685.py",
         "return as_set_up and all(",
         "return all(",
         I2C_TESTS,
@@ -671,21 +690,21 @@ PROOFS = [
     ),
     (
         "i2c: every trigger is an edge",
-        "runtime/hall_select.py",
+        "runtime/drivers/i2c/tca9534.py",
         "bytes((_OUTPUT, axis, axis | _TRIGGER))",
         "bytes((_OUTPUT, axis | _TRIGGER))",
         I2C_TESTS,
     ),
     (
         "i2c: a second program is refused",
-        "runtime/i2c_lock.py",
+        "runtime/drivers/i2c/i2c_lock.py",
         "fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)",
         "pass",
         LOCK_TESTS,
     ),
     (
         "i2c: a lock without a name excludes nobody",
-        "runtime/i2c_lock.py",
+        "runtime/drivers/i2c/i2c_lock.py",
         "if os.path.samestat(os.stat(self._path), os.fstat(descriptor)):",
         "if True:",
         LOCK_TESTS,

@@ -24,7 +24,7 @@ import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
 from haptorb.apps.console import Console
-from haptorb.control.trip import GuardState, Trip
+from haptorb.control.protection.trip import GuardState, Trip
 
 ROOT = Path(__file__).resolve().parent.parent
 SIZES = {"laptop": (1280, 800), "projector": (1920, 1080), "tablet": (820, 1180)}

@@ -15,7 +15,7 @@ from sphinx.application import Sphinx
 
 import haptorb
 from haptorb import worlds
-from haptorb.control.trip import GuardState, Trip
+from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices import loader
 from haptorb.runtime.row import RowLayout
 from haptorb.worlds.parameter import parameters
@@ -67,7 +67,7 @@ def _models(annotation: object) -> Iterator[type[BaseModel]]:
 
 def _kind_of_value(field: Any) -> str:
     text = " ".join(str(part) for part in (field.annotation, *field.metadata))
-    values = import_module("haptorb.devices.quantity")
+    values = import_module("haptorb.devices.schema.quantity")
     for part in _leaves(field.annotation, tuple(field.metadata)):
         for name in values.__all__:
             if getattr(values, name) is part or part in getattr(getattr(values, name), "__metadata__", ()):

@@ -15,15 +15,15 @@ _HOME = {
     "State": "haptorb.devices.state",
     "WrenchMap": "haptorb.devices.wrench_map",
     "Device": "haptorb.devices.device",
-    "Servo": "haptorb.runtime.servo",
-    "Recording": "haptorb.runtime.recording",
+    "Servo": "haptorb.runtime.servo.servo",
+    "Recording": "haptorb.runtime.recording.recording",
     "load": "haptorb.devices.loader",
-    "felt_map": "haptorb.simulation.felt_map",
-    "wrench_map": "haptorb.devices.doors",
-    "field": "haptorb.devices.motor_doors",
-    "sensor_field": "haptorb.devices.motor_doors",
-    "torque_characteristic": "haptorb.devices.motor_doors",
-    "rotation_from_euler": "haptorb.physics.rotations",
+    "felt_map": "haptorb.simulation.force_map",
+    "wrench_map": "haptorb.devices.api",
+    "field": "haptorb.devices.motor.api",
+    "sensor_field": "haptorb.devices.motor.api",
+    "torque_characteristic": "haptorb.devices.motor.api",
+    "rotation_from_euler": "haptorb.numerics.rotations",
 }
 
 __all__ = [
@@ -42,16 +42,16 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from haptorb.devices.api import wrench_map
     from haptorb.devices.device import Device
-    from haptorb.devices.doors import wrench_map
     from haptorb.devices.loader import load
-    from haptorb.devices.motor_doors import field, sensor_field, torque_characteristic
+    from haptorb.devices.motor.api import field, sensor_field, torque_characteristic
     from haptorb.devices.state import State
     from haptorb.devices.wrench_map import WrenchMap
-    from haptorb.physics.rotations import rotation_from_euler
-    from haptorb.runtime.recording import Recording
-    from haptorb.runtime.servo import Servo
-    from haptorb.simulation.felt_map import felt_map
+    from haptorb.numerics.rotations import rotation_from_euler
+    from haptorb.runtime.recording.recording import Recording
+    from haptorb.runtime.servo.servo import Servo
+    from haptorb.simulation.force_map import felt_map
 
 
 def __getattr__(name: str) -> object:

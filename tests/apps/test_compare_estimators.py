@@ -7,11 +7,11 @@ import pytest
 
 import haptorb
 from haptorb.apps.cli import main
-from haptorb.apps.compare_estimators import compare, plotted, shown
-from haptorb.apps.compare_estimators.comparison import TORQUE_JND
+from haptorb.apps.estimators import compare, plotted, shown
+from haptorb.apps.estimators.comparison import TORQUE_JND
 from haptorb.errors import InputError
-from haptorb.sensing.network import train
-from haptorb.sensing.network_file import read_networks
+from haptorb.sensing.torque_maps.network import train
+from haptorb.sensing.torque_maps.network_file import read_networks
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +100,7 @@ def test_mistakes_are_one_message(arguments, said, capsys):
 
 def test_a_motor_without_networks_is_told_how_to_get_them(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    from haptorb.sensing.field_estimators import field_estimator
+    from haptorb.sensing.registry import field_estimator
 
     with pytest.raises(InputError, match="haptorb train pmsm"):
         field_estimator("network", haptorb.load("pmsm"))

@@ -13,15 +13,15 @@ from haptorb.apps.cli import main
 from haptorb.apps.hardware.jog import jog
 from haptorb.apps.hardware.monitor import line, monitor
 from haptorb.apps.hardware.probe import chips_on, probe
-from haptorb.control.trip import CoilState
+from haptorb.control.protection.trip import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError, UnknownName
-from haptorb.physics.arrays import Array
-from haptorb.runtime.i2c_driver import I2cDriver
-from haptorb.runtime.pointer import PointerTracker
-from haptorb.runtime.real_driver import real_driver
-from haptorb.runtime.servo import Servo
-from haptorb.runtime.sim_driver import SimDriver
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.drivers.driver_registry import real_driver
+from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
+from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.pointer.pointer import PointerTracker
+from haptorb.runtime.servo.servo import Servo
 from haptorb.simulation.chips import TCA9534, ChipBus
 
 
@@ -215,8 +215,8 @@ def test_only_no_watchdog_drives_a_bus_without_a_monostable(
         raise Refused
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("haptorb.runtime.i2c_driver.I2cDriver", made)
-    monkeypatch.setattr("haptorb.runtime.servo.Servo", made)
+    monkeypatch.setattr("haptorb.runtime.drivers.i2c.i2c_driver.I2cDriver", made)
+    monkeypatch.setattr("haptorb.runtime.servo.servo.Servo", made)
     for more in ([], ["--no-watchdog"]):
         with suppress(Refused, SystemExit):
             main([*command, *more])
@@ -225,7 +225,9 @@ def test_only_no_watchdog_drives_a_bus_without_a_monostable(
 
 def test_a_servo_hands_on_that_there_is_no_monostable(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[object] = []
-    monkeypatch.setattr("haptorb.runtime.i2c_driver.I2cDriver", lambda *_, watchdog, **__: asked.append(watchdog))
+    monkeypatch.setattr(
+        "haptorb.runtime.drivers.i2c.i2c_driver.I2cDriver", lambda *_, watchdog, **__: asked.append(watchdog)
+    )
     for told in ({}, {"watchdog": False}):
         Servo("omni", "dome", driver="i2c:1", record=False, **told)._plan.assemble(
             PointerTracker.__new__(PointerTracker)

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from haptorb.apps.console import Console
-from haptorb.apps.console.felt_process import FeltProcess
+from haptorb.apps.console.force_map_process import FeltProcess
 from haptorb.devices.loader import load
 from haptorb.runtime.row import RowLayout
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from haptorb.apps.console import Console
 from haptorb.devices.loader import load
-from haptorb.runtime.servo import Servo
+from haptorb.runtime.servo.servo import Servo
 
 
 def main() -> None:

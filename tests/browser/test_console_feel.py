@@ -9,10 +9,10 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from haptorb.control.trip import GuardState, Trip
+from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
-from haptorb.simulation.felt_map import felt_map
+from haptorb.simulation.force_map import felt_map
 from haptorb.worlds import Dome
 
 pytestmark = pytest.mark.browser

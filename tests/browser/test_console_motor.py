@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from haptorb.apps.console import Console
-from haptorb.control.trip import Trip
+from haptorb.control.protection.trip import Trip
 from haptorb.devices.loader import load
-from haptorb.runtime.servo import Servo
+from haptorb.runtime.servo.servo import Servo
 
 pytestmark = pytest.mark.browser
 

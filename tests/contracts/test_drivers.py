@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptorb.control.trip import CoilState
+from haptorb.control.protection.trip import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
-from haptorb.physics.arrays import Array
-from haptorb.runtime.driver import Driver
-from haptorb.runtime.emulator import Emulator
-from haptorb.runtime.i2c_driver import I2cDriver
-from haptorb.runtime.serial_driver import SerialDriver
-from haptorb.runtime.sim_driver import SimDriver
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.drivers.driver import Driver
+from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
+from haptorb.runtime.drivers.serial.emulator import Emulator
+from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
+from haptorb.runtime.drivers.simulated import SimDriver
 from haptorb.simulation.chips import ChipBus
 
 SOME = np.array([0.05, -0.03, 0.02])

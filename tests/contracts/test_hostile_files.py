@@ -15,17 +15,17 @@ import numpy as np
 import pytest
 
 from haptorb import worlds
-from haptorb.apps.study.export import write_replies
-from haptorb.apps.study.study_file import study_of
+from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.store.export import write_replies
 from haptorb.devices.loader import load, parse
-from haptorb.devices.quantity import si
+from haptorb.devices.schema.quantity import si
 from haptorb.errors import CalibrationError, DeviceError, InputError, RecordingError, UnknownName
-from haptorb.runtime import recording_file
-from haptorb.runtime.calibration_file import write_calibration
-from haptorb.runtime.recording import Recording
-from haptorb.runtime.world_change import changed, request, requested
-from haptorb.sensing.calibration import Calibration
-from haptorb.sensing.document import document, numbers
+from haptorb.files.json_file import document, numbers
+from haptorb.runtime.exchange.world_change import changed, request, requested
+from haptorb.runtime.recording import recording_file
+from haptorb.runtime.recording.recording import Recording
+from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.sensing.calibration_file import write_calibration
 
 ROOT = Path(__file__).resolve().parents[2]
 OMNI = (files("haptorb.devices") / "catalogue" / "omni.toml").read_text(encoding="utf-8")

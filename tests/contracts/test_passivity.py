@@ -7,14 +7,14 @@ import pytest
 
 from haptorb import worlds
 from haptorb.apps.check.late_tracker import LateTracker
-from haptorb.control.hand_grip import GRIPS
-from haptorb.devices.electromagnet import Hand
+from haptorb.control.stability.hand_grip import GRIPS
+from haptorb.devices.electromagnet.electromagnet import Hand
 from haptorb.devices.loader import load
-from haptorb.runtime.assembly import allocator_of, assemble, estimator_of
-from haptorb.runtime.pointer import PointerTracker
-from haptorb.runtime.sim_driver import SimDriver
-from haptorb.runtime.tick import Tick
-from haptorb.runtime.tracker import Goal
+from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.pointer.pointer import PointerTracker
+from haptorb.runtime.tick.assembly import allocator_of, assemble, estimator_of
+from haptorb.runtime.tick.tick import Tick
+from haptorb.runtime.trackers.tracker import Goal
 from haptorb.worlds.world import World
 
 HOMES = {name: "pmsm" if name in ("outlet", "outlet-published", "snap_fit") else "omni" for name in worlds.CATALOGUE}

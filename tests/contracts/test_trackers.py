@@ -14,10 +14,10 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from trackers import SUBJECTS, Fed, NatNet, Osc, Subject, natnet_frame
 
-from haptorb.control.trip import GuardState, Trip
+from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.loader import load
-from haptorb.runtime.assembly import assemble
-from haptorb.runtime.fed_tracker import PREDICTION
+from haptorb.runtime.tick.assembly import assemble
+from haptorb.runtime.trackers.fed_tracker import PREDICTION
 from haptorb.worlds import named
 
 PLACE = (0.01, -0.02, 0.05)

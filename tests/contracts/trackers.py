@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from haptorb.devices.loader import load
-from haptorb.runtime.fed_tracker import FedTracker
-from haptorb.runtime.feed import Feed
-from haptorb.runtime.pointer import Pointed, PointerSource, PointerTracker
-from haptorb.runtime.reception import Reception
-from haptorb.runtime.recorder import Recorder
+from haptorb.runtime.memory.pose_block import WORDS, TrackedBlock
+from haptorb.runtime.pointer.pointer import Pointed, PointerSource, PointerTracker
+from haptorb.runtime.recording.recorder import Recorder
 from haptorb.runtime.row import RowLayout
-from haptorb.runtime.tracked_block import WORDS, TrackedBlock
-from haptorb.runtime.tracker import Tracker
+from haptorb.runtime.trackers.fed_tracker import FedTracker
+from haptorb.runtime.trackers.feed import Feed
+from haptorb.runtime.trackers.pose_filter import Reception
+from haptorb.runtime.trackers.tracker import Tracker
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
@@ -102,7 +102,7 @@ class Osc(Fed):
     def __init__(self, tmp_path: Path, token: str = "") -> None:
         from pythonosc.osc_message_builder import OscMessageBuilder
 
-        from haptorb.runtime.osc_feed import OscFeed
+        from haptorb.runtime.trackers.osc_feed import OscFeed
 
         self._builder = OscMessageBuilder
         receiving = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -137,7 +137,7 @@ class Lsl(Fed):
     """A stream of the lab streaming layer, from this very process."""
 
     def __init__(self, tmp_path: Path, channels: int = 8) -> None:
-        from haptorb.runtime.lsl_feed import LslFeed, _library
+        from haptorb.runtime.trackers.lsl_feed import LslFeed, _library
 
         pylsl = _library()
         name = f"haptorb-test-{time.monotonic_ns()}"
@@ -177,7 +177,7 @@ class NatNet(Fed):
     def __init__(self, tmp_path: Path) -> None:
         import threading
 
-        from haptorb.runtime.natnet_feed import NatNetFeed, natnet_socket
+        from haptorb.runtime.trackers.natnet_feed import NatNetFeed, natnet_socket
 
         self._server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._server.bind(("127.0.0.1", 0))
@@ -231,7 +231,7 @@ class Replay(Fed):
 
     def __init__(self, tmp_path: Path) -> None:
         self._path, self._told = tmp_path / "replayed.mcap", [(0.0, 0.0, (0.0, 0.0, 0.05), True)]
-        from haptorb.runtime.replay_feed import ReplayFeed, played
+        from haptorb.runtime.trackers.replay_feed import ReplayFeed, played
 
         self._made, self._played = ReplayFeed, played
         super().__init__(ReplayFeed(np.empty((0, 10)), 0.0))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.runtime.emulator import Emulator
+from haptorb.runtime.drivers.serial.emulator import Emulator
 
 FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 

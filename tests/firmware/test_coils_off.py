@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from haptorb.errors import DriverError
-from haptorb.runtime.emulator import Emulator
+from haptorb.runtime.drivers.serial.emulator import Emulator
 
 pytestmark = [pytest.mark.firmware, pytest.mark.timeout(1200)]
 

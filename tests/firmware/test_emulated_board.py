@@ -16,11 +16,11 @@ import pytest
 from haptorb.apps.hardware.emulate import emulate
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
-from haptorb.runtime.board import Board
-from haptorb.runtime.board_complaints import refusal
-from haptorb.runtime.board_words import Reason, Refusal, Standing
-from haptorb.runtime.emulator import Emulator
-from haptorb.runtime.serial_driver import SerialDriver
+from haptorb.runtime.drivers.serial.board import Board
+from haptorb.runtime.drivers.serial.codes import Reason, Refusal, Standing
+from haptorb.runtime.drivers.serial.emulator import Emulator
+from haptorb.runtime.drivers.serial.messages import refusal
+from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
 
 pytestmark = [pytest.mark.firmware, pytest.mark.timeout(600)]
 

@@ -12,11 +12,11 @@ import pytest
 from haptorb.apps.calibrate.guided import Guide, guided, known_steps
 from haptorb.apps.calibrate.measure import Pace
 from haptorb.apps.calibrate.steps import Step
-from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
-from haptorb.runtime.calibration_match import disagreement
-from haptorb.runtime.emulator import EmulatedDevice, Emulator
-from haptorb.runtime.serial_driver import SerialDriver
+from haptorb.runtime.drivers.serial.emulator import EmulatedDevice, Emulator
+from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
+from haptorb.runtime.processes.calibration_match import disagreement
 
 pytestmark = [pytest.mark.firmware, pytest.mark.timeout(900)]
 

@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.control.least_squares import LeastSquaresAllocator
-from haptorb.control.trip import GuardState
-from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.control.allocation.least_squares import LeastSquaresAllocator
+from haptorb.control.protection.trip import GuardState
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
-from haptorb.runtime.assembly import estimator_of
-from haptorb.runtime.driver import Driver
-from haptorb.runtime.emulator import EmulatedDevice, Emulator
-from haptorb.runtime.serial_driver import SerialDriver, untracked
-from haptorb.runtime.sim_driver import SimDriver
-from haptorb.runtime.tick import Tick
-from haptorb.worlds.dome import Dome
+from haptorb.runtime.drivers.driver import Driver
+from haptorb.runtime.drivers.serial.emulator import EmulatedDevice, Emulator
+from haptorb.runtime.drivers.serial.serial_driver import SerialDriver, untracked
+from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.tick.assembly import estimator_of
+from haptorb.runtime.tick.tick import Tick
+from haptorb.worlds.maps.dome import Dome
 
 pytestmark = [pytest.mark.firmware, pytest.mark.timeout(600)]
 

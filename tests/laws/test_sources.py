@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.physics import dipole
-from haptorb.physics.charged_ring import ChargedRing
-from haptorb.physics.coil import Coil
-from haptorb.physics.cylinder import CylinderMagnet
-from haptorb.physics.dipole import Dipole
 from haptorb.physics.interaction import flux_linkage, wrench
-from haptorb.physics.multipole import MultipoleSource, multipole_wrench
-from haptorb.physics.placed import Placed, Together
-from haptorb.physics.published import published
-from haptorb.physics.ring import RingMagnet
-from haptorb.physics.round_body import RoundBody
-from haptorb.physics.source import Source
+from haptorb.physics.published_multipoles import published
+from haptorb.physics.sources import dipole
+from haptorb.physics.sources.charged_ring import ChargedRing
+from haptorb.physics.sources.coil import Coil
+from haptorb.physics.sources.cylinder import CylinderMagnet
+from haptorb.physics.sources.dipole import Dipole
+from haptorb.physics.sources.multipole import MultipoleSource, multipole_wrench
+from haptorb.physics.sources.placed import Placed, Together
+from haptorb.physics.sources.ring import RingMagnet
+from haptorb.physics.sources.round_body import RoundBody
+from haptorb.physics.sources.source import Source
 
 TURN = Rotation.from_euler("XYZ", [25, -40, 70], degrees=True).as_matrix()
 

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.devices.exact_level import exact_sensor_field, exact_torque_characteristic
-from haptorb.devices.pair_table import torque_table
+from haptorb.devices.motor.exact_level import exact_sensor_field, exact_torque_characteristic
 from haptorb.devices.state import rotation_to_axis
+from haptorb.devices.tables.pair_table import torque_table
 from haptorb.errors import GeometryError, InputError, PrecisionError
-from haptorb.physics import dipole
-from haptorb.physics.coil import Coil
-from haptorb.physics.cylinder import CylinderMagnet
-from haptorb.physics.dipole import Dipole
 from haptorb.physics.interaction import flux_linkage, wrench, wrench_on_charges
-from haptorb.physics.placed import Placed, Together
-from haptorb.physics.ring import RingMagnet
+from haptorb.physics.sources import dipole
+from haptorb.physics.sources.coil import Coil
+from haptorb.physics.sources.cylinder import CylinderMagnet
+from haptorb.physics.sources.dipole import Dipole
+from haptorb.physics.sources.placed import Placed, Together
+from haptorb.physics.sources.ring import RingMagnet
 
 MAGNET = CylinderMagnet(15.875e-3, 5.08e-3, 1.31)
 COIL = Coil(1000, 0.3 * 15.88e-3, 15.88e-3, 7.62e-3)

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptorb.errors import GeometryError, InputError
-from haptorb.physics import dipole
-from haptorb.physics.cylinder import CylinderMagnet
-from haptorb.physics.ring import RingMagnet
-from haptorb.physics.round_body import RoundBody
+from haptorb.physics.sources import dipole
+from haptorb.physics.sources.cylinder import CylinderMagnet
+from haptorb.physics.sources.ring import RingMagnet
+from haptorb.physics.sources.round_body import RoundBody
 
 MAGNET = CylinderMagnet(15.875e-3, 5.08e-3, 1.31)
 RING = RingMagnet(outer_radius=6e-3, inner_radius=2.5e-3, length=24e-3, polarization=1.348)

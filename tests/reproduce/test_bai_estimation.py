@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import haptorb
-from haptorb.apps.compare_estimators.trajectories import figure_4, normalised_error, random_workspace
-from haptorb.sensing.linear_map import LinearTorque
-from haptorb.sensing.network_file import read_networks
-from haptorb.sensing.orientation import LeastSquaresOrientation
+from haptorb.apps.estimators.trajectories import figure_4, normalised_error, random_workspace
+from haptorb.sensing.orientation.least_squares import LeastSquaresOrientation
 from haptorb.sensing.sample import Pose, Sample
+from haptorb.sensing.torque_maps.linear_map import LinearTorque
+from haptorb.sensing.torque_maps.network_file import read_networks
 
 EM17 = 16
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.devices import table_kernels
-from haptorb.devices.pair_table import torque_table
 from haptorb.devices.state import rotation_to_axis
-from haptorb.physics.multipole import MultipoleSource
+from haptorb.devices.tables import table_kernels
+from haptorb.devices.tables.pair_table import torque_table
 from haptorb.physics.multipole_fit import MultipoleFit, fit_multipole, shell_region
-from haptorb.physics.published import published
+from haptorb.physics.published_multipoles import published
+from haptorb.physics.sources.multipole import MultipoleSource
 
 R_PM, R_EM = 67.9e-3, 56.8e-3
 UP_PM, UP_EM = np.array([0, 0, R_PM]), np.array([0, 0, R_EM])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.control.modes import Gains, TwoModes
+from haptorb.control.clutch.modes import Gains, TwoModes
 from haptorb.devices.state import State
 from haptorb.worlds import Outlet, PublishedOutlet, SnapFit
 

@@ -7,10 +7,10 @@ from math import asin, degrees, radians, sin
 import numpy as np
 import pytest
 
-from haptorb.apps.study.set_points import directions, published
-from haptorb.physics import dipole
-from haptorb.physics.charged_ring import ChargedRing
-from haptorb.physics.soft_sphere import SoftSphere
+from haptorb.apps.study.model.set_points import directions, published
+from haptorb.physics.sources import dipole
+from haptorb.physics.sources.charged_ring import ChargedRing
+from haptorb.physics.sources.soft_sphere import SoftSphere
 
 ZARATE = "zarate2020"
 

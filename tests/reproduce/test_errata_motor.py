@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptorb.apps.reproduce.bai2012_table_2 import PAIRS
+from haptorb.apps.reproduce.bai2012.table_2 import PAIRS
 from haptorb.devices.loader import load
 
 BAI = "bai2012"

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from haptorb.apps.reproduce import reproduced
-from haptorb.apps.reproduce.zarate2020_drive import drive_course
-from haptorb.apps.reproduce.zarate2020_figure_6 import heating_course
-from haptorb.apps.reproduce.zarate2020_hall_position import placements, position_map
+from haptorb.apps.reproduce.zarate2020.drive import drive_course
+from haptorb.apps.reproduce.zarate2020.figure_6 import heating_course
+from haptorb.apps.reproduce.zarate2020.hall_position import placements, position_map
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError
-from haptorb.worlds.dome import Dome
+from haptorb.worlds.maps.dome import Dome
 
 OMNI = load("omni")
 
@@ -91,7 +91,7 @@ def test_figures_are_drawn_and_what_is_printed_agrees(name, tmp_path):
 
 def test_the_published_map_is_cut_and_zero_where_the_text_has_it():
     """And a map that follows the printed argument is neither: the figure can fail."""
-    from haptorb.apps.reproduce.zarate2020_figure_2 import radial_zero
+    from haptorb.apps.reproduce.zarate2020.figure_2 import radial_zero
 
     plain, sharp = (Dome(half_width_deg=half, cut_off_deg=180.0).for_device(OMNI) for half in (90.0, 18.0))
     assert np.degrees(radial_zero(plain, 0.05)) == pytest.approx(90.0, abs=1e-6)
@@ -102,7 +102,7 @@ def test_the_published_map_is_cut_and_zero_where_the_text_has_it():
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_moment_course_is_the_devices_own(seed):
     """From sensors alone: the map within 0.3 %, and every reading on its line."""
-    from haptorb.apps.reproduce.zarate2020_figure_7 import moment_course
+    from haptorb.apps.reproduce.zarate2020.figure_7 import moment_course
 
     course = moment_course(OMNI, seed)
     error = np.abs(course.calibration.moment_per_current - OMNI.moment_per_current).max()

@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 
 import haptorb
-from haptorb.control.trip import GuardState, Trip
-from haptorb.runtime import servo as servo_module
-from haptorb.runtime.driver import Driver
+from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.row import RowLayout
-from haptorb.runtime.servo import Servo
+from haptorb.runtime.servo import servo as servo_module
+from haptorb.runtime.servo.servo import Servo
 
 cloudpickle.register_pickle_by_value(sys.modules[__name__])  # the servo's process cannot import a conftest
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptorb.control.least_squares import LeastSquaresAllocator
+from haptorb.control.allocation.least_squares import LeastSquaresAllocator
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.simulation.truth import true_wrench

@@ -21,13 +21,13 @@ def build_tables(device: Device) -> None:
 
     Nothing is drawn where the tables come from the cache, or where standard error is not a terminal.
     """
-    from haptorb.devices.spherical_motor import SphericalMotor
+    from haptorb.devices.motor.spherical_motor import SphericalMotor
 
     if not isinstance(device, SphericalMotor) or "tables" in vars(device):
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from haptorb.devices.motor_tables import motor_tables
+    from haptorb.devices.motor.tables import motor_tables
 
     columns = (TextColumn("exact torque and field"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:

@@ -11,7 +11,7 @@ import numpy as np
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import UnknownName
-from haptorb.physics.arrays import Array
+from haptorb.numerics.arrays import Array
 
 __all__ = ["Coils", "Device", "Heat", "Limits", "Supply"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from haptorb.physics.arrays import Array
+from haptorb.numerics.arrays import Array
 
 __all__ = ["FieldSensors"]
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from haptorb.devices.device import Device
-from haptorb.devices.text_file import read_text, toml_of
 from haptorb.errors import DeviceError, InputError, UnknownName, shown
+from haptorb.files.text_file import read_text, toml_of
 
 __all__ = ["catalogue", "load", "parse"]
 
@@ -23,8 +23,8 @@ _MISTAKES = 40  #: told at once
 
 #: kind → (module, class of its file); imported when a file of that kind is read
 KINDS = {
-    "spherical-electromagnet": ("haptorb.devices.electromagnet_schema", "ElectromagnetFile"),
-    "spherical-motor": ("haptorb.devices.motor_schema", "MotorFile"),
+    "spherical-electromagnet": ("haptorb.devices.electromagnet.schema", "ElectromagnetFile"),
+    "spherical-motor": ("haptorb.devices.motor.schema", "MotorFile"),
 }
 
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import InputError
-from haptorb.physics.arrays import Array, finite, rotation, vectors
-from haptorb.physics.record import record
+from haptorb.numerics.arrays import Array, finite, rotation, vectors
+from haptorb.numerics.record import record
 
 __all__ = ["State", "rotation_to_axis"]
 

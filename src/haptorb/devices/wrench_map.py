@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from haptorb.physics.arrays import Array
-from haptorb.physics.record import record
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.record import record
 
 __all__ = ["WrenchMap"]
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import InputError, UnknownName
-from haptorb.physics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, finite
 from haptorb.physics.hook import Hook
 
 __all__ = [

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import GeometryError, InputError, shown
-from haptorb.physics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, finite
 
 __all__ = ["METALS_FROM", "TABLE_3", "Hook"]
 

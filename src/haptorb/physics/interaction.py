@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import GeometryError, InputError, PrecisionError
-from haptorb.physics.arrays import Array, finite, rotation, vectors
-from haptorb.physics.coil import Coil
-from haptorb.physics.cylinder import CylinderMagnet
-from haptorb.physics.dipole import MU0
-from haptorb.physics.ring import RingMagnet
-from haptorb.physics.round_body import RoundBody
-from haptorb.physics.source import Source
+from haptorb.numerics.arrays import Array, finite, rotation, vectors
+from haptorb.physics.sources.coil import Coil
+from haptorb.physics.sources.cylinder import CylinderMagnet
+from haptorb.physics.sources.dipole import MU0
+from haptorb.physics.sources.ring import RingMagnet
+from haptorb.physics.sources.round_body import RoundBody
+from haptorb.physics.sources.source import Source
 
 __all__ = ["Bounded", "filament_wrench", "flux_linkage", "wrench", "wrench_on_charges"]
 

@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
 from haptorb.errors import GeometryError, InputError
-from haptorb.physics import round_body
-from haptorb.physics.arrays import Array, vectors
-from haptorb.physics.compiled import kernel
-from haptorb.physics.dipole import MU0
-from haptorb.physics.multipole import MultipoleSource, loop_poles
-from haptorb.physics.round_body import RoundBody
+from haptorb.numerics.arrays import Array, vectors
+from haptorb.numerics.compiled import kernel
+from haptorb.physics.sources import round_body
+from haptorb.physics.sources.dipole import MU0
+from haptorb.physics.sources.multipole import MultipoleSource, loop_poles
+from haptorb.physics.sources.round_body import RoundBody
 
 __all__ = ["MultipoleFit", "fit_multipole", "residual", "shell_region"]
 
@@ -88,7 +88,7 @@ def fit_multipole(
     `loops` k, `per_loop` n and `pole_distance` l̄ [m] are searched unless given. Raises GeometryError for points inside
     the body, InputError for a budget that cannot be met or too few points.
 
-    >>> from haptorb.physics.cylinder import CylinderMagnet
+    >>> from haptorb.physics.sources.cylinder import CylinderMagnet
     >>> magnet = CylinderMagnet(15.875e-3, 5.08e-3, 1.31)
     >>> region = shell_region(67.9e-3, 53.0e-3, 60.6e-3, 1.2, count=400)
     >>> fit = fit_multipole(magnet, region, loops=4, per_loop=10, pole_distance=1.0e-3)
@@ -144,7 +144,7 @@ def fit_multipole(
 def residual(body: RoundBody, model: MultipoleSource, points: ArrayLike) -> MultipoleFit:
     """How far any `model` (a published one, say) is from the exact field of `body` at `points` (n, 3) [m].
 
-    >>> from haptorb.physics.published import published
+    >>> from haptorb.physics.published_multipoles import published
     >>> pm = published("bai2012-pm")
     >>> round(residual(pm.body, pm.model, shell_region(67.9e-3, 53.0e-3, 60.6e-3, 1.2)).rms, 2)
     0.1

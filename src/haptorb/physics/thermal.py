@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import InputError
-from haptorb.physics.arrays import Array, finite
-from haptorb.physics.compiled import kernel
+from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.compiled import kernel
 
 __all__ = ["TwoNode", "endurance_fit", "heat_step", "single_time_constant"]
 

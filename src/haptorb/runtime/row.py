@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from haptorb.devices.device import Device
-from haptorb.physics.arrays import Array
+from haptorb.numerics.arrays import Array
 
 __all__ = ["STAGES", "Field", "RowLayout"]
 

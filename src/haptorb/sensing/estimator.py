@@ -10,8 +10,8 @@ from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import GeometryError
-from haptorb.physics.arrays import Array
-from haptorb.physics.compiled import kernel
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.compiled import kernel
 from haptorb.sensing.sample import Estimate, Sample
 
 __all__ = ["Estimator", "TrackedPose"]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
-from haptorb.physics.arrays import Array
-from haptorb.physics.record import record
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.record import record
 
 __all__ = ["Estimate", "Pose", "Sample"]
 

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.devices.spherical_motor import SphericalMotor
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import DeviceError
-from haptorb.simulation.motor import SimulatedMotor
-from haptorb.simulation.omni import SimulatedElectromagnet
+from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
+from haptorb.simulation.motor.motor import SimulatedMotor
 from haptorb.simulation.simulation import Simulation
 
 __all__ = ["SIMULATIONS", "simulated"]

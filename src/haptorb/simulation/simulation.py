@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
-from haptorb.physics.arrays import Array
+from haptorb.numerics.arrays import Array
 from haptorb.sensing.sample import Sample
 
 __all__ = ["Simulation"]

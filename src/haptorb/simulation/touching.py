@@ -13,11 +13,11 @@ from typing import final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import InputError
-from haptorb.physics.arrays import Array
-from haptorb.sensing.touches import Touched, Touches
+from haptorb.numerics.arrays import Array
+from haptorb.sensing.frame.touches import Touched, Touches
 
 __all__ = ["MadeUpTracker", "Person"]
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State
-from haptorb.physics import dipole
-from haptorb.physics.arrays import Array, finite
-from haptorb.physics.charged_ring import ChargedRing
-from haptorb.physics.soft_sphere import SoftSphere
+from haptorb.numerics.arrays import Array, finite
+from haptorb.physics.sources import dipole
+from haptorb.physics.sources.charged_ring import ChargedRing
+from haptorb.physics.sources.soft_sphere import SoftSphere
 
 __all__ = ["true_wrench"]
 

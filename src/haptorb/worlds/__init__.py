@@ -6,21 +6,21 @@ Adding a world is one class with one method, and one line in `CATALOGUE`.
 from __future__ import annotations
 
 from haptorb.errors import UnknownName
-from haptorb.worlds.detents import Detents
-from haptorb.worlds.dome import Dome
-from haptorb.worlds.domes import domes_apart
-from haptorb.worlds.fluid import Fluid
-from haptorb.worlds.guidance import Guidance
-from haptorb.worlds.magnet import Magnet
+from haptorb.worlds.basic.detents import Detents
+from haptorb.worlds.basic.fluid import Fluid
+from haptorb.worlds.basic.guidance import Guidance
+from haptorb.worlds.basic.magnet import Magnet
+from haptorb.worlds.basic.nothing import Nothing
+from haptorb.worlds.basic.stick_slip import StickSlip
+from haptorb.worlds.basic.texture import Texture
+from haptorb.worlds.basic.vibration import Vibration
+from haptorb.worlds.basic.wall import Wall
+from haptorb.worlds.maps.dome import Dome
+from haptorb.worlds.maps.domes import domes_apart
+from haptorb.worlds.maps.terrain import Terrain
 from haptorb.worlds.moving import Orbit, Varying
-from haptorb.worlds.nothing import Nothing
-from haptorb.worlds.outlet import Outlet, PublishedOutlet
-from haptorb.worlds.snap_fit import SnapFit
-from haptorb.worlds.stick_slip import StickSlip
-from haptorb.worlds.terrain import Terrain
-from haptorb.worlds.texture import Texture
-from haptorb.worlds.vibration import Vibration
-from haptorb.worlds.wall import Wall
+from haptorb.worlds.snap_fit.outlet import Outlet, PublishedOutlet
+from haptorb.worlds.snap_fit.snap_fit import SnapFit
 from haptorb.worlds.world import Sum, World
 
 __all__ = [

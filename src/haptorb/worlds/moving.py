@@ -10,8 +10,8 @@ from typing import ClassVar
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.errors import InputError
-from haptorb.physics.arrays import Array
-from haptorb.worlds.dome import Dome
+from haptorb.numerics.arrays import Array
+from haptorb.worlds.maps.dome import Dome
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.world import World
 

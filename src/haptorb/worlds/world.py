@@ -10,7 +10,7 @@ import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
-from haptorb.physics.arrays import Array
+from haptorb.numerics.arrays import Array
 from haptorb.worlds import parameter as _parameter
 
 __all__ = ["Sum", "World"]

@@ -13,10 +13,10 @@ from haptorb.apps.cli import main
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
 from haptorb.physics.thermal import TwoNode, endurance_fit
-from haptorb.runtime.calibration_file import read_calibration, write_calibration
-from haptorb.runtime.driver import Driver
-from haptorb.runtime.sim_driver import SimDriver
-from haptorb.sensing.calibration import Calibration
+from haptorb.runtime.drivers.driver import Driver
+from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.sensing.calibration_file import read_calibration, write_calibration
 
 OMNI = load("omni")
 
@@ -230,7 +230,7 @@ def test_heat_from_a_recording(tmp_path, monkeypatch):
             out[:, heated] = {"currents": i, "resistance": R, "boundary": edge}[name]
             return out
 
-    monkeypatch.setattr("haptorb.runtime.recording.Recording", Told)
+    monkeypatch.setattr("haptorb.runtime.recording.recording.Recording", Told)
     record = thermal_record("heat.mcap", OMNI)
     assert np.isnan(record.winding[-1])
     found = record.identified()

@@ -19,10 +19,10 @@ from haptorb.apps.calibrate.progress_file import ProgressFile
 from haptorb.apps.cli import main
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
-from haptorb.runtime.calibration_file import read_calibration
-from haptorb.runtime.calibration_match import disagreement
-from haptorb.runtime.driver import Driver
-from haptorb.sensing.magnetic_calibration import excitation, magnetic_calibration
+from haptorb.runtime.drivers.driver import Driver
+from haptorb.runtime.processes.calibration_match import disagreement
+from haptorb.sensing.calibration.magnetic_calibration import excitation, magnetic_calibration
+from haptorb.sensing.calibration_file import read_calibration
 
 OMNI = load("omni")
 QUICK = known_steps(["rest", "currents", "magnetic", "tool"])
@@ -224,8 +224,8 @@ def test_steps_have_names_and_an_order(tmp_path: Path) -> None:
 
 def test_sensors_of_one_axis_are_enough() -> None:
     """The radial readings of the nine real sensors: the same moments, and no bias from what they do not see."""
-    from haptorb.apps.reproduce.zarate2020_hall_position import placements
-    from haptorb.physics import dipole
+    from haptorb.apps.reproduce.zarate2020.hall_position import placements
+    from haptorb.physics.sources import dipole
 
     # for one axis the diagonals must be below the centre: from the equator only one sensor would see coil z
     OMNI = placements(load("omni"))["diagonals below"]
@@ -268,9 +268,9 @@ def fake_bench(monkeypatch: pytest.MonkeyPatch) -> Any:
 
     import cloudpickle
 
-    from haptorb.runtime import servo as servo_module
-    from haptorb.runtime.assembly import assemble
-    from haptorb.runtime.sim_driver import SimDriver
+    from haptorb.runtime.drivers.simulated import SimDriver
+    from haptorb.runtime.servo import servo as servo_module
+    from haptorb.runtime.tick.assembly import assemble
 
     cloudpickle.register_pickle_by_value(sys.modules[__name__])
 
@@ -308,7 +308,7 @@ def test_the_command_in_a_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_the_i2c_driver_is_calibrated_by_the_same_steps(factor: float, complaint: str, tmp_path: Path) -> None:
     """On simulated chips, whose currents follow the duties; `factor` is what a wrong shunt makes of them."""
     from haptorb.apps.calibrate.measure import Pace
-    from haptorb.runtime.i2c_driver import I2cDriver
+    from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
     from haptorb.simulation.chips import ChipBus
 
     class Warm:

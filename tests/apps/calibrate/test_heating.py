@@ -13,7 +13,7 @@ from haptorb.apps.calibrate.heating import Course, heated
 from haptorb.apps.calibrate.measure import Session
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, DriverError, HostSilent
-from haptorb.runtime.driver import Driver
+from haptorb.runtime.drivers.driver import Driver
 
 OMNI: Any = load("omni")
 COURSE = Course(heating=90.0, cooling=60.0)

@@ -10,7 +10,7 @@ from haptorb import worlds
 from haptorb.apps.check import Setting, boundary, drawn_world, judged
 from haptorb.apps.check.rendered import grows
 from haptorb.apps.cli import main
-from haptorb.control.hand_grip import GRIPS, HandGrip
+from haptorb.control.stability.hand_grip import GRIPS, HandGrip
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
 

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.control.trip import CoilState, GuardState, Trip
+from haptorb.control.protection.trip import CoilState, GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.errors import InputError
-from haptorb.runtime.guided import upright
+from haptorb.runtime.pointer.guided_motion import upright
 from haptorb.runtime.row import RowLayout
 from haptorb.worlds import named
 from haptorb.worlds.parameter import values as parameter_values

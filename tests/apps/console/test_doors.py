@@ -15,7 +15,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from haptorb.apps.web import browser
-from haptorb.apps.web.doors import Doors
+from haptorb.apps.web.gate import Doors
 
 OWN = "127.0.0.1:8765"
 

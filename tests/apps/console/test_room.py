@@ -19,7 +19,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from haptorb.apps.console import wire
-from haptorb.control.trip import GuardState
+from haptorb.control.protection.trip import GuardState
 
 
 class Client:

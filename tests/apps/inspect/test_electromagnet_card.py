@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from haptorb.apps.inspect import card
+from haptorb.apps.inspect.card import card
 from haptorb.devices.loader import load
 
 OMNI = load("omni")

@@ -9,7 +9,7 @@ from rich.console import Console
 
 import haptorb
 from haptorb.apps.cli import main
-from haptorb.apps.inspect import card
+from haptorb.apps.inspect.card import card
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ import pytest
 
 from haptorb.apps.cli import main
 from haptorb.apps.reproduce import Item, Made, Reproduction, registry, report_page, reproduced, reproductions, summary
+from haptorb.apps.reproduce.bai2012.two_phases import two_phases
 from haptorb.apps.reproduce.item import unchecked
-from haptorb.apps.reproduce.two_phases import two_phases
 from haptorb.errors import UnknownName
 
 FORCE = Item("x", "bai2012", "Fig. 8", "a force", 1.0, 1.04, "N", 0.05, why="as stiff as that")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from haptorb.apps.study.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study, study_of
 
 IDENTIFY = """
 name = "identify"

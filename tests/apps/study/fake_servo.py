@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.control.trip import Trip
+from haptorb.control.protection.trip import Trip
 from haptorb.devices.loader import load
 from haptorb.errors import ServoError
 from haptorb.runtime.row import RowLayout

@@ -18,13 +18,13 @@ from sqlalchemy import text
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from haptorb.apps.study.columns import replied, tidy
-from haptorb.apps.study.database import database
+from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.pages.host import Host
 from haptorb.apps.study.pages.reception import Reception
 from haptorb.apps.study.pages.site import STATIC
-from haptorb.apps.study.study_file import Study, study_of
-from haptorb.control.trip import Trip
+from haptorb.apps.study.store.columns import replied, tidy
+from haptorb.apps.study.store.database import database
+from haptorb.control.protection.trip import Trip
 from haptorb.errors import InputError, RecordingError, ServoError
 
 STUDY = """

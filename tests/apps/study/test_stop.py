@@ -17,12 +17,12 @@ from typing import Any
 import pytest
 from sqlalchemy import event, text
 
-from haptorb.apps.study.columns import tidy
-from haptorb.apps.study.database import database
-from haptorb.apps.study.halt import Halt
-from haptorb.apps.study.keys import Keyboard, named
-from haptorb.apps.study.sitting import Sitting
-from haptorb.apps.study.study_file import Study, study_of
+from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.session.halt import Halt
+from haptorb.apps.study.session.keys import Keyboard, named
+from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.store.columns import tidy
+from haptorb.apps.study.store.database import database
 from haptorb.errors import InputError, RecordingError
 
 

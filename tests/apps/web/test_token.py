@@ -8,7 +8,7 @@ import pytest
 from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 
-from haptorb.apps.web.doors import Doors
+from haptorb.apps.web.gate import Doors
 from haptorb.apps.web.token import TOKEN, chosen_token, knows
 from haptorb.errors import InputError
 

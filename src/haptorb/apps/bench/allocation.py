@@ -9,11 +9,11 @@ import numpy as np
 
 from haptorb.apps.bench.contest import fastest
 from haptorb.apps.bench.row import Row
-from haptorb.control.minimum_power import MinimumPowerAllocator
-from haptorb.devices.motor_doors import motor, torque_characteristic
-from haptorb.devices.motor_validation import workspace_sample
+from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
+from haptorb.devices.motor.api import motor, torque_characteristic
+from haptorb.devices.motor.validation import workspace_sample
 from haptorb.devices.wrench_map import WrenchMap
-from haptorb.physics.arrays import Array
+from haptorb.numerics.arrays import Array
 
 __all__ = ["rows"]
 

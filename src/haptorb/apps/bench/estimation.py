@@ -8,14 +8,14 @@ from time import perf_counter
 import numpy as np
 
 from haptorb.apps.bench.row import Row
-from haptorb.devices.motor_doors import motor
-from haptorb.physics.rotations import rotation_from_euler
+from haptorb.devices.motor.api import motor
+from haptorb.numerics.rotations import rotation_from_euler
 from haptorb.sensing.estimator import Estimator
-from haptorb.sensing.linear_map import LinearTorque
-from haptorb.sensing.network import NetworkTorque, train
-from haptorb.sensing.orientation import LeastSquaresOrientation
+from haptorb.sensing.orientation.least_squares import LeastSquaresOrientation
 from haptorb.sensing.sample import Pose, Sample
-from haptorb.sensing.torque_map import FieldToTorque
+from haptorb.sensing.torque_maps.linear_map import LinearTorque
+from haptorb.sensing.torque_maps.network import NetworkTorque, train
+from haptorb.sensing.torque_maps.torque_map import FieldToTorque
 
 __all__ = ["rows"]
 

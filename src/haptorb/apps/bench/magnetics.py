@@ -16,10 +16,10 @@ from haptorb.apps.bench import peers
 from haptorb.apps.bench.contest import Contest, Result, fastest
 from haptorb.apps.bench.row import Row
 from haptorb.devices.loader import load
-from haptorb.devices.motor_doors import motor, sensor_field, torque_characteristic
-from haptorb.devices.motor_levels import exact_field, exact_torque
-from haptorb.physics.arrays import Array
-from haptorb.physics.rotations import rotation_from_euler
+from haptorb.devices.motor.api import motor, sensor_field, torque_characteristic
+from haptorb.devices.motor.levels import exact_field, exact_torque
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.rotations import rotation_from_euler
 
 __all__ = ["magnetics", "rows"]
 

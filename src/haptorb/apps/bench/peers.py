@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.devices.spherical_motor import SphericalMotor
-from haptorb.physics.arrays import Array
-from haptorb.physics.dipole import MU0
+from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.numerics.arrays import Array
+from haptorb.physics.sources.dipole import MU0
 
 __all__ = ["Winding", "cfsem_field", "core_field", "getb_field", "getft_torque"]
 

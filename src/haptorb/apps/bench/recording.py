@@ -12,10 +12,10 @@ import numpy as np
 
 from haptorb.apps.bench.row import Row
 from haptorb.devices.loader import load
-from haptorb.physics.arrays import Array
-from haptorb.runtime.recorder import Recorder
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.recording.recorder import Recorder
 from haptorb.runtime.row import RowLayout
-from haptorb.runtime.servo import Servo
+from haptorb.runtime.servo.servo import Servo
 
 __all__ = ["rows"]
 

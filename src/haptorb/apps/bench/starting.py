@@ -12,7 +12,7 @@ from time import monotonic, sleep
 
 from haptorb.apps.bench.outside import HAPTORB
 from haptorb.apps.bench.row import Row
-from haptorb.runtime.recording import Recording
+from haptorb.runtime.recording.recording import Recording
 
 __all__ = ["rows"]
 

@@ -12,9 +12,9 @@ from haptorb import worlds
 from haptorb.apps.bench.row import Row
 from haptorb.devices.device import Device
 from haptorb.devices.loader import load
-from haptorb.runtime.assembly import allocator_of, default_world, estimator_of, estimators_of, linkage_of
-from haptorb.runtime.sim_driver import SimDriver
-from haptorb.runtime.tick import Tick
+from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.tick.assembly import allocator_of, default_world, estimator_of, estimators_of, linkage_of
+from haptorb.runtime.tick.tick import Tick
 from haptorb.simulation.registry import simulated
 
 __all__ = ["rows"]

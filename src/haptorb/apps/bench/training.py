@@ -10,10 +10,10 @@ import numpy as np
 from scipy.optimize import least_squares, minimize
 
 from haptorb.apps.bench.row import Row
-from haptorb.devices.motor_doors import motor
-from haptorb.physics.arrays import Array
-from haptorb.sensing.levenberg_marquardt import fitted
-from haptorb.sensing.training_set import workspace_grid
+from haptorb.devices.motor.api import motor
+from haptorb.numerics.arrays import Array
+from haptorb.sensing.torque_maps.levenberg_marquardt import fitted
+from haptorb.sensing.torque_maps.training_set import workspace_grid
 
 __all__ = ["rows"]
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptorb.apps.calibrate.measure import Pace
-from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.physics.arrays import Array
-from haptorb.runtime.driver import Driver
-from haptorb.runtime.real_driver import is_real, real_driver
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.drivers.driver import Driver
+from haptorb.runtime.drivers.driver_registry import is_real, real_driver
 
 __all__ = ["door", "hold_tool"]
 
@@ -32,8 +32,8 @@ def door(name: str, device: SphericalElectromagnet, seed: int = 0, *, watchdog: 
     """The driver `name` of `device`, not open yet, and its pace; UnknownName or InputError if there is no such."""
     if is_real(name):
         return real_driver(name, device, patience=_PATIENCE, watchdog=watchdog), Pace()
-    from haptorb.runtime.assembly import known_driver
-    from haptorb.runtime.sim_driver import SimDriver
+    from haptorb.runtime.drivers.simulated import SimDriver
+    from haptorb.runtime.tick.assembly import known_driver
 
     known_driver(name)
     driver = SimDriver.of(device, _STEP, seed=seed)
@@ -43,7 +43,7 @@ def door(name: str, device: SphericalElectromagnet, seed: int = 0, *, watchdog: 
 
 def hold_tool(driver: Driver, device: SphericalElectromagnet, *, near: bool) -> None:
     """Let a simulated hand hold the tool on the summit, or half a metre above it; with a real device a person does."""
-    from haptorb.runtime.sim_driver import SimDriver
+    from haptorb.runtime.drivers.simulated import SimDriver
 
     if isinstance(driver, SimDriver):
         height = device.contact_distance if near else 0.5

@@ -15,12 +15,12 @@ from haptorb.apps.calibrate.heating import HEATING, Course
 from haptorb.apps.calibrate.measure import Pace, Session
 from haptorb.apps.calibrate.progress_file import ProgressFile
 from haptorb.apps.calibrate.steps import STEPS, Bench, Step, calibration_of, schedule_of
-from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, DriverError, InputError, UnknownName
 from haptorb.physics.thermal import TwoNode
-from haptorb.runtime.calibration_file import write_calibration
-from haptorb.runtime.driver import Driver
-from haptorb.sensing.calibration import Calibration
+from haptorb.runtime.drivers.driver import Driver
+from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.sensing.calibration_file import write_calibration
 
 __all__ = ["Guide", "guided", "known_steps"]
 

@@ -17,10 +17,10 @@ from typing import final
 import numpy as np
 
 from haptorb.apps.calibrate.measure import Session
-from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, HostSilent
-from haptorb.physics.arrays import Array
-from haptorb.sensing.thermal_identification import ThermalIdentification, thermal_identification
+from haptorb.numerics.arrays import Array
+from haptorb.sensing.calibration.thermal_identification import ThermalIdentification, thermal_identification
 
 __all__ = ["HEATING", "Course", "Heated", "heated"]
 

@@ -11,15 +11,15 @@ from time import monotonic, sleep
 
 import numpy as np
 
-from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError
-from haptorb.physics.arrays import Array
+from haptorb.numerics.arrays import Array
 from haptorb.physics.thermal import TwoNode
-from haptorb.runtime.driver import Driver
-from haptorb.sensing.calibration import Calibration
-from haptorb.sensing.magnetic_calibration import MagneticCalibration, excitation, magnetic_calibration
+from haptorb.runtime.drivers.driver import Driver
+from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.sensing.calibration.magnetic_calibration import MagneticCalibration, excitation, magnetic_calibration
+from haptorb.sensing.calibration.thermal_identification import ThermalIdentification
 from haptorb.sensing.sample import Sample
-from haptorb.sensing.thermal_identification import ThermalIdentification
 
 __all__ = ["RATE", "Pace", "Session", "calibrate", "composed", "mean_field"]
 

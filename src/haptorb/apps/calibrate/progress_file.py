@@ -9,10 +9,10 @@ from pathlib import Path
 from time import time
 from typing import Any, final
 
-from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.devices.text_file import json_of, read_bytes
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, shown
-from haptorb.sensing.document import numbers
+from haptorb.files.json_file import numbers
+from haptorb.files.text_file import json_of, read_bytes
 
 __all__ = ["ProgressFile"]
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.errors import CalibrationError, shown
-from haptorb.physics.arrays import Array
-from haptorb.sensing.thermal_identification import ThermalIdentification, thermal_identification
+from haptorb.numerics.arrays import Array
+from haptorb.sensing.calibration.thermal_identification import ThermalIdentification, thermal_identification
 
 __all__ = ["ThermalRecord", "thermal_record"]
 
@@ -88,7 +88,7 @@ def _plausible(path: Path, t: Array, values: Array) -> None:
 
 
 def _from_recording(path: Path, device: Device) -> ThermalRecord:
-    from haptorb.runtime.recording import Recording
+    from haptorb.runtime.recording.recording import Recording
 
     recording = Recording(path)
     noted = recording.metadata.get("device", {})

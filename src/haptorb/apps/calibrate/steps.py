@@ -15,14 +15,14 @@ import numpy as np
 
 from haptorb.apps.calibrate.heating import HEATING, Course, heated
 from haptorb.apps.calibrate.measure import Session, composed, mean_field
-from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import CalibrationError
-from haptorb.physics.arrays import Array
+from haptorb.numerics.arrays import Array
 from haptorb.physics.thermal import TwoNode
-from haptorb.sensing.calibration import Calibration
-from haptorb.sensing.magnetic_calibration import MagneticCalibration, excitation
-from haptorb.sensing.tool_field import ToolModel, tool_field
+from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.sensing.calibration.magnetic_calibration import MagneticCalibration, excitation
+from haptorb.sensing.tool.tool_field import ToolModel, tool_field
 
 __all__ = ["STEPS", "Bench", "Step", "calibration_of"]
 

@@ -9,8 +9,8 @@ from typing import final
 
 import numpy as np
 
-from haptorb.physics.arrays import Array
-from haptorb.runtime.driver import Driver
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.drivers.driver import Driver
 from haptorb.sensing.sample import Pose, Sample
 
 __all__ = ["LateTracker"]

@@ -10,8 +10,8 @@ import numpy as np
 from haptorb.apps.check.fitness import Fitness
 from haptorb.apps.check.machine import Watch, this_machine
 from haptorb.errors import InputError
-from haptorb.physics.arrays import Array
-from haptorb.runtime.servo import Servo
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.servo.servo import Servo
 
 __all__ = ["dragged", "measured"]
 

@@ -13,15 +13,15 @@ from typing import ClassVar
 import numpy as np
 
 from haptorb.apps.check.late_tracker import LateTracker
-from haptorb.control.hand_grip import HandGrip
-from haptorb.devices.electromagnet import Hand, SphericalElectromagnet
+from haptorb.control.stability.hand_grip import HandGrip
+from haptorb.devices.electromagnet.electromagnet import Hand, SphericalElectromagnet
 from haptorb.devices.state import State
-from haptorb.physics.arrays import Array
-from haptorb.runtime.assembly import allocator_of, estimator_of
-from haptorb.runtime.sim_driver import SimDriver
-from haptorb.runtime.tick import Tick
-from haptorb.runtime.tracker import Goal
-from haptorb.simulation.omni import SimulatedElectromagnet
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.tick.assembly import allocator_of, estimator_of
+from haptorb.runtime.tick.tick import Tick
+from haptorb.runtime.trackers.tracker import Goal
+from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
 from haptorb.worlds.world import World
 
 __all__ = ["boundary", "grows"]

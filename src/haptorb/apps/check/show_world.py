@@ -91,7 +91,7 @@ def drawn_world(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from haptorb.control.stability import SampledLoop
+    from haptorb.control.stability.stability import SampledLoop
 
     loop, hand, setting = verdict.loop, verdict.hand, verdict.setting
     unit = f"{verdict.place.force}/{verdict.place.length}"

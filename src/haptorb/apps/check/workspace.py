@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptorb.control.gradient import Field
-from haptorb.control.hand_grip import HandGrip
+from haptorb.control.stability.gradient import Field
+from haptorb.control.stability.hand_grip import HandGrip
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.devices.spherical_motor import SphericalMotor
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.devices.state import State, rotation_to_axis
 from haptorb.errors import InputError
-from haptorb.physics.arrays import Array
-from haptorb.runtime.assembly import MOTOR_GAINS
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.tick.assembly import MOTOR_GAINS
 from haptorb.worlds.world import World
 
 __all__ = ["Workspace", "workspace"]

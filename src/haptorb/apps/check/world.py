@@ -10,12 +10,12 @@ from typing import Any, final
 import numpy as np
 
 from haptorb.apps.check.workspace import Workspace, workspace
-from haptorb.control.gradient import Steepest, Steepness, steepest
-from haptorb.control.hand_grip import GRIPS, HandGrip
-from haptorb.control.stability import SampledLoop
+from haptorb.control.stability.gradient import Steepest, Steepness, steepest
+from haptorb.control.stability.hand_grip import GRIPS, HandGrip
+from haptorb.control.stability.stability import SampledLoop
 from haptorb.devices.device import Device
 from haptorb.errors import InputError
-from haptorb.sensing.place_filter import memory
+from haptorb.sensing.tool.place_filter import memory
 from haptorb.worlds.world import World
 
 __all__ = ["ENOUGH", "Setting", "WorldVerdict", "judged"]

@@ -47,10 +47,10 @@ def calibrate(
     from haptorb.apps.calibrate.door import door
     from haptorb.apps.calibrate.guided import Guide, guided, known_steps
     from haptorb.apps.progress import time_bar
-    from haptorb.devices.electromagnet import SphericalElectromagnet
+    from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
     from haptorb.devices.loader import load
-    from haptorb.runtime.calibration_file import writable
-    from haptorb.runtime.steady import steady
+    from haptorb.runtime.realtime.realtime_thread import steady
+    from haptorb.sensing.calibration_file import writable
 
     found = load(device)
     if not isinstance(found, SphericalElectromagnet) or not found.sensors:

@@ -75,9 +75,9 @@ def _world(
     from haptorb import worlds
     from haptorb.apps.check import Setting, drawn_world, judged, shown_world
     from haptorb.apps.cli.run import values_of
-    from haptorb.control.hand_grip import known_grip
+    from haptorb.control.stability.hand_grip import known_grip
     from haptorb.devices.loader import load
-    from haptorb.runtime.schedule import known_rate
+    from haptorb.runtime.realtime.schedule import known_rate
 
     if not (isfinite(latency) and latency >= 0):
         raise InputError(f"--latency must be at least 0 ms; got {latency:g}")
@@ -105,8 +105,8 @@ def _world(
 
 def _bandwidth(device: Device, tracker: str | None, tracker_rate: float | None) -> float | None:
     """Of the filter behind `tracker` [Hz]; None where there is none."""
-    from haptorb.runtime.assembly import electromagnet, known_estimator
-    from haptorb.sensing.tool_position import HallTracker
+    from haptorb.runtime.tick.assembly import electromagnet, known_estimator
+    from haptorb.sensing.tool.tool_position import HallTracker
 
     if tracker is None:
         return None
@@ -130,7 +130,7 @@ def _tried(device: Device, verdict: WorldVerdict) -> list[tuple[float, float]]:
     from rich.progress import track
 
     from haptorb.apps.check import boundary
-    from haptorb.devices.electromagnet import SphericalElectromagnet
+    from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 
     if not isinstance(device, SphericalElectromagnet):
         return []

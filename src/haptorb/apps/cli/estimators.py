@@ -35,10 +35,10 @@ def estimators(
     from rich.console import Console
     from rich.progress import Progress
 
-    from haptorb.apps.compare_estimators import compare, plotted, shown
+    from haptorb.apps.estimators import compare, plotted, shown
     from haptorb.apps.progress import build_tables
-    from haptorb.devices.motor_doors import motor
-    from haptorb.sensing.network_file import known_networks, read_networks
+    from haptorb.devices.motor.api import motor
+    from haptorb.sensing.torque_maps.network_file import known_networks, read_networks
 
     known = motor(device)
     build_tables(known)

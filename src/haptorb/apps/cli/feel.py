@@ -12,9 +12,9 @@ import typer
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
-    from haptorb.apps.design import Candidate, Candidates, Session, Trace
-    from haptorb.runtime.recording import Recording
-    from haptorb.runtime.servo import Servo
+    from haptorb.apps.feel import Candidate, Candidates, Session, Trace
+    from haptorb.runtime.recording.recording import Recording
+    from haptorb.runtime.servo.servo import Servo
 
 __all__ = ["register"]
 
@@ -41,7 +41,7 @@ def feel(
     json: Annotated[bool, typer.Option("--json", help="The comparison as JSON.")] = False,
 ) -> None:
     """Feel designs one after another, rate each from 1 to 7, and compare them. What was felt and said is kept."""
-    from haptorb.apps.design import Session, load_designs
+    from haptorb.apps.feel import Session, load_designs
 
     candidates = load_designs(designs)
     wanted = [candidates[name] for name in only] if only else list(candidates.designs)
@@ -70,8 +70,8 @@ def feel(
 
 
 def _servo(device: str, design: Candidate, candidates: Candidates) -> Servo:
-    from haptorb.runtime.assembly import MOTOR_GAINS
-    from haptorb.runtime.servo import Servo
+    from haptorb.runtime.servo.servo import Servo
+    from haptorb.runtime.tick.assembly import MOTOR_GAINS
 
     # The file scales torques; how far the handle moves the part is the motor's matter.
     return Servo(device, design.world, gains=MOTOR_GAINS.scaled(float(candidates.gains.torque_per_motion[0])))
@@ -111,7 +111,7 @@ def _trace(recording: Recording, design: Candidate) -> Trace:
     import numpy as np
     from scipy.spatial.transform import Rotation
 
-    from haptorb.apps.design import Trace
+    from haptorb.apps.feel import Trace
     from haptorb.devices.state import State
 
     trace = Trace(design)
@@ -142,7 +142,7 @@ def _scores(given: list[str], candidates: Candidates) -> dict[str, int]:
         if not equals or not text.strip().isdecimal():
             raise InputError(f"--rate must be NAME=SCORE with a whole number from 1 to 7; got '{item}'")
         scores[candidates[name].name] = int(text)
-    from haptorb.apps.design.session import SCORES
+    from haptorb.apps.feel.session import SCORES
 
     low, high = SCORES
     for name, score in scores.items():
@@ -152,7 +152,7 @@ def _scores(given: list[str], candidates: Candidates) -> dict[str, int]:
 
 
 def _compared(candidates: Candidates, session: Session, plot: Path | None, json: bool) -> None:
-    from haptorb.apps.design.comparison import comparison, plot_comparison
+    from haptorb.apps.feel.comparison import comparison, plot_comparison
 
     table = comparison(candidates, session)
     if plot is not None:

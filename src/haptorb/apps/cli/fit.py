@@ -33,7 +33,7 @@ def fit_multipole(
     from rich.progress import Progress
 
     from haptorb.apps.fit import compare
-    from haptorb.devices.motor_doors import motor
+    from haptorb.devices.motor.api import motor
 
     known = motor(device)
     with Progress(console=Console(stderr=True), transient=True) as bar:

@@ -13,7 +13,7 @@ import typer
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
-    from haptorb.apps.calibrate.frame_steps import Stroke
+    from haptorb.apps.frame.frame_steps import Stroke
 
 __all__ = ["register"]
 
@@ -37,13 +37,13 @@ def frame(
     json: Annotated[bool, typer.Option("--json", help="Print the frame as JSON.")] = False,
 ) -> None:
     """Register a tracker's own frame: touch the dome and its marks, roll the tool. Then: haptorb run --frame FILE."""
-    from haptorb.apps.calibrate.frame_rehearsal import PACE, Rehearsal, missed, rehearsal_port
-    from haptorb.apps.calibrate.frame_steps import known_device, registered
+    from haptorb.apps.frame.frame_rehearsal import PACE, Rehearsal, missed, rehearsal_port
+    from haptorb.apps.frame.frame_steps import known_device, registered
     from haptorb.apps.progress import time_bar
     from haptorb.devices.loader import load
-    from haptorb.runtime.calibration_file import writable, write_frame
-    from haptorb.runtime.tracker_door import fed, feed_of, known_tracker, prepared
-    from haptorb.sensing.tracker_frame import TrackerFrame
+    from haptorb.runtime.trackers.tracker_registry import fed, feed_of, known_tracker, prepared
+    from haptorb.sensing.calibration_file import writable, write_frame
+    from haptorb.sensing.frame.tracker_frame import TrackerFrame
 
     found = known_device(load(device))
     known_tracker(tracker)

@@ -53,7 +53,7 @@ def monitor(
     from haptorb.apps.hardware.monitor import line
     from haptorb.apps.hardware.monitor import monitor as samples
     from haptorb.devices.loader import load
-    from haptorb.runtime.real_driver import real_driver
+    from haptorb.runtime.drivers.driver_registry import real_driver
 
     through = real_driver(driver, load(device), watchdog=False)  # which nothing needs that switches nothing on
     for sample in samples(through, rate, duration):
@@ -77,8 +77,8 @@ def jog(
     from haptorb.apps.hardware.jog import jog as moved
     from haptorb.apps.hardware.monitor import state_words
     from haptorb.devices.loader import load
-    from haptorb.runtime.real_driver import real_driver
-    from haptorb.runtime.steady import steady
+    from haptorb.runtime.drivers.driver_registry import real_driver
+    from haptorb.runtime.realtime.realtime_thread import steady
 
     it = load(device)
     through = real_driver(

@@ -16,8 +16,8 @@ import typer
 from haptorb.errors import InputError, shown
 
 if TYPE_CHECKING:
-    from haptorb.runtime.servo import Servo
-    from haptorb.runtime.standby import Standby
+    from haptorb.runtime.processes.prestart import Standby
+    from haptorb.runtime.servo.servo import Servo
 
 __all__ = ["register", "values_of"]
 
@@ -76,15 +76,15 @@ def run(
     values = values_of(settings or [])
     if duration is not None and not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
-    from haptorb.runtime.standby import Standby
+    from haptorb.runtime.processes.prestart import Standby
 
     with Standby() as standby:  # it loads while this process does, and reads the device file
         from haptorb import worlds
         from haptorb.apps.progress import build_tables
         from haptorb.devices.loader import load
-        from haptorb.runtime.assembly import default_world
-        from haptorb.runtime.black_box import state_folder
-        from haptorb.runtime.servo import Servo
+        from haptorb.runtime.exchange.black_box import state_folder
+        from haptorb.runtime.servo.servo import Servo
+        from haptorb.runtime.tick.assembly import default_world
 
         found = load(device)
         felt = worlds.named(world or default_world(found))().changed(**values)

@@ -91,7 +91,7 @@ def inspect(
         raise InputError(f"--plot must name a .png or .svg file; got '{plot}'")
     if plot is not None and not plot.parent.is_dir():
         raise InputError(f"--plot: the folder '{plot.parent}' does not exist")
-    from haptorb.apps.inspect import card
+    from haptorb.apps.inspect.card import card
     from haptorb.apps.progress import build_tables
 
     build_tables(found)

@@ -15,9 +15,9 @@ from haptorb.errors import InputError
 if TYPE_CHECKING:
     from sqlalchemy.engine import Engine
 
-    from haptorb.apps.study.streams import Streams
-    from haptorb.apps.study.study_file import Study
-    from haptorb.runtime.servo import Servo
+    from haptorb.apps.study.model.study_file import Study
+    from haptorb.apps.study.session.streams import Streams
+    from haptorb.runtime.servo.servo import Servo
 
 __all__ = ["register"]
 
@@ -37,7 +37,7 @@ def register(app: typer.Typer) -> None:
 @study.command()
 def check(file: FileArgument) -> None:
     """Is the study file right; how long will it take, do the coils stay cool, do maps overlap?"""
-    from haptorb.apps.study.study_file import read_study
+    from haptorb.apps.study.model.study_file import read_study
 
     known = read_study(file)
     print(f"{known.name}: {known.procedure} on '{known.device}', {len(known.points)} set-points")
@@ -67,9 +67,9 @@ def run(
     port: Annotated[int, typer.Option(help="Of the pages; 0 takes any free one.")] = 8766,
 ) -> None:
     """Run sessions: a page for the participant and one for the experimenter; interrupted ones are resumed."""
-    from haptorb.apps.study.database import database
-    from haptorb.apps.study.sitting import known_code
-    from haptorb.apps.study.study_file import read_study
+    from haptorb.apps.study.model.study_file import read_study
+    from haptorb.apps.study.session.stored_session import known_code
+    from haptorb.apps.study.store.database import database
 
     known = read_study(file)
     if participant is not None:
@@ -79,7 +79,7 @@ def run(
     if terminal and (known.mask is not None or lsl is not None):
         raise InputError("noise that masks the device and LSL streams need the browser: leave --terminal away")
     _foretold(known)
-    from haptorb.runtime.servo import Servo
+    from haptorb.runtime.servo.servo import Servo
 
     def start(recording: Path | None) -> Servo:
         return Servo(known.device, "nothing", driver=driver, tracker=tracker, frame=frame, record=recording or False)
@@ -87,7 +87,7 @@ def run(
     start(None)  # not opened: a driver, tracker, frame or stream that is none is refused before a database is made
     streams = None
     if lsl is not None:
-        from haptorb.apps.study.streams import opened
+        from haptorb.apps.study.session.streams import opened
 
         streams = opened(lsl)
     engine = database(db)  # before the device: without a place for answers nothing is started
@@ -104,14 +104,14 @@ def _at_terminal(
     known: Study, engine: Engine, participant: str, start: Callable[[Path | None], Servo], db: str, again: str,
     record: bool,
 ) -> None:  # fmt: skip
-    from haptorb.apps.study.sitting import Sitting
+    from haptorb.apps.study.session.stored_session import Sitting
 
     with Sitting(engine, known, participant, simulated=False) as sitting:
         if sitting.resumed:
             _say(f"resuming session {sitting.id} of {participant} at trial {sitting.number + 1}")
         if sitting.over:
             raise InputError(f"participant '{participant}' has answered everything already")
-        from haptorb.apps.study.session_at_terminal import hold
+        from haptorb.apps.study.session.terminal import hold
 
         how = hold(sitting, start, _beside(db, sitting.id) if record else None)
     words = {"done": "done: thank you", "aborted": "aborted: what was answered is kept"}
@@ -122,10 +122,10 @@ def _in_browser(
     known: Study, engine: Engine, participant: str | None, start: Callable[[Path | None], Servo], db: str, driver: str,
     record: bool, streams: Streams | None, port: int,
 ) -> None:  # fmt: skip
-    from haptorb.apps.study.database import shown
-    from haptorb.apps.study.forecast import forecast
     from haptorb.apps.study.pages.host import Host
     from haptorb.apps.study.pages.reception import Reception
+    from haptorb.apps.study.simulated.forecast import forecast
+    from haptorb.apps.study.store.database import shown
 
     reception = Reception(
         engine, known, start, (lambda session: _beside(db, session)) if record else (lambda session: None), streams
@@ -153,9 +153,9 @@ def simulate(
     from rich.console import Console
     from rich.progress import Progress
 
-    from haptorb.apps.study.database import database
-    from haptorb.apps.study.rehearsal import rehearse
-    from haptorb.apps.study.study_file import read_study
+    from haptorb.apps.study.model.study_file import read_study
+    from haptorb.apps.study.simulated.rehearsal import rehearse
+    from haptorb.apps.study.store.database import database
 
     known = read_study(file)
     with Progress(console=Console(stderr=True), transient=True) as bar:
@@ -188,9 +188,9 @@ def power(
     from rich.progress import Progress
     from rich.table import Table
 
-    from haptorb.apps.study.power import PEOPLE
-    from haptorb.apps.study.power import power as foretold
-    from haptorb.apps.study.study_file import read_study
+    from haptorb.apps.study.model.study_file import read_study
+    from haptorb.apps.study.simulated.power import PEOPLE
+    from haptorb.apps.study.simulated.power import power as foretold
 
     known = read_study(file)
     with Progress(console=Console(stderr=True), transient=True) as bar:
@@ -222,7 +222,7 @@ def analyse(
     json: Annotated[bool, typer.Option("--json", help="Only print the numbers, as JSON.")] = False,
 ) -> None:
     """Confusion, accuracy, where wrong answers went, error over θ, curves; an HTML report and its figures."""
-    from haptorb.apps.study.desk import analysis_of
+    from haptorb.apps.study.analysis.load_analysis import analysis_of
 
     if figures not in ("svg", "png"):
         raise InputError(f"--figures must be svg or png; got '{figures}'")
@@ -232,8 +232,8 @@ def analyse(
 
         print(dumps(done.numbers(), indent=2, ensure_ascii=False))
         return
-    from haptorb.apps.study.report import write_report
-    from haptorb.apps.study.summary import shown
+    from haptorb.apps.study.analysis.report import write_report
+    from haptorb.apps.study.analysis.summary import shown
 
     shown(done)
     path = write_report(done, out or Path(f"{done.study.name}-report"), kind=figures)
@@ -248,9 +248,9 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
 ) -> None:
     """All trials, one row each: tidy CSV, Parquet, or a BIDS folder, with a data dictionary."""
-    from haptorb.apps.study import export as out
-    from haptorb.apps.study.columns import replied, studied, tidy
-    from haptorb.apps.study.database import database
+    from haptorb.apps.study.store import export as out
+    from haptorb.apps.study.store.columns import replied, studied, tidy
+    from haptorb.apps.study.store.database import database
 
     engine = database(db, make=False)
     known = studied(engine, name)
@@ -270,7 +270,7 @@ def export(
 
 def _foretold(known: Study) -> bool:
     """Say what a session will be like; whether the thermal budget holds."""
-    from haptorb.apps.study.forecast import forecast, overlap
+    from haptorb.apps.study.simulated.forecast import forecast, overlap
 
     told = forecast(known)
     _say(("" if told.holds else "warning: ") + told.sentence)
@@ -282,7 +282,7 @@ def _foretold(known: Study) -> bool:
 
 def _beside(db: str, session: int) -> Path:
     """A name for this stretch of the session's recording that is not taken."""
-    from haptorb.apps.study.database import url_of
+    from haptorb.apps.study.store.database import url_of
 
     url = url_of(db)
     folder = Path(url.removeprefix("sqlite:///")).parent if url.startswith("sqlite:///") else Path()

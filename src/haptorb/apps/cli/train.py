@@ -35,7 +35,7 @@ def train(
 
     from haptorb.apps.progress import build_tables
     from haptorb.apps.train import trained
-    from haptorb.devices.motor_doors import motor
+    from haptorb.devices.motor.api import motor
 
     build_tables(motor(device))
     columns = (TextColumn("training"), BarColumn(), TimeRemainingColumn())

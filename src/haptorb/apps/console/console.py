@@ -8,9 +8,9 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self, final
 
-from haptorb.apps.console.felt import FeltMap
-from haptorb.apps.console.felt_process import FeltProcess
-from haptorb.apps.console.servant import Servant
+from haptorb.apps.console.force_map import FeltMap
+from haptorb.apps.console.force_map_process import FeltProcess
+from haptorb.apps.console.running_servo import Servant
 from haptorb.apps.console.site import application
 from haptorb.apps.web.browser import open_browser_at
 from haptorb.apps.web.server import HOST, bound, hurry, server, signals

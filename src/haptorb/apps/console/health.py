@@ -7,8 +7,8 @@ from typing import final
 
 import numpy as np
 
-from haptorb.apps.console.servant import Servant
-from haptorb.physics.arrays import Array
+from haptorb.apps.console.running_servo import Servant
+from haptorb.numerics.arrays import Array
 
 __all__ = ["Health"]
 

@@ -10,19 +10,19 @@ from typing import Any, final
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from haptorb.apps.console.felt import Painter
-from haptorb.apps.console.hand import Hand
+from haptorb.apps.console.force_map import Painter
 from haptorb.apps.console.health import Health
 from haptorb.apps.console.page import Page, plain
+from haptorb.apps.console.pointer_relay import Hand
 from haptorb.apps.console.recent import Recent
-from haptorb.apps.console.servant import Servant
+from haptorb.apps.console.running_servo import Servant
 from haptorb.apps.console.target import prepare, target_scene
 from haptorb.apps.console.wire import Columns, felt_frame, mesh_frame, pointer, rows_frame
 from haptorb.apps.web.command import asks_to_stop
 from haptorb.apps.web.command import command as read_command
 from haptorb.apps.web.token import PROTOCOL
 from haptorb.errors import HaptorbError, InputError
-from haptorb.runtime.reception import REASONS
+from haptorb.runtime.trackers.pose_filter import REASONS
 
 __all__ = ["MOST", "Room"]
 

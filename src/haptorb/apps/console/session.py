@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.console.servant import Servant
+from haptorb.apps.console.running_servo import Servant
 from haptorb.apps.console.target import target_scene
 from haptorb.apps.console.wire import Columns
-from haptorb.control.trip import Trip
+from haptorb.control.protection.trip import Trip
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.devices.spherical_motor import SphericalMotor
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import InputError
-from haptorb.runtime.tracker_door import fed
+from haptorb.runtime.trackers.tracker_registry import fed
 from haptorb.version import __version__
 from haptorb.worlds import CATALOGUE, World
 from haptorb.worlds.parameter import parameters

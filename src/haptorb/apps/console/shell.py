@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from haptorb.physics.arrays import Array
+from haptorb.numerics.arrays import Array
 
 __all__ = ["shell"]
 

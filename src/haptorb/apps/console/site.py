@@ -14,15 +14,15 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 
-from haptorb.apps.console.felt import FeltMap, Painter
-from haptorb.apps.console.felt_process import FeltProcess
+from haptorb.apps.console.force_map import FeltMap, Painter
+from haptorb.apps.console.force_map_process import FeltProcess
 from haptorb.apps.console.room import Room
-from haptorb.apps.console.servant import Servant
+from haptorb.apps.console.running_servo import Servant
 from haptorb.apps.console.session import session, world_now
-from haptorb.apps.web.doors import Doors
 from haptorb.apps.web.files import answered, page_files
+from haptorb.apps.web.gate import Doors
 from haptorb.apps.web.token import chosen_token
-from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 
 __all__ = ["STATIC", "application"]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.errors import HaptorbError
-from haptorb.physics.arrays import Array
+from haptorb.numerics.arrays import Array
 from haptorb.physics.beams import bent_shape, compliance
 from haptorb.physics.hook import Hook
 from haptorb.worlds import Outlet, SnapFit, named

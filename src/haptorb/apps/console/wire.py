@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptorb.errors import InputError
-from haptorb.physics.arrays import Array
+from haptorb.numerics.arrays import Array
 from haptorb.runtime.row import RowLayout
 
 __all__ = ["COLUMNS", "Columns", "Pointer", "felt_frame", "mesh_frame", "pointer", "rows_frame"]

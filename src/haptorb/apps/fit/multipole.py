@@ -12,10 +12,10 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from haptorb.devices.spherical_motor import SphericalMotor
+from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import UnknownName
 from haptorb.physics.multipole_fit import MultipoleFit, fit_multipole, residual, shell_region
-from haptorb.physics.round_body import RoundBody
+from haptorb.physics.sources.round_body import RoundBody
 
 __all__ = ["PARTS", "Comparison", "compare"]
 

@@ -10,10 +10,10 @@ from time import monotonic, sleep
 import numpy as np
 
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import DeviceError, InputError
-from haptorb.physics.arrays import Array
-from haptorb.runtime.emulator import EmulatedDevice, Emulator
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.drivers.serial.emulator import EmulatedDevice, Emulator
 
 __all__ = ["emulate"]
 

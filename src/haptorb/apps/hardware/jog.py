@@ -10,7 +10,7 @@ import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.errors import DriverError, InputError, UnknownName
-from haptorb.runtime.driver import Driver
+from haptorb.runtime.drivers.driver import Driver
 
 __all__ = ["GENTLE_CURRENT", "GENTLE_DUTY", "Jog", "jog"]
 

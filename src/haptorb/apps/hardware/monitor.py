@@ -8,9 +8,9 @@ from time import monotonic, sleep
 
 import numpy as np
 
-from haptorb.control.trip import CoilState
+from haptorb.control.protection.trip import CoilState
 from haptorb.errors import InputError
-from haptorb.runtime.driver import Driver
+from haptorb.runtime.drivers.driver import Driver
 from haptorb.sensing.sample import Sample
 
 __all__ = ["line", "monitor", "state_words"]
@@ -70,7 +70,7 @@ def line(sample: Sample, state: CoilState = CoilState.OFF) -> str:
     """One line for people: time, currents, temperatures, and the field's size at every sensor; and the coils' `state`,
     if they are not off.
 
-    >>> from haptorb.runtime.serial_driver import untracked
+    >>> from haptorb.runtime.drivers.serial.serial_driver import untracked
     >>> line(Sample(1.5, np.array([1.0, -2, 0]), np.full(3, 300.0), np.eye(3) * 1e-3, untracked(0.0)))
     '   1.50 s   +1.000  -2.000  +0.000 A    26.9  26.9  26.9 °C   1.00 1.00 1.00 mT'
     """

@@ -8,24 +8,24 @@ from dataclasses import dataclass
 from time import monotonic
 
 from haptorb.errors import DriverError
-from haptorb.runtime import hall_adc, hall_select, ina219, output_enable, pca9685
-from haptorb.runtime.board import Board
-from haptorb.runtime.board_words import missing_chips
-from haptorb.runtime.hall_select import HallSelect
-from haptorb.runtime.i2c_bus import I2cBus, bus_list
-from haptorb.runtime.i2c_port import LinuxPort
-from haptorb.runtime.pca9685 import Pca9685
-from haptorb.runtime.serial_port import port_list
+from haptorb.runtime.drivers.i2c import ina219, max11616, output_enable, pca9685, tca9534
+from haptorb.runtime.drivers.i2c.i2c_bus import I2cBus, bus_list
+from haptorb.runtime.drivers.i2c.i2c_chips import LinuxPort
+from haptorb.runtime.drivers.i2c.pca9685 import Pca9685
+from haptorb.runtime.drivers.i2c.tca9534 import HallSelect
+from haptorb.runtime.drivers.serial.board import Board
+from haptorb.runtime.drivers.serial.codes import missing_chips
+from haptorb.runtime.drivers.serial.serial_port import port_list
 
 __all__ = ["Finding", "chips_on", "probe"]
 
-_SELECT = hall_select.ADDRESS
+_SELECT = tca9534.ADDRESS
 
 #: address → what should answer there
 _CHIPS = {
     pca9685.ADDRESS: "PWM driver PCA9685",
     **{address: f"current sensor INA219 of coil {coil}" for address, coil in zip(ina219.ADDRESSES, "xyz", strict=True)},
-    hall_adc.ADDRESS: "Hall converter MAX11616",
+    max11616.ADDRESS: "Hall converter MAX11616",
 }
 
 

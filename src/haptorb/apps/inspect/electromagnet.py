@@ -13,9 +13,9 @@ from rich.console import Console
 from rich.table import Table
 
 from haptorb.apps.inspect.card import Card, facts, shown
-from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.devices.feasible_wrench import FeasibleWrench, feasible_wrench
-from haptorb.devices.shell_capability import FORCE_JND, shell_capability
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.feasible_wrench import FeasibleWrench, feasible_wrench
+from haptorb.devices.electromagnet.shell_capability import FORCE_JND, shell_capability
 from haptorb.devices.state import State
 
 __all__ = ["ElectromagnetCard"]

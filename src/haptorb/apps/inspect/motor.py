@@ -12,11 +12,11 @@ from rich.console import Console
 from rich.table import Table
 
 from haptorb.apps.inspect.card import Card, facts, shown
-from haptorb.control.motor_capability import motor_capability
+from haptorb.control.allocation.motor_capability import motor_capability
 from haptorb.devices.endurance import endurance
-from haptorb.devices.spherical_motor import GRAVITY, SphericalMotor
-from haptorb.physics.arrays import Array
-from haptorb.physics.rotations import rotation_from_euler
+from haptorb.devices.motor.spherical_motor import GRAVITY, SphericalMotor
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.rotations import rotation_from_euler
 
 __all__ = ["MotorCard"]
 

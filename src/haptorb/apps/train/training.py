@@ -13,12 +13,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from haptorb.apps.compare_estimators.trajectories import figure_4, normalised_error, random_workspace
-from haptorb.devices.motor_doors import motor
+from haptorb.apps.estimators.trajectories import figure_4, normalised_error, random_workspace
+from haptorb.devices.motor.api import motor
 from haptorb.errors import InputError
-from haptorb.physics.arrays import Array
-from haptorb.sensing.network import NetworkTorque, TrainedNetworks, train
-from haptorb.sensing.network_file import networks_path, write_networks
+from haptorb.numerics.arrays import Array
+from haptorb.sensing.torque_maps.network import NetworkTorque, TrainedNetworks, train
+from haptorb.sensing.torque_maps.network_file import networks_path, write_networks
 
 __all__ = ["Training", "trained"]
 

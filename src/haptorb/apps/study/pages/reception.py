@@ -16,14 +16,14 @@ from typing import Any, final
 
 from sqlalchemy.engine import Engine
 
-from haptorb.apps.study.conduct import OVER, Conduct
-from haptorb.apps.study.halt import Asked, Halt
-from haptorb.apps.study.sitting import Sitting
-from haptorb.apps.study.stage import Stage
-from haptorb.apps.study.streams import Streams
-from haptorb.apps.study.study_file import Study
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.session.halt import Asked, Halt
+from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.session.streams import Streams
+from haptorb.apps.study.session.trial_device import Stage
+from haptorb.apps.study.session.trial_runner import OVER, Conduct
 from haptorb.errors import HaptorbError, InputError, ServoError
-from haptorb.runtime.servo import Servo
+from haptorb.runtime.servo.servo import Servo
 
 __all__ = ["Reception"]
 

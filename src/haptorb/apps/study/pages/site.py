@@ -14,8 +14,8 @@ from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 
 from haptorb.apps.study.pages.room import Room
-from haptorb.apps.web.doors import Doors
 from haptorb.apps.web.files import answered, page_files
+from haptorb.apps.web.gate import Doors
 from haptorb.errors import InputError
 
 __all__ = ["STATIC", "application"]

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from haptorb.apps.asking.prompt import Prompt
+from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.pages.reception import Reception
-from haptorb.apps.study.stage import Stage
-from haptorb.apps.study.study_file import Study
+from haptorb.apps.study.session.trial_device import Stage
 
 __all__ = ["about", "for_experimenter", "for_participant", "pen", "places"]
 

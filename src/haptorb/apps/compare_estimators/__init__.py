@@ -1,8 +1,0 @@
-"""The estimators of a spherical motor side by side: Bai 2012 fig. 4 and beyond."""
-
-from __future__ import annotations
-
-from haptorb.apps.compare_estimators.comparison import Comparison, compare
-from haptorb.apps.compare_estimators.show import plotted, shown
-
-__all__ = ["Comparison", "compare", "plotted", "shown"]

@@ -1,0 +1,60 @@
+"""The map painted on the dome: what the device would really give at every point, kept up with the world's sliders."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from typing import Any, final
+
+import numpy as np
+
+from haptorb.apps.console.shell import shell
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.numerics.arrays import Array
+
+__all__ = ["FeltMap", "Flags", "Painter"]
+
+#: shape (n,)
+Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
+
+#: (name and values of the world, points (n, 3) [m]) → radial force (n,) [N] and whether the device is at its limit
+FeltMap = Callable[[str, Mapping[str, Any], Array], tuple[Array, Flags]]
+
+
+@final
+class Painter:
+    """Recomputes the map in a thread whenever the world changes; of several changes only the newest is painted."""
+
+    def __init__(self, device: SphericalElectromagnet, felt: FeltMap) -> None:
+        self.directions, self.triangles = shell()
+        self._points = self.directions * device.contact_distance
+        self._felt = felt
+        self._wanted: tuple[str, Mapping[str, Any], int] | None = None
+        self._task: asyncio.Task[None] | None = None
+        self.force = np.zeros(len(self.directions))
+        self.saturated: Flags = np.zeros(len(self.directions), dtype=np.bool_)
+        self.version = -1  #: which change of the world `force` belongs to; −1: not painted yet
+
+    def want(
+        self,
+        name: str,
+        values: Mapping[str, Any],
+        version: int,
+        painted: Callable[[], None],
+        failed: Callable[[str], None],
+    ) -> None:
+        """Paint this world next; `painted` or `failed` is called in the event loop when that is done."""
+        self._wanted = (name, values, version)
+        if self._task is None or self._task.done():
+            self._task = asyncio.get_running_loop().create_task(self._paint(painted, failed))
+
+    async def _paint(self, painted: Callable[[], None], failed: Callable[[str], None]) -> None:
+        while self._wanted is not None:
+            (name, values, version), self._wanted = self._wanted, None
+            try:
+                self.force, self.saturated = await asyncio.to_thread(self._felt, name, values, self._points)
+            except Exception as mistake:  # whatever a world's own code raises: the page says it, the loop goes on
+                failed(f"the felt map of '{name}' cannot be painted: {mistake}")
+            else:
+                self.version = version
+                painted()

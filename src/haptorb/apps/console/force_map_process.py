@@ -1,0 +1,126 @@
+"""The felt map computed in a process of its own, with low priority.
+
+Loading and running a world's compiled code holds a Python process up for as long as half a second. In the console's
+process that would starve the servo's heartbeat and the hand on the stylus.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any, final
+
+from haptorb.apps.console.force_map import Flags
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.errors import HaptorbError
+from haptorb.numerics.arrays import Array
+
+__all__ = ["FeltProcess"]
+
+_PATIENCE = 1.0  #: for the process to end by itself [s]
+
+
+@final
+class FeltProcess:
+    """Call it like a function: (name and values of a world, points (n, 3) [m]) → radial force (n,) [N], saturated (n,).
+
+    Started by `start` or the first call, and again if it died; a call blocks until the answer is there.
+    """
+
+    def __init__(self, device: SphericalElectromagnet) -> None:
+        self._device = device
+        self._process: subprocess.Popen[bytes] | None = None
+        self._one_at_a_time = threading.Lock()
+
+    def __call__(self, name: str, values: Mapping[str, Any], points: Array) -> tuple[Array, Flags]:
+        with self._one_at_a_time:
+            process = self._running()
+            assert process.stdin is not None
+            assert process.stdout is not None
+            try:
+                pickle.dump((name, dict(values), points), process.stdin)
+                process.stdin.flush()
+                answer = pickle.load(process.stdout)
+            except (OSError, EOFError, pickle.UnpicklingError, ValueError) as cause:
+                self._end()
+                raise HaptorbError("the process that computes it ended") from cause
+            if isinstance(answer, str):
+                raise HaptorbError(answer)
+            force, saturated = answer
+            return force, saturated
+
+    def start(self) -> None:
+        """Begin to load, so that the first call need not wait for it."""
+        with self._one_at_a_time:
+            self._running()
+
+    def close(self) -> None:
+        """End the process, if there is one."""
+        # Not under the lock: a call that waits for an answer ends with the process.
+        self._end()
+
+    def _running(self) -> subprocess.Popen[bytes]:
+        if self._process is not None and self._process.poll() is not None:
+            self._end()
+        if self._process is None:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "haptorb.apps.console.force_map_process"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                start_new_session=True,  # Ctrl-C is for the console, which then closes this
+            )
+            assert self._process.stdin is not None
+            pickle.dump(self._device, self._process.stdin)
+            self._process.stdin.flush()
+        return self._process
+
+    def _end(self) -> None:
+        process, self._process = self._process, None
+        if process is None:
+            return
+        assert process.stdin is not None
+        assert process.stdout is not None
+        with suppress(OSError):
+            process.stdin.close()  # that is what it waits for
+        try:
+            process.wait(_PATIENCE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        process.stdout.close()
+
+
+def main() -> None:
+    """Answer until the console closes the pipe: a device, then any number of (name, values, points)."""
+    os.nice(10)
+    questions, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # whatever a world prints is not an answer
+    from haptorb.simulation.force_map import felt_map
+    from haptorb.worlds import named
+
+    device = pickle.load(questions)
+    felt_map(device, named("nothing")(), [[0.0, 0.0, device.contact_distance]])  # loads what is compiled
+    while True:
+        try:
+            name, values, points = pickle.load(questions)
+        except EOFError:
+            return
+        answer: object
+        try:
+            answer = felt_map(device, named(name)(**values), points)
+        except Exception as mistake:  # whatever a world's own code raises is the answer
+            answer = f"{type(mistake).__name__}: {mistake}"
+        try:
+            pickle.dump(answer, answers)
+            answers.flush()
+        except BrokenPipeError:
+            os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,113 @@
+"""The hand behind the page's pointer: held by a person, or resting where it was let go.
+
+While a person drags, their own messages keep the pose fresh: if the page freezes or goes away in the middle of a drag
+nobody refreshes it, it expires, and the guard lets go. A browser on a busy computer stutters, though: as long as its
+socket is open, a pause of a few frames is bridged. A hand at rest has no such person behind it, so the server keeps it
+fresh for as long as the page stays connected.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from typing import final
+
+import numpy as np
+
+from haptorb.apps.console.running_servo import Servant
+from haptorb.apps.console.wire import Pointer
+from haptorb.numerics.arrays import Array
+
+__all__ = ["Hand"]
+
+#: how close the row's goal must be to the page's to be its answer [m]: float32 on the way
+_SAME = 1e-6
+#: the longest stutter of a page that is bridged while it holds the stylus [s]
+GRACE = 0.15
+#: a hand that was let go for so long is at rest [s]
+SETTLED = 0.5
+#: an answer that has not come by then will not come [s]
+_PATIENCE = 0.5
+
+
+@final
+class Hand:
+    """Passes the controlling page's pointer to the servo, and finds the row that answers it."""
+
+    def __init__(self, servo: Servant) -> None:
+        self._servo = servo
+        self._last: tuple[Array, Array | None, float] | None = None  # what is held, and when it was last said
+        self._rested = 0.0  # when it was let go
+        self._resting: tuple[Array, Array | None] | None = None
+        # the page's stamp, our time, position, orientation
+        self._pending: deque[tuple[float, float, Array, Array | None]] = deque(maxlen=64)
+        self.held = False
+
+    def point(self, pointer: Pointer) -> None:
+        """The page's pointer moved, or was let go at `pointer.p`."""
+        self._servo.point(pointer.p, pointer.q)
+        self.held = pointer.held
+        self._resting = None if pointer.held else (pointer.p, pointer.q)
+        if not pointer.held:
+            self._rested = time.monotonic()
+        self._last = (pointer.p, pointer.q, time.monotonic()) if pointer.held else None
+        if math.isfinite(pointer.stamp):
+            self._pending.append((pointer.stamp, time.monotonic(), pointer.p, pointer.q))
+
+    def keep(self) -> None:
+        """Refresh a hand at rest, or one whose page stutters; to be called well within the device's expiry."""
+        if self._resting is not None:
+            self._servo.point(*self._resting)
+        elif self._last is not None and time.monotonic() - self._last[2] < GRACE:
+            self._servo.point(self._last[0], self._last[1])
+
+    def gone(self) -> None:
+        """The page went away: a hand at rest goes home, a drag is left to expire.
+
+        A browser that closes a page in the middle of a drag says first that the pointer was let go; that is no rest.
+        """
+        if self._resting is not None and time.monotonic() - self._rested > SETTLED:
+            self._servo.release()
+        self._forget()
+
+    def home(self) -> None:
+        """Let go of the tool altogether."""
+        self._servo.release()
+        self._forget()
+
+    def steady(self) -> None:
+        """Before engaging: a drag that was left to expire is over, the hand goes home."""
+        if not self.held and self._resting is None:
+            self._servo.release()
+
+    def _forget(self) -> None:
+        self._resting = self._last = None
+        self._pending.clear()
+        self.held = False
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a pointer has been passed on and no row has answered it yet."""
+        while self._pending and time.monotonic() - self._pending[0][1] > _PATIENCE:
+            self._pending.popleft()
+        return bool(self._pending)
+
+    def echo(self, targets: Array, turns: Array | None = None) -> float:
+        """The page's time stamp [ms] of the newest pointer that one of the goals answers, else NaN.
+
+        targets   (n, 3) positions
+        turns     (n, 4) orientations; a rotor's pointers differ in nothing else. None: they do not matter
+        """
+        for place in range(len(self._pending) - 1, -1, -1):
+            stamp, _, p, q = self._pending[place]
+            if not len(targets):
+                break
+            same = np.abs(targets - p).max(axis=1) < _SAME
+            if q is not None and turns is not None:
+                same &= np.abs(turns - q / np.linalg.norm(q)).max(axis=1) < _SAME
+            if same.any():
+                for _ in range(place + 1):
+                    self._pending.popleft()
+                return stamp
+        return math.nan

@@ -1,0 +1,105 @@
+"""What the console needs of a servo, and nothing else of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from numpy.typing import ArrayLike
+
+from haptorb.devices.device import Device
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.row import RowLayout
+
+__all__ = ["Servant"]
+
+
+class Servant(Protocol):
+    """A running servo as the console sees it."""
+
+    @property
+    def device(self) -> Device:
+        """The device that runs."""
+        ...
+
+    @property
+    def layout(self) -> RowLayout:
+        """Which numbers of a row are what."""
+        ...
+
+    @property
+    def modes(self) -> tuple[str, ...]:
+        """How the mover can move a target; empty where the world acts on the mover itself."""
+        ...
+
+    @property
+    def world(self) -> tuple[str, Mapping[str, Any]]:
+        """Name and values of what is felt now."""
+        ...
+
+    @property
+    def driver(self) -> str:
+        """ "sim" for the simulated one."""
+        ...
+
+    @property
+    def tracker(self) -> str:
+        """Who knows where the mover is, as in `--tracker`."""
+        ...
+
+    @property
+    def tracker_refused(self) -> Mapping[str, int]:
+        """How many messages of the tracker's senders were refused so far, by reason."""
+        ...
+
+    @property
+    def recording_trouble(self) -> str:
+        """Why there is no recording any more, or none for the moment; empty while all is well."""
+        ...
+
+    @property
+    def warning(self) -> str:
+        """What a person should know of the device or of the servo's memory; empty if there is nothing."""
+        ...
+
+    @property
+    def alive(self) -> bool:
+        """Whether the loop runs."""
+        ...
+
+    def rows(self, cursor: int = 0) -> tuple[int, Array]:
+        """All rows (n, width) since `cursor`, and the cursor after them."""
+        ...
+
+    def point(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
+        """The hand wants the mover at `p`; worth nothing after the device's expiry."""
+        ...
+
+    def release(self) -> None:
+        """The hand lets go of the pointer."""
+        ...
+
+    def stop(self) -> None:
+        """Coils off within a tick, and off until `engage`."""
+        ...
+
+    @property
+    def stops(self) -> int:
+        """How often `stop` was called."""
+        ...
+
+    def engage(self, stops: int | None = None) -> None:
+        """After a stop or a trip: begin again from zero, unless the guard refuses, or `stops` has changed since."""
+        ...
+
+    def set_mode(self, mode: str) -> None:
+        """Go over to `mode` without a step; UnknownName for one that there is not."""
+        ...
+
+    def clutch(self, engaged: bool) -> None:
+        """Let the target go, or take hold of it again; InputError where there is no clutch."""
+        ...
+
+    def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
+        """Returns when the servo took it, or refused it with UnknownName or InputError."""
+        ...

@@ -1,0 +1,54 @@
+"""The estimators that are compared, each asked the same: torque per ampere of every channel, and orientation."""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.numerics.arrays import Array
+from haptorb.sensing.estimator import Estimator
+from haptorb.sensing.orientation.least_squares import LeastSquaresOrientation
+from haptorb.sensing.sample import Pose, Sample
+from haptorb.sensing.torque_maps.linear_map import LinearTorque
+from haptorb.sensing.torque_maps.network import NetworkTorque, TrainedNetworks
+from haptorb.sensing.torque_maps.torque_map import FieldToTorque
+
+__all__ = ["Answers", "answers", "contestants"]
+
+
+class Answers(NamedTuple):
+    """What one estimator said to a row of readings."""
+
+    K: Array  #: (n, 3, channels) [N·m/A]
+    R: Array  #: (n, 3, 3); NaN where it does not estimate orientation
+    valid: Array  #: (n,) 1.0 or 0.0
+    seconds: Array  #: (n,) that each update took
+
+
+def contestants(motor: SphericalMotor, networks: TrainedNetworks) -> dict[str, Estimator]:
+    """Name → estimator by itself: network and linear map without an orientation beside them."""
+    return {
+        "network": FieldToTorque(motor, NetworkTorque(motor, networks)),
+        "linear": FieldToTorque(motor, LinearTorque(motor)),
+        "least-squares": LeastSquaresOrientation(motor),
+    }
+
+
+def answers(estimator: Estimator, motor: SphericalMotor, readings: Array, interval: float) -> Answers:
+    """What `estimator` says to `readings` (n, k, 3) [T] that are `interval` [s] apart."""
+    count = len(readings)
+    K, R = np.zeros((count, 3, motor.channels)), np.full((count, 3, 3), np.nan)
+    valid, seconds = np.zeros(count), np.zeros(count)
+    none, cold, rest = np.zeros(motor.channels), np.full(motor.channels, 293.0), np.zeros(3)
+    pose = Pose(0.0, np.eye(3), rest, rest, rest, False)
+    estimator.update(Sample(0.0, none, cold, readings[0], pose))  # compiles, and finds the rotor
+    for number, field in enumerate(readings):
+        sample = Sample((number + 1) * interval, none, cold, field, pose)
+        begun = perf_counter()
+        estimate = estimator.update(sample)
+        seconds[number] = perf_counter() - begun
+        K[number], R[number], valid[number] = estimate.wrench_map.torque, estimate.state.R_SR, estimate.valid
+    return Answers(K, R, valid, seconds)

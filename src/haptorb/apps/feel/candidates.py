@@ -1,0 +1,227 @@
+"""A file of candidate designs P: hook sizes, angles, material; checked as a whole, every mistake named.
+
+title = "Cover clip"
+world = "snap_fit"               # or "outlet"
+beam = "timoshenko"              # or "paper"
+force_scale = 1.0                # all torques of the handle times this
+
+[common]                         # what the designs share; a design may say otherwise
+material = "ABS"
+friction = 0.3
+width = "6 mm"
+
+[design.slender]
+base_length = "15 mm"
+peak = "18.5 mm"
+thickness = "1.5 mm"
+height = "1.5 mm"
+insertion = "30 deg"
+retention = "45 deg"
+top = "flat"                     # a flat top joins the end of the rear face to the peak
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from annotated_types import Gt
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from haptorb.control.clutch.modes import Gains
+from haptorb.devices.schema import quantity as q
+from haptorb.errors import HaptorbError, InputError, shown
+from haptorb.files.text_file import read_text, toml_of
+from haptorb.physics.beams import Model
+from haptorb.physics.hook import METALS_FROM, Hook
+from haptorb.worlds import Outlet, SnapFit
+
+__all__ = ["MATERIALS", "Candidate", "Candidates", "load_designs"]
+
+#: name → (E [Pa], ν, whether it is a metal): round handbook values at room temperature, for a first comparison
+MATERIALS = {
+    "ABS": (2.3e9, 0.35, False),
+    "PA6": (2.8e9, 0.39, False),
+    "PC": (2.3e9, 0.37, False),
+    "POM": (2.8e9, 0.35, False),
+    "PP": (1.4e9, 0.42, False),
+    "brass": (93e9, 0.35, True),
+    "phosphor bronze": (113e9, 0.41, True),
+    "spring steel": (206e9, 0.29, True),
+}
+
+_MISTAKES = 40  #: told at once
+
+Positive = Gt(0)
+DesignName = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f/]+$", max_length=64)]  #: also of files of traces
+Length = Annotated[q.Length, Positive]
+Angle = Annotated[q.Angle, Positive]
+Modulus = Annotated[float, BeforeValidator(lambda value: q.si(value, "Pa", "a modulus of elasticity")), Positive]
+
+
+class _Design(BaseModel):
+    """One [design.NAME], with [common] filled in."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    title: str = ""
+    material: str
+    metal: Annotated[bool, Field(strict=True)] | None = None
+    youngs_modulus: Modulus | None = None
+    poisson_ratio: Annotated[float, Field(ge=0, lt=0.5, strict=True)] | None = None
+    friction: Annotated[float, Field(ge=0, le=1, strict=True)]
+    base_length: Length
+    peak: Length
+    thickness: Length
+    height: Length
+    width: Length
+    insertion: Angle = Field(default="30 deg", validate_default=True)
+    retention: Angle
+    top: Literal["sharp", "flat"] = "sharp"
+    half_width: Length | None = None
+    clearance: q.Length | None = None
+    plug_width: Length | None = None
+    opening: Length | None = None
+    arm: Length | None = None
+    lead_in: Length | None = None
+
+
+_ONLY = {"snap_fit": ("half_width", "clearance"), "outlet": ("plug_width", "opening", "arm", "lead_in")}
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    title: str
+    world: Literal["snap_fit", "outlet"]
+    beam: Model = "timoshenko"
+    force_scale: Annotated[float, Field(ge=1e-6, le=1e6, strict=True)] = 1.0
+    common: dict[str, Any] = Field(default_factory=dict)
+    design: dict[DesignName, dict[str, Any]] = Field(min_length=1, max_length=100)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One design as it can be felt."""
+
+    name: str
+    title: str
+    material: str
+    world: SnapFit | Outlet
+    remarks: tuple[str, ...]  #: what should be said about it though it can exist
+    digest: str  #: of everything that makes its feel; ratings and traces carry it
+
+    @property
+    def hook(self) -> Hook:
+        """The hook it is about."""
+        return self.world.hook
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """A file's designs, in its order."""
+
+    title: str
+    beam: Model
+    gains: Gains
+    designs: tuple[Candidate, ...]
+
+    def __getitem__(self, name: str) -> Candidate:
+        for design in self.designs:
+            if design.name == name:
+                return design
+        raise InputError(f"no design '{name}'; there are {', '.join(d.name for d in self.designs)}")
+
+
+def load_designs(path: str | Path) -> Candidates:
+    """The designs in the TOML file at `path`.
+
+    Raises InputError with every mistake: file, design, key, value and what was expected; among them sizes that
+    contradict each other, with the amount (erratum E8).
+    """
+    where = str(path)
+    text = read_text(path, "design file", InputError)
+    try:
+        raw = toml_of(text)
+    except ValueError as cause:
+        raise InputError(f"{where}: is not TOML ({cause})") from cause
+    try:
+        file = _File.model_validate(raw)
+    except ValidationError as cause:
+        raise InputError(_listed(where, [_said(error, _File) for error in cause.errors()])) from cause
+    mistakes: list[str] = []
+    designs = []
+    for name, own in file.design.items():
+        try:
+            designs.append(_candidate(name, file, {**file.common, **own}))
+        except ValidationError as cause:
+            mistakes += [f"design {shown(name)}: {_said(error, _Design)}" for error in cause.errors()]
+        except HaptorbError as cause:
+            mistakes.append(f"design {shown(name)}: {cause}")
+    if mistakes:
+        raise InputError(_listed(where, mistakes))
+    gains = Gains() if file.force_scale == 1.0 else Gains().scaled(file.force_scale)
+    return Candidates(file.title, file.beam, gains, tuple(designs))
+
+
+def _listed(where: str, mistakes: list[str]) -> str:
+    more = [f"and {len(mistakes) - _MISTAKES} mistakes more"] if len(mistakes) > _MISTAKES else []
+    return f"{where}: {mistakes[0]}" if len(mistakes) == 1 else "\n  ".join([f"{where}:", *mistakes[:_MISTAKES], *more])
+
+
+def _said(error: Any, model: type[BaseModel]) -> str:
+    key = ".".join(shown(part)[1:-1] if isinstance(part, str) else str(part) for part in error["loc"])
+    if error["type"] == "extra_forbidden":
+        near = get_close_matches(key[:60], model.model_fields, n=1, cutoff=0.6)
+        return f"{key} is not a key of this file" + (f"; did you mean '{near[0]}'?" if near else "")
+    if error["type"] == "missing":
+        return f"{key} is missing"
+    message = str(error["msg"]).removeprefix("Value error, ")
+    got = "" if "got" in message else f"; got {shown(error['input'])}"
+    return f"{key} {message[:1].lower()}{message[1:]}{got}"
+
+
+def _material(name: str, design: _Design) -> tuple[float, float, bool]:
+    known = MATERIALS.get(design.material)
+    E, nu = design.youngs_modulus, design.poisson_ratio
+    if known is None and (E is None or nu is None):
+        near = get_close_matches(design.material[:60], MATERIALS, n=1, cutoff=0.5)
+        raise InputError(
+            f"material {shown(design.material)} is not known"
+            + (f"; did you mean '{near[0]}'?" if near else "")
+            + f" (known: {', '.join(MATERIALS)}); give youngs_modulus and poisson_ratio with it"
+        )
+    metal = design.metal if design.metal is not None else bool(known and known[2])
+    return (
+        E if E is not None else known[0],  # type: ignore[index]
+        nu if nu is not None else known[1],  # type: ignore[index]
+        metal,
+    )
+
+
+def _candidate(name: str, file: _File, values: dict[str, Any]) -> Candidate:
+    design = _Design.model_validate(values)
+    for world, keys in _ONLY.items():
+        wrong = [key for key in keys if world != file.world and getattr(design, key) is not None]
+        if wrong:
+            raise InputError(f"{wrong[0]} belongs to world '{world}', and this file is about '{file.world}'")
+    E, nu, metal = _material(name, design)
+    hook = Hook(
+        design.base_length, design.peak, design.thickness, design.height, design.width, design.insertion,
+        design.retention, E, nu, flat_top=design.top == "flat",
+    )  # fmt: skip
+    others = {key: getattr(design, key) for key in _ONLY[file.world] if getattr(design, key) is not None}
+    kind: type[SnapFit] | type[Outlet] = SnapFit if file.world == "snap_fit" else Outlet
+    made = kind.of(hook, design.friction, file.beam, **others)
+    remarks = list(hook.remarks(metal))
+    if design.material in MATERIALS and MATERIALS[design.material][2] is not metal:
+        remarks.append(f"material '{design.material}' is {'a metal' if not metal else 'no metal'}, but metal = {metal}")
+    if not metal and METALS_FROM < E:
+        remarks.append(f"youngs_modulus {E / 1e9:.4g} GPa is a metal's; is '{design.material}' one? (metal = true)")
+    parts = {**hook.__dict__, **others, "friction": design.friction, "world": file.world, "beam": file.beam}
+    digest = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
+    return Candidate(name, design.title or name, design.material, made, tuple(remarks), digest)

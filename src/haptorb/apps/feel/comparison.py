@@ -1,0 +1,86 @@
+"""The candidates beside each other: force over displacement as computed and as felt, numbers, scores, the choice."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from haptorb.apps.feel.candidates import Candidates
+from haptorb.apps.feel.course import course
+from haptorb.apps.feel.session import COLUMNS, SCORES, Session
+from haptorb.errors import RecordingError
+
+__all__ = ["comparison", "plot_comparison"]
+
+
+def comparison(candidates: Candidates, session: Session | None = None) -> dict[str, dict[str, Any]]:
+    """Design → its numbers (SI), remarks, ratings and whether it was chosen: the table behind the plot."""
+    scores = session.scores() if session else {}
+    choice = session.choice() if session else None
+    table = {}
+    for design in candidates.designs:
+        count, score = scores.get(design.name, (0, math.nan))
+        chosen = choice is not None and (choice.design, choice.digest) == (design.name, design.digest)
+        table[design.name] = {
+            "title": design.title,
+            "material": design.material,
+            **course(design).numbers,
+            "ratings": count,
+            "score": score,
+            "chosen": chosen,
+            "remarks": list(design.remarks),
+        }
+    return table
+
+
+def plot_comparison(candidates: Candidates, path: str | Path, session: Session | None = None) -> Path:
+    """Draw the comparison into the PNG or SVG file at `path`; what was felt is dotted over what was computed."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    table = comparison(candidates, session)
+    figure = Figure(figsize=(11, 4.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    force, bars = figure.subplots(1, 2, width_ratios=(2, 1))
+    felt = _felt(session) if session else {}
+    for number, design in enumerate(candidates.designs):
+        colour = f"C{number}"
+        run = course(design)
+        label = design.title + (" (chosen)" if table[design.name]["chosen"] else "")
+        force.plot(run.place * 1e3, run.coming_out, color=colour, label=label)
+        force.plot(run.place * 1e3, -run.going_in, color=colour, linestyle="--")
+        for rows in felt.get(design.name, []):
+            x, pull = rows[:, COLUMNS.index("x_m")], -rows[:, COLUMNS.index("fx_n")]
+            force.plot(x * 1e3, pull, ".", color=colour, markersize=1.5, alpha=0.4)
+    force.axhline(0.0, color="0.6", linewidth=0.8)
+    force.set(
+        xlabel="X' (mm), out of the socket",
+        ylabel="pull of the hand (N)",
+        title="solid: coming out, dashed: going in, dots: felt",
+    )
+    force.legend()
+    names = [design.name for design in candidates.designs]
+    values = [table[name]["score"] for name in names]
+    bars.barh(names, np.nan_to_num(values), color=[f"C{number}" for number in range(len(names))])
+    for row, name in enumerate(names):
+        count = table[name]["ratings"]
+        bars.text(0.1, row, f"{values[row]:.1f} ({count})" if count else "not rated", va="center")
+    bars.set(xlim=(0, SCORES[1]), xlabel=f"mean score ({SCORES[0]}–{SCORES[1]})", title=candidates.title)
+    bars.invert_yaxis()
+    target = Path(path)
+    try:
+        figure.savefig(target, dpi=150)
+    except (OSError, ValueError) as cause:
+        raise RecordingError(f"{target}: cannot be drawn ({cause})") from cause
+    return target
+
+
+def _felt(session: Session) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = {}
+    for rating in session.ratings():
+        if rating.trace and (session.folder / rating.trace).is_file():
+            found.setdefault(rating.design, []).append(session.trace(rating.trace))
+    return found

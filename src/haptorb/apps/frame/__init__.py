@@ -1,0 +1,1 @@
+"""`haptorb frame`: registration of a tracker's frame, step by step."""

@@ -1,0 +1,152 @@
+"""What a person does to register a tracker's frame: the dome, every mark, and a roll; heard, and then judged together.
+
+Nothing is switched on. A minute and a half in all, so a step that fails is begun again with the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.errors import CalibrationError, DriverError, InputError
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.trackers.feed import Feed, Garbage, Heard
+from haptorb.sensing.frame.frame_registration import FrameRegistration, frame_registration
+from haptorb.sensing.frame.touches import Touched, Touches
+
+__all__ = ["Stroke", "known_device", "registered", "strokes"]
+
+Bar = Callable[[str, float], AbstractContextManager[Callable[[float], None]]]
+
+_MOVED, _TURNED = 1e-3, np.deg2rad(1.5)  #: since the last pose that was kept, for the next one [m], [rad]
+_MOST = 4000  #: poses of a step
+_PATIENCE = 0.05  #: [s]
+_SILENT = 3.0  #: without any pose for so long, there is no tracker [s]
+_DRAINED = 200  #: reads after which what waits is left waiting: a flood
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """One thing to do with the tool while the tracker is heard."""
+
+    name: str
+    asks: str  #: of the person, before it begins
+    seconds: float  #: how long it is heard
+
+    def paced(self, pace: float) -> Stroke:
+        """The same in `pace` times the time."""
+        return Stroke(self.name, self.asks, pace * self.seconds)
+
+
+def known_device(device: Any) -> SphericalElectromagnet:
+    """`device` itself; InputError if no tool could be registered before it."""
+    if not isinstance(device, SphericalElectromagnet):
+        raise InputError(f"device '{device.name}' has no tool before a dome: there is no tracker's frame to register")
+    if device.marks is None:
+        raise InputError(
+            f"device '{device.name}': its file has no [marks]; measure three places that the tip can stand in and add "
+            "them, as omni.toml does"
+        )
+    return device
+
+
+def strokes(device: SphericalElectromagnet) -> tuple[Stroke, ...]:
+    """The steps in their order: "dome", "mark NAME" for each, "roll"."""
+    marks = () if device.marks is None else device.marks.names
+    stands = [
+        Stroke(f"mark {name}", f"Stand the tip in the mark '{name}' and keep it there; tilt the tool by 20° and more "
+               "to all sides, and roll it.", 8.0)
+        for name in marks
+    ]  # fmt: skip
+    return (
+        Stroke("dome", "Coils off. Put the tip on the dome and slide it over all of it, spiral by spiral, to the "
+               "workspace's edge; tilt the tool to all sides as you go.", 30.0),
+        *stands,
+        Stroke("roll", "Stand the tool in a bore that fits, anywhere, and turn it about itself by a whole turn.", 10.0),
+    )  # fmt: skip
+
+
+def registered(
+    device: SphericalElectromagnet,
+    feed: Feed,
+    *,
+    ask: Callable[[Stroke], bool],
+    say: Callable[[str], None],
+    bar: Bar,
+    pace: float = 1.0,
+) -> FrameRegistration | None:
+    """Hear every stroke and register; None if the person stopped.
+
+    Raises DriverError if nothing comes from the tracker, CalibrationError if what came determines no frame.
+    """
+    steps, kept = strokes(device), {}
+    for number, stroke in enumerate((one.paced(pace) for one in steps), start=1):
+        say(f"{number}/{len(steps)} {stroke.name}: {stroke.asks}")
+        if not ask(stroke):
+            say("stopped; nothing is written")
+            return None
+        with bar(stroke.name, stroke.seconds) as passed:
+            kept[stroke.name] = _heard(feed, stroke, passed)
+        say(f"    {len(kept[stroke.name])} poses that differ")
+    marks = {name.partition(" ")[2]: one for name, one in kept.items() if name.startswith("mark ")}
+    return frame_registration(Touched(kept["dome"], marks, kept["roll"]), device)
+
+
+def _heard(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) -> Touches:
+    """The poses of one stroke that differ from the one before; what waited before it began is not among them."""
+    for _ in range(_DRAINED):
+        if not any(True for _ in feed.heard(0.0)):
+            break
+    p: list[Array] = []
+    q: list[Array] = []
+    refused: dict[str, int] = {}
+    began = last = told = monotonic()
+    valid = 0
+    while (now := monotonic()) < began + stroke.seconds:
+        for one in feed.heard(_PATIENCE):
+            why = one.why if isinstance(one, Garbage) else _wrong(one)
+            if why:
+                refused[why] = refused.get(why, 0) + 1
+                continue
+            assert isinstance(one, Heard)
+            valid, last = valid + 1, monotonic()
+            place, turn = np.array(one.p), np.array(one.q)
+            if len(p) < _MOST and (not p or _differs(p[-1], q[-1], place, turn)):
+                p.append(place)
+                q.append(turn)
+        if now - last > _SILENT:
+            break
+        passed(now - told)
+        told = now
+    if not valid:
+        what = ", ".join(f"{count} {why}" for why, count in refused.items()) or "nothing at all"
+        raise DriverError(
+            f"step '{stroke.name}': no pose came from the tracker ({what}); start its program, see that it sees the "
+            "tool, and try again"
+        )
+    if sum(refused.values()) > valid:
+        what = ", ".join(f"{count} {why}" for why, count in refused.items())
+        raise CalibrationError(
+            f"step '{stroke.name}': most of what came was no pose ({what}, {valid} poses); is the tool seen from all "
+            "sides, and is the message as documented?"
+        )
+    return Touches.of(np.array(p), np.array(q), f"step '{stroke.name}'")
+
+
+def _wrong(one: Heard) -> str:
+    if not one.valid:
+        return "lost"
+    if len(one.p) != 3 or len(one.q) != 4:
+        return "garbage"
+    return "" if np.isfinite([*one.p, *one.q]).all() else "not finite"
+
+
+def _differs(p: Array, q: Array, place: Array, turn: Array) -> bool:
+    half = abs(float(q @ turn)) / max(float(np.linalg.norm(q) * np.linalg.norm(turn)), 1e-12)
+    return float(np.linalg.norm(place - p)) > _MOVED or 2.0 * np.arccos(min(half, 1.0)) > _TURNED

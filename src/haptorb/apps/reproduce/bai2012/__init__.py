@@ -1,0 +1,1 @@
+"""Statements, tables and figures of Bai 2012."""

@@ -1,0 +1,161 @@
+"""Bai 2012, eqs. (1) to (6): torque is linear in the currents, least power, and the two modes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptorb.apps.reproduce.item import Item
+from haptorb.apps.reproduce.place import Place
+from haptorb.apps.reproduce.registry import Report
+from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
+from haptorb.control.clutch.modes import Clutch, Gains, Mode, TwoModes
+from haptorb.devices.motor.api import motor, torque_characteristic
+from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.devices.state import State
+from haptorb.devices.wrench_map import WrenchMap
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.rotations import rotation_from_euler
+from haptorb.physics.sources.charged_ring import ChargedRing
+
+__all__ = ["items"]
+
+_AT = Place("bai2012", "eq", "eqs. (1)–(6)")
+_GAINS = Gains(  # all different, so that no two can be taken for each other
+    translate=(0.02, 0.03, 0.05),
+    rotate=(0.3, 0.5, 0.7),
+    translate_torque=(0.011, 0.013, 0.017),
+    rotate_torque=(0.19, 0.23, 0.29),
+)
+_TURN = 0.01  #: [rad]
+
+
+def items(report: Report) -> tuple[tuple[Item, ...], None]:
+    """Linearity against an independent sum over magnetic charges, the least-power inverse, and all twelve gains."""
+    device = motor("pmsm")
+    R = rotation_from_euler(*np.radians((10.0, 5.0, 5.0)))
+    K = torque_characteristic(device, R)
+    grouped = torque_characteristic(device, R, grouped=True)
+    currents = np.random.default_rng(1).normal(size=device.channels)
+    by_charges = _torque_on_charges(device, R, currents)
+    report(0.6)
+    wanted = np.array([0.05, -0.1, 0.08])
+    u = K.T @ np.linalg.solve(K @ K.T, wanted)  # Eq. (4)
+    least = MinimumPowerAllocator(np.full(24, 1e3)).allocate(
+        WrenchMap(np.vstack([np.zeros((3, 24)), K]), np.zeros(6)), np.concatenate([np.zeros(3), wanted])
+    )
+    null = np.linalg.svd(K)[2][3:]
+    cheaper = min(
+        float(((u + step * way) ** 2).sum() / (u**2).sum()) for way in null for step in (-1e-3, 1e-3)
+    )  # fmt: skip
+    found = [
+        _AT.says("1-cone", "how far the rotor's axis moves while φ alone turns, XYZ read as intrinsic angles", 0.0,
+                 _wander(), "1", 1e-12, "tilt and spin are then independent, as the working space demands",
+                 where="eq. (1)"),
+        _AT.says("2-linear", "torque by (2) against the force of all coils at once on the magnets' charges, relative",
+                 0.0, np.linalg.norm(grouped @ currents - by_charges) / np.linalg.norm(by_charges), "1", 1e-4,
+                 "the sum over charges is converged to that", where="eq. (2)"),
+        _AT.says("3-columns", "columns of [K], one per electromagnet", 24, K.shape[1], where="eq. (3a)"),
+        _AT.says("4-torque", "torque of the currents by (4) against the wanted one, relative", 0.0,
+                 np.linalg.norm(K @ u - wanted) / np.linalg.norm(wanted), "1", 1e-12, where="eq. (4)"),
+        _AT.says("4-least", "power of (4) over that of the product's allocator", 1.0,
+                 (u**2).sum() / (least.currents**2).sum(), "1", 1e-9, where="eq. (4)"),
+        _AT.says("4-minimum", "1 if no step along any of the 21 directions without torque saves power", 1.0,
+                 float(cheaper >= 1.0), "1", 0.0, "a minimum", where="eq. (4)"),
+        *_motions(),
+        *_torques(),
+        _AT.says("6-text", "power lost between handle and target with the text's 'T_ψ (due to F_X')', relative", 0.0,
+                 _imbalance(), "1", 1e-12, "(6b) is kept, with η̂ = ζ̂; the text's order loses energy", erratum="E6",
+                 where="eq. (6b), §3.2"),
+        _AT.item("6-six", "independent motions of the target in the two modes", 6, _freedom(), where="§2.1"),
+    ]  # fmt: skip
+    report(1.0)
+    return tuple(found), None
+
+
+def _wander() -> float:
+    axes = rotation_from_euler(0.3, 0.2, np.linspace(0, 6.0, 20))[:, :, 2]
+    return float(np.ptp(axes, axis=0).max())
+
+
+def _torque_on_charges(device: SphericalMotor, R: Array, currents: Array) -> Array:
+    """(3,) [N·m] of the coils' field on the charges that the magnets' end faces are: another way than K takes."""
+    magnet = device.magnet
+    faces = ChargedRing(magnet.radius, 0.0, magnet.length, magnet.polarization, radial=10, azimuth=32)
+    frames = R @ device.magnets.frames
+    at = faces.points @ np.swapaxes(frames, 1, 2) + (device.magnets.positions @ R.T)[:, None]
+    q = np.outer(device.polarity, faces.charges).ravel()
+    at = at.reshape(-1, 3)
+    torque: Array = np.cross(at, q[:, None] * device.coil_field(at, currents)).sum(axis=0)
+    return torque
+
+
+def _state(t: float, psi: float = 0.0, lam: float = 0.0, phi: float = 0.0) -> State:
+    return State(t, rotation_from_euler(psi, lam, phi), np.zeros(3), np.zeros(3), np.zeros(3))
+
+
+def _held(modes: TwoModes, mode: Mode) -> Clutch:
+    """A clutch that has taken hold of the upright rotor in `mode`."""
+    clutch = modes.start(_state(0.0), mode=mode)
+    for k in range(1, 9):
+        clutch = modes.advance(clutch, _state(0.04 * k))
+    return clutch
+
+
+def _moved(mode: Mode, axis: int) -> Array:
+    """(6,) motion of the target, X'Y'Z'ψ'λ'φ', per radian of ψ, λ or φ (axis 0, 1, 2)."""
+    modes = TwoModes(_GAINS)
+    clutch = _held(modes, mode)
+    angles = [0.0, 0.0, 0.0]
+    angles[axis] = _TURN
+    after = modes.advance(clutch, _state(clutch.t + 0.001, *angles))
+    moved: Array = np.concatenate([after.position - clutch.position, after.attitude - clutch.attitude]) / _TURN
+    return moved
+
+
+def _motions() -> list[Item]:
+    psi, lam, phi = 0, 1, 2
+    rows: tuple[tuple[str, Mode, int, int, str, float], ...] = (
+        ("5a-lambda", "rotate", lam, 4, "ζ₁ of λ' = ζ₁ λ", 0.3), ("5a-psi", "rotate", psi, 3, "ζ₂ of ψ' = ζ₂ ψ", 0.5),
+        ("5a-phi", "rotate", phi, 5, "ζ₃ of φ' = ζ₃ φ", 0.7),
+        ("6a-x", "translate", lam, 0, "ζ̂₁ of X' = ζ̂₁ λ [m/rad]", 0.02),
+        ("6a-y", "translate", psi, 1, "ζ̂₂ of Y' = ζ̂₂ ψ [m/rad]", 0.03),
+        ("6a-z", "translate", phi, 2, "ζ̂₃ of Z' = ζ̂₃ φ [m/rad]", 0.05),
+    )  # fmt: skip
+    return [
+        _AT.says(name, f"{what}, set and found by turning the rotor", gain, _moved(mode, axis)[row], "1", 1e-9,
+                 where=f"eq. ({name[:2]})")
+        for name, mode, axis, row, what, gain in rows
+    ]  # fmt: skip
+
+
+def _torques() -> list[Item]:
+    modes = TwoModes(_GAINS)
+    rows: tuple[tuple[str, Mode, int, int, str, float], ...] = (
+        ("5b-psi", "rotate", 3, 0, "η₁ of T_ψ = η₁ T_ψ'", 0.19),
+        ("5b-lambda", "rotate", 4, 1, "η₂ of T_λ = η₂ T_λ'", 0.23),
+        ("5b-phi", "rotate", 5, 2, "η₃ of T_φ = η₃ T_φ'", 0.29),
+        ("6b-psi", "translate", 1, 0, "η̂₁ of T_ψ = η̂₁ F_Y' [m]", 0.011),
+        ("6b-lambda", "translate", 0, 1, "η̂₂ of T_λ = η̂₂ F_X' [m]", 0.013),
+        ("6b-phi", "translate", 2, 2, "η̂₃ of T_φ = η̂₃ F_Z' [m]", 0.017),
+    )  # fmt: skip
+    return [
+        _AT.says(name, f"{what}, set and felt", gain, modes.torque(_held(modes, mode), np.eye(6)[component])[axis],
+                 "1", 1e-9, where=f"eq. ({name[:2]})", erratum="E6" if name[:2] == "6b" and axis < 2 else "")
+        for name, mode, component, axis, what, gain in rows
+    ]  # fmt: skip
+
+
+def _imbalance() -> float:
+    """Greatest |T·q̇ − F·v'| over |F·v'| with gains that the library calls power-consistent, upright rotor."""
+    modes = TwoModes(Gains(translate=(0.4, 0.7, 0.2)))
+    clutch = _held(modes, "translate")
+    rng, worst = np.random.default_rng(6), 0.0
+    for force, rates in zip(rng.normal(size=(20, 3)), rng.normal(size=(20, 3)), strict=True):
+        torque = modes.torque(clutch, np.concatenate([force, np.zeros(3)]))
+        power = force @ (np.array([0.4, 0.7, 0.2]) * rates[[1, 0, 2]])  # X' from λ, Y' from ψ, Z' from φ
+        worst = max(worst, abs(float(torque @ rates - power)) / abs(float(power)))
+    return worst
+
+
+def _freedom() -> int:
+    return int(np.linalg.matrix_rank([_moved(mode, axis) for mode in ("translate", "rotate") for axis in range(3)]))

@@ -1,0 +1,131 @@
+"""Bai 2012, Fig. 7 and eqs. (14) to (18): what a tilted plug feels between two hooks (errata E10, E20, E23, E24)."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+
+from haptorb.apps.reproduce.item import Item
+from haptorb.apps.reproduce.place import Place
+from haptorb.apps.reproduce.registry import Report
+from haptorb.devices.state import State
+from haptorb.numerics.arrays import Array
+from haptorb.physics.beams import appendix_b
+from haptorb.physics.hook import TABLE_3
+from haptorb.worlds.snap_fit.outlet import Outlet, PublishedOutlet
+from haptorb.worlds.world import World
+
+__all__ = ["items"]
+
+_AT = Place("bai2012", "fig7", "Fig. 7, eqs. (14)–(18)")
+_TILT, _ARM, _FRICTION = math.radians(2.0), 16e-3, 0.134  #: h is assumed
+_WP, _WS = 6.3e-3, 4.8e-3
+_X0 = 0.5 * _WP * math.sin(_TILT)
+_FAST = 1e4  #: [m/s] so that friction is Coulomb's, not the creep of a smoothed sign
+
+
+def items(report: Report) -> tuple[tuple[Item, ...], None]:
+    """x₀ and Δ by plain geometry, forces by the outlet's two worlds, and which of them energy allows."""
+    published, felt = PublishedOutlet(), Outlet(beam="paper")
+    soft = appendix_b(TABLE_3)
+    stiffness = TABLE_3.youngs_modulus * TABLE_3.width / (soft.plus + _FRICTION * soft.minus)
+    rows = felt.contacts(_plug(1e-3, tilt=_TILT, y=0.1e-3))
+    bent = [rows[1].deflection, rows[0].deflection]  # hook 1 pushes towards +Y': it stands at −Y'
+    arm = _ARM - _X0 - 1e-3
+    by_16 = [0.5 * _WP / math.cos(_TILT) + side * arm * math.tan(_TILT) - 0.5 * _WS - side * 0.1e-3 for side in (1, -1)]
+    straight = felt.contacts(_plug(1e-3, vx=_FAST))
+    tilted = published.wrench(_plug(0.0, tilt=_TILT, vx=_FAST))
+    report(0.3)
+    area = 2 * math.tan(_TILT) * (_ARM - _X0) ** 2
+    missing = felt.wrench(_plug(0.0, tilt=_TILT, vx=_FAST))
+    turning = [published.wrench(_plug(4e-3, tilt=math.radians(deg)))[5] for deg in (2.0, 1.0, 0.5, 0.0)]
+    found = (
+        _AT.says("x0", "x₀ = (w_p/2) sin ε_z at 2°: how far a corner on the floor lifts o'", 1e3 * _X0,
+                 -1e3 * _corner(), "mm", 1e-9, where="Fig. 7(c)"),
+        *(
+            _AT.says(f"16-{n + 1}", f"(15a), (16): Δ_{n + 1} − w_s/2 ∓ y at 2°, x = 1 mm, y = 0.1 mm, and by contact",
+                     1e3 * by_16[n], 1e3 * bent[n], "mm", 2e-3, "(16) takes h, not the place of the turned face",
+                     erratum="E23", where="eq. (16)")
+            for n in range(2)
+        ),
+        _AT.says("15b", "(15b): f_X' over f_Y' of one hook, pulled straight", _FRICTION,
+                 abs(straight[0].force[0] / straight[0].force[1]), "1", 1e-6, "the outlet that conserves energy",
+                 where="eq. (15b)"),
+        _AT.says("14", "(14): F_X' of both hooks, pulled straight, and (17)", stiffness * _FRICTION * (_WP - _WS),
+                 -felt.wrench(_plug(1e-3, vx=_FAST))[0], "N", 1e-3, "the outlet that conserves energy", erratum="E9",
+                 where="eq. (14)"),
+        _AT.says("17-x", "(17): F_X' at 2°, pull of the hand", stiffness * _FRICTION * (_WP / math.cos(_TILT) - _WS),
+                 -tilted[0], "N", 1e-6, erratum="E9", where="eq. (17)"),
+        _AT.says("17-y", "(17): F_Y' at 2°, x = y = 0", stiffness * 2 * math.tan(_TILT) * (_ARM - _X0), tilted[1], "N",
+                 1e-6, erratum="E9", where="eq. (17)"),
+        _AT.says("17-z", "(17): F_Z'", 0.0, tilted[2], "N", 1e-12, where="eq. (17)"),
+        _AT.says("18-x", "(18): T_X' and T_Y'", 0.0, np.abs(tilted[3:5]).max(), "N·m", 1e-12, where="eq. (18)"),
+        _AT.says("18-arm", "(18): T_Z' over F_Y', h − x − x₀", 1e3 * (_ARM - _X0), 1e3 * tilted[5] / tilted[1], "mm",
+                 1e-6, where="eq. (18)"),
+        _AT.says("18-factor", "(18): last member as printed, m², and the torque", area, tilted[5], "N·m", 1e-6,
+                 "E w/(Ω₊ + μΩ₋) is missing", erratum="E10", corrected=stiffness * area, where="eq. (18)"),
+        _AT.says("18-falls", "phase 2: 1 if torque falls as the tilt falls (printed: rises)", -1.0,
+                 float(all(a > b for a, b in pairwise(turning))) * 2 - 1, "1", 0.0,
+                 "a direction", erratum="E20", corrected=1.0, where="§3.2"),
+        _AT.says("18-zero", "torque at no tilt: 'becomes zero'", 0.0, turning[-1], "N·m", 1e-12, where="§3.2"),
+        _AT.says("16-sense", "side force by energy over (17)'s, ε_z counted counter-clockwise", 1.0, _sense(), "1",
+                 0.05, "the sign counts; small angles", erratum="E23", corrected=-1.0, where="eqs. (16)–(18)"),
+        _AT.says("17-tilted", "share of the pull at 2° that (17) has and energy has not", 0.0,
+                 (tilted[0] - missing[0]) / tilted[0], "1", 0.02, "h is assumed", erratum="E24", corrected=0.19,
+                 where="eq. (17)"),
+        _AT.says("17-curl", "∂F_Y'/∂x − ∂F_X'/∂y of (17) over E w/Ω₊, without friction", 0.0,
+                 _curl(PublishedOutlet(friction=1e-12)), "1", 1e-4, "an energy's gradient would have none",
+                 erratum="E24", corrected=-2 * math.tan(_TILT), where="eq. (17)"),
+        _AT.says("felt-curl", "the same of the outlet that is to be felt", 0.0,
+                 _curl(Outlet(friction=0.0, beam="paper")), "1", 1e-3, "finite differences", erratum="E24",
+                 where="eq. (17)"),
+        _AT.unchecked("drawing", "CAD model, contact forces, kinematics", "drawings; equations (14) to (16) say so too",
+                      "Fig. 7(a), (b)"),
+        _AT.unchecked("h", "h, from the plug's end to the hooks", "no value is printed; 16 mm is assumed, the length "
+                      "of a flat plug's blade"),
+    )  # fmt: skip
+    report(1.0)
+    return found, None
+
+
+def _plug(x: float, *, y: float = 0.0, tilt: float = 0.0, vx: float = 0.0) -> State:
+    """The plug with o' at x₀ + x, tilted by ε_z, which (16) counts clockwise about Z' (E23)."""
+    c, s = math.cos(tilt), math.sin(tilt)
+    R = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    lift = 0.5 * _WP * math.sin(tilt)
+    return State(0.0, R, np.array([lift + x, y, 0.0]), np.zeros(3), np.array([vx, 0.0, 0.0]))
+
+
+def _corner() -> float:
+    """Lowest X' of the inner end's two corners, turned about o' [m]."""
+    R = _plug(0.0, tilt=_TILT).R_SR
+    return float(min((R @ np.array([0.0, side * 0.5 * _WP, 0.0]))[0] for side in (1, -1)))
+
+
+def _sense() -> float:
+    """(17)'s side force, tilted counter-clockwise by a little, over minus the gradient of the springs' energy."""
+    theta, step = 0.01, 1e-7
+
+    def energy(y: float) -> float:
+        c, s = math.cos(theta), math.sin(theta)
+        total = 0.0
+        for side in (1.0, -1.0):
+            start = np.array([-s, c]) * side * 0.5 * _WP + np.array([0.0, y])
+            total += 0.5 * (side * (start[1] + s / c * (_ARM - start[0])) - 0.5 * _WS) ** 2
+        return total
+
+    return -(energy(step) - energy(-step)) / (2 * step) / (2 * math.tan(theta) * _ARM)
+
+
+def _curl(world: World) -> float:
+    stiffness = TABLE_3.youngs_modulus * TABLE_3.width / appendix_b(TABLE_3).plus
+    step = 1e-6
+
+    def force(x: float, y: float) -> Array:
+        return world.wrench(_plug(x, y=y, tilt=_TILT))
+
+    by_x = force(4e-3 + step, 0.0)[1] - force(4e-3 - step, 0.0)[1]
+    by_y = force(4e-3, step)[0] - force(4e-3, -step)[0]
+    return float((by_x - by_y) / (2 * step) / stiffness)

@@ -1,0 +1,102 @@
+"""Bai 2012, Table 1: the two bodies, the strengths that stand for them, and the units that were lost (erratum E1)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from haptorb.apps.reproduce.item import Item
+from haptorb.apps.reproduce.place import Place
+from haptorb.apps.reproduce.registry import Drawing, Report
+from haptorb.devices.motor.api import motor
+from haptorb.numerics.arrays import Array
+from haptorb.physics.multipole_fit import residual, shell_region
+from haptorb.physics.published_multipoles import COIL_STRENGTHS, MAGNET_STRENGTHS, published
+from haptorb.physics.sources.source import Source
+
+__all__ = ["BY_COIL", "BY_MAGNET", "items"]
+
+_AT = Place("bai2012", "t1", "Table 1")
+_INCH = 25.4
+R_PM, R_EM = 67.9e-3, 56.8e-3  #: [m]
+#: where the coils are, as one magnet sees them, and where the magnets are, as one coil sees them
+BY_MAGNET = shell_region(R_PM, 53.0e-3, 60.61e-3, 1.2)
+BY_COIL = shell_region(R_EM, 65.36e-3, 70.44e-3, 1.2)
+
+
+def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
+    """Every entry as the device has it, moments against strengths, and the models' field in the gap."""
+    device = motor("pmsm")
+    pm, em = published("bai2012-pm"), published("bai2012-em")
+    printed, aspect = published("bai2012-pm-printed"), published("bai2012-em-aspect")
+    once, often = MAGNET_STRENGTHS[0] + 10 * sum(MAGNET_STRENGTHS[1:]), 10 * sum(MAGNET_STRENGTHS)
+    per_metre = pm.body.moment[2] / pm.body.length
+    coil = device.electromagnet
+    found = (
+        _AT.item("pm-a", "PM: a, as the device has it", 15.875, 1e3 * device.magnet.radius, "mm"),
+        _AT.says("pm-inch", "PM: a in inches, a round number", 0.625, 1e3 * device.magnet.radius / _INCH, "inch"),
+        _AT.item("pm-l", "PM: l, without a unit in print, as the device has it", 0.2,
+                 1e3 * device.magnet.length / _INCH, "inch", erratum="E1"),
+        _AT.item("pm-polarization", "PM: μ₀M₀, as the device has it", 1.31, device.magnet.polarization, "T"),
+        _AT.item("pm-n", "PM: n, dipoles on a loop", 10, pm.model.per_loop),
+        _AT.item("pm-k", "PM: k, loops", 4, len(pm.model.loop_strengths) - 1),
+        _AT.item("pm-ratio", "PM: l̄/l that gives the magnet its moment", 0.3, per_metre / once, "1", 1e-3,
+                 "strengths are printed with three digits", erratum="E1", corrected=0.2),
+        _AT.says("pm-per-metre", "PM: sum of all strengths, the axis once, times 0.2, against μ₀M₀/μ₀ · πa²",
+                 0.2 * once, per_metre, "A·m", 2.0, "0.2 %: strengths are printed with three digits", erratum="E1"),
+        _AT.says("pm-moment", "PM: moment, by strengths (printed) and by polarization (here)", pm.model.moment[2],
+                 pm.body.moment[2], "A·m²", 0.01, "0.2 %", erratum="E1"),
+        _AT.ours("pm-printed", "PM: moment of the strengths over the magnet's with l̄/l = 0.3",
+                 printed.model.moment[2] / printed.body.moment[2], "1", "half as much again: the reading is refused"),
+        _AT.ours("pm-often", "PM: the same with l̄/l = 0.2 and the axis counted n times", 0.2 * often / per_metre, "1",
+                 "7.5 % too much: equation (8) counts j = 0 n times"),
+        _AT.item("em-a", "EM: a, as the device has it", 15.88, 1e3 * coil.outer_radius, "mm"),
+        _AT.item("em-ar", "EM: a_r, inner over outer radius", 0.3, coil.inner_radius / coil.outer_radius, "1", 1e-9),
+        _AT.item("em-l", "EM: l, without a unit in print, as the device has it", 0.3, 1e3 * coil.length / _INCH,
+                 "inch", erratum="E1"),
+        _AT.item("em-turns", "EM: turns", 1000, coil.turns),
+        _AT.item("em-n", "EM: n, dipoles on a loop", 16, em.model.per_loop),
+        _AT.item("em-k", "EM: k, loops", 6, len(em.model.loop_strengths) - 1),
+        _AT.item("em-ratio", "EM: l̄/l", 0.442, em.model.pole_distance / em.body.length, "1", 1e-9),
+        _AT.says("em-moment", "EM: moment per ampere, by strengths (printed) and by the winding (here)",
+                 em.model.moment[2], em.body.moment[2], "A·m²/A", 0.04,
+                 "10 %: the strengths were fitted to the near field, not to the moment", erratum="E1"),
+        _AT.ours("em-aspect", "EM: the same as a ratio, l read as l/2a = 0.3",
+                 aspect.model.moment[2] / aspect.body.moment[2], "1", "37 % too much: the reading is refused"),
+        _AT.ours("pm-gap", "PM: rms error of the published model's field where the coils are",
+                 residual(pm.body, pm.model, BY_MAGNET).rms, "1"),
+        _AT.ours("em-gap", "EM: rms error of the published model's field where the magnets are",
+                 residual(em.body, em.model, BY_COIL).rms, "1"),
+        _AT.says("pm-strengths", "PM: number of strengths, k + 1", 5, len(MAGNET_STRENGTHS)),
+        _AT.says("em-strengths", "EM: number of strengths, k + 1", 7, len(COIL_STRENGTHS)),
+    )  # fmt: skip
+    report(1.0)
+    return found, lambda path: _drawn(
+        ((pm.body, pm.model, R_PM - 60.61e-3), (em.body, em.model, 65.36e-3 - R_EM)), path
+    )
+
+
+def _drawn(bodies: tuple[tuple[Source, Source, float], ...], path: Path) -> Path:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 3.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    across = np.linspace(0, 30e-3, 200)
+    titles = ("one magnet, where the coils begin", "one coil at 1 A, where the magnets begin")
+    for panel, (body, model, height), title in zip(figure.subplots(1, 2), bodies, titles, strict=True):
+        at = np.column_stack([across, np.zeros_like(across), np.full_like(across, height)])
+        for source, style, label in ((body, "C0-", "exact"), (model, "C1--", "published multipoles")):
+            panel.plot(1e3 * across, 1e3 * _axial(source, at), style, label=label)
+        panel.set(xlabel="from the axis [mm]", ylabel="axial field [mT]")
+        panel.set_title(f"{title} ({1e3 * height:.1f} mm off)", loc="left", fontsize=10)
+        panel.grid(alpha=0.3)
+        panel.legend(frameon=False)
+    figure.savefig(path, dpi=120)
+    return path
+
+
+def _axial(source: Source, at: Array) -> Array:
+    axial: Array = source.field(at)[:, 2]
+    return axial

@@ -1,0 +1,143 @@
+"""Bai 2012, section 3.2, through the whole chain: a tilted plug is pulled (phase 1), then righted (phase 2).
+
+Nothing is fed in but a hand that turns the handle. The rotor's magnets make a field, 48 sensors read it with their
+noise, the orientation and the torque characteristic are estimated from it, the two modes move the plug, the outlet
+answers, currents are allocated, the simulated coils carry them, and the torque on the rotor is what comes out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
+from haptorb.control.clutch.linkage import ModedLinkage
+from haptorb.control.clutch.modes import Gains, TwoModes
+from haptorb.devices.motor.api import motor
+from haptorb.devices.motor.handle import Grasp
+from haptorb.devices.wrench_map import WrenchMap
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.pointer.guided_handle import turned
+from haptorb.runtime.row import RowLayout
+from haptorb.runtime.tick.assembly import allocator_of, estimator_of
+from haptorb.runtime.tick.tick import Tick
+from haptorb.runtime.trackers.tracker import Goal
+from haptorb.sensing.estimator import Estimator
+from haptorb.sensing.sample import Estimate, Sample
+from haptorb.simulation.motor.motor import SimulatedMotor
+from haptorb.worlds.snap_fit.outlet import PublishedOutlet
+
+__all__ = ["ARM", "FORCE_SCALE", "TILT", "X_0", "Course", "two_phases"]
+
+TILT = math.radians(2.0)  #: ε_z at the start
+_WORLD = PublishedOutlet(creep=1e-4)  #: sliding friction from 0.1 mm/s on, as (15) has it at any speed
+ARM = _WORLD.arm  #: h, assumed [m]
+X_0 = 0.5 * _WORLD.plug_width * math.sin(TILT)  #: where a tilted plug begins [m]
+#: 280 N sideways are more than a motor of 1 N·m renders with the default gains: all torques times this
+FORCE_SCALE = 0.25
+
+_DT = 1e-3
+_FROM, _PULL = math.radians(-12.0), 0.3  #: λ at the start, and turned by in phase 1 [rad]: 6 mm of pull
+_READY, _PHASE_1, _SWITCH, _PHASE_2 = 0.8, 1.0, 0.5, 1.0  #: duration of settling, pulling, clutching, righting [s]
+#: a hand of steel: the paper prescribes the motion, so the handle must not yield
+_STEEL = Grasp(mass=0.3, stiffness=1e5, damping=500.0, radius=0.04)
+
+
+@dataclass(frozen=True)
+class Course:
+    """Rows of one phase, one per tick.
+
+    rows        (n, width) as recorded, by `layout`
+    psi, lam    (n, m) currents that the T_ψ and the T_λ part of the asked torque take by themselves [A]
+    phi, rest   (n, m) those of the T_φ part, and those that hold up weight and regulator [A]
+    """
+
+    layout: RowLayout
+    rows: Array
+    psi: Array
+    lam: Array
+    phi: Array
+    rest: Array
+
+    def __getitem__(self, name: str) -> Array:
+        """(n, width) the field `name`."""
+        return self.rows[:, self.layout[name]]
+
+    @property
+    def tilt(self) -> Array:
+        """(n,) ε_z [rad], clockwise about Z'."""
+        q = self["object_q"]
+        x, y, z, w = q.T
+        tilt: Array = -np.arctan2(2 * (x * y + z * w), 1 - 2 * (y * y + z * z))
+        return tilt
+
+
+@final
+class _Overheard(Estimator):
+    """An estimator whose last word is kept: what the currents were allocated with."""
+
+    def __init__(self, inner: Estimator) -> None:
+        self.inner = inner
+        self.map = WrenchMap(np.zeros((6, 1)), np.zeros(6))
+
+    def update(self, sample: Sample) -> Estimate:
+        estimate = self.inner.update(sample)
+        self.map = estimate.wrench_map
+        return estimate
+
+
+def _smooth(s: float) -> float:
+    s = min(max(s, 0.0), 1.0)
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0))
+
+
+def two_phases(
+    device: str = "pmsm", estimator: str = "least-squares", seed: int = 0, report: Callable[[float], None] | None = None
+) -> tuple[Course, Course]:
+    """Phase 1 and phase 2 on `device` with the named estimator; `report` is told the share that is done."""
+    known = motor(device)
+    gains = Gains().scaled(FORCE_SCALE)
+    spin = TILT / gains.rotate[2]  # of the handle: 8°
+    starts = (0.0, _READY, _READY + _PHASE_1, _READY + _PHASE_1 + _SWITCH)
+
+    def hand(now: float) -> Goal:
+        lam = _FROM + _PULL * min(max((now - starts[1]) / _PHASE_1, 0.0), 1.0)
+        phi = spin * _smooth((now - starts[3]) / _PHASE_2)
+        return Goal(np.zeros(3), turned(0.0, lam, phi), now, False)
+
+    driver = SimDriver(SimulatedMotor(known, seed, grasp=_STEEL), _DT, hand, seed=seed)
+    overheard = _Overheard(estimator_of(known, estimator, None))
+    linkage = ModedLinkage(TwoModes(gains), position=(X_0, 0.0, 0.0), attitude=(0.0, 0.0, -TILT))
+    tick = Tick(known, _WORLD, driver, overheard, allocator_of(known), _DT, linkage)
+    parts = MinimumPowerAllocator(known.coils.current_limit, resistance=known.coils.resistance)
+    layout, row = tick.layout, tick.layout.empty()
+    asked = layout["asked"]
+    rows: list[Any] = []
+    split: list[Any] = []
+    total = round((starts[3] + _PHASE_2 + 0.2) / _DT)
+    with driver:
+        for n in range(total):
+            if n == round(starts[2] / _DT):
+                linkage.set_mode("rotate")
+            tick.step(row, n * _DT)
+            rows.append(row.copy())
+            bare = WrenchMap(overheard.map.matrix, np.zeros(6))
+            torque = row[asked][3:]
+            shares = [np.r_[0, 0, 0, part] for part in np.diag(torque)]
+            shares.append(-overheard.map.passive)
+            split.append([parts.allocate(bare, share).currents for share in shares])
+            if report is not None and n % 100 == 0:
+                report(n / total)
+    every, currents = np.array(rows), np.array(split)
+
+    def course(begin: float, end: float) -> Course:
+        keep = slice(round(begin / _DT), round(end / _DT))
+        return Course(layout, every[keep], *(currents[keep, part] for part in range(4)))
+
+    # The hand takes a moment to get under way; the phases are what follows.
+    return course(starts[1] + 0.1, starts[2]), course(starts[3], starts[3] + _PHASE_2 + 0.1)

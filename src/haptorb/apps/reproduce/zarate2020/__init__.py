@@ -1,0 +1,1 @@
+"""Statements and figures of Zárate 2020."""

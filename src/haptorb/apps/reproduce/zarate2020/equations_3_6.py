@@ -1,0 +1,81 @@
+"""Zárate 2020, eqs. (3) to (6): from a wanted moment to a duty; calibration, and resistance (erratum E26)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptorb.apps.reproduce.item import Item
+from haptorb.apps.reproduce.place import Place
+from haptorb.apps.reproduce.registry import Report
+from haptorb.apps.reproduce.zarate2020.drive import drive_course
+from haptorb.control.protection.drive import Drive
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.loader import load
+from haptorb.numerics.arrays import Array
+from haptorb.physics.sources import dipole
+from haptorb.physics.sources.dipole import MU0
+from haptorb.runtime.tick.assembly import electromagnet
+from haptorb.sensing.calibration.magnetic_calibration import excitation, magnetic_calibration
+
+__all__ = ["items"]
+
+_AT = Place("zarate2020", "drive", "§II.C")
+
+
+def items(report: Report) -> tuple[tuple[Item, ...], None]:
+    """Duties of the drive, the field that (5) inverts, a calibration with noise, and R_t of a warm coil."""
+    device = electromagnet(load("omni"))
+    cold = device.coils.resistance_at(np.full(3, device.coils.heat.ambient))
+    field = float(dipole.field((0, 0, 2.82), (0, 0, 0.055))[2])
+    found_m = _calibrated(device)
+    truth = device.moment_per_current
+    report(0.5)
+    course = drive_course(device)
+    late = course.t >= 0.2
+    found = (
+        *(
+            _AT.says(f"4-{ampere}", f"(4): duty for {ampere} A, I R/V₀, and the drive's", ampere * cold[0] / 12.0,
+                     _duty(device, ampere), "1", 1e-9, "steady current, cold coil", where="eqs. (3), (4)")
+            for ampere in (2, 5, 10)
+        ),
+        _AT.item("4-range", "greatest duty, u ∈ [−1, 1], for 40 A", 1.0, _duty(device, 40), "1", 1e-12, "clipped",
+                 where="eq. (4)"),
+        _AT.says("5-field", "(5): μ₀ m_e/(2π d³) at 0.055 m for 2.82 A·m², and the dipole's field on its axis",
+                 1e3 * MU0 * 2.82 / (2 * np.pi * 0.055**3), 1e3 * field, "mT", 1e-9, where="eq. (5)"),
+        _AT.says("5-diagonal", "(5): m_e per ampere from noisy Hall readings, greatest relative error of the diagonal",
+                 0.0, np.abs(np.diag(found_m) / np.diag(truth) - 1).max(), "1", 0.01, "noise of the device file",
+                 where="eq. (5)"),
+        _AT.says("5-skew", "(5): the same of the terms off the diagonal, over the diagonal", 0.0,
+                 np.abs(found_m - truth).max() / np.diag(truth).mean(), "1", 0.01, "noise of the device file",
+                 where="eq. (5)"),
+        _AT.says("5-c", "'c maps input current to m_e' [A·m²/A]; in (5) c stands for current over field [A/T]",
+                 2.82 / 12.9, 12.9 / field, "A/T", 1e-6, "2.82 A·m² at 12.9 A, 55 mm off", erratum="E26",
+                 corrected=12.9 * 2 * np.pi * 0.055**3 / (MU0 * 2.82), where="eq. (5)"),
+        _AT.item("5-mu0", "μ₀, 'the relative permeability of air' [1]; as used, of the vacuum [T·m/A]", 4e-7 * np.pi,
+                 MU0, "T·m/A", 1e-20, erratum="E26", where="eq. (5)"),
+        _AT.says("6-resistance", "(6): resistance of a coil 60 K warmer, estimated over the true one, after 0.2 s", 1.0,
+                 (course.estimate[late] / course.resistance[late]).mean(), "1", 0.01, "noise of the current sensor",
+                 where="eq. (6)"),
+        _AT.unchecked("5-five", "calibration 'with the help of five hall sensors'", "which five is not said; ours "
+                      "takes all nine", "eq. (5)"),
+    )  # fmt: skip
+    report(1.0)
+    return found, None
+
+
+def _duty(device: SphericalElectromagnet, ampere: float) -> float:
+    """Duty of the x coil after the inductance has had its part: the second of two ticks with the same wish."""
+    drive = Drive(device, 1e-3)
+    wish, none = np.array([float(ampere), 0.0, 0.0]), np.zeros(3)
+    drive.duties(wish, none, none)
+    return float(drive.duties(wish, none, none)[0])
+
+
+def _calibrated(device: SphericalElectromagnet) -> Array:
+    rng = np.random.default_rng(5)
+    wanted = excitation(device)
+    currents = wanted + device.supply.current_noise * rng.normal(size=wanted.shape)
+    at = device.hall.positions
+    fields = np.array([dipole.field(np.broadcast_to(device.moment_per_current @ i, at.shape), at) for i in wanted])
+    fields = fields + device.hall.noise * rng.normal(size=fields.shape)
+    return magnetic_calibration(device, wanted, currents, fields).moment_per_current

@@ -1,0 +1,77 @@
+"""Zárate 2020, section II.B and Figs. 1, 4: the parts of the prototype, and the core's answer (errata E15, E18)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptorb.apps.reproduce.item import Item
+from haptorb.apps.reproduce.place import Place
+from haptorb.apps.reproduce.registry import Report
+from haptorb.devices.loader import load
+from haptorb.devices.state import State
+from haptorb.physics.sources.dipole import MU0
+from haptorb.runtime.tick.assembly import electromagnet
+from haptorb.simulation.truth import true_wrench
+
+__all__ = ["items"]
+
+_AT = Place("zarate2020", "hw", "§II.B")
+_STEEL = 2.1  #: [T] saturation of low-carbon steel, handbooks
+
+
+def items(report: Report) -> tuple[tuple[Item, ...], None]:
+    """Entries as the device has them, what follows from them, and what only the prototype could tell."""
+    device = electromagnet(load("omni"))
+    supply, coils = device.supply, device.coils
+    ohm = float(coils.resistance[0])
+    full = float(coils.current_limit[0])
+    pulls = {d: -1e3 * float(true_wrench(device, State.at((0, 0, 1e-3 * d)), (0, 0, 0))[2]) for d in (50, 60, 70)}
+    table = -1e3 * float(device.wrench_map(State.at((0, 0, 0.05)), "exact").passive[2])
+    report(0.6)
+    most = np.linalg.norm(device.moment_per_current @ coils.current_limit)
+    saturated = _STEEL / MU0 * 4 / 3 * np.pi * device.core_radius**3
+    axes = int((np.count_nonzero(np.abs(device.hall.positions) > 1e-6, axis=1) == 1).sum())
+    found = (
+        _AT.item("core", "diameter of the steel core", 30.0, 2e3 * device.core_radius, "mm"),
+        _AT.item("coils", "orthogonal coils", 3, device.channels),
+        _AT.item("resistance", "resistance of a coil at room temperature, 'roughly'", 0.6, ohm, "Ω", 0.01,
+                 "'roughly'; 100 W / 12.9² A² = 0.601 Ω"),
+        _AT.item("voltage", "supply", 12.0, supply.voltage, "V"),
+        _AT.item("current", "greatest current of a coil: printed, and 12 V over 0.6 Ω", 24.0, supply.voltage / ohm, "A",
+                 1e-9, "Ohm's law", erratum="E15", corrected=20.0),
+        _AT.item("limit", "what the device file lets flow", 24.0, full, "A", 1e-9, erratum="E15", corrected=20.0),
+        _AT.says("duty", "steps of a 12-bit duty", 4096, 2**supply.duty_bits),
+        _AT.ours("duty-current", "one step of the duty, as current", 1e3 * full / 2**supply.duty_bits, "mA"),
+        _AT.ours("duty-force", "the same as force at contact", 48.0 * full / 2**supply.duty_bits, "mN"),
+        _AT.says("shunt", "0.01 Ω shunt: one 10 µV step of an INA219, as current", 1.0, 1e3 * supply.current_step, "mA",
+                 1e-9, "the sensor's data sheet"),
+        _AT.item("hall", "Hall sensors", 9, device.sensors),
+        _AT.item("hall-axes", "of them along the coils' axes: 'five' serve the calibration", 5, axes, where="§II.C"),
+        _AT.item("hall-distance", "their distance from the core's centre", 0.055,
+                 np.linalg.norm(device.hall.positions, axis=1).mean(), "m", 1e-6, "coordinates in the file are rounded",
+                 where="§II.C"),
+        *(
+            _AT.says(f"core-pull-{d}", f"pull of the core on the tool at {d} mm, currents off: 'small'", 0.0, pulls[d],
+                     "mN", tolerance, "series against another discretisation; permeability infinite", erratum="E18",
+                     corrected=value)
+            for d, value, tolerance in ((50, 52.9, 0.2), (60, 12.25, 0.05), (70, 3.74, 0.02))
+        ),
+        _AT.says("core-pull-table", "the same at 50 mm as the servo's table has it, against the series", pulls[50],
+                 table, "mN", 0.2, "table of the loop, 0.3 %", erratum="E18"),
+        _AT.ours("core-share", "that as a share of the sustained 258 mN", pulls[50] / 258.0, "1"),
+        _AT.ours("saturation", "greatest |m_e| over the core's moment at 2.1 T ('m_e ≪ m_saturation')",
+                 most / saturated, "1", "all three coils at 20 A; the model is linear, so this is not computed with"),
+        _AT.unchecked("hysteresis", "no hysteresis seen at updates of 50 Hz", "a property of the prototype's steel, "
+                      "whose kind is not given"),
+        _AT.unchecked("size", "150 mm × 150 mm × 95 mm outside, six fans, acrylic and printed parts",
+                      "nothing computed here depends on them", "§II.B, Fig. 4"),
+        _AT.unchecked("fem", "sizes of magnet and coils were tuned with FEM", "neither the model nor its results are "
+                      "printed"),
+        _AT.unchecked("coil-shape", "shape and turns of the three coils", "not printed, only m_e per ampere (Fig. 7); "
+                      "`haptorb inspect omni` predicts it from assumed windings", "Fig. 4"),
+        _AT.unchecked("figure-1", "the device in use", "a photograph", "Fig. 1"),
+        _AT.unchecked("figure-5", "the software's pipeline", "a diagram; its parts are equations (3) to (6) and Fig. 3",
+                      "Fig. 5"),
+    )  # fmt: skip
+    report(1.0)
+    return found, None

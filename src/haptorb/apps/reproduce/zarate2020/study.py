@@ -1,0 +1,94 @@
+"""Zárate 2020, section IV, Figs. 8 and 9: the study's design, and what only people could answer (erratum E17)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from math import cos, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from haptorb.apps.reproduce.item import Item
+from haptorb.apps.reproduce.place import Place
+from haptorb.apps.reproduce.registry import Drawing, Report
+from haptorb.apps.study.model.order import plan
+from haptorb.apps.study.model.set_points import directions, published
+from haptorb.apps.study.model.study_file import study_of
+
+__all__ = ["items"]
+
+_AT = Place("zarate2020", "study", "§IV")
+_PEOPLE = "answers of people; `haptorb study run` runs the same procedure and computes the same figures"
+
+
+def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
+    """Set-points, order and counts of the study as the kit runs it."""
+    points = published()
+    u = directions(points)
+    apart = np.degrees(np.arccos(np.clip(u @ u.T, -1, 1))) + 360 * np.eye(len(points))
+    rings = sorted({point.theta_deg for point in points})
+    study = study_of('name = "published"')
+    plans = [plan(study, person) for person in range(6)]
+    prompts = [[prompt for part in one["parts"] for prompt in part["prompts"] if prompt.get("phase") != "practice"]
+               for one in plans]  # fmt: skip
+    numbers = [[prompt["set_point"] for prompt in one] for one in prompts]
+    report(0.7)
+    world = study.rendered(study.conditions[0].name, points[0].number)
+    cap = (1 - cos(radians(54 + 9))) / (1 - cos(radians(9)))
+    found = (
+        _AT.item("points", "set-points", 25, len(points)),
+        _AT.item("rings", "angles θ with an error of their own in Fig. 9", 4, len(rings), where="Fig. 9"),
+        _AT.item("meridian", "set-points apart along a meridian", 18.0, np.diff(rings).mean(), "°", 1e-9, where="§I"),
+        _AT.item("nearest", "nearest set-points apart: 'evenly separated by 18°'", 18.0, apart.min(), "°", 0.01,
+                 "around the first ring", erratum="E17", corrected=13.58),
+        _AT.item("even", "points really 18° apart that would fit on that cap", 25, cap, "1", 0.5, "ratio of areas",
+                 erratum="E17", corrected=44.0),
+        _AT.item("twice", "how often a person is asked for each point: 'exactly twice'", 2,
+                 np.mean([set(Counter(one).values()) == {2} for one in numbers]) * 2, "1", 1e-9),
+        _AT.item("per-person", "data points per user", 50, len(numbers[0])),
+        _AT.item("total", "data points of six users", 300, sum(map(len, numbers))),
+        _AT.says("random", "share of the users whose order differs from all others'", 1.0,
+                 len({tuple(one) for one in numbers}) / len(numbers), "1", 0.0, "'randomly selected'"),
+        _AT.item("theta-1", "θ₁ of the rendered map: 'same mapping parameters as in Fig. 2'", 18.0,
+                 getattr(world, "half_width_deg", float("nan")), "°", 1e-9),
+        _AT.item("theta-2", "θ₂ of it", 54.0, getattr(world, "cut_off_deg", float("nan")), "°", 1e-9),
+        _AT.says("repulsive", "sign of its moment: 'only repulsive forces'", 1.0,
+                 np.sign(getattr(world, "moment", float("nan"))), "1", 0.0, "a direction"),
+        _AT.unchecked("confusion", "confusion matrix of 25 set-points, answers drawn to the neighbour higher up",
+                      _PEOPLE, "Fig. 8"),
+        *(
+            _AT.unchecked(f"error-{theta}", f"error at θ = {theta}°: {text} mm", _PEOPLE, "Fig. 9")
+            for theta, text in ((0, "2.5 ± 1.4"), (18, "5.7 ± 4.6"), (36, "6.5 ± 5.2"), (54, "7.2 ± 5.1"))
+        ),
+        _AT.unchecked("grows", "error grows with θ, gravity as a reason", _PEOPLE, "Fig. 9"),
+        _AT.unchecked("arrows", "arrows where a third of the wrong answers went to one point", _PEOPLE, "Fig. 8"),
+        _AT.unchecked("discern", "'users can discern at least 25 locations'", _PEOPLE, "Abstract"),
+    )  # fmt: skip
+    report(1.0)
+    return found, _drawn
+
+
+def _drawn(path: Path) -> Path:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5, 5), layout="constrained")
+    FigureCanvasAgg(figure)
+    panel = figure.subplots()
+    for point in published():
+        x, y = point.theta_deg * cos(radians(point.phi_deg)), point.theta_deg * np.sin(radians(point.phi_deg))
+        panel.plot(x, y, "o", ms=22, mfc="C0", mec="none", alpha=0.25)
+        panel.text(x, y, str(point.number), ha="center", va="center", fontsize=9)
+    for theta in (18, 36, 54):
+        panel.add_artist(_circle(theta))
+    panel.set(xlim=(-62, 62), ylim=(-62, 62), aspect="equal", xlabel="θ cos φ [°]", ylabel="θ sin φ [°]")
+    panel.set_title("The 25 set-points from above", loc="left", fontsize=10)
+    figure.savefig(path, dpi=120)
+    return path
+
+
+def _circle(radius: float) -> Any:
+    from matplotlib.patches import Circle
+
+    return Circle((0, 0), radius, fill=False, color="k", lw=0.6, ls=":")

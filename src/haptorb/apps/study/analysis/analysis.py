@@ -1,0 +1,291 @@
+"""What the trials say: who was right where, where wrong answers went, how far off, and the curves and thresholds.
+
+Practice is left out. Averages over participants weigh every person alike; intervals are 95 %, drawn over people.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from haptorb.apps.asking.procedure import Procedure
+from haptorb.apps.study.analysis.statistics import Curve, above_chance, bootstrap, psychometric_fit, sign_flip, wilson
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.store.columns import Columns
+from haptorb.errors import InputError
+from haptorb.numerics.arrays import Array
+
+__all__ = ["Analysis", "Arrow", "Comparison", "Confusion", "Ring", "analysed"]
+
+WANDERED = 1 / 3  #: an arrow is drawn where this share of the wrong answers, or more, went to one set-point
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """Answers (columns) to prompts (rows), averaged over participants; all arrays by set-point in the study's order."""
+
+    numbers: tuple[int, ...]
+    counts: Array  #: (n, n) answers, pooled
+    matrix: Array  #: (n, n) share of answers, averaged over participants
+    low: Array  #: (n, n)
+    high: Array  #: (n, n)
+    accuracy: float  #: averaged over participants
+    accuracy_95: tuple[float, float]  #: over people
+    pooled_95: tuple[float, float]  #: Wilson's, as if all trials were alike
+    chance: float
+    p_chance: float  #: of so many right answers by guessing
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """A third or more of the wrong answers to `of` went to `to`."""
+
+    of: int
+    to: int
+    wrong: int  #: wrong answers to `of`
+    share: float
+
+
+@dataclass(frozen=True)
+class Ring:
+    """Error of the set-points at one θ."""
+
+    theta_deg: float
+    trials: int
+    mean: float  #: [mm] over trials
+    sd: float  #: [mm] over trials
+    low: float  #: [mm] of the mean, over people
+    high: float  #: [mm]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two conditions, participants as pairs: sign-flip test of the mean difference a − b."""
+
+    what: str
+    a: str
+    b: str
+    difference: float
+    people: int
+    p: float
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """Everything that is reported; parts that a procedure does not have are empty."""
+
+    study: Study
+    participants: int
+    trials: int
+    practice: int
+    simulated: int  #: participants that are simulated
+    trips: int  #: trials in which the device tripped
+    confusion: Confusion | None = None
+    arrows: tuple[Arrow, ...] = ()
+    rings: tuple[Ring, ...] = ()
+    curves: dict[str, tuple[Array, Array, Array, Curve]] = field(default_factory=dict)  #: (levels, yes, of, fit)
+    thresholds: dict[str, dict[str, float]] = field(default_factory=dict)  #: condition → participant → threshold
+    scores: dict[str, tuple[float, float, int]] = field(default_factory=dict)  #: condition → (mean, sd, ratings)
+    chosen: dict[tuple[str, str], tuple[int, int, tuple[float, float]]] = field(default_factory=dict)
+    comparisons: tuple[Comparison, ...] = ()
+
+    @property
+    def origin(self) -> str:
+        """Who answered, in words that go onto every page and figure."""
+        if self.simulated == self.participants:
+            return (
+                f"SIMULATED: {self.participants} simulated participants, calibrated to Zárate 2020; no person took part"
+            )
+        if self.simulated:
+            return f"PARTLY SIMULATED: {self.simulated} of {self.participants} participants are simulated"
+        return f"{self.participants} participants"
+
+    def numbers(self) -> dict[str, Any]:
+        """As plain JSON types; what is not a number is None."""
+        found: dict[str, Any] = {
+            "study": self.study.name, "procedure": self.study.procedure, "origin": self.origin,
+            "participants": self.participants, "simulated": self.simulated, "trials": self.trials,
+            "practice_trials": self.practice, "trials_with_trips": self.trips,
+        }  # fmt: skip
+        if (c := self.confusion) is not None:
+            found["accuracy"] = {
+                "mean": c.accuracy, "interval_95": [_or_none(x) for x in c.accuracy_95], "wilson_95": list(c.pooled_95),
+                "chance": c.chance, "p_by_chance": c.p_chance,
+                "by_set_point": {str(n): _or_none(c.matrix[i, i]) for i, n in enumerate(c.numbers)},
+            }  # fmt: skip
+            found["confusion"] = [[_or_none(x) for x in row] for row in c.matrix.tolist()]
+            found["arrows"] = [vars(arrow) for arrow in self.arrows]
+        if self.rings:
+            found["error_mm"] = [{k: _or_none(v) for k, v in vars(ring).items()} for ring in self.rings]
+        if self.curves:
+            found["curves"] = {
+                name: {
+                    "levels": x.tolist(), "yes": k.tolist(), "of": n.tolist(), "middle": fit.middle,
+                    "middle_95": fit.middle_95, "spread": fit.spread, "spread_95": fit.spread_95,
+                    "jnd_75_percent": 0.6745 * fit.spread,
+                }
+                for name, (x, k, n, fit) in self.curves.items()
+            }  # fmt: skip
+        if self.thresholds:
+            found["thresholds"] = {
+                name: {code: _or_none(value) for code, value in people.items()}
+                for name, people in self.thresholds.items()
+            }
+        if self.scores:
+            found["ratings"] = {n: {"mean": m, "sd": _or_none(s), "ratings": k} for n, (m, s, k) in self.scores.items()}
+        if self.chosen:
+            found["choices"] = [
+                {"a": a, "b": b, "a_chosen": k, "of": n, "wilson_95": list(w)}
+                for (a, b), (k, n, w) in self.chosen.items()
+            ]
+        if self.comparisons:
+            found["comparisons"] = [vars(one) for one in self.comparisons]
+        return found
+
+
+def analysed(study: Study, columns: Columns, procedures: dict[str, Procedure] | None = None) -> Analysis:
+    """The analysis of `study` from its tidy `columns`; `procedures` by participant code give adaptive thresholds."""
+    practice = columns["phase"] == "practice"
+    main = {name: values[~practice] for name, values in columns.items()}
+    if not len(main["trial"]):
+        raise InputError(f"study '{study.name}' has practice trials only, so far: nothing to analyse")
+    people, index = np.unique(main["participant"], return_inverse=True)
+    simulated = {code for code, told in zip(main["participant"], main["simulated"], strict=True) if told}
+    parts: dict[str, Any] = {}
+    if study.procedure == "identification":
+        parts["confusion"] = confusion = _confusion(study, main, index, len(people))
+        parts["arrows"] = _arrows(confusion)
+    if np.isfinite(main["distance_mm"]).any():
+        parts["rings"] = _rings(main, index, len(people))
+    if study.procedure == "constant":
+        parts["curves"] = _curves(study, main)
+    if procedures:
+        parts["thresholds"] = _thresholds(procedures)
+    if study.procedure == "rating":
+        parts["scores"] = {str(n): _scores(main, str(n)) for n in dict.fromkeys(main["condition"].tolist())}
+    if study.procedure == "forced-choice":
+        parts["chosen"] = _chosen(main)
+    return Analysis(
+        study, len(people), len(main["trial"]), int(practice.sum()), len(simulated),
+        int(np.count_nonzero(main["safety"] != "")), comparisons=_comparisons(study, main, people), **parts,
+    )  # fmt: skip
+
+
+def _confusion(study: Study, main: Columns, index: np.ndarray[Any, Any], people: int) -> Confusion:
+    numbers = tuple(point.number for point in study.points)
+    place = {number: n for n, number in enumerate(numbers)}
+    asked = np.array([place[int(n)] for n in main["set_point"]])
+    answered = np.array([place[int(n)] for n in main["answer"]])
+    each = np.zeros((people, len(numbers), len(numbers)))
+    np.add.at(each, (index, asked, answered), 1.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shares = each / each.sum(axis=2, keepdims=True)
+    seen = np.isfinite(shares)
+    matrix = np.where(seen, shares, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+    matrix[~seen.any(axis=0)] = np.nan
+    low, high = bootstrap(shares)
+    right = asked == answered
+    own = np.bincount(index, right, people) / np.bincount(index, minlength=people)
+    a, b = bootstrap(own)
+    k, n = int(right.sum()), len(right)
+    chance = 1 / len(numbers)
+    return Confusion(
+        numbers, each.sum(axis=0), matrix, low, high, float(own.mean()), (float(a), float(b)), wilson(k, n), chance,
+        above_chance(k, n, chance),
+    )  # fmt: skip
+
+
+def _arrows(confusion: Confusion) -> tuple[Arrow, ...]:
+    wrong = confusion.counts - np.diag(np.diag(confusion.counts))
+    found = []
+    for i, row in enumerate(wrong):
+        total = row.sum()
+        for j in np.flatnonzero(row):
+            if row[j] / total >= WANDERED - 1e-12:
+                of, to = confusion.numbers[i], confusion.numbers[int(j)]
+                found.append(Arrow(of, to, int(total), float(row[j] / total)))
+    return tuple(found)
+
+
+def _rings(main: Columns, index: np.ndarray[Any, Any], people: int) -> tuple[Ring, ...]:
+    found = []
+    for theta in np.unique(main["theta_deg"][np.isfinite(main["theta_deg"])]):
+        here = (main["theta_deg"] == theta) & np.isfinite(main["distance_mm"])
+        if not here.any():
+            continue
+        error = main["distance_mm"][here]
+        counts = np.bincount(index[here], minlength=people)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            own = np.bincount(index[here], error, people) / counts
+        low, high = bootstrap(own)
+        sd = float(error.std(ddof=1)) if len(error) > 1 else math.nan
+        found.append(Ring(float(theta), len(error), float(error.mean()), sd, float(low), float(high)))
+    return tuple(found)
+
+
+def _curves(study: Study, main: Columns) -> dict[str, tuple[Array, Array, Array, Curve]]:
+    """By condition: how often the comparison was called the stronger, over its level, participants pooled."""
+    found: dict[str, tuple[Array, Array, Array, Curve]] = {}
+    for name in dict.fromkeys(main["condition"].tolist()):
+        here = main["condition"] == name
+        levels, which = np.unique(main["level"][here], return_inverse=True)
+        stronger = main["answer"][here] == main["interval"][here]
+        yes: Array = np.bincount(which, stronger, len(levels)).astype(float)
+        of: Array = np.bincount(which, minlength=len(levels)).astype(float)
+        if len(levels) > 1:
+            found[name] = (levels, yes, of, psychometric_fit(levels, yes, of))
+    return found
+
+
+def _thresholds(procedures: dict[str, Procedure]) -> dict[str, dict[str, float]]:
+    found: dict[str, dict[str, float]] = {}
+    for code, procedure in procedures.items():
+        for part in getattr(procedure, "parts", ()):
+            threshold = getattr(part, "threshold", None)
+            if threshold is not None and part.prompt is None:
+                found.setdefault(part.condition, {})[code] = float(threshold)
+    return found
+
+
+def _scores(main: Columns, name: str) -> tuple[float, float, int]:
+    given = main["answer"][main["condition"] == name].astype(float)
+    return float(given.mean()), float(given.std(ddof=1)) if len(given) > 1 else math.nan, len(given)
+
+
+def _chosen(main: Columns) -> dict[tuple[str, str], tuple[int, int, tuple[float, float]]]:
+    found = {}
+    for a, b in dict.fromkeys(zip(main["condition"].tolist(), main["other"].tolist(), strict=True)):
+        here = (main["condition"] == a) & (main["other"] == b)
+        k, n = int((main["answer"][here] == main["interval"][here]).sum()), int(here.sum())
+        found[(a, b)] = (k, n, wilson(k, n))
+    return found
+
+
+def _comparisons(study: Study, main: Columns, people: np.ndarray[Any, Any]) -> tuple[Comparison, ...]:
+    """Pairs of conditions by accuracy, error and rating, where both were met by at least two participants."""
+    measures = {
+        "identification": [("accuracy", "correct"), ("error [mm]", "distance_mm")],
+        "localisation": [("error [mm]", "distance_mm")],
+        "rating": [("rating", "answer")],
+    }.get(study.procedure, [])
+    found = []
+    for what, column in measures:
+        values = main[column].astype(float)
+        for a, b in combinations([condition.name for condition in study.conditions], 2):
+            pairs = []
+            for code in people:
+                mine = (main["participant"] == code) & np.isfinite(values)
+                one, two = (values[mine & (main["condition"] == name)] for name in (a, b))
+                if len(one) and len(two):
+                    pairs.append(float(one.mean() - two.mean()))
+            if len(pairs) > 1:
+                found.append(Comparison(what, a, b, float(np.mean(pairs)), len(pairs), sign_flip(pairs)))
+    return tuple(found)
+
+
+def _or_none(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

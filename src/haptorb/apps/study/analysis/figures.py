@@ -1,0 +1,131 @@
+"""The figures of a study: confusion, where wrong answers went, error over θ, curves; every one says who answered."""
+
+from __future__ import annotations
+
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.projections.polar import PolarAxes
+
+from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.apps.study.simulated.participant import PUBLISHED_ERRORS
+
+__all__ = ["figures"]
+
+_INK, _BLUE, _RED = "#22303c", "#1769aa", "#c0392b"
+_SHADE = LinearSegmentedColormap.from_list("shade", ["#ffffff", "#9cc3e0", _BLUE, "#0b2d4a"])
+
+
+def figures(analysis: Analysis) -> dict[str, Figure]:
+    """Name → figure, for what this study has."""
+    found = {}
+    if analysis.confusion is not None:
+        found["confusion"] = _confusion(analysis)
+        found["answers"] = _answers(analysis)
+    if analysis.rings:
+        found["error"] = _error(analysis)
+    if analysis.curves:
+        found["curves"] = _curves(analysis)
+    return found
+
+
+def _begun(analysis: Analysis, title: str, size: tuple[float, float]) -> Figure:
+    figure = Figure(figsize=size, layout="constrained")
+    figure.suptitle(title, x=0.01, ha="left", fontweight="bold", color=_INK)
+    figure.supxlabel(analysis.origin, x=0.01, ha="left", fontsize=8, color=_RED if analysis.simulated else _INK)
+    return figure
+
+
+def _confusion(analysis: Analysis) -> Figure:
+    c = analysis.confusion
+    assert c is not None
+    figure = _begun(analysis, "Answered against prompted set-point, averaged over participants", (7.2, 6.6))
+    axes = figure.subplots()
+    shown = axes.imshow(c.matrix, cmap=_SHADE, vmin=0, vmax=1)
+    ticks = range(len(c.numbers))
+    axes.set_xticks(ticks, [str(n) for n in c.numbers], fontsize=7)
+    axes.set_yticks(ticks, [str(n) for n in c.numbers], fontsize=7)
+    axes.set(xlabel="answered", ylabel="prompted")
+    theta = [analysis.study.point(n).theta_deg for n in c.numbers]
+    for n in ticks[1:]:
+        if theta[n] != theta[n - 1]:  # rings apart
+            axes.axhline(n - 0.5, color="0.6", lw=0.6)
+            axes.axvline(n - 0.5, color="0.6", lw=0.6)
+    figure.colorbar(shown, ax=axes, label="share of answers", shrink=0.8)
+    return figure
+
+
+def _answers(analysis: Analysis) -> Figure:
+    c = analysis.confusion
+    assert c is not None
+    figure = _begun(analysis, "Identified, and where a third or more of the wrong answers went", (6.8, 6.6))
+    axes = figure.subplots(subplot_kw={"projection": "polar"})
+    assert isinstance(axes, PolarAxes)
+    places = {
+        n: (p.phi_deg * 3.141592653589793 / 180, p.theta_deg) for n in c.numbers for p in [analysis.study.point(n)]
+    }
+    for arrow in analysis.arrows:
+        axes.annotate(
+            "", places[arrow.to], places[arrow.of],
+            arrowprops={
+                "arrowstyle": "-|>", "color": _RED, "lw": 0.8 + 1.6 * arrow.share, "shrinkA": 11, "shrinkB": 11,
+                "alpha": 0.85, "connectionstyle": "arc3,rad=0.12",
+            },
+        )  # fmt: skip
+    for n, number in enumerate(c.numbers):
+        right = float(c.matrix[n, n])
+        phi, theta = places[number]
+        axes.scatter([phi], [theta], s=330, color=[_SHADE(right)], edgecolors=_INK, linewidths=0.8, zorder=3)
+        axes.annotate(
+            str(number), (phi, theta), ha="center", va="center", fontsize=8, zorder=4,
+            color="white" if right > 0.45 else _INK,
+        )  # fmt: skip
+    rings = sorted({p.theta_deg for p in analysis.study.points} - {0.0})
+    axes.set_rgrids(rings, [f"{ring:g}°" for ring in rings], angle=22.5, fontsize=7, color="0.4")
+    axes.set_rlim(0, max(rings, default=18.0) + 9)
+    axes.set_xticks([])
+    axes.grid(alpha=0.4)
+    axes.set_title("shade: share of right answers; seen from above, +x to the right", fontsize=8, color="0.35")
+    return figure
+
+
+def _error(analysis: Analysis) -> Figure:
+    figure = _begun(analysis, "Distance between answered and true place", (6.4, 4.4))
+    axes = figure.subplots()
+    theta = [ring.theta_deg for ring in analysis.rings]
+    axes.errorbar(
+        theta, [ring.mean for ring in analysis.rings], [ring.sd for ring in analysis.rings], fmt="o", color=_BLUE,
+        capsize=4, label="mean ± standard deviation over trials",
+    )  # fmt: skip
+    published = analysis.study.set_points.layout == "published" and analysis.study.procedure == "identification"
+    if published:
+        axes.errorbar(
+            [t + 1.4 for t in PUBLISHED_ERRORS], [m for m, _ in PUBLISHED_ERRORS.values()],
+            [s for _, s in PUBLISHED_ERRORS.values()], fmt="s", color="0.55", capsize=3, mfc="white",
+            label="Zárate 2020, 6 people (set aside by 1.4°)",
+        )  # fmt: skip
+    axes.set(xlabel="θ of the set-point, from the top [deg]", ylabel="error [mm]", ylim=(0, None))
+    axes.set_xticks(theta)
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False, loc="upper left")
+    return figure
+
+
+def _curves(analysis: Analysis) -> Figure:
+    import numpy as np
+
+    levels = analysis.study.levels
+    figure = _begun(analysis, "How often the comparison was called the stronger", (6.4, 4.4))
+    axes = figure.subplots()
+    for n, (name, (x, yes, of, fit)) in enumerate(analysis.curves.items()):
+        axes.plot(x, yes / of, "o", color=f"C{n}")
+        fine = np.linspace(x.min(), x.max(), 200)
+        low, high = fit.middle_95
+        told = f"{name}: middle {fit.middle:.3g} [{low:.3g}, {high:.3g}], spread {fit.spread:.3g}"
+        axes.plot(fine, fit(fine), color=f"C{n}", label=told)
+    if levels is not None:
+        axes.axvline(levels.reference, color="0.5", ls=":", lw=1)
+        axes.set_xlabel(f"{levels.parameter} of the comparison (dotted: reference)")
+    axes.set(ylabel="share", ylim=(0, 1))
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False, fontsize=8)
+    return figure

@@ -1,0 +1,157 @@
+"""The analysis as one HTML file that needs nothing else, with its figures inside, and beside it as SVG or PNG."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from html import escape
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.apps.study.analysis.figures import figures
+from haptorb.errors import InputError, RecordingError
+
+__all__ = ["page", "write_report"]
+
+_STYLE = """
+body{font:16px/1.5 system-ui,sans-serif;color:#22303c;max-width:60rem;margin:2rem auto;padding:0 1rem}
+h1{margin-bottom:.2rem}h2{margin-top:2.2rem;border-bottom:1px solid #d5dde4}
+.simulated{background:#fdecea;color:#8c1d14;border-left:5px solid #c0392b;padding:.7rem 1rem;font-weight:600}
+table{border-collapse:collapse;margin:.8rem 0}
+th,td{padding:.25rem .8rem;text-align:right;border-bottom:1px solid #e3e9ee}
+th:first-child,td:first-child{text-align:left}th{color:#4d5f6e;font-weight:600}img{max-width:100%;height:auto}
+pre{white-space:pre-wrap;background:#f4f7f9;padding:1rem;font-size:13px}.quiet{color:#5b6b78;font-size:14px}
+"""
+
+
+def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
+    """The report as HTML, self-contained; `images` are its figures as PNG or SVG, drawn here if they are not given."""
+    drawn = {name: _image(data, name) for name, data in (images or _drawn(analysis, "png")).items()}
+    body = [
+        f"<h1>{escape(analysis.study.name)}</h1>",
+        f"<p class='{'simulated' if analysis.simulated else 'quiet'}'>{escape(analysis.origin)}</p>",
+        f"<p>Procedure: {analysis.study.procedure}. {analysis.trials} trials answered, {analysis.practice} practice "
+        f"trials left out; the device tripped during {analysis.trips}.</p>",
+    ]
+    if (c := analysis.confusion) is not None:
+        low, high = c.accuracy_95
+        a, b = c.pooled_95
+        body += [
+            "<h2>Identification</h2>",
+            f"<p>Right answers: <b>{_percent(c.accuracy)}</b>, averaged over participants (95 % interval over people "
+            f"{_percent(low)} to {_percent(high)}; Wilson over pooled trials {_percent(a)} to {_percent(b)}). Chance "
+            f"is {_percent(c.chance)}; so many by guessing: p = {c.p_chance:.2g} (exact binomial).</p>",
+            drawn["confusion"],
+            drawn["answers"],
+            _table(
+                ["set-point", "θ [deg]", "φ [deg]", "right", "95 %", "wrong answers went to"],
+                [
+                    [
+                        n, f"{analysis.study.point(n).theta_deg:g}", f"{analysis.study.point(n).phi_deg:g}",
+                        _percent(c.matrix[i, i]), f"{_percent(c.low[i, i])} to {_percent(c.high[i, i])}",
+                        ", ".join(f"{x.to} ({x.share:.0%} of {x.wrong})" for x in analysis.arrows if x.of == n),
+                    ]
+                    for i, n in enumerate(c.numbers)
+                ],
+            ),
+        ]  # fmt: skip
+    if analysis.rings:
+        rows = [
+            [f"{r.theta_deg:g}", r.trials, f"{r.mean:.2f}", f"{r.sd:.2f}", f"{r.low:.2f} to {r.high:.2f}"]
+            for r in analysis.rings
+        ]
+        body += [
+            "<h2>Error over θ</h2>",
+            drawn["error"],
+            _table(["θ [deg]", "trials", "mean [mm]", "SD [mm]", "95 % of the mean"], rows),
+            "<p class='quiet'>Distance of the tool's magnet from where it is in contact at the set-point. The paper "
+            "does not say whether it means the magnet or the tip; the tip's way is three fifths of it.</p>",
+        ]
+    if analysis.curves:
+        rows = [
+            [
+                name, f"{f.middle:.4g}", f"{f.middle_95[0]:.4g} to {f.middle_95[1]:.4g}", f"{f.spread:.4g}",
+                f"{f.spread_95[0]:.4g} to {f.spread_95[1]:.4g}", f"{0.6745 * f.spread:.4g}",
+            ]
+            for name, (_, _, _, f) in analysis.curves.items()
+        ]  # fmt: skip
+        body += [
+            "<h2>Psychometric curves</h2>",
+            drawn["curves"],
+            _table(["condition", "middle", "95 %", "spread", "95 %", "JND (75 %)"], rows),
+            "<p class='quiet'>Cumulative normal, lapses 2 % at either end, greatest likelihood, participants pooled; "
+            "intervals by parametric bootstrap.</p>",
+        ]
+    if analysis.thresholds:
+        rows = [[n, code, f"{x:.4g}"] for n, people in analysis.thresholds.items() for code, x in people.items()]
+        body += ["<h2>Thresholds</h2>", _table(["condition", "participant", "difference"], rows)]
+    if analysis.scores:
+        rows = [[n, f"{m:.2f}", f"{s:.2f}", k] for n, (m, s, k) in analysis.scores.items()]
+        body += ["<h2>Ratings</h2>", _table(["condition", "mean", "SD", "ratings"], rows)]
+    if analysis.chosen:
+        rows = [
+            [f"{a} over {b}", f"{k} of {n}", f"{_percent(w[0])} to {_percent(w[1])}"]
+            for (a, b), (k, n, w) in analysis.chosen.items()
+        ]
+        body += ["<h2>Choices</h2>", _table(["chosen", "times", "Wilson 95 %"], rows)]
+    if analysis.comparisons:
+        rows = [[x.what, f"{x.a} − {x.b}", f"{x.difference:.3g}", x.people, f"{x.p:.3g}"] for x in analysis.comparisons]
+        body += [
+            "<h2>Conditions compared</h2>",
+            _table(["measure", "difference", "mean", "participants", "p"], rows),
+            "<p class='quiet'>Model: each participant's two means as a pair, signs of the differences exchangeable if "
+            "the conditions do not differ; two-sided sign-flip test, p not corrected for several comparisons.</p>",
+        ]
+    body += ["<h2>Study file</h2>", f"<pre>{escape(analysis.study.text)}</pre>"]
+    title = f"{analysis.study.name}{' (simulated)' if analysis.simulated else ''}"
+    return (
+        f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{escape(title)}</title>"
+        f"<meta name='viewport' content='width=device-width'><style>{_STYLE}</style></head><body>"
+        + "\n".join(body)
+        + "</body></html>"
+    )
+
+
+def write_report(analysis: Analysis, folder: str | Path, *, kind: str = "svg") -> Path:
+    """Write report.html, numbers.json and the figures (`kind` svg or png) into `folder`; returns the report's path."""
+    if kind not in ("svg", "png"):
+        raise InputError(f"figures can be svg or png; got '{kind}'")
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        images = _drawn(analysis, kind)
+        for name, data in images.items():
+            (folder / f"{name}.{kind}").write_bytes(data)
+        numbers = json.dumps(analysis.numbers(), indent=2, ensure_ascii=False)
+        (folder / "numbers.json").write_text(numbers + "\n", encoding="utf-8")
+        (folder / "report.html").write_text(page(analysis, images), encoding="utf-8")
+    except OSError as cause:
+        raise RecordingError(f"{folder}: the report cannot be written ({cause.strerror})") from cause
+    return folder / "report.html"
+
+
+def _drawn(analysis: Analysis, kind: str) -> dict[str, bytes]:
+    """Name → figure as a file; drawing is what takes time, so it is done once."""
+    found = {}
+    for name, figure in figures(analysis).items():
+        data = BytesIO()
+        figure.savefig(data, format=kind, dpi=150)
+        found[name] = data.getvalue()
+    return found
+
+
+def _image(data: bytes, name: str) -> str:
+    kind = "png" if data.startswith(b"\x89PNG") else "svg+xml"
+    return f"<p><img alt='{name}' src='data:image/{kind};base64,{b64encode(data).decode()}'></p>"
+
+
+def _table(head: list[str], rows: list[list[Any]]) -> str:
+    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+    lines = ("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<table><tr>{top}</tr>{''.join(lines)}</table>"
+
+
+def _percent(share: float) -> str:
+    return "–" if share != share else f"{100 * share:.1f} %"

@@ -1,0 +1,1 @@
+"""The study file: set-points, trials, order, and adaptive procedures."""

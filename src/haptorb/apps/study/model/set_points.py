@@ -1,0 +1,63 @@
+"""Where on the dome people are asked to find something: numbered directions, 25 of them built in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from math import cos, radians, sin
+
+import numpy as np
+
+from haptorb.numerics.arrays import Array
+
+__all__ = ["SetPoint", "angles_between", "directions", "nearest", "published"]
+
+
+@dataclass(frozen=True)
+class SetPoint:
+    """A place on the dome under the number that people answer with."""
+
+    number: int
+    theta_deg: float  #: from the top [deg]
+    phi_deg: float  #: about the vertical, from +x towards +y [deg]
+
+    @property
+    def direction(self) -> tuple[float, float, float]:
+        """Unit vector from the centre, frame S."""
+        theta, phi = radians(self.theta_deg), radians(self.phi_deg)
+        return sin(theta) * cos(phi), sin(theta) * sin(phi), cos(theta)
+
+
+@cache
+def published() -> tuple[SetPoint, ...]:
+    """The 25 of Zárate 2020 Fig. 8: one on top, eight each at θ = 18, 36 and 54 deg.
+
+    "25 evenly separated by 18°" and the four rings of Fig. 9 agree only so (erratum E17); which number belongs where
+    the figure alone tells, so they are counted from the top, ring by ring.
+
+    >>> [sum(p.theta_deg == ring for p in published()) for ring in (0, 18, 36, 54)]
+    [1, 8, 8, 8]
+    """
+    rings = [(theta, 45.0 * k) for theta in (18.0, 36.0, 54.0) for k in range(8)]
+    return tuple(SetPoint(n + 1, theta, phi) for n, (theta, phi) in enumerate([(0.0, 0.0), *rings]))
+
+
+def directions(points: tuple[SetPoint, ...]) -> Array:
+    """(n, 3) unit vectors."""
+    return np.array([point.direction for point in points]).reshape(-1, 3)
+
+
+def angles_between(a: Array, b: Array) -> Array:
+    """(n,) angles between directions (n, 3) and (n, 3) [deg]; NaN where one is."""
+    cosine = np.sum(a * b, axis=-1) / np.linalg.norm(a, axis=-1) / np.linalg.norm(b, axis=-1)
+    angles: Array = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    return angles
+
+
+def nearest(points: tuple[SetPoint, ...], position: Array) -> int:
+    """Number of the set-point in whose direction `position` (3,) lies most nearly.
+
+    >>> nearest(published(), np.array([0.1, 0.0, 1.0]))
+    1
+    """
+    return points[int(np.argmax(directions(points) @ position))].number

@@ -1,0 +1,110 @@
+"""Stop, from whoever gives it straight to the servo; what was asked for before a Stop cannot switch on after it.
+
+No queue, no lock, no database: a Stop is a count and one write into the servo's memory. Any thread may call it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import count
+from typing import TYPE_CHECKING, final
+
+from haptorb.errors import InputError
+
+if TYPE_CHECKING:
+    from haptorb.runtime.servo.servo import Servo
+
+__all__ = ["Asked", "Halt", "Stopped"]
+
+_KEPT = 100  #: Stops that nobody has recorded yet, at most
+
+
+@dataclass(frozen=True)
+class Asked:
+    """How often Stop had been given when a person asked for something: taken when the request arrives."""
+
+    number: int  #: of the last Stop
+    servo: Servo | None  #: that was attached
+    stops: int  #: its own count
+
+
+@dataclass(frozen=True)
+class Stopped:
+    """A Stop that is to be recorded."""
+
+    number: int
+    why: str
+    at: str  #: time of day, ISO 8601
+
+
+@final
+class Halt:
+    """Holds the servo of a session, if there is one, so that Stop reaches it at any moment, also while it starts."""
+
+    def __init__(self) -> None:
+        self.why = ""  #: of the Stop that stands
+        self._servo: Servo | None = None
+        self._numbers = count(1)
+        self._last = 0  # number of the last Stop
+        self._cleared = 0  # number of the last Stop after which somebody switched on again
+        self._unrecorded: deque[Stopped] = deque(maxlen=_KEPT)
+
+    @property
+    def stands(self) -> bool:
+        """Whether a Stop was given, and nobody has resumed since."""
+        return self._last != self._cleared
+
+    def stop(self, why: str | None = "") -> None:
+        """Coils off now. `why` is for the record; None: it need not be recorded, the session ends anyway."""
+        stood = self.stands
+        # The number first: `attach` sets the servo first and then looks at the number, so one of the two stops it.
+        self._last = number = next(self._numbers)
+        servo = self._servo
+        if servo is not None:
+            servo.stop()
+        if not stood:
+            self.why = why or ""
+            if why is not None:
+                self._unrecorded.append(Stopped(number, why, now()))
+
+    def ask(self) -> Asked:
+        """What is to travel with a request from the moment at which it arrives."""
+        servo = self._servo
+        return Asked(self._last, servo, 0 if servo is None else servo.stops)
+
+    def attach(self, servo: Servo, asked: Asked) -> None:
+        """From now on Stop reaches `servo`, which need not be open yet. A Stop after `asked` holds for it already."""
+        self._cleared = asked.number
+        self._servo = servo
+        if self.stands:
+            servo.stop()
+        while self._unrecorded and self._unrecorded[0].number <= asked.number:
+            self._unrecorded.popleft()
+
+    def detach(self) -> None:
+        """The session is over: there is nothing to stop any more."""
+        self._servo = None
+
+    def engage(self, asked: Asked) -> None:
+        """Coils on again, from zero, as was asked for at `asked`; InputError if Stop was given since.
+
+        The servo looks once more, so that a Stop which comes while this runs holds as well.
+        """
+        servo = self._servo
+        if servo is None or asked.servo is not servo:
+            raise InputError("no device is running that could be switched on")
+        if asked.number != self._last:
+            raise InputError("Stop was pressed after this: the coils stay off. Resume again when everybody is ready")
+        servo.engage(asked.stops)
+        self._cleared = asked.number
+
+    def take(self) -> list[Stopped]:
+        """The Stops that are to be recorded, oldest first; each is given once."""
+        return [self._unrecorded.popleft() for _ in range(len(self._unrecorded))]
+
+
+def now() -> str:
+    """The time of day in UTC, to the millisecond, as the database keeps it."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -1,0 +1,130 @@
+"""Keys from the terminal one by one, without waiting for Enter; from a pipe the same characters in order.
+
+They are read by a thread of their own, so that the key that stops does so while the session waits for its database.
+"""
+
+from __future__ import annotations
+
+import codecs
+import os
+import re
+import select
+import signal
+import sys
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from queue import Empty, SimpleQueue
+from types import TracebackType
+from typing import Any, Self, final
+
+from haptorb.apps.study.session.halt import Asked, Halt
+
+__all__ = ["END", "Keyboard", "Keys", "named"]
+
+END = "end"  #: nobody will press a key any more: the pipe or the terminal is closed
+
+_NAMES = {
+    "\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left", "\x1bOA": "up", "\x1bOB": "down",
+    "\x1bOC": "right", "\x1bOD": "left", "\n": "enter", "\r": "enter", "\x7f": "back", "\x08": "back", " ": "space",
+    "\t": "tab", "\x04": END, "\x1b": "escape",
+}  # fmt: skip
+_KEY = re.compile(r"\x1b\[[0-?]*[ -/]*[@-~]|\x1bO.|.", re.DOTALL)
+
+
+def named(typed: str) -> list[str]:
+    """The keys in what a terminal sent; keys that nobody uses are left out.
+
+    >>> named("1\\x1b[A \\x1b[3~")
+    ['1', 'up', 'space']
+    """
+    found = (_NAMES.get(key, key) for key in _KEY.findall(typed))
+    return [key for key in found if not key.startswith("\x1b")]
+
+
+class Keys(ABC):
+    """Where keys come from. `asked`: what was known of Stops when the last key was pressed; None: it was just now."""
+
+    asked: Asked | None = None
+
+    @abstractmethod
+    def pressed(self, wait: float) -> str | None:
+        """The next key, or None if there was none within `wait` [s]; special ones by name: up, enter, tab, END ..."""
+
+
+@final
+class Keyboard(Keys):
+    """Standard input; a terminal is put back as it was on leaving.
+
+    halt     is stopped by Esc, Ctrl-C and, unless `writing()` says that words are being typed, by space and q, before
+             anything else is done with the key
+    """
+
+    def __init__(self, halt: Halt, writing: Callable[[], bool] = lambda: False) -> None:
+        self.writing = writing
+        self._halt = halt
+        self._descriptor = sys.stdin.fileno()
+        self._terminal = os.isatty(self._descriptor)
+        self._before: list[Any] | None = None
+        self._keys: SimpleQueue[tuple[str, Asked]] = SimpleQueue()
+        self._thread = threading.Thread(target=self._read, name="keys", daemon=True)
+        self._end, self._ends = -1, -1
+        self._signalled, self._signal, self._signal_before = -1, -1, -1
+
+    def __enter__(self) -> Self:
+        if self._terminal:
+            import termios
+            import tty
+
+            self._before = termios.tcgetattr(self._descriptor)
+            tty.setcbreak(self._descriptor)
+        self._end, self._ends = os.pipe()
+        self._signalled, self._signal = os.pipe()
+        os.set_blocking(self._signal, False)
+        if threading.current_thread() is threading.main_thread():
+            # Python's own handler of Ctrl-C has to wait until a database lets go of the main thread; this does not.
+            self._signal_before = signal.set_wakeup_fd(self._signal, warn_on_full_buffer=False)
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        if threading.current_thread() is threading.main_thread():
+            signal.set_wakeup_fd(self._signal_before)
+        os.write(self._ends, b".")
+        self._thread.join()
+        for descriptor in (self._end, self._ends, self._signalled, self._signal):
+            os.close(descriptor)
+        if self._before is not None:
+            import termios
+
+            termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
+
+    def pressed(self, wait: float) -> str | None:
+        """See `Keys.pressed`."""
+        try:
+            key, self.asked = self._keys.get(timeout=wait)
+        except Empty:
+            return None
+        return key
+
+    def _read(self) -> None:
+        decoder = codecs.getincrementaldecoder("utf-8")("ignore")
+        sources = [self._end, self._signalled, self._descriptor]
+        while True:
+            ready = select.select(sources, [], [])[0]
+            if self._signalled in ready and signal.SIGINT in os.read(self._signalled, 64):
+                self._halt.stop(None)
+            if self._end in ready:
+                return
+            if self._descriptor in ready:
+                data = os.read(self._descriptor, 64)
+                for key in named(decoder.decode(data)) if data else [END]:
+                    if self._stops(key):
+                        self._halt.stop("at the terminal")
+                    self._keys.put((key, self._halt.ask()))
+                if not data:
+                    sources.remove(self._descriptor)
+
+    def _stops(self, key: str) -> bool:
+        """Whether `key` switches the coils off. The end of a pipe does not: what came through it is still obeyed."""
+        return key == "escape" or (key in ("space", "q") and not self.writing()) or (key == END and self._terminal)

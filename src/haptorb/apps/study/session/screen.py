@@ -1,0 +1,108 @@
+"""What the terminal shows in a session: the task, the set-points' numbers seen from above, and the answer so far.
+
+Of the simulated device, which nobody can feel, it shows pen and force besides; of a real one it does not.
+"""
+
+from __future__ import annotations
+
+from math import atan2, cos, degrees, hypot, pi, radians, sin
+from time import monotonic
+from typing import final
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.live import Live
+from rich.panel import Panel
+from rich.text import Text
+
+from haptorb.apps.study.session.terminal_session import View
+from haptorb.apps.study.session.trial_device import Stage
+
+__all__ = ["Screen"]
+
+_WIDE, _HIGH = 62, 23
+_ARROWS = "→↗↑↖←↙↓↘"
+_KEYS = "space or Esc STOP · Enter answer · r again · e switch on · q leave (resumable) · A abort"
+
+
+@final
+class Screen:
+    """Draws at most ten times a second into `live`."""
+
+    def __init__(self, stage: Stage, live: Live) -> None:
+        self._stage, self._live = stage, live
+        self._next = 0.0
+
+    def __call__(self, view: View) -> None:
+        """Draw `view`, if it is time."""
+        if monotonic() >= self._next:
+            self._next = monotonic() + 0.1
+            self._live.update(self.drawn(view))
+
+    def drawn(self, view: View) -> RenderableType:
+        """The whole screen."""
+        prompt, stage = view.prompt, self._stage
+        head = f"trial {view.number}{', practice' if prompt.phase == 'practice' else ''} · {view.left} to come"
+        if stage.simulated:
+            head += " · SIMULATED DEVICE"
+        parts: list[RenderableType] = []
+        if view.question is not None:
+            choices = [f"{n}: {choice}" for n, choice in enumerate(view.question.choices, 1)]
+            answer = Text.assemble("answer: ", (view.typed or "_", "bold reverse"))
+            parts += [Text(view.question.text, style="bold"), *map(Text, choices), answer]
+            if view.message:
+                parts.append(Text(view.message, style="bold yellow"))
+            return Panel(Group(*parts, Text("Enter answers · Esc STOP", style="dim")), title=head, width=_WIDE + 6)
+        if view.state in ("break", "pause"):
+            early = "; Enter goes on" if prompt.pause else ""
+            parts.append(Text(f"\n  {view.state}: {view.message}{early}\n", style="bold"))
+        else:
+            if prompt.interval:
+                task = f"interval {view.which} (Tab: the other). In which did it push harder? 1 or 2"
+                if prompt.other:
+                    task = f"interval {view.which} (Tab: the other). Which do you prefer? 1 or 2"
+            elif prompt.high:
+                task = f"{stage.study.rating.question} {prompt.low} to {prompt.high}"
+            elif prompt.wants_number:
+                task = "Find the place that pushes; answer with its number"
+            else:
+                task = "Find the place that pushes; stay there and press Enter"
+            parts += [Text(task, style="bold"), self._map()]
+            if prompt.wants_number:
+                parts.append(Text.assemble("answer: ", (view.typed or "_", "bold reverse")))
+            told = "abort for good? y aborts, any other key goes on" if view.state == "abort?" else view.message
+            if told:
+                parts.append(Text(told, style="bold yellow"))
+        steer = "arrow keys move the pen · " if stage.steered else ""
+        return Panel(Group(*parts, Text(steer + _KEYS, style="dim")), title=head, width=_WIDE + 6)
+
+    def _map(self) -> RenderableType:
+        """Seen from above, +x to the right; the rim is the end of the workspace."""
+        stage = self._stage
+        field = [[" "] * _WIDE for _ in range(_HIGH)]
+
+        def put(theta: float, phi: float, text: str) -> None:
+            r = theta / stage.limit
+            column = round((_WIDE - 3) / 2 * (1 + r * cos(phi) * 0.95))
+            line = round((_HIGH - 1) / 2 * (1 - r * sin(phi)))
+            for n, letter in enumerate(text):
+                if 0 <= line < _HIGH and 0 <= column + n < _WIDE:
+                    field[line][column + n] = letter
+
+        for n in range(72):
+            put(stage.limit, n * pi / 36, "·")
+        for point in stage.study.points:
+            put(point.theta_deg, radians(point.phi_deg), str(point.number))
+        told = ""
+        position, force = stage.position, stage.force
+        if stage.simulated and position is not None:
+            x, y, z = position
+            put(degrees(atan2(hypot(x, y), z)), atan2(y, x), "◆")
+            if force is not None:
+                way = np.array(position) / np.linalg.norm(position)
+                out = float(force @ way)
+                aside = force - out * way
+                size = float(np.linalg.norm(aside))
+                arrow = _ARROWS[round(4 * atan2(aside[1], aside[0]) / pi) % 8] if size > 0.02 else "·"
+                told = f"\nout {out:+.2f} N {'█' * max(0, round(20 * out)):<14} aside {size:.2f} N {arrow}"
+        return Text("\n".join("".join(line) for line in field) + told)

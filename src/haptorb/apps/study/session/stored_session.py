@@ -1,0 +1,280 @@
+"""One participant's session, as it is run: what is asked now, and every answer durable before the next is asked."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from time import monotonic
+from types import TracebackType
+from typing import Any, Self, final
+
+from sqlalchemy import func, select
+from sqlalchemy.engine import Connection, Engine
+from sqlalchemy.exc import IntegrityError, SQLAlchemyError
+
+from haptorb.apps.asking.procedure import Procedure
+from haptorb.apps.asking.prompt import Answer, Prompt
+from haptorb.apps.study.model.order import plan, procedure_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.model.study_parts import Question
+from haptorb.apps.study.session.halt import now
+from haptorb.apps.study.store.claim import Claim
+from haptorb.apps.study.store.database import alone, events, impatient, participants, replies, sessions, studies, trials
+from haptorb.errors import InputError, RecordingError
+from haptorb.version import __version__
+
+__all__ = ["Sitting", "known_code"]
+
+_AGAIN = 1.0  #: until the database is offered again what it did not take [s]
+_CODE = re.compile(r"[A-Z]{1,4}[0-9]{2,6}")
+
+
+def known_code(code: str) -> str:
+    """`code` itself, or InputError: capital letters and digits, so that no name slips in.
+
+    >>> known_code("P01")
+    'P01'
+    """
+    if not _CODE.fullmatch(code):
+        raise InputError(
+            f"participant code must be 1 to 4 capital letters and 2 to 6 digits, like P01 (never a name); got '{code}'"
+        )
+    return code
+
+
+@final
+class Sitting:
+    """Begins a session, or resumes one that was interrupted; use it in a `with` block.
+
+    The procedure is rebuilt from the stored plan and the stored answers, so a resumed session asks exactly what the
+    interrupted one would have asked. Raises RecordingError if the code has finished this study before, or if another
+    experimenter runs the session.
+    """
+
+    def __init__(self, engine: Engine, study: Study, code: str, *, simulated: bool = False) -> None:
+        self.engine, self.study, self.code = engine, study, known_code(code)
+        self.simulated = simulated
+        self._late: list[dict[str, Any]] = []  # events that the database would not take yet
+        self._again = 0.0  # when to offer them again
+        try:
+            self.id, stored = self._found_or_made()
+            self._claim = Claim(engine, self.id)
+        except SQLAlchemyError as cause:
+            raise _failed(cause) from cause
+        try:
+            self.procedure, self.number = self._replayed(procedure_of(study, stored))
+            self._replied = self._said()
+            self.resumed = self.number > 0
+            self.note("resume" if self.resumed else "begin")
+        except SQLAlchemyError as cause:
+            self._claim.release()
+            raise _failed(cause) from cause
+        except BaseException:
+            self._claim.release()
+            raise
+
+    @property
+    def prompt(self) -> Prompt | None:
+        """What to ask now; None: done."""
+        return self.procedure.prompt
+
+    @property
+    def question(self) -> Question | None:
+        """What to ask in words now: before the first trial or after the last; None: nothing. People only."""
+        if self.simulated:
+            return None
+        when = ("before",) if self.prompt is not None else ("before", "after")
+        return next((q for q in self.study.questions if q.when in when and q.name not in self._replied), None)
+
+    @property
+    def over(self) -> bool:
+        """Whether everything is answered."""
+        return self.prompt is None and self.question is None
+
+    def reply(self, question: Question, told: str) -> None:
+        """Keep what was `told` to `question`; InputError, and nothing kept, if it is no answer to it."""
+        reply = question.checked(told)
+        last = self.prompt is None and not self._questions_after(question)
+        try:
+            with self.engine.begin() as connection:
+                self._catch_up(connection)
+                row = {"session": self.id, "question": question.name, "reply": reply, "at": now()}
+                connection.execute(replies.insert().values(**row))
+                if last:
+                    connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=now()))
+        except SQLAlchemyError as cause:
+            raise _failed(cause) from cause
+        self._late.clear()
+        self._replied.add(question.name)
+
+    def answer(self, answer: Answer, *, safety: Sequence[dict[str, Any]] = (), recording: str | None = None) -> None:
+        """Keep `answer`: on the disk when this returns. InputError, and nothing kept, if it may not be answered so."""
+        prompt = self.prompt
+        after = self.procedure.answered(answer)
+        assert prompt is not None
+        x, y, z = answer.position or (None, None, None)
+        row = {
+            "session": self.id,
+            "number": self.number,
+            "prompt": json.dumps(prompt.row(), ensure_ascii=False),
+            "answer": answer.value,
+            "x": x,
+            "y": y,
+            "z": z,
+            "seconds": answer.seconds,
+            "safety": json.dumps(list(safety), ensure_ascii=False),
+            "recording": recording,
+            "answered": now(),
+        }
+        try:
+            with self.engine.begin() as connection:
+                self._catch_up(connection)
+                connection.execute(trials.insert().values(**row))
+                if after.prompt is None and (self.simulated or not self._questions_after()):
+                    connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=now()))
+        except IntegrityError as cause:
+            raise RecordingError(
+                f"trial {self.number} of session {self.id} was answered before; start again"
+            ) from cause
+        except SQLAlchemyError as cause:
+            raise _failed(cause) from cause
+        self._late.clear()
+        self.procedure, self.number = after, self.number + 1
+
+    def note(self, kind: str, text: str = "", *, at: str | None = None, later: bool = False) -> None:
+        """Keep that something happened, now or `at` that time of day: pause, abort, repeat ...
+
+        With `later`, what the database does not take now is kept with the next thing that it takes, or by `keep_late`,
+        and nothing is raised: what was done must not wait for the record of it.
+        """
+        text = text.replace("\0", "").encode("utf-8", "backslashreplace").decode()  # a record is never refused
+        self._late.append({"session": self.id, "kind": kind, "trial": self.number, "at": at or now(), "text": text})
+        try:
+            with self.engine.begin() as connection:
+                self._catch_up(connection)
+        except SQLAlchemyError as cause:
+            if later:
+                return
+            self._late.pop()
+            raise _failed(cause) from cause
+        self._late.clear()
+
+    def keep_late(self) -> None:
+        """Try once a second to keep what the database has not taken yet; this waits 50 ms at most."""
+        if not self._late or monotonic() < self._again:
+            return
+        self._again = monotonic() + _AGAIN
+        with suppress(SQLAlchemyError):
+            with impatient(self.engine) as connection:
+                self._catch_up(connection)
+            self._late.clear()
+
+    def abort(self, reason: str = "") -> None:
+        """End for good: what was answered stays, and the session cannot be resumed."""
+        self.note("abort", reason)
+        try:
+            with self.engine.begin() as connection:
+                done = {"ended": now(), "aborted": True}
+                connection.execute(sessions.update().where(sessions.c.id == self.id).values(**done))
+        except SQLAlchemyError as cause:
+            raise _failed(cause) from cause
+
+    def close(self) -> None:
+        """Let somebody else have the session; may be called twice."""
+        try:
+            if self._late:
+                with self.engine.begin() as connection:
+                    self._catch_up(connection)
+                self._late.clear()
+        except SQLAlchemyError as cause:
+            raise RecordingError(
+                f"session {self.id}: {len(self._late)} events (pauses, safety events) could not be kept"
+            ) from cause
+        finally:
+            self._claim.release()
+
+    def _catch_up(self, connection: Connection) -> None:
+        """Keep the events that are late, in the transaction of `connection`."""
+        if self._late:
+            connection.execute(events.insert(), self._late)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def _found_or_made(self) -> tuple[int, dict[str, Any]]:
+        """(id, plan) of the session of this code in this study."""
+        study = self.study
+        with self.engine.begin() as connection:
+            alone(connection)  # two stations must not count participants at the same moment
+            if not connection.execute(select(studies.c.digest).where(studies.c.digest == study.digest)).first():
+                connection.execute(studies.insert().values(digest=study.digest, name=study.name, text=study.text))
+            mine = select(participants.c.id).where(
+                participants.c.study == study.digest, participants.c.code == self.code
+            )
+            known = connection.execute(mine).scalar_one_or_none()
+            if known is not None:
+                return self._unfinished(connection, known)
+            ordinals = select(func.count()).select_from(participants).where(participants.c.study == study.digest)
+            ordinal = connection.execute(ordinals).scalar_one()
+            drawn = plan(study, ordinal)
+            new = participants.insert().values(study=study.digest, code=self.code, ordinal=ordinal)
+            person = connection.execute(new).inserted_primary_key
+            assert person is not None
+            made = connection.execute(
+                sessions.insert().values(
+                    participant=person[0],
+                    plan=json.dumps(drawn),
+                    simulated=self.simulated,
+                    started=now(),
+                    versions=json.dumps({"haptorb": __version__}),
+                )
+            ).inserted_primary_key
+            assert made is not None
+            return int(made[0]), drawn
+
+    def _unfinished(self, connection: Connection, person: int) -> tuple[int, dict[str, Any]]:
+        row = connection.execute(select(sessions).where(sessions.c.participant == person)).one()
+        if row.ended is not None:
+            how = "aborted" if row.aborted else "finished"
+            raise RecordingError(
+                f"participant code '{self.code}' has {how} study '{self.study.name}' in this database: use another code"
+            )
+        if row.simulated != self.simulated:
+            kind = "simulated" if row.simulated else "real"
+            raise RecordingError(f"participant code '{self.code}' belongs to a {kind} participant: use another code")
+        return int(row.id), json.loads(row.plan)
+
+    def _questions_after(self, but: Question | None = None) -> list[str]:
+        """Names of the questions that are still unanswered, but for one."""
+        return [q.name for q in self.study.questions if q.name not in self._replied and q != but]
+
+    def _said(self) -> set[str]:
+        """Names of the questions that were answered."""
+        query = select(replies.c.question).where(replies.c.session == self.id)
+        with self.engine.connect() as connection:
+            return set(connection.execute(query).scalars())
+
+    def _replayed(self, procedure: Procedure) -> tuple[Procedure, int]:
+        """The procedure after all stored answers, and the number of the next trial."""
+        query = select(trials).where(trials.c.session == self.id).order_by(trials.c.number)
+        with self.engine.connect() as connection:
+            rows = connection.execute(query).all()
+        for number, row in enumerate(rows):
+            asked = procedure.prompt
+            if row.number != number or asked is None or Prompt.read(json.loads(row.prompt)) != asked:
+                raise RecordingError(
+                    f"session {self.id}: trial {row.number} is not what the plan asks; data were changed"
+                )
+            place = None if row.x is None else (row.x, row.y, row.z)
+            procedure = procedure.answered(Answer(row.answer, place, row.seconds))
+        return procedure, len(rows)
+
+
+def _failed(cause: SQLAlchemyError) -> RecordingError:
+    told = str(getattr(cause, "orig", None) or cause).splitlines()[0]
+    return RecordingError(f"the answer could not be kept: {told}; nothing was half written, resume when it is mended")

@@ -1,0 +1,251 @@
+"""A session as it is run, whoever runs it: rests, trials, pauses, questions; commands in, state out, no keys, no page.
+
+The terminal and the pages both drive this, so that both keep the same data. One thread calls it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import monotonic
+from typing import Any, final
+
+from haptorb.apps.asking.prompt import Answer, Prompt
+from haptorb.apps.study.model.study_parts import Question
+from haptorb.apps.study.session.halt import Asked, Halt
+from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.session.trial_device import Stage
+from haptorb.errors import InputError
+
+__all__ = ["OVER", "Conduct"]
+
+OVER = ("done", "left", "aborted")  #: states after which nothing comes
+_TRIAL = ("running", "time is up")
+
+
+def _nobody(kind: str, facts: dict[str, Any]) -> None:
+    """Who listens where nobody does."""
+
+
+@final
+class Conduct:
+    """Runs `sitting` on `stage`. `tick` is to be called some fifty times a second.
+
+    A Stop is carried out by `halt`, at once; here it becomes the state "paused", whatever the state was, and a record.
+
+    state      question, pause (between trials), break, running, time is up, paused, done, left, aborted
+    recording  file that the tool's course goes to; its name is kept with every trial
+    mark       is told of everything that happens, as it happens: for streams to other equipment
+    halt       knows the stage's servo and who stopped it; None: one of its own
+    """
+
+    def __init__(
+        self, sitting: Sitting, stage: Stage, recording: str | None = None,
+        mark: Callable[[str, dict[str, Any]], None] = _nobody, clock: Callable[[], float] = monotonic,
+        halt: Halt | None = None,
+    ) -> None:  # fmt: skip
+        self.sitting, self.stage = sitting, stage
+        if halt is None:
+            halt = Halt()
+            halt.attach(stage.servo, halt.ask())
+        self.halt = halt
+        self.which = 1  #: interval that is felt
+        self.seconds = 0.0  #: time in this trial without pauses [s]
+        self.trips: list[dict[str, Any]] = []  #: safety events of the session, with the trial each came in
+        self._recording, self._mark, self._clock = recording, mark, clock
+        self._until = 0.0  # end of a rest
+        self._last = clock()
+        self._seen = 0  # trips of the stage that are kept
+        self._paused_from, self._rest_left = "", 0.0
+        self.state = "pause"
+        self._go_on()
+        self.heed()
+
+    @property
+    def prompt(self) -> Prompt | None:
+        """What is asked now, or next."""
+        return self.sitting.prompt
+
+    @property
+    def question(self) -> Question | None:
+        """What is asked in words now."""
+        return self.sitting.question if self.state == "question" else None
+
+    @property
+    def left(self) -> float:
+        """What is left of a rest [s]."""
+        if self.state == "paused":
+            return self._rest_left
+        return max(0.0, self._until - self._clock()) if self.state in ("pause", "break") else 0.0
+
+    def tick(self) -> None:
+        """Time passes: rests end, time limits are noticed, and trips of the device are kept."""
+        now = self._clock()
+        passed, self._last = now - self._last, now
+        self.heed()
+        self._notice()
+        self.sitting.keep_late()
+        if self.state in ("pause", "break") and now >= self._until:
+            self._begin()
+        elif self.state == "running":
+            self.seconds += passed
+            limit = self.sitting.study.trials.time_limit
+            if limit is not None and self.seconds > limit:
+                self.stage.rest()
+                self.state = "time is up"
+                self._mark("time is up", {"trial": self.sitting.number})
+        elif self.state == "time is up":
+            self.seconds += passed
+
+    def heed(self) -> None:
+        """Pause if Stop was given, by whomever, and keep who gave it. The coils are off already."""
+        if self.halt.stands and self.state not in ("paused", *OVER):
+            self._rest_left = self.left
+            self._paused_from, self.state = self.state, "paused"
+        for stopped in self.halt.take():
+            self._note("pause", stopped.why, stopped.at)
+
+    def answer(self, value: int | None) -> None:
+        """Keep the answer, durably, and go on. InputError, and the trial goes on, if it may not be answered so."""
+        self.heed()
+        prompt = self.prompt
+        if self.state not in _TRIAL or prompt is None:
+            raise InputError(f"no answer is expected now ({self.state})")
+        if value is None and prompt.wants_number:
+            raise InputError("choose the number first, then answer")
+        number = self.sitting.number
+        # Pauses switch the coils off by hand, which is no safety event.
+        trips = [trip for trip in self.stage.safety() if trip["code"] != "STOPPED"]
+        self._notice()
+        answer = Answer(value, self.stage.position, self.seconds)
+        self.sitting.answer(answer, safety=trips, recording=self.stage.course(self._recording))
+        self._mark("answer", {"trial": number, "answer": value, "set_point": prompt.set_point})
+        self._go_on()
+
+    def reply(self, told: str) -> None:
+        """Keep the answer to the question in words."""
+        self.heed()
+        question = self.question
+        if question is None:
+            raise InputError("no question is asked now")
+        self.sitting.reply(question, told)
+        self._mark("reply", {"question": question.name})
+        self._go_on()
+
+    def skip(self) -> None:
+        """End a break early; a pause that the study file sets between trials stays."""
+        self.heed()
+        if self.state == "break":
+            self._begin()
+
+    def interval(self, which: int | None) -> None:
+        """Let interval `which`, 1 or 2, be felt."""
+        self.heed()
+        prompt = self.prompt
+        if not isinstance(which, int) or which not in (1, 2) or prompt is None or not prompt.interval:
+            raise InputError("there is no such interval in this trial")
+        if self.state == "running":
+            self.which = which
+            self.stage.interval(prompt, which)
+            self._mark("interval", {"trial": self.sitting.number, "interval": which})
+
+    def pause(self, why: str = "") -> None:
+        """Coils off until `resume`; a rest stands still meanwhile."""
+        if self.state not in OVER:
+            if not self.halt.stands:
+                self.halt.stop(why)
+            self.heed()
+
+    def resume(self, asked: Asked | None = None) -> None:
+        """Go on where `pause` was; the coils come back from zero.
+
+        InputError, and nothing changes, if Stop was given after `asked`; None: it is asked for now.
+        """
+        self.heed()
+        if self.state != "paused":
+            return
+        self.halt.engage(asked or self.halt.ask())
+        self.state = self._paused_from
+        self._until = self._clock() + self._rest_left
+        self._last = self._clock()
+        self._note("resume")
+
+    def repeat(self) -> None:
+        """The trial from its beginning, with its time limit anew; that it was repeated is kept."""
+        self.heed()
+        prompt = self.prompt
+        if self.state not in _TRIAL or prompt is None:
+            raise InputError(f"there is no trial to repeat now ({self.state})")
+        self.seconds, self.which, self.state = 0.0, 1, "running"
+        self.stage.interval(prompt, 1)
+        self._note("repeat")
+
+    def engage(self, asked: Asked | None = None) -> None:
+        """After a trip: coils on again, unless the guard refuses, or Stop was given after `asked`; None: now."""
+        self.heed()
+        if self.state == "paused":
+            raise InputError("the session is paused: resume switches the coils on")
+        self.halt.engage(asked or self.halt.ask())
+
+    def leave(self) -> None:
+        """End for now: the session can be resumed at this trial. Coils off first of all."""
+        if self.state not in OVER:
+            self.halt.stop(None)
+            self.heed()
+            self._note("leave")
+            self.state = "left"
+
+    def abort(self, why: str = "") -> None:
+        """End for good. Coils off first of all, also if it cannot be kept."""
+        if self.state not in OVER:
+            self.halt.stop(None)
+            self.heed()
+            self.sitting.abort(why)
+            self._mark("abort", {"trial": self.sitting.number})
+            self.state = "aborted"
+
+    def _go_on(self) -> None:
+        """Whatever comes after an answer: a question, a rest, a trial or the end."""
+        self.stage.rest()
+        prompt = self.prompt
+        if self.sitting.question is not None:
+            self.state = "question"
+        elif prompt is None:
+            self.state = "done"
+            self._mark("done", {})
+        else:
+            wait = prompt.pause or (self.sitting.study.trials.pause_seconds if self.sitting.number else 0.0)
+            self._until = self._clock() + wait
+            self.state = "break" if prompt.pause else "pause"
+            if prompt.pause:
+                self._mark("break", {"seconds": wait})
+            if not wait:
+                self._begin()
+
+    def _begin(self) -> None:
+        prompt = self.prompt
+        assert prompt is not None
+        self.state, self.which, self.seconds = "running", 1, 0.0
+        self._last = self._clock()
+        self.stage.begin(prompt)
+        self._mark(
+            "trial",
+            {"trial": self.sitting.number, "set_point": prompt.set_point, "condition": prompt.condition,
+             "level": prompt.level, "interval": prompt.interval, "phase": prompt.phase},
+        )  # fmt: skip
+
+    def _notice(self) -> None:
+        """Keep new trips; those of a trial are kept with its answer besides."""
+        self.stage.look()
+        fresh = self.stage.trips[self._seen :]
+        self._seen += len(fresh)
+        for trip in fresh:
+            if trip["code"] == "STOPPED":
+                continue
+            known = {**trip, "trial": self.sitting.number}
+            self.trips.append(known)
+            self.sitting.note("safety", f"{trip['code']}: {trip['reason']}", later=True)
+            self._mark("safety", known)
+
+    def _note(self, kind: str, text: str = "", at: str | None = None) -> None:
+        self.sitting.note(kind, text, at=at, later=True)
+        self._mark(kind, {"trial": self.sitting.number} | ({"why": text} if text else {}))

@@ -1,0 +1,1 @@
+"""Simulated participants: rehearsal, power, duration and heat in advance."""

@@ -1,0 +1,34 @@
+"""What a trial's world really feels like at a place: asked of the controller's model, given by the exact device."""
+
+from __future__ import annotations
+
+from typing import final
+
+from haptorb.control.allocation.least_squares import LeastSquaresAllocator
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.state import State
+from haptorb.numerics.arrays import Array
+from haptorb.worlds.world import World
+
+__all__ = ["Delivered"]
+
+
+@final
+class Delivered:
+    """Force on a radial tool, current limits and model errors included; at rest, cold.
+
+    The same chain as `haptorb.felt_map`, as a vector and one place at a time.
+    """
+
+    def __init__(self, device: SphericalElectromagnet, world: World, level: str | None = None) -> None:
+        self._device, self._world = device, world.for_device(device)
+        self._level = device.known_level(level or device.levels[0])
+        self._allocator = LeastSquaresAllocator.force(device.coils.current_limit, compensate_passive=True)
+
+    def force(self, direction: Array) -> Array:
+        """(3,) force [N] on a tool in contact in `direction` (3,), a unit vector."""
+        state = State.at(direction * self._device.contact_distance)
+        asked = self._world.wrench(state)
+        currents = self._allocator.allocate(self._device.wrench_map(state, self._level), asked).currents
+        force: Array = self._device.wrench_map(state, "exact").wrench(currents)[:3]
+        return force

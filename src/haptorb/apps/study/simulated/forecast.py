@@ -1,0 +1,174 @@
+"""Before anyone sits down: how long it takes, whether the coils stay cool enough, and which maps reach into each other.
+
+The heat is that of the device's own thermal model under an assumed hand: for half of every trial the tool is somewhere
+within the map, equally often at every angle from its summit and all round it, in contact; else no current flows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from haptorb.apps.asking.prompt import Prompt
+from haptorb.apps.study.model.order import plan, procedure_of
+from haptorb.control.allocation.least_squares import LeastSquaresAllocator
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.state import State, rotation_to_axis
+from haptorb.numerics.arrays import Array
+from haptorb.physics.thermal import TwoNode
+from haptorb.worlds.maps.dome import Dome
+from haptorb.worlds.maps.domes import overlaps
+
+if TYPE_CHECKING:
+    from haptorb.apps.study.model.study_file import Study
+
+__all__ = ["FELT_SHARE", "Forecast", "Overlap", "forecast", "load_squared", "overlap"]
+
+FELT_SHARE = 0.5  #: of a trial's time in which the tool is within the map; an assumption
+_PAUSES = (2.0, 5.0, 10.0, 20.0, 40.0, 80.0)
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What a session will be like."""
+
+    trials: int
+    seconds: float  #: with pauses and breaks
+    hottest_coil: str
+    peak: float  #: winding temperature [K]
+    warn: float  #: [K]
+    derate: float  #: [K]
+    pause: (
+        float | None
+    )  #: more pause after each trial [s] with which it stays below derating; None: 80 s are not enough
+
+    @property
+    def holds(self) -> bool:
+        """Whether no current will have to be reduced."""
+        return self.peak < self.derate
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        c = self.peak - 273.15
+        begin = (
+            f"{self.trials} trials, about {self.seconds / 60:.0f} min; hottest winding '{self.hottest_coil}' {c:.0f} °C"
+        )
+        if self.holds:
+            word = "stays below" if self.peak < self.warn else "warns, but stays below"
+            return f"{begin}: {word} derating at {self.derate - 273.15:.0f} °C"
+        cure = "longer pauses do not help: lower the moment"
+        if self.pause is not None:
+            cure = f"{self.pause:g} s more pause after each trial would hold it"
+        return f"{begin}: forces will be reduced (derating at {self.derate - 273.15:.0f} °C); {cure}"
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """How far maps that are felt one at a time reach into each other."""
+
+    pairs: int
+    worst: float  #: [deg]
+    numbers: tuple[int, int]
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        a, b = self.numbers
+        return (
+            f"{self.pairs} pairs of set-points are closer than their cut-offs keep apart, set-points {a} and {b} by "
+            f"{self.worst:.1f} deg: each can be felt alone, one after the other, but not several at once"
+        )
+
+
+def overlap(study: Study) -> Overlap | None:
+    """The overlap of the domes of all set-points in the widest condition; None where there is none."""
+    device, found = study.loaded_device(), []
+    for condition in study.conditions:
+        domes = [study.rendered(condition.name, point.number).for_device(device) for point in study.points]
+        pairs = overlaps([dome for dome in domes if isinstance(dome, Dome)])
+        if pairs:
+            i, j, worst = max(pairs, key=lambda pair: pair[2])
+            found.append(Overlap(len(pairs), worst, (study.points[i].number, study.points[j].number)))
+    return max(found, key=lambda one: one.worst) if found else None
+
+
+def load_squared(device: SphericalElectromagnet, study: Study, prompt: Prompt) -> Array:
+    """(m,) mean square current [A²] while the tool is within the map of `prompt`, in contact."""
+    point = study.point(prompt.set_point or study.points[0].number)
+    world = study.rendered(prompt.condition, point.number, prompt.level or None).for_device(device)
+    cut_off = world.cut_off_deg if isinstance(world, Dome) else 54.0
+    allocator = LeastSquaresAllocator.force(device.coils.current_limit, compensate_passive=True)
+    turn = rotation_to_axis(point.direction)
+    squares = []
+    for alpha in np.radians((np.arange(6) + 0.5) / 6 * cut_off):
+        for phi in np.arange(6) * np.pi / 3:
+            way = turn @ np.array([np.sin(alpha) * np.cos(phi), np.sin(alpha) * np.sin(phi), np.cos(alpha)])
+            if np.arccos(way[2]) > device.workspace_half_angle + np.radians(15):
+                continue
+            state = State.at(way * device.contact_distance)
+            given = allocator.allocate(device.wrench_map(state, device.levels[0]), world.wrench(state))
+            squares.append(given.currents**2)
+    mean: Array = np.mean(squares, axis=0)
+    return mean
+
+
+def forecast(study: Study, participant: int = 0) -> Forecast:
+    """Duration and heat of one session, as the `participant`-th person would have it."""
+    device = study.loaded_device()
+    prompts = _foreseen(study, participant)
+    known: dict[tuple[str, int, float], Array] = {}
+    loads = []
+    for prompt in prompts:
+        key = (prompt.condition, prompt.set_point, prompt.level)
+        if key not in known:
+            known[key] = FELT_SHARE * load_squared(device, study, prompt)
+        loads.append(known[key])
+    trials = study.trials
+    peaks = _peaks(device, loads, prompts, trials.expected_seconds, trials.pause_seconds)
+    hottest, pause = int(np.argmax(peaks)), None
+    heat = device.coils.heat
+    if peaks[hottest] >= heat.derate:
+        for more in _PAUSES:
+            longer = _peaks(device, loads, prompts, trials.expected_seconds, trials.pause_seconds + more)
+            if longer.max() < heat.derate:
+                pause = more
+                break
+    seconds = len(prompts) * (trials.expected_seconds + trials.pause_seconds) + sum(p.pause for p in prompts)
+    return Forecast(
+        len(prompts), seconds, device.coils.names[hottest], float(peaks[hottest]), heat.warn, heat.derate, pause
+    )
+
+
+def _foreseen(study: Study, participant: int) -> list[Prompt]:
+    """The trials in their order; an adaptive procedure at its greatest length and strongest level."""
+    found = []
+    for part in procedure_of(study, plan(study, participant)).parts:
+        if (prompt := part.prompt) is None:
+            continue
+        listed = getattr(part, "prompts", None)
+        found += list(listed) if listed is not None else [prompt] * part.expected
+    return found
+
+
+def _peaks(
+    device: SphericalElectromagnet, loads: list[Array], prompts: list[Prompt], seconds: float, pause: float
+) -> Array:
+    """(m,) greatest winding temperature [K] over the session, from cold; resistance follows the temperature."""
+    coils, heat = device.coils, device.coils.heat
+    model = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
+    count = max(1, round(seconds))
+    step = model.step(seconds / count)
+    rest = model.step(pause)[:, :2] if pause else np.eye(2)
+    rise, peak = np.zeros((2, device.channels)), np.zeros(device.channels)
+    for load, prompt in zip(loads, prompts, strict=True):
+        if prompt.pause:
+            rise = model.step(prompt.pause)[:, :2] @ rise
+        for _ in range(count):
+            power = load * coils.resistance_at(heat.ambient + rise[0])
+            rise = step[:, :2] @ rise + step[:, 2:] * power
+            peak = np.maximum(peak, rise[0])
+        rise = rest @ rise
+    return heat.ambient + peak

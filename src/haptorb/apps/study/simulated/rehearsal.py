@@ -1,0 +1,54 @@
+"""A study with simulated participants: the same database, the same procedures, marked as simulated throughout."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from sqlalchemy.engine import Engine
+
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.simulated.participant import Participant, Traits
+from haptorb.errors import InputError
+
+__all__ = ["rehearse", "sit"]
+
+
+def rehearse(
+    engine: Engine,
+    study: Study,
+    people: int = 6,
+    *,
+    seed: int = 0,
+    first: int = 1,
+    traits: Traits | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Let simulated participants SIM01, SIM02 ... (from `first`) sit the study; returns trials answered.
+
+    `progress` is told (trials done, trials in all at most). A rehearsal that was interrupted is resumed.
+    """
+    if not 1 <= people <= 10_000 or seed < 0 or first < 1:
+        raise InputError(f"people must be 1 to 10000, seed 0 or more, first 1 or more; got {people}, {seed}, {first}")
+    answered = 0
+    for n in range(first, first + people):
+        with Sitting(engine, study, f"SIM{n:02d}", simulated=True) as sitting:
+            done, left = answered, sitting.procedure.expected
+
+            def told(k: int, done: int = done, left: int = left) -> None:
+                if progress is not None:
+                    progress(done + k, people * left)
+
+            answered += sit(sitting, Participant(study, (seed, n), traits), told)
+    return answered
+
+
+def sit(sitting: Sitting, participant: Participant, told: Callable[[int], None] | None = None) -> int:
+    """Answer everything that is left of `sitting`; returns how many trials that were."""
+    answered = 0
+    while (prompt := sitting.prompt) is not None:
+        sitting.answer(participant.answer(prompt, sitting.number))
+        answered += 1
+        if told is not None:
+            told(answered)
+    return answered

@@ -1,0 +1,153 @@
+"""Answered trials as columns, one row per trial: the tidy table that everything else is made from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import select
+from sqlalchemy.engine import Engine
+
+from haptorb.apps.study.model.set_points import angles_between
+from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.store.database import participants, replies, sessions, studies, trials
+from haptorb.errors import InputError, RecordingError
+
+__all__ = ["COLUMNS", "Columns", "replied", "studied", "tidy"]
+
+#: column → what it is; the data dictionary of every export
+COLUMNS = {
+    "participant": "pseudonymous code",
+    "simulated": "true: a simulated participant, not a person",
+    "session": "number of the session in the database",
+    "trial": "number of the trial in its session, from 0",
+    "phase": "practice (left out of every analysis) or main",
+    "condition": "condition rendered",
+    "other": "forced choice: the condition in the other interval",
+    "set_point": "number of the set-point prompted; 0: none",
+    "theta_deg": "angle of the set-point from the top [deg]",
+    "phi_deg": "angle of the set-point about the vertical, from +x [deg]",
+    "level": "value of the varied parameter in the comparison interval; 0: none varied",
+    "interval": "interval (1 or 2) with the comparison, or with `condition`; 0: single interval",
+    "answer": "number answered; empty: the position was the answer",
+    "correct": "1 the answer is right, 0 it is not, empty where there is no right answer",
+    "x_m": "tool's magnet when answered, stator frame [m]",
+    "y_m": "tool's magnet when answered, stator frame [m]",
+    "z_m": "tool's magnet when answered, stator frame [m]",
+    "distance_mm": "from the tool's magnet to where it is in contact at the set-point [mm]",
+    "angle_deg": "between the directions of the tool's magnet and of the set-point [deg]",
+    "seconds": "from prompt to answer [s]",
+    "safety": "reasons for which the device tripped during the trial, separated by |",
+    "recording": "file with the tool's course",
+    "answered": "time of the answer (UTC)",
+}
+
+Columns = dict[str, NDArray[Any]]
+
+
+def studied(engine: Engine, name: str | None = None) -> Study:
+    """The study in the database; if there are several, the one called `name`. InputError if that does not tell."""
+    with engine.connect() as connection:
+        rows = connection.execute(select(studies.c.name, studies.c.text)).all()
+    fitting = [row for row in rows if name is None or row.name == name]
+    known = ", ".join(sorted(row.name for row in rows)) or "none"
+    if not fitting:
+        raise InputError(
+            f"no study '{name}' in this database (known: {known})" if name else "no study was run here yet"
+        )
+    if len(fitting) > 1:
+        raise InputError(
+            f"several studies here (known: {known}): name one; versions of one study go into databases apart"
+        )
+    return study_of(fitting[0].text, f"'{fitting[0].name}' in the database")
+
+
+def tidy(engine: Engine, study: Study) -> Columns:
+    """All answered trials of `study`, practice included, by participant and trial: column → array of one length."""
+    query = (
+        select(trials, participants.c.code, sessions.c.simulated)
+        .join(sessions, trials.c.session == sessions.c.id)
+        .join(participants, sessions.c.participant == participants.c.id)
+        .where(participants.c.study == study.digest)
+        .order_by(participants.c.ordinal, trials.c.number)
+    )
+    with engine.connect() as connection:
+        rows = connection.execute(query).all()
+    if not rows:
+        raise RecordingError(f"study '{study.name}' has no answered trials yet")
+    asked: dict[str, dict[str, Any]] = {}  # the same prompt comes again and again: read it once
+    prompts = [asked.get(row.prompt) or asked.setdefault(row.prompt, json.loads(row.prompt)) for row in rows]
+    reasons: dict[str, str] = {}
+    for row in rows:
+        if row.safety not in reasons:
+            reasons[row.safety] = "|".join(_reasons(row.safety))
+    answers = _column(tuple(row.answer for row in rows))
+    position = np.array([(row.x, row.y, row.z) for row in rows], dtype=float)  # None becomes NaN
+    places = {p.number: p for p in study.points}
+    number = np.array([prompt["set_point"] for prompt in prompts])
+    there = [places.get(n) for n in number.tolist()]
+    theta, phi = (
+        np.array([np.nan if p is None else getattr(p, f"{name}_deg") for p in there]) for name in ("theta", "phi")
+    )
+    ways = np.array([(np.nan,) * 3 if p is None else p.direction for p in there])
+    return {
+        "participant": np.array([row.code for row in rows]),
+        "simulated": np.array([row.simulated for row in rows]),
+        "session": np.array([row.session for row in rows]),
+        "trial": np.array([row.number for row in rows]),
+        **{name: np.array([prompt[name] for prompt in prompts]) for name in ("phase", "condition", "other")},
+        "set_point": number,
+        "theta_deg": theta,
+        "phi_deg": phi,
+        "level": np.array([prompt["level"] for prompt in prompts], dtype=float),
+        "interval": np.array([prompt["interval"] for prompt in prompts]),
+        "answer": answers,
+        "correct": _correct(study, number, np.array([prompt["interval"] for prompt in prompts]), answers),
+        "x_m": position[:, 0],
+        "y_m": position[:, 1],
+        "z_m": position[:, 2],
+        "distance_mm": 1e3 * np.linalg.norm(position - study.loaded_device().contact_distance * ways, axis=1),
+        "angle_deg": angles_between(position, ways),
+        "seconds": np.array([row.seconds for row in rows]),
+        "safety": np.array([reasons[row.safety] for row in rows]),
+        "recording": np.array([row.recording or "" for row in rows]),
+        "answered": np.array([row.answered for row in rows]),
+    }
+
+
+def replied(engine: Engine, study: Study) -> dict[str, dict[str, str]]:
+    """Participant's code → question's name → what was answered in words."""
+    query = (
+        select(participants.c.code, replies.c.question, replies.c.reply)
+        .join(sessions, replies.c.session == sessions.c.id)
+        .join(participants, sessions.c.participant == participants.c.id)
+        .where(participants.c.study == study.digest)
+        .order_by(participants.c.ordinal, replies.c.id)
+    )
+    found: dict[str, dict[str, str]] = {}
+    with engine.connect() as connection:
+        for code, question, reply in connection.execute(query):
+            found.setdefault(code, {})[question] = reply
+    return found
+
+
+def _correct(study: Study, number: NDArray[Any], interval: NDArray[Any], answers: NDArray[Any]) -> NDArray[Any]:
+    right = {"identification": number, "staircase": interval, "bayesian": interval}.get(study.procedure)
+    if right is None:
+        # Of constant stimuli either answer may be right: the curve tells; the rest has no right answer.
+        return np.full(len(answers), np.nan)
+    found: NDArray[Any] = np.equal(answers, right).astype(float)
+    return found
+
+
+def _reasons(stored: str) -> Iterable[str]:
+    return (str(one.get("code", one)) for one in json.loads(stored))
+
+
+def _column(values: tuple[Any, ...]) -> NDArray[Any]:
+    if any(value is None for value in values):
+        return np.array([np.nan if value is None else value for value in values], dtype=float)
+    return np.array(values)

@@ -1,0 +1,204 @@
+"""What joins the mover to the thing that the world acts on: directly, or through two modes and a clutch.
+
+A world renders a wrench for a state. For a stylus over a dome the two are the mover's own. A motor's rotor only turns,
+while its plug moves in six degrees of freedom: between them stands a linkage with the clutch in its hands, the one part
+of the chain, besides guard and drive, that remembers something from tick to tick.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Protocol, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.control.clutch.mode_kernels import followed, returned
+from haptorb.control.clutch.modes import MODES, Clutch, Mode, TwoModes
+from haptorb.devices.state import State
+from haptorb.errors import InputError
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.record import record
+
+__all__ = ["NO_CONTACTS", "Direct", "Felt", "Linkage", "ModedLinkage", "Touching"]
+
+NO_CONTACTS = np.zeros((2, 8))  #: of a world that has no hooks: nothing is bent, nothing pushes
+_CLOSED = np.ones(2)
+_NUMBERS = {mode: number for number, mode in enumerate(MODES, start=1)}  #: of modes in a row
+
+
+class Touching(Protocol):
+    """The part of a world that a linkage needs."""
+
+    def wrench(self, state: State) -> Array:
+        """(6,) on the thing at `state` [N, N·m]."""
+
+    def touching(self, state: State) -> tuple[Array, Array]:
+        """(6,) the same wrench, and (2, 8) what up to two hooks do, for those who draw them.
+
+        In [N, N·m], and [m] and [N] as in `Felt`.
+        """
+
+
+@record
+class Felt:
+    """What one tick of a linkage gives.
+
+    wrench        (6,) on the mover, stator frame [N, N·m]
+    thing         pose and motion of what the world acts on: the mover itself, or a motor's target in its primed frame
+    on_thing      (6,) wrench on it [N, N·m]
+    contacts      (2, 8) per hook: deflection [m], place along the hook [m], point (3) [m], force on the thing (3) [N]
+    mode          0 direct, 1 translate, 2 rotate
+    share         (2,) how firmly translation and rotation are joined, 0 to 1
+    engaged       whether the hand wants to move the thing
+    """
+
+    wrench: Array
+    thing: State
+    on_thing: Array
+    contacts: Array
+    mode: int
+    share: Array
+    engaged: bool
+
+
+class Linkage(ABC):
+    """From the mover's state to what the hand feels of a world."""
+
+    modes: tuple[Mode, ...]  #: that can be chosen; empty for a direct linkage
+    passive: bool  #: whether it gives no energy that the world did not give
+    arm: float  #: at which a hand holds a mover that turns [m]; 0 where the mover is a tool
+
+    @abstractmethod
+    def felt(self, world: Touching, mover: State) -> Felt:
+        """What `world` makes the hand feel with the mover at `mover`; one call per tick."""
+
+    @abstractmethod
+    def set_mode(self, mode: Mode) -> None:
+        """Go over to `mode`, without a step of pose or wrench. Raises UnknownName for a mode that there is not."""
+
+    @abstractmethod
+    def set_clutch(self, engaged: bool) -> None:
+        """Take hold of the thing, or let it go, without a step of pose or wrench."""
+
+    @abstractmethod
+    def restart(self) -> None:
+        """Forget where the thing is: it is at its beginning again, and the clutch takes hold anew."""
+
+
+@final
+class Direct(Linkage):
+    """The world acts on the mover itself."""
+
+    modes = ()
+    passive = True
+    arm = 0.0
+
+    def felt(self, world: Touching, mover: State) -> Felt:
+        """The world's wrench at the mover."""
+        wrench = world.wrench(mover)
+        return Felt(wrench, mover, wrench, NO_CONTACTS, 0, _CLOSED, True)
+
+    def set_mode(self, mode: Mode) -> None:
+        """There is nothing to choose. Raises InputError."""
+        raise InputError(f"mode '{mode}': this device acts directly, it has no modes")
+
+    def set_clutch(self, engaged: bool) -> None:
+        """There is no clutch. Raises InputError."""
+        raise InputError("this device acts directly, it has no clutch")
+
+    def restart(self) -> None:
+        """Nothing is remembered."""
+
+
+@final
+class ModedLinkage(Linkage):
+    """A rotor moves a target through `modes`; the wrench on the target comes back as torque.
+
+    position, attitude   where the target begins: X', Y', Z' [m] and ψ', λ', φ' [rad]; the plug fully home is at zero
+    arm                  from the motor's centre to the hand on its handle [m]
+
+    Mode and clutch are told between two ticks and act in the next; the target's pose goes on from where it is, at any
+    moment and in any state (`Clutch`: the mapping is by increments, and the shares slide).
+
+    >>> from haptorb.worlds.snap_fit.outlet import Outlet
+    >>> linkage, rotor = ModedLinkage(), State.turned(np.eye(3))
+    >>> linkage.felt(Outlet(), rotor).thing.p.tolist(), linkage.felt(Outlet(), rotor).mode
+    ([0.0, 0.0, 0.0], 1)
+    """
+
+    modes = MODES
+
+    def __init__(
+        self,
+        modes: TwoModes | None = None,
+        *,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        attitude: ArrayLike = (0.0, 0.0, 0.0),
+        arm: float = 0.1,
+    ) -> None:
+        self.mapping = modes or TwoModes()
+        self.arm = arm
+        self.passive = self.mapping.gains.verdict != "active"
+        self._begin = (np.asarray(position, dtype=np.float64), np.asarray(attitude, dtype=np.float64))
+        self.mapping.start(State.turned(np.eye(3)), position=position, attitude=attitude)  # refuses what cannot be
+        self._mode: Mode = "translate"
+        self._engaged = True
+        self._memory: Array | None = None  # of the clutch, changed in place by every tick
+        self._t = 0.0
+        self._asked = np.zeros(6)
+
+    @property
+    def clutch(self) -> Clutch | None:
+        """Where rotor and target are and how firmly they are joined, after the last tick; None before the first."""
+        if self._memory is None:
+            return None
+        return self.mapping.clutch(self._memory, self._t, self._mode, self._engaged)
+
+    def felt(self, world: Touching, mover: State) -> Felt:
+        """Advance the clutch to `mover`, ask `world` at the target, and bring its wrench back as torque.
+
+        Raises InputError for a rotor tilted beyond ±80°, and for a world that gives no wrench.
+        """
+        mapping, memory, t = self.mapping, self._memory, mover.t
+        if memory is None:
+            memory = self._taken(mover)
+        R, pose = np.ascontiguousarray(mover.R_SR), np.empty((7, 3))
+        if not followed(R, np.ascontiguousarray(mover.w), t - self._t, mapping.settings, memory, pose):
+            raise mapping.lost(R)
+        self._t = t
+        target = State(t, pose[:3], pose[3], pose[4], pose[5])
+        on_target, contacts = world.touching(target)
+        if np.shape(on_target) != (6,):
+            raise InputError(f"a world must give force and torque, shape (6,); got shape {np.shape(on_target)}")
+        asked, wrench = self._asked, np.empty(6)
+        asked[:] = on_target  # in another memory layout a user's array would have the kernel compiled anew
+        returned(mapping.settings, memory, asked, wrench)
+        return Felt(wrench, target, on_target, contacts, _NUMBERS[self._mode], pose[6, :2], self._engaged)
+
+    def _taken(self, mover: State) -> Array:
+        """(6, 3) the memory of a clutch that has just been put between `mover` and the target at its beginning."""
+        position, attitude = self._begin
+        mode, engaged = self._mode, self._engaged
+        begun = self.mapping.start(mover, mode=mode, engaged=engaged, position=position, attitude=attitude)
+        self._memory, self._t = self.mapping.memory(begun), mover.t
+        return self._memory
+
+    def _aim(self) -> None:
+        if self._memory is not None:
+            self.mapping.aim(self._memory, self._mode, self._engaged)
+
+    def set_mode(self, mode: Mode) -> None:
+        """From the next tick on, the clutch slides over to `mode`."""
+        self.mapping.known(mode)
+        self._mode = mode
+        self._aim()
+
+    def set_clutch(self, engaged: bool) -> None:
+        """From the next tick on, the clutch takes hold or lets go."""
+        self._engaged = bool(engaged)
+        self._aim()
+
+    def restart(self) -> None:
+        """The target is back at its beginning; mode and the hand's wish stay."""
+        self._memory = None

@@ -1,0 +1,188 @@
+"""Two modes and a clutch: three turns of a rotor move a target in six degrees of freedom, and its wrench comes back.
+
+Bai 2012, eqs. (5)–(6), rotor angles (ψ, λ, φ), R = Rx(ψ) Ry(λ) Rz(φ), primes for the target:
+
+    rotate       λ' = ζ₁ λ,   ψ' = ζ₂ ψ,   φ' = ζ₃ φ          T_ψ = η₁ T_ψ',  T_λ = η₂ T_λ',  T_φ = η₃ T_φ'
+    translate    X' = ζ̂₁ λ,   Y' = ζ̂₂ ψ,   Z' = ζ̂₃ φ          T_ψ = η̂₁ F_Y',  T_λ = η̂₂ F_X',  T_φ = η̂₃ F_Z'
+
+(6b), not the text of phase 1, which swaps T_ψ and T_λ (erratum E6). Mind the printed order: ζ₁ is for λ, η₁ for ψ.
+
+T_ψ, T_λ, T_φ are what the torque vector does along the three Euler axes, and T_ψ', T_λ', T_φ' likewise at the target;
+with that T·ω = F·v' + T'·w' holds at any tilt, not only for small ones.
+
+The clutch moves the target by *increments*: dX' = share · ζ̂ dq, and the torque is share · η̂ F with the same share. Both
+shares (one per mode) slide between 0 and 1, never jump; so switching, letting go and taking hold step neither pose nor
+torque, and at every share the power that leaves the hand is the power that reaches the target. Letting go, turning
+back and taking hold again reaches as far as one likes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.control.clutch.gains import Gains, three
+from haptorb.control.clutch.mode_kernels import (
+    ANGLES,
+    ATTITUDE,
+    GOAL,
+    POSITION,
+    RATES,
+    SHARE,
+    STEEPEST,
+    carried,
+    placed,
+    returned,
+)
+from haptorb.devices.state import State
+from haptorb.errors import InputError, UnknownName
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.record import record
+
+__all__ = ["MODES", "Clutch", "Gains", "Mode", "TwoModes"]
+
+Mode = Literal["translate", "rotate"]
+MODES: tuple[Mode, ...] = ("translate", "rotate")
+
+
+@record
+class Clutch:
+    """Where rotor and target are and how firmly they are joined; made by TwoModes, never changed."""
+
+    t: float  #: of the rotor's last state [s]
+    mode: Mode  #: the mode that is, or will be, joined
+    engaged: bool  #: whether the hand wants to move the target
+    share: Array  #: (2,) how firmly translation and rotation are joined now, 0 to 1
+    angles: Array  #: (3,) rotor ψ, λ, φ [rad], φ unwrapped
+    rates: Array  #: (3,) their rates [rad/s]
+    position: Array  #: (3,) target X', Y', Z' [m]
+    attitude: Array  #: (3,) target ψ', λ', φ' [rad]
+
+
+class TwoModes:
+    """The mapping of one device to one target: pure functions of Clutch and State, nothing kept inside.
+
+    gains   motion and torque gains
+    ramp    time in which the clutch takes hold, or lets go [s]
+    gap     longest time between two rotor states for which they count as one motion [s]; after a longer one the clutch
+            lets go at once and takes hold again from where the rotor then is
+
+    Raises InputError for a time that is not above zero.
+
+    >>> modes = TwoModes()
+    >>> clutch = modes.start(State.turned(np.eye(3)))
+    >>> modes.torque(clutch, (1.0, 0, 0, 0, 0, 0)).tolist()       # it starts let go, and takes hold within `ramp`
+    [0.0, 0.0, 0.0]
+    """
+
+    def __init__(self, gains: Gains | None = None, *, ramp: float = 0.15, gap: float = 0.05) -> None:
+        self.gains = gains or Gains()
+        for name, value in (("ramp", ramp), ("gap", gap)):
+            if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
+                raise InputError(f"TwoModes: {name} must be a time greater than zero [s]; got {value!r}")
+        self.ramp, self.gap = float(ramp), float(gap)
+        g = self.gains
+        self.settings: Array = np.array([g.translate, g.rotate, *g.torques, (self.gap, self.ramp, 0.0)])
+
+    def start(
+        self,
+        rotor: State,
+        *,
+        mode: Mode = "translate",
+        engaged: bool = True,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        attitude: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> Clutch:
+        """A clutch, let go, with the target at `position` (3,) [m], turned by `attitude` ψ', λ', φ' (3,) [rad].
+
+        Raises InputError for an attitude beyond ±80° of λ'.
+        """
+        self.known(mode)
+        turned = np.array(three(attitude, "attitude"))
+        if abs(turned[1]) >= STEEPEST:
+            raise InputError(
+                f"attitude: λ' must stay within ±{math.degrees(STEEPEST):.0f}°; got {math.degrees(turned[1]):.4g}°"
+            )
+        zero = np.zeros(3)
+        place = np.array(three(position, "position"))
+        clutch = Clutch(rotor.t, mode, engaged, np.zeros(2), zero, zero, place, turned)
+        return self.advance(clutch, rotor)
+
+    def advance(self, clutch: Clutch, rotor: State) -> Clutch:
+        """The clutch after the rotor has come to `rotor`; the target has followed.
+
+        Raises InputError for a rotor tilted so far (|λ| ≥ 80°) that its Euler angles lose their meaning.
+        """
+        memory = self.memory(clutch)
+        R, w = np.ascontiguousarray(rotor.R_SR), np.ascontiguousarray(rotor.w)
+        if not carried(R, w, rotor.t - clutch.t, self.settings, memory):
+            raise self.lost(R)
+        return self.clutch(memory, rotor.t, clutch.mode, clutch.engaged)
+
+    def target(self, clutch: Clutch) -> State:
+        """The target's pose and motion in the primed frame: what a world of the target is asked with."""
+        pose = np.empty((6, 3))
+        placed(self.settings, self.memory(clutch), pose)
+        return State(clutch.t, pose[:3], pose[3], pose[4], pose[5])
+
+    def torque(self, clutch: Clutch, wrench: ArrayLike) -> Array:
+        """Torque (3,) [N·m] on the rotor, stator frame, for the `wrench` (6,) on the target about o', primed frame.
+
+        Raises InputError for another shape.
+        """
+        asked = np.array(wrench, dtype=np.float64)  # a copy: a read-only array would be compiled for anew
+        if asked.shape != (6,):
+            raise InputError(f"wrench must have shape (6,); got {asked.shape}")
+        out = np.empty(6)
+        returned(self.settings, self.memory(clutch), asked, out)
+        return out[3:]
+
+    def memory(self, clutch: Clutch) -> Array:
+        """(6, 3) `clutch` as `mode_kernels` take it; a new array."""
+        memory = np.zeros((6, 3))
+        memory[SHARE, :2] = clutch.share
+        memory[ANGLES], memory[RATES] = clutch.angles, clutch.rates
+        memory[POSITION], memory[ATTITUDE] = clutch.position, clutch.attitude
+        self.aim(memory, clutch.mode, clutch.engaged)
+        return memory
+
+    def aim(self, memory: Array, mode: Mode, engaged: bool) -> None:
+        """Let the shares in `memory` (6, 3) slide to what `mode` and the hand's wish ask for."""
+        memory[GOAL, :2] = engaged and mode == "translate", engaged and mode == "rotate"
+
+    def clutch(self, memory: Array, t: float, mode: Mode, engaged: bool) -> Clutch:
+        """The clutch that `memory` (6, 3) holds at `t` [s]; it keeps a copy."""
+        rows = memory.copy()
+        return Clutch(
+            t, mode, engaged, rows[SHARE, :2], rows[ANGLES], rows[RATES], rows[POSITION], rows[ATTITUDE]
+        )  # fmt: skip
+
+    def lost(self, R: Array) -> InputError:
+        """What is wrong with a rotor at R (3, 3) that no target can follow."""
+        return InputError(
+            f"the rotor is tilted beyond λ = ±{math.degrees(STEEPEST):.0f}°, or its orientation is unknown "
+            f"(R_SR[0, 2] = {R[0, 2]:.4g}): the two-mode mapping has no meaning there. Turn it back"
+        )
+
+    def switched(self, clutch: Clutch, mode: Mode) -> Clutch:
+        """The same pose and torque, on the way to `mode`."""
+        self.known(mode)
+        return replace(clutch, mode=mode)
+
+    def released(self, clutch: Clutch) -> Clutch:
+        """Letting go: the target stays, the rotor soon turns freely."""
+        return replace(clutch, engaged=False)
+
+    def engaged(self, clutch: Clutch) -> Clutch:
+        """Taking hold again, from wherever the rotor is."""
+        return replace(clutch, engaged=True)
+
+    @staticmethod
+    def known(mode: str) -> None:
+        """UnknownName for what is not a mode."""
+        if mode not in MODES:
+            raise UnknownName("mode", str(mode), MODES)

@@ -1,0 +1,1 @@
+"""How stiff a world a sampled, late loop can render."""

@@ -1,0 +1,155 @@
+"""A spherical electromagnet that pushes and pulls a magnet in a tool: Zárate 2020's Omni, and its relatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from haptorb.devices.device import Device
+from haptorb.devices.electromagnet.passive_pull import PassivePull
+from haptorb.devices.electromagnet.ring_tool import dipole_per_ampere, ring_per_ampere
+from haptorb.devices.electromagnet.touch_points import Marks
+from haptorb.devices.electromagnet.windings import Windings
+from haptorb.devices.field_sensors import FieldSensors
+from haptorb.devices.state import State
+from haptorb.devices.wrench_map import WrenchMap
+from haptorb.errors import GeometryError
+from haptorb.numerics.arrays import Array
+from haptorb.physics.sources.charged_ring import ChargedRing
+from haptorb.physics.sources.dipole import MU0
+from haptorb.physics.sources.soft_sphere import SoftSphere
+
+__all__ = ["Contact", "Hand", "SphericalElectromagnet", "Tool"]
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A stylus with a ring magnet; the moment lies along the mover's +z, the tip at −z."""
+
+    outer_radius: float  #: [m]
+    inner_radius: float  #: [m]
+    length: float  #: [m]
+    remanence: float  #: [T]
+    tip_distance: float  #: from the magnet's centre to the tip [m]
+    mass: float  #: [kg]
+    inertia: Array  #: (3,) principal moments about the magnet's centre, mover frame [kg·m²]
+
+    @property
+    def moment(self) -> float:
+        """Magnetic moment m_p [A·m²]: remanence times volume over μ0."""
+        volume = np.pi * (self.outer_radius**2 - self.inner_radius**2) * self.length
+        return float(self.remanence * volume / MU0)
+
+
+@dataclass(frozen=True)
+class Hand:
+    """A hand as a mass on springs and dampers: what it adds to the tool, and how it holds it."""
+
+    mass: float  #: [kg]
+    damping: float  #: [N·s/m]
+    stiffness: float  #: [N/m]
+    turn_damping: float  #: [N·m·s/rad]
+    turn_stiffness: float  #: [N·m/rad]
+
+
+@dataclass(frozen=True)
+class Contact:
+    """The dome under the tip: a stiff spring with damping and dry friction."""
+
+    stiffness: float  #: [N/m]
+    damping: float  #: [N·s/m]
+    friction: float  #: coefficient [1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SphericalElectromagnet(Device):
+    """Three coils about one soft sphere, and a magnet in a tool that moves over a dome.
+
+    Levels: "dipole" is Zárate 2020's model (two point dipoles); "exact" has the tool's magnet at its size and the pull
+    of the core on it. In both, the electromagnet is the point dipole that calibration measured outside the dome.
+    """
+
+    moment_per_current: Array  #: (3, 3) [m²], m_e = moment_per_current @ currents
+    core_radius: float  #: [m]
+    core_permeability: float  #: relative, may be inf
+    dome_radius: float  #: [m]
+    shell_thickness: float  #: how far above contact forces are rendered [m]
+    workspace_half_angle: float  #: [rad] from +z
+    tool: Tool
+    hand: Hand
+    contact: Contact
+    hall: FieldSensors
+    thermometer_step: float  #: [K]
+    thermometer_noise: float  #: [K]
+    windings: Windings | None = None  #: the coils' sizes, where somebody gave or assumed them
+    marks: Marks | None = None  #: places to touch with the tip, where there are any
+
+    levels: tuple[str, ...] = ("dipole", "exact")
+
+    @property
+    def contact_distance(self) -> float:
+        """Distance of the tool's magnet from the centre when a radial tool touches the dome: d_min [m]."""
+        return self.dome_radius + self.tool.tip_distance
+
+    @property
+    def sensors(self) -> int:
+        """Number of three-axis field sensors."""
+        return len(self.hall.positions)
+
+    @cached_property
+    def passive_pull(self) -> PassivePull:
+        """What the core does to the tool's magnet by itself, erratum E18."""
+        tool = self.tool
+        return PassivePull(
+            core_radius=self.core_radius,
+            core_permeability=self.core_permeability,
+            outer_radius=tool.outer_radius,
+            inner_radius=tool.inner_radius,
+            length=tool.length,
+            remanence=tool.remanence,
+            nearest=self.core_radius + tool.length / 2 + 5e-3,
+        )
+
+    def predicted_moments(self) -> Array | None:
+        """(3, 3) [m²] m_e per ampere from the coils' sizes and the core, to be held against `moment_per_current`; None
+        where the sizes are not known."""
+        if self.windings is None:
+            return None
+        return self.windings.moment_per_current(SoftSphere(self.core_radius, self.core_permeability))
+
+    def wrench_map(self, state: State, level: str) -> WrenchMap:
+        """(6, 3) per ampere and (6,) passive, torque about the tool's magnet; GeometryError inside the dome's core."""
+        x, y, z = state.p.tolist()
+        if x * x + y * y + z * z < self._inside:
+            raise GeometryError(
+                f"device '{self.name}': a tool magnet at {state.distance * 1e3:.1f} mm from the centre would be inside "
+                f"the core; contact is at {self.contact_distance * 1e3:.1f} mm"
+            )
+        matrix, passive = np.empty((6, self.channels)), np.zeros(6)
+        p, R = np.ascontiguousarray(state.p), np.ascontiguousarray(state.R_SR)
+        if level == "exact":
+            ring_per_ampere(*self._ring, p, R, matrix, passive)
+        else:
+            self.known_level(level)
+            dipole_per_ampere(*self._dipole, p, R, matrix)
+        return WrenchMap(matrix, passive)
+
+    @cached_property
+    def _inside(self) -> float:
+        """Square of the distance below which the tool's magnet would reach into the core [m²]."""
+        return (self.core_radius + 0.5 * self.tool.length) ** 2
+
+    @cached_property
+    def _dipole(self) -> tuple[float, Array]:
+        """The tool as a point dipole, as kernels take it."""
+        return self.tool.moment, np.array(self.moment_per_current, dtype=np.float64, order="C")
+
+    @cached_property
+    def _ring(self) -> tuple[Array, Array, float, Array]:
+        """The tool's magnet and what the core does to it, as kernels take them."""
+        tool, core = self.tool, self.passive_pull
+        rows = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence).rows
+        per_current = np.array(self.moment_per_current, dtype=np.float64, order="C")
+        return rows, np.array(core.table), float(core.nearest), per_current

@@ -1,0 +1,168 @@
+"""The torque characteristic and field of a spherical motor without tables: exact, by multipoles, by dipoles.
+
+All take orientations R (n, 3, 3) and give torque on the rotor about the centre, per ampere in every single coil,
+(n, 3, m) [N·m/A], stator frame.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from haptorb.errors import DeviceError, PrecisionError
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.compiled import kernel
+from haptorb.physics.sources import dipole
+from haptorb.physics.sources.dipole import MU0
+from haptorb.physics.sources.source import Source
+
+if TYPE_CHECKING:
+    from haptorb.devices.motor.parts import MotorParts
+    from haptorb.physics.sources.multipole import MultipoleSource
+
+__all__ = [
+    "coils_field",
+    "dipole_field",
+    "dipole_torque",
+    "exact_field",
+    "exact_torque",
+    "multipole_field",
+    "multipole_torque",
+]
+
+#: Gauss points across and along the winding, and steps around it
+_REFINEMENTS = ((4, 3, 54), (6, 4, 72), (8, 5, 90), (10, 6, 108), (13, 8, 140), (17, 10, 180), (24, 14, 250))
+PRECISION = 1e-7  #: of the exact level, relative to the greatest torque of any coil
+
+
+def exact_field(motor: MotorParts, R: Array, points: Array) -> Array:
+    """(n, p, 3) flux density of all magnets [T] at `points` (p, 3) [m], stator frame: closed form, summed."""
+    return _summed_field(motor, motor.magnet, R, points)
+
+
+def multipole_field(motor: MotorParts, R: Array, points: Array) -> Array:
+    """The same by the published model, Bai 2012 eq. (8). (n, p, 3) [T]."""
+    return _summed_field(motor, _models(motor)[0], R, points)
+
+
+def _summed_field(motor: MotorParts, magnet: Source, R: Array, points: Array) -> Array:
+    out = np.empty((len(R), len(points), 3))
+    frames, places = motor.magnets.frames, motor.magnets.positions
+    for number, turn in enumerate(R):
+        in_rotor = points @ turn
+        own = (in_rotor[None] - places[:, None]) @ frames  # every magnet's own frame
+        field = magnet.field(own) @ np.swapaxes(frames, 1, 2)
+        out[number] = np.tensordot(motor.polarity, field, 1) @ turn.T
+    return out
+
+
+def dipole_field(motor: MotorParts, R: Array, points: Array) -> Array:
+    """The same with every magnet as a point moment. (n, p, 3) [T]."""
+    u = np.einsum("nab,ib->nia", R, motor.magnets.directions)[:, :, None]
+    moment = u * (motor.polarity[:, None, None] * motor.magnet.moment[2])
+    out: Array = dipole.field(moment, points - motor.magnets.distance * u).sum(axis=1)
+    return out
+
+
+def coils_field(motor: MotorParts, points: Array, currents: Array) -> Array:
+    """(p, 3) flux density of all coils [T] at `points` (p, 3) [m] with `currents` (coils,) [A]."""
+    frames = motor.electromagnets.frames
+    own = (points[None] - motor.electromagnets.positions[:, None]) @ frames
+    field = motor.electromagnet.field(own) @ np.swapaxes(frames, 1, 2)
+    out: Array = np.tensordot(currents, field, 1)
+    return out
+
+
+def exact_torque(motor: MotorParts, R: Array, precision: float = PRECISION) -> Array:
+    """The magnets' field integrated over every coil's filaments; refined until two levels agree to `precision`.
+
+    Raises PrecisionError, telling the best reached.
+
+    (n, 3, coils) [N·m/A].
+    """
+    last = _integrated(motor, R, _REFINEMENTS[0])
+    best = np.inf
+    for level in _REFINEMENTS[1:]:
+        value = _integrated(motor, R, level)
+        best = float(np.abs(value - last).max() / max(np.abs(value).max(), 1e-300))
+        if best <= precision:
+            return value
+        last = value
+    raise PrecisionError(f"the torque was reached to {best:.1e} relative, not to {precision:.1e}; ask for less")
+
+
+def _integrated(motor: MotorParts, R: Array, level: tuple[int, int, int]) -> Array:
+    radii, heights, turns = motor.electromagnet.filaments(level[0], level[1])
+    angle = 2 * np.pi * (np.arange(level[2]) + 0.5) / level[2]
+    cosine, sine = np.cos(angle), np.sin(angle)
+    rim = np.stack(
+        [np.outer(radii, cosine), np.outer(radii, sine), np.repeat(heights[:, None], level[2], 1)], axis=-1
+    ).reshape(-1, 3)
+    step = (2 * np.pi / level[2]) * radii * turns
+    element = np.stack([-np.outer(step, sine), np.outer(step, cosine), np.zeros((len(radii), level[2]))], axis=-1)
+    frames = motor.electromagnets.frames
+    points = np.einsum("jab,pb->jpa", frames, rim) + motor.electromagnets.positions[:, None]
+    elements = np.einsum("jab,pb->jpa", frames, element.reshape(-1, 3))
+    field = exact_field(motor, R, points.reshape(-1, 3)).reshape(len(R), *points.shape)
+    on_coils: Array = np.cross(points, np.cross(elements, field)).sum(axis=2)
+    return -np.swapaxes(on_coils, 1, 2)  # third law: the rotor feels the opposite
+
+
+def dipole_torque(motor: MotorParts, R: Array) -> Array:
+    """Every magnet and every coil as one point moment at its centre. (n, 3, coils) [N·m/A]."""
+    u = np.einsum("nab,ib->nia", R, motor.magnets.directions)[:, :, None]
+    c = motor.electromagnets.directions[None, None]
+    magnet = u * (motor.polarity[:, None, None] * motor.magnet.moment[2])
+    coil = c * motor.electromagnet.moment[2]
+    arm = motor.magnets.distance * u
+    apart = arm - motor.electromagnets.distance * c
+    on_magnets: Array = np.cross(arm, dipole.force(coil, magnet, apart)) + dipole.torque(coil, magnet, apart)
+    return np.swapaxes(on_magnets.sum(axis=1), 1, 2)
+
+
+def multipole_torque(motor: MotorParts, R: Array) -> Array:
+    """The published model, Bai 2012 eq. (9) with signs and arms put right (erratum E5)."""
+    magnet_model, coil_model = _models(motor)
+    poles, strength = magnet_model.poles, magnet_model.strengths
+    rotor = np.einsum("iab,pb->ipa", motor.magnets.frames, poles) + motor.magnets.positions[:, None]
+    charge = np.outer(motor.polarity, strength).ravel()
+    coil = coil_model.poles
+    stator = np.einsum("jab,pb->jpa", motor.electromagnets.frames, coil) + motor.electromagnets.positions[:, None]
+    out = np.empty((len(R), 3, len(stator)))
+    for number, turn in enumerate(R):
+        turned = np.ascontiguousarray(rotor.reshape(-1, 3) @ turn.T)
+        _pole_torque(turned, charge, np.ascontiguousarray(stator), coil_model.strengths, out[number])
+    return out
+
+
+def _models(motor: MotorParts) -> tuple[MultipoleSource, MultipoleSource]:
+    if motor.magnet_model is None or motor.coil_model is None:
+        raise DeviceError(
+            f"device '{motor.name}': level 'multipole' needs [magnets.multipole] and [electromagnets.multipole]"
+        )
+    return motor.magnet_model, motor.coil_model
+
+
+@kernel
+def _pole_torque(rotor: Array, charge: Array, stator: Array, strength: Array, out: Array) -> None:
+    """out (3, m) = μ0/4π Σ_r Σ_s q_r q_s R_r × (R_r − R_s)/|R_r − R_s|³: eq. (9) with sources +, sinks − as charges."""
+    for j in range(stator.shape[0]):
+        tx, ty, tz = 0.0, 0.0, 0.0
+        for r in range(rotor.shape[0]):
+            x, y, z = rotor[r, 0], rotor[r, 1], rotor[r, 2]
+            fx, fy, fz = 0.0, 0.0, 0.0
+            for s in range(stator.shape[1]):
+                dx, dy, dz = x - stator[j, s, 0], y - stator[j, s, 1], z - stator[j, s, 2]
+                d2 = dx * dx + dy * dy + dz * dz
+                q = strength[s] / (d2 * np.sqrt(d2))
+                fx += q * dx
+                fy += q * dy
+                fz += q * dz
+            q = charge[r]
+            tx += q * (y * fz - z * fy)
+            ty += q * (z * fx - x * fz)
+            tz += q * (x * fy - y * fx)
+        out[0, j] = MU0 / (4 * np.pi) * tx
+        out[1, j] = MU0 / (4 * np.pi) * ty
+        out[2, j] = MU0 / (4 * np.pi) * tz

@@ -1,0 +1,156 @@
+"""A ball-joint-like spherical motor: magnets around coils around one centre, as in Bai 2012, and its relatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from haptorb.devices.device import Device
+from haptorb.devices.field_sensors import FieldSensors
+from haptorb.devices.motor.handle import EndStop, Grasp, HallQuality
+from haptorb.devices.motor.layouts import Layout
+from haptorb.devices.motor.levels import (
+    coils_field,
+    dipole_field,
+    dipole_torque,
+    exact_field,
+    exact_torque,
+    multipole_field,
+    multipole_torque,
+)
+from haptorb.devices.motor.regulator import Regulator, leaning
+from haptorb.devices.motor.tables import MotorTables, motor_tables
+from haptorb.devices.state import State
+from haptorb.devices.wrench_map import WrenchMap
+from haptorb.numerics.arrays import Array
+from haptorb.physics.sources.coil import Coil
+from haptorb.physics.sources.cylinder import CylinderMagnet
+
+if TYPE_CHECKING:
+    from haptorb.physics.sources.multipole import MultipoleSource
+
+
+__all__ = ["Rotor", "SphericalMotor"]
+
+GRAVITY = 9.80665  #: standard gravity, along −Z of the stator [m/s²]
+
+
+@dataclass(frozen=True)
+class Rotor:
+    """The moving part on its ball bearing: an inverted pendulum with a handle along +z."""
+
+    mass: float  #: [kg]
+    inertia: Array  #: (3,) principal moments about the motor's centre, rotor frame [kg·m²]
+    centre_of_mass: float  #: height above the motor's centre along the rotor's z [m]
+    viscous_friction: float  #: of the bearing [N·m·s/rad]
+    dry_friction: float  #: of the bearing, opposed to the turning [N·m]
+    handle_length: float  #: from the motor's centre to where the hand holds it [m]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class SphericalMotor(Device):
+    """Round magnets on a rotor, round air-cored coils and field sensors on a stator, all axes through one centre.
+
+    The channels are the groups of coils that are wired in series; `groups` says how. Levels: "table" looks the exact
+    level up (servo speed), "exact" integrates the magnets' closed-form fields over the windings, "multipole" is the
+    published distributed multipole model (Bai 2012 eqs. 7–9, corrected), "dipole" its far field.
+    """
+
+    magnets: Layout  #: in the rotor's frame
+    polarity: Array  #: (p,) +1 where a magnet is polarized outward, −1 inward (other values scale its strength)
+    magnet: CylinderMagnet  #: one of them, polarized along its +z, which points outward
+    electromagnets: Layout  #: in the stator's frame
+    electromagnet: Coil  #: one of them; positive current is right-handed about the outward axis
+    sensor_layout: Layout  #: in the stator's frame
+    hall: FieldSensors
+    hall_spread: HallQuality  #: how the field sensors differ from what they should be
+    groups: Array  #: (24, m) current of every coil per current of every channel: 0, +1 or −1
+    magnet_model: MultipoleSource | None  #: the published model of one magnet
+    coil_model: MultipoleSource | None  #: the published model of one coil, per ampere
+    workspace_tilt: float  #: greatest |ψ| and |λ| [rad]
+    end_stop: EndStop  #: at its edge
+    thermometer_step: float  #: [K]
+    thermometer_noise: float  #: [K]
+    hand: Grasp  #: who holds the handle
+    rotor: Rotor
+    regulator: Regulator | None
+    findings: tuple[str, ...] = ()  #: what validation objected to, where it was overridden
+
+    levels: tuple[str, ...] = ("table", "exact", "multipole", "dipole")
+
+    @property
+    def sensors(self) -> int:
+        """Number of three-axis field sensors."""
+        return len(self.sensor_layout)
+
+    @cached_property
+    def tables(self) -> MotorTables:
+        """Torque and field of one pair of parts; built at first use (seconds), afterwards read from the cache."""
+        return motor_tables(self)
+
+    def torque_characteristic(self, R: Array, level: str) -> Array:
+        """(n, 3, coils) torque on the rotor per ampere in every single coil [N·m/A], for R (n, 3, 3)."""
+        match self.known_level(level):
+            case "table":
+                return self.tables.torque(self, R)
+            case "exact":
+                return exact_torque(self, R)
+            case "multipole":
+                return multipole_torque(self, R)
+            case _:
+                return dipole_torque(self, R)
+
+    def sensor_field(self, R: Array, level: str) -> Array:
+        """(n, sensors, 3) flux density of the magnets at the sensors [T], stator frame, for R (n, 3, 3)."""
+        match self.known_level(level):
+            case "table":
+                return self.tables.field(self, R)
+            case "exact":
+                return exact_field(self, R, self.sensor_layout.positions)
+            case "multipole":
+                return multipole_field(self, R, self.sensor_layout.positions)
+            case _:
+                return dipole_field(self, R, self.sensor_layout.positions)
+
+    def coil_field(self, points: Array, currents: Array) -> Array:
+        """(p, 3) flux density of the coils [T] at `points` (p, 3) [m] with `currents` (m,) [A] in the channels."""
+        return coils_field(self, points, self.groups @ currents)
+
+    @cached_property
+    def sensor_field_per_ampere(self) -> Array:
+        """(m, 3 sensors) what one ampere in each channel adds to every sensor's reading [T/A], stator frame."""
+        places = self.sensor_layout.positions
+        return np.stack([self.coil_field(places, one).ravel() for one in np.eye(self.channels)])
+
+    def field(self, R: Array, points: Array) -> Array:
+        """(n, p, 3) flux density of the rotor's magnets [T] at `points` (p, 3) [m], stator frame, exact level."""
+        return exact_field(self, R, points)
+
+    def wrench_map(self, state: State, level: str) -> WrenchMap:
+        """(6, m) per channel: torque only, as the bearing carries every force; passive: regulator and gravity."""
+        matrix = np.zeros((6, self.channels))
+        matrix[3:] = self.torque_characteristic(state.R_SR[None], level)[0] @ self.groups
+        return WrenchMap(matrix, self.passive(state.R_SR))
+
+    @cached_property
+    def leaning(self) -> tuple[Array, float]:
+        """(n,) coefficients of what weight and regulator do [N·m], and the least cosine, as `regulator.leaning` takes
+        them: torque over sin(tilt), positive where it turns the rotor back upright."""
+        weight = self.rotor.mass * GRAVITY * self.rotor.centre_of_mass  # (h ẑ_R) × (−m g Ẑ)
+        if self.regulator is None:
+            return np.array([-weight]), 0.0
+        series, least = self.regulator.series
+        return series - weight * np.eye(1, len(series))[0], least
+
+    def passive(self, R_SR: Array) -> Array:
+        """(6,) torque on the rotor at zero current: its weight, and the regulator that holds it up [N·m]."""
+        wrench = np.zeros(6)
+        axis = R_SR[:, 2]
+        back = leaning(float(axis[2]), *self.leaning)
+        wrench[3] = back * axis[1]  # back · ẑ_R × Ẑ
+        wrench[4] = -back * axis[0]
+        return wrench

@@ -1,0 +1,1 @@
+"""What every device file may say: its sections, and values with units."""

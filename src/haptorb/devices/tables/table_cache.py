@@ -1,0 +1,142 @@
+"""Pair tables kept on disk, named after what they were made from.
+
+A table's name is a hash of the bodies, distances and precision and of the code that computes them, so a changed magnet
+or a changed formula never meets an old table. A file is one line of JSON (name, shape, scale, bound, hash of the
+numbers) and the numbers; anything that does not fit is treated as absent and written again. A folder that cannot be
+written costs time, never an error.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from haptorb.devices.tables import pair_table
+from haptorb.devices.tables.pair_table import PairTable, Progress
+from haptorb.numerics.compiled import cache_folder
+from haptorb.physics.sources.coil import Coil
+from haptorb.physics.sources.round_body import RoundBody
+
+__all__ = ["cached_field_table", "cached_torque_table"]
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+#: whose code makes a table's numbers: `pair_table`, and what it imports, but for what only carries numbers about
+_MAKERS = (
+    "devices/pair_table",
+    *("physics/coil", "physics/current_sheet", "physics/cylinder", "physics/dipole", "physics/elliptic"),
+    *("physics/interaction", "physics/placed", "physics/ring", "physics/round_body", "physics/winding_field"),
+    "physics/zonal",
+)
+
+
+def cached_torque_table(
+    magnet: RoundBody,
+    magnet_distance: float,
+    coil: Coil,
+    coil_distance: float,
+    *,
+    precision: float = 1e-8,
+    progress: Progress | None = None,
+) -> PairTable:
+    """`pair_table.torque_table` from disk if it is there, else computed and kept."""
+    made_from = f"torque {magnet!r} {float(magnet_distance)!r} {coil!r} {float(coil_distance)!r} {float(precision)!r}"
+    return _cached(
+        made_from,
+        1,
+        lambda: pair_table.torque_table(
+            magnet, magnet_distance, coil, coil_distance, precision=precision, progress=progress
+        ),
+    )
+
+
+def cached_field_table(
+    magnet: RoundBody,
+    magnet_distance: float,
+    sensor_distance: float,
+    *,
+    precision: float = 1e-8,
+    progress: Progress | None = None,
+) -> PairTable:
+    """`pair_table.field_table` from disk if it is there, else computed and kept."""
+    made_from = f"field {magnet!r} {float(magnet_distance)!r} {float(sensor_distance)!r} {float(precision)!r}"
+    return _cached(
+        made_from,
+        2,
+        lambda: pair_table.field_table(
+            magnet, magnet_distance, sensor_distance, precision=precision, progress=progress
+        ),
+    )
+
+
+@cache
+def _code() -> bytes:
+    digest = hashlib.sha256()
+    for name in _MAKERS:
+        digest.update((_PACKAGE / f"{name}.py").read_bytes())
+    return digest.digest()
+
+
+def _cached(made_from: str, functions: int, build: Callable[[], PairTable]) -> PairTable:
+    name = hashlib.sha256(made_from.encode() + _code()).hexdigest()[:32]
+    path = cache_folder() / "tables" / f"{name}.table"
+    table = _read(path, name, functions)
+    if table is None:
+        table = build()
+        with contextlib.suppress(OSError):
+            _write(path, name, table)
+    return table
+
+
+def _read(path: Path, name: str, functions: int) -> PairTable | None:
+    """The table in `path`, or None if it is absent, torn, altered, or not this one."""
+    try:
+        head, _, numbers = path.read_bytes().partition(b"\n")
+        told = json.loads(head)
+        rows, columns = told["shape"]
+        sound = (
+            told["name"] == name
+            and columns == 6 * functions
+            and rows > 1
+            and len(numbers) == 8 * rows * columns
+            and told["sha256"] == _seal(numbers, told["scale"], told["bound"])
+        )
+        if not sound:
+            return None
+        cells = np.frombuffer(numbers, dtype="<f8").reshape(rows, columns).astype(np.float64)
+        return PairTable(cells, float(told["scale"]), float(told["bound"]))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError):
+        return None
+
+
+def _seal(numbers: bytes, scale: float, bound: float) -> str:
+    return hashlib.sha256(numbers + f"{scale!r} {bound!r}".encode()).hexdigest()
+
+
+def _write(path: Path, name: str, table: PairTable) -> None:
+    """All of the file or nothing: written beside its place, then moved there."""
+    numbers = table.cells.astype("<f8").tobytes()
+    head = {
+        "name": name,
+        "shape": list(table.cells.shape),
+        "scale": table.scale,
+        "bound": table.bound,
+        "sha256": _seal(numbers, table.scale, table.bound),
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{name}-")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(json.dumps(head).encode() + b"\n" + numbers)
+        os.replace(part, path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            os.unlink(part)
+        raise

@@ -1,0 +1,1 @@
+"""Array types, compiled kernels and rotations: the tools of every other package."""

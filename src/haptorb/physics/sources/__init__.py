@@ -1,0 +1,1 @@
+"""Sources of magnetic field: magnets, coils, dipoles and soft-magnetic spheres."""

@@ -1,0 +1,151 @@
+"""What cylinder, ring and winding share: round about their z axis, equal above and below their middle plane.
+
+Everything circulates about the axis, so a body is also a bundle of coaxial current filaments; that is how forces on
+it are found. The kernels turn (ρ, z) components into Cartesian ones without dividing by ρ, so the axis is an ordinary
+place.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptorb.errors import GeometryError, InputError
+from haptorb.numerics.arrays import Array, finite, vectors
+from haptorb.numerics.compiled import kernel
+from haptorb.physics.sources.current_sheet import sheet, sheet_gradient
+from haptorb.physics.sources.source import Source
+from haptorb.physics.sources.zonal import FAR, coefficients, zonal, zonal_gradient
+
+__all__ = ["RoundBody", "SheetStack", "length", "tensor"]
+
+
+def length(value: ArrayLike, what: str) -> float:
+    """`value` as a positive length [m], or InputError naming `what`.
+
+    A single number, shape ().
+
+    >>> length(0.01, "radius")
+    0.01
+    """
+    number = finite(value, what)
+    if number.ndim or number <= 0:
+        raise InputError(f"{what} must be one positive length in metres; got {value!r}")
+    return float(number)
+
+
+@kernel
+def tensor(x: float, y: float, over: float, stretch: float, shear: float, out: Array) -> None:
+    """∂B_i/∂x_j from B_ρ/ρ, ∂B_z/∂z and (1/ρ)∂B_z/∂ρ: div B = 0 and curl B = 0 give the rest."""
+    rho2 = x * x + y * y
+    across = -stretch - 2.0 * over  # ∂B_ρ/∂ρ − B_ρ/ρ, which vanishes on the axis
+    xx, xy, yy = (x * x / rho2, x * y / rho2, y * y / rho2) if rho2 > 0.0 else (0.0, 0.0, 0.0)
+    out[0, 0] = over + across * xx
+    out[1, 1] = over + across * yy
+    out[2, 2] = stretch
+    out[0, 1] = out[1, 0] = across * xy
+    out[0, 2] = out[2, 0] = shear * x
+    out[1, 2] = out[2, 1] = shear * y
+
+
+@kernel
+def _field(points: Array, radii: Array, half: float, densities: Array, c: Array, far2: float, out: Array) -> None:
+    for n in range(points.shape[0]):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        rho2 = x * x + y * y
+        if rho2 + z * z > far2:
+            over, b_z = zonal(c, rho2, z)
+        else:
+            over, b_z = 0.0, 0.0
+            rho = np.sqrt(rho2)
+            for i in range(radii.shape[0]):
+                o, b = sheet(radii[i], half, rho, z)
+                over += densities[i] * o
+                b_z += densities[i] * b
+        out[n, 0] = over * x
+        out[n, 1] = over * y
+        out[n, 2] = b_z
+
+
+@kernel
+def _gradient(points: Array, radii: Array, half: float, densities: Array, c: Array, far2: float, out: Array) -> None:
+    for n in range(points.shape[0]):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        rho2 = x * x + y * y
+        if rho2 + z * z > far2:
+            over, stretch, shear = zonal_gradient(c, rho2, z)
+        else:
+            over, stretch, shear = 0.0, 0.0, 0.0
+            rho = np.sqrt(rho2)
+            for i in range(radii.shape[0]):
+                o, t, s = sheet_gradient(radii[i], half, rho, z)
+                over += densities[i] * o
+                stretch += densities[i] * t
+                shear += densities[i] * s
+        tensor(x, y, over, stretch, shear, out[n])
+
+
+class SheetStack:
+    """Concentric current sheets of one half-length: radii [m] and μ0·current per length [T], evaluated in a batch."""
+
+    def __init__(self, radii: ArrayLike, half: float, densities: ArrayLike) -> None:
+        self.radii = np.ascontiguousarray(radii, dtype=np.float64)
+        self.half = half
+        self.densities = np.ascontiguousarray(densities, dtype=np.float64)
+        self.series = coefficients(self.radii, half, self.densities)
+        self.far2 = FAR**2 * (float(self.radii.max()) ** 2 + half**2)
+
+    def field(self, points: ArrayLike) -> Array:
+        """Flux density (..., 3) [T] at `points` (..., 3) [m]; GeometryError on an edge, where it is infinite."""
+        at = vectors(points, "points")
+        flat = np.ascontiguousarray(at.reshape(-1, 3))
+        out = np.empty_like(flat)
+        _field(flat, self.radii, self.half, self.densities, self.series, self.far2, out)
+        return _off_the_edge(out, flat).reshape(at.shape)
+
+    def field_gradient(self, points: ArrayLike) -> Array:
+        """(..., 3, 3) [T/m], [i, j] = ∂B_i/∂x_j; GeometryError on an edge."""
+        at = vectors(points, "points")
+        flat = np.ascontiguousarray(at.reshape(-1, 3))
+        out = np.empty((len(flat), 3, 3))
+        _gradient(flat, self.radii, self.half, self.densities, self.series, self.far2, out)
+        return _off_the_edge(out, flat).reshape(*at.shape, 3)
+
+
+def _off_the_edge(out: Array, points: Array) -> Array:
+    if not np.isfinite(out).all():
+        bad = points[~np.isfinite(out.reshape(len(points), -1)).all(axis=1)][0]
+        raise GeometryError(f"the field is infinite on the edge of the body; point {bad.tolist()} m lies on it")
+    return out
+
+
+class RoundBody(Source):
+    """A body of revolution in its own frame: axis along +z, centre at the origin."""
+
+    outer_radius: float  #: [m]
+    inner_radius: float  #: [m], 0 for a full body
+    length: float  #: along the axis [m]
+
+    @abstractmethod
+    def filaments(self, across: int, along: int) -> tuple[Array, Array, Array]:
+        """The body as coaxial current loops: radii [m], heights [m], currents [A] (coils: turns, for one ampere).
+
+        `across` and `along` are Gauss points over each wall's thickness and over the length; sums over smooth
+        integrands converge exponentially in both.
+
+        Three arrays (loops,).
+        """
+
+    @property
+    def bounding_radius(self) -> float:
+        """Radius of the sphere about the centre that just holds the body [m]."""
+        return float(np.hypot(self.outer_radius, 0.5 * self.length))
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """(...,) whether `points` (..., 3) [m] lie inside the body's matter (its surface counts as outside)."""
+        at = vectors(points, "points")
+        rho = np.hypot(at[..., 0], at[..., 1])
+        inside = (rho < self.outer_radius) & (np.abs(at[..., 2]) < 0.5 * self.length)
+        return np.asarray(inside & ((rho > self.inner_radius) | (self.inner_radius == 0.0)))

@@ -1,0 +1,46 @@
+"""Why the firmware lets no current flow, in one clause: from what it says to what a person reads."""
+
+from __future__ import annotations
+
+from haptorb.runtime.drivers.serial.codes import Reason, Refusal, Standing, missing_chips
+from haptorb.runtime.drivers.serial.reading import Reading
+from haptorb.runtime.drivers.serial.replies import BoardState
+
+__all__ = ["refusal", "switched_off"]
+
+_WARM = 0xE0  #: bits of the thermometers
+_NEEDED = 0x0F  #: bits of the parts without which nothing is driven
+
+
+def switched_off(reading: Reading, engaged: bool) -> str:
+    """A trip, or a restart that nobody asked for while the host believed it `engaged`; empty if all is as it should be.
+
+    >>> from haptorb.runtime.drivers.serial.reading import reading_row
+    >>> switched_off(Reading.of(reading_row()), engaged=True)
+    'the firmware is off by itself: no reason'
+    """
+    if reading.standing is Standing.TRIPPED:
+        parts = missing_chips(reading.missing & _NEEDED) if reading.reason is Reason.CHIP else ()
+        detail = f": {', '.join(parts)}" if parts else ""
+        return f"the firmware switched the coils off: {reading.reason.text}{detail}"
+    if engaged and reading.standing is Standing.OFF:
+        return f"the firmware is off by itself: {reading.reason.text}"
+    return ""
+
+
+def refusal(state: BoardState) -> str:
+    """Why it did not take the command that it answers with `state`; empty if it did."""
+    if state.refusal is Refusal.ACCEPTED:
+        return ""
+    reasons = {
+        Refusal.STOP_BUTTON: Reason.STOP_BUTTON.text,
+        Refusal.CHIP: "not ready: " + (", ".join(missing_chips(state.missing & _NEEDED)) or "try again"),
+        Refusal.TRIPPED: f"it tripped: {state.reason.text}",
+        Refusal.HOT: Reason.HOT.text,
+        Refusal.THERMOMETER: "nobody knows how warm the coils are: "
+        + (", ".join(missing_chips(state.missing & _WARM)) or "a thermometer")
+        + " has told nothing for 4 s (check its wire; after a restart wait two seconds)",
+        Refusal.WRITING: "its calibration is being written (try again)",
+        Refusal.EEPROM: "its EEPROM does not keep what is written: the chip may be worn out",
+    }
+    return reasons.get(state.refusal, state.refusal.name)

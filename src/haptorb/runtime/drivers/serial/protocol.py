@@ -1,0 +1,123 @@
+"""What the host says to the firmware: its commands, and the duties in them.
+
+Byte layouts, states and times are in docs/reference/protocol.md; the firmware's side is `core/bridge.c`. Frames that
+both sides must make and read alike are in `firmware/vectors/frames.txt`.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from struct import Struct
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.errors import InputError
+from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.compiled import kernel
+from haptorb.runtime.drivers.serial.frames import HEAD, Frame, Numbers, Octets, sealed
+
+__all__ = [
+    "CHANNELS",
+    "DUTY_FULL",
+    "DUTY_STEPS",
+    "ENGAGE_KEY",
+    "HALL_SENSORS",
+    "PROTOCOL_VERSION",
+    "READING",
+    "SET_BYTES",
+    "STATE",
+    "THERMOMETERS",
+    "Command",
+    "counts",
+    "engage",
+    "set_duties",
+    "set_line",
+    "stepped",
+]
+
+PROTOCOL_VERSION = 3
+CHANNELS = 3
+HALL_SENSORS = 9  #: places
+THERMOMETERS = 3
+DUTY_FULL = 4095  #: greatest duty, in steps
+DUTY_STEPS = 4096  #: steps in one PWM period: a duty of n steps is n / 4096 of the supply
+ENGAGE_KEY = 0x5AFE
+
+
+class Command(IntEnum):
+    """Types of frames from the host; the answer's type has bit 7 set."""
+
+    IDENTIFY = 0x01
+    LIMITS = 0x02
+    SET = 0x03
+    ENGAGE = 0x04
+    OFF = 0x05
+    READ = 0x06
+    STORE = 0x07
+
+
+READING = 0x83
+STATE = 0x84
+SET_BYTES = 13  #: of the frame with three duties
+
+
+@kernel
+def stepped(duties: Array, steps: Numbers) -> bool:
+    """Fill `steps` (3,), signed PWM steps, with duties (3,) in −1…1 [1], clipped, zero for what is no number; any?"""
+    some = False
+    for i in range(CHANNELS):
+        whole = min(max(duties[i] * DUTY_STEPS, -DUTY_FULL), DUTY_FULL)
+        steps[i] = 0 if duties[i] != duties[i] else round(whole)
+        some = some or steps[i] != 0
+    return some
+
+
+def counts(duties: ArrayLike) -> list[int]:
+    """Duties (3,) in −1…1 [1] as signed PWM steps, clipped; what is not a number is zero.
+
+    Raises InputError for another shape.
+
+    >>> counts([0.5, -2.0, float("nan")])
+    [2048, -4095, 0]
+    """
+    asked = np.ascontiguousarray(duties, dtype=np.float64)
+    if asked.shape != (CHANNELS,):
+        raise InputError(f"duties must have one entry per coil, shape ({CHANNELS},); got shape {asked.shape}")
+    steps = np.empty(CHANNELS, np.int64)
+    stepped(asked, steps)
+    return [int(one) for one in steps]
+
+
+_ENGAGE = Struct("<3H")
+_SET = int(Command.SET)
+
+
+@kernel
+def set_line(line: Octets, sequence: int, steps: Numbers) -> int:
+    """Write the frame that sets the coils' duties, in signed steps (3,), to the front of `line`; its length."""
+    for i in range(CHANNELS):
+        line[HEAD + 2 * i], line[HEAD + 2 * i + 1] = steps[i] & 0xFF, steps[i] >> 8 & 0xFF
+    return sealed(line, _SET, sequence, 2 * CHANNELS)
+
+
+def set_duties(sequence: int, steps: list[int]) -> Frame:
+    """The frame that sets the coils' duties, in signed steps."""
+    line = np.empty(SET_BYTES, np.uint8)
+    set_line(line, sequence, np.array(steps, np.int64))
+    return Frame(Command.SET, sequence, line[HEAD : HEAD + 2 * CHANNELS].tobytes())
+
+
+def engage(sequence: int, duty_limit: float = 1.0, current_limit: float = 65.5) -> Frame:
+    """The frame that engages the coils for a session, at most `duty_limit` [1] and `current_limit` [A].
+
+    The firmware never goes above its own limits, whatever is asked here.
+
+    Raises InputError for a duty that is not above 0 and at most 1, or a current not above 0 and at most 65.5 A.
+    """
+    if not 0.0 < finite(duty_limit, "duty_limit") <= 1.0:
+        raise InputError(f"duty_limit must be above 0 and at most 1; got {duty_limit}")
+    if not 0.0 < finite(current_limit, "current_limit") <= 65.5:
+        raise InputError(f"current_limit must be above 0 and at most 65.5 A; got {current_limit}")
+    steps = min(round(duty_limit * DUTY_STEPS), DUTY_FULL)
+    return Frame(Command.ENGAGE, sequence, _ENGAGE.pack(ENGAGE_KEY, steps, round(current_limit * 1e3)))

@@ -1,0 +1,1 @@
+"""What host and servo tell each other: shared memory, commands, changes of world, reports."""

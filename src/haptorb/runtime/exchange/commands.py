@@ -1,0 +1,163 @@
+"""What the host may say to a running loop: where the hand is, stop, engage, another mode, another world."""
+
+from __future__ import annotations
+
+import json
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from itertools import count
+from time import monotonic, sleep
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.control.clutch.modes import MODES
+from haptorb.devices.device import Device
+from haptorb.errors import InputError, ServoError, UnknownName
+from haptorb.numerics.arrays import finite
+from haptorb.runtime.exchange.shared_memory import Shared, Word, engage_request
+from haptorb.runtime.exchange.world_change import answered, name_of, request
+from haptorb.runtime.pointer.guided_motion import upright
+from haptorb.worlds.parameter import values as parameter_values
+from haptorb.worlds.world import World
+
+__all__ = ["Commands"]
+
+_ANSWER = 2.0  #: longest wait for the servo's answer [s]
+
+
+class Commands(ABC):
+    """Words for `device` with its `modes`, written into memory that the loop reads in every tick.
+
+    `first` is the world that is felt until another is set.
+    """
+
+    device: Device
+    modes: tuple[str, ...]
+
+    def __init__(self, first: World) -> None:
+        self._first = first
+        self._requests = 0
+        self._requesting = threading.Lock()
+        self._stop_numbers = count(1)
+        self._stopped = 0  # number of the last stop
+
+    @property
+    @abstractmethod
+    def _attached(self) -> Shared | None:
+        """What the loop reads; None before the start."""
+
+    @property
+    def _memory(self) -> Shared:
+        if self._attached is None:
+            raise ServoError("the servo was not started: use `with haptorb.Servo(...) as servo:`")
+        return self._attached
+
+    @abstractmethod
+    def check(self) -> None:
+        """Raise ServoError if the loop no longer runs."""
+
+    def point(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
+        """The hand wants the tool's magnet at `p` (3,) [m], turned to `q` (4,) (x, y, z, w); None: its axis radial.
+
+        Of a motor only the turn counts: `q`, or a place `p` towards which the handle is to point.
+        It must be said again within the device's `limits.expiry`, else the pose counts as lost.
+
+        Raises InputError for another shape, a number that is not finite, or a quaternion of zeros; ServoError before
+        the start.
+        """
+        position = finite(p, "p")
+        if position.shape != (3,):
+            raise InputError(f"p must have shape (3,); got {position.shape}")
+        if q is None:
+            turn = upright(position)
+        else:
+            turn = finite(q, "q")
+            length = float(np.linalg.norm(turn)) if turn.shape == (4,) else 0.0
+            if length < 1e-6:
+                raise InputError(f"q must be a quaternion (x, y, z, w) that is not zero; got {q!r}")
+            turn = turn / length
+        self._memory.pointer.write(True, position, turn, monotonic())
+
+    def release(self) -> None:
+        """The hand lets go of the pointer: back to the guided motion."""
+        pointed = self._memory.pointer.pointed()
+        self._memory.pointer.write(False, pointed.p, pointed.q, pointed.stamp)
+
+    @property
+    def stops(self) -> int:
+        """How often `stop` was called. Read it when a person asks to engage, and pass it to `engage`."""
+        shared = self._attached
+        return self._stopped if shared is None else int(shared.words[Word.STOP])
+
+    def stop(self) -> None:
+        """Coils off within a tick, and off until `engage`. Given before or during the start, it holds from the first
+        tick on. May be called from any thread."""
+        # Every stop has a number of its own: two threads that stop at once cannot hide one's behind the other's.
+        self._stopped = number = next(self._stop_numbers)
+        shared = self._attached
+        if shared is not None:
+            shared.words[Word.STOP] = number
+
+    def _carry_stops(self, shared: Shared) -> None:
+        """Tell a loop that is about to start of the stops that were given before; `_attached` is `shared` already."""
+        if self._stopped:
+            shared.words[Word.STOP] = self._stopped
+
+    def engage(self, stops: int | None = None) -> None:
+        """After a stop or a trip: begin again, from zero. Refused by the guard while the reason is still there.
+
+        `stops` is the value of `stops` when the person asked to engage; None: now. The servo refuses to engage when
+        `stop` was called since, by whomever.
+        """
+        words = self._memory.words
+        words[Word.ENGAGE] = engage_request(words[Word.ENGAGE], self.stops if stops is None else stops)
+
+    def set_mode(self, mode: str) -> None:
+        """Go over to `mode`, "translate" or "rotate", without a step of the target's pose or of torque.
+
+        Raises UnknownName for a mode that the device does not have.
+        """
+        if mode not in self.modes:
+            raise UnknownName(f"mode of device '{self.device.name}'", str(mode), self.modes)
+        self._memory.words[Word.MODE] = 1 + MODES.index(mode)
+
+    def clutch(self, engaged: bool) -> None:
+        """Let the target go (False) to turn the handle back and reach further, or take hold of it again (True).
+
+        Raises InputError for a device without modes: it has no clutch.
+        """
+        if not self.modes:
+            raise InputError(f"device '{self.device.name}' acts directly; it has no clutch")
+        self._memory.words[Word.CLUTCH] = 1 if engaged else 2
+
+    @property
+    def world(self) -> tuple[str, dict[str, Any]]:
+        """Name and values of the world that is felt now."""
+        shared = self._attached
+        if shared is None or not (known := shared.words[Word.WORLD]):
+            return name_of(self._first), dict(parameter_values(self._first))
+        told = json.loads(shared.worlds_since(known - 1)[-1][1])
+        return told["name"], told["values"]
+
+    def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
+        """Render the world `name` with `values` from the next tick on; values not given stay as they are, or, in a
+        new world, are its defaults. Raises UnknownName or InputError if the servo refuses; then nothing changes."""
+        shared = self._memory
+        with self._requesting:
+            self.check()
+            self._requests += 1
+            shared.request.write(request(self._requests, name, values or {}))
+            patience = monotonic() + _ANSWER
+            while True:
+                number, error = answered(shared.answer.read()[1])
+                if number == self._requests:
+                    if error is not None:
+                        raise error
+                    return
+                self.check()
+                if monotonic() > patience:
+                    raise ServoError(f"the servo did not answer within {_ANSWER:g} s")
+                sleep(0.0005)

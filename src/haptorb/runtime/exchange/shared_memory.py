@@ -1,0 +1,239 @@
+"""The memory that host, servo and recorder share: one mapped file with counters, commands, status, texts and rows.
+
+A mapped file and not `multiprocessing.SharedMemory`: there an unrelated process that attaches and exits destroys it.
+Every word has one writer; nothing in here ever waits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import mmap
+import os
+import tempfile
+from enum import IntEnum
+from pathlib import Path
+from typing import final
+
+import numpy as np
+
+from haptorb.errors import ServoError
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.memory import pose_block, text_slot
+from haptorb.runtime.memory.histogram import BINS, Histogram
+from haptorb.runtime.memory.pose_block import TrackedBlock
+from haptorb.runtime.memory.ring import Ring
+from haptorb.runtime.memory.text_slot import TextSlot
+from haptorb.runtime.pointer import pointer_block
+from haptorb.runtime.pointer.pointer_block import PointerBlock
+from haptorb.runtime.realtime.stale_files import SHARED, Claim, folders
+from haptorb.runtime.row import RowLayout
+
+__all__ = ["CAPACITY", "TRIPS", "WORLDS", "Phase", "Shared", "Word", "engage_request", "engage_stops"]
+
+_MAGIC = int.from_bytes(b"haptorb\0", "little")
+_VERSION = 4
+_PAGE = 4096
+_TEXTS = 9
+CAPACITY = 8192  #: rows: 2 s at the fastest rate
+WORLDS = 32  #: the last changes of the world, kept for the recorder
+TRIPS = 64  #: the first trips, kept for the report
+
+
+class Phase(IntEnum):
+    """Where a child process is in its life."""
+
+    STARTING = 0
+    RUNNING = 1
+    ENDED = 2  #: as it was told
+    FAILED = 3  #: the status text says why
+
+
+class Word(IntEnum):
+    """Which 8-byte word of the first page is what; all are integers unless said otherwise."""
+
+    MAGIC = 0
+    VERSION = 1
+    WIDTH = 2
+    CAPACITY = 3
+    CHANNELS = 4
+    SENSORS = 5
+    # host → servo
+    HEARTBEAT = 16  #: monotonic clock [ns]
+    STOP = 17  #: count
+    ENGAGE = 18  #: `engage_request`: count, and the stop count under which it was given
+    QUIT = 19  #: 1: end
+    MODE = 20  #: 0: as it is, else number of the mode from 1 on
+    CLUTCH = 21  #: 0: as it is, 1: engaged, 2: let go
+    POINTER = 24  #: and the nine after it
+    # servo → host
+    PID = 40
+    PHASE = 41
+    ORIGIN = 42  #: monotonic clock at which the loop's clock shows zero [ns]
+    ROWS = 43  #: published
+    TICKS = 44
+    MISSED = 45  #: deadlines skipped
+    ON_TIME = 46  #: ticks that began and ended within their period
+    TRIPS = 47  #: count
+    PEAK = 48  #: float: greatest force on the mover [N]
+    WORLD = 49  #: changes of the world
+    PEAK_TORQUE = 50  #: float: greatest torque on the mover [N·m]
+    # recorder → host
+    RECORDER = 56  #: a Phase
+    WRITTEN = 57  #: rows that are in the file, whatever happens to the recorder
+    LOST = 58  #: rows overwritten before they could be recorded
+    TAKEN = 59  #: rows that it has fetched, and those that it lost
+    # a tracker's process → servo, host
+    TRACKER = 60  #: a Phase
+    # recorder → host
+    RECORDER_LOOKS = 61  #: how often it has looked for rows
+    TRACKED = 64  #: and the fifteen after it
+
+
+def engage_request(last: int, stops: int) -> int:
+    """The word ENGAGE after `last`: a new count, and the stop count under which the person asked.
+
+    One word, so that two threads that engage at once cannot mix one's count with the other's stop count.
+
+    >>> engage_stops(engage_request(0, 7))
+    7
+    """
+    count = ((last >> 32) + 1) & 0x7FFF_FFFF
+    return count << 32 | stops & 0xFFFF_FFFF
+
+
+def engage_stops(word: int) -> int:
+    """The stop count under which the engage request `word` was given, modulo 2³²."""
+    return word & 0xFFFF_FFFF
+
+
+@final
+class Shared:
+    """The mapped file. `create` makes it, `attach` opens one that another process made.
+
+    Raises ServoError if the file is not a servo's shared memory of this version and layout.
+    """
+
+    def __init__(self, path: Path, *, populate: bool = False) -> None:
+        flags = mmap.MAP_SHARED | (mmap.MAP_POPULATE if populate else 0)
+        with path.open("r+b") as file:
+            size = os.fstat(file.fileno()).st_size
+            if size < _PAGE:
+                raise ServoError(f"{path} is not a servo's shared memory: too small")
+            self._map = mmap.mmap(file.fileno(), size, flags=flags)
+        self._claim: Claim | None = None  # of the process that made it
+        memory = memoryview(self._map)
+        self.path = path
+        self.words = memory[:_PAGE].cast("q")
+        self.floats = memory[:_PAGE].cast("d")
+        self.integers = np.frombuffer(memory[:_PAGE], dtype=np.int64)  #: the same, for kernels
+        self.numbers: Array = np.frombuffer(memory[:_PAGE], dtype=np.float64)
+        if self.words[Word.MAGIC] != _MAGIC or self.words[Word.VERSION] != _VERSION:
+            raise ServoError(f"{path} is not a servo's shared memory of this version; end the program that made it")
+        self.layout = RowLayout(self.words[Word.CHANNELS], self.words[Word.SENSORS])
+        if self.layout.width != self.words[Word.WIDTH] or size != _size(self.layout):
+            raise ServoError(f"{path} holds rows of another layout; end the program that made it")
+
+        self.pointer = PointerBlock(self.words, self.floats, Word.POINTER)
+        self.tracked = TrackedBlock(self.words, self.floats, Word.TRACKED)
+        at = _PAGE
+        slots = []
+        for _ in range(_TEXTS + WORLDS):
+            slots.append(TextSlot(memory[at : at + text_slot.SIZE]))
+            at += text_slot.SIZE
+        self.request, self.answer, self.reason, self.error, self.facts, self.recorder_reason = slots[:6]
+        self.tracker_reason, self.tracker_facts, self.warning = slots[6:_TEXTS]
+        self._worlds = slots[_TEXTS:]
+        self.trips: Array = np.frombuffer(memory[at : at + 16 * TRIPS], dtype=np.float64).reshape(TRIPS, 2)
+        at += 16 * TRIPS
+        self.lateness = Histogram(np.frombuffer(memory[at : at + 8 * BINS], dtype=np.int64))
+        at += 8 * BINS
+        self.compute = Histogram(np.frombuffer(memory[at : at + 8 * BINS], dtype=np.int64))
+        at += 8 * BINS
+        rows = np.frombuffer(memory[at:], dtype=np.float64).reshape(CAPACITY, self.layout.width)
+        self.ring = Ring(self.words, Word.ROWS, rows)
+
+    @classmethod
+    def create(cls, layout: RowLayout) -> Shared:
+        """A new one, all zeros, in memory where the system has a place for that; ServoError if nowhere is room."""
+        size = _size(layout)
+        for folder in folders():
+            try:
+                descriptor, name, claim = _made(folder)
+            except OSError:
+                continue
+            try:
+                # Reserve it now: a full memory file system would otherwise kill the loop in the middle of a tick.
+                os.posix_fallocate(descriptor, 0, size)
+                head = np.zeros(16, dtype=np.int64)
+                head[[Word.MAGIC, Word.VERSION, Word.WIDTH, Word.CAPACITY]] = _MAGIC, _VERSION, layout.width, CAPACITY
+                head[[Word.CHANNELS, Word.SENSORS]] = layout.channels, layout.sensors
+                os.pwrite(descriptor, head.tobytes(), 0)
+                made = cls(Path(name))
+                made._claim = claim
+                return made
+            except OSError:
+                Path(name).unlink()
+            finally:
+                os.close(descriptor)
+        raise ServoError(f"no room for {size / 1e6:.0f} MB in /dev/shm or {tempfile.gettempdir()}; free some")
+
+    @classmethod
+    def attach(cls, path: str | Path) -> Shared:
+        """The one that another process made, all of its pages present before the loop begins."""
+        return cls(Path(path), populate=True)
+
+    def unlink(self) -> None:
+        """Remove its name; who has it mapped keeps it."""
+        with contextlib.suppress(FileNotFoundError):
+            self.path.unlink()
+        if self._claim is not None:
+            self._claim.close()
+
+    @property
+    def phase(self) -> Phase:
+        """Where the servo is in its life."""
+        return Phase(self.words[Word.PHASE])
+
+    def announce_world(self, text: str) -> int:
+        """Keep `text` as the description of the world from now on; returns the number of this change."""
+        number = self.words[Word.WORLD]
+        self._worlds[number % WORLDS].write(text)
+        self.words[Word.WORLD] = number + 1
+        return int(number)
+
+    def worlds_since(self, known: int) -> list[tuple[int, str]]:
+        """(number, description) of the world's changes from number `known` on; the oldest may be gone."""
+        count = self.words[Word.WORLD]
+        return [(i, self._worlds[i % WORLDS].read()[1]) for i in range(max(known, count - WORLDS + 1, 0), count)]
+
+    def world_now(self) -> str:
+        """Name of the world that is rendered; empty before the first."""
+        told = self.worlds_since(self.words[Word.WORLD] - 1)
+        return str(json.loads(told[-1][1])["name"]) if told else ""
+
+    def announce_trip(self, t: float, code: float) -> None:
+        """Note a trip; those after the first 64 are only counted."""
+        number = self.words[Word.TRIPS]
+        if number < TRIPS:
+            self.trips[number] = t, code
+        self.words[Word.TRIPS] = number + 1
+
+
+def _made(folder: Path) -> tuple[int, str, Claim]:
+    """(descriptor, path, claim) of a new file in `folder`. Raises OSError if none can be made there."""
+    while True:
+        descriptor, name = tempfile.mkstemp(prefix="haptorb-", suffix=SHARED, dir=folder)
+        claim = Claim(name)
+        if claim.there:
+            return descriptor, name, claim
+        os.close(descriptor)  # somebody who tidied up was faster
+
+
+def _size(layout: RowLayout) -> int:
+    texts = (_TEXTS + WORLDS) * text_slot.SIZE
+    return _PAGE + texts + 16 * TRIPS + 2 * 8 * BINS + 8 * CAPACITY * layout.width
+
+
+assert Word.POINTER + pointer_block.WORDS <= Word.PID
+assert 8 * (Word.TRACKED + pose_block.WORDS) <= _PAGE

@@ -1,0 +1,1 @@
+"""Memory that processes share without locks: ring, sequence locks, text, histogram."""

@@ -1,0 +1,71 @@
+"""What the hand does while nobody holds the pointer: a path for each kind of device, and the way back to its end."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import final
+
+import numpy as np
+
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.compiled import kernel
+from haptorb.runtime.pointer.guided_motion import DURATION, guided_position, upright
+
+__all__ = ["Guide", "OverDome"]
+
+
+class Guide(ABC):
+    """A motion that begins at time zero and rests after `duration` [s]; a pure function of time."""
+
+    duration: float
+
+    @abstractmethod
+    def at(self, t: float) -> tuple[Array, Array]:
+        """(3,) position [m] and (4,) quaternion (x, y, z, w) at time `t` [s]."""
+
+    @abstractmethod
+    def back(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
+        """(3,) position [m] and (4,) quaternion on the way to rest from where a hand let go, `p` (3,) [m] and `q` (4,);
+        `share` of the way runs from 0 to 1."""
+
+
+@final
+class OverDome(Guide):
+    """A stylus slides over the dome and circles its summit: see `guided`."""
+
+    duration = DURATION
+
+    def __init__(self) -> None:
+        self._rest = guided_position(DURATION)
+        self.back(self._rest, upright(self._rest), 1.0)  # compiled now, and not when somebody lets go
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """(3,) the tool's magnet [m] and (4,) its turn as a quaternion (x, y, z, w), axis radial."""
+        p = guided_position(t)
+        return p, upright(p)
+
+    def back(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
+        """(3,) position [m] on the way from `p` (3,) [m] along the sphere, not through the device, and (4,) quaternion.
+
+        The axis is radial all the way, however the hand let go: `q` (4,) does not count.
+        """
+        place = np.empty(3)
+        _around(np.ascontiguousarray(p), self._rest, share, place)
+        return place, upright(place)
+
+
+@kernel
+def _around(start: Array, rest: Array, s: float, p: Array) -> None:
+    r0 = np.sqrt(start[0] ** 2 + start[1] ** 2 + start[2] ** 2)
+    r1 = np.sqrt(rest[0] ** 2 + rest[1] ** 2 + rest[2] ** 2)
+    for i in range(3):
+        p[i] = rest[i] / r1
+        if r0 >= 1e-6:  # a hand inside the device has no direction; from there it goes straight
+            p[i] = (1.0 - s) * start[i] / r0 + s * p[i]
+    length = np.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
+    if length < 1e-6:  # exactly opposite: no way is the shortest
+        for i in range(3):
+            p[i] = rest[i] / r1
+        length = 1.0
+    for i in range(3):
+        p[i] *= ((1.0 - s) * r0 + s * r1) / length

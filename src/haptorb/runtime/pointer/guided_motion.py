@@ -1,0 +1,83 @@
+"""The guided motion: what the hand does while nobody holds the pointer, so that a first look shows something.
+
+Twelve seconds over the dome, then rest. A pure function of time: two runs see the same hand.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.compiled import kernel
+
+__all__ = ["DURATION", "guided_position", "upright"]
+
+DURATION = 12.0  #: after this the hand rests [s]
+
+_HIGH = 0.062  #: distance of the tool's magnet from the device's centre before touching down [m]
+_PRESSED = 0.048  #: while pressing [m]: 2 mm below contact, so that a soft hand leans on the dome
+_LANDING = math.radians(30.0)  #: tilt at touch-down [rad]
+_CIRCLE = math.radians(18.0)  #: tilt of the circle around the summit [rad]
+_REST = math.radians(10.0)  #: tilt at rest [rad]
+_BEARING = math.radians(-60.0)  #: meridian of the slide [rad]
+_TURN = 2 * math.pi  #: once around
+
+
+@kernel
+def _smooth(t: float, start: float, end: float) -> float:
+    """0 before `start`, 1 after `end`, between them the path of least jerk (Flash and Hogan 1985): a hand's."""
+    s = min(max((t - start) / (end - start), 0.0), 1.0)
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0))
+
+
+@kernel
+def _position(t: float, p: Array) -> None:
+    # A signed tilt along one meridian passes the summit without a turn of the hand.
+    tilt = (
+        _LANDING
+        - (_LANDING + _CIRCLE) * _smooth(t, 1.5, 5.0)  # over the summit to the far side
+        + (_CIRCLE - _REST) * _smooth(t, 10.5, DURATION)
+    )
+    bearing = _BEARING + _TURN * _smooth(t, 5.0, 10.5)
+    d = _HIGH + (_PRESSED - _HIGH) * _smooth(t, 0.0, 1.5)
+    s = d * math.sin(tilt)
+    p[0], p[1], p[2] = s * math.cos(bearing), s * math.sin(bearing), d * math.cos(tilt)
+
+
+def _turn_upright(p: Array, q: Array) -> None:
+    x, y, z = p[0], p[1], p[2]
+    length = math.sqrt(x * x + y * y + z * z)
+    if length == 0.0 or z <= -length * (1 - 1e-12):  # no way is the shortest
+        q[0], q[1], q[2], q[3] = 1.0, 0.0, 0.0, 0.0
+        return
+    w = length + z
+    n = math.sqrt(x * x + y * y + w * w)
+    q[0], q[1], q[2], q[3] = -y / n, x / n, 0.0, w / n
+
+
+_upright = kernel(_turn_upright)
+
+
+def guided_position(t: float) -> Array:
+    """(3,) [m] where the hand wants the tool's magnet at time `t` [s], frame S; the summit is +z.
+
+    >>> round(1e3 * float(np.linalg.norm(guided_position(20.0))), 3)
+    48.0
+    """
+    p = np.empty(3)
+    _position(float(t), p)
+    return p
+
+
+def upright(p: Array) -> Array:
+    """(4,) the quaternion (x, y, z, w) that turns the tool's z axis to the direction of `p` (3,) by the shortest way.
+
+    >>> upright(np.array([0.0, -0.05, 0.0])).round(3).tolist()
+    [0.707, 0.0, 0.0, 0.707]
+    """
+    q = np.empty(4)
+    # Not the compiled one: a host says it while its heart beats, and compiling holds up all of its threads for seconds.
+    _turn_upright(p, q)
+    return q

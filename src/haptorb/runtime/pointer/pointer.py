@@ -1,0 +1,82 @@
+"""Where the hand wants the tool: held by a pointer (mouse, pen, finger) on the console, else guided by a script."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple, final
+
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.pointer.guide import Guide, OverDome
+from haptorb.runtime.pointer.pointer_pose import PointerPose
+from haptorb.runtime.trackers.tracker import Goal, Tracker
+from haptorb.sensing.sample import Pose
+
+__all__ = ["Pointed", "PointerSource", "PointerTracker"]
+
+_RELEASE = 1.5  #: time in which a released hand returns to rest [s]
+
+
+class Pointed(NamedTuple):
+    """What the host last said about its pointer."""
+
+    held: bool
+    p: Array  #: (3,) [m], frame S
+    q: Array  #: (4,) quaternion (x, y, z, w) of R_SR
+    stamp: float  #: the computer's monotonic clock when it was said [s]
+
+
+class PointerSource(ABC):
+    """Whoever knows the host's pointer: shared memory in a running servo."""
+
+    @abstractmethod
+    def pointed(self) -> Pointed:
+        """The pointer as last written; never waits."""
+
+
+@final
+class PointerTracker(Tracker):
+    """Follows the host's pointer while it is held; plays the guided motion until it is held for the first time.
+
+    After a release the hand goes back to the guided motion's resting place by the smoothest way.
+    `origin` is the computer's monotonic time [s] at which the loop's clock showed zero; `guide` is the guided motion.
+    """
+
+    def __init__(self, source: PointerSource | None = None, origin: float = 0.0, *, guide: Guide | None = None) -> None:
+        self._source = source
+        self.origin = origin
+        self._guide = guide or OverDome()
+        self._last: tuple[Array, Array] | None = None  # where a held pointer was last
+        self._released = 0.0
+        self._rest = self._guide.at(self._guide.duration)
+        self._pose = PointerPose()
+
+    @property
+    def guide(self) -> Guide:
+        """What the hand does while nobody holds the pointer."""
+        return self._guide
+
+    @guide.setter
+    def guide(self, guide: Guide) -> None:
+        self._guide = guide
+        self._rest = guide.at(guide.duration)
+
+    def goal(self, now: float) -> Goal:
+        """The goal at `now` [s] on the loop's clock."""
+        if self._source is not None:
+            pointed = self._source.pointed()
+            if pointed.held:
+                self._last, self._released = (pointed.p, pointed.q), now
+                return Goal(pointed.p, pointed.q, pointed.stamp - self.origin, True)
+        guide, since = self._guide, now - self._released
+        if since >= (guide.duration if self._last is None else _RELEASE):
+            p, q = self._rest
+        elif self._last is None:
+            p, q = guide.at(now)
+        else:
+            s = min(since / _RELEASE, 1.0)
+            p, q = guide.back(*self._last, s * s * s * (10.0 + s * (6.0 * s - 15.0)))
+        return Goal(p, q, now, False)
+
+    def pose(self, now: float) -> Pose:
+        """The pointer as the pose of a real tool: believed only while a person holds it."""
+        return self._pose(self.goal(now), now)

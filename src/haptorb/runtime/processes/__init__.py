@@ -1,0 +1,1 @@
+"""The processes beside a program: servo, recorder, tracker; and the real-time loop."""

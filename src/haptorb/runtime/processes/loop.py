@@ -1,0 +1,219 @@
+"""The real-time loop: wait for the deadline, obey, step, publish, count. Coils off on every way out."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from time import monotonic_ns
+from typing import final
+
+import numpy as np
+
+from haptorb.control.clutch.modes import MODES
+from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.errors import HaptorbError
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.exchange.shared_memory import Phase, Shared, Word, engage_stops
+from haptorb.runtime.exchange.world_change import answer, changed, description, name_of, requested
+from haptorb.runtime.memory.histogram import BINS
+from haptorb.runtime.processes.stats import columns, counted, kept
+from haptorb.runtime.realtime.clock import Clock
+from haptorb.runtime.realtime.host_heartbeat import LATE, HostLife, state_of
+from haptorb.runtime.realtime.parent_death import orphaned
+from haptorb.runtime.realtime.tick_timeout import Hang
+from haptorb.runtime.tick.chain import Chain
+from haptorb.worlds.world import World
+
+__all__ = ["Loop"]
+
+_LATE = int(LATE * 1e9)
+_STANDSTILL = 100_000_000  #: without a tick, after which the host is given its full time anew [ns]
+_TRIPPED = float(GuardState.TRIPPED)
+_LOOK = 0.05  #: between two looks for the parent [s]
+_LIFE = 2.0  #: without a tick, after which the kernel ends the process [s]
+
+
+@final
+class Loop:
+    """Drives `chain` at `rate` [Hz] and tells everything in `shared`, until told to end or until something fails."""
+
+    def __init__(
+        self,
+        chain: Chain,
+        world: World,
+        shared: Shared,
+        rate: float,
+        parent: int,
+        put_off: Callable[[float], None] = lambda seconds: None,
+    ) -> None:
+        self._chain = chain
+        self._world = world
+        self._shared = shared
+        self._parent = parent
+        self._host = HostLife(state_of(parent))
+        self._put_off, self._every = put_off, max(1, int(rate * _LOOK))
+        self._rate = rate
+        self._row = shared.layout.empty()
+        # Single numbers come out of a memoryview ten times faster than out of an array.
+        self._cells = self._row.data.cast("B").cast("d")
+        _load(self._row)
+        self._ticks = 0
+        self._now = 0.0  # on the loop's clock [s]
+        self._stopped = 0  # a stop that was given while the servo started counts in the first tick
+        self._engaged = shared.words[Word.ENGAGE]
+        self._mode, self._clutch = 0, 0
+        self._asked = shared.request.version
+        self._guard = shared.layout["guard"].start
+        self._columns = columns(shared.layout)
+        self._tripped = False
+        self.told_by = ""  #: a signal's name, set by its handler: the loop ends after the present tick
+        self.in_step = False  #: whether the chain is being stepped just now
+        self.reason = ""  #: why the loop ended; empty: as it was told
+
+    @property
+    def world(self) -> str:
+        """Name of the world that is rendered."""
+        return name_of(self._world)
+
+    def run(self, clock: Clock) -> bool:
+        """Run to the end; True if it ended as it was told. The driver is closed and the last row published."""
+        failed: Trip | None = None
+        try:
+            failed = self._ticking(clock)
+        except BaseException as cause:  # also what is no `Exception`: a hang, an exit
+            self._off()  # first of all; explaining can wait
+            failed = Trip.LOOP_FAILED
+            self.reason = _explained(cause)
+        finally:
+            if not self._off() and failed is None:
+                failed = Trip.DRIVER_FAILED
+            self._last_row(failed)
+        return failed is None
+
+    def _off(self) -> bool:
+        """Close the driver: coils off. False, and a reason, if even that fails."""
+        self.in_step = False
+        try:
+            self._chain.driver.close()
+        except Exception as cause:
+            self.reason = f"the driver did not close: {_explained(cause)}"
+            return False
+        return True
+
+    def _ticking(self, clock: Clock) -> Trip | None:
+        """Tick until told to end (None) or until the host is gone (HOST_SILENT)."""
+        shared, chain, row, words, at = self._shared, self._chain, self._row, self._shared.words, self._columns
+        schedule, period = clock.schedule, clock.schedule.period
+        lateness_counts, compute_counts, ring = shared.lateness.counts, shared.compute.counts, shared.ring
+        integers, numbers = shared.integers, shared.numbers
+        heard = 0  # when the host was last given the benefit of the doubt [ns]
+        words[Word.ORIGIN] = schedule.origin
+        words[Word.PHASE] = Phase.RUNNING
+        while True:
+            chain.prepare(clock.sleep())
+            now, lateness, skipped = clock.wait()
+            if self.told_by or words[Word.QUIT]:
+                return None
+            if skipped * period > _STANDSTILL:  # whoever held up this loop held up the host's heart as well
+                heard = now
+            silence = now - max(words[Word.HEARTBEAT], heard)
+            if silence > _LATE:
+                self.reason = self._host.trouble(now, silence)
+                if self.reason:
+                    return Trip.HOST_SILENT
+            if self._ticks % self._every == 0:
+                self._put_off(_LIFE)
+                if orphaned(self._parent):
+                    self.reason = "the program that started the servo ended"
+                    return Trip.HOST_SILENT
+            self._obey()
+            self.in_step = True
+            self._now = schedule.time(schedule.deadline(schedule.number))
+            chain.step(row, self._now)
+            self.in_step = False
+            kept(row, ring.slot(), at, numbers, self._ticks, now, lateness, skipped)
+            ring.filled()
+            self._ticks += 1
+            self._notice()
+            took = monotonic_ns() - now
+            counted(
+                integers, lateness_counts, compute_counts, self._ticks, schedule.missed, lateness, took, period
+            )  # fmt: skip
+
+    def _obey(self) -> None:
+        """Stop, engage, clutch and change the world as the host has asked since the last tick."""
+        words = self._shared.words
+        stops, engage = words[Word.STOP], words[Word.ENGAGE]
+        if stops != self._stopped:
+            self._stopped = stops
+            self._chain.stop()
+        if engage != self._engaged:
+            self._engaged = engage
+            # An engage request that was given before the last stop is void, however late it comes.
+            if engage_stops(engage) == stops & 0xFFFF_FFFF:
+                self._chain.engage()
+        if words[Word.MODE] != self._mode:
+            self._mode = words[Word.MODE]
+            self._chain.linkage.set_mode(MODES[self._mode - 1])
+        if words[Word.CLUTCH] != self._clutch:
+            self._clutch = words[Word.CLUTCH]
+            self._chain.linkage.set_clutch(self._clutch == 1)
+        if self._shared.request.version != self._asked:
+            self._asked, text = self._shared.request.read()
+            if text:
+                self._shared.answer.write(self._change(text))
+
+    def _change(self, text: str) -> str:
+        """Apply a request for another world; the answer as JSON."""
+        number, name, values = requested(text)
+        try:
+            world = changed(self._world, name, values)
+            self._chain.change_world(world)
+            self._shared.announce_world(description(world))
+        except HaptorbError as cause:
+            return answer(number, cause)
+        except Exception as cause:  # a world is the user's code
+            return answer(number, HaptorbError(f"world '{name}' failed to change: {type(cause).__name__}: {cause}"))
+        self._world = world
+        return answer(number)
+
+    def _notice(self) -> None:
+        """Tell of a trip, once."""
+        tripped = self._cells[self._guard] == _TRIPPED
+        if tripped and not self._tripped:
+            self._shared.announce_trip(self._now, self._cells[self._shared.layout["trip"].start])
+            self._shared.error.write(self._chain.error[:1000])
+        self._tripped = tripped
+
+    def _last_row(self, failed: Trip | None) -> None:
+        """One more row: coils off. Measured values are repeated, they were not measured again."""
+        shared, row, at = self._shared, self._row, self._shared.layout
+        if self._ticks == 0:
+            row[:] = 0.0
+        row[at["tick"]] = self._ticks
+        row[at["wall"]] = monotonic_ns() * 1e-9
+        row[at["lateness"]] = row[at["missed"]] = row[at["gain"]] = 0.0
+        row[at["asked"]] = row[at["wanted"]] = row[at["duties"]] = 0.0
+        row[at["guard"]] = GuardState.OFF if failed is None else GuardState.TRIPPED
+        row[at["trip"]] = Trip.CLOSING if failed is None else failed
+        row[at["coil_state"]] = self._chain.driver.coil_state
+        if failed is not None:
+            shared.announce_trip(self._now, failed)
+        shared.ring.publish(row)
+
+
+def _load(row: Array) -> None:
+    """Have the loop's own compiled code loaded before the first tick."""
+    counts, page = np.zeros(BINS, dtype=np.int64), np.zeros(512)
+    kept(row, row.copy(), np.zeros(6, dtype=np.int64), page, 0, 0, 0, 0)
+    counted(page.view(np.int64), counts, counts.copy(), 0, 0, 0, 0, 1)
+    row[:] = np.nan
+
+
+def _explained(cause: BaseException) -> str:
+    """What went wrong in one line; for what nobody foresaw, where as well."""
+    if isinstance(cause, HaptorbError | Hang):
+        return str(cause)
+    frames = traceback.extract_tb(cause.__traceback__)
+    where = f" ({frames[-1].filename}, line {frames[-1].lineno})" if frames else ""
+    return f"{type(cause).__name__}: {cause}{where}"

@@ -1,0 +1,111 @@
+"""A servo process that is sent ahead: it loads what any servo needs, and waits to hear which one it is to be.
+
+Half of a start is loading packages and compiled code. Whoever knows early that a servo will be wanted, and has
+something to do first (read a device file, check a world), starts this before; on two processors the two loads are one.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from types import TracebackType
+from typing import Self, final
+
+from haptorb.errors import ServoError
+from haptorb.runtime.realtime.process_starter import start
+from haptorb.runtime.realtime.stale_files import FOLDER, Claim
+
+__all__ = ["PLAN", "Standby", "started"]
+
+PLAN = "plan"  #: name of the file in the folder
+
+
+@final
+class Standby:
+    """The process, and a folder for what passes between it and this one. Coils are out of its reach until `give`.
+
+    Ends with the `with` block unless somebody gave it a plan; from then on it is his.
+    """
+
+    def __init__(self) -> None:
+        self.folder, self.claim = _made()  #: the giver's from `give` on
+        self.errors = self.folder / "errors"  #: what the process prints
+        self.given = False
+        try:
+            self.process = started(
+                "haptorb.runtime.processes.servo_process", str(self.folder), str(os.getpid()), errors=self.errors,
+                stdin=subprocess.PIPE,
+            )  # fmt: skip
+        except BaseException:
+            self._tidy()
+            raise
+
+    @property
+    def plan(self) -> Path:
+        """The file to be written before `give`. Raises ServoError if it serves somebody already."""
+        if self.given:
+            raise ServoError("this standby serves another servo, or was ended; make a new one")
+        return self.folder / PLAN
+
+    def give(self, shared: Path) -> None:
+        """The plan is written, and `shared` is the memory through which the servo is talked to."""
+        self.given = True
+        assert self.process.stdin is not None
+        try:
+            self.process.stdin.write(os.fsencode(shared))
+            self.process.stdin.close()
+        except BrokenPipeError:
+            pass  # it is dead already: whoever waits for its first tick will hear why
+
+    def end(self) -> None:
+        """Nobody needs it. May be called twice."""
+        if self.given:
+            return
+        self.given = True
+        self.process.kill()
+        self.process.communicate()
+        self._tidy()
+
+    def _tidy(self) -> None:
+        shutil.rmtree(self.folder, ignore_errors=True)
+        self.claim.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.end()
+
+
+def _made() -> tuple[Path, Claim]:
+    """A new folder, and its claim."""
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=FOLDER))
+        claim = Claim(folder)
+        if claim.there:
+            return folder, claim
+
+
+def started(
+    module: str, *arguments: str, errors: Path, stdin: int = subprocess.DEVNULL, descriptor: int | None = None
+) -> subprocess.Popen[bytes]:
+    """`python -m module arguments` in a session of its own; what it prints goes to the end of `errors`.
+
+    Ctrl-C in the terminal then reaches the parent alone, which ends its children in order. The process may ask to die
+    with its parent: it is started by a thread that lives as long as that.
+    """
+    with errors.open("ab") as file:
+        return start(
+            [sys.executable, "-m", module, *arguments],
+            stdin=stdin,
+            stdout=subprocess.DEVNULL,
+            stderr=file,
+            start_new_session=True,
+            pass_fds=() if descriptor is None else (descriptor,),
+            # Small matrices: a second thread of OpenBLAS would only wait in a loop, beside the servo's.
+            env={"OPENBLAS_NUM_THREADS": "1", **os.environ},
+        )

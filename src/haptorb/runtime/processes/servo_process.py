@@ -1,0 +1,190 @@
+"""The process that holds the coils: `python -m haptorb.runtime.processes.servo_process FOLDER PARENT`.
+
+It loads what any servo needs, then waits to be told on its standard input where the memory is that it shares with its
+host; by then the plan lies in the folder. A host that hangs up needs no servo.
+
+A program of its own, not started by `multiprocessing`: a user's script needs no `__main__` guard, and nothing of the
+host's (its threads, its garbage, its interpreter lock) can delay a tick.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import shutil
+import signal
+import sys
+import traceback
+from contextlib import suppress
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from types import FrameType
+
+from haptorb import worlds
+from haptorb.errors import HaptorbError
+from haptorb.runtime.exchange import plan as plans
+from haptorb.runtime.exchange.shared_memory import Phase, Shared, Word
+from haptorb.runtime.exchange.world_change import description
+from haptorb.runtime.pointer.pointer import PointerTracker
+from haptorb.runtime.processes.calibration_match import disagreement
+from haptorb.runtime.processes.loop import Loop
+from haptorb.runtime.processes.prestart import PLAN
+from haptorb.runtime.realtime.clock import Clock
+from haptorb.runtime.realtime.keep_core_awake import Wakefulness
+from haptorb.runtime.realtime.kernel_requests import punctual
+from haptorb.runtime.realtime.kill_timer import EndTimer
+from haptorb.runtime.realtime.parent_death import die_with_parent, end_group, orphaned
+from haptorb.runtime.realtime.tick_timeout import Hang
+from haptorb.runtime.trackers.fed_tracker import FedTracker
+from haptorb.runtime.trackers.tracker import Tracker
+
+__all__ = ["main"]
+
+_REHEARSAL = 5  #: ticks
+_BEGIN = 3.0  #: to the first tick, then the loop says [s]
+_FORKED = 70  #: exit code of a child that a world forked
+_ALWAYS = ("haptorb.runtime.tick.assembly", "haptorb.runtime.drivers.simulated", "haptorb.simulation.registry")
+
+
+def main(folder: Path, parent: int) -> int:
+    """Build what the plan says, run it to its end, and say in the shared memory how it ended; returns the exit code.
+
+    The `folder` was made for this process alone.
+    """
+    _load()  # the host reads a device file meanwhile
+    told = sys.stdin.buffer.read()
+    die_with_parent()  # at once, as long as there is no coil to be switched off
+    if not told:
+        shutil.rmtree(folder, ignore_errors=True)
+        return 0
+    shared = Shared.attach(os.fsdecode(told))
+    if orphaned(parent):  # it ended before the kernel was asked to tell
+        shared.unlink()
+        shutil.rmtree(folder, ignore_errors=True)
+        return 1
+    shared.words[Word.PID] = os.getpid()
+    try:
+        return _run(shared, folder / PLAN, parent)
+    except SystemExit as end:  # told to end before the driver was open
+        shared.reason.write("ended by a signal before it had begun")
+        shared.words[Word.PHASE] = Phase.ENDED
+        return int(end.code or 0)
+    except BaseException as cause:
+        text = str(cause) if isinstance(cause, HaptorbError) else "".join(traceback.format_exception(cause))
+        shared.reason.write(text[-4000:])
+        shared.words[Word.PHASE] = Phase.FAILED
+        return 1
+    finally:
+        if orphaned(parent):  # nobody else will tidy up
+            end_group(os.getpid())
+            shared.unlink()
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _run(shared: Shared, path: Path, parent: int) -> int:
+    told = _Told(parent)
+    # Who forks in a world would have a second loop at the same device: the child ends before it comes back from there.
+    os.register_at_fork(after_in_child=partial(os._exit, _FORKED))
+    plan = plans.load(path)
+    shared.announce_world(description(plan.world))
+    _rehearse(plan, shared)
+    tracker = _tracker(plan, shared)
+    chain = plan.assemble(tracker)
+    timer = EndTimer()
+    loop = Loop(chain, plan.world, shared, plan.rate, parent, timer.set)
+    # No collection from here on: one would hold up the loop. What is alive now is never looked at again.
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    facts = punctual()
+    wakefulness = Wakefulness(int(facts["core"]))
+    try:
+        shared.facts.write(json.dumps({**facts, "awake": wakefulness.granted, "collects_garbage": gc.isenabled()}))
+        told.loop = loop
+        if told.early:
+            sys.exit(128 + told.early)
+        chain.driver.open()
+        shared.warning.write(disagreement(chain.driver.calibration, plan.calibration))
+        clock = Clock(plan.rate, chain.driver.lead)
+        tracker.origin = clock.schedule.origin * 1e-9
+        die_with_parent(signal.SIGUSR1)  # in order from here on, with the coils off first ...
+        timer.set(_BEGIN)  # ... and by force if that takes long
+        well = loop.run(clock)
+    finally:
+        wakefulness.end()
+    gc.enable()
+    if well and loop.told_by:
+        shared.reason.write(f"ended by {loop.told_by}")
+    elif not well:
+        shared.reason.write(loop.reason[:4000])
+    shared.words[Word.PHASE] = Phase.ENDED if well else Phase.FAILED
+    if loop.told_by:
+        return 128 + signal.Signals[loop.told_by]
+    return 0 if well else 1
+
+
+def _load() -> None:
+    """What any servo needs: its modules, the worlds, and what loading the first compiled function loads with it."""
+    for module in _ALWAYS:
+        import_module(module)
+    for kind in worlds.CATALOGUE.values():
+        kind()
+
+
+def _rehearse(plan: plans.Plan, shared: Shared) -> None:
+    """Run a chain of its own for a few ticks: compiled code is loaded now, and not in the first tick.
+
+    Then one tick of every world of the catalogue: who chooses another while the loop runs must not wait for its code,
+    and neither must the coils.
+    """
+    chain = plan.practice(PointerTracker())
+    row = shared.layout.empty()
+    with chain.driver:
+        for tick in range(_REHEARSAL):  # the device alone: at a first start another process compiles the rest
+            chain.prepare(tick / plan.rate)
+        for tick in range(_REHEARSAL, 2 * _REHEARSAL):
+            chain.step(row, tick / plan.rate)
+        for tick, kind in enumerate(worlds.CATALOGUE.values(), start=2 * _REHEARSAL):
+            with suppress(HaptorbError):  # not for this device: nobody will be able to choose it either
+                chain.change_world(kind())
+                chain.step(row, tick / plan.rate)
+
+
+def _tracker(plan: plans.Plan, shared: Shared) -> Tracker:
+    if plan.prediction is None:
+        return PointerTracker(shared.pointer)
+    return FedTracker(shared.tracked, plan.prediction)
+
+
+class _Told:
+    """Who told this process to end. Its handlers are in place before the coils can be on."""
+
+    def __init__(self, parent: int) -> None:
+        self.loop: Loop | None = None  #: from when on a signal must wait for the present tick
+        self.early = 0  #: a signal from before that; its SystemExit may be lost in a callback that swallows exceptions
+        self._parent = parent
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, self._end)
+        signal.signal(signal.SIGUSR1, self._orphaned)
+        signal.signal(signal.SIGUSR2, self._stuck)
+
+    def _end(self, number: int, frame: FrameType | None) -> None:
+        if self.loop is None:
+            self.early = number
+            sys.exit(128 + number)
+        self.loop.told_by = signal.Signals(number).name
+
+    def _orphaned(self, number: int, frame: FrameType | None) -> None:
+        if orphaned(self._parent):
+            self._end(number, frame)
+
+    def _stuck(self, number: int, frame: FrameType | None) -> None:
+        """The host saw no tick for a long time. Raised into a step, this ends whatever loops in there."""
+        if self.loop is not None and self.loop.in_step:
+            raise Hang(f"world '{self.loop.world}' hangs: one tick took longer than a second")
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]), int(sys.argv[2])))

@@ -1,0 +1,94 @@
+"""The process that hears a tracker: `python -m haptorb.runtime.processes.tracker_process SPEC`; SPEC is JSON.
+
+It may wait for the network and parse what comes from there, which no tick may. It writes poses into the memory that it
+shares with the servo, and ends when the servo has ended or its parent is gone.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from time import monotonic, process_time, sleep
+from typing import Any
+
+from haptorb.errors import HaptorbError
+from haptorb.runtime.exchange.shared_memory import Phase, Shared, Word
+from haptorb.runtime.realtime.kernel_requests import ordinary, urgent
+from haptorb.runtime.realtime.parent_death import die_with_parent, orphaned
+from haptorb.runtime.trackers.pose_filter import Reception
+from haptorb.runtime.trackers.tracker_registry import feed_of
+
+__all__ = ["main"]
+
+_PATIENCE = 0.05  #: longest wait for a pose before looking whether to end [s]
+_TELL = 0.25  #: between two reports [s]
+_FLOOD = 0.3  #: a process that needs this share of a processor nearly never sleeps: somebody floods it
+
+
+class _Over(Exception):
+    """The servo has ended, or nobody is left who wants to know."""
+
+
+def main(spec: Mapping[str, Any]) -> int:
+    """Listen until the servo has ended; returns the exit code.
+
+    `spec`: shared (path), descriptor (of an open socket, or −1), parent (process id), feed (of a `Preparation`),
+    frame (text of a `TrackerFrame`; empty: poses are in the stator's frame).
+    """
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # the servo's end is this one's end
+    die_with_parent()
+    shared = Shared(Path(spec["shared"]))
+    words, parent = shared.words, int(spec["parent"])
+
+    def look() -> None:
+        if words[Word.QUIT] or words[Word.PHASE] >= Phase.ENDED or orphaned(parent):
+            raise _Over
+
+    def origin() -> float:
+        words[Word.TRACKER] = Phase.RUNNING  # who waits for the loop must not be waited for
+        while words[Word.PHASE] < Phase.RUNNING:
+            look()
+            sleep(0.002)
+        return float(words[Word.ORIGIN]) * 1e-9
+
+    try:
+        feed = feed_of(spec["feed"], spec["descriptor"], origin, spec["frame"])
+    except _Over:
+        return 0
+    except HaptorbError as cause:
+        return _failed(shared, str(cause))
+    reception = Reception(feed, shared.tracked)
+    words[Word.TRACKER] = Phase.RUNNING
+    urgent()  # it sleeps nearly always, and a pose that waits for its turn on a busy computer grows old
+    told, spent = monotonic(), process_time()
+    try:
+        while True:
+            look()
+            reception.listen(_PATIENCE)
+            if (passed := monotonic() - told) > _TELL:
+                if process_time() - spent > _FLOOD * passed:
+                    ordinary()
+                told, spent = monotonic(), process_time()
+                shared.tracker_facts.write(json.dumps(reception.facts()))
+    except _Over:
+        shared.tracker_facts.write(json.dumps(reception.facts()))
+        words[Word.TRACKER] = Phase.ENDED
+        return 0
+    except Exception as cause:
+        return _failed(shared, str(cause))
+    finally:
+        feed.close()
+
+
+def _failed(shared: Shared, why: str) -> int:
+    shared.tracker_reason.write(why[:4000])
+    shared.words[Word.TRACKER] = Phase.FAILED
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(json.loads(sys.argv[1])))

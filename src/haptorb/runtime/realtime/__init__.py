@@ -1,0 +1,1 @@
+"""Clocks, deadlines, priorities, and the life of processes."""

@@ -1,0 +1,1 @@
+"""Recordings: written as MCAP while a loop runs, read back as arrays."""

@@ -1,0 +1,258 @@
+"""The processes of servo, recorder and tracker as their parent holds them: start, watch, feed with heartbeats, end.
+
+The parent looks every 20 ms, and takes hold of the ticks before a trip. A servo that vanished is noticed within a
+tenth of a second. One whose tick does not end is told so after a second; what runs in there can refuse to hear that,
+and half a second later the process is killed. A recorder that stands still is reported, and the loop goes on.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import threading
+from contextlib import suppress
+from time import monotonic, monotonic_ns, sleep
+from typing import final
+
+from haptorb.errors import DriverError, RecordingError, ServoError
+from haptorb.runtime.exchange.black_box import BlackBox
+from haptorb.runtime.exchange.report import recorded
+from haptorb.runtime.exchange.shared_memory import Phase, Shared, Word
+from haptorb.runtime.processes.prestart import PLAN, Standby, started
+from haptorb.runtime.realtime.kernel_requests import urgent
+from haptorb.runtime.realtime.memory_growth import MemoryGrowth
+from haptorb.runtime.realtime.stall_time import Stillness
+
+__all__ = ["Children"]
+
+_EVERY = 0.02  #: between two heartbeats [s]
+_STUCK = 1.0  #: without a tick the servo is told that it is stuck [s]
+_HUNG = 1.5  #: and so long without one it is killed [s]
+_STALLED = 1.0  #: without a look for rows the recorder is said to stand still [s]
+_START = 180.0  #: the first start on a machine compiles the kernels [s]
+_USUAL = 3.0  #: a start with compiled code; who needs longer has it compiled by two [s]
+_FINISH = 1.5  #: to end as told before a signal is sent [s]
+_DRAIN = 20.0  #: for the recorder to write what it has [s]
+_HANG = (
+    "world '{}' hangs: the last tick began {:.1f} s ago and did not end; the process was killed. A world must come "
+    "back from every call at once, and must let through what is raised in it"
+)
+_STALL = (
+    "the recorder has stood still for {:.1f} s, and rows that it does not fetch in time are lost; look for a full or "
+    "slow disk"
+)
+
+
+@final
+class Children:
+    """Gives `standby`, whose plan is written, its work; `record` and `track` may add others, then
+    `wait_until_running`."""
+
+    def __init__(self, standby: Standby, shared: Shared, black_box: BlackBox) -> None:
+        self._shared = shared
+        self._black_box = black_box
+        self._errors, self._plan = standby.errors, standby.folder / PLAN
+        self._ending = threading.Event()
+        self._told = False
+        shared.words[Word.HEARTBEAT] = monotonic_ns()
+        self._servo = standby.process
+        self._hang = self._stall = ""
+        self._asked = False  # whether the servo was told that it is stuck
+        self.memory = MemoryGrowth(standby.process.pid)
+        standby.give(shared.path)
+        self._recorder: subprocess.Popen[bytes] | None = None
+        self._tracker: subprocess.Popen[bytes] | None = None
+        self._compiler: subprocess.Popen[bytes] | None = None
+        # Not the thread that may be blocked by a user's code: it has nothing else to do.
+        self._heart = threading.Thread(target=self._beat, name="haptorb-heartbeat", daemon=True)
+        self._heart.start()
+
+    @property
+    def servo_pid(self) -> int:
+        """Process id of the servo."""
+        return self._servo.pid
+
+    @property
+    def recorder_pid(self) -> int:
+        """Process id of the recorder; 0 if there is none."""
+        return self._recorder.pid if self._recorder else 0
+
+    @property
+    def alive(self) -> bool:
+        """Whether the loop runs: the process is there, and it neither ended nor failed."""
+        return self._shared.phase is Phase.RUNNING and self._servo.poll() is None
+
+    def record(self, spec: str, descriptor: int) -> None:
+        """Start the recorder with `spec` (JSON) and the open file `descriptor`."""
+        self._recorder = started(
+            "haptorb.runtime.processes.recorder_process", spec, errors=self._errors, descriptor=descriptor
+        )
+
+    def track(self, spec: str, descriptor: int | None) -> None:
+        """Start the tracker's process with `spec` (JSON) and its open socket `descriptor`, if it has one."""
+        self._tracker = started(
+            "haptorb.runtime.processes.tracker_process", spec, errors=self._errors, descriptor=descriptor
+        )
+
+    def wait_until_running(self) -> None:
+        """Return when the loop has ticked, and recorder and tracker are ready. Raises ServoError, RecordingError or
+        DriverError otherwise."""
+        try:
+            self._wait()
+        finally:
+            if self._compiler is not None:
+                self._compiler.kill()
+                self._compiler.wait()
+        self.check()
+
+    def _wait(self) -> None:
+        begun = monotonic()
+        words = self._shared.words
+        while (
+            not (self.alive and words[Word.TICKS])
+            or (self._recorder and words[Word.RECORDER] == Phase.STARTING)
+            or (self._tracker and words[Word.TRACKER] == Phase.STARTING)
+        ):
+            self.check()
+            if trouble := self.tracker_trouble:
+                raise DriverError(trouble)
+            if monotonic() > begun + _START:
+                raise ServoError(f"the servo did not start within {_START:g} s")
+            if self._compiler is None and self._compiling_since(begun):
+                plan = str(self._plan)
+                self._compiler = started(
+                    "haptorb.runtime.processes.first_start", plan, str(os.getpid()), errors=self._errors
+                )
+            sleep(0.005)
+
+    def _compiling_since(self, begun: float) -> bool:
+        """Whether the servo has been preparing for too long; opening a device may take its time."""
+        return monotonic() > begun + _USUAL and not self._shared.facts.read()[1]
+
+    def check(self) -> None:
+        """Raise ServoError if the servo ended, RecordingError if the recorder did."""
+        # Looked at first: the servo's end is the recorder's, too.
+        recorder = self._recorder
+        over = recorder and (self._shared.words[Word.RECORDER] >= Phase.ENDED or recorder.poll() is not None)
+        code = self._servo.poll()
+        if self._shared.phase >= Phase.ENDED or code is not None:
+            raise ServoError(f"the servo ended: {self._why(code)}")
+        if over:
+            raise RecordingError(f"the recording ended: {self.recorder_trouble}")
+
+    @property
+    def recorder_trouble(self) -> str:
+        """Why there is no recording any more; empty while all is well."""
+        if self._recorder is None:
+            return ""
+        reason = self._shared.recorder_reason.read()[1]
+        code = self._recorder.poll()
+        if reason or not code:
+            return reason or self._stall
+        return f"its process was killed ({_signal(code)})" if code < 0 else f"its process failed: {self._said()}"
+
+    @property
+    def recorded(self) -> dict[str, int]:
+        """Rows in the recording, and rows that are lost to it: see `report.recorded`."""
+        return recorded(self._shared, over=self._recorder is not None and self._recorder.poll() is not None)
+
+    @property
+    def tracker_trouble(self) -> str:
+        """Why there are no poses any more, in one clause; empty while all is well, or there is no such process."""
+        if self._tracker is None:
+            return ""
+        reason = self._shared.tracker_reason.read()[1]
+        code = self._tracker.poll()
+        if reason or not code:
+            return reason
+        return f"the tracker's process was killed ({_signal(code)})" if code < 0 else f"it failed: {self._said()}"
+
+    def end(self) -> None:
+        """End all processes: as told if they listen, else by force. May be called twice."""
+        if self._told:
+            return
+        self._told = True
+        self._shared.words[Word.QUIT] = 1
+        for patience, force in ((_FINISH, signal.SIGTERM), (_FINISH / 2, signal.SIGKILL), (None, None)):
+            try:
+                self._servo.wait(patience)
+                break
+            except subprocess.TimeoutExpired:
+                if force is not None:
+                    self._servo.send_signal(force)
+        self._end_group()
+        if self._tracker:
+            try:
+                self._tracker.wait(_FINISH)
+            except subprocess.TimeoutExpired:
+                self._tracker.kill()
+                self._tracker.wait()
+        if self._recorder:
+            try:
+                self._recorder.wait(_DRAIN)
+            except subprocess.TimeoutExpired:
+                self._recorder.kill()
+                self._recorder.wait()
+        self._ending.set()
+        self._heart.join()
+        self._black_box.finish()
+
+    def _beat(self) -> None:
+        urgent()  # on an overloaded computer half a second may pass before an ordinary thread has its turn
+        words = self._shared.words
+        ticking, recording = Stillness(2 * _EVERY), Stillness(2 * _EVERY)
+        while not self._ending.wait(_EVERY):
+            words[Word.HEARTBEAT] = monotonic_ns()
+            self._black_box.look()
+            now = monotonic()
+            self._watch_servo(now, ticking)
+            still = recording.look(now, words[Word.RECORDER_LOOKS])
+            writing = words[Word.RECORDER] == Phase.RUNNING
+            self._stall = _STALL.format(still) if writing and still > _STALLED else ""
+
+    def _watch_servo(self, now: float, ticking: Stillness) -> None:
+        """End a servo whose tick does not end, and look how much memory it takes."""
+        if not self.alive or self._told:
+            ticking.look(now, -1)
+            return
+        self.memory.look(now)
+        still = ticking.look(now, self._shared.words[Word.TICKS])
+        if still > _HUNG:
+            world = self._shared.world_now()
+            self._hang = _HANG.format(world, still)
+            self._servo.kill()
+            self._end_group()
+        elif still > _STUCK and not self._asked:
+            self._servo.send_signal(signal.SIGUSR2)
+        self._asked = still > _STUCK  # once: a second one could meet what the first one has begun
+
+    def _end_group(self) -> None:
+        """End what the servo's process left behind in its group: what a world has started."""
+        with suppress(OSError):
+            os.killpg(self._servo.pid, signal.SIGKILL)
+
+    def _why(self, code: int | None) -> str:
+        reason = self._hang or self._shared.reason.read()[1]
+        if reason or self._shared.phase is Phase.ENDED:
+            return reason or "as it was told"
+        if code is not None and code < 0:
+            return f"its process was killed ({_signal(code)})"
+        if said := self._said():
+            return said
+        if self._shared.phase is Phase.RUNNING:
+            return f"its process ended with code {code} in the middle of a run, as a world does that calls os._exit"
+        return f"its process failed with code {code}"
+
+    def _said(self) -> str:
+        try:
+            return self._errors.read_text(errors="replace")[-2000:].strip()
+        except OSError:
+            return ""
+
+
+def _signal(code: int) -> str:
+    try:
+        return signal.Signals(-code).name
+    except ValueError:
+        return f"signal {-code}"

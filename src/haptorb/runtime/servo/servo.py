@@ -1,0 +1,367 @@
+"""The servo as Python programs hold it: start it, point, stop, change the world, read rows, and leave it behind.
+
+The loop itself runs in a process of its own; a third one records. Leaving the `with` block in any way ends both and
+leaves the coils off.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import threading
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from time import monotonic, sleep
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Literal, Self, final
+
+from haptorb import worlds
+from haptorb.control.clutch.modes import Gains
+from haptorb.devices.device import Device
+from haptorb.devices.loader import load
+from haptorb.errors import InputError, ServoError
+from haptorb.numerics.arrays import Array, finite
+from haptorb.runtime.exchange import plan as plans
+from haptorb.runtime.exchange.black_box import BlackBox, Tripped
+from haptorb.runtime.exchange.commands import Commands
+from haptorb.runtime.exchange.report import loop_report, tracker_facts
+from haptorb.runtime.exchange.shared_memory import Shared
+from haptorb.runtime.exchange.world_change import description
+from haptorb.runtime.processes.first_start import compiling
+from haptorb.runtime.processes.prestart import Standby
+from haptorb.runtime.realtime.schedule import known_rate
+from haptorb.runtime.realtime.stale_files import Claim, sweep
+from haptorb.runtime.recording.run_recording import RunRecording
+from haptorb.runtime.row import RowLayout
+from haptorb.runtime.servo.device_text import text_of
+from haptorb.runtime.servo.launch import notes, recorder_spec, tracker_spec
+from haptorb.runtime.servo.process_group import Children
+from haptorb.runtime.tick.assembly import (
+    assemble,
+    default_world,
+    electromagnet,
+    known_driver,
+    known_estimator,
+    modes_of,
+)
+from haptorb.runtime.trackers.fed_tracker import PREDICTION, known_prediction
+from haptorb.runtime.trackers.tracker_registry import Preparation, fed, known_frame, known_tracker, prepared
+from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.sensing.calibration_file import read_calibration, read_frame
+from haptorb.sensing.frame.tracker_frame import TrackerFrame
+from haptorb.worlds.world import World
+
+if TYPE_CHECKING:
+    from haptorb.runtime.recording.recording import Recording
+
+__all__ = ["Servo"]
+
+
+@final
+class Servo(Commands):
+    """A device, a world under its mover, and the loop between them.
+
+    device     name in the catalogue, path of a device file, or a Device
+    world      name in the catalogue, or a World; None: the one that shows the device best
+    driver     "sim": the simulated device
+    tracker    "pointer": the tool is where the hand wants it that `point` moves; "hall": the hand follows that as
+               well, but where the tool is, the estimator learns from the field sensors only; "osc:PORT", "lsl:NAME",
+               "replay:FILE", "natnet:HOST": a tracker of its own process, see `tracker_door`
+    prediction  how far such a tracker's pose is carried forward with its own velocity, at most [s]
+    frame      file of `haptorb frame` (or a TrackerFrame) that turns such a tracker's poses into the tool's in the
+               stator's frame; None: it speaks that already
+    rate       of the loop [Hz], 50 to 4000
+    record     file to record to (MCAP); None: a temporary one, deleted at exit; False: no recording
+    overwrite  whether `record` may replace a file
+    seed       of the simulation's noise
+    level      fidelity of the device's model in the controller; None: the device's first
+    estimator  how the mover's state is known; None: the device's default
+    gains      of a motor's two modes; None: `assembly.MOTOR_GAINS`
+    calibration  file of `haptorb calibrate` (or a Calibration) whose values the controller believes; must be this
+               device's
+    watchdog   False: drive an I²C bus although no monostable on its PWM chip's OE pin switches off when this computer
+               stops; nobody may touch such a device
+    black_box  folder for a recording of the last 100 ticks before every trip; None: they are in `trips` only
+
+    Raises UnknownName for a name that is not in its list, InputError for a value that cannot be used, or a world,
+    tracker or gains that do not fit the device, DeviceError for a file that describes no device, and CalibrationError
+    for a calibration or frame that cannot be read or is another device's or tracker's.
+
+    >>> with Servo("omni", "dome") as servo:  # doctest: +SKIP
+    ...     servo.run(seconds=5)
+    ...     print(servo.report()["peak_force_n"])
+    """
+
+    def __init__(
+        self,
+        device: str | Path | Device,
+        world: str | World | None = None,
+        *,
+        driver: str = "sim",
+        tracker: str = "pointer",
+        prediction: float = PREDICTION,
+        frame: str | Path | TrackerFrame | None = None,
+        rate: float = 1000.0,
+        record: str | Path | Literal[False] | None = None,
+        overwrite: bool = False,
+        seed: int = 0,
+        level: str | None = None,
+        estimator: str | None = None,
+        gains: Gains | None = None,
+        calibration: str | Path | Calibration | None = None,
+        black_box: str | Path | None = None,
+        watchdog: bool = True,
+    ) -> None:
+        self.device = device if isinstance(device, Device) else load(device)
+        self._device_text = text_of(self.device, device)
+        self.layout = RowLayout.of(self.device)
+        self.driver = known_driver(driver)
+        self.tracker = known_tracker(tracker, self.driver)
+        self.tracker_token = ""  #: what senders on other computers must say first; known once the servo is open
+        self.rate = known_rate(rate)
+        self.seed = _known_seed(seed)
+        if level is not None:
+            self.device.known_level(level)
+        self.estimator = known_estimator(self.device, "hall" if tracker == "hall" and estimator is None else estimator)
+        self.calibration = (
+            read_calibration(calibration) if isinstance(calibration, str | Path) else calibration
+        )  #: what the controller believes of the device beside its file
+        if self.calibration is not None:
+            self.calibration.applied(electromagnet(self.device))  # refuses here what is another device's
+        self.modes = modes_of(self.device)  #: that `set_mode` knows; empty where the device acts directly
+        if gains is not None and not self.modes:
+            raise InputError(f"gains are those of a motor's two modes; device '{self.device.name}' has none")
+        first = world if isinstance(world, World) else worlds.named(world or default_world(self.device))()
+        Commands.__init__(self, first)
+        first.for_device(self.device)  # refuses here, not in another process, what the device cannot render
+        # Compiling in the first tick would be a silence at which a real device's firmware switches off.
+        chain, practice = (
+            partial(
+                assemble, self.device, first, through, self.rate, self.seed, level,
+                estimator=self.estimator, gains=gains, calibration=self.calibration, watchdog=watchdog,
+            )
+            for through in (self.driver, "sim")
+        )  # fmt: skip
+        self._ahead = known_prediction(prediction)
+        self.frame = read_frame(frame) if isinstance(frame, str | Path) else frame  #: between tracker and stator
+        if self.frame is not None:
+            known_frame(self.frame, self.device, self.tracker, self.driver)
+        self._plan = plans.Plan(
+            first, self.rate, chain, practice, self._ahead if fed(self.tracker) else None,
+            None if self.calibration is None else self.calibration.id,
+            partial(compiling, self.device, first, self.estimator, level, gains),
+        )  # fmt: skip
+        self._recording = RunRecording(record, overwrite=overwrite)
+        self._trips_folder = None if black_box is None else Path(black_box).expanduser().absolute()
+        self._black_box: BlackBox | None = None
+        self._shared: Shared | None = None
+        self._children: Children | None = None
+        self._folder: Path | None = None
+        self._claim: Claim | None = None  # on the folder
+
+    def open(self, standby: Standby | None = None) -> None:
+        """Start: returns when the loop runs. Raises RecordingError or ServoError, with nothing left running.
+
+        standby: a process that was sent ahead, and is this servo's from here on; None: one is started now.
+        """
+        if self._children is not None:
+            raise ServoError("this servo was started before; make a new one")
+        preparation = prepared(self.tracker) if fed(self.tracker) else None
+        descriptor: int | None = None
+        tidying = threading.Thread(target=sweep, name="haptorb-tidying", daemon=True)  # beside the start, which waits
+        tidying.start()
+        try:
+            descriptor = self._recording.opened()
+            self._start(descriptor, preparation, standby)
+        except BaseException:
+            self.close()
+            self._recording.discard()
+            raise
+        finally:
+            if descriptor is not None:
+                os.close(descriptor)
+            if preparation is not None:
+                preparation.close()
+            tidying.join()
+
+    def close(self) -> None:
+        """Coils off, processes ended, recording complete. May be called twice."""
+        if self._children is not None:
+            self._children.end()
+        if self._shared is not None:
+            self._shared.unlink()
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+        if self._claim is not None:
+            self._claim.close()
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the loop runs."""
+        return self._children is not None and self._children.alive
+
+    @property
+    def servo_pid(self) -> int:
+        """Process id of the loop; 0 before the start."""
+        return self._children.servo_pid if self._children is not None else 0
+
+    @property
+    def recording_trouble(self) -> str:
+        """Why the recording ended before the servo did, or stands still; empty while all is well."""
+        return self._children.recorder_trouble if self._children is not None else ""
+
+    @property
+    def warning(self) -> str:
+        """What a person should know of the device that answered and of the servo's memory; empty if nothing."""
+        if self._shared is None or self._children is None:
+            return ""
+        return "; ".join(filter(None, (self._shared.warning.read()[1], self._children.memory.warning)))
+
+    def check(self) -> None:
+        """Raise ServoError with the servo's own reason if the loop no longer runs, RecordingError if the recorder
+        does not."""
+        if self._children is None:
+            raise ServoError("the servo was not started: use `with haptorb.Servo(...) as servo:`")
+        self._children.check()
+
+    def run(self, seconds: float) -> None:
+        """Let the loop run for `seconds`. Raises ServoError as soon as it ends by itself, RecordingError if the
+        recorder does; InputError if `seconds` is negative or not finite.
+
+        Ctrl-C closes the servo first, then goes on its way.
+        """
+        duration = float(finite(seconds, "seconds"))
+        if duration < 0:
+            raise InputError(f"seconds must not be negative; got {seconds!r}")
+        end = monotonic() + duration
+        try:
+            while True:
+                self.check()
+                left = end - monotonic()
+                if left <= 0:
+                    return
+                sleep(min(left, 0.02))
+        except KeyboardInterrupt:
+            self.close()
+            raise
+
+    def rows(self, cursor: int = 0) -> tuple[int, Array]:
+        """(new cursor, rows (n, width)): what the loop published after the first `cursor` rows, oldest first.
+
+        The last 8191 rows are kept; (new cursor − cursor − n) rows were lost to a slower reader.
+        """
+        return self._memory.ring.since(cursor)
+
+    def latest(self) -> Array | None:
+        """(width,) the newest row; None before the first."""
+        return self._memory.ring.latest()
+
+    def report(self) -> dict[str, Any]:
+        """What the run was like so far, as plain JSON types: see `loop_report`."""
+        world, values = self.world
+        loop, children = loop_report(self._memory), self._children
+        assert children is not None
+        troubles = {"recording_trouble": children.recorder_trouble, "tracker_trouble": children.tracker_trouble}
+        return {
+            "device": self.device.name,
+            "world": world,
+            "world_values": values,
+            "driver": self.driver,
+            "tracker": self.tracker,
+            "estimator": self.estimator,
+            "rate_hz": self.rate,
+            "seed": self.seed,
+            "recording": self._recording.named,
+            **loop,
+            "recorded": children.recorded,
+            "memory_mb": children.memory.facts(),
+            "warning": self.warning,
+            **{name: trouble for name, trouble in troubles.items() if trouble},
+        }
+
+    @property
+    def tracker_refused(self) -> dict[str, int]:
+        """How many messages the tracker's process has refused so far, by the reasons of `runtime.reception`."""
+        shared = self._attached
+        return dict(tracker_facts(shared).get("refused", {})) if shared is not None else {}
+
+    @property
+    def trips(self) -> tuple[Tripped, ...]:
+        """The first 64 trips, each with the last 100 ticks up to it."""
+        if self._black_box is None:
+            return ()
+        self._black_box.look()
+        return tuple(self._black_box.trips)
+
+    @property
+    def trip_files(self) -> tuple[Path, ...]:
+        """The recordings in the `black_box` folder so far."""
+        return () if self._black_box is None else tuple(file for file in self._black_box.files if file is not None)
+
+    @property
+    def recording(self) -> Recording:
+        """What was recorded up to now. While the loop runs, and after a crash, it is marked as truncated.
+
+        Raises RecordingError if nothing was, or if the file cannot be read.
+        """
+        return self._recording.read()
+
+    @property
+    def _attached(self) -> Shared | None:
+        return self._shared
+
+    def _start(self, descriptor: int | None, tracker: Preparation | None, standby: Standby | None) -> None:
+        with standby or Standby() as process:
+            file = process.plan
+            try:
+                plans.save(self._plan, file)
+            except Exception as cause:
+                raise InputError(f"world or device cannot be sent to the servo's process: {cause}") from cause
+            self._shared = Shared.create(self.layout)
+            self._carry_stops(self._shared)
+            self._black_box = BlackBox(self._shared, self.device.name, self.rate, self._trips_folder)
+            self._claim, self._folder = process.claim, process.folder
+            self._children = Children(process, self._shared, self._black_box)
+        if descriptor is not None:
+            spec = recorder_spec(
+                self._shared, self._children.servo_pid, descriptor, self.rate,
+                temporary=self._recording.temporary, notes=self._notes(),
+            )  # fmt: skip
+            self._children.record(json.dumps(spec), descriptor)
+        if tracker is not None:
+            self.tracker_token = tracker.token
+            listening = tracker_spec(self._shared, tracker, self.frame)
+            self._children.track(json.dumps(listening), tracker.descriptor if tracker.descriptor >= 0 else None)
+        # What `report` loads at its first percentile: while the loop runs it would hold up this program's heart.
+        import_module("numpy.ma")
+        self._children.wait_until_running()
+
+    def _notes(self) -> dict[str, dict[str, str]]:
+        """What a recording says of its run."""
+        run = {
+            "driver": self.driver,
+            "tracker": self.tracker,
+            "prediction_s": repr(self._ahead) if fed(self.tracker) else "",
+            "frame": "" if self.frame is None else self.frame.text(),
+            "estimator": self.estimator,
+            "calibration": "" if self.calibration is None else self.calibration.text(),
+            "seed": str(self.seed),
+            "rate_hz": repr(self.rate),
+            "first_world": description(self._plan.world),
+        }
+        return notes(self.device, self._device_text, run)
+
+
+def _known_seed(seed: int) -> int:
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise InputError(f"seed must be a whole number from 0 on; got {seed!r}")
+    return seed

@@ -1,0 +1,52 @@
+"""What the loop drives, as far as the loop must know: the tick's chain, its stop, its driver's close."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from haptorb.control.clutch.modes import Mode
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.drivers.driver import Driver
+from haptorb.worlds.world import World
+
+__all__ = ["Chain", "Joining"]
+
+
+class Joining(Protocol):
+    """The part of a linkage that the loop needs."""
+
+    def set_mode(self, mode: Mode) -> None:
+        """Go over to `mode` without a step."""
+
+    def set_clutch(self, engaged: bool) -> None:
+        """Take hold of the world's object, or let it go, without a step."""
+
+
+class Chain(Protocol):
+    """Driver, estimator, world, allocator and guard in one hand; `Tick` is the real one."""
+
+    error: str  #: what a failed world or driver said
+
+    @property
+    def driver(self) -> Driver:
+        """The door to the device."""
+
+    @property
+    def linkage(self) -> Joining:
+        """What joins the mover to the world's object."""
+
+    def prepare(self, now: float) -> None:
+        """The tick at `now` [s] is near: do what need not wait for it."""
+
+    def step(self, row: Array, now: float) -> None:
+        """One tick at `now` [s] on the loop's clock; fills all of `row` (width,) except what the clock knows, each
+        number in the unit of its field."""
+
+    def stop(self) -> None:
+        """A person stopped: coils off in the next step, and off until `engage`."""
+
+    def engage(self) -> bool:
+        """After a stop or a trip: begin again, from zero; False while the reason is still there."""
+
+    def change_world(self, world: World) -> None:
+        """Render `world` from the next step on. Raises InputError if the device cannot."""

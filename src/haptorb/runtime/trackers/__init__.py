@@ -1,0 +1,1 @@
+"""Sources of the tool pose: feeds over the network, filtered and checked."""

@@ -1,0 +1,92 @@
+"""A tracker outside this process: its last pose out of shared memory, carried forward a little, never further."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from haptorb.errors import InputError
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.compiled import kernel
+from haptorb.runtime.memory.pose_block import TrackedBlock
+from haptorb.runtime.trackers.tracker import Goal, Tracker
+from haptorb.sensing.sample import Pose
+
+__all__ = ["FARTHEST", "PREDICTION", "FedTracker", "known_prediction"]
+
+PREDICTION = 0.004  #: how far a pose is carried forward at most, unless told otherwise [s]
+FARTHEST = 0.020  #: nobody knows a hand's way further ahead than this [s]
+
+_NOWHERE = float("-inf")
+
+
+def known_prediction(seconds: float) -> float:
+    """`seconds` itself; InputError if a pose may not be carried forward by so much."""
+    if not 0.0 <= seconds <= FARTHEST:
+        raise InputError(f"prediction must be from 0 to {1e3 * FARTHEST:g} ms; got {1e3 * seconds:g} ms")
+    return float(seconds)
+
+
+@kernel
+def _carried(p: Array, q: Array, v: Array, w: Array, ahead: float, out_p: Array, out_q: Array, R: Array) -> None:
+    """Constant velocity for `ahead` [s]; the turn by the exact exponential of w·ahead, stator frame."""
+    for i in range(3):
+        out_p[i] = p[i] + v[i] * ahead
+    rate = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+    half = 0.5 * rate * ahead
+    s = np.sin(half) / rate if rate * ahead > 1e-12 else 0.5 * ahead
+    x, y, z, c = s * w[0], s * w[1], s * w[2], np.cos(half)
+    out_q[0] = c * q[0] + x * q[3] + y * q[2] - z * q[1]
+    out_q[1] = c * q[1] - x * q[2] + y * q[3] + z * q[0]
+    out_q[2] = c * q[2] + x * q[1] - y * q[0] + z * q[3]
+    out_q[3] = c * q[3] - x * q[0] - y * q[1] - z * q[2]
+    x, y, z, c = out_q[0], out_q[1], out_q[2], out_q[3]
+    R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * c), 2 * (x * z + y * c)
+    R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + z * c), 1 - 2 * (x * x + z * z), 2 * (y * z - x * c)
+    R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - y * c), 2 * (y * z + x * c), 1 - 2 * (x * x + y * y)
+
+
+@final
+class FedTracker(Tracker):
+    """What a tracker's own process wrote into `block`.
+
+    A valid pose is carried forward with its own velocity to the present, by at most `prediction` [s]; it keeps the time
+    at which it was measured, so that it grows old as if nothing had been predicted. A pose that the tracker has lost
+    stays where it was last and is not valid. `rest` is where a simulated hand waits for the first pose.
+    """
+
+    def __init__(self, block: TrackedBlock, prediction: float = PREDICTION, *, rest: Array | None = None) -> None:
+        self._block = block
+        self._prediction = known_prediction(prediction)
+        self._p = np.array([0.0, 0.0, 0.062]) if rest is None else np.array(rest, dtype=np.float64)
+        self._q = np.array([0.0, 0.0, 0.0, 1.0])
+        self._R = np.eye(3)
+        self._v = self._w = np.zeros(3)
+        self._told(0.0)  # compiled now, and not in the first tick
+
+    def _told(self, now: float) -> float:
+        """Bring p, q, R, v and w to `now`; returns the pose's time on the loop's clock, −inf if nobody knows it."""
+        told = self._block.tracked()
+        stamp = told.stamp - self.origin
+        age = now - stamp
+        if not (told.valid and age < float("inf")):  # not a number is no age, either
+            if not told.valid:
+                self._v = self._w = np.zeros(3)
+            return _NOWHERE
+        self._p, self._q, self._R = np.empty(3), np.empty(4), np.empty((3, 3))
+        ahead = min(max(age, 0.0), self._prediction)
+        _carried(told.p, told.q, told.v, told.w, ahead, self._p, self._q, self._R)
+        self._v, self._w = told.v, told.w
+        return min(stamp, now)
+
+    def goal(self, now: float) -> Goal:
+        """Where the hand wants the mover; a simulated hand waits at its last goal while the tracker knows nothing."""
+        stamp = self._told(now)
+        return Goal(self._p, self._q, stamp, True)
+
+    def pose(self, now: float) -> Pose:
+        """Where the tool is; not valid before the tracker's first pose and after it lost the tool."""
+        stamp = self._told(now)
+        valid = stamp != _NOWHERE
+        return Pose(stamp if valid else now, self._R, self._p, self._w, self._v, valid)

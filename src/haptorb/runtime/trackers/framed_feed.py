@@ -1,0 +1,33 @@
+"""A feed whose poses are in a frame of its own, heard as poses of the tool in the stator's frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import final
+
+from haptorb.runtime.trackers.feed import Feed, Garbage, Heard
+from haptorb.sensing.frame.tracker_frame import TrackerFrame
+
+__all__ = ["FramedFeed"]
+
+
+@final
+class FramedFeed(Feed):
+    """Wraps `feed`. Times are not touched; velocities follow from the poses, so they are in the stator's frame too."""
+
+    def __init__(self, feed: Feed, frame: TrackerFrame) -> None:
+        self._feed, self._frame = feed, frame
+        self.one_tool = feed.one_tool
+
+    def heard(self, patience: float) -> Iterator[Heard | Garbage]:
+        """As the feed hears it; a loss has no pose, and what cannot be one is left for others to refuse."""
+        for one in self._feed.heard(patience):
+            if isinstance(one, Garbage) or not one.valid:
+                yield one
+                continue
+            p, q = self._frame.placed(one.p, one.q)
+            yield one._replace(p=p, q=q)
+
+    def close(self) -> None:
+        """Close the feed."""
+        self._feed.close()

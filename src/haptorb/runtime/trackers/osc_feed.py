@@ -1,0 +1,138 @@
+"""Poses as OSC messages over UDP: the documented layout, a socket of its own, a token beyond this computer.
+
+    /haptorb/pose  [token]  x y z  qx qy qz qw  [t]
+    /haptorb/lost  [token]  [t]
+
+Metres and a unit quaternion in the stator frame, as floats, doubles or integers; t [s] on the sender's own clock.
+Poses of two programs make no path of one tool, so the first that says one is the only one: another is heard only when
+it was silent for two seconds, and then the pose counts as lost first.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import select
+import socket
+from collections.abc import Iterator
+from hmac import compare_digest
+from math import isfinite
+from time import monotonic
+from typing import final
+
+from haptorb.errors import DriverError
+from haptorb.runtime.trackers.feed import Feed, Garbage, Heard
+from haptorb.runtime.trackers.sender_clock import SenderClock
+
+__all__ = ["LOST", "POSE", "OscFeed", "loopback", "osc_socket"]
+
+POSE, LOST = "/haptorb/pose", "/haptorb/lost"
+
+_LONGEST = 1024  #: no message of the layout is longer; what is, is not even parsed [bytes]
+_BURST = 256  #: datagrams taken at once before the pose is written again
+_SILENT = 2.0  #: a sender that says nothing for so long may be replaced [s]
+_LOST = 0.05  #: so long the pose is lost in between: some ticks of any loop must see it [s]
+
+
+def loopback(host: str) -> bool:
+    """Whether only programs on this computer can reach `host`.
+
+    >>> loopback("127.0.0.1"), loopback("::1"), loopback("0.0.0.0"), loopback("localhost")
+    (True, True, False, True)
+    """
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def osc_socket(host: str, port: int) -> socket.socket:
+    """A UDP socket bound to `host` and `port`; DriverError if it is taken, not allowed or not this computer's."""
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+    except OSError as cause:
+        raise DriverError(f"tracker osc: there is no host '{host}' ({cause.strerror})") from cause
+    opened = socket.socket(family, kind, protocol)
+    try:
+        opened.bind(address)
+    except OSError as cause:
+        opened.close()
+        raise DriverError(
+            f"tracker osc: cannot listen on {host}, UDP port {port}: {cause.strerror}. Choose another port, end the "
+            "program that has it, or name an address of this computer"
+        ) from cause
+    return opened
+
+
+@final
+class OscFeed(Feed):
+    """Listens on an open socket. With a `token`, messages that do not begin with it are a stranger's."""
+
+    def __init__(self, listening: socket.socket, token: str = "") -> None:
+        from pythonosc.osc_packet import OscPacket  # here, so that its absence is told before anything starts
+
+        self._parsed = OscPacket
+        self._socket = listening
+        self._socket.setblocking(False)
+        self._token = token.encode()
+        self._clock = SenderClock()
+        self._sender: object = None
+        self._spoke = float("-inf")  # when it last said something of the layout
+        self._heard_from = float("-inf")  # its poses count from then on
+
+    def heard(self, patience: float) -> Iterator[Heard | Garbage]:
+        """What came in up to 256 datagrams; at most `patience` [s] for the first."""
+        select.select([self._socket], [], [], patience)
+        for _ in range(_BURST):
+            try:
+                data, sender = self._socket.recvfrom(_LONGEST + 1)
+            except BlockingIOError:
+                return
+            except OSError:  # a reply of "nobody there" to something that we never sent
+                continue
+            yield from self.read(data, monotonic(), sender)
+
+    def read(self, data: bytes, arrival: float, sender: object = "the only one") -> Iterator[Heard | Garbage]:
+        """What one datagram of `sender` (its address and port) says."""
+        if len(data) > _LONGEST:
+            yield Garbage("garbage")
+            return
+        try:
+            messages = [(one.message.address, list(one.message.params)) for one in self._parsed(data).messages]
+        except Exception:  # whatever a parser makes of bytes that anybody may send
+            yield Garbage("garbage")
+            return
+        if not messages:
+            yield Garbage("garbage")
+        for address, values in messages:
+            yield self._message(address, values, arrival, sender)
+
+    def _message(self, address: str, values: list[object], arrival: float, sender: object) -> Heard | Garbage:
+        if self._token:
+            said = values.pop(0) if values else None
+            if not (isinstance(said, str) and compare_digest(said.encode("utf-8", "replace"), self._token)):
+                return Garbage("stranger")
+        numbers = [float(x) for x in values if isinstance(x, int | float) and not isinstance(x, bool)]
+        first = {POSE: 7, LOST: 0}.get(address)
+        if first is None or len(numbers) != len(values) or len(numbers) not in (first, first + 1):
+            return Garbage("garbage")
+        sent = numbers[first] if len(numbers) > first else None
+        if sent is not None and not isfinite(sent):
+            return Garbage("not_finite")
+        if sender != self._sender:
+            if arrival - self._spoke <= _SILENT:
+                return Garbage("another_sender")
+            replaced, self._sender, self._spoke = self._sender is not None, sender, arrival
+            if replaced:
+                self._clock, self._heard_from = SenderClock(), arrival + _LOST
+                return Heard((), (), arrival, arrival, False)
+        self._spoke = arrival
+        if arrival < self._heard_from:
+            return Garbage("another_sender")
+        stamp = arrival if sent is None else self._clock.stamp(sent, arrival)
+        if address == LOST:
+            return Heard((), (), stamp, arrival, False)
+        return Heard(tuple(numbers[:3]), tuple(numbers[3:7]), stamp, arrival)
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self._socket.close()

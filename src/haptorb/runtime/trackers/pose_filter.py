@@ -1,0 +1,189 @@
+"""What is heard from a tracker becomes what is believed: order, finiteness and plausibility judged, velocity added.
+
+Whatever is refused is counted under a name, so that a sender's mistake can be found; the last good pose then simply
+grows old, and the guard knows what to do with that. A pose that has jumped is more than a mistake: either it or the one
+before is wrong, so the tool is lost until the poses agree with each other again.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from math import exp, isfinite, sqrt
+from typing import Any, final
+
+import numpy as np
+
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.memory.pose_block import Tracked, TrackedBlock
+from haptorb.runtime.trackers.feed import Feed, Garbage, Heard
+from haptorb.runtime.trackers.sender_clock import ANEW
+
+__all__ = ["REASONS", "Reception"]
+
+#: why something was refused, as the report names it
+REASONS = {
+    "garbage": "no message of the documented layout",
+    "stranger": "without the token",
+    "another_sender": "from another program than the poses before",
+    "not_finite": "a number that is none",
+    "no_rotation": "a quaternion whose length is not 1",
+    "too_far": "farther than 5 m away: millimetres instead of metres?",
+    "out_of_order": "not newer than the one before",
+    "jump": "farther from the one before than a hand can have brought the tool",
+}
+
+_REACH = 5.0  #: no tool is farther away; one in millimetres seems to be [m]
+_UNIT = 0.1  #: a quaternion's length may be off 1 by this
+_FASTEST = 3.0  #: no hand moves the tool faster, a tracker that jumps does [m/s]
+_SPINNING = 30.0  #: nor does it turn it faster [rad/s]
+_BURST = 0.010  #: poses without a time of their own may have waited, and then come all at once: this far apart [s]
+_STEP = 0.004  #: and with one, by the clocks' comparison [s]
+_AGREED = 0.05  #: after a jump, poses must agree for so long, and at least three of them [s]
+_SMOOTHED = 0.010  #: time constant of the velocities [s]
+_SILENCE = 0.05  #: without a pose for longer is a gap [s]
+_KEPT = 2048  #: of intervals and delays, for the percentiles
+
+
+@final
+class Reception:
+    """Judges what `feed` hears and writes what may be believed into `block`."""
+
+    def __init__(self, feed: Feed, block: TrackedBlock) -> None:
+        self._feed, self._block = feed, block
+        self._last: Tracked | None = None  # the last pose that was believed; None after a loss
+        self._arrival = float("-inf")  # of the last message that was in order
+        self._stamp = float("-inf")
+        self._doubted: Tracked | None = None  # the last pose since a jump, while they do not agree for long enough
+        self._since, self._alike = 0.0, 0  # since when they agree, and how many
+        self.accepted = 0
+        self.lost = 0  #: how often the tracker said that it lost the tool
+        self.gaps = 0  #: silences above 50 ms
+        self.refused: Counter[str] = Counter()
+        self._intervals: deque[float] = deque(maxlen=_KEPT)
+        self._delays: deque[float] = deque(maxlen=_KEPT)
+
+    def listen(self, patience: float) -> None:
+        """Take whatever comes within `patience` [s]."""
+        for one in self._feed.heard(patience):
+            if isinstance(one, Garbage):
+                self.refused[one.why] += 1
+            else:
+                self._take(one)
+
+    def _take(self, heard: Heard) -> None:
+        why = "" if isfinite(heard.stamp) and isfinite(heard.arrival) else "not_finite"
+        if not why and heard.arrival - self._arrival > ANEW:
+            self._stamp = float("-inf")
+        if not why and heard.valid:
+            why = _wrong(heard)
+        if not why and not heard.stamp > self._stamp:
+            why = "out_of_order"
+        if why:
+            self.refused[why] += 1
+            return
+        passed = heard.arrival - self._arrival
+        if isfinite(passed):
+            self._intervals.append(passed)
+            self.gaps += passed > _SILENCE
+        self._arrival, self._stamp = heard.arrival, heard.stamp
+        if not heard.valid:
+            self.lost += self._last is not None
+            before, self._last, self._doubted = self._last, None, None
+            if before is not None:
+                self._block.write(before._replace(valid=False, stamp=heard.stamp))
+            return
+        p, q = np.array(heard.p, dtype=np.float64), np.array(heard.q, dtype=np.float64)
+        pose = Tracked(True, p, q / sqrt(float(q @ q)), np.zeros(3), np.zeros(3), heard.stamp)
+        if self._feed.one_tool and self._doubtful(pose, _BURST if heard.stamp >= heard.arrival else _STEP):
+            self.refused["jump"] += 1
+            return
+        self.accepted += 1
+        self._delays.append(heard.arrival - heard.stamp)
+        self._last = self._moved(pose)
+        self._block.write(self._last)
+
+    def _doubtful(self, pose: Tracked, least: float) -> bool:
+        """Whether `pose` has jumped, or comes after one that has; `least` [s] may be missing between two stamps."""
+        last = self._doubted or self._last
+        jumped = last is not None and _jumped(last, pose, max(pose.stamp - last.stamp, least))
+        if self._doubted is None:
+            if not jumped:
+                return False
+            assert self._last is not None
+            self.lost += 1
+            self._block.write(self._last._replace(valid=False, stamp=pose.stamp))
+            self._last = None
+        if jumped:
+            self._since, self._alike = pose.stamp, 0
+        self._alike += 1
+        self._doubted = pose
+        if self._alike < 3 or pose.stamp - self._since < _AGREED:
+            return True
+        self._doubted = None
+        return False
+
+    def _moved(self, pose: Tracked) -> Tracked:
+        """The pose with the velocities since the one before; none after a loss, a gap or a jump."""
+        p, q, v, w = pose.p, pose.q, pose.v, pose.w
+        last = self._last
+        if last is not None and 0.0 < pose.stamp - last.stamp <= _SILENCE:
+            passed = pose.stamp - last.stamp
+            rate, turn = (p - last.p) / passed, _turned(last.q, q) / passed
+            share = 1.0 - exp(-passed / _SMOOTHED)
+            if float(rate @ rate) <= _FASTEST**2 and float(turn @ turn) <= _SPINNING**2:
+                v, w = last.v + share * (rate - last.v), last.w + share * (turn - last.w)
+        return pose._replace(v=v, w=w)
+
+    def facts(self) -> dict[str, Any]:
+        """How well it comes, as plain JSON types; rates and times over the last 2048 poses."""
+        intervals, delays = np.array(self._intervals), 1e3 * np.array(self._delays)
+        middle = float(np.median(intervals)) if len(intervals) else None
+        return {
+            "rate_hz": None if not middle else float(1.0 / intervals.mean()),
+            "jitter_ms": None if middle is None else 1e3 * float(np.percentile(np.abs(intervals - middle), 99)),
+            "latency_ms": None if not len(delays) else _percentiles(delays),
+            "accepted": self.accepted,
+            "lost": self.lost,
+            "gaps": self.gaps,
+            "refused": dict(self.refused),
+        }
+
+
+def _wrong(heard: Heard) -> str:
+    """Why the pose cannot be one; nothing if it can."""
+    if len(heard.p) != 3 or len(heard.q) != 4:
+        return "garbage"
+    if not isfinite(sum(map(abs, heard.p)) + sum(map(abs, heard.q))):
+        return "not_finite"
+    if sqrt(sum(x * x for x in heard.p)) > _REACH:
+        return "too_far"
+    length = sqrt(sum(x * x for x in heard.q))
+    return "" if abs(length - 1.0) <= _UNIT else "no_rotation"
+
+
+def _jumped(before: Tracked, pose: Tracked, passed: float) -> bool:
+    """Whether no hand could have brought the tool from one pose to the other within `passed` [s]."""
+    way, turn = pose.p - before.p, _turned(before.q, pose.q)
+    return bool(float(way @ way) > (_FASTEST * passed) ** 2 or float(turn @ turn) > (_SPINNING * passed) ** 2)
+
+
+def _turned(before: Array, q: Array) -> Array:
+    """(3,) [rad], stator frame: the shortest turn from one unit quaternion to the next, both (x, y, z, w)."""
+    a, b = before, q
+    v = np.array(
+        [
+            -b[3] * a[0] + b[0] * a[3] - b[1] * a[2] + b[2] * a[1],
+            -b[3] * a[1] + b[1] * a[3] - b[2] * a[0] + b[0] * a[2],
+            -b[3] * a[2] + b[2] * a[3] - b[0] * a[1] + b[1] * a[0],
+        ]
+    )
+    c = float(a @ b)
+    v = v if c >= 0.0 else -v
+    s = sqrt(float(v @ v))
+    scale = 2.0 * float(np.arctan2(s, abs(c))) / s if s > 1e-12 else 2.0
+    turn: Array = scale * v
+    return turn
+
+
+def _percentiles(values: Array) -> dict[str, float]:
+    return {"p50": float(np.percentile(values, 50)), "p99": float(np.percentile(values, 99))}

@@ -1,0 +1,1 @@
+"""Magnetic and thermal calibration of one device."""

@@ -1,0 +1,131 @@
+"""What calibration found of one device, as one versioned JSON text that names the device it belongs to."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.errors import CalibrationError, shown
+from haptorb.files.json_file import document, numbers
+from haptorb.numerics.arrays import Array
+from haptorb.physics.thermal import TwoNode
+
+__all__ = ["FORMAT", "Calibration"]
+
+FORMAT = "haptorb-calibration-1"
+_KEYS = {"format", "device", "digest", "moment_per_current_m2", "uncertainty_m2", "offsets_t", "resistance_ohm",
+         "residual_t", "condition", "repeatability", "heat", "simulated"}  # fmt: skip
+_HEAT = ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air")
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Measured values of the device whose file has `digest`; they take the places of the file's.
+
+    moment_per_current  (3, m) [m²] and its standard deviations, uncertainty (3, m)
+    offsets             (k, 3) [T] of the field sensors at zero current, without a tool
+    resistance          (m,) [Ω] at the device file's reference temperature
+    residual            rms that the magnetic regression leaves [T]; condition and repeatability as there
+    heat                two nodes from a thermal record; None where none was given
+    simulated           it was measured on a simulation
+    """
+
+    device: str
+    digest: str
+    moment_per_current: Array
+    uncertainty: Array
+    offsets: Array
+    resistance: Array
+    residual: float
+    condition: float
+    repeatability: float
+    heat: TwoNode | None
+    simulated: bool
+
+    def applied(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
+        """`device` with what was measured; CalibrationError if the calibration is another device's."""
+        if device.digest != self.digest:
+            raise CalibrationError(
+                f"the calibration is that of device {shown(self.device)} with file {shown(self.digest[:12])}, not of "
+                f"'{device.name}' with file {device.digest[:12]}; calibrate again with "
+                f"`haptorb calibrate {device.name}`"
+            )
+        coils = replace(device.coils, resistance=self.resistance)
+        if self.heat is not None:
+            heat = replace(coils.heat, **{name: getattr(self.heat, name) for name in _HEAT})
+            coils = replace(coils, heat=heat)
+        return replace(device, moment_per_current=self.moment_per_current, coils=coils)
+
+    @property
+    def id(self) -> bytes:
+        """16 bytes that name this very calibration: the beginning of its text's SHA-256. A device may keep them."""
+        return hashlib.sha256(self.text().encode()).digest()[:16]
+
+    def text(self) -> str:
+        """As JSON, every digit kept."""
+        heat = None if self.heat is None else {name: getattr(self.heat, name) for name in _HEAT}
+        content = {
+            "format": FORMAT,
+            "device": self.device,
+            "digest": self.digest,
+            "simulated": self.simulated,
+            "moment_per_current_m2": self.moment_per_current.tolist(),
+            "uncertainty_m2": self.uncertainty.tolist(),
+            "offsets_t": self.offsets.tolist(),
+            "resistance_ohm": self.resistance.tolist(),
+            "residual_t": self.residual,
+            "condition": self.condition,
+            "repeatability": self.repeatability,
+            "heat": heat,
+        }
+        return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+    @classmethod
+    def parse(cls, text: str, name: str) -> Calibration:
+        """From JSON; `name` is what mistakes are reported under. CalibrationError if it is no calibration."""
+        raw = document(text, name, "calibration", FORMAT, _KEYS, "calibrate again")
+        moments = numbers(raw, "moment_per_current_m2", name, (3, None))
+        channels = moments.shape[1]
+        if np.linalg.matrix_rank(moments) < min(3, channels):
+            raise CalibrationError(f"{name}: moment_per_current_m2 is singular: two coils would do the same")
+        if not isinstance(raw["simulated"], bool):
+            raise CalibrationError(f"{name}: simulated must be true or false; got {shown(raw['simulated'])}")
+        resistance = numbers(raw, "resistance_ohm", name, (channels,))
+        if not (resistance > 0).all():
+            raise CalibrationError(f"{name}: resistance_ohm must be positive; got {resistance.tolist()}")
+        return cls(
+            _word(raw, "device", name),
+            _word(raw, "digest", name),
+            moments,
+            numbers(raw, "uncertainty_m2", name, moments.shape),
+            numbers(raw, "offsets_t", name, (None, 3)),
+            resistance,
+            float(numbers(raw, "residual_t", name, ())),
+            float(numbers(raw, "condition", name, ())),
+            float(numbers(raw, "repeatability", name, ())),
+            _heat(raw["heat"], name),
+            raw["simulated"],
+        )
+
+
+def _word(raw: Mapping[str, Any], key: str, name: str) -> str:
+    if not isinstance(raw[key], str):
+        raise CalibrationError(f"{name}: {key} must be a text; got {shown(raw[key])}")
+    return str(raw[key])
+
+
+def _heat(raw: Any, name: str) -> TwoNode | None:
+    if raw is None:
+        return None
+    if not isinstance(raw, Mapping) or set(raw) != set(_HEAT):
+        raise CalibrationError(f"{name}: heat must be null or have exactly {', '.join(_HEAT)}")
+    values = [float(numbers(raw, key, name, ())) for key in _HEAT]
+    if not all(value > 0 for value in values):
+        raise CalibrationError(f"{name}: all values of heat must be positive; got {values}")
+    return TwoNode(*values)

@@ -1,0 +1,193 @@
+"""What an ampere does to the electromagnet's moment, measured by the field sensors: Zárate 2020 eq. (5), Fig. 7.
+
+Excite each coil over a schedule of currents, read currents and fields, and regress: B_s = U_s M i + b_s, with U_s the
+field of a unit moment at sensor s. The off-diagonal terms of M are the coils' non-orthogonality; b_s takes up the
+earth, a resting tool and the sensors' offsets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.errors import CalibrationError, InputError
+from haptorb.numerics.arrays import Array, finite
+from haptorb.physics.sources import dipole
+
+__all__ = ["MagneticCalibration", "excitation", "magnetic_calibration"]
+
+_DEAD = 0.2  #: share of the wanted current below which a coil counts as not connected
+_ALIKE = 0.8  #: cosine from which a coil's moment counts as being along another coil's axis
+
+
+@dataclass(frozen=True)
+class MagneticCalibration:
+    """The regression's result, and how far it may be trusted.
+
+    moment_per_current  (3, m) [m²]: m_e = moment_per_current @ currents
+    uncertainty         (3, m) standard deviation of each entry [m²]
+    offsets             (k, 3) field at zero current [T]
+    residual            rms of what the model leaves unexplained [T]
+    condition           of the regression: how much worse the worst-determined combination is than the best
+    repeatability       greatest relative difference between the results of the odd and the even readings
+    """
+
+    moment_per_current: Array
+    uncertainty: Array
+    offsets: Array
+    residual: float
+    condition: float
+    repeatability: float
+
+    def skew(self, names: tuple[str, ...]) -> dict[tuple[str, str], float]:
+        """Angle between each two coils' axes, less 90° [rad]."""
+        axes = self.moment_per_current / np.linalg.norm(self.moment_per_current, axis=0)
+        return {
+            (names[i], names[j]): -float(np.arcsin(np.clip(axes[:, i] @ axes[:, j], -1, 1)))
+            for i, j in combinations(range(len(names)), 2)
+        }
+
+    def applied(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
+        """`device` with the measured moments in place of those of its file."""
+        return replace(device, moment_per_current=self.moment_per_current)
+
+
+def excitation(device: SphericalElectromagnet, share: float = 0.25, levels: int = 5, repeats: int = 4) -> Array:
+    """(n, m) [A] a schedule: each coil alone through ± `levels` up to `share` of its limit, with rests at zero between.
+
+    A quarter of full current heats a coil by less than a kelvin per step of 20 ms.
+
+    Raises InputError for an empty schedule or a share outside 0 to 1.
+
+    >>> from haptorb.devices.loader import load
+    >>> excitation(load("omni"), levels=1, repeats=1).tolist()[1]
+    [5.0, 0.0, 0.0]
+    """
+    if not 0.0 < share <= 1.0 or levels < 1 or repeats < 1:
+        raise InputError(f"needs 0 < share ≤ 1 and at least one level and repeat; got {share}, {levels}, {repeats}")
+    steps = np.arange(1, levels + 1) / levels * share
+    rows = []
+    for _ in range(repeats):
+        for coil, limit in enumerate(device.coils.current_limit):
+            for step in steps:
+                for sign in (0.0, 1.0, -1.0):
+                    row = np.zeros(device.channels)
+                    row[coil] = sign * step * limit
+                    rows.append(row)
+    return np.array(rows)
+
+
+def magnetic_calibration(
+    device: SphericalElectromagnet,
+    wanted: ArrayLike,
+    currents: ArrayLike,
+    fields: ArrayLike,
+    axes: ArrayLike | None = None,
+) -> MagneticCalibration:
+    """Regress moments from `currents` (n, m) [A] and `fields` (n, k, 3) [T] measured under `wanted` (n, m) [A].
+
+    `axes` (k, 3), unit vectors: each sensor measures along its own only, and its reading lies along it; None: they
+    measure all three.
+
+    Raises CalibrationError naming the coil that is unplugged, swapped or reversed, or the sensor that does not follow;
+    InputError if the schedule does not excite every coil.
+    """
+    want, i = finite(wanted, "wanted currents"), finite(currents, "measured currents")
+    B = finite(fields, "fields")
+    count, channels, places = len(i), device.channels, device.sensors
+    if want.shape != (count, channels) or i.shape != (count, channels) or B.shape != (count, places, 3):
+        raise InputError(
+            f"device '{device.name}' needs currents (n, {channels}) and fields (n, {places}, 3); "
+            f"got {want.shape}, {i.shape} and {B.shape}"
+        )
+    seen = np.broadcast_to(np.eye(3), (places, 3, 3)) if axes is None else _along(finite(axes, "axes"), places)
+    _conducts(device, want, i)
+    result = _regressed(device, seen, i, B)
+    _wired(device, result.moment_per_current)
+    _followed(device, seen, i, B, result)
+    odd, even = (_regressed(device, seen, i[k::2], B[k::2]).moment_per_current for k in (1, 0))
+    scale = np.linalg.norm(result.moment_per_current, axis=0)
+    return replace(result, repeatability=float((np.abs(odd - even) / scale).max()))
+
+
+def _along(axes: Array, places: int) -> Array:
+    """(k, 3, 3) what a sensor makes of a field: its part along the sensor's axis."""
+    if axes.shape != (places, 3) or not np.allclose(np.linalg.norm(axes, axis=1), 1.0):
+        raise InputError(f"axes must be {places} unit vectors; got shape {axes.shape}")
+    projection: Array = axes[:, :, None] * axes[:, None, :]
+    return projection
+
+
+def _regressed(device: SphericalElectromagnet, seen: Array, i: Array, B: Array) -> MagneticCalibration:
+    """Linear least squares for M and the offsets, in closed form: M = C⁻¹ D S⁻¹ from centred readings.
+
+    `seen` (k, 3, 3) is what each sensor makes of a field.
+    """
+    at = device.hall.positions
+    U = seen @ np.stack([dipole.field(np.broadcast_to(e, at.shape), at) for e in np.eye(3)], axis=2)  # (k, 3, 3)
+    x, y = i - i.mean(axis=0), B - B.mean(axis=0)
+    S = x.T @ x
+    C = np.einsum("sji,sjk->ik", U, U)
+    D = np.einsum("sji,nsj,nm->im", U, y, x)
+    if np.linalg.cond(S) > 1e6:
+        raise InputError("the currents do not excite every coil by itself; use the schedule of `excitation`")
+    M = np.linalg.solve(C, D) @ np.linalg.inv(S)
+    rest = y - np.einsum("sij,jm,nm->nsi", U, M, x)
+    directions = round(float(np.trace(seen, axis1=1, axis2=2).sum()))  # that are measured at all
+    freedom = max(1, len(i) * directions - M.size - directions)
+    variance = float((rest**2).sum() / freedom)
+    spread = np.sqrt(variance * np.outer(np.diag(np.linalg.inv(C)), np.diag(np.linalg.inv(S))))
+    offsets = B.mean(axis=0) - np.einsum("sij,jm,m->si", U, M, i.mean(axis=0))
+    condition = float(np.linalg.cond(C) * np.linalg.cond(S)) ** 0.5
+    return MagneticCalibration(M, spread, offsets, variance**0.5, condition, 0.0)
+
+
+def _conducts(device: SphericalElectromagnet, wanted: Array, measured: Array) -> None:
+    for coil, name in enumerate(device.coils.names):
+        asked = float(np.abs(wanted[:, coil]).max())
+        if asked == 0.0:
+            raise InputError(f"coil '{name}' was never excited")
+        if float(np.abs(measured[:, coil]).max()) < _DEAD * asked:
+            raise CalibrationError(
+                f"coil '{name}' carries {np.abs(measured[:, coil]).max():.2g} A where {asked:.3g} A were asked: "
+                "it is unplugged, or its current sensor is; check the connector and the fuse"
+            )
+
+
+def _wired(device: SphericalElectromagnet, measured: Array) -> None:
+    """Compare each coil's axis with those of the device file: the same, another's, or the other way round?"""
+    names, nominal = device.coils.names, device.moment_per_current
+    cosine = (measured / np.linalg.norm(measured, axis=0)).T @ (nominal / np.linalg.norm(nominal, axis=0))
+    for coil, name in enumerate(names):
+        like = int(np.abs(cosine[coil]).argmax())
+        if like != coil and abs(cosine[coil, like]) > _ALIKE:
+            raise CalibrationError(
+                f"coil '{name}' makes the moment of coil '{names[like]}': their connectors are swapped; swap them back"
+            )
+        if cosine[coil, coil] < -_ALIKE:
+            raise CalibrationError(f"coil '{name}' makes its moment the wrong way round: reverse its two wires")
+        if cosine[coil, coil] < _ALIKE:
+            off = np.degrees(np.arccos(np.clip(cosine[coil, coil], -1, 1)))
+            raise CalibrationError(
+                f"coil '{name}' points {off:.0f}° away from where the device file has it; check that it is seated"
+            )
+
+
+def _followed(device: SphericalElectromagnet, seen: Array, i: Array, B: Array, result: MagneticCalibration) -> None:
+    """Every sensor must see what the others agree on."""
+    at = device.hall.positions
+    x, y = i - i.mean(axis=0), B - B.mean(axis=0)
+    for s in range(len(at)):
+        modelled = np.array([seen[s] @ dipole.field(result.moment_per_current @ row, at[s]) for row in x])
+        excess = float(((y[:, s] - modelled) ** 2).mean() ** 0.5)
+        signal = float((modelled**2).mean() ** 0.5)
+        if excess > 0.3 * signal + 6 * device.hall.noise:
+            raise CalibrationError(
+                f"field sensor {s + 1} of {len(at)}, at {np.round(1e3 * at[s], 1).tolist()} mm, does not follow the "
+                f"coils (rms {1e3 * excess:.2g} mT off, {1e3 * signal:.2g} mT expected): check its connection and "
+                "direction"
+            )

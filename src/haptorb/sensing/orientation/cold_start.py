@@ -1,0 +1,111 @@
+"""Orientation from nothing: the grid node whose field looks most like what is read, then least squares from there."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.compiled import kernel
+from haptorb.numerics.rotations import rotation_from_euler
+from haptorb.sensing.orientation.field_model import opened
+from haptorb.sensing.orientation.gauss_newton import explained
+from haptorb.sensing.orientation.readings import believable
+from haptorb.sensing.orientation.spin_ambiguity import spin_period
+
+__all__ = ["ColdStart", "Found"]
+
+_STEP = np.radians(4.0)  #: between the nodes: Gauss–Newton finds the way from half of that
+_BEYOND = np.radians(4.0)  #: the grid reaches further than the workspace
+_CANDIDATES = 8  #: nodes tried, the most alike first
+_APART = np.radians(7.0)  #: two candidates that are nearer to each other would lead to the same place
+_POOR = 0.1  #: residual over field that no orientation of the rotor explains
+_FEWEST = 8  #: sensors without which several orientations may look alike
+
+
+class Found(NamedTuple):
+    """Where the rotor is, but for the branch of its spin."""
+
+    R_SR: Array
+    strength: float
+    outliers: int
+
+
+class ColdStart:
+    """A grid over the workspace and one period of spin, with the field at every node."""
+
+    def __init__(self, motor: SphericalMotor, model: Array) -> None:
+        self._model = model
+        self._slopes, self._taken = np.empty((motor.sensors, 3, 3)), np.full((3, 3), np.nan)
+        reach = motor.workspace_tilt + _BEYOND
+        tilts = np.linspace(-reach, reach, 2 * int(np.ceil(reach / _STEP)) + 1)
+        period = spin_period(motor) or 2 * np.pi
+        turns = period * np.arange(int(np.ceil(period / _STEP))) / np.ceil(period / _STEP)
+        angles = np.meshgrid(tilts, tilts, turns, indexing="ij")
+        self._nodes = rotation_from_euler(*(angle.ravel() for angle in angles))
+        field = motor.sensor_field(self._nodes, "table")
+        self.limit = believable(motor, self._nodes, field)  #: [T]
+        self._largest = float(np.sqrt((field**2).sum(axis=2).max()))
+        self._fields = np.ascontiguousarray(field.reshape(len(field), -1))
+
+    def search(self, field: Array, usable: Array, floor: float, trusted: Array, covariance: Array) -> Found | None:
+        """The orientation that explains `field` (k, 3) [T], or None; arguments as for `explained`."""
+        trusted[:] = usable
+        count = int(usable.sum())
+        if count < _FEWEST:
+            return None
+        likeness = np.empty(len(self._nodes))
+        _alike(self._fields, field, usable, self._largest, likeness)
+        rms = float(np.sqrt((field**2).sum() / (3 * count)))
+        tried: list[Array] = []
+        for node in np.argsort(-likeness)[: 40 * _CANDIDATES]:
+            R = self._nodes[node].copy()
+            if any(np.trace(R.T @ other) > 1 + 2 * np.cos(_APART) for other in tried):
+                continue
+            tried.append(R.copy())
+            trusted[:] = usable
+            converged, strength, residual, _, outliers = _explained(
+                self._model, field, usable, count, floor, 1e-6, 25, R, 1.0, trusted, covariance,
+                self._slopes, self._taken,
+            )  # fmt: skip
+            if converged and residual <= _POOR * rms and 2 * outliers <= count:
+                return Found(R, strength, outliers)
+            if len(tried) == _CANDIDATES:
+                break
+        trusted[:] = usable
+        return None
+
+
+@kernel
+def _explained(
+    model: Array, field: Array, usable: Array, count: int, floor: float, tolerance: float, most: int, R: Array,
+    strength: float, trusted: Array, covariance: Array, slopes: Array, taken: Array,
+) -> tuple[bool, float, float, float, int]:  # fmt: skip
+    return explained(
+        opened(model), field, usable, count, floor, tolerance, most, R, strength, trusted, covariance, slopes, taken
+    )  # fmt: skip
+
+
+@kernel
+def _alike(fields: Array, field: Array, usable: Array, largest: float, out: Array) -> None:
+    """out (n,) cosine between what is read and every node's field, over the usable sensors.
+
+    A reading longer than any the rotor can give is shortened to that: one broken sensor must not outvote the others.
+    """
+    places = field.shape[0]
+    read, weight = np.empty(3 * places), np.empty(3 * places)
+    for k in range(places):
+        length = np.sqrt(field[k, 0] ** 2 + field[k, 1] ** 2 + field[k, 2] ** 2)
+        share = 1.0 if length <= largest else largest / length
+        for i in range(3):
+            read[3 * k + i] = share * field[k, i] * usable[k]
+            weight[3 * k + i] = usable[k]
+    for n in range(fields.shape[0]):
+        both, own = 0.0, 0.0
+        for i in range(3 * places):
+            node = fields[n, i] * weight[i]
+            both += node * read[i]
+            own += node * node
+        out[n] = both / np.sqrt(max(own, 1e-30))

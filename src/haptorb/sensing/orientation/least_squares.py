@@ -1,0 +1,175 @@
+"""Orientation by least squares over the field tables, and the torque characteristic there: `least-squares`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.devices.state import State
+from haptorb.devices.wrench_map import WrenchMap
+from haptorb.errors import InputError
+from haptorb.numerics.arrays import Array, rotation
+from haptorb.numerics.compiled import kernel
+from haptorb.numerics.so3 import corrected, turn_by
+from haptorb.sensing.estimator import Estimator
+from haptorb.sensing.orientation.cold_start import ColdStart
+from haptorb.sensing.orientation.field_model import field_model, opened, torque_per_ampere
+from haptorb.sensing.orientation.gauss_newton import explained
+from haptorb.sensing.orientation.readings import magnet_field
+from haptorb.sensing.orientation.spin_ambiguity import nearest_branch, spin_period
+from haptorb.sensing.sample import Estimate, Pose, Sample
+
+__all__ = ["LeastSquaresOrientation"]
+
+_TOLERANCE = 1e-4  #: [rad]: after such a step the error is a hundredth of that squared, times ten
+_STEPS = 6  #: at most, from the last orientation on
+_POOR = 0.1  #: residual over field: more is not noise, it is another orientation
+_PAUSE = 0.05  #: without a sample for so long [s], the angular velocity says nothing any more
+
+
+class LeastSquaresOrientation(Estimator):
+    """Gauss–Newton on the rotations, from the last orientation on; from a grid where there is none.
+
+    motor           whose tables explain the readings
+    start           R_SR (3, 3) near which the spin is taken at first; the field leaves `spin_period` open (60° here)
+    lag             by which the angular velocity is late [s]; the orientation is not late
+
+    field, usable and trusted are what the last update made of its readings: (k, 3) of the magnets alone [T], and (k,)
+    1.0 for every sensor that may be believed, and that fits the orientation, else 0.0.
+
+    The estimate's `strength` is that of the rotor's magnets against the device file: the torque per ampere follows it.
+    It is not valid while too few sensors can be believed, or none of the orientations explains what they read.
+
+    Raises InputError for a lag outside 0 to 1 s, or a start that is no rotation.
+    """
+
+    def __init__(self, motor: SphericalMotor, start: Array | None = None, lag: float = 5e-3) -> None:
+        if not 0 < lag < 1:
+            raise InputError(f"lag must be a time between 0 and 1 s; got {lag!r}")
+        self._motor = motor
+        self._model = field_model(motor)
+        self._cold = ColdStart(motor, self._model)
+        self._floor = float(np.hypot(max(motor.hall.noise, 1e-6), motor.hall.step / np.sqrt(12)))
+        self._numbers = np.array([self._cold.limit, self._floor, 0.5 * lag])
+        self._period = spin_period(motor)
+        self._near = np.eye(3) if start is None else rotation(start, "start")
+        if self._near.shape != (3, 3):
+            raise InputError(f"start must be one rotation, shape (3, 3); got {self._near.shape}")
+        self.field = np.zeros((motor.sensors, 3))
+        self.usable = np.zeros(motor.sensors)
+        self.trusted = np.zeros(motor.sensors)
+        # orientation as filtered, angular velocity [rad/s], orientation at which the slopes were taken
+        self._motion = np.concatenate([np.zeros((4, 3)), np.full((3, 3), np.nan)])
+        self._slopes = np.empty((motor.sensors, 3, 3))
+        self._strength, self._rest = 1.0, np.zeros(3)
+        self._forget(self._near)
+        self._rehearse()
+
+    def _forget(self, near: Array) -> None:
+        """Nothing is known yet, but that the spin is near that of `near` (3, 3)."""
+        self._found, self._t, self._near, self._strength = False, -np.inf, near, 1.0
+        self._motion[3] = 0.0
+        unknown = State(0.0, near, self._rest, self._rest, self._rest)
+        nothing = WrenchMap(np.zeros((6, self._motor.channels)), np.zeros(6))
+        self._last = Estimate(unknown, nothing, False, np.inf, spin_period=self._period)
+
+    def _rehearse(self) -> None:
+        """Search and track once, so that everything is compiled before the loop begins."""
+        near, rest = self._near, np.zeros(3)
+        upright = self._motor.sensor_field(np.eye(3)[None], "table")[0]
+        for t in (0.0, 1e-3):
+            pose = Pose(t, np.eye(3), rest, rest, rest, False)
+            self.update(Sample(t, np.zeros(self._motor.channels), np.zeros(self._motor.channels), upright, pose))
+        self._forget(near)
+
+    def update(self, sample: Sample) -> Estimate:
+        """The estimate after `sample`; its `pose` is not looked at.
+
+        Raises InputError for readings of other sensors than the device's.
+        """
+        if sample.field.shape != self.field.shape:
+            raise InputError(
+                f"device '{self._motor.name}' has {self._motor.sensors} field sensors; the sample has "
+                f"{sample.field.shape[0]}"
+            )
+        t, last = sample.t, self._t if self._found else -np.inf
+        dt = t - last
+        if not 0.0 <= dt <= _PAUSE:
+            self._motion[3] = 0.0
+            dt = 0.0
+        seen = np.empty((7, 3))  # R, its covariance, w
+        R, covariance = seen[:3], seen[3:6]
+        K, passive = np.empty((6, self._motor.channels)), np.empty(6)
+        found, strength, disbelieved = _tracked(
+            self._model, sample.field, sample.currents, self._numbers, dt, self._strength if self._found else 0.0,
+            self.field, self.usable, self.trusted, self._motion, self._slopes, seen, K, passive,
+        )  # fmt: skip
+        if not found:
+            again = self._cold.search(self.field, self.usable, self._floor, self.trusted, covariance)
+            if again is None:
+                self._found = False
+                before, left_out = self._last, self._motor.sensors - int(self.trusted.sum())
+                return Estimate(
+                    before.state, before.wrench_map, False, t - self._t, spin_period=self._period,
+                    disbelieved=left_out,
+                )  # fmt: skip
+            strength, disbelieved = again.strength, self._motor.sensors - int(self.usable.sum()) + again.outliers
+            R[:] = nearest_branch(again.R_SR, self._near, self._period)
+            _drawn(self._model, R, strength, K, passive)
+            self._motion[:3] = R
+            self._motion[3] = seen[6] = 0.0
+        self._found, self._t, self._strength, self._near = True, t, strength, R
+        state = State(t, R, self._rest, seen[6], self._rest)
+        self._last = Estimate(
+            state, WrenchMap(K, passive), True, 0.0, True, self._period, covariance, strength, disbelieved
+        )  # fmt: skip
+        return self._last
+
+
+@kernel
+def _drawn(model: Array, R: Array, strength: float, matrix: Array, passive: Array) -> None:
+    torque_per_ampere(opened(model), R, strength, matrix, passive)
+
+
+@kernel
+def _tracked(
+    packed: Array, read: Array, currents: Array, numbers: Array, dt: float, strength: float, field: Array,
+    usable: Array, trusted: Array, motion: Array, slopes: Array, seen: Array, matrix: Array, passive: Array,
+) -> tuple[bool, float, int]:  # fmt: skip
+    """One tick: what the magnets give of what is read; then, from the last orientation on, predict, explain, filter.
+
+    packed is a `field_model`; read (k, 3) [T] and currents (m,) [A] the sample's; numbers: limit [T], noise [T], τ [s];
+    strength 0: there is no last orientation. field (k, 3), usable, trusted (k,), motion (7, 3) (orientation, w, where
+    the slopes were taken) and slopes (k, 3, 3) are kept between ticks; seen (7, 3) becomes R, its covariance [rad²] and
+    w; matrix (6, m) and passive (6,) what coils and weight do there. Returns (found, strength, sensors left out).
+    """
+    model = opened(packed)
+    limit, floor, tau = numbers[0], numbers[1], numbers[2]
+    places = field.shape[0]
+    count = magnet_field(read, currents, model.per_ampere, limit, field, usable)
+    if strength == 0.0:
+        return False, strength, places - count
+    square = 0.0
+    for k in range(places):
+        trusted[k] = min(trusted[k], usable[k])
+        square += field[k, 0] * field[k, 0] + field[k, 1] * field[k, 1] + field[k, 2] * field[k, 2]
+    w, predicted, R = motion[3], np.empty((3, 3)), seen[:3]
+    turn_by(dt * w[0], dt * w[1], dt * w[2], motion[:3], predicted)
+    for i in range(3):
+        for j in range(3):
+            R[i, j] = predicted[i, j]
+    found, new, rms, _, outliers = explained(
+        model, field, usable, count, floor, _TOLERANCE, _STEPS, R, strength, trusted, seen[3:6], slopes, motion[4:7]
+    )  # fmt: skip
+    if not found or 2 * outliers > count or not rms * rms <= _POOR * _POOR * square / (3.0 * count):
+        return False, strength, places - count + outliers
+    if dt > 0.0:
+        corrected(predicted, R, w, dt, tau, motion[:3])
+    else:
+        for i in range(3):
+            for j in range(3):
+                motion[i, j] = R[i, j]
+    for i in range(3):
+        seen[6, i] = w[i]
+    torque_per_ampere(model, R, new, matrix, passive)
+    return True, new, places - count + outliers

@@ -1,0 +1,54 @@
+"""The ways of knowing a spherical motor from its field sensors, by name: a new one is one line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.errors import UnknownName
+from haptorb.sensing.estimator import Estimator
+from haptorb.sensing.orientation.least_squares import LeastSquaresOrientation
+from haptorb.sensing.torque_maps.linear_map import LinearTorque
+from haptorb.sensing.torque_maps.network import NetworkTorque
+from haptorb.sensing.torque_maps.network_file import known_networks, read_networks
+from haptorb.sensing.torque_maps.torque_map import FieldToTorque
+
+__all__ = ["FIELD_ESTIMATORS", "field_estimator"]
+
+
+def _least_squares(motor: SphericalMotor, networks: Path | None) -> Estimator:
+    return LeastSquaresOrientation(motor)
+
+
+def _network(motor: SphericalMotor, networks: Path | None) -> Estimator:
+    trained = known_networks(motor) if networks is None else read_networks(networks)
+    return FieldToTorque(motor, NetworkTorque(motor, trained), LeastSquaresOrientation(motor))
+
+
+def _linear(motor: SphericalMotor, networks: Path | None) -> Estimator:
+    return FieldToTorque(motor, LinearTorque(motor), LeastSquaresOrientation(motor))
+
+
+FIELD_ESTIMATORS: dict[str, Callable[[SphericalMotor, Path | None], Estimator]] = {
+    "least-squares": _least_squares,
+    "network": _network,
+    "linear": _linear,
+}
+
+
+def field_estimator(name: str, motor: SphericalMotor, networks: Path | None = None) -> Estimator:
+    """The estimator `name` of FIELD_ESTIMATORS, ready for the loop: each of them also gives the orientation.
+
+    `network` and `linear` find only the torque per ampere themselves; the orientation, which every world needs, comes
+    from least squares beside them. `networks` names a network file; the device's own from `haptorb train` if not given.
+
+    Raises UnknownName for another.
+
+    >>> import haptorb
+    >>> type(field_estimator("least-squares", haptorb.load("pmsm"))).__name__
+    'LeastSquaresOrientation'
+    """
+    if name not in FIELD_ESTIMATORS:
+        raise UnknownName("estimator", name, FIELD_ESTIMATORS)
+    return FIELD_ESTIMATORS[name](motor, networks)

@@ -1,0 +1,1 @@
+"""The tool's place and axis from field readings: the Hall tracker."""

@@ -1,0 +1,136 @@
+"""The α–β filter of a place and an axis: a stated bandwidth at any rate, and never late behind a steady motion.
+
+Place and axis are predicted with their rates and corrected by α = 1 − θ², the rates by β/dt, β = (1 − θ)²: critically
+damped, one memory θ for both. What was measured becomes what is told through
+
+    H(z) = (1 − θ) z ((1 + θ) z − 2θ)/(z − θ)²,     |H|² = (1 − θ)² ((1 + θ)² + 4θ² − 4θ(1 + θ) c)/(1 + θ² − 2θ c)²
+
+with c = cos(2π f dt), and θ is chosen in every tick so that |H|² = 1/2 at the bandwidth, whatever dt is. H is 1 at rest
+and its group delay there is none: a place that moves steadily is told where it is. The price: below the bandwidth |H|
+rises to 1.11, so that a step is overshot by 14 %, and white noise keeps 0.55 of its standard deviation at 100 Hz and
+1 kHz, where an ideal filter of 100 Hz, infinitely late, would leave 0.45. The rates are late by twice the filter's
+memory, 2 dt θ/(1 − θ) and half a tick. A loop slower than twice the bandwidth is not filtered: θ is 0.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from haptorb.devices.electromagnet.ring_tool import axis_frame
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.compiled import kernel
+
+__all__ = ["carried", "corrected", "memory", "noise_share", "predicted"]
+
+
+@kernel
+def memory(turn: float) -> float:
+    """θ of the filter whose gain is 3 dB down where the signal turns by `turn` [rad] from one tick to the next.
+
+    0, no filter at all, from half a turn on: such a signal is faster than the ticks can tell.
+
+    >>> round(memory(2 * math.pi * 0.1), 3), memory(math.pi), round(memory(1e-3) / math.exp(-1e-3 / 2.482), 6)
+    (0.764, 0.0, 1.0)
+    """
+    if not turn < math.pi:
+        return 0.0
+    c = math.cos(turn)
+    low, high = 0.0, 1.0
+    for _ in range(26):
+        t = 0.5 * (low + high)
+        above = (1.0 - t) * (1.0 - t) * ((1.0 + t) * (1.0 + t) + 4.0 * t * t - 4.0 * t * (1.0 + t) * c)
+        below = 1.0 + t * t - 2.0 * t * c
+        if 2.0 * above > below * below:
+            low = t
+        else:
+            high = t
+    return low
+
+
+def noise_share(bandwidth: float = 100.0, rate: float = 1000.0) -> float:
+    """Standard deviation that white noise of the readings keeps in what is told [1], at `bandwidth` and `rate` [Hz].
+
+    From the variance of an α–β filter: (2α² + 2β − 3αβ)/(α (4 − 2α − β)).
+
+    >>> round(noise_share(), 3), noise_share(100.0, 150.0)
+    (0.547, 1.0)
+    """
+    theta = memory(2 * math.pi * bandwidth / rate)
+    alpha, beta = 1 - theta**2, (1 - theta) ** 2
+    return math.sqrt((2 * alpha**2 + 2 * beta - 3 * alpha * beta) / (alpha * (4 - 2 * alpha - beta)))
+
+
+@kernel
+def predicted(belief: Array, dt: float, p: Array, R: Array) -> None:
+    """Where place and axis should be `dt` [s] after `belief` (4, 3): place, axis, and their rates."""
+    axis = np.empty(3)
+    size = 0.0
+    for i in range(3):
+        p[i] = belief[0, i] + dt * belief[2, i]
+        axis[i] = belief[1, i] + dt * belief[3, i]
+        size += axis[i] * axis[i]
+    for i in range(3):
+        axis[i] /= np.sqrt(size)
+    axis_frame(axis, R)
+
+
+@kernel
+def _turning(n: Array, rate: Array, w: Array) -> None:
+    """w (3,) [rad/s] of an axis n that changes at `rate` [1/s]."""
+    w[0], w[1], w[2] = n[1] * rate[2] - n[2] * rate[1], n[2] * rate[0] - n[0] * rate[2], n[0] * rate[1] - n[1] * rate[0]
+
+
+@kernel
+def carried(belief: Array, dt: float, p: Array, R: Array, v: Array, w: Array) -> None:
+    """What is told `dt` [s] after `belief` (4, 3) where nothing measured goes in: p [m], R, v [m/s] and w [rad/s]."""
+    predicted(belief, dt, p, R)
+    v[:] = belief[2]
+    _turning(belief[1], belief[3], w)
+
+
+@kernel
+def corrected(
+    belief: Array, spread: Array, dt: float, bandwidth: float, p: Array, R: Array, v: Array, w: Array
+) -> None:
+    """One step of the filter; p [m] and R go in as measured and come out as told, v [m/s] and w [rad/s] come out.
+
+    belief (4, 3) as `predicted` has it; spread (3,) what white noise of variance 1 makes of the belief: variance of the
+    place, covariance of place and rate [1/s], variance of the rate [1/s²]. dt ≤ 0: begin anew.
+    """
+    alpha, slope = 1.0, 0.0
+    if dt > 0.0:
+        theta = memory(2.0 * math.pi * bandwidth * dt)
+        alpha, slope = 1.0 - theta * theta, (1.0 - theta) * (1.0 - theta) / dt
+    else:
+        belief[2:] = 0.0
+        spread[:] = 0.0
+        dt = 0.0
+        belief[0] = p
+        belief[1] = R[:, 2]
+    both = spread[1] + dt * spread[2]
+    place = spread[0] + dt * (spread[1] + both)
+    spread[0] = (1.0 - alpha) * (1.0 - alpha) * place + alpha * alpha
+    spread[1] = (1.0 - alpha) * (both - slope * place) + alpha * slope
+    spread[2] += slope * (slope * (place + 1.0) - 2.0 * both)
+    size, along = 0.0, 0.0
+    for i in range(3):
+        ahead = belief[0, i] + dt * belief[2, i]
+        error = p[i] - ahead
+        belief[0, i] = ahead + alpha * error
+        belief[2, i] += slope * error
+        ahead = belief[1, i] + dt * belief[3, i]
+        error = R[i, 2] - ahead
+        belief[1, i] = ahead + alpha * error
+        belief[3, i] += slope * error
+        size += belief[1, i] * belief[1, i]
+    for i in range(3):
+        belief[1, i] /= np.sqrt(size)
+        along += belief[1, i] * belief[3, i]
+    for i in range(3):
+        belief[3, i] -= along * belief[1, i]  # a unit vector moves across itself only
+        p[i] = belief[0, i]
+        v[i] = belief[2, i]
+    _turning(belief[1], belief[3], w)
+    axis_frame(belief[1], R)

@@ -1,0 +1,281 @@
+"""Where the tool is, from the field sensors alone, while the coils are driven: `--tracker hall`.
+
+What coils and core do per ampere is known (calibrated), the measured currents give it, and it is subtracted; what is
+left is the tool's magnet and the core's answer to it. Place and axis that explain it best are the estimate; the turn
+about the axis leaves no trace in the field of a round magnet and is taken as zero.
+
+What is measured in every tick goes through the filter of `sensing.place_filter`: 100 Hz (−3 dB) at any rate of the
+loop, the place not late at steady velocity, the velocity 7 ms late.
+
+Where a driver reads the sensors in turns, what it did not read in a tick is NaN. The last reading of each stands in,
+less the coils' field at the time when it was taken (`sensing.current_history`), and is held against where the tool was
+then, by its velocity.
+
+A tick whose readings contradict nothing and say too little is passed over: for 10 ms the tool is told where it should
+be by then, and the estimate says how old what was seen of it is.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.state import State, rotation_to_axis
+from haptorb.devices.wrench_map import WrenchMap
+from haptorb.errors import GeometryError, InputError
+from haptorb.numerics.arrays import Array, finite
+from haptorb.sensing.estimator import Estimator
+from haptorb.sensing.sample import Estimate, Sample
+from haptorb.sensing.tool.current_history import CurrentHistory
+from haptorb.sensing.tool.tool_field import ToolModel, coil_field, moment_field, tool_field
+from haptorb.sensing.tool.tool_fit import fitted
+from haptorb.sensing.tool.tool_following import (
+    AGES,
+    BANDWIDTH,
+    CORE,
+    FIELD,
+    FURTHEST,
+    LIMIT,
+    LOST,
+    LOWEST,
+    NEAREST,
+    NOISE,
+    RESIDUAL,
+    REVERSED,
+    SEEN,
+    SHARE,
+    SWING,
+    UNEXPLAINED,
+    UNREAD,
+    VAGUE,
+    explained,
+    followed,
+    subtracted,
+    told,
+)
+
+__all__ = ["IN_TURNS", "HallTracker"]
+
+#: bandwidth [Hz] for drivers that read the sensors in turns, six ticks for all: more lets through noise only
+IN_TURNS = 30.0
+
+_EXACT, _COLD = 1e-6, 40  #: last step of a fit from nothing [m, rad], and its evaluations at most
+_REACH = 15e-3  #: how far outside the shell a tool is still believed to be [m]
+_PAUSE = 0.05  #: without a sample for so long the velocity says nothing any more [s]
+_CARRIED = 0.01  #: for so long the tool is believed to go on as it went, while the readings say too little [s]
+_WAIT = 0.02  #: between two searches from nothing [s]: a search takes longer than a tick
+_AT_REST = np.zeros(5)
+
+
+class HallTracker(Estimator):
+    """Believes the field sensors; the sample's `pose` is not looked at.
+
+    device     a spherical electromagnet with at least two field sensors
+    level      of its wrench map
+    offsets    (k, 3) [T] of the sensors at zero current without a tool, as calibration found them
+    bandwidth  of place and axis [Hz]
+
+    `verdict` says why an estimate is not valid: "lost", "reversed" (the tool's magnet is the wrong way round: forces
+    would invert), or "" where it is.
+
+    Raises InputError for a device without such sensors, a bandwidth or offsets that cannot be.
+
+    >>> from haptorb.devices.loader import load
+    >>> HallTracker(load("omni")).verdict
+    'lost'
+    """
+
+    LOST: Final = "lost"
+    REVERSED: Final = "reversed"
+
+    def __init__(
+        self,
+        device: SphericalElectromagnet,
+        level: str | None = None,
+        *,
+        offsets: ArrayLike | None = None,
+        bandwidth: float = 100.0,
+    ) -> None:
+        if not isinstance(device, SphericalElectromagnet) or device.sensors < 2:
+            raise InputError(
+                f"device '{device.name}': a tool is found by at least two field sensors of a spherical electromagnet; "
+                "use another tracker"
+            )
+        if not 1.0 <= bandwidth <= 1000.0:
+            raise InputError(f"bandwidth must be between 1 and 1000 Hz; got {bandwidth!r}")
+        self._offsets = np.zeros((device.sensors, 3)) if offsets is None else finite(offsets, "offsets").copy()
+        if self._offsets.shape != (device.sensors, 3):
+            raise InputError(f"offsets must have shape ({device.sensors}, 3); got {self._offsets.shape}")
+        self._device = device
+        self._level = device.known_level(level or device.levels[0])
+        self._model = ToolModel.of(device)
+        self._per_ampere = coil_field(device)
+        self.bandwidth: Final = float(bandwidth)
+        hall, supply = device.hall, device.supply
+        self._per_moment, moments = moment_field(device), np.array(device.moment_per_current, dtype=np.float64)
+        self._moments, self._per_ampere_rms = moments, np.sqrt((self._per_ampere**2).mean(axis=(0, 1)))
+        self._per_moment2 = np.einsum("kia,kib->ab", self._per_moment, self._per_moment)
+        self._read = (supply.current_noise**2 + supply.current_step**2 / 12) * (moments @ moments.T)
+        self._measured = self._read
+        self._history = CurrentHistory(device.channels, device.sensors)
+        self._columns, self._weight = np.ascontiguousarray((moments**2).sum(axis=0)), np.zeros((3, 3))
+        self.noise = float(np.hypot(max(hall.noise, 1e-7), hall.step / np.sqrt(12)))  #: of one reading [T]
+        #: (5, 5) of what was seen last, noise only: place [m²], turns about two axes across the tool's [rad²]
+        self.covariance = np.full((5, 5), np.inf)
+        self.verdict: str = self.LOST
+        self._grid = _grid(device)
+        self._fields = _fields_at(self._model, self._grid)
+        self._readings, self._belief = np.full((3, device.sensors, 3), -np.inf), np.zeros((4, 3))
+        self._numbers, self._spread = _numbers(device, self.noise, self.bandwidth, self._model.core_radius), np.zeros(3)
+        self._found, self._t, self._searched = False, -math.inf, -math.inf
+        nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
+        self._last = Estimate(nowhere, WrenchMap(np.zeros((6, device.channels)), np.zeros(6)), False, math.inf)
+
+    @property
+    def residual(self) -> float:
+        """rms of what the last estimate leaves unexplained [T]."""
+        return float(self._numbers[RESIDUAL])
+
+    def update(self, sample: Sample) -> Estimate:
+        """The estimate after `sample`. Raises InputError for readings of other sensors than the device's."""
+        read, model = np.ascontiguousarray(sample.field), self._model
+        if read.shape != model.sensors.shape:
+            raise InputError(
+                f"device '{self._device.name}' has {self._device.sensors} field sensors; the sample has {read.shape[0]}"
+            )
+        currents, taken = sample.currents, sample.t - sample.field_age
+        if sample.currents_age != sample.field_age:  # a board's; a simulated device's are of one moment
+            read, currents, taken = self._waited(sample)
+        pose = np.empty((6, 3))
+        R, p, motion = pose[:3], pose[3], pose[4:]
+        if self._found:
+            dt = sample.t - self._t
+            if not 0.0 <= dt <= _PAUSE:
+                self._belief[2:] = 0.0
+                dt = 0.0
+            code = followed(
+                read, currents, self._per_ampere, self._offsets, self._per_moment2, self._measured,
+                self._columns, model.rows, model.sensors, model.response, self._per_moment, taken, sample.t, dt,
+                self._numbers, self._readings, self._belief, self._spread, self._weight, self.covariance, p, R, motion,
+            )  # fmt: skip
+        else:
+            code = self._looked(read, currents, taken, sample.t)
+        if code == UNEXPLAINED:
+            self._found = False
+            if sample.t - self._searched < _WAIT:
+                return self._unknown(sample.t, self.verdict or self.LOST)
+            self._searched = sample.t
+            code = self._search(p, R, motion)
+        unsure = code == VAGUE and self._found and sample.t - self._t <= _CARRIED
+        if not (code == SEEN or unsure):
+            self._found = self._found and code == UNREAD
+            return self._unknown(sample.t, self.REVERSED if code == REVERSED else self.LOST)
+        state = State(sample.t, R, p, motion[1], motion[0])
+        try:
+            wrench_map = self._device.wrench_map(state, self._level)
+        except GeometryError:
+            self._found = False
+            return self._unknown(sample.t, self.LOST)
+        if not unsure:
+            self._t = sample.t
+        self._found, self.verdict = True, ""
+        self._last = Estimate(state, wrench_map, True, sample.t - self._t)
+        return self._last
+
+    def _looked(self, read: Array, currents: Array, taken: float, t: float) -> int:
+        """What is left of the readings without the coils; the place is still to be searched."""
+        told_all = subtracted(
+            read, currents, self._per_ampere, self._offsets, self._per_moment2, self._measured, self._columns, taken,
+            t, self._numbers, self._readings, self._weight,
+        )  # fmt: skip
+        return UNEXPLAINED if told_all else UNREAD
+
+    def _waited(self, sample: Sample) -> tuple[Array, Array, float]:
+        """The field (k, 3) [T] that waited for these currents, the currents (m,) [A] at its time, and that time [s];
+        numbers[SWING] is the field that they may be wrong by [T]."""
+        history = self._history
+        history.take(sample)
+        moments = self._moments * history.doubt
+        self._measured = self._read + moments @ moments.T
+        self._numbers[SWING] = self._per_ampere_rms @ history.doubt
+        return history.field, history.currents, history.taken
+
+    def _unknown(self, t: float, why: str) -> Estimate:
+        self.verdict = why
+        last = self._last
+        return Estimate(last.state, last.wrench_map, False, t - self._t, reversed=why == self.REVERSED)
+
+    def _search(self, p: Array, R: Array, motion: Array) -> int:
+        """From nothing: the grid's fields most like what is read, either way round, and the fit from each."""
+        field, ages = self._readings[FIELD], self._readings[AGES]
+        cross = self._fields @ field.ravel()
+        misfits = (self._fields**2).sum(axis=1) - 2 * np.abs(cross)
+        best, limit, covariance = math.inf, float(self._numbers[LIMIT]), np.empty((5, 5))
+        for at in _apart(self._grid, np.argsort(misfits).tolist(), 4):
+            q, Q = self._grid[at].copy(), rotation_to_axis(math.copysign(1.0, cross[at]) * self._grid[at])
+            good, misfit = fitted(
+                self._model, field, ages, _AT_REST, self._per_moment, self._weight, _EXACT, _EXACT, _COLD, q, Q,
+                covariance,
+            )  # fmt: skip
+            if good and misfit < best:
+                best = misfit
+                p[:], R[:] = q, Q
+                self.covariance[:] = covariance
+            if explained(best, field.size, 0.5 * limit):
+                break
+        if not explained(best, field.size, limit):
+            self._numbers[RESIDUAL] = math.sqrt(best / max(field.size - 5, 1))
+            return LOST
+        return told(
+            self._numbers, self._belief, self._spread, self.covariance, best, field.size, -1.0, p, R, motion
+        )  # fmt: skip
+
+
+def _numbers(device: SphericalElectromagnet, noise: float, bandwidth: float, core: float) -> Array:
+    """(11,) as `tool_following` takes them."""
+    numbers = np.zeros(11)
+    numbers[NOISE], numbers[BANDWIDTH], numbers[CORE], numbers[SHARE] = noise, bandwidth, core, 1.0
+    numbers[NEAREST] = device.contact_distance - _REACH
+    numbers[FURTHEST] = device.contact_distance + device.shell_thickness + _REACH
+    numbers[LOWEST] = math.cos(min(device.workspace_half_angle + math.radians(30), math.pi))
+    numbers[RESIDUAL] = math.inf
+    return numbers
+
+
+def _grid(device: SphericalElectromagnet) -> Array:
+    """(n, 3) [m] places over the shell and a little more; 15 mm apart, from where the fit finds its way."""
+    half = min(device.workspace_half_angle + math.radians(15), math.pi)
+    count = 60
+    z = 1 - (np.arange(count) + 0.5) / count * (1 - math.cos(half))
+    turn = math.pi * (1 + math.sqrt(5)) * np.arange(count)
+    s = np.sqrt(1 - z * z)
+    directions = np.column_stack([s * np.cos(turn), s * np.sin(turn), z])
+    distances = device.contact_distance + device.shell_thickness * np.array([0.1, 0.5, 0.9])
+    places: Array = np.ascontiguousarray((distances[:, None, None] * directions).reshape(-1, 3))
+    return places
+
+
+def _fields_at(model: ToolModel, places: Array) -> Array:
+    """(n, 3 k) [T] of radial tools at `places`."""
+    k = len(model.sensors)
+    B, J = np.empty((k, 3)), np.empty((k, 3, 5))
+    rows = np.empty((len(places), 3 * k))
+    for row, p in zip(rows, places, strict=True):
+        tool_field(model, p, rotation_to_axis(p), B, J)
+        row[:] = B.ravel()
+    return rows
+
+
+def _apart(places: Array, order: list[int], count: int) -> list[int]:
+    """The first `count` of `order` that are at least 12 mm from each other: starts that differ."""
+    chosen: list[int] = []
+    for at in order:
+        if all(float(((places[at] - places[other]) ** 2).sum()) > 12e-3**2 for other in chosen):
+            chosen.append(at)
+            if len(chosen) == count:
+                break
+    return chosen

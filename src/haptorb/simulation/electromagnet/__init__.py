@@ -1,0 +1,1 @@
+"""A spherical electromagnet, simulated."""

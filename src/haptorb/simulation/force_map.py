@@ -1,0 +1,48 @@
+"""What a person would feel at many places: the radial force that the device would give there, limits and all.
+
+This is not the map that the world describes. The world's wrench goes through the controller's model, the allocation and
+the current limits, and comes back through the exact magnets and the core's own pull: what is painted on the dome is
+what the hand would get.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.control.allocation.allocator import Allocator
+from haptorb.control.allocation.least_squares import LeastSquaresAllocator
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.state import State
+from haptorb.numerics.arrays import Array, vectors
+from haptorb.worlds.world import World
+
+__all__ = ["felt_map"]
+
+
+def felt_map(
+    device: SphericalElectromagnet,
+    world: World,
+    points: ArrayLike,
+    *,
+    level: str | None = None,
+    allocator: Allocator | None = None,
+) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    """Radial force (n,) [N], outward positive, and where currents saturate (n,); radial tool at `points` (n, 3) [m].
+
+    `level` is the model that the controller inverts (the device's default where none is given); what is given follows
+    from the device's exact level. At rest: no inductance, no heat.
+    """
+    at = vectors(points, "points").reshape(-1, 3)
+    fitted = world.for_device(device)
+    allocate = (allocator or LeastSquaresAllocator(device.coils.current_limit)).allocate
+    inverted = device.known_level(level or device.levels[0])
+    radial = np.empty(len(at))
+    saturated = np.empty(len(at), dtype=np.bool_)
+    for n, p in enumerate(at):
+        state = State.at(p)
+        allocation = allocate(device.wrench_map(state, inverted), fitted.wrench(state))
+        given = device.wrench_map(state, "exact").wrench(allocation.currents)
+        radial[n] = given[:3] @ state.axis
+        saturated[n] = allocation.saturated
+    return radial, saturated

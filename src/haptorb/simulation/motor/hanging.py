@@ -1,0 +1,65 @@
+"""How a motor's rotor hangs: its joint from device and hand, the energy in it, and the edge of its workspace."""
+
+from __future__ import annotations
+
+from math import cos
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from haptorb.devices.motor.handle import Grasp
+from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.numerics.arrays import Array
+from haptorb.simulation.motor.rotor import Joint
+from haptorb.simulation.parts.tool import matrix
+
+__all__ = ["joint_of", "raised", "within"]
+
+
+def joint_of(device: SphericalMotor, grasp: Grasp) -> Joint:
+    """The rotor of `device` with the hand `grasp` on its handle."""
+    rotor = device.rotor
+    arm = rotor.handle_length
+    hand = np.array([grasp.mass * arm**2, grasp.mass * arm**2, 0.5 * grasp.mass * grasp.radius**2])
+    damper = grasp.damping * arm**2
+    return Joint(
+        np.array(rotor.inertia, dtype=np.float64) + hand,
+        np.full(3, float(rotor.viscous_friction) + damper),
+        float(rotor.dry_friction),
+        grasp.stiffness * arm**2,
+        *device.leaning,
+        cos(device.workspace_tilt),
+        device.end_stop.stiffness,
+        device.end_stop.damping,
+    )
+
+
+def raised(joint: Joint, cosine: float) -> float:
+    """Potential of weight and regulator [J]: dU/d(cos) = −(torque over sin)."""
+    least = joint.least
+
+    def integral(c: float) -> float:
+        x = (2 * c - (1 + least)) / (1 - least)
+        return 0.5 * (1 - least) * float(chebyshev.chebval(x, chebyshev.chebint(joint.leaning)))
+
+    beyond = max(least - cosine, 0.0) * float(chebyshev.chebval(-1.0, joint.leaning))
+    return integral(1.0) - integral(max(cosine, least)) + beyond
+
+
+def within(q: Array, tilt: float) -> Array:
+    """`q`, its tilt reduced to `tilt` about the same axis if it leans further; the spin stays.
+
+    Quaternions (4,), `tilt` in [rad].
+    """
+    R = np.empty((3, 3))
+    matrix(q, R)
+    nx, ny, nz = R[:, 2].tolist()
+    lean = np.arctan2((nx * nx + ny * ny) ** 0.5, nz)
+    if lean <= tilt:
+        return q
+    half = 0.5 * (lean - tilt)
+    size = (nx * nx + ny * ny) ** 0.5
+    ux, uy = (ny / size, -nx / size) if size > 1e-12 else (1.0, 0.0)
+    x, y, z, w = q.tolist()
+    a, b, d = np.sin(half) * ux, np.sin(half) * uy, np.cos(half)
+    return np.array([d * x + w * a + b * z, d * y + w * b - a * z, d * z + a * y - b * x, d * w - a * x - b * y])

@@ -1,0 +1,1 @@
+"""What simulations share: coils, hand, tool, noise."""

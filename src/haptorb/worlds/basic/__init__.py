@@ -1,0 +1,1 @@
+"""Single effects: wall, fluid, friction, detents, texture, vibration, magnet, guidance."""

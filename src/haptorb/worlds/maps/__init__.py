@@ -1,0 +1,1 @@
+"""Force maps over a dome: summits, valleys, terrain."""

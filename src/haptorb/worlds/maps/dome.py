@@ -1,0 +1,138 @@
+"""Zárate 2020's force map: a dome that pushes (or a valley that pulls), sharper than any permanent magnet's.
+
+Its printed argument and inverse have slips (errata E12 to E14); what stands here is the corrected map.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import pi, radians, sqrt
+from typing import ClassVar
+
+import numpy as np
+
+from haptorb.devices.device import Device
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.state import State
+from haptorb.errors import InputError
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.compiled import kernel
+from haptorb.physics.sources.dipole import MU0
+from haptorb.worlds.parameter import parameter
+from haptorb.worlds.world import World
+
+__all__ = ["Dome"]
+
+
+@kernel
+def _push(p: Array, numbers: Array, wrench: Array) -> None:
+    """Fill the force of `wrench` (6,) [N] at `p` (3,) [m].
+
+    numbers (8,): unit summit (3), θ₂ [rad], k, F₀ [N], d_min and d_max [m].
+    """
+    d = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+    if not 0.0 < d < numbers[7]:
+        return
+    c = (p[0] * numbers[0] + p[1] * numbers[1] + p[2] * numbers[2]) / d
+    alpha = np.arccos(min(1.0, max(-1.0, c)))
+    if alpha >= numbers[3]:
+        return
+    # Outside contact the force falls with the fourth power; a tip pressed into the shell does not raise it.
+    fallen = numbers[6] / max(d, numbers[6])
+    strength = numbers[5] * fallen * fallen * fallen * fallen
+    radial = 2.0 * strength * np.cos(numbers[4] * alpha)
+    # e_t: away from the summit along the sphere (E12); at the summit itself there is no such direction, and no F_t
+    sine = np.sqrt(max(1.0 - c * c, 0.0))
+    tangential = strength * np.sin(numbers[4] * alpha) / sine if sine > 1e-9 else 0.0
+    for i in range(3):
+        outward = p[i] / d
+        wrench[i] = radial * outward + tangential * (c * outward - numbers[i])
+
+
+@dataclass(frozen=True)
+class Dome(World):
+    """Radial and tangential force about a summit, Zárate 2020 Fig. 3 with E12 to E14 corrected.
+
+    With α the angle from the summit and k = π/(2θ₁):
+    F_r = 2F₀ cos(kα) (d_min/d)⁴ outward, F_t = F₀ sin(kα) (d_min/d)⁴ away from the summit, for α < θ₂ and d < d_max;
+    zero elsewhere. F₀ = 3μ₀ m_e m_p/(4π d_min⁴). At θ₁ = 90° it is the map of two permanent magnets.
+    A positive moment pushes, a negative one pulls. Torque is left to the magnets.
+
+    Not passive: the force of a sharpened map (θ₁ < 90°) is no gradient, so a closed path can take energy out (E19).
+    Not continuous: it is cut off at θ₂ and d_max as the paper has it; the guard's slew limit softens that.
+
+    >>> dome = Dome(half_width_deg=18)
+    >>> edge = (0.05 * np.sin(radians(18)), 0, 0.05 * np.cos(radians(18)))
+    >>> bool(abs(dome.wrench(State.at(edge))[2]) < 0.1)
+    True
+    """
+
+    passive: ClassVar[bool] = False
+    continuous: ClassVar[bool] = False
+
+    summit: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 1.0), "1", -1, 1, "direction of the summit from the centre"
+    )
+    half_width_deg: float = parameter(18.0, "deg", 5, 90, "θ1: where the radial force vanishes first")
+    cut_off_deg: float = parameter(54.0, "deg", 5, 180, "θ2: from here the force is zero")
+    moment: float = parameter(2.4, "A·m²", -4, 4, "height: moment of the electromagnet at the summit; negative pulls")
+    tool_moment: float = 2.406  #: m_p [A·m²], from the device
+    contact_distance: float = 0.050  #: d_min [m], from the device
+    reach: float = 0.070  #: d_max [m], from the device
+
+    def __post_init__(self) -> None:
+        World.__post_init__(self)
+        x, y, z = self.summit
+        if sqrt(x * x + y * y + z * z) < 1e-6:
+            raise InputError("Dome.summit must be a direction; got the zero vector")
+        if self.cut_off_deg < self.half_width_deg:
+            raise InputError(
+                f"Dome.cut_off_deg (θ2) must not be smaller than half_width_deg (θ1 = {self.half_width_deg:g} deg); "
+                f"got {self.cut_off_deg:g}"
+            )
+
+    def for_device(self, device: Device) -> Dome:
+        """With the tool's moment, the contact distance and the shell of `device`.
+
+        Raises InputError for a device without a dome, or a summit below its rim.
+        """
+        if not isinstance(device, SphericalElectromagnet):
+            raise InputError(f"world 'dome' is for a tool over a sphere; device '{device.name}' has none")
+        if self.summit[2] < 0.0:
+            raise InputError(
+                f"Dome.summit {tuple(self.summit)} lies below the rim of the dome of device '{device.name}': its z "
+                "must not be negative"
+            )
+        contact = device.contact_distance
+        return replace(
+            self,
+            tool_moment=device.tool.moment,
+            contact_distance=contact,
+            reach=contact + device.shell_thickness,
+        )
+
+    @property
+    def strength(self) -> float:
+        """F₀ [N]: half the radial force at the summit in contact; negative where the map pulls."""
+        return 3 * MU0 * self.moment * self.tool_moment / (4 * pi * self.contact_distance**4)
+
+    @property
+    def bound(self) -> float:
+        """[N] 2|F₀|: cosine and sine under one root never exceed the summit's."""
+        return 2 * abs(self.strength)
+
+    @cached_property
+    def _map(self) -> Array:
+        """(8,) what does not change from tick to tick, as the kernel takes it."""
+        x, y, z = self.summit
+        length = sqrt(x * x + y * y + z * z)
+        turns = 90.0 / self.half_width_deg
+        numbers = (x / length, y / length, z / length, radians(self.cut_off_deg), turns, self.strength)
+        return np.array([*numbers, self.contact_distance, self.reach])
+
+    def wrench(self, state: State) -> Array:
+        """(6,) force of the map at the tool's magnet [N]; no torque asked."""
+        wrench = np.zeros(6)
+        _push(np.ascontiguousarray(state.p), self._map, wrench)
+        return wrench

@@ -1,0 +1,1 @@
+"""Snap-fits that go together and come apart."""

@@ -1,0 +1,290 @@
+"""A plug leaving an outlet: a flat plug between two hooks of the socket, pulled, tilted and wriggled.
+
+Frame: X' points out of the socket, Y' from one hook to the other; `state` is the pose of o', the middle of the plug's
+inner end, which is at the origin when the plug is fully home. The hooks touch at X' = arm. Turned by θ about Z' the
+plug's faces cross X' = arm at Y' = p_y + (arm − p_x) tan θ ± w_p/(2 cos θ), and each hook is bent by what exceeds half
+the opening: eqs. (14)–(16) of Bai 2012, with p_x = x₀ + x (tilted at the floor, one corner touches and o' stands
+x₀ = (w_p/2) sin θ off) and ε_z = −θ. The other sign of ε_z in (16) against y, and against T_Z' in (18), makes a torque
+that turns a tilted plug further: (16)–(18) hold together, and with energy, only if ε_z counts clockwise about Z'.
+
+Two worlds:
+
+`Outlet`            energy-consistent, the one to be felt: forces are the gradient of ½ Σ k δ² and friction opposes
+                    sliding. Against (17) it has the part of F_X' that a tilted face must push (F_Y' tan ε_z), the
+                    torque of the plug getting wider by tilting, and friction's couple. A bevelled end, so that the plug
+                    lets go and can be put back.
+`PublishedOutlet`   (14)–(18) as corrected (E9, E10, signs), for comparison with the paper's Fig. 8. It is not the
+                    gradient of anything: round a small loop it can give energy, so it is marked not passive.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from haptorb.devices.state import State
+from haptorb.errors import GeometryError, InputError
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.compiled import kernel
+from haptorb.physics.beams import Model, appendix_b, compliance
+from haptorb.physics.hook import TABLE_3, Hook
+from haptorb.worlds.parameter import parameter
+from haptorb.worlds.snap_fit.sliding import sliding_push
+from haptorb.worlds.snap_fit.snap_fit import Contact
+from haptorb.worlds.world import World
+
+__all__ = ["Outlet", "PublishedOutlet"]
+
+
+@kernel
+def _face(along: float, plug: Array) -> tuple[float, float]:
+    """Half width of the plug at `along` from its inner end, and its slope: a lead-in, then the full width."""
+    half, lead, slope, edge = plug[0], plug[1], plug[2], plug[3]
+    u = lead - along
+    if u >= edge:
+        return half - slope * u, slope
+    if u <= -edge:
+        return half, 0.0
+    return half - slope * (u + edge) ** 2 / (4.0 * edge), slope * (u + edge) / (2.0 * edge)
+
+
+@kernel
+def _outlet(p: Array, R: Array, v: Array, w: Array, numbers: Array, wrench: Array, rows: Array) -> None:
+    """Fill wrench (6,) on the plug about o', and rows (2, 8): δ, place along the hook, contact (3), force on the plug
+    (3). numbers (12,): the plug as `_face` takes it, then what is written in the next lines."""
+    plug = numbers[:4]
+    stiffness, recoil, friction, creep, arm, opening, seat, peak = (
+        numbers[4], numbers[5], numbers[6], numbers[7], numbers[8], numbers[9], numbers[10], numbers[11],
+    )  # fmt: skip
+    for i in range(6):
+        wrench[i] = 0.0
+    for hook in range(2):
+        for i in range(8):
+            rows[hook, i] = 0.0
+        rows[hook, 1] = peak
+    if R[0, 0] < 0.5 or R[1, 1] < 0.5:  # turned by more than 60°: a plug that cannot be in the socket
+        return
+    for hook in range(2):
+        side = 1.0 if hook == 0 else -1.0
+        along = (arm - p[0]) / R[0, 0]
+        width, slope = _face(along, plug)
+        for _ in range(30):  # where the plug's face crosses X' = arm
+            gap = p[0] + R[0, 0] * along + R[0, 1] * side * width - arm
+            new = along - gap / (R[0, 0] + R[0, 1] * side * slope)
+            if abs(new - along) < 1e-15:
+                break
+            along = new
+            width, slope = _face(along, plug)
+        a, b = along, side * width
+        rx = R[0, 0] * a + R[0, 1] * b
+        ry = R[1, 0] * a + R[1, 1] * b
+        rz = R[2, 0] * a + R[2, 1] * b
+        bent = side * (p[1] + ry) - 0.5 * opening  # Eq. (15a): what the face leaves of the opening
+        gx, gy, gz = 0.0, 0.0, 0.0
+        if bent > 0.0:
+            tx = R[0, 0] + R[0, 1] * side * slope  # along the face, in the X'Y' plane
+            ty = R[1, 0] + R[1, 1] * side * slope
+            fy = stiffness * bent  # in the direction that opens this hook
+            fx = -side * fy * ty / tx  # the face pushes at right angles to itself
+            vx = v[0] + w[1] * rz - w[2] * ry
+            vy = side * (v[1] + w[2] * rx - w[0] * rz)
+            vz = v[2] + w[0] * ry - w[1] * rx
+            gx, gy, gz = sliding_push(fx, fy, recoil, vx, vy, vz, friction, creep)
+        fx, fy, fz = -gx, -side * gy, -gz
+        wrench[0] += fx
+        wrench[1] += fy
+        wrench[2] += fz
+        wrench[3] += ry * fz - rz * fy
+        wrench[4] += rz * fx - rx * fz
+        wrench[5] += rx * fy - ry * fx
+        rows[hook, 0] = max(bent, 0.0)
+        rows[hook, 2], rows[hook, 3], rows[hook, 4] = p[0] + rx, p[1] + ry, p[2] + rz
+        rows[hook, 5], rows[hook, 6], rows[hook, 7] = fx, fy, fz
+        # the floor under this corner of the plug's inner end
+        tip, _ = _face(0.0, plug)
+        cx, cy, cz = R[0, 1] * side * tip, R[1, 1] * side * tip, R[2, 1] * side * tip
+        below = -(p[0] + cx)
+        if below > 0.0:
+            push = seat * below
+            wrench[0] += push
+            wrench[4] += cz * push
+            wrench[5] -= cy * push
+
+
+@dataclass(frozen=True)
+class Outlet(World):
+    """Pull a plug out of its outlet: it sticks by friction, fights being tilted, and lets go at the end.
+
+    Sizes and materials of Bai 2012, Table 3, with E = 113 GPa (erratum E7). The whole pull is 11.5 N with the beam that
+    is right (`timoshenko`, E11) and 49.6 N with the paper's (`paper`, appendix B with H_x corrected, E9).
+
+    >>> out = State.at((0.001, 0, 0), R_SR=np.eye(3), v=(1.0, 0, 0))
+    >>> Outlet().wrench(out)[0].round(1), Outlet(beam="paper").wrench(out)[0].round(1)
+    (np.float64(-11.5), np.float64(-49.6))
+    """
+
+    youngs_modulus: float = parameter(113e9, "Pa", 1e9, 250e9, "E of the socket's hooks")
+    poisson_ratio: float = parameter(0.41, "", 0.0, 0.49, "ν of the socket's hooks")
+    friction: float = parameter(0.134, "", 0.0, 1.0, "μ between plug and hooks")
+    base_length: float = parameter(5.4e-3, "m", 2e-3, 40e-3, "hook: from the root to the foot of the rear face")
+    peak: float = parameter(9.6e-3, "m", 3e-3, 50e-3, "hook: from the root to the top that touches")
+    thickness: float = parameter(0.6e-3, "m", 0.2e-3, 5e-3, "hook: of the beam")
+    height: float = parameter(1.8e-3, "m", 0.2e-3, 5e-3, "hook: of the wedge")
+    width: float = parameter(8e-3, "m", 1e-3, 30e-3, "hook: width")
+    retention_deg: float = parameter(58.8, "°", 5.0, 85.0, "hook: angle of the rear face, which the plug never meets")
+    plug_width: float = parameter(6.3e-3, "m", 1e-3, 30e-3, "w_p, across the hooks")
+    opening: float = parameter(4.8e-3, "m", 0.5e-3, 30e-3, "w_s between the hooks when nothing is in")
+    # h is not given (assumed): blades of 6.3 mm × 1.5 mm are those of a two-pin flat plug, 15.9–18.3 mm long
+    arm: float = parameter(16e-3, "m", 5e-3, 40e-3, "h, from the plug's inner end to the hooks when it is home")
+    # assumed: the paper's plug never ends; a real one is bevelled, else it could not be put in
+    lead_in: float = parameter(4e-3, "m", 0.5e-3, 10e-3, "length of the plug's bevelled end")
+    seat: float = parameter(5e3, "N/m", 0.0, 50e3, "stiffness of the socket's floor, per corner")
+    creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
+    beam: Model = "timoshenko"  #: "paper" for appendix B
+
+    hook: Hook = field(init=False, repr=False, compare=False)
+    stiffness: float = field(init=False, repr=False, compare=False)  #: of one hook, pulled straight, no friction [N/m]
+    recoil: float = field(init=False, repr=False, compare=False)  #: Ω₋/Ω₊: how far the top moves out per bending
+    _numbers: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        World.__post_init__(self)
+        if self.opening >= self.plug_width:
+            raise GeometryError(
+                f"Outlet: the plug ({self.plug_width * 1e3:.4g} mm) is not wider than the opening "
+                f"({self.opening * 1e3:.4g} mm): nothing would hold it"
+            )
+        if self.lead_in >= self.arm:
+            raise GeometryError(
+                f"Outlet: the plug's bevelled end ({self.lead_in * 1e3:.4g} mm) must be shorter than arm "
+                f"({self.arm * 1e3:.4g} mm): the plug would leave before it is home"
+            )
+        hook = Hook(
+            self.base_length, self.peak, self.thickness, self.height, self.width,
+            TABLE_3.front, math.radians(self.retention_deg), self.youngs_modulus, self.poisson_ratio, flat_top=True,
+        )  # fmt: skip
+        if self.beam == "paper":
+            soft = appendix_b(hook)
+            plus, minus = soft.plus, soft.minus
+        else:
+            bent = compliance(hook, hook.peak, self.beam)
+            plus, minus = float(bent.plus), float(bent.minus)
+        if self.friction * minus / plus >= 1.0:
+            raise GeometryError(
+                f"Outlet: with friction {self.friction:g} this hook jams: pushing the plug in pulls the hooks tighter "
+                f"(μ Ω₋/Ω₊ = {self.friction * minus / plus:.2f}, must be below 1)"
+            )
+        # the inner end is a little narrower than the opening, so that it finds in
+        drop = 0.5 * (self.plug_width - self.opening) + 0.1e-3
+        edge = 0.25 * self.lead_in
+        stiffness = self.youngs_modulus * self.width / plus
+        numbers = (
+            0.5 * self.plug_width, self.lead_in, drop / self.lead_in, edge,
+            stiffness, minus / plus, self.friction, self.creep, self.arm, self.opening, self.seat, hook.peak,
+        )  # fmt: skip
+        values = {
+            "hook": hook,
+            "stiffness": stiffness,
+            "recoil": minus / plus,
+            "_numbers": np.array(numbers),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def of(cls, hook: Hook, friction: float, beam: Model = "timoshenko", **others: Any) -> Outlet:
+        """The outlet with a pair of a given `hook`; `others` as in the constructor."""
+        return cls(
+            youngs_modulus=hook.youngs_modulus, poisson_ratio=hook.poisson_ratio, friction=friction,
+            base_length=hook.base_length, peak=hook.peak, thickness=hook.thickness, height=hook.height,
+            width=hook.width, retention_deg=round(math.degrees(hook.rear), 9), beam=beam, **others,
+        )  # fmt: skip
+
+    @property
+    def outline(self) -> Array:
+        """(8, 2) places along the plug from its inner end up to its full width, and its half width there [m]."""
+        along = np.linspace(0.0, 1.25 * self.lead_in, 8)
+        return np.array([(x, _face(x, self._numbers[:4])[0]) for x in along.tolist()])
+
+    def wrench(self, state: State) -> Array:
+        """(6,) on the plug, about o' [N, N·m]."""
+        return self.touching(state)[0]
+
+    def touching(self, state: State) -> tuple[Array, Array]:
+        """(6,) the wrench, and (2, 8) both hooks, first the one at +Y': see `World.touching`."""
+        wrench, hooks = np.empty(6), np.empty((2, 8))
+        one = np.ascontiguousarray  # one layout: one compilation
+        _outlet(one(state.p), one(state.R_SR), one(state.v), one(state.w), self._numbers, wrench, hooks)
+        return wrench, hooks
+
+    def contacts(self, state: State) -> tuple[Contact, ...]:
+        """What each hook does, first the one at +Y'; always on its top."""
+        return tuple(
+            Contact("top" if bent > 0 else "", np.array(rest[:3]), np.array(rest[3:]), bent, place)
+            for bent, place, *rest in self.touching(state)[1].tolist()
+        )
+
+
+@dataclass(frozen=True)
+class PublishedOutlet(World):
+    """Bai 2012, eqs. (14)–(18), corrected where they must be: the world of Fig. 8 (socket as in Table 3).
+
+    Pulling: F_X' = −E w μ (w_p sec ε − w_s)/(Ω₊ + μΩ₋), F_Y' and T_Z' = F_Y' (h − p_x) as in (17), (18) with the
+    missing factor (E10). F_X' is printed positive, the pull of the hand; on the plug it is the opposite. The plug ends
+    abruptly at p_x = h. For sliding in, friction turns and Ω₊ − μΩ₋ replaces Ω₊ + μΩ₋, as (10) says.
+
+    >>> PublishedOutlet().wrench(State.at((0.001, 0, 0), R_SR=np.eye(3), v=(1.0, 0, 0))).round(1).tolist()
+    [-49.6, 0.0, 0.0, 0.0, 0.0, 0.0]
+    """
+
+    passive: ClassVar[bool] = False
+    continuous: ClassVar[bool] = False
+
+    youngs_modulus: float = parameter(113e9, "Pa", 1e9, 250e9, "E of the socket's hooks")
+    friction: float = parameter(0.134, "", 0.0, 1.0, "μ between plug and hooks")
+    plug_width: float = parameter(6.3e-3, "m", 1e-3, 30e-3, "w_p, across the hooks")
+    opening: float = parameter(4.8e-3, "m", 0.5e-3, 30e-3, "w_s between the hooks when nothing is in")
+    arm: float = parameter(16e-3, "m", 5e-3, 40e-3, "h, from the plug's inner end to the hooks (assumed, see Outlet)")
+    creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
+    beam: Model = "paper"
+    surface_height: Literal["corrected", "printed"] = "corrected"  #: H_x by (13), or 1 + δ/h₀ as printed (E9)
+
+    _omega: tuple[float, float, float] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        World.__post_init__(self)
+        if self.surface_height not in ("corrected", "printed"):
+            raise InputError(f"surface_height must be 'corrected' or 'printed'; got {self.surface_height!r}")
+        if self.beam == "paper":
+            bent = None if self.surface_height == "corrected" else 0.5 * (self.plug_width - self.opening)
+            soft = appendix_b(TABLE_3, deflection=bent)
+            plus, minus = soft.plus, soft.minus
+        else:
+            right = compliance(TABLE_3, TABLE_3.peak, self.beam)
+            plus, minus = float(right.plus), float(right.minus)
+        omega = (plus, minus, self.youngs_modulus * TABLE_3.width)
+        object.__setattr__(self, "_omega", omega)
+
+    def wrench(self, state: State) -> Array:
+        """(6,) on the plug, about o' [N, N·m]."""
+        x, y, _ = state.p
+        R = state.R_SR
+        out = np.zeros(6)
+        c = self.arm - x  # h − x₀ − x
+        if c <= 0.0 or R[0, 0] < 0.5:
+            return out
+        tan = -R[1, 0] / R[0, 0]  # ε_z counts clockwise about Z'
+        sec = math.sqrt(1.0 + tan * tan)
+        slide = state.v[0] / math.sqrt(state.v[0] ** 2 + self.creep**2)
+        plus, minus, stiff = self._omega
+        stiffness = stiff / (plus + self.friction * slide * minus)
+        half = 0.5 * self.plug_width * sec
+        f_1 = stiffness * max(half + c * tan - 0.5 * self.opening - y, 0.0)  # (15), (16)
+        f_2 = stiffness * max(half - c * tan - 0.5 * self.opening + y, 0.0)
+        out[0] = -self.friction * slide * (f_1 + f_2)  # (17), on the plug
+        out[1] = f_1 - f_2
+        out[5] = out[1] * c  # (18) with (17)'s factor (E10)
+        return out

@@ -1,0 +1,284 @@
+"""A snap-fit that goes together and comes apart: cantilever hooks and the part that slides over their wedges.
+
+Frame: X' points out of the socket (pulling apart is +X'), Y' towards one hook; `state` is the pose of the part's
+reference point o' (devices.State: p and R_SR in that frame), which is at the origin when the part is seated. Each hook
+is met by one edge of the part. Bai 2012, eqs. (10)–(13), Fig. 6.
+
+What the hand meets on the way in: insertion over the front face, dwelling on the top, then the snap; on the way out the
+rear face, dwelling, and release down the front. No state is kept: where the edge is and which way it slides decide.
+
+The hook has one way to bend: its surface at the wedge moves by δ·(κ, 1), κ = Ω₋/Ω₊, which is eq. (10) read as a
+mechanism, and stores U = E w δ²/(2 Ω₊(x)). So without friction f_y = E w δ/(Ω₊ ± tan γ Ω₋) as in (10), and the turn of
+the face by the bending, arctan(δ/x) in (11), comes out of Ω₊(x) as it must for energy to be conserved. Edges are
+rounded, so the force is continuous. Left out: tilt of the wedge across its width, inertia of the hook, wear.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from haptorb.devices.state import State
+from haptorb.errors import GeometryError, InputError
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.compiled import kernel
+from haptorb.physics.beams import Model, compliance
+from haptorb.physics.hook import Hook
+from haptorb.worlds.parameter import parameter
+from haptorb.worlds.snap_fit.sliding import sliding_push
+from haptorb.worlds.world import World
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
+__all__ = ["Contact", "SnapFit"]
+
+
+class Contact(NamedTuple):
+    """What one hook does now, for those who draw it."""
+
+    face: str  #: "rear", "top" or "front", "" where nothing touches
+    point: Array  #: (3,) where it is touched [m]
+    force: Array  #: (3,) on the part [N]
+    deflection: float  #: how far the hook is bent [m]
+    place: float  #: where along the hook it is touched, from the root [m]
+
+
+@kernel
+def _rounded(u: float, edge: float) -> tuple[float, float]:
+    """max(u, 0) with the corner rounded over ±edge, and its slope."""
+    if u >= edge:
+        return u, 1.0
+    if u <= -edge:
+        return 0.0, 0.0
+    return (u + edge) ** 2 / (4.0 * edge), (u + edge) / (2.0 * edge)
+
+
+@kernel
+def _wedge(x: float, shape: Array) -> tuple[float, float]:
+    """Height of the wedge over the base beam at x, and its slope; the front runs on over the tip's end."""
+    foot, top, peak, rear, front, edge = shape[0], shape[1], shape[2], shape[3], shape[4], shape[5]
+    a, da = _rounded(x - foot, edge)
+    b, db = _rounded(x - top, edge)
+    c, dc = _rounded(x - peak, edge)
+    return rear * (a - b) - front * c, rear * (da - db) - front * dc
+
+
+@kernel
+def _stiffness(x: float, start: float, step: float, spline: Array) -> tuple[float, float]:
+    """E w/Ω₊ at x [N/m] and its slope, from the table; constant beyond its ends."""
+    count = spline.shape[0]
+    u = (x - start) / step
+    if u <= 0.0:
+        return spline[0, 3], 0.0
+    if u >= count:
+        s = step
+        last = count - 1
+        return ((spline[last, 0] * s + spline[last, 1]) * s + spline[last, 2]) * s + spline[last, 3], 0.0
+    i = int(u)
+    s = x - (start + i * step)
+    a, b, c, d = spline[i, 0], spline[i, 1], spline[i, 2], spline[i, 3]
+    return ((a * s + b) * s + c) * s + d, (3.0 * a * s + 2.0 * b) * s + c
+
+
+@kernel
+def _touched(X: float, Y: float, recoil: float, shape: Array) -> float:
+    """The place x on the hook that an edge at (X, Y) touches: x + κ δ(x) = X with δ = max(0, height(x) + Y)."""
+    high = X
+    low = X - recoil * max(0.0, shape[6] + Y)
+    x = X
+    for _ in range(60):
+        H, dH = _wedge(x, shape)
+        gap = x - X
+        slope = 1.0
+        if H + Y > 0.0:
+            gap += recoil * (H + Y)
+            slope += recoil * dH
+        if abs(gap) < 1e-15:
+            break
+        if gap > 0.0:
+            high = x
+        else:
+            low = x
+        new = x - gap / slope if slope > 1e-3 else 0.5 * (low + high)
+        if not low <= new <= high:
+            new = 0.5 * (low + high)
+        if new == x:
+            break
+        x = new
+    return x
+
+
+@kernel
+def _snap_fit(
+    p: Array, R: Array, v: Array, w: Array, numbers: Array, spline: Array, wrench: Array, rows: Array
+) -> None:
+    """Fill wrench (6,) on the part about o', and rows (2, 8): δ, x, edge position (3), force on the part (3).
+
+    numbers (16,): the wedge as `_wedge` takes it and its height, then what is written in the next lines, and at last
+    how many hooks there are.
+    """
+    shape = numbers[:7]
+    recoil, friction, creep, half, clearance, seat, start, step = (
+        numbers[7], numbers[8], numbers[9], numbers[10], numbers[11], numbers[12], numbers[13], numbers[14],
+    )  # fmt: skip
+    for i in range(6):
+        wrench[i] = 0.0
+    for hook in range(2):
+        for i in range(8):
+            rows[hook, i] = 0.0
+    for hook in range(int(numbers[15])):
+        side = 1.0 if hook == 0 else -1.0
+        # the edge sits at (0, ±half, 0) of the part
+        rx, ry, rz = R[0, 1] * side * half, R[1, 1] * side * half, R[2, 1] * side * half
+        X = shape[0] + p[0] + rx
+        Y = side * (p[1] + ry) - half - clearance
+        x = _touched(X, Y, recoil, shape)
+        H, dH = _wedge(x, shape)
+        bent = max(0.0, H + Y)
+        gx, gy, gz = 0.0, 0.0, 0.0
+        if bent > 0.0:
+            K, dK = _stiffness(x, start, step, spline)
+            share = 1.0 / (1.0 + recoil * dH)
+            climb = 0.5 * dK * bent * bent
+            fx = (K * bent * dH + climb) * share  # ∂U/∂X
+            fy = (K * bent - recoil * climb) * share  # ∂U/∂Y
+            along = (fy * recoil - fx) / (fx * recoil + fy)  # χ, the hook's own motion seen from the face
+            vx = v[0] + w[1] * rz - w[2] * ry
+            vy = side * (v[1] + w[2] * rx - w[0] * rz)
+            vz = v[2] + w[0] * ry - w[1] * rx
+            gx, gy, gz = sliding_push(fx, fy, along, vx, vy, vz, friction, creep)
+        below = shape[0] - X
+        if below > 0.0:  # the seat
+            gx -= seat * below
+        fx, fy, fz = -gx, -side * gy, -gz
+        wrench[0] += fx
+        wrench[1] += fy
+        wrench[2] += fz
+        wrench[3] += ry * fz - rz * fy
+        wrench[4] += rz * fx - rx * fz
+        wrench[5] += rx * fy - ry * fx
+        rows[hook, 0], rows[hook, 1] = bent, x
+        rows[hook, 2], rows[hook, 3], rows[hook, 4] = p[0] + rx, p[1] + ry, p[2] + rz
+        rows[hook, 5], rows[hook, 6], rows[hook, 7] = fx, fy, fz
+
+
+@dataclass(frozen=True)
+class SnapFit(World):
+    """Snap it in, pull it out: hooks bend over their wedges, click home, and hold until pulled hard enough.
+
+    Sizes as in `physics.Hook`. The default is a pair of ABS hooks of ordinary proportions (1.5 % strain at the root,
+    about what ABS bears in a joint opened often): a few newtons, which a motor of about 1 N·m renders through the modes
+    without scaling. Raises GeometryError if the hook cannot exist, cannot be pushed in, or cannot be pulled out.
+
+    >>> world = SnapFit()
+    >>> world.wrench(State.at((0.001, 0, 0), R_SR=np.eye(3), v=(0.05, 0, 0)))[0] < 0      # pulled: it holds back
+    np.True_
+    """
+
+    youngs_modulus: float = parameter(2.3e9, "Pa", 0.1e9, 250e9, "E of the hook's material")
+    poisson_ratio: float = parameter(0.35, "", 0.0, 0.49, "ν of the hook's material")
+    friction: float = parameter(0.3, "", 0.0, 1.0, "μ between hook and part")
+    base_length: float = parameter(15e-3, "m", 2e-3, 40e-3, "from the root to the foot of the rear face")
+    peak: float = parameter(18.5e-3, "m", 3e-3, 50e-3, "from the root to where the front face starts")
+    thickness: float = parameter(1.5e-3, "m", 0.2e-3, 5e-3, "of the beam")
+    height: float = parameter(1.5e-3, "m", 0.2e-3, 5e-3, "of the wedge")
+    width: float = parameter(6e-3, "m", 1e-3, 30e-3, "of the hook")
+    insertion_deg: float = parameter(30.0, "°", 5.0, 75.0, "angle of the front face")
+    retention_deg: float = parameter(45.0, "°", 5.0, 80.0, "angle of the rear face: how hard it holds")
+    half_width: float = parameter(5e-3, "m", 1e-3, 30e-3, "from the part's middle to the edge that meets a hook")
+    clearance: float = parameter(0.0, "m", 0.0, 2e-3, "between the seated part and the straight beam")
+    seat: float = parameter(5e3, "N/m", 0.0, 50e3, "stiffness of the socket's floor, per edge")
+    edge: float = parameter(0.2e-3, "m", 0.02e-3, 1e-3, "half length of the rounding at the wedge's edges")
+    creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
+    beam: Model = "timoshenko"  #: "paper" for eqs. (12) and (13) as they stand
+    hooks: int = 2  #: 2: a pair that centres the part; 1: the part is pushed aside and wants a guide
+
+    hook: Hook = field(init=False, repr=False, compare=False)
+    _numbers: Array = field(init=False, repr=False, compare=False)
+    _spline: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        World.__post_init__(self)
+        if self.hooks not in (1, 2):
+            raise InputError(f"SnapFit.hooks must be 1 or 2; got {self.hooks!r}")
+        hook = Hook(
+            self.base_length, self.peak, self.thickness, self.height, self.width,
+            math.radians(self.insertion_deg), math.radians(self.retention_deg),
+            self.youngs_modulus, self.poisson_ratio, flat_top=True,
+        )  # fmt: skip
+        from scipy.interpolate import CubicSpline  # a third of a second that only those who snap should wait
+
+        x = np.linspace(0.5 * hook.base_length, hook.tip, 257)
+        soft = compliance(hook, x, self.beam)
+        top = compliance(hook, hook.peak, self.beam)
+        recoil = float(top.minus / top.plus)
+        spline = CubicSpline(x, hook.youngs_modulus * hook.width / soft.plus)
+        shape = (hook.base_length, hook.ramp_end, hook.peak, math.tan(hook.rear), math.tan(hook.front), self.edge)
+        numbers = (
+            *shape, hook.height, recoil, self.friction, self.creep, self.half_width, self.clearance, self.seat,
+            x[0], x[1] - x[0], self.hooks,
+        )  # fmt: skip
+        values = {
+            "hook": hook,
+            "_numbers": np.array(numbers),
+            "_spline": np.ascontiguousarray(spline.c.T),  # (256, 4): the four of a place beside each other
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+        self._check_slides(x, spline, recoil)
+
+    def _check_slides(self, x: Array, spline: CubicSpline, recoil: float) -> None:
+        lean, hook = math.atan(self.friction), self.hook
+        front = x[x >= hook.peak]
+        bent = np.interp(front, [hook.peak, hook.tip], [hook.height, 0.0])
+        steepest = float(np.arctan(math.tan(hook.front) - 0.5 * bent * spline(front, 1) / spline(front)).max())
+        limit = math.atan(1.0 / recoil) if recoil > 0 else math.pi / 2
+        if steepest + lean >= limit:
+            raise GeometryError(
+                f"the hook cannot be pushed in, it jams: its front face, bent, leans {math.degrees(steepest):.1f}° and "
+                f"friction adds {math.degrees(lean):.1f}°; this beam ({self.beam}) yields below "
+                f"{math.degrees(limit):.1f}° together. Reduce insertion_deg or friction"
+            )
+        if hook.rear + lean >= math.radians(89.0):
+            raise GeometryError(
+                f"the hook cannot be pulled out, it locks: retention_deg {self.retention_deg:.4g}° and friction "
+                f"({math.degrees(lean):.1f}°) must stay below 89° together"
+            )
+
+    @classmethod
+    def of(cls, hook: Hook, friction: float, beam: Model = "timoshenko", **others: Any) -> SnapFit:
+        """The world of a given `hook`; `others` as in the constructor."""
+        return cls(
+            youngs_modulus=hook.youngs_modulus, poisson_ratio=hook.poisson_ratio, friction=friction,
+            base_length=hook.base_length, peak=hook.peak, thickness=hook.thickness, height=hook.height,
+            width=hook.width, insertion_deg=round(math.degrees(hook.front), 9),
+            retention_deg=round(math.degrees(hook.rear), 9),
+            beam=beam, **others,
+        )  # fmt: skip
+
+    def wrench(self, state: State) -> Array:
+        """(6,) on the part, about o' [N, N·m]."""
+        return self.touching(state)[0]
+
+    def touching(self, state: State) -> tuple[Array, Array]:
+        """(6,) the wrench, and (2, 8) the hooks, first the one at +Y': see `World.touching`."""
+        wrench, hooks = np.empty(6), np.empty((2, 8))
+        one = np.ascontiguousarray  # one layout: one compilation
+        _snap_fit(
+            one(state.p), one(state.R_SR), one(state.v), one(state.w), self._numbers, self._spline, wrench, hooks
+        )  # fmt: skip
+        return wrench, hooks
+
+    def contacts(self, state: State) -> tuple[Contact, ...]:
+        """What each hook does, first the one at +Y'."""
+        found = []
+        for bent, place, *rest in self.touching(state)[1][: self.hooks].tolist():
+            face = "" if bent == 0.0 else "rear" if place < self.hook.ramp_end else "top"
+            if bent > 0.0 and place > self.hook.peak:
+                face = "front"
+            found.append(Contact(face, np.array(rest[:3]), np.array(rest[3:]), bent, place))
+        return tuple(found)

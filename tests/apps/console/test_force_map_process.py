@@ -1,0 +1,47 @@
+"""The felt map from a process of its own: the same numbers, mistakes in words, and no process left behind."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from haptorb.apps.console.force_map_process import FeltProcess
+from haptorb.devices.loader import load
+from haptorb.errors import HaptorbError
+from haptorb.simulation.force_map import felt_map
+from haptorb.worlds import named
+
+POINTS = 0.05 * np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [0.0, -0.6, 0.8]])
+
+
+@pytest.fixture
+def felt():
+    felt = FeltProcess(load("omni"))
+    yield felt
+    felt.close()
+
+
+def test_same_numbers_as_computed_here_and_mistakes_in_words(felt):
+    force, saturated = felt("dome", {"moment": 1.7}, POINTS)
+    expected, at_limit = felt_map(load("omni"), named("dome")(moment=1.7), POINTS)
+    assert force == pytest.approx(expected)
+    assert (saturated == at_limit).all()
+    with pytest.raises(HaptorbError, match="moment must lie between"):
+        felt("dome", {"moment": 99.0}, POINTS)
+    with pytest.raises(HaptorbError, match="unknown world 'dme'; did you mean 'dome'"):
+        felt("dme", {}, POINTS)
+    force, _ = felt("nothing", {}, POINTS)
+    assert (force < 0).all(), "the core pulls"
+
+
+def test_ends_with_close_and_starts_again_after_a_death(felt):
+    felt("nothing", {}, POINTS)
+    process = felt._process
+    process.kill()
+    process.wait()
+    force, _ = felt("nothing", {}, POINTS)
+    assert len(force) == 3
+    process = felt._process
+    felt.close()
+    assert process.returncode == 0
+    felt.close()

@@ -1,0 +1,209 @@
+"""Analysis against closed forms: chance, intervals, known tables, known curves; exports and report."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.special import ndtr
+from scipy.stats import binom
+
+from haptorb.apps.asking.prompt import Answer
+from haptorb.apps.study.analysis.analysis import analysed
+from haptorb.apps.study.analysis.load_analysis import analysis_of
+from haptorb.apps.study.analysis.report import page, write_report
+from haptorb.apps.study.analysis.statistics import above_chance, bootstrap, psychometric_fit, sign_flip, wilson
+from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.store.columns import COLUMNS, tidy
+from haptorb.apps.study.store.database import database
+from haptorb.apps.study.store.export import write_bids, write_csv, write_parquet
+from haptorb.errors import InputError, RecordingError
+
+WAYS = {1: (0.0, 0.0, 0.05), 2: (0.0294, 0.0, 0.0405), 3: (-0.0294, 0.0, 0.0405)}
+
+
+def sat(study: Study, place: Path, answers: dict[int, int], codes: tuple[str, ...] = ("P01", "P02")) -> None:
+    """Participants who answer every set-point as `answers` tells."""
+    engine = database(place)
+    for code in codes:
+        with Sitting(engine, study, code) as sitting:
+            while (prompt := sitting.prompt) is not None:
+                value = answers[prompt.set_point]
+                sitting.answer(Answer(value, WAYS[value], 1.0))
+    engine.dispose()
+
+
+def read(path: Path, separator: str) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file, delimiter=separator))
+
+
+@given(st.integers(1, 400).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_wilson_solves_its_own_equation(kn: tuple[int, int]) -> None:
+    # Wilson's ends are where |p̂ − p| = z √(p(1 − p)/n).
+    k, n = kn
+    for p in wilson(k, n):
+        if 0 < p < 1:
+            assert abs(k / n - p) == pytest.approx(1.959964 * np.sqrt(p * (1 - p) / n), rel=1e-5, abs=1e-8)
+
+
+@given(st.integers(0, 60), st.floats(0.01, 0.99))
+def test_chance_is_the_binomial_tail(right: int, chance: float) -> None:
+    assert above_chance(right, 60, chance) == pytest.approx(binom.sf(right - 1, 60, chance), abs=1e-12)
+
+
+def test_guessing_is_found_to_be_guessing() -> None:
+    # Answers drawn at random: accuracy near 1/25, and the test's p seldom small.
+    rng = np.random.default_rng(0)
+    ps = [above_chance(int(rng.binomial(300, 1 / 25)), 300, 1 / 25) for _ in range(400)]
+    assert np.mean(np.array(ps) < 0.05) < 0.08
+
+
+def test_the_bootstrap_covers_the_mean_of_people() -> None:
+    rng = np.random.default_rng(1)
+    covered = 0
+    for n in range(300):
+        low, high = bootstrap(rng.normal(0.0, 1.0, 20), seed=n, samples=400)
+        covered += low <= 0 <= high
+    assert 0.87 <= covered / 300 <= 0.98  # the percentile interval is a little narrow with 20 people
+
+
+def test_one_person_has_no_interval_over_people() -> None:
+    low, high = bootstrap([0.5])
+    assert np.isnan([low, high]).all()
+
+
+@pytest.mark.parametrize("people", [3, 6])
+def test_sign_flip_of_equal_signs_is_exact(people: int) -> None:
+    assert sign_flip(np.arange(1, people + 1)) == pytest.approx(2 / 2**people)
+
+
+def test_a_curve_is_found_again_and_its_interval_holds_the_truth() -> None:
+    rng = np.random.default_rng(2)
+    x = np.linspace(0.8, 1.6, 7)
+    covered, middles = 0, []
+    for n in range(25):
+        p = 0.02 + 0.96 * ndtr((x - 1.2) / 0.12)
+        fit = psychometric_fit(x, rng.binomial(40, p).astype(float), np.full(7, 40.0), seed=n, samples=60)
+        middles.append(fit.middle)
+        covered += fit.middle_95[0] <= 1.2 <= fit.middle_95[1]
+    assert np.mean(middles) == pytest.approx(1.2, abs=0.01)
+    assert covered >= 20
+
+
+def test_a_curve_of_one_level_is_refused() -> None:
+    with pytest.raises(InputError, match="two different levels"):
+        psychometric_fit([1.0, 1.0], [1, 2], [3, 3])
+
+
+def test_everybody_right_is_everybody_right(identify: Study, tmp_path: Path) -> None:
+    sat(identify, tmp_path / "s.db", {1: 1, 2: 2, 3: 3})
+    found = analysis_of(tmp_path / "s.db")
+    assert found.confusion is not None
+    assert found.confusion.matrix.tolist() == np.eye(3).tolist()
+    assert found.arrows == ()
+    assert found.trials == 12
+    assert found.practice == 2
+    assert found.confusion.p_chance == pytest.approx(3.0**-12)
+    assert not found.simulated
+    assert "2 participants" in found.origin
+
+
+def test_wrong_answers_become_an_arrow(identify: Study, tmp_path: Path) -> None:
+    sat(identify, tmp_path / "s.db", {1: 1, 2: 1, 3: 3})
+    found = analysis_of(tmp_path / "s.db")
+    assert [(a.of, a.to, a.wrong, a.share) for a in found.arrows] == [(2, 1, 4, 1.0)]
+    assert found.confusion is not None
+    assert found.confusion.matrix[1].tolist() == [1.0, 0.0, 0.0]
+    assert found.confusion.accuracy == pytest.approx(2 / 3)
+
+
+def test_participants_count_alike_however_much_they_answered(identify: Study, tmp_path: Path) -> None:
+    sat(identify, tmp_path / "s.db", {1: 1, 2: 2, 3: 3}, ("P01",))
+    engine = database(tmp_path / "s.db")
+    with Sitting(engine, identify, "P02") as sitting:  # stops after practice and one wrong answer
+        for _ in range(2):
+            prompt = sitting.prompt
+            assert prompt is not None
+            sitting.answer(Answer(1 + prompt.set_point % 3, WAYS[1]))
+    found = analysis_of(tmp_path / "s.db")
+    assert found.confusion is not None
+    assert found.confusion.accuracy == pytest.approx(0.5)
+
+
+def test_csv_parquet_and_bids_say_the_same(identify: Study, tmp_path: Path) -> None:
+    from pyarrow import parquet
+
+    sat(identify, tmp_path / "s.db", {1: 1, 2: 1, 3: 3})
+    columns = tidy(database(tmp_path / "s.db"), identify)
+    rows = read(write_csv(columns, tmp_path / "t.csv"), ",")
+    assert list(rows[0]) == list(COLUMNS)
+    assert json.loads((tmp_path / "t.json").read_text(encoding="utf-8")) == COLUMNS
+    table = parquet.read_table(write_parquet(columns, tmp_path / "t.parquet"))
+    assert table.column("answer").to_pylist() == [int(row["answer"]) for row in rows]
+    assert table.schema.field("x_m").metadata[b"description"].decode() == COLUMNS["x_m"]
+    folder = write_bids(identify, columns, tmp_path / "bids")
+    tables = sorted(folder.glob("sub-*/beh/*_beh.tsv"))
+    assert [path.name for path in tables] == ["sub-P01_task-identify_beh.tsv", "sub-P02_task-identify_beh.tsv"]
+    found = [row for path in tables for row in read(path, "\t")]
+    assert [row["answer"] for row in found] == [row["answer"] for row in rows]
+    described = json.loads((folder / "dataset_description.json").read_text(encoding="utf-8"))
+    assert {"Name", "BIDSVersion"} <= set(described)
+    with pytest.raises(RecordingError, match="exists"):
+        write_bids(identify, columns, tmp_path / "bids")
+    with pytest.raises(RecordingError, match="exists"):
+        write_csv(columns, tmp_path / "t.csv")
+
+
+def test_the_report_needs_nothing_else(identify: Study, tmp_path: Path) -> None:
+    sat(identify, tmp_path / "s.db", {1: 1, 2: 1, 3: 3})
+    found = analysis_of(tmp_path / "s.db")
+    text = page(found)
+    assert "src='http" not in text
+    assert "href" not in text
+    assert "<script" not in text
+    assert "data:image/png" in text
+    path = write_report(found, tmp_path / "out")
+    assert {p.name for p in path.parent.iterdir()} == {
+        "report.html", "numbers.json", "confusion.svg", "answers.svg", "error.svg",
+    }  # fmt: skip
+    assert json.loads((path.parent / "numbers.json").read_text())["accuracy"]["mean"] == pytest.approx(2 / 3)
+
+
+def test_a_database_without_answers_is_told(identify: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    with pytest.raises(InputError, match="no study was run"):
+        analysis_of(tmp_path / "s.db")
+    with Sitting(engine, identify, "P01") as sitting:
+        pass
+    with pytest.raises(RecordingError, match="no answered trials"):
+        analysis_of(tmp_path / "s.db")
+    with Sitting(engine, identify, "P01") as sitting:
+        sitting.answer(Answer(1, WAYS[1]))
+    with pytest.raises(InputError, match="practice trials only"):
+        analysis_of(tmp_path / "s.db")
+    with pytest.raises(InputError, match="no study 'other'"):
+        analysis_of(tmp_path / "s.db", "other")
+
+
+def test_conditions_are_compared_person_by_person(tmp_path: Path) -> None:
+    study = study_of(
+        'name = "two"\n[set_points]\npoints = [{number = 1, theta_deg = 0}, {number = 2, theta_deg = 36}]\n'
+        '[[conditions]]\nname = "a"\n[[conditions]]\nname = "b"\nparameters = {moment = 1.0}\n'
+    )
+    engine = database(tmp_path / "s.db")
+    for code in ("P01", "P02", "P03"):
+        with Sitting(engine, study, code) as sitting:
+            while (prompt := sitting.prompt) is not None:
+                right = prompt.condition == "a"
+                sitting.answer(Answer(prompt.set_point if right else 3 - prompt.set_point, WAYS[1]))
+    found = analysed(study, tidy(engine, study))
+    accuracy = found.comparisons[0]
+    assert (accuracy.what, accuracy.difference, accuracy.people) == ("accuracy", 1.0, 3)
+    assert accuracy.p == pytest.approx(0.25)

@@ -1,0 +1,107 @@
+"""Study files: what is right is read, what is wrong is told before anyone sits down."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from haptorb.apps.study.model.order import balanced, plan, procedure_of
+from haptorb.apps.study.model.set_points import published
+from haptorb.apps.study.model.study_file import Study, read_study, study_of
+from haptorb.apps.study.simulated.forecast import forecast, overlap
+from haptorb.errors import InputError
+
+LEVELS = 'name = "x"\nprocedure = "{}"\n[levels]\nreference = 1.0\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('name = "x"\n[parameters]\nmomnt = 2', "did you mean 'moment'"),
+        ('name = "x"\n[parameters]\nmoment = 40', "between -4 and 4"),
+        ('name = "x"\n[set_points]\npoints = [{number = 1, theta_deg = 61}]', "outside the workspace"),
+        ('name = "x"\n[set_points]\npoints = [{number = 1, theta_deg = 1}, {number = 1, theta_deg = 2}]', "number 1"),
+        ('name = "x"\n[set_points]\npoints = []', "layout"),
+        ('name = "x"\nworld = "dume"', "did you mean 'dome'"),
+        ('name = "x"\nworld = "wall"', "no summit"),
+        ('name = "x"\ndevice = "pmsm"', "no dome"),
+        ('name = "x"\ndevise = "omni"', "devise"),
+        ('name = "a name with blanks"', "name"),
+        ('name = "x"\n[parameters]\nsummit = [0, 0, 1]', "summit"),
+        ('name = "x"\nprocedure = "guessing"', "procedure"),
+        ('name = "x"\n[trials]\nrepetitions = 0', "repetitions"),
+        ('name = "x"\n[trials]\norder = "counter-balanced"', "two conditions"),
+        ('name = "x"\n[[conditions]]\nname = "a"\n[[conditions]]\nname = "a"', "differ"),
+        ('name = "x"\nprocedure = "forced-choice"', "two conditions"),
+        ('name = "x"\nprocedure = "constant"', "needs [levels]"),
+        (LEVELS.format("constant") + "values = [1.0]", "two different"),
+        (LEVELS.format("staircase") + "least = 0.5\nmost = 0.1\nstart = 0.2", "least < levels.most"),
+        (LEVELS.format("bayesian") + "least = 0.1\nmost = 3.5", "between -4 and 4"),
+        (LEVELS.format("identification"), "levels belong"),
+        ("name = ", "not TOML"),
+    ],
+)
+def test_a_wrong_file_is_refused_with_the_reason(text: str, says: str) -> None:
+    with pytest.raises(InputError, match="study file") as told:
+        study_of(text)
+    assert says in str(told.value)
+
+
+def test_a_file_that_is_not_there_is_told(tmp_path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        read_study(tmp_path / "none.toml")
+
+
+def test_every_set_point_is_prompted_exactly_as_often_as_asked(identify: Study) -> None:
+    prompts = procedure_of(identify, plan(identify, 3)).parts[0].prompts
+    assert [p.phase for p in prompts].count("practice") == 1
+    main = [p.set_point for p in prompts if p.phase == "main"]
+    assert sorted(main) == [1, 1, 2, 2, 3, 3]
+
+
+def test_the_order_is_the_seeds_and_every_persons_own() -> None:
+    study = study_of('name = "x"\n[trials]\nseed = 1')
+    assert plan(study, 0) == plan(study, 0)
+    assert plan(study, 0) != plan(study, 1)
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 5, 6])
+def test_counter_balancing_puts_every_condition_after_every_other_equally_often(n: int) -> None:
+    rows = [balanced(n, k) for k in range(2 * n)]
+    assert all(sorted(row) == list(range(n)) for row in rows)
+    follows = [(a, b) for row in rows for a, b in pairwise(row)]
+    counts = {follows.count((a, b)) for a in range(n) for b in range(n) if a != b}
+    assert counts == {2}
+
+
+def test_breaks_come_where_the_file_says() -> None:
+    study = study_of('name = "x"\n[trials]\nbreak_every = 20\nbreak_seconds = 30')
+    pauses = [n for n, p in enumerate(plan(study, 0)["parts"][0]["prompts"]) if p["pause"]]
+    assert pauses == [20, 40]
+
+
+def test_maps_that_reach_into_each_other_are_told_by_how_much() -> None:
+    told = overlap(study_of('name = "x"'))
+    assert told is not None
+    # Two neighbours on the ring at 18° are 13.6° apart; two cut-offs of 54° want 108°.
+    assert told.worst == pytest.approx(108 - 13.58, abs=0.01)
+    narrow = 'name = "x"\n[parameters]\nhalf_width_deg = 6\ncut_off_deg = 6'
+    points = "[set_points]\npoints = [{number = 1, theta_deg = 0}, {number = 2, theta_deg = 18}]"
+    assert overlap(study_of(f"{narrow}\n{points}")) is None
+
+
+def test_a_hot_study_is_foretold_and_more_pause_holds_it() -> None:
+    calm = forecast(study_of('name = "x"\n[trials]\nexpected_seconds = 5\npause_seconds = 5'))
+    assert calm.holds
+    top = "[set_points]\npoints = [{number = 1, theta_deg = 0}]"
+    hot = forecast(study_of(f'name = "x"\n[parameters]\nmoment = 4.0\n{top}\n[trials]\nrepetitions = 40'))
+    assert not hot.holds
+    assert hot.pause is not None
+    assert "will be reduced" in hot.sentence
+
+
+def test_the_built_in_set_points_are_distinct_and_counted() -> None:
+    points = published()
+    assert [p.number for p in points] == list(range(1, 26))
+    assert len({p.direction for p in points}) == 25

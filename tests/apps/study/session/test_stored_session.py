@@ -1,0 +1,287 @@
+"""Answers are kept: durable one by one, resumed after kill -9, refused where two would write one session."""
+
+from __future__ import annotations
+
+import importlib.util
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy import Connection, inspect
+
+from haptorb.apps.asking.prompt import Answer
+from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.store import migrations
+from haptorb.apps.study.store.claim import Claim
+from haptorb.apps.study.store.columns import COLUMNS, replied, studied, tidy
+from haptorb.apps.study.store.database import SCHEMA, database
+from haptorb.apps.study.store.export import write_bids, write_replies
+from haptorb.errors import InputError, RecordingError
+
+HERE = (0.0, 0.0, 0.05)
+ROOT = Path(__file__).resolve().parents[4]
+
+
+def killed(folder: Path, kills: int, *, forked: bool = False) -> dict[str, Any]:
+    """What benchmarks/study_kill.py finds."""
+    spec = importlib.util.spec_from_file_location("study_kill", ROOT / "benchmarks" / "study_kill.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.killed(folder, kills, forked=forked)
+
+
+def test_a_session_is_answered_to_its_end_and_read_back(identify: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    with Sitting(engine, identify, "P01") as sitting:
+        while sitting.prompt is not None:
+            sitting.answer(Answer(1, HERE, 1.5), safety=[{"code": "OVERHEATED"}] if sitting.number == 2 else ())
+    columns = tidy(engine, studied(engine))
+    assert list(columns) == list(COLUMNS)
+    assert columns["trial"].tolist() == list(range(7))
+    assert columns["safety"].tolist().count("OVERHEATED") == 1
+    top = columns["set_point"] == 1
+    assert columns["distance_mm"][top] == pytest.approx(0.0, abs=1e-9)
+    # 36° apart on a sphere of 50 mm: a chord of 2 · 50 · sin 18°.
+    assert columns["distance_mm"][~top] == pytest.approx(30.9017, abs=1e-3)
+    assert columns["correct"].tolist() == [float(x) for x in top]
+
+
+def test_a_code_that_has_finished_is_refused(identify: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    with Sitting(engine, identify, "P01") as sitting:
+        while sitting.prompt is not None:
+            sitting.answer(Answer(1, HERE))
+    with pytest.raises(RecordingError, match="another code"):
+        Sitting(engine, identify, "P01")
+
+
+def test_an_aborted_session_keeps_its_answers_and_is_over(identify: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    with Sitting(engine, identify, "P01") as sitting:
+        sitting.answer(Answer(1, HERE))
+        sitting.abort("tired")
+    with pytest.raises(RecordingError, match="aborted"):
+        Sitting(engine, identify, "P01")
+    assert len(tidy(engine, identify)["trial"]) == 1
+
+
+def test_names_are_no_codes(identify: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    for code in ("Anna", "anna01", "P1", "", "P01; DROP TABLE trials", "P01\n"):
+        with pytest.raises(InputError, match="never a name"):
+            Sitting(engine, identify, code)
+
+
+def test_simulated_and_real_do_not_share_a_code(identify: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    Sitting(engine, identify, "SIM01", simulated=True).close()
+    with pytest.raises(RecordingError, match="simulated"):
+        Sitting(engine, identify, "SIM01")
+
+
+def test_two_experimenters_cannot_run_one_session(identify: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    with Sitting(engine, identify, "P01") as first:
+        first.answer(Answer(1, HERE))
+        with pytest.raises(RecordingError, match="another experimenter"):
+            Sitting(database(tmp_path / "s.db"), identify, "P01")
+    with Sitting(engine, identify, "P01") as second:
+        assert second.number == 1
+
+
+def test_a_refused_answer_leaves_nothing_behind(identify: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    with Sitting(engine, identify, "P01") as sitting:
+        with pytest.raises(InputError, match="1 to 3"):
+            sitting.answer(Answer(9, HERE))
+        assert sitting.number == 0
+    with pytest.raises(RecordingError, match="no answered trials"):
+        tidy(engine, identify)
+
+
+def test_a_trial_that_somebody_else_wrote_is_not_written_twice(identify: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    with Sitting(engine, identify, "P01") as sitting:
+        claim, sitting._claim = sitting._claim, None  # as if the lock had failed
+        claim.release()
+        with Sitting(engine, identify, "P01") as other:
+            other.answer(Answer(1, HERE))
+            with pytest.raises(RecordingError, match="answered before"):
+                sitting.answer(Answer(2, HERE))
+        sitting._claim = Claim(engine, sitting.id)
+    assert tidy(engine, identify)["answer"].tolist() == [1]
+
+
+def test_changed_data_are_noticed_on_resuming(identify: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    with Sitting(engine, identify, "P01") as sitting:
+        sitting.answer(Answer(1, HERE))
+        sitting.answer(Answer(1, HERE))
+    with sqlite3.connect(tmp_path / "s.db") as raw:
+        raw.execute("DELETE FROM trials WHERE number = 0")
+    raw.close()
+    with pytest.raises(RecordingError, match="data were changed"):
+        Sitting(engine, identify, "P01")
+
+
+def test_a_newer_schema_is_refused_and_left_alone(identify: Study, tmp_path: Path) -> None:
+    database(tmp_path / "s.db").dispose()
+    with sqlite3.connect(tmp_path / "s.db") as raw:
+        raw.execute("UPDATE haptorb_schema SET version = ?", (SCHEMA + 1,))
+    raw.close()
+    with pytest.raises(RecordingError, match="update haptorb"):
+        database(tmp_path / "s.db")
+
+
+def test_databases_that_are_none_are_told(tmp_path: Path) -> None:
+    (tmp_path / "text.db").write_text("this is no database, and long enough to look at" * 20)
+    with pytest.raises(RecordingError, match="cannot be opened"):
+        database(tmp_path / "text.db")
+    with pytest.raises(RecordingError, match="cannot be opened"):
+        database(tmp_path / "no-such-folder" / "s.db")
+    with pytest.raises(RecordingError, match="does not exist"):
+        database(tmp_path / "none.db", make=False)
+    with pytest.raises(RecordingError, match=r"names no database|not installed"):
+        database("nonsense://x/y")
+    with sqlite3.connect(tmp_path / "other.db") as raw:
+        raw.execute("CREATE TABLE cats (name TEXT)")
+    raw.close()
+    with pytest.raises(RecordingError, match="other tables"):
+        database(tmp_path / "other.db")
+
+
+def test_sqlite_writes_through(tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    with engine.connect() as connection:
+        told = [connection.exec_driver_sql(f"PRAGMA {p}").scalar() for p in ("journal_mode", "synchronous")]
+    assert told == ["wal", 2]
+
+
+def test_an_older_schema_is_brought_forward_and_its_session_goes_on(identify: Study, tmp_path: Path) -> None:
+    with sqlite3.connect(tmp_path / "s.db") as raw:
+        raw.executescript((Path(__file__).parents[1] / "schema_1.sql").read_text(encoding="utf-8"))
+    raw.close()
+    engine = database(tmp_path / "s.db")
+    with sqlite3.connect(tmp_path / "s.db") as raw:
+        assert raw.execute("SELECT version FROM haptorb_schema").fetchall() == [(SCHEMA,)]
+    raw.close()
+    with Sitting(engine, identify, "P01") as sitting:
+        assert (sitting.number, sitting.question) == (3, None)
+        while sitting.prompt is not None:
+            sitting.answer(Answer(1, HERE))
+    assert tidy(engine, identify)["trial"].tolist() == list(range(7))
+
+
+def test_migrated_and_new_tables_are_the_same(tmp_path: Path) -> None:
+    with sqlite3.connect(tmp_path / "old.db") as raw:
+        raw.executescript((Path(__file__).parents[1] / "schema_1.sql").read_text(encoding="utf-8"))
+    raw.close()
+    known = [inspect(database(tmp_path / name)) for name in ("old.db", "new.db")]
+    names = [sorted(one.get_table_names()) for one in known]
+    assert names[0] == names[1]
+    for name in names[0]:
+        one, two = ([(c["name"], str(c["type"]), c["nullable"]) for c in k.get_columns(name)] for k in known)
+        assert one == two
+        assert known[0].get_unique_constraints(name) == known[1].get_unique_constraints(name)
+
+
+def test_a_step_that_fails_leaves_the_older_schema_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with sqlite3.connect(tmp_path / "s.db") as raw:
+        raw.executescript((Path(__file__).parents[1] / "schema_1.sql").read_text(encoding="utf-8"))
+        before = list(raw.iterdump())
+    raw.close()
+
+    whole = migrations.STEPS[1]
+
+    def broken(connection: Connection) -> None:
+        whole(connection)
+        connection.exec_driver_sql("SELECT * FROM there_is_no_such_table")
+
+    with monkeypatch.context() as changed:
+        changed.setattr(migrations, "STEPS", {1: broken})
+        with pytest.raises(RecordingError, match="there_is_no_such_table"):
+            database(tmp_path / "s.db")
+    with sqlite3.connect(tmp_path / "s.db") as raw:
+        assert list(raw.iterdump()) == before
+    raw.close()
+
+
+QUESTIONS = """
+name = "asked"
+[set_points]
+points = [{ number = 1, theta_deg = 0 }]
+[trials]
+repetitions = 1
+[[questions]]
+name = "hand"
+text = "Which hand holds the pen?"
+when = "before"
+choices = ["left", "right"]
+[[questions]]
+name = "tired"
+text = "How tired are you, 0 to 10?"
+low = 0
+high = 10
+[[questions]]
+name = "remarks"
+text = "Anything else?"
+"""
+
+
+def test_questions_are_asked_before_and_after_and_kept(tmp_path: Path) -> None:
+    study = study_of(QUESTIONS)
+    engine = database(tmp_path / "s.db")
+    with Sitting(engine, study, "P01") as sitting:
+        asked = sitting.question
+        assert asked is not None
+        assert asked.name == "hand"
+        with pytest.raises(InputError, match="left, right"):
+            sitting.reply(asked, "both")
+        sitting.reply(asked, " right ")
+        assert sitting.question is None
+        sitting.answer(Answer(1, HERE))
+        assert not sitting.over
+    with Sitting(engine, study, "P01") as sitting:  # cut off between trials and questions: goes on there
+        asked = sitting.question
+        assert asked is not None
+        for wrong in ("11", "ten", "", "-1", "5.0"):
+            with pytest.raises(InputError):
+                sitting.reply(asked, wrong)
+        sitting.reply(asked, "3")
+        assert not sitting.over
+        assert sitting.question is not None
+        sitting.reply(sitting.question, "no")
+        assert sitting.over
+    assert replied(engine, study) == {"P01": {"hand": "right", "tired": "3", "remarks": "no"}}
+    path = write_replies(study, replied(engine, study), tmp_path / "q.csv")
+    assert path.read_text(encoding="utf-8").splitlines()[2] == 'P01,tired,"How tired are you, 0 to 10?",3'
+    folder = write_bids(study, tidy(engine, study), tmp_path / "bids", replies=replied(engine, study))
+    lines = (folder / "participants.tsv").read_text(encoding="utf-8").splitlines()
+    assert lines == ["participant_id\tsimulated\thand\ttired\tremarks", "sub-P01\tfalse\tright\t3\tno"]
+    assert "How tired" in (folder / "participants.json").read_text(encoding="utf-8")
+    with pytest.raises(RecordingError, match="another code"):
+        Sitting(engine, study, "P01")
+
+
+def test_simulated_participants_are_asked_nothing_in_words(tmp_path: Path) -> None:
+    with Sitting(database(tmp_path / "s.db"), study_of(QUESTIONS), "SIM01", simulated=True) as sitting:
+        sitting.answer(Answer(1, HERE))
+        assert sitting.over
+
+
+def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
+    found = killed(tmp_path, 10, forked=True)
+    assert (found["kills"], found["lost"], found["doubled"]) == (10, 0, 0)
+    assert found["in_the_middle"] > 0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_200_times_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
+    found = killed(tmp_path, 200)
+    assert (found["kills"], found["lost"], found["doubled"]) == (200, 0, 0)
+    assert found["resume_s_median"] < 5.0

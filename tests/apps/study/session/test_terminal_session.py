@@ -1,0 +1,161 @@
+"""The terminal runner without a terminal: keys in, answers kept, the device told; and once with the real loop."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from sqlalchemy import text
+
+from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.session.keys import END, Keys
+from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.session.terminal_session import Runner, View
+from haptorb.apps.study.session.trial_device import Stage
+from haptorb.apps.study.store.columns import tidy
+from haptorb.apps.study.store.database import database
+from haptorb.control.protection.trip import Trip
+
+STUDY = """
+name = "short"
+[set_points]
+points = [{ number = 1, theta_deg = 0 }, { number = 12, theta_deg = 36 }]
+[trials]
+repetitions = 1
+pause_seconds = 0.0
+"""
+
+
+def _module() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("fake_servo", Path(__file__).parents[1] / "fake_servo.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+FakeServo: Any = _module().FakeServo
+
+
+class Script(Keys):
+    """Keys as they are written; a callable among them is called instead."""
+
+    def __init__(self, *keys: Any) -> None:
+        self._keys = list(keys)
+
+    def pressed(self, wait: float) -> str | None:
+        key = self._keys.pop(0) if self._keys else END
+        return key() if callable(key) else key
+
+
+@pytest.fixture
+def short() -> Study:
+    return study_of(STUDY)
+
+
+def run(study: Study, place: Path, *keys: Any, servo: Any = None) -> SimpleNamespace:
+    servo, views = servo or FakeServo(), []
+
+    def show(view: View) -> None:
+        views.append((view.state, view.typed, view.message))
+
+    with Sitting(database(place), study, "P01") as sitting:
+        asked = [sitting.prompt]
+        how = Runner(sitting, Stage(study, servo), Script(*keys), show, "run.mcap").run()  # type: ignore[arg-type]
+    return SimpleNamespace(how=how, servo=servo, views=views, first=asked[0])
+
+
+def test_numbers_are_typed_and_kept_and_the_summit_is_the_prompted_one(short: Study, tmp_path: Path) -> None:
+    ran = run(short, tmp_path / "s.db", "1", "enter", "1", "2", "enter")
+    assert ran.how == "done"
+    columns = tidy(database(tmp_path / "s.db"), short)
+    assert columns["answer"].tolist() == [1, 12]
+    assert [told for told in ran.servo.told if told[0] == "dome"] == [
+        ("dome", short.point(int(n)).direction) for n in columns["set_point"]
+    ]
+    assert ran.servo.told[-1] == ("nothing", None)
+    assert columns["recording"][0].startswith("run.mcap#t=")
+
+
+def test_a_wrong_number_is_told_and_may_be_typed_again(short: Study, tmp_path: Path) -> None:
+    ran = run(short, tmp_path / "s.db", "7", "enter", "enter", "1", "3", "back", "2", "enter", "1", "enter")
+    assert ran.how == "done"
+    assert any("1, 12" in message for _, _, message in ran.views)
+    assert any("choose the number first" in message for _, _, message in ran.views)
+    assert tidy(database(tmp_path / "s.db"), short)["answer"].tolist() == [12, 1]
+
+
+def test_leaving_keeps_what_was_answered_and_resumes_there(short: Study, tmp_path: Path) -> None:
+    assert run(short, tmp_path / "s.db", "1", "enter", "q").how == "left"
+    assert run(short, tmp_path / "s.db", "1", "enter").how == "done"
+    assert tidy(database(tmp_path / "s.db"), short)["trial"].tolist() == [0, 1]
+
+
+def test_a_pause_switches_the_coils_off_and_is_no_safety_event(short: Study, tmp_path: Path) -> None:
+    ran = run(short, tmp_path / "s.db", "space", "1", "space", "enter", "e", "1", "enter", "1", "enter")
+    assert ran.how == "done"
+    assert [told for told in ran.servo.told if isinstance(told, str)] == ["stop", "engage"]
+    assert tidy(database(tmp_path / "s.db"), short)["safety"].tolist() == ["", ""]
+    with database(tmp_path / "s.db").connect() as connection:
+        kinds = connection.execute(text("SELECT kind FROM events ORDER BY id")).scalars().all()
+    assert kinds == ["begin", "pause", "resume"]
+
+
+def test_a_trip_is_marked_on_its_trial_only(short: Study, tmp_path: Path) -> None:
+    servo = FakeServo()
+    hot = Trip.OVERHEATED
+    run(short, tmp_path / "s.db", lambda: servo.trip(hot), "1", "enter", "1", "enter", servo=servo)
+    assert tidy(database(tmp_path / "s.db"), short)["safety"].tolist() == ["OVERHEATED", ""]
+
+
+def test_abort_asks_first(short: Study, tmp_path: Path) -> None:
+    assert run(short, tmp_path / "s.db", "A", "n", "1", "enter", "A", "y").how == "aborted"
+
+
+def test_arrows_move_the_pen_and_not_out_of_the_workspace(short: Study, tmp_path: Path) -> None:
+    servo = FakeServo()
+    run(short, tmp_path / "s.db", *["right"] * 40, "1", "enter", servo=servo)
+    x, y, z = servo.p
+    assert np.degrees(np.arctan2(x, z)) == pytest.approx(60.0)
+    assert y == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_other_interval_is_felt_at_a_key(tmp_path: Path) -> None:
+    study = study_of(
+        'name = "x"\nprocedure = "constant"\n[levels]\nreference = 1.2\nvalues = [1.0, 1.5]\n'
+        "[trials]\nrepetitions = 1\npause_seconds = 0"
+    )
+    ran = run(study, tmp_path / "s.db", "tab", "1", "enter", "2", "enter")
+    assert ran.how == "done"
+    assert len([told for told in ran.servo.told if told[0] == "dome"]) == 3
+
+
+def test_a_session_at_the_command_line_with_the_real_loop(tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text(STUDY)
+    command = [sys.executable, "-c", "import sys; from haptorb.apps.cli import main; sys.exit(main())", "study"]
+    environment = {**os.environ, "COLUMNS": "120"}
+    ran = subprocess.run(
+        [*command, "run", "s.toml", "--terminal", "-p", "P01", "--db", "s.db"], cwd=tmp_path, input=b"\n1\n1\n",
+        timeout=200, capture_output=True, env=environment, check=False,
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr.decode()
+    assert b"done" in ran.stderr
+    columns = tidy(database(tmp_path / "s.db"), study_of(STUDY))
+    assert columns["answer"].tolist() == [1, 1]
+    assert np.isfinite(columns["x_m"]).all()
+    assert (tmp_path / "session-1-1.mcap").is_file()
+    again = subprocess.run(
+        [*command, "run", "s.toml", "--terminal", "-p", "P01", "--db", "s.db"], cwd=tmp_path, input=b"", timeout=100,
+        capture_output=True, env=environment, check=False,
+    )  # fmt: skip
+    assert again.returncode == 2
+    assert b"another code" in again.stderr
+    assert b"Traceback" not in again.stderr

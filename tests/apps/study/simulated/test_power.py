@@ -1,0 +1,108 @@
+"""How many people: against the power of a known test, and refused where there is nothing to compare."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import nct, t
+
+from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.simulated.power import differences, power, power_of
+from haptorb.errors import InputError
+
+TWO = """
+name = "two"
+[set_points]
+points = [{ number = 1, theta_deg = 0 }, { number = 2, theta_deg = 36 }]
+[trials]
+repetitions = 1
+[[conditions]]
+name = "base"
+[[conditions]]
+name = "weak"
+parameters = { moment = 0.05 }
+"""
+
+
+def t_power(effect: float, n: int, alpha: float = 0.05) -> float:
+    """Of the paired two-sided t test, in closed form; with normal differences sign flips have nearly its power."""
+    limit = t.ppf(1 - alpha / 2, n - 1)
+    shift = effect * np.sqrt(n)
+    return float(nct.sf(limit, n - 1, shift) + nct.cdf(-limit, n - 1, shift))
+
+
+@pytest.mark.parametrize("effect", [0.5, 1.0])
+def test_normal_differences_have_the_power_of_the_t_test(effect: float) -> None:
+    # A pool as large as this is nearly its distribution.
+    pool = np.random.default_rng(1).standard_normal(4000)
+    pool = (pool - pool.mean()) / pool.std(ddof=1) + effect
+    found = power_of(pool.tolist(), (8, 12, 20, 32))
+    for n, share in zip(found.people, found.power, strict=True):
+        assert share == pytest.approx(t_power(effect, n), abs=0.04)
+
+
+def test_without_a_difference_the_test_errs_as_often_as_it_says() -> None:
+    pool = np.random.default_rng(2).standard_normal(4000)
+    found = power_of((pool - pool.mean()).tolist(), (8, 16, 32))
+    assert all(share < 0.09 for share in found.power)
+    assert found.needed is None
+    assert "more than 32" in found.sentence
+
+
+def test_a_small_pool_says_how_little_it_knows() -> None:
+    draw = np.random.default_rng(3)
+    small, large = (power_of((0.8 + draw.standard_normal(n)).tolist(), (6, 12, 24, 48)) for n in (8, 800))
+    widths = [max(h - low for h, low in zip(found.high, found.low, strict=True)) for found in (small, large)]
+    assert widths[0] > 2 * widths[1]
+    low, high = large.needed_95
+    assert low is not None
+    assert high is not None
+    assert low <= (large.needed or 0) <= high
+
+
+def test_simulated_participants_find_a_weak_dome_less_exactly_and_are_called_simulated() -> None:
+    told: list[tuple[int, int]] = []
+    found = power(study_of(TWO), pool=8, people=(6, 12), progress=lambda done, of: told.append((done, of)))
+    assert found.difference < 0  # base is found more exactly than weak
+    assert told == [(n, 8) for n in range(1, 9)]
+    assert "SIMULATED" in found.sentence
+    assert found.numbers()["simulated"] is True
+    assert (found.measure, found.a, found.b) == ("error", "base", "weak")
+
+
+def test_a_choice_is_counted_for_the_one_that_was_chosen() -> None:
+    study = study_of(
+        'name = "pick"\nprocedure = "forced-choice"\n[trials]\nrepetitions = 8\n'
+        '[[conditions]]\nname = "base"\n[[conditions]]\nname = "weak"\nparameters = { moment = 0.05 }'
+    )
+    # "Stronger" is all that a simulated participant can prefer.
+    assert differences(study, (0, 1), 0, "base", "weak", "choice") > 0.3
+    assert differences(study, (0, 1), 0, "weak", "base", "choice") < -0.3
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "words"),
+    [
+        ("[[conditions]]", {}, "one condition"),
+        ("", {"between": ("base", "strong")}, "no condition 'strong'"),
+        ("", {"between": ("base", "base")}, "compared with itself"),
+        ("", {"measure": "threshold"}, "error, accuracy"),
+        ("", {"pool": 3}, "8 to 10000"),
+        ("", {"pool": 8, "people": (1,)}, "2 to 500"),
+        ("", {"pool": 8, "alpha": 0.0}, "alpha"),
+        ("", {"pool": 8, "wanted": 1.0}, "power"),
+    ],
+)
+def test_what_cannot_be_foretold_is_refused(change: str, options: dict[str, object], words: str) -> None:
+    text = TWO[: TWO.index('[[conditions]]\nname = "weak"')] if change else TWO
+    with pytest.raises(InputError, match=words):
+        power(study_of(text), **options)  # type: ignore[arg-type]
+
+
+def test_constant_stimuli_have_no_measure_per_participant() -> None:
+    study = study_of(
+        'name = "x"\nprocedure = "constant"\n[levels]\nreference = 1.2\nvalues = [1.0, 1.5]\n'
+        '[[conditions]]\nname = "a"\n[[conditions]]\nname = "b"'
+    )
+    with pytest.raises(InputError, match="no measure per participant"):
+        power(study)

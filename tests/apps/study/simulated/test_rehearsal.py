@@ -1,0 +1,117 @@
+"""Simulated participants: labelled, repeatable, moved by what the device delivers, and calibrated as is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptorb.apps.asking.prompt import Answer, Prompt
+from haptorb.apps.study.analysis.analysis import Ring
+from haptorb.apps.study.analysis.load_analysis import analysis_of
+from haptorb.apps.study.analysis.report import page
+from haptorb.apps.study.model.study_file import Study, study_of
+from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.simulated.participant import PUBLISHED_ERRORS, Participant
+from haptorb.apps.study.simulated.rehearsal import rehearse, sit
+from haptorb.apps.study.store.columns import tidy
+from haptorb.apps.study.store.database import database
+from haptorb.errors import InputError
+
+PUBLISHED = 'name = "published"'
+
+
+def test_what_is_simulated_says_so_everywhere(identify: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    rehearse(engine, identify, 2)
+    assert tidy(engine, identify)["simulated"].all()
+    found = analysis_of(tmp_path / "s.db")
+    assert found.origin.startswith("SIMULATED")
+    assert found.origin in page(found)
+    assert found.numbers()["simulated"] == 2
+
+
+def test_an_interrupted_rehearsal_goes_on_as_if_it_had_not_been(identify: Study, tmp_path: Path) -> None:
+    whole, parts = database(tmp_path / "whole.db"), database(tmp_path / "parts.db")
+    rehearse(whole, identify, 1, seed=3)
+    person = Participant(identify, (3, 1))
+    with Sitting(parts, identify, "SIM01", simulated=True) as sitting:
+        for _ in range(3):
+            assert sitting.prompt is not None
+            sitting.answer(person.answer(sitting.prompt, sitting.number))
+    with Sitting(parts, identify, "SIM01", simulated=True) as sitting:
+        assert sitting.resumed
+        assert sit(sitting, Participant(identify, (3, 1))) == 4
+    one, two = tidy(whole, identify), tidy(parts, identify)
+    for name in ("answer", "x_m", "y_m", "z_m", "seconds"):
+        assert one[name].tolist() == two[name].tolist()
+
+
+def test_without_a_force_nothing_is_found() -> None:
+    # The feeling is the device's: with a moment too weak to be felt the places are guessed.
+    errors = {}
+    for moment in (0.02, 2.4):
+        study = study_of(f'name = "weak"\n[parameters]\nmoment = {moment}')
+        person = Participant(study, (0, 1))
+        numbers = tuple(p.number for p in study.points)
+        places = [person.answer(Prompt("main", "base", set_point=n, numbers=numbers), n).position for n in numbers]
+        ways = np.array([p.direction for p in study.points])
+        errors[moment] = np.mean(np.linalg.norm(np.array(places) - 0.05 * ways, axis=1))
+    assert errors[0.02] > 3 * errors[2.4]
+
+
+def test_a_staircase_finds_the_jnd_that_the_participant_brings(stairs: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    rehearse(engine, stairs, 12)
+    found = list(analysis_of(tmp_path / "s.db").thresholds["base"].values())
+    # 70.7 % of Φ(x/(√2 σ)), with σ such that 75 % are a JND of 8.5 % of 1.2 A·m²: 0.545/0.6745 of 0.102.
+    assert np.exp(np.mean(np.log(found))) == pytest.approx(0.0824, rel=0.3)
+
+
+@pytest.mark.parametrize(("people", "seed", "first"), [(0, 0, 1), (2, -1, 1), (2, 0, 0)])
+def test_rehearsals_that_cannot_be_are_refused(
+    identify: Study, tmp_path: Path, people: int, seed: int, first: int
+) -> None:
+    with pytest.raises(InputError, match="people must be"):
+        rehearse(database(tmp_path / "s.db"), identify, people, seed=seed, first=first)
+
+
+def rings(tmp_path: Path, people: int, seed: int) -> tuple[Ring, ...]:
+    study = study_of(PUBLISHED)
+    place = tmp_path / f"{people}-{seed}.db"
+    rehearse(database(place), study, people, seed=seed)
+    return analysis_of(place).rings
+
+
+def test_six_simulated_participants_give_the_published_course(tmp_path: Path) -> None:
+    """Within one standard error of the paper's means, taken over its 12, 96, 96 and 96 trials: calibrated so."""
+    for ring in rings(tmp_path, 6, 0):
+        mean, sd = PUBLISHED_ERRORS[ring.theta_deg]
+        assert ring.trials == (12 if ring.theta_deg == 0 else 96)
+        assert abs(ring.mean - mean) <= sd / np.sqrt(ring.trials)
+
+
+@pytest.mark.slow
+def test_so_do_many_on_average_so_that_no_lucky_seed_is_behind_it(tmp_path: Path) -> None:
+    for ring in rings(tmp_path, 60, 1):
+        mean, sd = PUBLISHED_ERRORS[ring.theta_deg]
+        assert abs(ring.mean - mean) <= sd / np.sqrt(12 if ring.theta_deg == 0 else 96)
+
+
+@pytest.mark.parametrize("procedure", ["rating", "forced-choice", "localisation", "constant", "bayesian"])
+def test_every_procedure_can_be_rehearsed_and_analysed(procedure: str, tmp_path: Path) -> None:
+    levelled = {
+        "constant": "[levels]\nreference = 1.2\nvalues = [1.0, 1.1, 1.3, 1.4]",
+        "bayesian": "[levels]\nreference = 1.2\nleast = 0.01\nmost = 1.0\ntrials = 8",
+    }.get(procedure, "")
+    points = "[set_points]\npoints = [{number = 1, theta_deg = 0}, {number = 2, theta_deg = 36}]"
+    conditions = '[[conditions]]\nname = "a"\n[[conditions]]\nname = "b"\nparameters = {half_width_deg = 30}'
+    study = study_of(f'name = "x"\nprocedure = "{procedure}"\n{points}\n{levelled}\n{conditions}')
+    rehearse(database(tmp_path / "s.db"), study, 2)
+    found = analysis_of(tmp_path / "s.db")
+    assert found.participants == 2
+    assert "SIMULATED" in page(found)
+    if procedure == "localisation":
+        with pytest.raises(InputError, match="not a number"):
+            Prompt().checked(Answer(3, (0.0, 0.0, 0.05)))

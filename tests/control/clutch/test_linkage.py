@@ -1,0 +1,188 @@
+"""The linkage: direct, or by two modes; no step of pose or torque, whenever mode or clutch are told."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from haptorb.control.clutch.linkage import Direct, ModedLinkage
+from haptorb.control.clutch.modes import Gains, TwoModes
+from haptorb.devices.state import State
+from haptorb.errors import InputError, UnknownName
+from haptorb.worlds import Nothing, Outlet, SnapFit, Wall
+
+DT = 1e-3
+
+
+def rotor(n, psi, lam, phi, rates=(0.0, 0.0, 0.0)):
+    """At Rx(ψ) Ry(λ) Rz(φ), turning about x, then y turned by ψ, then its own z."""
+    a, b, c = math.cos(psi), math.cos(lam), math.cos(phi)
+    d, e, f = math.sin(psi), math.sin(lam), math.sin(phi)
+    R = [
+        [b * c, -b * f, e],
+        [a * f + d * e * c, a * c - d * e * f, -d * b],
+        [d * f - a * e * c, d * c + a * e * f, a * b],
+    ]
+    p, q, r = rates
+    w = np.array([p + r * e, q * a - r * d * b, q * d + r * a * b])
+    return State(n * DT, np.array(R), np.zeros(3), w, np.zeros(3))
+
+
+def test_the_rotor_of_these_tests_is_the_one_of_bai_2012():
+    state = rotor(3, 0.3, -0.2, 1.0, (0.5, -0.7, 2.0))
+    assert np.abs(state.R_SR - Rotation.from_euler("XYZ", [0.3, -0.2, 1.0]).as_matrix()).max() < 1e-15
+    later = rotor(3, 0.3 + 0.5e-6, -0.2 - 0.7e-6, 1.0 + 2e-6).R_SR
+    assert Rotation.from_matrix(later @ state.R_SR.T).as_rotvec() / 1e-6 == pytest.approx(state.w, abs=1e-5)
+
+
+def test_a_direct_linkage_is_the_world_itself():
+    state = State.at((0, 0, -0.001), axis=(0, 0, 1))
+    felt = Direct().felt(Wall(), state)
+    assert (felt.wrench == Wall().wrench(state)).all()
+    assert felt.thing is state
+    assert (felt.mode, felt.engaged, felt.share.tolist()) == (0, True, [1.0, 1.0])
+    assert not felt.contacts.any()
+    with pytest.raises(InputError, match="no modes"):
+        Direct().set_mode("rotate")
+    with pytest.raises(InputError, match="no clutch"):
+        Direct().set_clutch(False)
+    Direct().restart()
+
+
+angle = st.floats(-0.35, 0.35)
+commands = st.lists(st.sampled_from(["", "", "", "translate", "rotate", "take", "let go"]), min_size=5, max_size=120)
+
+
+@settings(max_examples=40, deadline=None)
+@given(commands, angle, angle, st.floats(-3, 3), st.tuples(*[st.floats(-8, 8)] * 3))
+def test_no_step_at_any_moment(said, psi, lam, phi, rates):
+    """A still rotor: whatever is told, the target does not move at all, and torque slides by the clutch's ramp only. A
+    turning rotor: the target moves by no more than the gains give."""
+    modes, outlet = TwoModes(), Outlet()
+    for still in (True, False):
+        linkage, rest = ModedLinkage(modes), rotor(0, psi, lam, phi)
+        for n in range(400):
+            linkage.felt(outlet, replace(rest, t=n * DT))
+        before = linkage.felt(outlet, rotor(400, psi, lam, phi))
+        pushed = np.abs(before.on_thing).max()
+        for n, word in enumerate(said, start=401):
+            if word in ("translate", "rotate"):
+                linkage.set_mode(word)
+            elif word:
+                linkage.set_clutch(word == "take")
+            w = (0.0, 0.0, 0.0) if still else rates
+            k = 0 if still else n - 400
+            a, b, c = (start + rate * k * DT * 0.02 for start, rate in zip((psi, lam, phi), rates, strict=True))
+            now = linkage.felt(outlet, rotor(n, a, b, c, tuple(0.02 * r for r in w)))
+            moved = np.abs(now.thing.p - before.thing.p).max()
+            if still:
+                assert moved <= 1e-12
+                assert np.abs(now.thing.R_SR - before.thing.R_SR).max() <= 1e-12
+                # one tick of the ramp's 150 ms, no more
+                assert np.abs(now.wrench - before.wrench).max() <= 1.5 * DT / modes.ramp * pushed + 1e-12
+            else:
+                assert moved <= 0.02 * 8 * 0.02 * DT * 1.5 + 1e-12
+            before = now
+
+
+def test_the_moment_of_telling_is_no_step_of_torque():
+    """Pushed aside hard: in the tick in which the mode is told, pose and torque are those of the tick before."""
+    linkage = ModedLinkage()
+    for n in range(300):
+        linkage.felt(Outlet(), rotor(n, 0.0, 0.0, 0.0))
+    for n in range(300, 600):
+        felt = linkage.felt(Outlet(), rotor(n, 0.05, 0.02, 0.0))
+    assert np.abs(felt.wrench).max() > 0.05
+    pose, torque = felt.thing.p, felt.wrench
+    linkage.set_mode("rotate")
+    assert (linkage.mapping.target(linkage.clutch).p == pose).all()
+    assert (linkage.mapping.torque(linkage.clutch, felt.on_thing) == torque[3:]).all()
+    linkage.set_clutch(False)
+    assert (linkage.mapping.torque(linkage.clutch, felt.on_thing) == torque[3:]).all()
+
+
+def test_letting_go_reaches_further():
+    linkage, n = ModedLinkage(), 0
+
+    def sweep(start, end):
+        nonlocal n
+        for lam in np.linspace(start, end, 400):
+            n += 1
+            felt = linkage.felt(Nothing(), rotor(n, 0.0, lam, 0.0))
+        return felt.thing.p[0]
+
+    def wait(lam):
+        nonlocal n
+        for _ in range(200):
+            n += 1
+            linkage.felt(Nothing(), rotor(n, 0.0, lam, 0.0))
+
+    wait(-0.35)
+    once = sweep(-0.35, 0.35)
+    assert once == pytest.approx(0.7 * 0.02, rel=1e-6)
+    linkage.set_clutch(False)
+    wait(0.35)
+    assert sweep(0.35, -0.35) == pytest.approx(once, abs=1e-12)
+    linkage.set_clutch(True)
+    wait(-0.35)
+    assert sweep(-0.35, 0.35) == pytest.approx(2 * once, rel=1e-6)
+    linkage.restart()
+    assert linkage.felt(Nothing(), rotor(n + 1, 0, 0.35, 0)).thing.p.tolist() == [0.0, 0.0, 0.0]
+
+
+def turn(A, B):
+    """(3,) [rad] from B to A, a small one: its rotation vector but for a cube."""
+    M = A @ B.T
+    return 0.5 * np.array([M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]])
+
+
+def test_closed_paths_give_no_energy():
+    """Out, aside, back and home through both modes: what the hand put in is never less than what it got."""
+    rng = np.random.default_rng(4)
+    for world in (Outlet(friction=0.0), Outlet(), SnapFit()):
+        linkage, work, last = ModedLinkage(TwoModes(Gains())), 0.0, None
+        t = np.arange(6000) * DT
+        knots = 0.3 * rng.standard_normal((3, 6))
+        paths = sum(
+            np.outer(knots[:, k], np.sin((k + 1) * np.pi * t / t[-1]) ** 2 * np.sin(np.pi * t / t[-1]))
+            for k in range(6)
+        )
+        paths = np.clip(paths, -0.35, 0.35)
+        for n in range(len(t)):
+            psi, lam, phi = paths[:, n]
+            rates = (paths[:, min(n + 1, len(t) - 1)] - paths[:, n]) / DT
+            state = rotor(n, psi, lam, phi, rates)
+            felt = linkage.felt(world, state)
+            if last is not None:
+                mean = 0.5 * (felt.wrench[3:] + last[0])
+                work += float(mean @ turn(state.R_SR, last[1]))
+            last = (felt.wrench[3:], state.R_SR)
+        # the world's torque on the rotor does work on the hand: never positive round a closed path, but for the
+        # trapezoids of the sum
+        assert work < 1e-4
+
+
+def test_what_cannot_be_is_refused():
+    with pytest.raises(UnknownName, match="did you mean 'rotate'"):
+        ModedLinkage().set_mode("rotat")
+    with pytest.raises(InputError, match="attitude"):
+        ModedLinkage(attitude=(0, 2.0, 0))
+    with pytest.raises(InputError, match="finite"):
+        ModedLinkage(position=(0, np.nan, 0))
+    with pytest.raises(InputError, match="tilted beyond"):
+        ModedLinkage().felt(Outlet(), rotor(0, 0.0, 1.5, 0.0))
+
+
+def test_contacts_are_told():
+    linkage = ModedLinkage(position=(2e-3, 0, 0))
+    felt = linkage.felt(Outlet(), rotor(0, 0, 0, 0))
+    assert felt.contacts[:, 0] == pytest.approx(0.75e-3)
+    assert felt.contacts[:, 2] == pytest.approx(Outlet().arm)
+    assert felt.contacts[0, 5:] == pytest.approx(-felt.contacts[1, 5:], abs=1e-9)
+    one = SnapFit(hooks=1).touching(State.at((1e-3, 0, 0), R_SR=np.eye(3)))[1]
+    assert one[0].any()
+    assert not one[1].any()

@@ -1,0 +1,112 @@
+"""Measured currents against applied voltages: sensors that lie are found, honest ones with tolerances are not."""
+
+import numpy as np
+import pytest
+
+from haptorb.control.protection.current_check import CurrentCheck, check_currents
+from haptorb.devices.loader import load
+
+DT = 1e-3
+OMNI = load("omni")
+COLD = np.full(3, 298.15)
+STILL = np.zeros(3)
+
+
+class Coil:
+    """Three coils that follow their voltages, with the resistance and inductance that they really have."""
+
+    def __init__(self, resistance=1.0, inductance=1.0, voltage=1.0):
+        self.R = resistance * OMNI.coils.resistance_at(COLD)
+        self.L = inductance * OMNI.coils.inductance
+        self.V = voltage * OMNI.supply.voltage
+        self.i = np.zeros(3)
+
+    def advance(self, duties, dt, emf=STILL):
+        end = (duties * self.V - emf) / self.R
+        self.i = end + (self.i - end) * np.exp(-self.R * dt / self.L)
+        return self.i.copy()
+
+
+def found_after(lie, coil=None, duties=lambda n: np.array([0.4, -0.2, 0.1]), ticks=2000, start=100, age=0.0):
+    """Ticks from the `lie`'s beginning until the check says no; None: never."""
+    coil, check = coil or Coil(), CurrentCheck(OMNI)
+    applied, before = np.zeros(3), np.zeros(3)
+    for n in range(ticks):
+        now = coil.advance(applied, DT)
+        told = before if age else now
+        before = now
+        measured = lie(told.copy()) if n >= start else told
+        if not check_currents(check.coils, DT, False, applied, measured, age, COLD, STILL):
+            return n - start
+        applied = duties(n)
+    return None
+
+
+def one(change):
+    def lie(i):
+        i[0] = change(i[0])
+        return i
+
+    return lie
+
+
+@pytest.mark.parametrize(
+    "change",
+    [lambda i: 0.0, lambda i: 0.1 * i, lambda i: 10.0 * i, lambda i: -i, lambda i: i + 3.0, lambda i: i - 3.0],
+    ids=["zero", "tenth", "tenfold", "reversed", "3 A more", "3 A less"],
+)
+@pytest.mark.parametrize("start", [0, 700])
+def test_a_sensor_that_lies_is_found_within_50_ms(change, start):
+    assert found_after(one(change), start=start) <= 50
+
+
+def test_current_in_a_coil_that_was_told_to_have_none_is_found():
+    assert found_after(one(lambda i: 19.0), duties=lambda n: np.zeros(3)) <= 50
+
+
+def test_a_sensor_that_reads_three_quarters_is_found_by_the_resistance_that_it_makes():
+    assert found_after(lambda i: 0.7 * i, duties=lambda n: np.full(3, 0.15), ticks=20000) is not None
+
+
+@pytest.mark.parametrize("age", [0.0, DT])
+@pytest.mark.parametrize(
+    ("coil", "gain", "offset"),
+    [
+        (Coil(), 1.0, 0.0),
+        (Coil(resistance=1.08, inductance=1.3, voltage=0.95), 1.02, 0.1),
+        (Coil(resistance=0.92, inductance=0.7, voltage=1.05), 0.98, -0.1),
+    ],
+    ids=["as in the file", "weaker", "stronger"],
+)
+def test_tolerances_and_delays_are_no_fault(coil, gain, offset, age):
+    random = np.random.default_rng(1)
+    steps = random.uniform(-0.6, 0.6, (40, 3))
+
+    def duties(n):  # as a world would: waves, and steps at the slew limit
+        turn = 2 * np.pi * np.array([3.0, 17.0, 60.0]) * n * DT
+        return np.clip(0.3 * np.sin(turn) + 0.5 * steps[n // 100], -1, 1)
+
+    noise = random.normal(0, 0.004, (4000, 3))
+    counter = iter(noise)
+    assert found_after(lambda i: gain * i + offset + next(counter), coil, duties, 4000, 0, age) is None
+
+
+def test_a_moving_mover_induces_and_is_no_fault():
+    coil, check = Coil(), CurrentCheck(OMNI)
+    emf = np.array([6.0, 0.0, 0.0])  # half of the supply: far beyond any tool
+    for _ in range(300):
+        measured = coil.advance(np.zeros(3), DT, emf)
+        plausible = check_currents(check.coils, DT, False, np.zeros(3), measured, 0.0, COLD, emf)
+    assert plausible
+
+
+def test_a_silence_begins_anew():
+    coil, check = Coil(), CurrentCheck(OMNI)
+    duties = np.array([0.5, 0.0, 0.0])
+    for _ in range(100):
+        assert check_currents(check.coils, DT, False, duties, coil.advance(duties, DT), 0.0, COLD, STILL)
+    # the device's watchdog switched off meanwhile
+    assert check_currents(check.coils, 0.03, True, duties, np.zeros(3), 0.0, COLD, STILL)
+    coil.i[:] = 0.0
+    for _ in range(100):
+        assert check_currents(check.coils, DT, False, duties, coil.advance(duties, DT), 0.0, COLD, STILL)

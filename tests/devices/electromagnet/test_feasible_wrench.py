@@ -1,0 +1,77 @@
+"""The polytopes of force and torque: their corners are reached, their inside is, and beyond them nothing is."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
+
+from haptorb.control.allocation.least_squares import LeastSquaresAllocator
+from haptorb.devices.electromagnet.feasible_wrench import feasible_wrench
+from haptorb.devices.loader import load
+from haptorb.devices.state import State
+from haptorb.errors import GeometryError
+
+OMNI = load("omni")
+angle = st.floats(-0.9, 0.9)
+
+
+def pose(a, b, distance, c, d):
+    u = np.array([np.sin(a), np.sin(b), 1.0])
+    u /= np.linalg.norm(u)
+    return State.at(distance * u, u + 0.5 * np.cross(u, (c, d, 1.0)))
+
+
+poses = st.builds(pose, angle, angle, st.floats(0.05, 0.07), angle, angle)
+
+
+@settings(max_examples=40, deadline=None)
+@given(poses, st.integers(0, 1000))
+def test_every_wrench_within_the_currents_lies_inside(state, seed):
+    able, known = feasible_wrench(OMNI, state), OMNI.wrench_map(state, "exact")
+    hull = ConvexHull(able.force)
+    currents = np.random.default_rng(seed).uniform(-1, 1, (200, 3)) * OMNI.coils.current_limit
+    wrenches = currents @ known.matrix.T + known.passive
+    beyond = hull.equations[:, :3] @ wrenches[:, :3].T + hull.equations[:, 3:]
+    assert beyond.max() < 1e-9
+    assert hull.volume == pytest.approx(abs(np.linalg.det(known.force * 2 * OMNI.coils.current_limit)))
+    # torques lie in the polygon's plane and inside it
+    assert np.abs((wrenches[:, 3:] - known.passive[3:]) @ able.unreachable).max() < 1e-6 * np.abs(wrenches[:, 3:]).max()
+    plane = np.linalg.svd(able.unreachable[None])[2][1:]
+    flat = ConvexHull(able.torque @ plane.T)
+    assert len(flat.vertices) == len(able.torque) == 6
+    assert (flat.equations[:, :2] @ (wrenches[:, 3:] @ plane.T).T + flat.equations[:, 2:]).max() < 1e-9
+
+
+@settings(max_examples=40, deadline=None)
+@given(poses, st.integers(0, 1000))
+def test_the_guaranteed_force_is_given_everywhere_and_no_more(state, seed):
+    able, known = feasible_wrench(OMNI, state), OMNI.wrench_map(state, "exact")
+    allocator = LeastSquaresAllocator.force(OMNI.coils.current_limit, compensate_passive=True)
+    ways = np.random.default_rng(seed).normal(size=(30, 3))
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    for way in ways:
+        allocation = allocator.allocate(known, np.concatenate([0.999 * able.guaranteed_force * way, np.zeros(3)]))
+        assert not allocation.saturated
+    hull = ConvexHull(able.force)
+    assert -hull.equations[:, 3].max() == pytest.approx(able.guaranteed_force, rel=1e-9)
+
+
+def test_no_torque_about_the_tools_own_axis():
+    state = State.at((0.02, 0.01, 0.05), (0.3, 0.0, 1.0))
+    able = feasible_wrench(OMNI, state)
+    assert able.unreachable == pytest.approx(state.axis, abs=1e-6)
+    assert able.guaranteed_torque > 0
+
+
+def test_the_published_peak_lies_between_the_levels_corners():
+    """959 mN at 20 A in one coil (erratum E15): z alone at the summit, dipole level."""
+    able = feasible_wrench(OMNI, State.at((0, 0, 0.05)), "dipole")
+    up = able.force[np.argmax(able.force[:, 2])]
+    assert up[2] == pytest.approx(0.959, rel=0.08)  # coil z is 5 % stronger than the mean of the three
+    assert able.force.sum(axis=0) == pytest.approx(np.zeros(3), abs=1e-12)
+
+
+def test_inside_the_core_nothing_is_told():
+    with pytest.raises(GeometryError, match="inside"):
+        feasible_wrench(OMNI, State.at((0, 0, 0.02)))

@@ -1,0 +1,167 @@
+"""What geometry and wiring validation of a ball-joint motor must catch, each mistake planted once."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import haptorb
+from haptorb.devices import loader
+from haptorb.devices.loader import parse
+from haptorb.devices.motor.validation import grouping
+from haptorb.errors import DeviceError
+
+
+def changed(*replacements):
+    """The catalogue's PMSM with pieces of its text replaced."""
+    text = (Path(loader.__file__).parent / "catalogue" / "pmsm.toml").read_text(encoding="utf-8")
+    for old, new in replacements:
+        assert old in text, f"the catalogue file no longer has {old!r}"
+        text = text.replace(old, new)
+    return text
+
+
+def refusal(*replacements):
+    with pytest.raises(DeviceError) as caught:
+        parse(changed(*replacements), "mine")
+    return str(caught.value)
+
+
+def test_the_catalogue_has_the_variants():
+    names = haptorb.devices.loader.catalogue()
+    assert {"pmsm", "pmsm-in-phase", "pmsm-printed", "pmsm-printed-table"} <= set(names)
+
+
+@pytest.mark.parametrize("name", ["pmsm", "pmsm-in-phase", "pmsm-thick-magnets"])
+def test_sound_variants_pass_without_findings(name):
+    device = haptorb.load(name)
+    assert device.name == name
+    assert device.findings == ()
+
+
+def test_the_printed_layout_is_refused_naming_overlaps_and_pairs():
+    with pytest.raises(DeviceError) as caught:
+        haptorb.load("pmsm-printed")
+    message = str(caught.value)
+    assert "EM1 and EM17 (26.0°)" in message
+    assert "EM8 and EM24 (26.0°)" in message
+    assert "pairs that do not face each other" in message
+    assert "EM1 and EM13 (20.2° off)" in message
+    assert "override=True" in message
+    assert message.count("26.0°") == 8
+    assert message.count("20.2° off") == 8
+
+
+def test_the_override_loads_it_and_keeps_what_was_found():
+    device = haptorb.load("pmsm-printed", override=True)
+    assert len(device.findings) == 2
+    assert haptorb.torque_characteristic(device, np.eye(3), level="dipole").shape == (3, 24)
+
+
+def test_the_table_to_the_letter_contradicts_the_text_too():
+    device = haptorb.load("pmsm-printed-table", override=True)
+    assert abs(device.electromagnets.directions[16] @ [1, 0, 0]) < 0.93  # "located on the X axis": it is not
+    assert any("EM9 and EM17" in line for line in device.findings)
+
+
+def test_thick_coils_overlap_by_a_hair():
+    with pytest.raises(DeviceError, match=r"parts overlap.*EM1 and EM17 \(33\.9°\)"):
+        haptorb.load("pmsm-thick-coils")
+
+
+@pytest.mark.parametrize(("polarity", "winding"), [("checkerboard", "series-aiding"), ("in-phase", "series-opposed")])
+def test_wrong_pairing_is_caught(polarity, winding):
+    message = refusal(
+        ('polarity = "checkerboard"', f'polarity = "{polarity}"'),
+        ('winding = "series-opposed"', f'winding = "{winding}"'),
+    )
+    assert "no group gives any torque at any orientation" in message
+    assert "groups.winding" in message
+
+
+def test_one_magnet_turned_round_does_not_stop_the_motor():
+    signs = [(1 if (j % 12 + j // 12) % 2 == 0 else -1) for j in range(24)]
+    signs[5] = -signs[5]
+    parse(changed(('polarity = "checkerboard"', f"polarity = {signs}")), "mine")
+
+
+def test_a_motor_that_cannot_turn_about_every_axis_is_caught():
+    """All coils on the equator and all magnets near it: at zero tilt nothing turns the rotor about X or Y enough."""
+    text = changed(
+        ('latitude = "-15 deg", count = 12', 'latitude = "0 deg", count = 12'),
+        ('  { latitude = "15 deg", count = 12, first = "0 deg", step = "30 deg" },\n', ""),
+        ('  { latitude = "-26 deg", count = 8, first = "22.5 deg", step = "45 deg" },\n', ""),
+        ('  { latitude = "26 deg", count = 8, first = "22.5 deg", step = "45 deg" },\n', ""),
+    )
+    groups = text[text.index("coils = [\n") : text.index("# Resistance")]
+    text = text.replace(groups, "coils = [[1, 5], [2, 6], [3, 7], [4, 8]]\n").replace("series-opposed", "series-aiding")
+    with pytest.raises(DeviceError, match="about 1 of three axes"):
+        parse(text, "mine")
+
+
+def test_groups_with_missing_or_repeated_coils_are_named():
+    assert "group 1 names EM33, but there are only 24" in refusal(("[1, 13]", "[1, 33]"))
+    message = refusal(("[2, 14]", "[1, 14]"))
+    assert "EM1 is named 2 times" in message
+    assert "EM2 is in no group" in message
+    assert "group 1 names EM0" in refusal(("[1, 13]", "[0, 13]"))
+
+
+def test_grouping_gives_signs():
+    matrix, wrong = grouping([[1, 3], [2]], 3, "series-opposed")
+    assert not wrong
+    np.testing.assert_array_equal(matrix, [[1, 0], [0, 1], [-1, 0]])
+
+
+def test_no_gap_between_rotor_and_stator_is_caught():
+    assert "no gap between rotor and stator" in refusal(('distance = "67.9 mm"', 'distance = "64 mm"'))
+
+
+def test_magnets_that_overlap_are_named():
+    assert "PM1 and PM2" in refusal(('radius = "15.875 mm"', 'radius = "17 mm"'))
+
+
+def test_sensors_in_the_way_are_caught():
+    assert "magnets sweep through the sensors" in refusal(('distance = "62.4 mm"', 'distance = "66 mm"'))
+    inside = (
+        ('distance = "62.4 mm"', 'distance = "56 mm"'),
+        ('count = 16, first = "0 deg"', 'count = 16, first = "10 deg"'),
+    )
+    assert "sits inside EM" in refusal(*inside)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('radius = "15.875 mm"', 'radius = "3 kg"', r"device 'mine': magnets\.radius must be a length; got '3 kg'"),
+        ('radius = "15.875 mm"', 'radius = "-1 mm"', r"magnets\.radius"),
+        ('inner_radius = "4.764 mm"', 'inner_radius = "20 mm"', r"inner_radius \(20 mm\) must be smaller"),
+        ("turns = 1000", "turns = 0", r"electromagnets\.turns"),
+        ('winding = "series-opposed"', 'winding = "parallel"', r"groups\.winding"),
+        ('polarity = "checkerboard"', 'polarity = "stripes"', r"magnets\.polarity must be 'checkerboard'"),
+        ('polarity = "checkerboard"', "polarity = [1, -1]", r"24 magnets but 2 values of polarity"),
+        ('polarity = "checkerboard"', "polarity = [nan, 1]", r"magnets\.polarity"),
+        ('tilt = "22.5 deg"', 'tilt = "100 deg"', r"workspace\.tilt"),
+        ('tilt = "22.5 deg"', 'tild = "22.5 deg"', r"did you mean 'tilt'"),
+        ("count = 12", "count = 0", r"count"),
+        ('title = "PMSM', 'based_on = "pmsn"\ntitle = "PMSM', r"did you mean 'pmsm'"),
+    ],
+)
+def test_bad_values_are_named(old, new, message):
+    with pytest.raises((DeviceError, haptorb.errors.UnknownName), match=message):
+        parse(changed((old, new)), "mine")
+
+
+def test_a_device_based_on_itself_is_refused(tmp_path):
+    path = tmp_path / "loop.toml"
+    path.write_text(f'based_on = "{path}"\nname = "loop"\ntitle = "loop"\n')
+    with pytest.raises(DeviceError, match="going in circles"):
+        haptorb.load(path)
+
+
+def test_a_variant_changes_only_what_it_says_and_has_its_own_digest():
+    base, variant = haptorb.load("pmsm"), haptorb.load("pmsm-in-phase")
+    assert base.digest != variant.digest
+    np.testing.assert_array_equal(base.electromagnets.directions, variant.electromagnets.directions)
+    assert not np.array_equal(base.polarity, variant.polarity)
+    assert variant.assumed == base.assumed

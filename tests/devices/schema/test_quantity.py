@@ -1,0 +1,47 @@
+"""Units, and the definitions that are kept between two starts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from haptorb.devices.schema import quantity
+
+
+@pytest.fixture
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The folder of the kept definitions, filled by a first use; the next use is another program's."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    quantity._registry.cache_clear()
+    assert quantity.si("3 mN", "N", "a force") == 0.003
+    quantity._registry.cache_clear()
+    yield tmp_path / "haptorb" / "units"
+    quantity._registry.cache_clear()
+
+
+def test_definitions_are_kept_and_read_again(kept: Path) -> None:
+    before = {file: file.stat().st_mtime_ns for file in kept.rglob("*.pickle")}
+    assert before
+    assert quantity.si("67.9 mm", "m", "a length") == 0.0679
+    assert {file: file.stat().st_mtime_ns for file in kept.rglob("*.pickle")} == before
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\x80\x04\x95", b"what is this", b"\x80\x04\x8c\x08builtins\x94\x8c\x05nonex\x94\x93."]
+)
+def test_what_a_killed_process_left_is_thrown_away(kept: Path, content: bytes) -> None:
+    for file in kept.rglob("*.pickle"):
+        file.write_bytes(content)
+    assert quantity.si("67.9 mm", "m", "a length") == 0.0679
+    quantity._registry.cache_clear()
+    assert quantity.si("25 degC", "K", "a temperature") == 298.15
+
+
+def test_a_folder_that_cannot_be_made_costs_time_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    quantity._registry.cache_clear()
+    assert quantity.si("1 km", "m", "a length") == 1000.0
+    quantity._registry.cache_clear()

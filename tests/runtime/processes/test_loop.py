@@ -1,0 +1,189 @@
+"""The loop itself, on a clock that a test winds: when it takes the host for dead, and when for held up like itself."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+
+import numpy as np
+import pytest
+
+from haptorb.control.protection.trip import GuardState
+from haptorb.devices.loader import load
+from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.exchange.commands import Commands
+from haptorb.runtime.exchange.shared_memory import Shared, Word
+from haptorb.runtime.pointer.pointer import PointerTracker
+from haptorb.runtime.processes.loop import Loop
+from haptorb.runtime.realtime.host_heartbeat import SILENCE
+from haptorb.runtime.realtime.schedule import Schedule
+from haptorb.runtime.row import RowLayout
+from haptorb.runtime.tick.assembly import assemble
+from haptorb.worlds import named
+
+RAMPING, RUNNING, TRIPPED = int(GuardState.RAMPING), int(GuardState.RUNNING), int(GuardState.TRIPPED)
+RATE = 1000.0
+BEAT = 1_000_000_000
+
+
+class WoundClock:
+    """Comes back at the told numbers of periods after the start, one after the other; the host's heart beats or not."""
+
+    def __init__(self, shared: Shared, ticks: Iterable[int], beating: bool) -> None:
+        self.schedule = Schedule(RATE, BEAT)
+        self._shared, self._ticks, self._beating = shared, iter(ticks), beating
+        self.waits = 0
+
+    def sleep(self) -> float:
+        return self.schedule.time(self.schedule.deadline(self.schedule.number + 1))
+
+    def wait(self) -> tuple[int, int, int]:
+        number = next(self._ticks, None)
+        if number is None:
+            self._shared.words[Word.QUIT] = 1
+            number = self.schedule.number + 1
+        now = self.schedule.deadline(number)
+        if self._beating:
+            self._shared.words[Word.HEARTBEAT] = now
+        self.waits += 1
+        return now, *self.schedule.begin(now)
+
+
+class Script:
+    """A clock's ticks, with deeds of the host between them."""
+
+    def __init__(self, deeds: dict[int, Callable[[], None]], ticks: int) -> None:
+        self.deeds, self.ticks = deeds, ticks
+
+    def __iter__(self) -> Iterator[int]:
+        for number in range(self.ticks):
+            self.deeds.get(number, lambda: None)()
+            yield number
+
+
+class Host(Commands):
+    """What a host says, into memory that a loop reads."""
+
+    def __init__(self, shared: Shared) -> None:
+        self.device, self.modes = load("omni"), ()
+        super().__init__(named("nothing")())
+        self._shared = shared
+
+    @property
+    def _attached(self) -> Shared:
+        return self._shared
+
+    def check(self) -> None:
+        return
+
+
+def states_after(*deeds: Callable[[Host], None], apart: int = 50) -> list[int]:
+    """State of the guard before the first deed, and `apart` ticks after each."""
+    omni, world = load("omni"), named("dome")()
+    shared = Shared.create(RowLayout.of(omni))
+    states: list[int] = []
+    try:
+        host = Host(shared)
+
+        def do(deed: Callable[[Host], None] | None) -> None:
+            latest = shared.ring.latest()
+            assert latest is not None
+            states.append(int(latest[shared.layout["guard"]][0]))
+            if deed is not None:
+                deed(host)
+
+        chain = assemble(omni, world, "sim", RATE, 0, None, PointerTracker())
+        script = {400 + apart * n: partial(do, deed) for n, deed in enumerate([*deeds, None])}
+        clock = WoundClock(shared, Script(script, 401 + apart * len(deeds)), beating=True)
+        chain.driver.open()
+        Loop(chain, world, shared, RATE, os.getppid()).run(clock)
+        return states
+    finally:
+        shared.unlink()
+
+
+def test_an_engage_that_was_asked_for_before_a_stop_is_void() -> None:
+    kept: list[int] = []
+    states = states_after(
+        lambda host: host.stop(),
+        lambda host: kept.append(host.stops),  # somebody asks to engage ...
+        lambda host: host.stop(),  # ... somebody else stops ...
+        lambda host: host.engage(kept[0]),  # ... and the first word arrives late
+        lambda host: host.engage(),
+    )
+    assert states[:5] == [RUNNING, TRIPPED, TRIPPED, TRIPPED, TRIPPED]
+    assert states[5] in (RAMPING, RUNNING)
+
+
+def test_stop_and_engage_in_one_tick_are_taken_in_their_order() -> None:
+    def stop_then_engage(host: Host) -> None:
+        host.stop()
+        host.engage()
+
+    def engage_then_stop(host: Host) -> None:
+        host.engage()
+        host.stop()
+
+    assert states_after(stop_then_engage)[1] == RAMPING
+    assert states_after(lambda host: host.stop(), engage_then_stop)[2] == TRIPPED
+
+
+def run(ticks: Iterable[int], beating: bool) -> tuple[bool, Loop, WoundClock]:
+    """Whether the loop ended as it was told, the loop, and the clock."""
+    omni, world = load("omni"), named("nothing")()
+    shared = Shared.create(RowLayout.of(omni))
+    try:
+        shared.words[Word.HEARTBEAT] = BEAT
+        chain = assemble(omni, world, "sim", RATE, 0, None, PointerTracker())
+        loop = Loop(chain, world, shared, RATE, os.getppid())
+        clock = WoundClock(shared, ticks, beating)
+        chain.driver.open()
+        return loop.run(clock), loop, clock
+    finally:
+        shared.unlink()
+
+
+SILENT = int(SILENCE * RATE)
+
+
+def test_a_host_whose_heart_beats_is_obeyed_to_the_end() -> None:
+    well, loop, clock = run(range(2 * SILENT), beating=True)
+    assert well
+    assert loop.reason == ""
+    assert clock.waits == 2 * SILENT + 1
+
+
+def test_every_tick_is_prepared_for_its_own_deadline_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[str, float]] = []
+    for door in ("prepare", "read"):
+        inner = getattr(SimDriver, door)
+        monkeypatch.setattr(
+            SimDriver, door, lambda self, now, inner=inner, door=door: asked.append((door, now)) or inner(self, now)
+        )
+    run(range(20), beating=True)
+    assert asked[:40:2] == [("prepare", now) for _, now in asked[1:40:2]]
+    assert [door for door, _ in asked[1:40:2]] == ["read"] * 20
+    assert [now for _, now in asked[1:40:2]] == pytest.approx(np.arange(20) / RATE)
+
+
+def test_a_host_without_a_heartbeat_is_dead_after_the_silence() -> None:
+    well, loop, clock = run(range(2 * SILENT), beating=False)
+    assert not well
+    assert "no sign of life" in loop.reason
+    assert clock.waits == pytest.approx(SILENT, abs=2)
+
+
+def test_a_loop_that_was_held_up_gives_the_host_its_time_again() -> None:
+    # The whole computer stood still for two seconds: the loop is back first, and the host had no chance to speak.
+    late = 4 * SILENT
+    well, _, clock = run([*range(10), *range(late, late + SILENT // 2)], beating=False)
+    assert well
+    # ... but not for ever.
+    well, _, clock = run([*range(10), *range(late, late + 2 * SILENT)], beating=False)
+    assert not well
+    assert clock.waits == pytest.approx(10 + SILENT, abs=2)
+
+
+def test_small_delays_of_the_loop_give_nobody_more_time() -> None:
+    well, _, clock = run(range(0, 4 * SILENT, 20), beating=False)  # every tick 20 ms late
+    assert not well
+    assert clock.waits == pytest.approx(SILENT / 20, abs=2)

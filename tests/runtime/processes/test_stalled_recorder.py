@@ -1,0 +1,71 @@
+"""A recorder that stands still is told, its lost rows are counted, and the loop does not care."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from typing import Any
+
+import pytest
+
+from haptorb.devices.loader import load
+from haptorb.runtime.exchange.report import recorded
+from haptorb.runtime.exchange.shared_memory import CAPACITY, Shared, Word
+from haptorb.runtime.row import RowLayout
+
+
+def _until(servo: Any, condition: Any, patience: float = 20.0) -> None:
+    end = time.monotonic() + patience
+    while not condition():
+        assert time.monotonic() < end, "it did not come to pass"
+        time.sleep(0.01)
+
+
+def test_it_is_told_until_it_goes_on(fake_servo: Any) -> None:
+    with fake_servo(rate=200.0).servo as servo:
+        recorder = servo._children.recorder_pid
+        assert servo.recording_trouble == ""
+        os.kill(recorder, signal.SIGSTOP)
+        try:
+            _until(servo, lambda: "stood still" in servo.recording_trouble)
+            assert "stood still" in servo.report()["recording_trouble"]
+            before = servo.report()["ticks"]
+            _until(servo, lambda: servo.report()["ticks"] > before)
+            servo.check()  # the loop goes on
+        finally:
+            os.kill(recorder, signal.SIGCONT)
+        _until(servo, lambda: servo.recording_trouble == "")
+    report = servo.report()
+    assert report["recorded"] == {"rows": len(servo.recording), "lost": 0}
+    assert len(servo.recording) == report["ticks"] + 1  # and the closing row
+
+
+def test_rows_that_a_killed_recorder_never_wrote_are_lost(fake_servo: Any) -> None:
+    with fake_servo().servo as servo:
+        servo.run(0.3)
+        os.kill(servo._children.recorder_pid, signal.SIGKILL)
+        _until(servo, lambda: "SIGKILL" in servo.recording_trouble)
+        time.sleep(0.2)
+    kept = len(servo.recording)
+    assert servo.report()["recorded"] == {"rows": kept, "lost": servo.rows(0)[0] - kept}
+
+
+@pytest.mark.parametrize(
+    ("published", "taken", "written", "lost", "over", "told"),
+    [
+        (5000, 4990, 4900, 0, False, (4900, 0)),
+        (5000, 100, 80, 0, False, (80, 0)),  # it stands still, and what it missed is still there
+        (CAPACITY + 600, 100, 80, 0, False, (80, 501)),  # 501 rows are overwritten
+        (CAPACITY + 600, 100, 80, 7, False, (80, 508)),
+        (CAPACITY + 600, 100, 80, 7, True, (80, CAPACITY + 520)),
+        (900, 900, 900, 0, True, (900, 0)),
+    ],
+)
+def test_lost_rows(published: int, taken: int, written: int, lost: int, over: bool, told: tuple[int, int]) -> None:
+    shared = Shared.create(RowLayout.of(load("omni")))
+    shared.unlink()
+    words = shared.words
+    words[Word.ROWS], words[Word.TAKEN], words[Word.WRITTEN], words[Word.LOST] = published, taken, written, lost
+    words[Word.RECORDER_LOOKS] = 9
+    assert recorded(shared, over=over) == dict(zip(("rows", "lost"), told, strict=True))

@@ -1,0 +1,80 @@
+"""A core that stays awake for the servo, and nobody who pays for it."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptorb.runtime.realtime.keep_core_awake import Wakefulness, busy
+from haptorb.runtime.servo.servo import Servo
+
+_POLICY = 38  #: field of /proc/PID/stat behind the program's name
+ticks = st.integers(0, 10**9)
+
+
+def children(pid: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def policy(pid: int) -> int:
+    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[_POLICY])
+
+
+def ended(pid: int) -> bool:
+    """Whether `pid` is gone, or only waits to be buried, within ten seconds."""
+    for _ in range(500):
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        except OSError:
+            return True
+        if state == "Z":
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def awake(servo: Servo) -> int:
+    """The process that keeps the servo's core awake."""
+    servo.run(0.3)
+    facts = servo.report()["scheduler"]
+    if facts["core"] == -1:
+        pytest.skip("this computer grants no real-time scheduler or has one core: nothing is kept awake")
+    assert facts["awake"] is True
+    (keeper,) = children(servo.servo_pid)
+    assert policy(keeper) == os.SCHED_IDLE
+    assert os.sched_getaffinity(keeper) == {facts["core"]}
+    return keeper
+
+
+def test_the_loops_core_is_kept_awake_behind_all_others_as_long_as_it_runs() -> None:
+    with Servo("omni", "nothing", record=False) as servo:
+        keeper = awake(servo)
+    assert ended(keeper)
+
+
+def test_it_ends_with_a_servo_that_is_killed() -> None:
+    with Servo("omni", "nothing", record=False) as servo:
+        keeper = awake(servo)
+        os.kill(servo.servo_pid, signal.SIGKILL)
+        assert ended(keeper)
+
+
+def test_a_process_that_is_bound_to_no_core_keeps_none_awake() -> None:
+    for core in (-1, 10_000):
+        wakefulness = Wakefulness(core)
+        assert not wakefulness.granted
+        wakefulness.end()
+
+
+@given(ticks, ticks, ticks, ticks)
+def test_busy_is_a_share(worked: int, passed: int, more: int, later: int) -> None:
+    share = busy((worked, passed), (worked + min(more, later), passed + later))
+    assert 0.0 <= share <= 1.0
+
+
+def test_no_time_is_no_business() -> None:
+    assert busy((5, 10), (5, 10)) == 0.0

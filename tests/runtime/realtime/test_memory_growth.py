@@ -1,0 +1,43 @@
+"""Nobody collects garbage in a servo; a person is told when that matters."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import pytest
+
+from haptorb.runtime.realtime import memory_growth
+from haptorb.runtime.realtime.memory_growth import MemoryGrowth, resident
+
+
+def test_memory_of_a_process_and_of_one_that_has_ended() -> None:
+    mine = resident(os.getpid())
+    assert mine is not None
+    assert 5e6 < mine < 1e11
+    assert resident(2**22 + 1) is None
+
+
+def test_growth_is_told_from_a_hundred_megabytes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes = iter([300e6, 350e6, None, 401e6])
+    monkeypatch.setattr(memory_growth, "resident", lambda pid: next(sizes))
+    growth = MemoryGrowth(1)
+    assert growth.facts() == {}
+    growth.look(10.0)
+    growth.look(10.5)  # too early
+    growth.look(11.0)
+    assert growth.facts() == {"start": 300.0, "now": 350.0}
+    assert growth.warning == ""
+    growth.look(12.0)
+    growth.look(12.1)
+    assert "grown by 101 MB" in growth.warning
+
+
+def test_a_servo_says_what_it_holds_and_warns(fake_servo: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory_growth, "_MUCH", -1.0)
+    with fake_servo(record=False).servo as servo:
+        servo.run(0.3)
+    report = servo.report()
+    assert report["memory_mb"]["now"] > 10
+    assert "never collects garbage" in report["warning"]
+    assert report["scheduler"]["collects_garbage"] is False

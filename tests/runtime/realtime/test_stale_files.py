@@ -1,0 +1,125 @@
+"""What dead programs left goes at the next start; what belongs to the living, or to somebody else, stays."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from haptorb.devices.loader import load
+from haptorb.runtime.exchange.shared_memory import Shared
+from haptorb.runtime.processes.prestart import Standby
+from haptorb.runtime.realtime import stale_files
+from haptorb.runtime.realtime.stale_files import Claim, sweep
+from haptorb.runtime.recording import recording_file
+from haptorb.runtime.row import RowLayout
+from haptorb.runtime.servo.servo import Servo
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where all that is temporary is made."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(stale_files, "folders", lambda: [tmp_path])
+    monkeypatch.setattr("haptorb.runtime.exchange.shared_memory.folders", lambda: [tmp_path])
+    return tmp_path
+
+
+_LIVES = """
+import sys, time
+import tempfile
+tempfile.tempdir = sys.argv[1]
+from pathlib import Path
+from haptorb.runtime import recording_file, shared
+from haptorb.runtime.row import RowLayout
+from haptorb.runtime.processes.prestart import _made
+from haptorb.devices.loader import load
+shared.folders = lambda: [Path(sys.argv[1])]
+held = _made(), shared.Shared.create(RowLayout.of(load("omni"))), recording_file.temporary()
+(held[0][0] / "plan").write_text("")
+print("made", flush=True)
+time.sleep(100)
+"""
+
+
+def test_what_a_killed_program_left_goes_and_nothing_else(folder: Path) -> None:
+    kept = [
+        folder / name for name in ("haptorb-session1.mcap", "haptorb-servo", "my.shared", "haptorb-a.temporary.txt")
+    ]
+    for file in kept:
+        file.write_text("mine")
+    with subprocess.Popen([sys.executable, "-c", _LIVES, str(folder)], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"made\n"
+        made = set(folder.iterdir()) - set(kept)
+        assert len(made) == 3
+        assert sweep() == 0
+        assert made <= set(folder.iterdir())
+        process.kill()
+        process.wait()
+    assert sweep() == 3
+    assert set(folder.iterdir()) == set(kept)
+
+
+def test_the_own_files_stay_until_they_are_let_go(folder: Path) -> None:
+    shared = Shared.create(RowLayout.of(load("omni")))
+    path, descriptor, claim = recording_file.temporary()
+    os.close(descriptor)
+    with Standby() as standby:
+        assert sweep() == 0
+        assert standby.folder.is_dir()
+    assert shared.path.exists()
+    assert path.exists()
+    claim.close()
+    assert sweep() == 1
+    shared.unlink()
+    assert list(folder.iterdir()) == []
+
+
+def test_links_and_what_stands_behind_them_stay(folder: Path) -> None:
+    (folder / "precious").write_text("mine")
+    (folder / "haptorb-link.shared").symlink_to(folder / "precious")
+    assert sweep() == 0
+    assert (folder / "precious").read_text() == "mine"
+
+
+def test_who_was_too_slow_to_claim_a_file_learns_that_it_is_gone(folder: Path) -> None:
+    (folder / "haptorb-x.shared").touch()
+    descriptor = os.open(folder / "haptorb-x.shared", os.O_RDONLY)
+    assert sweep() == 1
+    assert not Claim(folder / "haptorb-x.shared").there
+    assert not Claim(f"/proc/self/fd/{descriptor}").there
+    os.close(descriptor)
+
+
+_CRASHES = """
+import sys, tempfile
+from pathlib import Path
+tempfile.tempdir = sys.argv[1]
+from haptorb.runtime import shared
+shared.folders = lambda: [Path(sys.argv[1])]
+import haptorb
+with haptorb.Servo("omni", "nothing") as servo:
+    print(servo.servo_pid, servo._children.recorder_pid, flush=True)
+    servo.run(100)
+"""
+
+
+def test_the_next_start_removes_what_all_processes_of_a_killed_one_left(folder: Path) -> None:
+    with subprocess.Popen([sys.executable, "-c", _CRASHES, str(folder)], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        children = [int(pid) for pid in process.stdout.readline().split()]
+        for pid in [*children, process.pid]:
+            os.kill(pid, signal.SIGSTOP)  # nobody tidies up behind another
+        for pid in [*children, process.pid]:
+            os.kill(pid, signal.SIGKILL)
+        process.wait()
+    assert len(list(folder.iterdir())) == 3
+    with Servo("omni", "nothing", record=False) as servo:
+        assert servo.alive
+        assert len(list(folder.iterdir())) == 2  # its own
+    assert list(folder.iterdir()) == []

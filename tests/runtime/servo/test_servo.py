@@ -1,0 +1,241 @@
+"""The servo as programs hold it: start, point, stop, change the world, end; with a chain that is no device."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptorb.errors import InputError, ServoError, UnknownName
+from haptorb.runtime.servo.servo import Servo
+
+
+def _until(servo: Servo, condition: Any, patience: float = 20.0) -> None:
+    end = time.monotonic() + patience
+    while not condition():
+        servo.check()
+        assert time.monotonic() < end, "it did not come to pass"
+        time.sleep(0.005)
+
+
+def test_runs_and_leaves_the_coils_off(fake_servo: Any) -> None:
+    made = fake_servo()
+    with made.servo as servo:
+        servo.run(0.3)
+        assert servo.alive
+        row = servo.latest()
+        assert (row[servo.layout["duties"]] == 0.5).all()
+    assert made.words() == ["open", "close"]
+    assert not servo.alive
+    last = servo.latest()
+    assert (last[servo.layout["duties"]] == 0.0).all()
+    assert servo.report()["trips"] == []
+
+
+def test_report_adds_up(fake_servo: Any) -> None:
+    with fake_servo().servo as servo:
+        servo.run(0.5)
+    report = servo.report()
+    rows = servo.recording.rows
+    assert report["ticks"] == len(rows) - 1  # and the closing row
+    assert report["missed"] == rows[:, servo.layout["missed"]].sum()
+    assert 0 < report["success_rate"] <= 1
+    assert report["peak_force_n"] == pytest.approx(0.5)
+    assert set(report["lateness_us"]) == {"p50", "p99", "p999"}
+    assert list(report["stage_us"].values()) == [1, 2, 3, 4, 5, 6, 7]
+    assert report["scheduler"]["policy"] in ("SCHED_FIFO", "SCHED_OTHER")
+
+
+def test_rows_are_all_there_and_in_order(fake_servo: Any) -> None:
+    with fake_servo().servo as servo:
+        cursor, ticks = 0, []
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            cursor, rows = servo.rows(cursor)
+            ticks.extend(rows[:, 0].tolist())
+            time.sleep(0.01)
+    assert ticks == list(range(len(ticks)))
+    assert len(ticks) > 100
+
+
+def test_time_is_that_of_the_deadlines(fake_servo: Any) -> None:
+    with fake_servo(rate=500.0).servo as servo:
+        servo.run(0.3)
+    rows, at = servo.recording.rows[:-1], servo.layout
+    deadlines = np.cumsum(rows[:, at["missed"]][:, 0] + 1) - 1
+    assert np.allclose(rows[:, at["t"]][:, 0], deadlines / 500, atol=1e-9)
+
+
+def test_pointer_reaches_the_loop_and_grows_old(fake_servo: Any) -> None:
+    with fake_servo().servo as servo:
+        at = servo.layout
+        servo.point((0.0, 0.03, 0.04))
+        _until(servo, lambda: (servo.latest()[at["target"]] == (0.0, 0.03, 0.04)).all())
+        young = servo.latest()[at["age"]][0]
+        time.sleep(0.2)
+        assert 0 <= young < servo.latest()[at["age"]][0]
+        assert servo.latest()[at["age"]][0] > 0.15
+        servo.release()
+        _until(servo, lambda: servo.latest()[at["age"]][0] == 0.0)
+
+
+def test_stop_and_engage(fake_servo: Any) -> None:
+    with fake_servo().servo as servo:
+        at = servo.layout
+        servo.stop()
+        _until(servo, lambda: (servo.latest()[at["duties"]] == 0).all())
+        servo.engage()
+        _until(servo, lambda: (servo.latest()[at["duties"]] == 0.5).all())
+    trips = servo.report()["trips"]
+    assert [trip["code"] for trip in trips] == ["STOPPED"]
+    assert "Re-engage" in trips[0]["reason"]
+
+
+def test_a_stop_that_is_given_before_or_while_the_servo_starts_holds(fake_servo: Any) -> None:
+    servo = fake_servo().servo
+    servo.stop()
+    with servo:
+        asked = servo.stops
+        servo.run(0.2)
+        _, rows = servo.rows(0)
+        assert (rows[:, servo.layout["duties"]] == 0).all()
+        assert len(rows) > 10
+        servo.stop()
+        servo.engage(asked)  # asked for before the last stop
+        servo.run(0.1)
+        assert (servo.latest()[servo.layout["duties"]] == 0).all()
+        servo.engage(servo.stops)
+        _until(servo, lambda: (servo.latest()[servo.layout["duties"]] == 0.5).all())
+
+
+def test_every_stop_has_a_number_of_its_own(fake_servo: Any) -> None:
+    servo = fake_servo().servo
+    seen = {servo.stops}
+    for _ in range(3):
+        servo.stop()
+        seen.add(servo.stops)
+    assert len(seen) == 4
+
+
+def test_world_changes_between_ticks(fake_servo: Any) -> None:
+    with fake_servo(world="dome").servo as servo:
+        assert servo.world[0] == "dome"
+        servo.set_world("dome", {"half_width_deg": 25.0})
+        servo.set_world("dome", {"moment": 1.5})
+        assert servo.world[1]["half_width_deg"] == 25.0
+        assert servo.world[1]["moment"] == 1.5
+        servo.set_world("nothing")
+        assert servo.world == ("nothing", {})
+        servo.set_world("dome", {"summit": np.array([0.0, 1.0, 0.0])})
+        assert servo.world[1]["half_width_deg"] == 18.0
+        _until(servo, lambda: servo.latest()[servo.layout["world"]] == 4)
+    worlds = servo.recording.worlds
+    assert [note["change"] for note in worlds] == ["0", "1", "2", "3", "4"]
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "kind", "says"),
+    [
+        ("dme", {}, UnknownName, "did you mean 'dome'"),
+        ("dome", {"half_wdth_deg": 3}, UnknownName, "half_width_deg"),
+        ("dome", {"half_width_deg": -3}, InputError, "between 5 and 90"),
+        ("dome", {"half_width_deg": float("nan")}, InputError, "finite"),
+        ("dome", {"half_width_deg": "wide"}, InputError, "finite number"),
+        ("dome", {"half_width_deg": object()}, InputError, "numbers"),
+        ("dome", {"half_width_deg": [1.0] * 5000}, InputError, "too long"),
+    ],
+)
+def test_refused_world_changes_nothing(running: Servo, name: str, values: Any, kind: Any, says: str) -> None:
+    before = running.world
+    with pytest.raises(kind, match=says):
+        running.set_world(name, values)
+    assert running.world == before
+    running.set_world("dome", {"moment": 1.0})
+    assert running.alive
+
+
+@pytest.mark.parametrize("rate", [0, 49.9, 4001, float("nan"), float("inf"), -1000, "fast", True])
+def test_rate_out_of_range(rate: Any) -> None:
+    with pytest.raises(InputError, match="rate"):
+        Servo("omni", rate=rate)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"device": "omny"}, "did you mean 'omni'"),
+        ({"world": "dme"}, "did you mean 'dome'"),
+        ({"driver": "sym"}, "did you mean 'sim'"),
+        ({"tracker": "pointr"}, "did you mean 'pointer'"),
+        ({"level": "dipol"}, "did you mean 'dipole'"),
+    ],
+)
+def test_unknown_names(arguments: dict[str, Any], says: str) -> None:
+    with pytest.raises(UnknownName, match=says):
+        Servo(**{"device": "omni", **arguments})
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "x", True])
+def test_seed_must_be_a_whole_number(seed: Any) -> None:
+    with pytest.raises(InputError, match="seed"):
+        Servo("omni", seed=seed)
+
+
+@pytest.mark.parametrize("p", [(0, 0), (0, 0, np.nan), "here", np.zeros((2, 3))])
+def test_point_refuses_what_is_no_place(running: Servo, p: Any) -> None:
+    with pytest.raises(InputError):
+        running.point(p)
+    running.check()
+
+
+@pytest.mark.parametrize("q", [(0, 0, 0, 0), (0, 0, 1), (0, 0, 0, np.inf)])
+def test_point_refuses_what_is_no_turn(running: Servo, q: Any) -> None:
+    with pytest.raises(InputError):
+        running.point((0, 0, 0.05), q)
+    running.check()
+
+
+@pytest.mark.parametrize("seconds", [-1.0, float("nan"), "long"])
+def test_run_refuses_what_is_no_time(running: Servo, seconds: Any) -> None:
+    with pytest.raises(InputError):
+        running.run(seconds)
+    running.check()
+
+
+def test_nothing_works_before_the_start(fake_servo: Any) -> None:
+    servo = fake_servo().servo
+    assert not servo.alive
+    for use in (
+        lambda: servo.run(1),
+        servo.engage,
+        servo.report,
+        lambda: servo.point((0, 0, 1)),
+        lambda: servo.rows(0),
+    ):
+        with pytest.raises(ServoError, match="not started"):
+            use()
+
+
+def test_starts_once(fake_servo: Any) -> None:
+    servo = fake_servo().servo
+    with servo:
+        pass
+    with pytest.raises(ServoError, match="make a new one"):
+        servo.open()
+
+
+def test_interrupt_in_run_closes(fake_servo: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = fake_servo()
+    made.servo.open()
+
+    def interrupted(seconds: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("haptorb.runtime.servo.servo.sleep", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        made.servo.run(1.0)
+    monkeypatch.undo()
+    assert made.words() == ["open", "close"]
+    assert not made.servo.alive

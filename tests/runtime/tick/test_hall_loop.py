@@ -1,0 +1,99 @@
+"""The whole loop on the field sensors alone: it renders without a tracker, and not at all for a reversed magnet."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from haptorb.apps.calibrate import calibrate
+from haptorb.apps.calibrate.door import door
+from haptorb.control.protection.guard import Guard
+from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.devices.loader import load
+from haptorb.errors import CalibrationError, InputError, UnknownName
+from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.pointer.pointer import PointerTracker
+from haptorb.runtime.servo.servo import Servo
+from haptorb.runtime.tick.assembly import allocator_of, assemble, estimator_of, known_estimator
+from haptorb.runtime.tick.tick import Tick
+from haptorb.sensing.tool.tool_position import HallTracker
+from haptorb.worlds import named
+
+OMNI = load("omni")
+
+
+def run(tick, seconds):
+    """Rows of `seconds` at 1 kHz, in the simulation's own time, and the tool's true places."""
+    rows, places = [], []
+    with tick.driver:
+        for n in range(round(1e3 * seconds)):
+            row = tick.layout.empty()
+            tick.step(row, n * 1e-3)
+            rows.append(row)
+            places.append(tick.driver.simulation.state().p)
+    return np.array(rows), np.array(places)
+
+
+def test_the_dome_is_rendered_from_the_field():
+    tick = assemble(OMNI, named("dome")(), "sim", 1000.0, 3, "exact", PointerTracker(), estimator="hall")
+    assert isinstance(tick.estimator, HallTracker)
+    rows, places = run(tick, 2.5)
+    at = tick.layout
+    valid = rows[:, at["valid"].start] == 1.0
+    assert valid[5:].all()
+    assert tick.error == ""
+    assert not rows[:, at["trip"].start].any()
+    away = np.linalg.norm(rows[:, at["p"]] - places, axis=1)[100:]
+    assert np.sqrt((away**2).mean()) < 1e-3  # the sensors' assumed places, coils driven
+    asked, given = rows[200:, at["asked"]][:, :3], rows[200:, at["given"]][:, :3]
+    assert np.abs(asked).max() > 0.1
+    assert np.sqrt(((asked - given) ** 2).sum(axis=1).mean()) < 0.1 * np.linalg.norm(asked, axis=1).max()
+
+
+def test_a_reversed_magnet_is_never_pushed():
+    """With it every force would be the opposite of what is asked: the coils must stay off."""
+    wrong = replace(OMNI, tool=replace(OMNI.tool, remanence=-OMNI.tool.remanence))
+    driver = SimDriver.of(wrong, 1e-3, PointerTracker().goal, 0)
+    tick = Tick(OMNI, named("dome")(), driver, HallTracker(OMNI, "exact"), allocator_of(OMNI), 1e-3)
+    rows, _ = run(tick, 0.6)
+    assert not rows[:, tick.layout["valid"].start].any()
+    assert not rows[:, tick.layout["duties"]].any()
+    assert tick.estimator.verdict == HallTracker.REVERSED
+    assert rows[-1, tick.layout["guard"].start] == GuardState.TRIPPED
+    assert rows[-1, tick.layout["trip"].start] == Trip.MAGNET_REVERSED  # the console shows its sentence
+
+
+def test_who_has_no_such_tracker_is_told():
+    with pytest.raises(UnknownName, match="estimator of device 'pmsm'"):
+        Servo("pmsm", tracker="hall")
+    with pytest.raises(UnknownName, match="tracker"):
+        Servo("omni", tracker="hal")
+    assert known_estimator(OMNI, None) == "tracker"
+    assert Servo("omni", tracker="hall").estimator == "hall"
+
+
+def test_a_calibration_is_believed_by_the_controller_only(tmp_path):
+    truth = replace(OMNI, moment_per_current=1.04 * OMNI.moment_per_current)
+    driver, pace = door("sim", truth)
+    found = calibrate(OMNI, driver, pace=pace)
+    tick = assemble(
+        OMNI, named("dome")(), "sim", 1000.0, 0, "exact", PointerTracker(), estimator="hall", calibration=found
+    )
+    assert np.array_equal(tick._device.moment_per_current, found.moment_per_current)
+    assert np.array_equal(tick.driver.simulation.device.moment_per_current, OMNI.moment_per_current)
+    assert isinstance(tick.guard, Guard)
+    path = tmp_path / "omni.json"
+    path.write_text(found.text())
+    assert Servo("omni", calibration=path).calibration.text() == found.text()
+    path.write_text(replace(found, digest="f" * 64).text())
+    with pytest.raises(CalibrationError, match="calibrate again"):
+        Servo("omni", calibration=path)
+    with pytest.raises(CalibrationError, match="cannot be read"):
+        Servo("omni", calibration=tmp_path / "none.json")
+    with pytest.raises(InputError, match="no spherical electromagnet"):
+        Servo("pmsm", calibration=found)
+
+
+def test_offsets_go_to_the_tracker():
+    earth = np.tile([2e-5, 0.0, 0.0], (9, 1))
+    assert np.array_equal(estimator_of(OMNI, "hall", None, earth)._offsets, earth)
