@@ -38,8 +38,8 @@ FEWER = {"device": 60, "motor": 2, "variant": 2, "design": 60, "study": 60, "rec
 
 @pytest.fixture(scope="module")
 def hostile() -> ModuleType:
-    """benchmarks/hostile_files.py."""
-    spec = importlib.util.spec_from_file_location("hostile_files", ROOT / "benchmarks" / "hostile_files.py")
+    """benchmarks/safety/hostile_files.py."""
+    spec = importlib.util.spec_from_file_location("hostile_files", ROOT / "benchmarks" / "safety" / "hostile_files.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

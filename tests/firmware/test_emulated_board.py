@@ -133,8 +133,8 @@ def test_engaging_is_refused_while_a_coil_is_too_warm_or_nobody_knows(started: C
 
 
 def store_resets() -> ModuleType:
-    """benchmarks/store_resets.py."""
-    path = Path(__file__).resolve().parents[2] / "benchmarks" / "store_resets.py"
+    """benchmarks/safety/store_resets.py."""
+    path = Path(__file__).resolve().parents[2] / "benchmarks" / "safety" / "store_resets.py"
     spec = importlib.util.spec_from_file_location("store_resets", path)
     assert spec is not None
     assert spec.loader is not None

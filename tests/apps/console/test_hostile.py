@@ -1,4 +1,4 @@
-"""A console that somebody uses, while others try everything: the reduced form of benchmarks/hostile_web.py."""
+"""A console that somebody uses, while others try everything: the reduced form of benchmarks/safety/hostile_web.py."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from haptorb.apps.web import connection
 
 @pytest.fixture
 def hostile(root):
-    spec = importlib.util.spec_from_file_location("hostile_web", root / "benchmarks" / "hostile_web.py")
+    spec = importlib.util.spec_from_file_location("hostile_web", root / "benchmarks" / "safety" / "hostile_web.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -12,7 +12,9 @@ ROOT = Path(__file__).resolve().parents[3]
 
 @pytest.mark.timeout(300)
 def test_no_order_of_events_switches_on_after_a_stop() -> None:
-    spec = importlib.util.spec_from_file_location("interleavings", ROOT / "benchmarks" / "study_interleavings.py")
+    spec = importlib.util.spec_from_file_location(
+        "interleavings", ROOT / "benchmarks" / "safety" / "study_interleavings.py"
+    )
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

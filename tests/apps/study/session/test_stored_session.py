@@ -25,8 +25,8 @@ ROOT = Path(__file__).resolve().parents[4]
 
 
 def killed(folder: Path, kills: int, *, forked: bool = False) -> dict[str, Any]:
-    """What benchmarks/study_kill.py finds."""
-    spec = importlib.util.spec_from_file_location("study_kill", ROOT / "benchmarks" / "study_kill.py")
+    """What benchmarks/safety/study_kill.py finds."""
+    spec = importlib.util.spec_from_file_location("study_kill", ROOT / "benchmarks" / "safety" / "study_kill.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -31,8 +31,8 @@ NONE = np.zeros(3)
 
 @pytest.fixture(scope="module")
 def script() -> Iterator[ModuleType]:
-    """benchmarks/i2c_faults.py."""
-    spec = importlib.util.spec_from_file_location("i2c_faults", ROOT / "benchmarks" / "i2c_faults.py")
+    """benchmarks/safety/i2c_faults.py."""
+    spec = importlib.util.spec_from_file_location("i2c_faults", ROOT / "benchmarks" / "safety" / "i2c_faults.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -166,7 +166,7 @@ def test_zero_duties_are_confirmed_as_off_soon_and_the_next_duties_flow_again(be
 
 
 def test_faults_at_every_place(script: ModuleType) -> None:
-    """What benchmarks/i2c_faults.py finds, in a reduced form."""
+    """What benchmarks/safety/i2c_faults.py finds, in a reduced form."""
     found = script.faults(12, seed=5)
     assert found["wrong"] == []
     assert found["off_in_time"] == 12
@@ -229,7 +229,7 @@ def test_a_guardian_that_does_not_answer_is_noticed_by_the_clock() -> None:
 def test_a_real_guardian_that_stops_or_dies_is_noticed(
     script: ModuleType, tmp_path: Path, deed: signal.Signals
 ) -> None:
-    """How soon, `python benchmarks/i2c_faults.py` measures."""
+    """How soon, `python benchmarks/safety/i2c_faults.py` measures."""
     port = script.SharedPort(tmp_path)
     with I2cDriver(load("omni"), port, thermometers=script.Warm, watchdog=False) as driver:
         for _ in range(5):

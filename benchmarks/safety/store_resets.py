@@ -1,6 +1,6 @@
 """Resets at random times after STORE: is an id that the firmware called kept ever lost?
 
-    python benchmarks/store_resets.py [--resets 100] [--board m328p] [--seed 0]
+    python benchmarks/safety/store_resets.py [--resets 100] [--board m328p] [--seed 0]
 
 The real firmware in the emulator is told to keep one id after another. At a random time, from the moment of the first
 question to some time after the last byte, it is reset, and the byte of the EEPROM that was being written then is torn:
@@ -22,7 +22,7 @@ from haptorb.runtime.drivers.serial.board import Board
 from haptorb.runtime.drivers.serial.codes import Refusal
 from haptorb.runtime.drivers.serial.emulator import Emulator
 
-BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"
+BUILD = Path(__file__).resolve().parents[2] / "firmware" / "build"
 LONGEST = 0.13  #: of firmware time from STORE to the reset [s]; all bytes take 0.075 s
 
 

@@ -1,6 +1,6 @@
 """The I²C bus refuses or hangs at every place of a session: when are the coils off, and does anybody say so too early?
 
-    python benchmarks/i2c_faults.py [--faults 1000] [--guardians 100] [--json]
+    python benchmarks/safety/i2c_faults.py [--faults 1000] [--guardians 100] [--json]
 
 First the driver on simulated chips in simulated time: open, push, rest, over-current, engage, push, close. At one
 transfer of it the bus begins to refuse (what was being written arrives in part) or to hang (every transfer for 10 ms,

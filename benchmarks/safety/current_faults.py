@@ -1,6 +1,6 @@
 """Current sensors that lie: how soon the guard trips, and whether it ever trips without a reason.
 
-    python benchmarks/current_faults.py [--hours H] [--faults N]
+    python benchmarks/safety/current_faults.py [--hours H] [--faults N]
 
 The whole chain runs in simulated time at 1 kHz. Faults: a sensor that reads 0, a tenth, ten times the current, or 3 A
 too much, injected while its coil carries at least a sixth of its limit (an offset: at any time); what counts is the

@@ -1,6 +1,6 @@
 """Does the guard ever trip without a reason? Real time, the default device and world, busy processes beside it.
 
-    python benchmarks/false_trips.py [--minutes M] [--busy N] [--device omni]
+    python benchmarks/safety/false_trips.py [--minutes M] [--busy N] [--device omni]
 
 A servo renders with the pointer led over the dome by this program, which says the pose 60 times a second, while N
 processes compute. Every trip is false: nothing is broken, and the hand never stops.

@@ -1,6 +1,6 @@
 """A loop that is slower than it was told: what the guard believes of the windings, what they really are, when it trips.
 
-    python benchmarks/tick_periods.py [--seconds S]
+    python benchmarks/safety/tick_periods.py [--seconds S]
 
 The whole chain of the Omni runs in simulated time at a nominal 1 kHz and renders 5 N (clamped by the device's limits)
 at contact, with ticks of 1 to 50 ms, and with patterns of late ticks that meet more than 80 % of the deadlines.

@@ -1,6 +1,6 @@
 """A simulated study killed with SIGKILL at random moments: what is lost, what is doubled, and how long resuming takes.
 
-    python benchmarks/study_kill.py [--kills 200] [--json]
+    python benchmarks/safety/study_kill.py [--kills 200] [--json]
 
 Every time another process goes on with the rehearsal where the database says it stood. It tells every answer only after
 it was kept; whatever was told must be there afterwards, once. Here every process starts from nothing, so that resuming

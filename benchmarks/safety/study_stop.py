@@ -1,6 +1,6 @@
 """From a page's Stop to coils that are off, in every state of a study, while another process holds the database.
 
-    python benchmarks/study_stop.py [--repetitions 6] [--lock 30] [--json]
+    python benchmarks/safety/study_stop.py [--repetitions 6] [--lock 30] [--json]
 
 Runs the study's server on the simulated device, with three pages: the participant's, a second participant's (it may
 only watch) and the experimenter's. In every state another process takes an exclusive lock on the database; where the
