@@ -22,7 +22,7 @@ from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
 from haptorb.runtime.drivers.simulated import SimDriver
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.servo.servo import Servo
-from haptorb.simulation.chips import TCA9534, ChipBus
+from oracles.chips import TCA9534, ChipBus
 
 
 class Time:

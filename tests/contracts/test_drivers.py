@@ -25,7 +25,7 @@ from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
 from haptorb.runtime.drivers.serial.emulator import Emulator
 from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
 from haptorb.runtime.drivers.simulated import SimDriver
-from haptorb.simulation.chips import ChipBus
+from oracles.chips import ChipBus
 
 SOME = np.array([0.05, -0.03, 0.02])
 FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.devices.motor.exact_level import exact_sensor_field, exact_torque_characteristic
 from haptorb.devices.state import rotation_to_axis
 from haptorb.devices.tables.pair_table import torque_table
 from haptorb.errors import GeometryError, InputError, PrecisionError
@@ -17,6 +16,7 @@ from haptorb.physics.sources.cylinder import CylinderMagnet
 from haptorb.physics.sources.dipole import Dipole
 from haptorb.physics.sources.placed import Placed, Together
 from haptorb.physics.sources.ring import RingMagnet
+from oracles.exact_level import exact_sensor_field, exact_torque_characteristic
 
 MAGNET = CylinderMagnet(15.875e-3, 5.08e-3, 1.31)
 COIL = Coil(1000, 0.3 * 15.88e-3, 15.88e-3, 7.62e-3)

@@ -309,7 +309,7 @@ def test_the_i2c_driver_is_calibrated_by_the_same_steps(factor: float, complaint
     """On simulated chips, whose currents follow the duties; `factor` is what a wrong shunt makes of them."""
     from haptorb.apps.calibrate.measure import Pace
     from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
-    from haptorb.simulation.chips import ChipBus
+    from oracles.chips import ChipBus
 
     class Warm:
         def ready(self, patience: float) -> bool:

@@ -19,7 +19,7 @@ from haptorb.runtime.drivers.i2c.i2c_chips import Port, Watcher
 from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
 from haptorb.runtime.drivers.i2c.i2c_guardian import watch
 from haptorb.runtime.drivers.i2c.w1_thermometers import W1Thermometers
-from haptorb.simulation.chips import TCA9534, ChipBus
+from oracles.chips import TCA9534, ChipBus
 
 
 class Warm:

@@ -22,7 +22,7 @@ from haptorb.errors import DriverError
 from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
 from haptorb.runtime.drivers.i2c.i2c_guardian import ANSWER, Guardian, switch_off, watch
 from haptorb.runtime.drivers.i2c.pca9685 import Pca9685
-from haptorb.simulation.chips import TCA9534
+from oracles.chips import TCA9534
 
 ROOT = Path(__file__).resolve().parents[4]
 SOME = np.array([0.25, -0.125, 0.0625])

@@ -19,7 +19,7 @@ from haptorb.runtime.drivers.i2c import i2c_chips
 from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
 from haptorb.runtime.drivers.i2c.i2c_guardian import Guardian
 from haptorb.runtime.drivers.i2c.i2c_lock import BusLock
-from haptorb.simulation.chips import ChipBus
+from oracles.chips import ChipBus
 
 BUS = os.makedev(89, 1)
 NAME = "the PWM chip at 0x60 on i2c:1"

@@ -11,7 +11,7 @@ from haptorb.errors import DriverError
 from haptorb.runtime.drivers.i2c.ina219 import Ina219
 from haptorb.runtime.drivers.i2c.max11616 import HallAdc
 from haptorb.runtime.drivers.i2c.pca9685 import ALL_OFF, Pca9685
-from haptorb.simulation.chips import INA219, MAX11616, PCA9685, ChipBus
+from oracles.chips import INA219, MAX11616, PCA9685, ChipBus
 
 steps = st.lists(st.integers(-4095, 4095), min_size=3, max_size=3)
 

@@ -1,0 +1,1 @@
+"""Independent computations and imitations of hardware, which the product is checked against."""
