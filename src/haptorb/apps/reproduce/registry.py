@@ -22,62 +22,59 @@ Drawing = Callable[[Path], Path]
 
 @dataclass(frozen=True)
 class Reproduction:
-    """One figure, table, appendix or section.
+    """One figure, table, appendix or section; its module is called after paper and name, and loaded when asked for.
 
     paper    key in references.bib
     name     "figure 8", "table A.1", "section III", ...
     title    one line
-    module   below haptorb.apps.reproduce; has `items(report) -> (items, drawing or None)`; loaded only when asked for
     slow     takes more than a few seconds
     """
 
     paper: str
     name: str
     title: str
-    module: str
     slow: bool = False
 
     def made(self, report: Report = lambda share: None) -> tuple[tuple[Item, ...], Drawing | None]:
         """The items, and what draws the figure into a PNG or SVG file, where there is one."""
-        items, draw = import_module(f"haptorb.apps.reproduce.{self.module}").items(report)
+        items, draw = import_module(self.module).items(report)
         return items, draw
+
+    @property
+    def module(self) -> str:
+        """Where it is computed: has `items(report) -> (items, drawing or None)`."""
+        name = self.name.lower().replace(" to ", " ").replace(" and ", " ").replace(".", "").replace(" ", "_")
+        return f"haptorb.apps.reproduce.{self.paper}.{name}"
 
 
 # In the order of the papers; a figure or table of your own is one line here.
 _ALL = (
-    Reproduction("bai2012", "text", "What the prose says of the motor", "bai2012_text"),
-    Reproduction("bai2012", "equations 1 to 6", "Linear torque, least power, two modes", "bai2012_equations_1_6"),
-    Reproduction("bai2012", "table 1", "The bodies and the poles that stand for them", "bai2012_table_1"),
-    Reproduction("bai2012", "equations 7 to 9", "Poles, their field, and the torque that follows",
-                 "bai2012_equations_7_9"),
-    Reproduction("bai2012", "table 2", "Twelve pairs of coils", "bai2012_table_2"),
-    Reproduction("bai2012", "figure 5", "Design loop, and what holds the rotor up", "bai2012_figure_5"),
-    Reproduction("bai2012", "table A.1", "Where everything sits", "bai2012_table_a1"),
+    Reproduction("bai2012", "text", "What the prose says of the motor"),
+    Reproduction("bai2012", "equations 1 to 6", "Linear torque, least power, two modes"),
+    Reproduction("bai2012", "table 1", "The bodies and the poles that stand for them"),
+    Reproduction("bai2012", "equations 7 to 9", "Poles, their field, and the torque that follows"),
+    Reproduction("bai2012", "table 2", "Twelve pairs of coils"),
+    Reproduction("bai2012", "figure 5", "Design loop, and what holds the rotor up"),
+    Reproduction("bai2012", "table A.1", "Where everything sits"),
     Reproduction("bai2012", "figure 4", "From field to torque per ampere: network, linear map, least squares",
-                 "bai2012_figure_4", slow=True),
-    Reproduction("bai2012", "figure 6", "A hook, and friction on its faces", "bai2012_figure_6"),
-    Reproduction("bai2012", "table 3", "The outlet's sizes and metals", "bai2012_table_3"),
-    Reproduction("bai2012", "figure 7", "A tilted plug between two hooks", "bai2012_figure_7"),
-    Reproduction("bai2012", "appendix B", "Compliances in closed form", "bai2012_appendix_b"),
-    Reproduction("bai2012", "figure 8", "Two phases of pulling a plug, felt through the chain",
-                 "bai2012_figure_8", slow=True),
-    Reproduction("zarate2020", "equations 1 and 2", "Two dipoles, and the fall with distance",
-                 "zarate2020_equations_1_2"),
-    Reproduction("zarate2020", "figure 2", "Maps of a magnet, adjustable, and of a surface", "zarate2020_figure_2"),
-    Reproduction("zarate2020", "figure 3", "The code of map and inverse", "zarate2020_figure_3"),
-    Reproduction("zarate2020", "hardware", "Parts of the prototype, and the core's answer", "zarate2020_hardware"),
-    Reproduction("zarate2020", "equations 3 to 6", "From moment to duty, and calibration", "zarate2020_equations_3_6"),
-    Reproduction("zarate2020", "forces", "Power, current, force and heat", "zarate2020_forces"),
-    Reproduction("zarate2020", "figure 6", "A coil heated and cooled, and the endurances that follow",
-                 "zarate2020_figure_6"),
-    Reproduction("zarate2020", "figure 7", "The core's moment against the currents, from the Hall sensors",
-                 "zarate2020_figure_7"),
-    Reproduction("zarate2020", "drive", "Currents in a winding that has become 60 K warmer", "zarate2020_drive"),
-    Reproduction("zarate2020", "inverse error", "What the dipole inverse and the exact one deliver over the shell",
-                 "zarate2020_inverse_error"),
-    Reproduction("zarate2020", "hall position", "The tool's place from the Hall sensors, without a tracker",
-                 "zarate2020_hall_position"),
-    Reproduction("zarate2020", "study", "Set-points and order of the study", "zarate2020_study"),
+                 slow=True),
+    Reproduction("bai2012", "figure 6", "A hook, and friction on its faces"),
+    Reproduction("bai2012", "table 3", "The outlet's sizes and metals"),
+    Reproduction("bai2012", "figure 7", "A tilted plug between two hooks"),
+    Reproduction("bai2012", "appendix B", "Compliances in closed form"),
+    Reproduction("bai2012", "figure 8", "Two phases of pulling a plug, felt through the chain", slow=True),
+    Reproduction("zarate2020", "equations 1 and 2", "Two dipoles, and the fall with distance"),
+    Reproduction("zarate2020", "figure 2", "Maps of a magnet, adjustable, and of a surface"),
+    Reproduction("zarate2020", "figure 3", "The code of map and inverse"),
+    Reproduction("zarate2020", "hardware", "Parts of the prototype, and the core's answer"),
+    Reproduction("zarate2020", "equations 3 to 6", "From moment to duty, and calibration"),
+    Reproduction("zarate2020", "forces", "Power, current, force and heat"),
+    Reproduction("zarate2020", "figure 6", "A coil heated and cooled, and the endurances that follow"),
+    Reproduction("zarate2020", "figure 7", "The core's moment against the currents, from the Hall sensors"),
+    Reproduction("zarate2020", "drive", "Currents in a winding that has become 60 K warmer"),
+    Reproduction("zarate2020", "inverse error", "What the dipole inverse and the exact one deliver over the shell"),
+    Reproduction("zarate2020", "hall position", "The tool's place from the Hall sensors, without a tracker"),
+    Reproduction("zarate2020", "study", "Set-points and order of the study"),
 )  # fmt: skip
 
 
