@@ -167,7 +167,12 @@ RULES = [
     ),
     ("study-stop-first", "a study's Stop waits for no queue and no database", "never", STOP_TESTS),
     ("study-end-first", "ending a study session waits for no database with the coils on", "never", STOP_TESTS),
-    ("study-message", "no message of a study page takes Stop from it", "uncaught", STOP_TESTS),
+    (
+        "study-message",
+        "no message of a study page takes Stop from it",
+        "uncaught",
+        f"{STOP_TESTS}::test_a_fault_that_a_message_meets_takes_no_stop_from_its_page",
+    ),
     ("study-asked-before", "what was asked for in a study before a Stop is dropped, and told", "never", STOP_TESTS),
     (
         "study-stop-engaging",
