@@ -88,7 +88,12 @@ RULES = [
         "always",
         "tests/runtime/processes/test_loop.py",
     ),
-    ("simulated-watchdog", "a silent loop finds the simulated coils off", "never", TICK_TESTS),
+    (
+        "simulated-watchdog",
+        "a silent loop finds the simulated coils off",
+        "never",
+        f"{TICK_TESTS}::test_after_a_pause_of_the_computer_the_force_comes_back_from_zero",
+    ),
     (
         "prepared-dropped",
         "what was prepared is not handed over once the driver is closed",
@@ -321,6 +326,9 @@ OLD = [
     ),
 ]
 
+RED, GREEN, SLOW = "red, as it must be", "STILL GREEN", "RAN OUT OF TIME"
+_PATIENCE = "timeout=1200"  # each proof compiles all kernels again
+
 
 @dataclass(frozen=True)
 class Proof:
@@ -357,22 +365,24 @@ def quote_proofs() -> list[Proof]:
     return proofs
 
 
-def goes_red(proof: Proof) -> bool:
-    """Whether the tests of `proof` go red when its rule is not kept."""
+def try_tests(proof: Proof) -> str:
+    """What becomes of the tests of `proof` when its rule is not kept: RED, GREEN or SLOW."""
     with tempfile.TemporaryDirectory() as folder:
         sources = Path(folder) / "src"
         shutil.copytree(ROOT / "src", sources, ignore=shutil.ignore_patterns("__pycache__"))
         (sources / proof.path.relative_to(ROOT / "src")).write_text(proof.broken, encoding="utf-8")
         environment = {**os.environ, "PYTHONPATH": str(sources), "NUMBA_CACHE_DIR": str(Path(folder) / "cache")}
         run = subprocess.run(
-            [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", proof.tests],
+            [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-o", _PATIENCE, proof.tests],
             cwd=ROOT,
             env=environment,
             capture_output=True,
             text=True,
             check=False,
         )
-        return run.returncode == 1
+    if "from pytest-timeout" in run.stdout:  # a busy computer, or compilation: it would be so with the rule kept, too
+        return SLOW
+    return RED if run.returncode == 1 else GREEN
 
 
 def main() -> int:
@@ -387,9 +397,9 @@ def main() -> int:
     if not chosen:
         sys.exit(f"no rule, and no marker or file of one, has {' or '.join(repr(word) for word in words)} in its name")
     for proof in chosen:
-        red = goes_red(proof)
-        unproved += not red
-        print(f"{'red, as it must be' if red else 'STILL GREEN':>20}  {proof.rule}", flush=True)
+        outcome = try_tests(proof)
+        unproved += outcome != RED
+        print(f"{outcome:>20}  {proof.marker or '-'}: {proof.rule}", flush=True)
     print(f"{len(chosen) - unproved} of {len(chosen)} rules are kept by a test")
     return unproved
 
