@@ -58,6 +58,7 @@ def check(world: Any) -> None:
     for name, known in parameters(type(world)).items():
         value = getattr(world, name)
         several = isinstance(value, tuple | list)
+        # safety: list-no-number
         if several is not isinstance(known.default, tuple) or (several and len(value) != known.size):
             wanted = f"{known.size} numbers" if isinstance(known.default, tuple) else "a finite number, not a list"
             raise InputError(f"{kind}.{name} must be {wanted}; got {shown(value)}")

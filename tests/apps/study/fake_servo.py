@@ -53,9 +53,10 @@ class FakeServo:
 
     def rows(self, cursor: int = 0) -> tuple[int, np.ndarray]:
         """Two rows per trip: running, then tripped."""
-        rows = np.zeros((2 * len(self.trips), self.layout.width))
+        trips = list(self.trips)  # another thread may stop meanwhile
+        rows = np.zeros((2 * len(trips), self.layout.width))
         rows[:, self.layout["guard"]] = 2
-        for n, trip in enumerate(self.trips):
+        for n, trip in enumerate(trips):
             rows[2 * n + 1, self.layout["guard"]], rows[2 * n + 1, self.layout["trip"]] = 4, trip
         return len(rows), rows[cursor:]
 

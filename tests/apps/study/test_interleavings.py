@@ -22,3 +22,4 @@ def test_no_order_of_events_switches_on_after_a_stop() -> None:
     found = module.study_interleavings(2000, seed=3)
     assert found.broken == []
     assert found.switched_on > 1000
+    assert found.resumed > 100

@@ -298,6 +298,23 @@ def test_no_message_takes_stop_or_the_place_from_a_page(desk: Desk, message: str
     desk.second.state("running", 1)
 
 
+@pytest.mark.parametrize("who", ["first", "experimenter"])
+def test_a_fault_that_a_message_meets_takes_no_stop_from_its_page(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch, who: str
+) -> None:
+    desk.trial()
+    page = getattr(desk, who)
+
+    def fault(command: dict[str, Any], told: Any) -> None:
+        raise ZeroDivisionError("nobody foresaw it")
+
+    monkeypatch.setattr(desk.reception, "ask", fault)
+    page.do("skip")
+    page.until(lambda page: any("ZeroDivisionError" in mistake for mistake in page.mistakes))
+    page.do("stop")
+    _until(lambda: desk.servo.off)
+
+
 def test_a_message_that_is_no_json_but_says_stop_stops(desk: Desk) -> None:
     desk.trial()
     desk.first.socket.send('{"do" : "stop", "why": "\\ud800')

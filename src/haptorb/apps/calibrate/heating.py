@@ -83,9 +83,9 @@ def heated(
         duties[coil] = course.hot if n < hot else course.warm
         try:
             samples, applied = session.held(duties, _BIN, 0.2 * _BIN, rate=rate)
-        except HostSilent as cause:
+        except HostSilent as cause:  # safety: silence-forgiven
             lost += 1
-            if lost > _LOST * (hot + cool):
+            if lost > _LOST * (hot + cool):  # safety: heating-end
                 raise CalibrationError(
                     f"this computer was silent too often: {lost} of the {n + 1} s so far are lost; end what else it "
                     "does, or take another"

@@ -206,7 +206,7 @@ class Session:
             resistance[coil] = voltage * duty / own
             expected = device.coils.resistance[coil]
             ratio = resistance[coil] / expected
-            if not 1 / _FACTOR < ratio < _FACTOR:
+            if not 1 / _FACTOR < ratio < _FACTOR:  # safety: calibration-step
                 ten = 6 < max(ratio, 1 / ratio) < 16
                 raise CalibrationError(
                     f"coil '{name}' seems to have {resistance[coil]:.3g} Ω where the device file says {expected:g} Ω: "

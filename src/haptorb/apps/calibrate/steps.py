@@ -193,7 +193,7 @@ class Tool(Step):
                 f"no tool is seen at the summit (likeness {likeness:+.2f}, {1e3 * size:.2f} mT): hold it upright on "
                 "the dome's top, and nothing else magnetic near"
             )
-        if likeness < 0.0:
+        if likeness < 0.0:  # safety: tool-reversed
             raise CalibrationError(
                 "the tool's magnet is the wrong way round: the dome would pull where it must push; turn the magnet"
             )

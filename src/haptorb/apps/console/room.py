@@ -121,7 +121,7 @@ class Room:
         """One message of a page: its pointer, or a command; a stop before all else, whoever says it and however."""
         try:
             if (text := message.get("text")) is not None:
-                if asks_to_stop(text):
+                if asks_to_stop(text):  # safety: console-stop-first
                     self._stop()
                 else:
                     self._obey(page, read_command(text))
@@ -133,7 +133,7 @@ class Room:
 
     def _stop(self) -> None:
         self._servo.stop()
-        self._do_not_engage()
+        self._do_not_engage()  # safety: console-stop-cancels
         self._tell_all("stopped", by="you" if len(self._pages) == 1 else "a page")
 
     def _obey(self, page: Page, command: dict[str, Any]) -> None:
@@ -147,6 +147,7 @@ class Room:
                 self._hand.steady()
                 self._do_not_engage()
                 # The guard engages only on a fresh pose; give it time to see one. A stop in between counts.
+                # safety: console-engage-stops
                 self._engaging = asyncio.get_running_loop().call_later(FRESH, self._engage, page, self._servo.stops)
             case "home":
                 self._hand.home()

@@ -107,6 +107,7 @@ def _enabling(bus: I2cBus, clock: Callable[[], float]) -> Iterator[str]:
         return
     yield where
     try:
+        # safety: probe-off
         Pca9685(bus).setup()  # all off: the test enables its outputs
         select.setup()
         held = output_enable.pulse(select, clock)

@@ -58,6 +58,7 @@ class Doors:
             return
         headers = Headers(scope=scope)
         refusal = self.refusal(headers)
+        # safety: console-token
         if refusal is None and not self._open(scope["path"]) and not knows(headers, self._token):
             refusal = "this needs the address that the terminal printed, with what stands behind its #"
         if refusal is None:

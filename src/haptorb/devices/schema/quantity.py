@@ -110,7 +110,8 @@ def si(value: object, unit: str, kind: str) -> float:
     import pint
 
     try:
-        converted = float(_registry().Quantity(number, _unit(name)).to(unit or "dimensionless").magnitude)
+        powers = _unit(name)  # safety: unit-read
+        converted = float(_registry().Quantity(number, powers).to(unit or "dimensionless").magnitude)
     except (pint.PintError, ArithmeticError, AttributeError, ValueError) as cause:
         raise ValueError(f"{expected if isinstance(value, tuple) else f'must be {kind}'}; got {told}") from cause
     if not unbounded and converted != 0.0 and not 1.0 / _LARGEST <= abs(converted) <= _LARGEST:

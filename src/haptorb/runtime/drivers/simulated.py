@@ -106,7 +106,7 @@ class SimDriver(Driver):
     def close(self) -> None:
         """Coils off."""
         self._duties = np.zeros(self.simulation.device.channels)
-        self._ready = None
+        self._ready = None  # safety: prepared-dropped
         self._open = False
 
     def prepare(self, now: float) -> None:
@@ -147,6 +147,7 @@ class SimDriver(Driver):
             self._clock += periods * self._period
             passed = min(periods * self._period, _CATCH_UP)
             # A board's watchdog: a loop that is silent for so long finds its coils off.
+            # safety: simulated-watchdog
             if passed > self._silence + 1e-9:  # periods are whole, their sum is not
                 self.simulation.advance(self._silence, self._duties, target[:3], target[3:])
                 passed -= self._silence

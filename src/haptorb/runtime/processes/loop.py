@@ -59,6 +59,7 @@ class Loop:
         _load(self._row)
         self._ticks = 0
         self._now = 0.0  # on the loop's clock [s]
+        # safety: start-stop
         self._stopped = 0  # a stop that was given while the servo started counts in the first tick
         self._engaged = shared.words[Word.ENGAGE]
         self._mode, self._clutch = 0, 0
@@ -117,7 +118,7 @@ class Loop:
             if skipped * period > _STANDSTILL:  # whoever held up this loop held up the host's heart as well
                 heard = now
             silence = now - max(words[Word.HEARTBEAT], heard)
-            if silence > _LATE:
+            if silence > _LATE:  # safety: host-silent
                 self.reason = self._host.trouble(now, silence)
                 if self.reason:
                     return Trip.HOST_SILENT
@@ -150,7 +151,7 @@ class Loop:
         if engage != self._engaged:
             self._engaged = engage
             # An engage request that was given before the last stop is void, however late it comes.
-            if engage_stops(engage) == stops & 0xFFFF_FFFF:
+            if engage_stops(engage) == stops & 0xFFFF_FFFF:  # safety: engage-void
                 self._chain.engage()
         if words[Word.MODE] != self._mode:
             self._mode = words[Word.MODE]

@@ -56,7 +56,7 @@ def main(folder: Path, parent: int) -> int:
     _load()  # the host reads a device file meanwhile
     told = sys.stdin.buffer.read()
     die_with_parent()  # at once, as long as there is no coil to be switched off
-    if not told:
+    if not told:  # safety: plan-awaited
         shutil.rmtree(folder, ignore_errors=True)
         return 0
     shared = Shared.attach(os.fsdecode(told))
@@ -86,7 +86,7 @@ def main(folder: Path, parent: int) -> int:
 def _run(shared: Shared, path: Path, parent: int) -> int:
     told = _Told(parent)
     # Who forks in a world would have a second loop at the same device: the child ends before it comes back from there.
-    os.register_at_fork(after_in_child=partial(os._exit, _FORKED))
+    os.register_at_fork(after_in_child=partial(os._exit, _FORKED))  # safety: world-forked
     plan = plans.load(path)
     shared.announce_world(description(plan.world))
     _rehearse(plan, shared)

@@ -54,6 +54,6 @@ class HostLife:
             return f"the program that started the servo showed no sign of life for {SILENCE:g} s"
         if silence > (STOPPED * 1e9 - _LOOK) and now - self._looked >= _LOOK:
             self._looked = now
-            if self._state() in ("T", "t"):
+            if self._state() in ("T", "t"):  # safety: host-stopped, host-computing
                 return f"the program that started the servo was stopped and showed no sign of life for {STOPPED:g} s"
         return ""

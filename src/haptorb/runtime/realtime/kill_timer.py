@@ -42,7 +42,7 @@ class EndTimer:
         if not hasattr(libc, "timer_create"):
             libc = ctypes.CDLL("librt.so.1", use_errno=True)  # where it was before glibc 2.34
         self._timer = ctypes.c_void_p()
-        event = _Event(signal=int(signal.SIGKILL), notify=_SIGEV_SIGNAL)
+        event = _Event(signal=int(signal.SIGKILL), notify=_SIGEV_SIGNAL)  # safety: servo-hung
         if libc.timer_create(_CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(self._timer)):
             why = os.strerror(ctypes.get_errno())
             raise ServoError(f"the kernel gives no timer that ends a servo which hangs: timer_create failed ({why})")

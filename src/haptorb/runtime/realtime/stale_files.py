@@ -80,7 +80,7 @@ def _removed(entry: os.DirEntry[str]) -> bool:
     except OSError:
         return False
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # safety: living-files
         # While the lock is held: whoever makes such a file waits for it, and sees that the file is gone.
         if stat.S_ISDIR(found.st_mode):
             shutil.rmtree(entry.path)

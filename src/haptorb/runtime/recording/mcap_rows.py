@@ -87,7 +87,7 @@ def _opened(opcode: int, data: bytes, room: int, most: int) -> tuple[list[Any], 
     told = [chunk.uncompressed_size]
     if chunk.compression == "zstd":
         told.append(frame_content_size(chunk.data))  # -1: it does not say, and takes what the record says
-    if max(told) > min(_CHUNK, room):
+    if max(told) > min(_CHUNK, room):  # safety: chunk-size
         raise RecordingError(
             f"a chunk of the recording says that it is {max(told)} bytes long; at most {min(_CHUNK, room)} can be, so "
             "this is no file that haptorb wrote"

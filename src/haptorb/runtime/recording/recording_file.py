@@ -42,7 +42,7 @@ def complete(descriptor: int, *, temporary: bool) -> None:
     """
     mask = os.umask(0o077)
     os.umask(mask)
-    os.fchmod(descriptor, 0o600 if temporary else 0o666 & ~mask)
+    os.fchmod(descriptor, 0o600 if temporary else 0o666 & ~mask)  # safety: recording-mode
 
 
 def temporary() -> tuple[Path, int, Claim]:

@@ -209,7 +209,7 @@ class Children:
             self._watch_servo(now, ticking)
             still = recording.look(now, words[Word.RECORDER_LOOKS])
             writing = words[Word.RECORDER] == Phase.RUNNING
-            self._stall = _STALL.format(still) if writing and still > _STALLED else ""
+            self._stall = _STALL.format(still) if writing and still > _STALLED else ""  # safety: recorder-stalled
 
     def _watch_servo(self, now: float, ticking: Stillness) -> None:
         """End a servo whose tick does not end, and look how much memory it takes."""
@@ -220,7 +220,7 @@ class Children:
         still = ticking.look(now, self._shared.words[Word.TICKS])
         if still > _HUNG:
             world = self._shared.world_now()
-            self._hang = _HANG.format(world, still)
+            self._hang = _HANG.format(world, still)  # safety: world-hung
             self._servo.kill()
             self._end_group()
         elif still > _STUCK and not self._asked:
@@ -230,7 +230,7 @@ class Children:
     def _end_group(self) -> None:
         """End what the servo's process left behind in its group: what a world has started."""
         with suppress(OSError):
-            os.killpg(self._servo.pid, signal.SIGKILL)
+            os.killpg(self._servo.pid, signal.SIGKILL)  # safety: world-children
 
     def _why(self, code: int | None) -> str:
         reason = self._hang or self._shared.reason.read()[1]

@@ -75,10 +75,10 @@ class FedTracker(Tracker):
                 self._v = self._w = np.zeros(3)
             return _NOWHERE
         self._p, self._q, self._R = np.empty(3), np.empty(4), np.empty((3, 3))
-        ahead = min(max(age, 0.0), self._prediction)
+        ahead = min(max(age, 0.0), self._prediction)  # safety: prediction-end
         _carried(told.p, told.q, told.v, told.w, ahead, self._p, self._q, self._R)
         self._v, self._w = told.v, told.w
-        return min(stamp, now)
+        return min(stamp, now)  # safety: prediction-age
 
     def goal(self, now: float) -> Goal:
         """Where the hand wants the mover; a simulated hand waits at its last goal while the tracker knows nothing."""

@@ -107,7 +107,7 @@ class OscFeed(Feed):
             yield self._message(address, values, arrival, sender)
 
     def _message(self, address: str, values: list[object], arrival: float, sender: object) -> Heard | Garbage:
-        if self._token:
+        if self._token:  # safety: sender-token
             said = values.pop(0) if values else None
             if not (isinstance(said, str) and compare_digest(said.encode("utf-8", "replace"), self._token)):
                 return Garbage("stranger")
@@ -118,7 +118,7 @@ class OscFeed(Feed):
         sent = numbers[first] if len(numbers) > first else None
         if sent is not None and not isfinite(sent):
             return Garbage("not_finite")
-        if sender != self._sender:
+        if sender != self._sender:  # safety: one-sender
             if arrival - self._spoke <= _SILENT:
                 return Garbage("another_sender")
             replaced, self._sender, self._spoke = self._sender is not None, sender, arrival
@@ -126,7 +126,7 @@ class OscFeed(Feed):
                 self._clock, self._heard_from = SenderClock(), arrival + _LOST
                 return Heard((), (), arrival, arrival, False)
         self._spoke = arrival
-        if arrival < self._heard_from:
+        if arrival < self._heard_from:  # safety: sender-replaced
             return Garbage("another_sender")
         stamp = arrival if sent is None else self._clock.stamp(sent, arrival)
         if address == LOST:

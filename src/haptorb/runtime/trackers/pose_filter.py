@@ -76,7 +76,7 @@ class Reception:
             self._stamp = float("-inf")
         if not why and heard.valid:
             why = _wrong(heard)
-        if not why and not heard.stamp > self._stamp:
+        if not why and not heard.stamp > self._stamp:  # safety: pose-late
             why = "out_of_order"
         if why:
             self.refused[why] += 1
@@ -90,7 +90,7 @@ class Reception:
             self.lost += self._last is not None
             before, self._last, self._doubted = self._last, None, None
             if before is not None:
-                self._block.write(before._replace(valid=False, stamp=heard.stamp))
+                self._block.write(before._replace(valid=False, stamp=heard.stamp))  # safety: tool-lost
             return
         p, q = np.array(heard.p, dtype=np.float64), np.array(heard.q, dtype=np.float64)
         pose = Tracked(True, p, q / sqrt(float(q @ q)), np.zeros(3), np.zeros(3), heard.stamp)
@@ -111,7 +111,7 @@ class Reception:
                 return False
             assert self._last is not None
             self.lost += 1
-            self._block.write(self._last._replace(valid=False, stamp=pose.stamp))
+            self._block.write(self._last._replace(valid=False, stamp=pose.stamp))  # safety: jumped-lost
             self._last = None
         if jumped:
             self._since, self._alike = pose.stamp, 0
@@ -153,9 +153,9 @@ def _wrong(heard: Heard) -> str:
     """Why the pose cannot be one; nothing if it can."""
     if len(heard.p) != 3 or len(heard.q) != 4:
         return "garbage"
-    if not isfinite(sum(map(abs, heard.p)) + sum(map(abs, heard.q))):
+    if not isfinite(sum(map(abs, heard.p)) + sum(map(abs, heard.q))):  # safety: pose-finite
         return "not_finite"
-    if sqrt(sum(x * x for x in heard.p)) > _REACH:
+    if sqrt(sum(x * x for x in heard.p)) > _REACH:  # safety: pose-millimetres
         return "too_far"
     length = sqrt(sum(x * x for x in heard.q))
     return "" if abs(length - 1.0) <= _UNIT else "no_rotation"
@@ -164,6 +164,7 @@ def _wrong(heard: Heard) -> str:
 def _jumped(before: Tracked, pose: Tracked, passed: float) -> bool:
     """Whether no hand could have brought the tool from one pose to the other within `passed` [s]."""
     way, turn = pose.p - before.p, _turned(before.q, pose.q)
+    # safety: jump-seen
     return bool(float(way @ way) > (_FASTEST * passed) ** 2 or float(turn @ turn) > (_SPINNING * passed) ** 2)
 
 

@@ -36,7 +36,7 @@ class SenderClock:
 
         Both must be finite.
         """
-        if ulp(sent) > _COARSEST:
+        if ulp(sent) > _COARSEST:  # safety: sender-time
             return arrival
         offset = arrival - sent
         if arrival - self._last > ANEW:
@@ -46,4 +46,5 @@ class SenderClock:
             self._before = self._least
             self._least, self._since = offset, arrival
         self._least = min(self._least, offset)
+        # safety: stamp-before-arrival
         return min(sent + min(self._least, self._before), arrival)  # not ahead of it by rounding, either

@@ -49,7 +49,7 @@ def known_tracker(name: str, driver: str = "sim") -> str:
     if kind is None or ":" not in name:
         raise UnknownName("tracker", name, (*TRACKERS, *_FORMS))
     kind(name.partition(":")[2])
-    if kind is _Replay and is_real(driver):
+    if kind is _Replay and is_real(driver):  # safety: replay-real
         raise InputError(
             f"tracker '{name}' plays where a tool was, driver '{driver}' moves where it is now: a replay is for "
             "--driver sim; name a tracker that sees the tool"
@@ -98,7 +98,7 @@ def known_frame(frame: TrackerFrame, device: Device, tracker: str, driver: str =
             f"tracker '{tracker}' speaks the stator's frame already; --frame is for trackers with a frame of their "
             "own: osc, lsl, natnet"
         )
-    if frame.simulated and is_real(driver):
+    if frame.simulated and is_real(driver):  # safety: frame-rehearsed
         raise InputError(
             f"the frame was registered in a rehearsal, driver '{driver}' moves a real device: register the real "
             f"tracker with `haptorb frame {device.name} --tracker {tracker}`"

@@ -90,7 +90,7 @@ def known_scale(places: Array, known: Array) -> None:
         return sum(float(np.linalg.norm(a - b)) for a, b in combinations(points, 2))
 
     scale = size(places) / size(known)
-    if abs(scale - 1.0) <= _SCALE:
+    if abs(scale - 1.0) <= _SCALE:  # safety: frame-scale
         return
     unit = next((f" {name}" for factor, name in _UNITS.items() if abs(scale / factor - 1.0) < 0.05), "")
     what = f"speaks{unit}: " if unit else "is out of scale: "
@@ -131,7 +131,7 @@ def known_hand(places: Array, centre: Array, known: Array) -> None:
     """The frame is right-handed: places (k, 3) and centre (3,) [m] lie as known (k, 3) and 0 do, and not mirrored."""
     found, wanted = np.vstack([places, centre]), np.vstack([known, np.zeros(3)])
     right, left = laid_onto(found, wanted)[2], laid_onto(found, wanted, mirrored=True)[2]
-    if right > _APART / 2 and left < 0.3 * right:
+    if right > _APART / 2 and left < 0.3 * right:  # safety: left-handed
         raise CalibrationError(
             f"the tracker's frame is left-handed: the marks and the dome fit mirrored (rms {1e3 * left:.1f} mm) and "
             f"not as they are ({1e3 * right:.1f} mm). Switch its axes, or send −x with the quaternion x −y −z w"

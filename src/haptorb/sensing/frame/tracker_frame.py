@@ -75,7 +75,7 @@ class TrackerFrame:
                 f"the tracker's frame is that of device {shown(self.device)} with file {shown(self.digest[:12])}, not "
                 f"of '{device.name}' with file {device.digest[:12]}; register again with `haptorb frame {device.name}`"
             )
-        if self.tracker != tracker:
+        if self.tracker != tracker:  # safety: frame-tracker
             raise CalibrationError(
                 f"the frame is that of tracker {shown(self.tracker)}, not of '{tracker}': name that one, or register "
                 f"this one with `haptorb frame {device.name} --tracker {tracker}`"

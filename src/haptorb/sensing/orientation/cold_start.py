@@ -70,7 +70,7 @@ class ColdStart:
                 self._model, field, usable, count, floor, 1e-6, 25, R, 1.0, trusted, covariance,
                 self._slopes, self._taken,
             )  # fmt: skip
-            if converged and residual <= _POOR * rms and 2 * outliers <= count:
+            if converged and residual <= _POOR * rms and 2 * outliers <= count:  # safety: start-explained
                 return Found(R, strength, outliers)
             if len(tried) == _CANDIDATES:
                 break

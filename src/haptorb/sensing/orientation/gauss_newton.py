@@ -210,6 +210,7 @@ def explained(
         wanted = strength + shorter * step[3]
         strength = min(max(wanted, _WEAKEST), _STRONGEST)
         if length <= tolerance:
+            # safety: dead-sensors
             if wanted != strength:  # sensors without supply agree well with magnets without strength
                 return False, strength, rms, length, out_count
             noise = max(total / max(3.0 * kept - 4.0, 1.0), floor * floor)

@@ -161,6 +161,7 @@ def _tracked(
     found, new, rms, _, outliers = explained(
         model, field, usable, count, floor, _TOLERANCE, _STEPS, R, strength, trusted, seen[3:6], slopes, motion[4:7]
     )  # fmt: skip
+    # safety: field-explained
     if not found or 2 * outliers > count or not rms * rms <= _POOR * _POOR * square / (3.0 * count):
         return False, strength, places - count + outliers
     if dt > 0.0:

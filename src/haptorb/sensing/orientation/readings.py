@@ -42,6 +42,7 @@ def magnet_field(field: Array, currents: Array, per_ampere: Array, limit: float,
     for k in range(field.shape[0]):
         square = field[k, 0] * field[k, 0] + field[k, 1] * field[k, 1] + field[k, 2] * field[k, 2]
         total = out[k, 0] + out[k, 1] + out[k, 2]
+        # safety: readings-possible
         if square <= limit * limit and np.isfinite(total):  # NaN fails the first
             usable[k] = 1.0
             count += 1

@@ -170,7 +170,7 @@ class HallTracker(Estimator):
                 return self._unknown(sample.t, self.verdict or self.LOST)
             self._searched = sample.t
             code = self._search(p, R, motion)
-        unsure = code == VAGUE and self._found and sample.t - self._t <= _CARRIED
+        unsure = code == VAGUE and self._found and sample.t - self._t <= _CARRIED  # safety: tool-carried
         if not (code == SEEN or unsure):
             self._found = self._found and code == UNREAD
             return self._unknown(sample.t, self.REVERSED if code == REVERSED else self.LOST)

@@ -41,7 +41,7 @@ class TrainedNetworks:
 
     def fitting(self, motor: SphericalMotor) -> tuple[Neighbourhood, ...]:
         """The neighbourhoods of `motor` in the networks' order; InputError if they were trained for another device."""
-        if self.digest != motor.digest:
+        if self.digest != motor.digest:  # safety: network-device
             raise InputError(
                 f"these networks were trained for device {shown(self.device)} (digest {shown(self.digest[:12])}), not "
                 f"for '{motor.name}' ({motor.digest[:12]}): its magnetics differ; run `haptorb train {motor.name}`"

@@ -142,7 +142,7 @@ class Reception:
                 told(str(mistake))
             if told is None or isinstance(mistake, ServoError):
                 self._end(str(mistake))
-        except BaseException as fault:
+        except BaseException as fault:  # safety: study-fault
             # Nobody foresaw it, so nobody knows what the session is in: off, and it can be resumed.
             self.halt.stop(None)
             text = f"a fault in haptorb, please report it: {_explained(fault)}. Coils off; the session can be resumed"

@@ -88,6 +88,7 @@ class Room:
             given = await asyncio.wait_for(socket.receive_text(), PATIENCE)
         except (TimeoutError, WebSocketDisconnect, KeyError, RuntimeError):
             given = ""
+        # safety: experimenter-token
         if not secrets.compare_digest(given.encode("utf-8", "replace"), self._token.encode()):
             with suppress(RuntimeError):
                 await socket.close(1008, "this page needs the address that the terminal printed")
@@ -105,7 +106,7 @@ class Room:
 
     def part(self, page: Page) -> None:
         """`page` went away. If it was the participant's, the coils go off, and stay off until somebody resumes."""
-        if page.participant and self._participants[0] is page:
+        if page.participant and self._participants[0] is page:  # safety: participant-gone
             self._reception.halt.stop("the participant's page was closed")
         (self._participants if page.participant else self._experimenters).remove(page)
 
@@ -113,9 +114,9 @@ class Room:
         """One message of `page`: Stop before anything else. Nothing that it may hold is raised, `page` is told."""
         try:
             if page.participant:
-                if asks_to_stop(text):
+                if asks_to_stop(text):  # safety: study-stop-first
                     self._reception.halt.stop("by the participant")
-            elif found := _STOPS.search(text):
+            elif found := _STOPS.search(text):  # safety: study-end-first
                 ends = found[1] in ("leave", "abort")
                 self._reception.halt.stop(None if ends else "by the experimenter")
             command = read_command(text)
@@ -128,6 +129,7 @@ class Room:
                 self._hear_experimenter(page, do, command)
         except HaptorbError as mistake:
             page.tell(str(mistake))
+        # safety: study-message
         except Exception as fault:  # whatever it holds, the page's next Stop must be heard
             page.tell(f"this message cannot be obeyed: {type(fault).__name__}")
 
@@ -160,7 +162,7 @@ class Room:
             value = command.get("value")
             if value is None or (type(value) is int and abs(value) < _LARGEST):
                 self._draft, self._draft_of = value, sitting.number if sitting is not None else -1
-        elif do in _PARTICIPANT:
+        elif do in _PARTICIPANT:  # safety: participant-steers
             reception.ask(command, page.tell)
         else:
             raise InputError(f"a participant's page may not do {do[:40]!r}")

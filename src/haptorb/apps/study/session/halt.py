@@ -78,7 +78,7 @@ class Halt:
         """From now on Stop reaches `servo`, which need not be open yet. A Stop after `asked` holds for it already."""
         self._cleared = asked.number
         self._servo = servo
-        if self.stands:
+        if self.stands:  # safety: study-stop-starting
             servo.stop()
         while self._unrecorded and self._unrecorded[0].number <= asked.number:
             self._unrecorded.popleft()
@@ -95,9 +95,9 @@ class Halt:
         servo = self._servo
         if servo is None or asked.servo is not servo:
             raise InputError("no device is running that could be switched on")
-        if asked.number != self._last:
+        if asked.number != self._last:  # safety: study-asked-before
             raise InputError("Stop was pressed after this: the coils stay off. Resume again when everybody is ready")
-        servo.engage(asked.stops)
+        servo.engage(asked.stops)  # safety: study-stop-engaging
         self._cleared = asked.number
 
     def take(self) -> list[Stopped]:

@@ -120,7 +120,7 @@ class Keyboard(Keys):
                 data = os.read(self._descriptor, 64)
                 for key in named(decoder.decode(data)) if data else [END]:
                     if self._stops(key):
-                        self._halt.stop("at the terminal")
+                        self._halt.stop("at the terminal")  # safety: terminal-stop
                     self._keys.put((key, self._halt.ask()))
                 if not data:
                     sources.remove(self._descriptor)

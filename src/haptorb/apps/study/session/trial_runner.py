@@ -152,7 +152,7 @@ class Conduct:
         """Coils off until `resume`; a rest stands still meanwhile."""
         if self.state not in OVER:
             if not self.halt.stands:
-                self.halt.stop(why)
+                self.halt.stop(why)  # safety: study-pause
             self.heed()
 
     def resume(self, asked: Asked | None = None) -> None:

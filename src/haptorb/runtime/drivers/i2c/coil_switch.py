@@ -66,7 +66,7 @@ class CoilSwitch:
 
     def off(self) -> bool:
         """Try once; True if the chip confirms that every output is off."""
-        self.state = CoilState.UNKNOWN
+        self.state = CoilState.UNKNOWN  # safety: i2c-off-unsaid
         with suppress(OSError):
             if self._pwm.off():
                 self.state = CoilState.OFF
@@ -88,7 +88,7 @@ class CoilSwitch:
     def recover(self) -> None:
         """What one tick does for a device that has failed: switch off until that is confirmed; then have a guardian
         again, so that a person who engages need not wait for it. Never waits."""
-        if self.state is not CoilState.OFF:
+        if self.state is not CoilState.OFF:  # safety: i2c-reading-off
             self.off()
         elif self._gone() and self._clock() - self._started > _ANEW:
             self._started = self._clock()
@@ -103,7 +103,7 @@ class CoilSwitch:
 
     def require(self) -> None:
         """DriverError unless the chip confirms that it is off and a guardian watches: nobody may engage before."""
-        if self.state is not CoilState.OFF and not self.off():
+        if self.state is not CoilState.OFF and not self.off():  # safety: i2c-engage-off
             raise DriverError(
                 "coil state unknown: the PWM chip has not confirmed that the coils are off. Check the bus and the "
                 "supply, then engage again"
@@ -120,7 +120,7 @@ class CoilSwitch:
             if self.off() or self._clock() > end:
                 break
         watcher, self._watcher = self._watcher, None
-        if self.state is CoilState.OFF:
+        if self.state is CoilState.OFF:  # safety: i2c-closing
             if watcher is not None:
                 watcher.end(_ENDING)
             return

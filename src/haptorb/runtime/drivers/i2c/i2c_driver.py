@@ -152,12 +152,12 @@ class I2cDriver(Driver):
             self._select = HallSelect(bus)
             axes = 3 if self._select.present() else 1
             needed = 3 if self._watchdog else self._hall_axes  # the TCA9534 triggers the monostable, too
-            if axes < needed:
+            if axes < needed:  # safety: chip-axes
                 raise DriverError(self._without_select())
             self._hall_sensors = HallSensors(self._positions, axes, SPAN_3V3)
             if axes > 1:
                 self._select.setup()
-            if self._watchdog:
+            if self._watchdog:  # safety: i2c-monostable
                 output_enable.pulse(self._select, self._clock)
             for _ in range(axes * len(max11616.BLOCKS)):
                 self._read_hall()
@@ -219,7 +219,7 @@ class I2cDriver(Driver):
             self._hall.setup()
             if self._hall_sensors.axes > 1:
                 self._select.setup()
-            if self._watchdog:
+            if self._watchdog:  # safety: i2c-monostable-bridged
                 output_enable.ready(self._select, self._clock)
         except DriverError as cause:
             raise self._failed(str(cause)) from cause
@@ -294,7 +294,7 @@ class I2cDriver(Driver):
         some, switch = any(steps), self._switch
         if self._bus is None or switch is None:
             return np.zeros(CHANNELS)
-        if self._fault and switch.state is not CoilState.OFF:
+        if self._fault and switch.state is not CoilState.OFF:  # safety: i2c-writing-off
             switch.off()
         if self._fault or not (self._engaged or (self._armed and some)):
             return np.zeros(CHANNELS)
@@ -303,6 +303,7 @@ class I2cDriver(Driver):
         elif self._idle is None:
             self._idle = self._clock()
         try:
+            # safety: i2c-zero-off
             if not some and self._clock() - self._idle > _IDLE:  # type: ignore[operator]
                 return self._rested(switch)
             self._engaged, self._armed = True, False

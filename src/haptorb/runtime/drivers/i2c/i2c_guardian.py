@@ -49,7 +49,7 @@ def watch(heartbeats: int, off: Callable[[], None], patience: float = PATIENCE, 
             return bool(ready)
         if answers is not None:
             with suppress(OSError):  # whoever does not hear it any more is told by the end of its pipe
-                os.write(answers, b".")
+                os.write(answers, b".")  # safety: guardian-answers
         engaged = data.endswith(b"1")
 
 
@@ -60,7 +60,7 @@ def switch_off(pwm: Pca9685, wait: Callable[[float], None] = sleep) -> None:
         with suppress(Exception):
             if pwm.off():
                 return
-        wait(_AGAIN)
+        wait(_AGAIN)  # safety: guardian-tries
 
 
 @final
@@ -119,7 +119,7 @@ class Guardian:
         if engaged and not self._engaged:  # at rest nobody speaks, so nobody was heard
             self._heard = now
         self._engaged = engaged
-        if engaged and now - self._heard > ANSWER:
+        if engaged and now - self._heard > ANSWER:  # safety: guardian-silent
             raise DriverError(
                 f"the guardian of the I²C bus did not answer for {1e3 * ANSWER:g} ms (stopped, or a busy computer)"
             )

@@ -45,9 +45,9 @@ class BusLock:
             except OSError as cause:
                 raise DriverError(f"{self._name} cannot be locked: {self._path}: {cause.strerror}") from cause
             try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # safety: i2c-lock
                 with suppress(FileNotFoundError):
-                    if os.path.samestat(os.stat(self._path), os.fstat(descriptor)):
+                    if os.path.samestat(os.stat(self._path), os.fstat(descriptor)):  # safety: i2c-lock-named
                         return descriptor
             except BlockingIOError as cause:
                 holder = _holder(descriptor)

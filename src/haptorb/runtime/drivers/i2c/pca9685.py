@@ -91,4 +91,4 @@ class Pca9685:
         (block,) = self._bus.transfer([(self._address, bytes((_MODE1,))), (self._address, _READ_BACK)])
         (scale,) = self._bus.transfer([(self._address, bytes((_PRE_SCALE,))), (self._address, 1)])
         as_set_up = block[_MODE1] == _AUTO_INCREMENT and block[_MODE2] == _TOTEM_POLE and scale[0] == _FASTEST
-        return as_set_up and all(high & _FULL for high in block[_OFF_HIGH])
+        return as_set_up and all(high & _FULL for high in block[_OFF_HIGH])  # safety: i2c-obeyed, i2c-set-up

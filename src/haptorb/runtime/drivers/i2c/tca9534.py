@@ -55,7 +55,8 @@ class HallSelect:
         """Let P2 fall and rise, in one message: for one more pulse of the monostable the outputs are enabled."""
         axis = max(self._axis, 0)
         self._level = _TRIGGER
-        self._bus.transfer([(self._address, bytes((_OUTPUT, axis, axis | _TRIGGER)))])
+        fall_and_rise = (_OUTPUT, axis, axis | _TRIGGER)  # safety: i2c-trigger-edge
+        self._bus.transfer([(self._address, bytes(fall_and_rise))])
 
     def enabled(self) -> bool:
         """Whether OE is low now."""

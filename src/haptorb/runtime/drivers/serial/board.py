@@ -161,6 +161,7 @@ class Board:
         Raises DriverError if the firmware refuses it (coils engaged), or if its EEPROM does not keep it.
         """
         end = monotonic() + _EEPROM
+        # safety: eeprom-kept
         while (state := self.store(calibration)).refusal is Refusal.WRITING and monotonic() < end:
             sleep(_ASK_AGAIN)
         why = refusal(state)

@@ -90,7 +90,7 @@ def found(line: Octets, held: Numbers) -> int:
         last = at + HEAD + length
         if end < last + _TAIL:
             break
-        if _check(line, at + 2, last) != line[last] | line[last + 1] << 8:
+        if _check(line, at + 2, last) != line[last] | line[last + 1] << 8:  # safety: frame-damaged
             held[2] += 1
             at += 1
             continue

@@ -23,7 +23,7 @@ def switched_off(reading: Reading, engaged: bool) -> str:
         parts = missing_chips(reading.missing & _NEEDED) if reading.reason is Reason.CHIP else ()
         detail = f": {', '.join(parts)}" if parts else ""
         return f"the firmware switched the coils off: {reading.reason.text}{detail}"
-    if engaged and reading.standing is Standing.OFF:
+    if engaged and reading.standing is Standing.OFF:  # safety: firmware-restarted
         return f"the firmware is off by itself: {reading.reason.text}"
     return ""
 

@@ -170,7 +170,7 @@ class SerialDriver(Driver):
             raise
 
     def _know(self, identity: Identity) -> None:
-        if identity.hall_axes < self._hall_axes:
+        if identity.hall_axes < self._hall_axes:  # safety: board-axes
             raise DriverError(
                 f"the board at {self._path} has Hall sensors of {identity.hall_axes} axis, the tracker 'hall' needs "
                 f"{self._hall_axes}: take another tracker, or sensors and firmware of three axes (docs: hardware)"
@@ -215,13 +215,13 @@ class SerialDriver(Driver):
 
     def _failed(self, why: str, *, gone: bool = False, as_: type[DriverError] = DriverError) -> DriverError:
         """No current from now on, until `engage`."""
-        self._armed = self._engaged = False
+        self._armed = self._engaged = False  # safety: firmware-trip
         self._applied = np.zeros(CHANNELS)
         self._fault = why
         if gone:
             board, self._board = self._board, None
             self._next_try = monotonic() + _RETRY
-            self._coils = CoilState.UNKNOWN
+            self._coils = CoilState.UNKNOWN  # safety: serial-unknown
             if board is not None and board.close():
                 self._coils = CoilState.OFF
         return as_(why)
@@ -272,7 +272,7 @@ class SerialDriver(Driver):
             row = board.collect(min(left, pause))
             if row is not None or left <= pause:
                 return row
-            board.repeat(self._steps if self._engaged else None)
+            board.repeat(self._steps if self._engaged else None)  # safety: waiting-heard
 
     def write(self, duties: Array) -> Array:
         """Send `duties` (3,); returns (3,) what was applied: in the PWM's steps, zeros while the coils are off."""
@@ -285,6 +285,7 @@ class SerialDriver(Driver):
         try:
             if not (self._engaged or (self._armed and some)):
                 if not board.posted:
+                    # safety: rest-asked
                     board.post(None)  # so that the next tick need not wait for all of the answer
                 return np.zeros(CHANNELS)
             why = "" if self._engaged else self._refusal(board)
