@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from haptorb.runtime.pointer.pointer import Pointed, PointerSource, PointerTracker
-from haptorb.runtime.pointer.pointer_pose import PointerPose
 
 
 class Source(PointerSource):
@@ -19,14 +18,14 @@ class Source(PointerSource):
 
 
 def test_nobody_holds_it_and_nothing_is_believed() -> None:
-    pose = PointerPose(PointerTracker(Source()))
+    pose = PointerTracker(Source()).pose
     assert not pose(0.0).valid
     assert not pose(1.0).valid
 
 
 def test_held_it_says_place_turn_time_and_velocity() -> None:
     source = Source()
-    pose = PointerPose(PointerTracker(source))
+    pose = PointerTracker(source).pose
     turn = Rotation.from_euler("xyz", [0.2, -0.1, 0.5])
     source.said = Pointed(True, np.array([0.0, 0.0, 0.05]), turn.as_quat(), 1.0)
     first = pose(1.001)
@@ -44,5 +43,5 @@ def test_held_it_says_place_turn_time_and_velocity() -> None:
 def test_a_pointer_that_falls_silent_grows_old() -> None:
     source = Source()
     source.said = Pointed(True, np.array([0.0, 0.0, 0.05]), np.array([0.0, 0, 0, 1]), 1.0)
-    pose = PointerPose(PointerTracker(source))
+    pose = PointerTracker(source).pose
     assert pose(9.0).t == 1.0
