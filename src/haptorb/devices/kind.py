@@ -39,7 +39,7 @@ class DeviceKind:
     linkage        (device, gains or None) → Linkage
     modes          names of the linkage's modes; empty for one that acts directly
     simulation     (device, seed) → Simulation, for the driver "sim"
-    guide          () → Guide: what the simulated hand does before somebody points; None: over a dome
+    guide          (device) → Guide: what the simulated hand does before somebody points; by default it rests
     file           class of its device file (pydantic), with `built(assumed, digest, override=…)`; None: Python only
     tables         (device, report) → what is stored as `device.tables`, where computing it takes long
     scene          (device) → JSON for the console's picture, with "kind": one of the page's scenes; None: axes
@@ -57,7 +57,7 @@ class DeviceKind:
     linkage: Part = "haptorb.control.clutch.linkage:direct"
     modes: tuple[str, ...] = ()
     simulation: Part | None = None
-    guide: Part | None = None
+    guide: Part = "haptorb.runtime.pointer.guide:AtRest"
     file: Part | None = None
     tables: Part | None = None
     scene: Part | None = None

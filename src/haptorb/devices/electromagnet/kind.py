@@ -13,6 +13,7 @@ ELECTROMAGNET = DeviceKind(
     allocator="haptorb.control.allocation.for_device:force_allocator",
     estimators="haptorb.sensing.tool.tool_estimators:tool_estimators",
     simulation="haptorb.simulation.electromagnet.electromagnet:SimulatedElectromagnet",
+    guide="haptorb.runtime.pointer.guide:dome_guide",
     file="haptorb.devices.electromagnet.schema:ElectromagnetFile",
     scene="haptorb.apps.console.scenes:dome_scene",
     force_map="haptorb.apps.console.force_map_process:FeltProcess",

@@ -130,7 +130,8 @@ class Servo(Commands):
             read_calibration(calibration) if isinstance(calibration, str | Path) else calibration
         )  #: what the controller believes of the device beside its file
         if self.calibration is not None:
-            self.calibration.applied(electromagnet(self.device, "a calibration"))  # refuses here what is another device's
+            # refuses here what is another device's
+            self.calibration.applied(electromagnet(self.device, "a calibration"))
         self.modes = modes_of(self.device)  #: that `set_mode` knows; empty where the device acts directly
         if gains is not None:
             linkage_of(self.device, gains)  # refuses here what does not fit

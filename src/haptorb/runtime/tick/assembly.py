@@ -84,7 +84,8 @@ def estimator_of(
 ) -> Estimator:
     """The estimator `name` of `device`, its model at `level`; `offsets` (k, 3) [T] of its field sensors, if known.
 
-    in_turns: the driver reads a part of the field sensors in each tick.
+    in_turns: the driver reads a part of the field sensors in each tick. Raises UnknownName for an estimator that it
+    cannot have.
     """
     known = _choices(device)
     if name not in known:
@@ -128,9 +129,8 @@ def assemble(
     known_driver(driver)
     dt = 1.0 / rate
     real = is_real(driver)
-    guide = device.kind.part("guide")
-    if guide is not None and isinstance(tracker, PointerTracker):
-        tracker.guide = guide()
+    if isinstance(tracker, PointerTracker):
+        tracker.guide = device.kind.part("guide")(device)
     believed = device if calibration is None else calibration.applied(electromagnet(device, "a calibration"))
     offsets = None if calibration is None else calibration.offsets
     known = known_estimator(device, estimator)
