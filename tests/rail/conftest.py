@@ -14,7 +14,8 @@ import pytest
 from haptorb.devices.kind import KINDS, register
 
 
-def _module() -> ModuleType:
+def load_rail() -> ModuleType:
+    """The module `rail.py`, whose classes go to other processes by value."""
     spec = importlib.util.spec_from_file_location("rail_of_a_test", Path(__file__).with_name("rail.py"))
     assert spec is not None
     assert spec.loader is not None
@@ -28,7 +29,7 @@ def _module() -> ModuleType:
 @pytest.fixture(scope="session")
 def rail() -> Iterator[ModuleType]:
     """The module, its kind known to the loader for as long as the tests run."""
-    module = _module()
+    module = load_rail()
     register(module.RAIL)
     yield module
     del KINDS[module.RAIL.name]
