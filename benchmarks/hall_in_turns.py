@@ -27,6 +27,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from haptorb.apps.reproduce.zarate2020.hall_trial import clamped, shell_places
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.state import rotation_to_axis
@@ -34,7 +35,7 @@ from haptorb.errors import DriverError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.serial.emulator import EmulatedDevice, Emulator
 from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
-from haptorb.runtime.tick.assembly import electromagnet, estimator_of
+from haptorb.runtime.tick.assembly import estimator_of
 from haptorb.sensing.estimator import Estimator
 
 BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"

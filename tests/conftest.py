@@ -30,7 +30,7 @@ settings.load_profile("fixed")
 #: own. They can lose it to the machine's other tenants: they may try again
 AGAINST_TIME = {
     *("browser", "firmware", "test_black_box.py", "test_cli.py", "test_console.py", "test_design_session.py"),
-    *("test_frame.py", "test_framed_feed.py", "test_hall_loop.py", "test_motor_chain.py", "test_pages.py"),
+    *("rail", "test_frame.py", "test_framed_feed.py", "test_hall_loop.py", "test_motor_chain.py", "test_pages.py"),
     *("test_postgres.py", "test_recording.py", "test_room.py", "test_terminal_session.py", "test_safety.py"),
     *("test_serial_port.py", "test_servo.py", "test_streams.py", "test_trackers.py", "test_tutorial.py"),
 }

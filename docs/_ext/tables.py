@@ -16,7 +16,7 @@ from sphinx.application import Sphinx
 import haptorb
 from haptorb import worlds
 from haptorb.control.protection.trip import GuardState, Trip
-from haptorb.devices import loader
+from haptorb.devices.kind import kind_names, kind_of_name
 from haptorb.runtime.row import RowLayout
 from haptorb.worlds.parameter import parameters
 
@@ -101,8 +101,8 @@ def _keys(model: type[BaseModel], prefix: str) -> Iterator[tuple[str, str]]:
 def device_keys() -> str:
     """Every key of every kind of device file."""
     parts = []
-    for kind, (module, schema) in loader.KINDS.items():
-        file = getattr(import_module(module), schema)
+    for kind in kind_names():
+        file = kind_of_name(kind).part("file")
         parts.append(f'### kind = "{kind}"\n\n{table(("key", "value"), list(_keys(file, "")))}')
     return "\n".join(parts)
 

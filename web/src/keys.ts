@@ -7,7 +7,7 @@ import type { Subject, Wish } from "./scene/subject";
 export interface KeyActions {
   stop(by: string): void;
   rest(wish: Wish, stamp: number): void;
-  readonly subject: Subject | null;
+  readonly subject: Subject;
   readonly orbit: Orbit | null;
   readonly plots: Plots;
   readonly control: boolean;
@@ -42,11 +42,11 @@ export function listen(actions: KeyActions): void {
     if (target.closest("input, select, dialog[open]")) return;
     const arrow = ARROWS[event.key];
     const step = event.shiftKey ? 5 : 1;
-    if (arrow && actions.subject && actions.control) {
+    if (arrow && actions.control) {
       actions.rest(actions.subject.nudge(step * arrow[0], step * arrow[1]), event.timeStamp);
-    } else if ((event.key === "+" || event.key === "-" || event.key === "=") && actions.subject && actions.control) {
+    } else if ((event.key === "+" || event.key === "-" || event.key === "=") && actions.control) {
       actions.rest(actions.subject.press(event.key === "-" ? -1 : 1), event.timeStamp);
-    } else if (/^[qe]$/i.test(event.key) && actions.subject?.spin && actions.control) {
+    } else if (/^[qe]$/i.test(event.key) && actions.subject.spin && actions.control) {
       actions.rest(actions.subject.spin((event.key.toLowerCase() === "q" ? 2 : -2) * step), event.timeStamp);
     } else if (event.key === "0") actions.orbit?.reset();
     else if (event.key === "p" || event.key === "P") actions.plots.pause(!actions.plots.paused);

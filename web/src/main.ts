@@ -9,21 +9,19 @@ import { Header, type Health } from "./panels/header";
 import { Legend } from "./panels/legend";
 import { cover, full, UNKNOWN, UNREACHED } from "./panels/lock";
 import { ModePanel } from "./panels/modes";
-import { MotorReadouts } from "./panels/motor_readouts";
 import { Plots } from "./panels/plots";
-import { Readouts } from "./panels/readouts";
 import { WorldPanel } from "./panels/world";
 import { expose } from "./probe";
 import { dot, norm, Sample } from "./sample";
+import { firstOf, type DeviceScene, type Readings } from "./scene/device_scene";
 import { asked, DETAIL, Governor } from "./scene/governor";
 import { computed } from "./scene/graphics";
 import { Grasp } from "./scene/grasp";
-import { Orbit, type Home } from "./scene/orbit";
+import { Orbit } from "./scene/orbit";
+import { sceneOf } from "./scene/scenes";
 import { Stage } from "./scene/stage";
-import { RotorSubject } from "./scene/rotor_subject";
 import type { Subject, Wish } from "./scene/subject";
 import { TargetPane } from "./scene/target_pane";
-import { ToolSubject } from "./scene/tool_subject";
 import { Rumble } from "./senses/rumble";
 import { Sound } from "./senses/sound";
 import { session as fetchSession, Stranger, token, type Session, type TargetScene, type Values } from "./session";
@@ -37,19 +35,18 @@ const NOTED = 8000; // ms for which a note stands that nobody must act upon
 const FULL = 1013; // the server's word for too many pages
 const STALE = 500; // ms without a sample after which nothing is live
 
-const MOTOR: Home = { azimuth: -62, elevation: 24, distance: 560, centre: [-30, -16, 0] };
-
 class Console {
   private readonly sample: Sample;
   private readonly history: History;
   private readonly governor: Governor;
   private readonly stage: Stage;
   readonly orbit: Orbit;
-  readonly subject: Subject | null;
-  private readonly grasp: Grasp | null = null;
+  private readonly scene: DeviceScene;
+  readonly subject: Subject;
+  private readonly grasp: Grasp;
   private readonly header: Header;
   private readonly world: WorldPanel;
-  private readonly readouts: Readouts | MotorReadouts;
+  private readonly readouts: Readings;
   private readonly legend: Legend;
   private readonly modes: ModePanel | null = null;
   private readonly target: TargetPane | null = null;
@@ -87,41 +84,35 @@ class Console {
     const wanted = asked();
     this.governor = new Governor(wanted ?? (computed() ? "layered" : "full"), wanted !== null);
     this.stage = new Stage(at<HTMLCanvasElement>("scene"), this.governor.best);
-    const rotor = session.mover.kind === "rotor" ? session.mover : null;
-    this.orbit = new Orbit(this.stage.camera, () => this.viewMoved(), ...(rotor ? [MOTOR] : []));
-    this.legend = rotor ? new Legend(["", ""]) : new Legend();
+    this.scene = sceneOf(session);
+    this.orbit = new Orbit(this.stage.camera, () => this.viewMoved(), this.scene.home(session));
+    this.legend = this.scene.colours === "force" ? new Legend() : new Legend(["", ""]);
     this.header = new Header(session, () => this.command({ do: "engage" }));
     this.world = new WorldPanel(session, (name, values) => this.command({ do: "world", name, values }));
-    this.readouts = rotor ? new MotorReadouts(session) : new Readouts(session);
+    this.readouts = this.scene.readings(session);
     if (session.modes.length) {
       this.modes = new ModePanel((command) => this.command(command));
       this.target = new TargetPane(session.world.scene, this.governor.best);
     }
-    this.plots = new Plots(this.history, session);
+    this.plots = new Plots(this.history, session, this.scene);
+    this.subject = this.scene.subject(this.stage, session);
+    if (this.scene.colours === "currents") this.legend.coils(this.subject.range);
+    if (this.scene.colours === "none") this.legend.arrows();
     this.link = new Link(token(), {
       opened: () => void this.opened(),
       closed: (code, reason) => void this.closed(code, reason),
       frame: (frame, came) => {
         if (frame.kind === "rows") this.rows(frame, came);
-        else if (frame.kind === "mesh") this.subject?.shape(frame);
+        else if (frame.kind === "mesh") this.subject.shape(frame);
         else {
-          this.subject?.paint(frame);
-          if (this.subject) this.legend.scale(this.subject.range);
+          this.subject.paint(frame);
+          this.legend.scale(this.subject.range);
         }
       },
       event: (event) => this.event(event),
     });
-    this.subject =
-      session.mover.kind === "tool"
-        ? new ToolSubject(this.stage, session.mover, session.limits)
-        : session.mover.kind === "rotor"
-          ? new RotorSubject(this.stage, session.mover, session.limits)
-          : null;
-    if (rotor && this.subject) this.legend.coils(this.subject.range);
-    if (this.subject) {
-      this.grasp = new Grasp(this.stage.canvas, this.subject, this.orbit, (wish, stamp, held) => this.hold(wish, stamp, held));
-    }
-    fill(session, this.subject?.keys ?? []);
+    this.grasp = new Grasp(this.stage.canvas, this.subject, this.orbit, (wish, stamp, held) => this.hold(wish, stamp, held));
+    fill(session, this.scene, this.subject.keys);
     this.detail();
     this.buttons();
     listen(this);
@@ -183,7 +174,7 @@ class Console {
     this.sample.forget();
     this.health = null;
     this.header.loop(null);
-    this.subject?.forget();
+    this.subject.forget();
     this.readouts.show(this.sample);
     this.legend.show(this.sample);
     this.modes?.show(this.sample);
@@ -200,7 +191,7 @@ class Console {
   private revive(): void {
     this.wasDead = false;
     this.plots.freeze(false);
-    this.subject?.live();
+    this.subject.live();
     at("view").classList.remove("dead");
     this.world.enable(this.control);
     this.modes?.enable(this.control);
@@ -232,7 +223,7 @@ class Console {
         this.control = event["control"] === true;
         at("watching").hidden = this.control;
         at("watching").title = "Another page has the control. This one may still stop.";
-        if (this.grasp) this.grasp.enabled = this.control && this.session.steered;
+        this.grasp.enabled = this.control && this.session.steered;
         this.world.enable(this.control);
         this.modes?.enable(this.control);
         break;
@@ -273,11 +264,11 @@ class Console {
     this.silence.stale = performance.now() - this.arrived > STALE;
     const dead = this.silence.disconnected || this.silence.servoEnded || this.silence.stale;
     // Silence alone does not open the hand that holds: when samples come again, it is still there.
-    if (this.silence.disconnected || this.silence.servoEnded) this.grasp?.letGo(now);
+    if (this.silence.disconnected || this.silence.servoEnded) this.grasp.letGo(now);
     if (dead && !this.wasDead) this.forget();
     else if (!dead && this.wasDead) this.revive();
     if (this.fresh && !dead) {
-      this.subject?.show(this.sample);
+      this.subject.show(this.sample);
       this.target?.show(this.sample);
       this.legend.show(this.sample);
       this.senses(now);
@@ -337,7 +328,7 @@ class Console {
 
   private hint(dead: boolean): void {
     const hint = at("hint");
-    if (this.touched || dead || !this.control || !this.subject || !this.session.steered) return;
+    if (this.touched || dead || !this.control || !this.session.steered) return;
     const { x, y } = this.subject.anchor();
     write(hint, this.subject.hint);
     hint.hidden = false;
@@ -348,11 +339,10 @@ class Console {
   }
 
   private senses(now: number): void {
-    const turning = this.session.mover.kind === "rotor";
-    const force = this.sample.vector("given", turning ? 3 : 0);
+    const force = this.sample.vector("given", firstOf(this.scene));
     const size = norm(force);
     const right = new Vector3().setFromMatrixColumn(this.stage.camera.matrixWorld, 0);
-    const share = size / (turning ? this.session.limits.torque : this.session.limits.force);
+    const share = size / this.session.limits[this.scene.gives];
     this.sound.play(share, size > 0.01 ? dot(force, right.toArray()) / size : 0);
     this.rumble.play(share, now);
   }
@@ -414,10 +404,10 @@ class Console {
         return page.stage.kepts;
       },
       get arrow() {
-        return page.subject?.arrowVisible ?? false;
+        return page.subject.arrowVisible;
       },
       get range() {
-        return page.subject?.range ?? NaN;
+        return page.subject.range;
       },
       get control() {
         return page.control;
@@ -429,8 +419,8 @@ class Console {
         return (performance as { memory?: { usedJSHeapSize: number } }).memory?.usedJSHeapSize ?? NaN;
       },
       value: (name) => Array.from(page.sample.list(name)),
-      felt: (direction) => page.subject?.felt(direction) ?? { force: NaN, saturated: false },
-      stylus: () => page.subject?.places() ?? [],
+      felt: (direction) => page.subject.felt(direction),
+      stylus: () => page.subject.places(),
       plug: () => page.target?.shown ?? { place: [], bent: [] },
     });
   }

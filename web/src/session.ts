@@ -25,9 +25,16 @@ export interface World {
 
 export type Values = Record<string, number | number[]>;
 
+/** How the device is drawn; `kind` names the scene, and what else there is belongs to that. */
+export interface Scene {
+  kind: string;
+  /** where the mover is when nobody moves it [m] */
+  rest?: [number, number, number];
+}
+
 /** A stylus with a magnet over a dome; lengths in metres, angles in radians. */
-export interface ToolMover {
-  kind: "tool";
+export interface DomeScene extends Scene {
+  kind: "dome";
   dome_radius: number;
   contact_distance: number;
   shell_thickness: number;
@@ -38,8 +45,8 @@ export interface ToolMover {
 }
 
 /** A rotor with magnets around a stator with coils, and a handle; lengths in metres, angles in radians. */
-export interface RotorMover {
-  kind: "rotor";
+export interface MotorScene extends Scene {
+  kind: "motor";
   workspace: number;
   handle_length: number;
   magnets: { distance: number; directions: [number, number, number][]; polarity: number[]; radius: number; length: number };
@@ -76,7 +83,8 @@ export interface Session {
   /** whether the pointer on this page is the tracker; else dragging moves nothing */
   steered: boolean;
   device: { name: string; title: string; source: string };
-  mover: ToolMover | RotorMover | { kind: "other" };
+  /** the picture: "dome", "motor", or another name, which is drawn as axes and a marker */
+  scene: Scene;
   /** how the mover can move a target; empty where the world acts on it directly */
   modes: string[];
   columns: Column[];

@@ -21,13 +21,10 @@ def build_tables(device: Device) -> None:
 
     Nothing is drawn where the tables come from the cache, or where standard error is not a terminal.
     """
-    from haptorb.devices.motor.spherical_motor import SphericalMotor
-
-    if not isinstance(device, SphericalMotor) or "tables" in vars(device):
+    compute = device.kind.part("tables")
+    if compute is None or "tables" in vars(device):
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    from haptorb.devices.motor.tables import motor_tables
 
     columns = (TextColumn("exact torque and field"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
@@ -36,7 +33,7 @@ def build_tables(device: Device) -> None:
         def report(done: int, total: int) -> None:
             bar.update(task, completed=done, total=total, visible=True)
 
-        vars(device)["tables"] = motor_tables(device, report)
+        vars(device)["tables"] = compute(device, report)
 
 
 @contextmanager

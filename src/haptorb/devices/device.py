@@ -5,15 +5,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
+from haptorb.devices.kind import DeviceKind
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
-from haptorb.errors import UnknownName
+from haptorb.errors import InputError, UnknownName
 from haptorb.numerics.arrays import Array
 
-__all__ = ["Coils", "Device", "Heat", "Limits", "Supply"]
+__all__ = ["Coils", "Device", "Heat", "Limits", "Shell", "Supply", "require"]
 
 
 @dataclass(frozen=True)
@@ -71,9 +73,20 @@ class Limits:
     expiry: float  #: age at which a command or a pose is worth nothing [s]
 
 
+@dataclass(frozen=True)
+class Shell:
+    """The space over a dome in which a tool's magnet can be."""
+
+    contact_distance: float  #: of the magnet from the dome's centre when a radial tool touches the dome [m]
+    thickness: float  #: how far above contact forces are rendered [m]
+    moment: float  #: of the tool's magnet [A·m²]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Device(ABC):
-    """Frozen data of one device; built by the loader from a file, never by hand."""
+    """Frozen data of one device; built by the loader from a file, or in Python."""
+
+    kind: ClassVar[DeviceKind]  #: what programs do differently for devices of this class
 
     name: str
     title: str
@@ -97,6 +110,16 @@ class Device(ABC):
         """Number of three-axis field sensors on the stator."""
         return 0
 
+    @property
+    def shell(self) -> Shell | None:
+        """Where a tool can be over a dome; None for a device without one."""
+        return None
+
+    @property
+    def rest_position(self) -> Array:
+        """(3,) where the mover is when nobody moves it: a place where every model of the device holds [m]."""
+        return np.zeros(3)
+
     @abstractmethod
     def wrench_map(self, state: State, level: str) -> WrenchMap:
         """What the coils do to the mover at `state`, at one of `levels`."""
@@ -116,3 +139,16 @@ class Device(ABC):
         warm = self.coils.resistance_at(np.full(self.channels, heat.derate))
         current: Array = np.minimum(np.sqrt(power / warm), self.coils.current_limit)
         return current
+
+
+D = TypeVar("D", bound=Device)
+
+
+def require(device: Device, of: type[D], what: str) -> D:
+    """`device`, for a program that works for class `of` only; InputError, which calls the program `what`, for another.
+
+    What several kinds do in different ways is no case for this, but for a part of their records.
+    """
+    if not isinstance(device, of):
+        raise InputError(f"device '{device.name}' is a {device.kind.title}; {what} works for {of.kind.title}s")
+    return device

@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from difflib import get_close_matches
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from haptorb.devices.device import Device
+from haptorb.devices.kind import kind_names, kind_of_name
 from haptorb.errors import DeviceError, InputError, UnknownName, shown
 from haptorb.files.text_file import read_text, toml_of
 
@@ -20,12 +20,6 @@ __all__ = ["catalogue", "load", "parse"]
 _FOLDER = Path(__file__).parent / "catalogue"
 
 _MISTAKES = 40  #: told at once
-
-#: kind → (module, class of its file); imported when a file of that kind is read
-KINDS = {
-    "spherical-electromagnet": ("haptorb.devices.electromagnet.schema", "ElectromagnetFile"),
-    "spherical-motor": ("haptorb.devices.motor.schema", "MotorFile"),
-}
 
 
 def catalogue() -> dict[str, str]:
@@ -70,11 +64,10 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
 
     raw, whole = _with_base(content, name, 0)
     kind = raw.get("kind")
-    if not isinstance(kind, str) or kind not in KINDS:
-        raise DeviceError(f"device '{name}': kind must be one of {', '.join(KINDS)}; got {shown(kind)}")
+    if not isinstance(kind, str) or kind not in kind_names():
+        raise DeviceError(f"device '{name}': kind must be one of {', '.join(kind_names())}; got {shown(kind)}")
     assumed: dict[str, str] = {}
-    module, schema = KINDS[kind]
-    file_class: Any = getattr(import_module(module), schema)
+    file_class = kind_of_name(kind).needed("file", name, "a device file")
     try:
         # sizes that overflow, or divide by nothing, are refused here and not carried on as NaN
         with np.errstate(over="raise", invalid="raise", divide="raise"):

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +17,7 @@ from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 from haptorb.sensing.sample import Estimate, Sample
 
-__all__ = ["Estimator", "TrackedPose"]
+__all__ = ["Estimator", "EstimatorChoice", "EstimatorSettings", "TrackedPose", "tracker_only"]
 
 
 @kernel
@@ -62,3 +65,31 @@ class TrackedPose(Estimator):
             return Estimate(last.state, last.wrench_map, False, sample.t - pose.t)
         self._last = Estimate(state, wrench_map, pose.valid, sample.t - pose.t)
         return self._last
+
+
+@dataclass(frozen=True)
+class EstimatorSettings:
+    """What the chain says to an estimator of its kind's choice."""
+
+    level: str | None = None  #: of the device's model; None: the device's first
+    offsets: Array | None = None  #: (k, 3) of the field sensors, where calibration found them [T]
+    in_turns: bool = False  #: whether the driver reads a part of the field sensors in each tick
+
+
+@dataclass(frozen=True)
+class EstimatorChoice:
+    """One estimator that a kind of device can have."""
+
+    make: Callable[[Any, EstimatorSettings], Estimator]  #: from the device
+    check: Callable[[Any], object] | None = None  #: before anything starts: InputError if it cannot be made
+    axes: int = 1  #: that each of the device's field sensors must measure
+
+
+def tracker_only(device: Device) -> dict[str, EstimatorChoice]:
+    """The estimators of a device that knows no other: "tracker".
+
+    >>> from haptorb.devices.loader import load
+    >>> list(tracker_only(load("omni")))
+    ['tracker']
+    """
+    return {"tracker": EstimatorChoice(lambda device, settings: TrackedPose(device, settings.level))}

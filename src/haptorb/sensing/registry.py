@@ -7,14 +7,14 @@ from pathlib import Path
 
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import UnknownName
-from haptorb.sensing.estimator import Estimator
+from haptorb.sensing.estimator import Estimator, EstimatorChoice, EstimatorSettings, tracker_only
 from haptorb.sensing.orientation.least_squares import LeastSquaresOrientation
 from haptorb.sensing.torque_maps.linear_map import LinearTorque
 from haptorb.sensing.torque_maps.network import NetworkTorque
 from haptorb.sensing.torque_maps.network_file import known_networks, read_networks
 from haptorb.sensing.torque_maps.torque_map import FieldToTorque
 
-__all__ = ["FIELD_ESTIMATORS", "field_estimator"]
+__all__ = ["FIELD_ESTIMATORS", "field_estimator", "motor_estimators"]
 
 
 def _least_squares(motor: SphericalMotor, networks: Path | None) -> Estimator:
@@ -52,3 +52,20 @@ def field_estimator(name: str, motor: SphericalMotor, networks: Path | None = No
     if name not in FIELD_ESTIMATORS:
         raise UnknownName("estimator", name, FIELD_ESTIMATORS)
     return FIELD_ESTIMATORS[name](motor, networks)
+
+
+def motor_estimators(device: SphericalMotor) -> dict[str, EstimatorChoice]:
+    """Name → choice for the motor `device`, the default first.
+
+    >>> import haptorb
+    >>> list(motor_estimators(haptorb.load("pmsm")))
+    ['least-squares', 'network', 'linear', 'tracker']
+    """
+    return {name: _choice(name) for name in FIELD_ESTIMATORS} | tracker_only(device)
+
+
+def _choice(name: str) -> EstimatorChoice:
+    def make(motor: SphericalMotor, settings: EstimatorSettings) -> Estimator:
+        return field_estimator(name, motor)
+
+    return EstimatorChoice(make, known_networks if name == "network" else None)

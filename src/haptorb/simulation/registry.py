@@ -1,25 +1,12 @@
-"""Which simulation stands behind which kind of device: a new one is one line."""
+"""From a device to the simulation that its kind names."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import DeviceError
-from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
-from haptorb.simulation.motor.motor import SimulatedMotor
 from haptorb.simulation.simulation import Simulation
 
-__all__ = ["SIMULATIONS", "simulated"]
-
-#: class of device → what makes its simulation from (device, seed)
-SIMULATIONS: dict[type[Device], Callable[[Any, int], Simulation]] = {
-    SphericalElectromagnet: SimulatedElectromagnet,
-    SphericalMotor: SimulatedMotor,
-}
+__all__ = ["simulated"]
 
 
 def simulated(device: Device, seed: int = 0) -> Simulation:
@@ -29,11 +16,11 @@ def simulated(device: Device, seed: int = 0) -> Simulation:
     >>> simulated(load("omni")).device.name
     'omni'
     """
-    for kind, make in SIMULATIONS.items():
-        if isinstance(device, kind):
-            return make(device, seed)
-    known = ", ".join(sorted(kind.__name__ for kind in SIMULATIONS))
-    raise DeviceError(
-        f"device '{device.name}' is a {type(device).__name__}, which cannot be simulated (these can: {known}); "
-        "choose a driver for the real device"
-    )
+    make = device.kind.part("simulation")
+    if make is None:
+        raise DeviceError(
+            f"device '{device.name}' is a {device.kind.title}, which cannot be simulated; choose a driver for the real "
+            "device"
+        )
+    simulation: Simulation = make(device, seed)
+    return simulation

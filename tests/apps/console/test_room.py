@@ -104,8 +104,8 @@ def test_session_tells_all_that_a_page_needs(console):
     assert told["steered"] is True
     assert told["device"]["name"] == "omni"
     assert told["coils"] == ["x", "y", "z"]
-    assert told["mover"]["contact_distance"] == pytest.approx(0.05)
-    assert told["mover"]["dome_radius"] == pytest.approx(0.03)
+    assert told["scene"]["contact_distance"] == pytest.approx(0.05)
+    assert told["scene"]["dome_radius"] == pytest.approx(0.03)
     assert told["limits"]["derate"] == pytest.approx(85.0)
     dome = next(world for world in told["worlds"] if world["name"] == "dome")
     assert {"summit", "half_width_deg", "cut_off_deg", "moment"} <= {p["name"] for p in dome["parameters"]}

@@ -90,7 +90,7 @@ def test_a_calibration_is_believed_by_the_controller_only(tmp_path):
         Servo("omni", calibration=path)
     with pytest.raises(CalibrationError, match="cannot be read"):
         Servo("omni", calibration=tmp_path / "none.json")
-    with pytest.raises(InputError, match="no spherical electromagnet"):
+    with pytest.raises(InputError, match="spherical motor; a calibration works for spherical electromagnets"):
         Servo("pmsm", calibration=found)
 
 

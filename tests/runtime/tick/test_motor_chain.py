@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from haptorb.control.clutch.linkage import MOTOR_GAINS
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
@@ -13,7 +14,6 @@ from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.servo.servo import Servo
 from haptorb.runtime.tick import tick
 from haptorb.runtime.tick.assembly import (
-    MOTOR_GAINS,
     allocator_of,
     assemble,
     default_world,

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from haptorb.devices.kind import DeviceKind
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
 from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
@@ -249,6 +250,7 @@ def test_the_registry_knows_which_simulation_belongs_to_a_device():
 
     class Unknown:
         name = "unknown"
+        kind = DeviceKind(name="unknown", title="mystery", world="nothing", allocator="none:none")
 
     with pytest.raises(DeviceError, match="cannot be simulated"):
         simulated(Unknown())  # type: ignore[arg-type]

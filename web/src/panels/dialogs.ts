@@ -1,13 +1,14 @@
 // What the keys do, and what the device is.
 
+import type { DeviceScene } from "../scene/device_scene";
 import type { Session } from "../session";
 import { at, make } from "./dom";
 
-export function fill(session: Session, keys: readonly (readonly [string, string])[]): void {
+export function fill(session: Session, scene: DeviceScene, keys: readonly (readonly [string, string])[]): void {
   const all = [
     ["Space, Esc", "STOP: coils off at once, wherever the focus is"],
     ...keys,
-    [session.mover.kind === "rotor" ? "drag beside the handle" : "drag beside the stylus", "turn the view; wheel or pinch zooms; 0 resets"],
+    [`drag beside the ${scene.held}`, "turn the view; wheel or pinch zooms; 0 resets"],
     ["P", "hold the plots still; mark a stretch or use the wheel to zoom into it"],
     ["Tab, Enter", "reach and press every button"],
     ["?", "this help"],
@@ -19,7 +20,7 @@ export function fill(session: Session, keys: readonly (readonly [string, string]
   const facts: [string, string][] = [
     ["source", device.source],
     ["driver", session.simulated ? "simulated: device, tool and hand are computed" : "hardware"],
-    session.mover.kind === "rotor" ? ["torque limit", `${limits.torque} N·m`] : ["force limit", `${limits.force} N`],
+    [`${scene.gives} limit`, `${limits[scene.gives]} ${scene.gives === "torque" ? "N·m" : "N"}`],
     ["current limit", new Set(limits.current).size === 1 ? `${limits.current[0]} A in each of ${coils.length}` : coils.map((name, i) => `${name} ${limits.current[i]!.toFixed(0)} A`).join(", ")],
     ["winding", `warm ${limits.warn.toFixed(0)}, derated ${limits.derate.toFixed(0)}, off ${limits.stop.toFixed(0)} °C`],
     ["a pose expires", `after ${(1000 * limits.expiry).toFixed(0)} ms`],

@@ -29,7 +29,12 @@ export class Legend {
     }
   }
 
-  /** For a motor: the colours are its coils' currents, full at ±`range` amperes; the arrows are torques. */
+  /** Without colours: the arrows alone. */
+  arrows(): void {
+    at("arrows").hidden = false;
+  }
+
+  /** The colours are the coils' currents, full at ±`range` amperes; the arrows are torques. */
   coils(range: number): void {
     const legend = at("legend");
     write(legend.querySelector("figcaption")!, "coil current, A");

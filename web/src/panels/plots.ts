@@ -3,6 +3,7 @@
 import uPlot from "uplot";
 import { csv, download } from "../csv";
 import type { History } from "../history";
+import { firstOf, type DeviceScene } from "../scene/device_scene";
 import type { Session } from "../session";
 import { channelColour, css, onThemeChange } from "../theme";
 import { at, make, shown, write } from "./dom";
@@ -35,7 +36,7 @@ const radial: Curve["make"] = (of, i) => {
 
 export class Plots {
   private readonly plots: Plot[] = [];
-  private readonly select = make("select", { ariaLabel: "Which part of the force" });
+  private readonly select = make("select", {});
   private held: { from: number; to: number } | null = null;
   private zoomed: { from: number; to: number } | null = null;
   private span = 10;
@@ -52,10 +53,11 @@ export class Plots {
   constructor(
     private readonly history: History,
     private readonly session: Session,
+    private readonly scene: DeviceScene,
   ) {
+    this.select.ariaLabel = `Which part of the ${scene.gives}`;
     this.select.append(make("option", { value: "magnitude" }, "magnitude"));
-    if (!this.turning) this.select.append(make("option", { value: "radial" }, "radial"));
-    else this.select.ariaLabel = "Which part of the torque";
+    if (scene.radial) this.select.append(make("option", { value: "radial" }, "radial"));
     this.select.append(make("option", { value: "xyz" }, "x y z"));
     this.select.addEventListener("change", () => this.build());
     at("pause").addEventListener("click", () => this.pause(!this.held));
@@ -72,7 +74,7 @@ export class Plots {
 
   /** Whether the device gives torque rather than force. */
   private get turning(): boolean {
-    return this.session.mover.kind === "rotor";
+    return this.scene.gives === "torque";
   }
 
   get paused(): boolean {
@@ -184,7 +186,7 @@ export class Plots {
 
   private force(): Curve[] {
     const axes = [0, 1, 2] as const;
-    const first = this.turning ? 3 : 0;
+    const first = firstOf(this.scene);
     const of = (name: string): number[] => axes.map((i) => this.index(`${name}_${first + i}`));
     const position = axes.map((i) => this.index(`p_${i}`));
     const pair = (name: string, colour: string, dashed: boolean): Curve =>

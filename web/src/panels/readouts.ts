@@ -26,10 +26,7 @@ export class Readouts {
   show(sample: Sample): void {
     write(at("asked"), shown(norm(sample.vector("asked")), 2));
     write(at("given"), shown(norm(sample.vector("given")), 2));
-    const { tilt, azimuth, length } = spherical(sample.vector("p"));
-    write(at("tilt"), shown(tilt, 1));
-    write(at("azimuth"), shown(azimuth, 0));
-    write(at("distance"), shown(length * 1000, 1));
+    this.place(sample);
     const currents = sample.list("currents");
     const windings = sample.list("winding");
     this.cells.forEach(({ current, temperature }, i) => {
@@ -40,6 +37,14 @@ export class Readouts {
     });
     const left = sample.number("remaining");
     write(at("remaining"), Number.isNaN(left) ? "–" : duration(left) || "unlimited");
+  }
+
+  /** Where the mover is. */
+  protected place(sample: Sample): void {
+    const { tilt, azimuth, length } = spherical(sample.vector("p"));
+    write(at("tilt"), shown(tilt, 1));
+    write(at("azimuth"), shown(azimuth, 0));
+    write(at("distance"), shown(length * 1000, 1));
   }
 
   /** The same, as a sentence for those who listen. */

@@ -16,7 +16,7 @@ import {
   Vector2,
   Vector3,
 } from "three";
-import type { ToolMover } from "../session";
+import type { DomeScene } from "../session";
 import { css, onThemeChange } from "../theme";
 
 const MM = 1000;
@@ -32,7 +32,7 @@ export class Body {
   private readonly base = new MeshLambertMaterial();
   private readonly edge = new LineBasicMaterial({ transparent: true, opacity: 0.55 });
 
-  constructor(tool: ToolMover, changed: () => void) {
+  constructor(tool: DomeScene, changed: () => void) {
     const radius = tool.dome_radius * MM;
     const core = new Mesh(
       new SphereGeometry(tool.core_radius * MM, 32, 20),

@@ -10,8 +10,6 @@ export interface Home {
   centre: [number, number, number];
 }
 
-const HOME: Home = { azimuth: -62, elevation: 26, distance: 262, centre: [0, 0, 43] };
-
 export class Orbit {
   readonly centre: Vector3;
   private azimuth: number;
@@ -21,7 +19,7 @@ export class Orbit {
   constructor(
     private readonly camera: PerspectiveCamera,
     private readonly moved: () => void,
-    private readonly home: Home = HOME,
+    private readonly home: Home,
   ) {
     this.centre = new Vector3(...home.centre);
     this.azimuth = home.azimuth;

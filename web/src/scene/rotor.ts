@@ -23,7 +23,7 @@ import {
   type BufferGeometry,
   type Material,
 } from "three";
-import type { RotorMover } from "../session";
+import type { MotorScene } from "../session";
 import { css, mapped, onThemeChange } from "../theme";
 
 const MM = 1000;
@@ -42,7 +42,7 @@ export class Rotor {
   private last: ArrayLike<number> = [];
 
   constructor(
-    private readonly mover: RotorMover,
+    private readonly mover: MotorScene,
     /** current at full colour [A] */
     readonly range: number,
     changed: () => void,

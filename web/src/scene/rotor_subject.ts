@@ -2,7 +2,7 @@
 
 import { Vector3 } from "three";
 import type { Sample, Vector } from "../sample";
-import type { RotorMover, Session } from "../session";
+import type { MotorScene, Session } from "../session";
 import { Arrow } from "./arrow";
 import { Goal } from "./goal";
 import { Rotor } from "./rotor";
@@ -37,7 +37,7 @@ export class RotorSubject implements Subject {
 
   constructor(
     private readonly stage: Stage,
-    private readonly mover: RotorMover,
+    private readonly mover: MotorScene,
     limits: Session["limits"],
   ) {
     const touch = (): void => stage.touch();

@@ -1,7 +1,7 @@
 // The stylus: tip at −z, ring magnet about the origin, pen body beyond.
 
 import { Group, LatheGeometry, Mesh, MeshLambertMaterial, MeshPhongMaterial, Vector2, Vector3 } from "three";
-import type { ToolMover } from "../session";
+import type { DomeScene } from "../session";
 import { css, onThemeChange } from "../theme";
 
 const MM = 1000;
@@ -13,7 +13,7 @@ export class Stylus {
   private readonly end = new Vector3(0, 0, LENGTH);
   private readonly pen = new MeshLambertMaterial();
 
-  constructor(tool: ToolMover, changed: () => void) {
+  constructor(tool: DomeScene, changed: () => void) {
     const { outer_radius, length, tip_distance } = tool.magnet;
     const r = outer_radius * MM;
     const half = (length * MM) / 2;

@@ -2,7 +2,7 @@
 
 import { Vector3 } from "three";
 import { norm, type Sample, type Vector } from "../sample";
-import type { Session, ToolMover } from "../session";
+import type { Session, DomeScene } from "../session";
 import type { Felt, Mesh } from "../wire";
 import { Arrow } from "./arrow";
 import { Body } from "./body";
@@ -42,7 +42,7 @@ export class ToolSubject implements Subject {
 
   constructor(
     private readonly stage: Stage,
-    tool: ToolMover,
+    tool: DomeScene,
     limits: Session["limits"],
   ) {
     const touch = (): void => stage.touch();

@@ -7,18 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from haptorb.control.clutch.linkage import MOTOR_GAINS
 from haptorb.control.stability.gradient import Field
 from haptorb.control.stability.hand_grip import HandGrip
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.devices.state import State, rotation_to_axis
-from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.tick.assembly import MOTOR_GAINS
 from haptorb.worlds.world import World
 
-__all__ = ["Workspace", "workspace"]
+__all__ = ["Workspace", "shell_workspace", "tilt_workspace", "workspace"]
 
 _PLACES = 400
 _UPRIGHT, _STILL = np.eye(3), np.zeros(3)
@@ -44,15 +43,13 @@ class Workspace:
 
 
 def workspace(device: Device) -> Workspace:
-    """The workspace of `device`."""
-    if isinstance(device, SphericalElectromagnet):
-        return _shell(device)
-    if isinstance(device, SphericalMotor):
-        return _tilts(device)
-    raise InputError(f"device '{device.name}': nothing is known of its workspace")
+    """The workspace of `device`; InputError where its kind does not say it."""
+    found: Workspace = device.kind.needed("workspace", device.name, "`haptorb check --world`")(device)
+    return found
 
 
-def _shell(device: SphericalElectromagnet) -> Workspace:
+def shell_workspace(device: SphericalElectromagnet) -> Workspace:
+    """The shell over a dome, where a hand moves a tool [m]."""
     rng = np.random.default_rng(0)
     near, far = device.contact_distance, device.contact_distance + device.shell_thickness
     lowest = float(np.cos(device.workspace_half_angle))
@@ -78,7 +75,7 @@ def _shell(device: SphericalElectromagnet) -> Workspace:
     return Workspace(places, inside, "N", "m", lambda grip: grip.holding(device.tool.mass), field)
 
 
-def _tilts(device: SphericalMotor) -> Workspace:
+def tilt_workspace(device: SphericalMotor) -> Workspace:
     """Translational mode with the default gains, eq. (6b): the target moves with the tilts, its force comes back."""
     rng = np.random.default_rng(0)
     tilt = device.workspace_tilt

@@ -47,14 +47,14 @@ def calibrate(
     from haptorb.apps.calibrate.door import door
     from haptorb.apps.calibrate.guided import Guide, guided, known_steps
     from haptorb.apps.progress import time_bar
-    from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+    from haptorb.devices.electromagnet.api import electromagnet
     from haptorb.devices.loader import load
     from haptorb.runtime.realtime.realtime_thread import steady
     from haptorb.sensing.calibration_file import writable
 
-    found = load(device)
-    if not isinstance(found, SphericalElectromagnet) or not found.sensors:
-        raise InputError(f"device '{found.name}': only spherical electromagnets with field sensors are calibrated")
+    found = electromagnet(load(device), "`haptorb calibrate`")
+    if not found.sensors:
+        raise InputError(f"device '{found.name}' has no field sensors; `haptorb calibrate` measures with them")
     names = None if steps is None else [name.strip() for name in steps.split(",")]
     chosen = known_steps(names, () if thermal is None else ("heat",))
     path = writable(out or Path(f"{found.name}.calibration.json"), overwrite=force)

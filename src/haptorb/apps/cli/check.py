@@ -105,7 +105,8 @@ def _world(
 
 def _bandwidth(device: Device, tracker: str | None, tracker_rate: float | None) -> float | None:
     """Of the filter behind `tracker` [Hz]; None where there is none."""
-    from haptorb.runtime.tick.assembly import electromagnet, known_estimator
+    from haptorb.devices.electromagnet.api import electromagnet
+    from haptorb.runtime.tick.assembly import known_estimator
     from haptorb.sensing.tool.tool_position import HallTracker
 
     if tracker is None:
@@ -118,21 +119,19 @@ def _bandwidth(device: Device, tracker: str | None, tracker_rate: float | None) 
     known_estimator(device, name)
     if tracker_rate is not None:
         raise InputError("--tracker hall tells a pose in every tick: it has no --tracker-rate")
-    found = electromagnet(device)
+    found = electromagnet(device, "--tracker hall")
     return (HallTracker(found, bandwidth=float(bandwidth)) if bandwidth else HallTracker(found)).bandwidth
 
 
 def _tried(device: Device, verdict: WorldVerdict) -> list[tuple[float, float]]:
-    """(damping, largest stiffness) of the whole simulated chain for a few hands; none for a motor."""
+    """(damping, largest stiffness) of the whole simulated chain for a few hands; none where its kind has none."""
     from dataclasses import replace
 
     from rich.console import Console
     from rich.progress import track
 
-    from haptorb.apps.check import boundary
-    from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-
-    if not isinstance(device, SphericalElectromagnet):
+    boundary = device.kind.part("boundary")
+    if boundary is None:
         return []
     setting, found = verdict.setting, []
     for damping in track((0.5, 1.0, 2.0, 5.0, 10.0), "trying springs", console=Console(stderr=True), transient=True):

@@ -70,8 +70,8 @@ def feel(
 
 
 def _servo(device: str, design: Candidate, candidates: Candidates) -> Servo:
+    from haptorb.control.clutch.linkage import MOTOR_GAINS
     from haptorb.runtime.servo.servo import Servo
-    from haptorb.runtime.tick.assembly import MOTOR_GAINS
 
     # The file scales torques; how far the handle moves the part is the motor's matter.
     return Servo(device, design.world, gains=MOTOR_GAINS.scaled(float(candidates.gains.torque_per_motion[0])))

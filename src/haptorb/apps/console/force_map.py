@@ -9,7 +9,8 @@ from typing import Any, final
 import numpy as np
 
 from haptorb.apps.console.shell import shell
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.device import Device
+from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 
 __all__ = ["FeltMap", "Flags", "Painter"]
@@ -25,9 +26,11 @@ FeltMap = Callable[[str, Mapping[str, Any], Array], tuple[Array, Flags]]
 class Painter:
     """Recomputes the map in a thread whenever the world changes; of several changes only the newest is painted."""
 
-    def __init__(self, device: SphericalElectromagnet, felt: FeltMap) -> None:
+    def __init__(self, device: Device, felt: FeltMap) -> None:
+        if device.shell is None:
+            raise InputError(f"device '{device.name}' has no dome that a map could be painted on")
         self.directions, self.triangles = shell()
-        self._points = self.directions * device.contact_distance
+        self._points = self.directions * device.shell.contact_distance
         self._felt = felt
         self._wanted: tuple[str, Mapping[str, Any], int] | None = None
         self._task: asyncio.Task[None] | None = None

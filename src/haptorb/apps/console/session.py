@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 
 from haptorb.apps.console.running_servo import Servant
+from haptorb.apps.console.scenes import axes_scene
 from haptorb.apps.console.target import target_scene
 from haptorb.apps.console.wire import Columns
 from haptorb.control.protection.trip import Trip
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import InputError
 from haptorb.runtime.trackers.tracker_registry import fed
 from haptorb.version import __version__
@@ -55,46 +54,11 @@ def _renders(device: Device, kind: type[World]) -> bool:
     return True
 
 
-def _mover(device: Device) -> dict[str, Any]:
-    """How the page draws what the hand holds, in metres and radians."""
-    if isinstance(device, SphericalElectromagnet):
-        axes = device.moment_per_current / np.linalg.norm(device.moment_per_current, axis=0)
-        return {
-            "kind": "tool",
-            "dome_radius": device.dome_radius,
-            "contact_distance": device.contact_distance,
-            "shell_thickness": device.shell_thickness,
-            "workspace": device.workspace_half_angle,
-            "core_radius": device.core_radius,
-            "magnet": {
-                "outer_radius": device.tool.outer_radius,
-                "length": device.tool.length,
-                "tip_distance": device.tool.tip_distance,
-            },
-            "coil_axes": axes.T.tolist(),
-        }
-    if isinstance(device, SphericalMotor):
-        return {
-            "kind": "rotor",
-            "workspace": device.workspace_tilt,
-            "handle_length": device.rotor.handle_length,
-            "magnets": {
-                "distance": device.magnets.distance,
-                "directions": device.magnets.directions.tolist(),
-                "polarity": np.asarray(device.polarity, dtype=np.float64).tolist(),
-                "radius": device.magnet.radius,
-                "length": device.magnet.length,
-            },
-            "stator": {
-                "distance": device.electromagnets.distance,
-                "directions": device.electromagnets.directions.tolist(),
-                "outer_radius": device.electromagnet.outer_radius,
-                "inner_radius": device.electromagnet.inner_radius,
-                "length": device.electromagnet.length,
-                "groups": np.asarray(device.groups, dtype=np.float64).tolist(),
-            },
-        }
-    return {"kind": "other"}
+def _scene(device: Device) -> dict[str, Any]:
+    """How the page draws the device: its kind's own scene, or axes."""
+    describe = device.kind.part("scene")
+    scene: dict[str, Any] = axes_scene(device) if describe is None else describe(device)
+    return scene
 
 
 #: what the header says for a trip; every other one is just "tripped"
@@ -111,7 +75,7 @@ def session(servo: Servant, started: str) -> dict[str, Any]:
         "simulated": servo.driver == "sim",
         "steered": not fed(servo.tracker),
         "device": {"name": device.name, "title": device.title, "source": device.source},
-        "mover": _mover(device),
+        "scene": _scene(device),
         "modes": list(servo.modes),
         "columns": Columns(servo.layout, bool(servo.modes)).described(),
         "coils": list(device.coils.names),

@@ -15,14 +15,12 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 
 from haptorb.apps.console.force_map import FeltMap, Painter
-from haptorb.apps.console.force_map_process import FeltProcess
 from haptorb.apps.console.room import Room
 from haptorb.apps.console.running_servo import Servant
 from haptorb.apps.console.session import session, world_now
 from haptorb.apps.web.files import answered, page_files
 from haptorb.apps.web.gate import Doors
 from haptorb.apps.web.token import chosen_token
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 
 __all__ = ["STATIC", "application"]
@@ -46,9 +44,10 @@ def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
         )
     device = servo.device
     painter, process = None, None
-    if isinstance(device, SphericalElectromagnet):
+    compute = device.kind.part("force_map")
+    if compute is not None:
         if felt is None:
-            felt = process = FeltProcess(device)
+            felt = process = compute(device)
             process.start()
         painter = Painter(device, felt)
     room = Room(servo, painter)

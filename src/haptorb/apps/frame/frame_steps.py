@@ -9,10 +9,11 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from time import monotonic
-from typing import Any
 
 import numpy as np
 
+from haptorb.devices.device import Device
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, DriverError, InputError
 from haptorb.numerics.arrays import Array
@@ -44,16 +45,15 @@ class Stroke:
         return Stroke(self.name, self.asks, pace * self.seconds)
 
 
-def known_device(device: Any) -> SphericalElectromagnet:
+def known_device(device: Device) -> SphericalElectromagnet:
     """`device` itself; InputError if no tool could be registered before it."""
-    if not isinstance(device, SphericalElectromagnet):
-        raise InputError(f"device '{device.name}' has no tool before a dome: there is no tracker's frame to register")
-    if device.marks is None:
+    known = electromagnet(device, "`haptorb frame`")
+    if known.marks is None:
         raise InputError(
-            f"device '{device.name}': its file has no [marks]; measure three places that the tip can stand in and add "
+            f"device '{known.name}': its file has no [marks]; measure three places that the tip can stand in and add "
             "them, as omni.toml does"
         )
-    return device
+    return known
 
 
 def strokes(device: SphericalElectromagnet) -> tuple[Stroke, ...]:

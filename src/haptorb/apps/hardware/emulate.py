@@ -10,8 +10,8 @@ from time import monotonic, sleep
 import numpy as np
 
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.errors import DeviceError, InputError
+from haptorb.devices.electromagnet.api import electromagnet
+from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.serial.emulator import EmulatedDevice, Emulator
 
@@ -32,16 +32,15 @@ def emulate(
     The simulated tool stands upright on the axis, its magnet `height` [m] above the centre (None: above the summit, as
     the simulation begins): where a pointer is, the emulated device cannot know.
     """
-    if not isinstance(device, SphericalElectromagnet):
-        raise DeviceError(f"the firmware serves a spherical electromagnet; '{device.name}' is another kind of device")
-    if height is not None and not device.contact_distance <= height <= 2.0:
+    known = electromagnet(device, "the emulated firmware")
+    if height is not None and not known.contact_distance <= height <= 2.0:
         raise InputError(
-            f"height of the tool's magnet must be from {1e3 * device.contact_distance:g} mm, the dome, to 2000 mm; got "
+            f"height of the tool's magnet must be from {1e3 * known.contact_distance:g} mm, the dome, to 2000 mm; got "
             f"{1e3 * height:g} mm"
         )
     with tempfile.TemporaryDirectory() as folder:
         goal = None if height is None else _standing(height)
-        physics = EmulatedDevice(device, Path(folder, "physics"), goal)
+        physics = EmulatedDevice(known, Path(folder, "physics"), goal)
         if goal is not None:
             physics.place(*goal(0.0))
         try:

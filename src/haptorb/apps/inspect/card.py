@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from haptorb.devices.device import Device
-from haptorb.errors import InputError
 
 __all__ = ["Card", "card", "facts", "shown"]
-
-#: class of a device → (module, class) of its card; a new kind of device adds its line
-_CARDS = {
-    "SphericalElectromagnet": ("haptorb.apps.inspect.electromagnet", "ElectromagnetCard"),
-    "SphericalMotor": ("haptorb.apps.inspect.motor", "MotorCard"),
-}
 
 
 class Card(ABC):
@@ -39,12 +31,8 @@ class Card(ABC):
 
 
 def card(device: Device) -> Card:
-    """The card of `device`."""
-    kind = type(device).__name__
-    if kind not in _CARDS:
-        raise InputError(f"device '{device.name}': there is no capability card for a {kind}")
-    module, name = _CARDS[kind]
-    made: Card = getattr(import_module(module), name)(device)
+    """The card of `device`; InputError where its kind has none."""
+    made: Card = device.kind.needed("card", device.name, "`haptorb inspect`")(device)
     return made
 
 

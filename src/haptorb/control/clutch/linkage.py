@@ -8,19 +8,28 @@ of the chain, besides guard and drive, that remembers something from tick to tic
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Protocol, final
+from typing import TYPE_CHECKING, Protocol, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.control.clutch.mode_kernels import followed, returned
-from haptorb.control.clutch.modes import MODES, Clutch, Mode, TwoModes
+from haptorb.control.clutch.modes import MODES, Clutch, Gains, Mode, TwoModes
+from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.record import record
 
-__all__ = ["NO_CONTACTS", "Direct", "Felt", "Linkage", "ModedLinkage", "Touching"]
+if TYPE_CHECKING:
+    from haptorb.devices.motor.spherical_motor import SphericalMotor
+
+__all__ = [
+    "MOTOR_GAINS", "NO_CONTACTS", "Direct", "Felt", "Linkage", "ModedLinkage", "Touching", "direct", "moded",
+]  # fmt: skip
+
+#: 40° of handle, which a hand can sweep within the workspace, pull the plug all the way out; else the defaults
+MOTOR_GAINS = Gains(translate=(0.024, 0.004, 0.01))
 
 NO_CONTACTS = np.zeros((2, 8))  #: of a world that has no hooks: nothing is bent, nothing pushes
 _CLOSED = np.ones(2)
@@ -202,3 +211,15 @@ class ModedLinkage(Linkage):
     def restart(self) -> None:
         """The target is back at its beginning; mode and the hand's wish stay."""
         self._memory = None
+
+
+def direct(device: Device, gains: Gains | None) -> Direct:
+    """The linkage of a device whose mover is the thing itself. Raises InputError for gains: it has no modes."""
+    if gains is not None:
+        raise InputError(f"gains are those of two modes; a {device.kind.title} such as '{device.name}' has none")
+    return Direct()
+
+
+def moded(device: SphericalMotor, gains: Gains | None) -> ModedLinkage:
+    """The linkage of a motor, whose handle moves a target through two modes; with MOTOR_GAINS if not told others."""
+    return ModedLinkage(TwoModes(gains or MOTOR_GAINS), arm=device.rotor.handle_length)

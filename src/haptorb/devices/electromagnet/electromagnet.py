@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
-from haptorb.devices.device import Device
+from haptorb.devices.device import Device, Shell
+from haptorb.devices.electromagnet.kind import ELECTROMAGNET
 from haptorb.devices.electromagnet.passive_pull import PassivePull
 from haptorb.devices.electromagnet.ring_tool import dipole_per_ampere, ring_per_ampere
 from haptorb.devices.electromagnet.touch_points import Marks
 from haptorb.devices.electromagnet.windings import Windings
 from haptorb.devices.field_sensors import FieldSensors
+from haptorb.devices.kind import DeviceKind
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import GeometryError
@@ -71,6 +74,8 @@ class SphericalElectromagnet(Device):
     of the core on it. In both, the electromagnet is the point dipole that calibration measured outside the dome.
     """
 
+    kind: ClassVar[DeviceKind] = ELECTROMAGNET
+
     moment_per_current: Array  #: (3, 3) [m²], m_e = moment_per_current @ currents
     core_radius: float  #: [m]
     core_permeability: float  #: relative, may be inf
@@ -92,6 +97,16 @@ class SphericalElectromagnet(Device):
     def contact_distance(self) -> float:
         """Distance of the tool's magnet from the centre when a radial tool touches the dome: d_min [m]."""
         return self.dome_radius + self.tool.tip_distance
+
+    @property
+    def shell(self) -> Shell:
+        """Where the tool can be."""
+        return Shell(self.contact_distance, self.shell_thickness, self.tool.moment)
+
+    @property
+    def rest_position(self) -> Array:
+        """(3,) just above contact, over the summit [m]."""
+        return np.array([0.0, 0.0, 1.1 * self.contact_distance])
 
     @property
     def sensors(self) -> int:

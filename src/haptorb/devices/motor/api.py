@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.devices.device import Device
+from haptorb.devices.device import Device, require
 from haptorb.devices.loader import load
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import InputError
@@ -18,9 +18,7 @@ __all__ = ["field", "motor", "sensor_field", "torque_characteristic"]
 def motor(device: Device | str) -> SphericalMotor:
     """`device`, loaded if it is a name, or InputError if it is not a spherical motor."""
     known = load(device) if isinstance(device, str) else device
-    if not isinstance(known, SphericalMotor):
-        raise InputError(f"a spherical motor is needed here, such as 'pmsm'; device '{known.name}' is another kind")
-    return known
+    return require(known, SphericalMotor, "what is asked for")
 
 
 def torque_characteristic(

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.devices.field_sensors import FieldSensors
+from haptorb.devices.kind import DeviceKind
 from haptorb.devices.motor.handle import EndStop, Grasp, HallQuality
+from haptorb.devices.motor.kind import MOTOR
 from haptorb.devices.motor.layouts import Layout
 from haptorb.devices.motor.levels import (
     coils_field,
@@ -59,6 +61,8 @@ class SphericalMotor(Device):
     level up (servo speed), "exact" integrates the magnets' closed-form fields over the windings, "multipole" is the
     published distributed multipole model (Bai 2012 eqs. 7–9, corrected), "dipole" its far field.
     """
+
+    kind: ClassVar[DeviceKind] = MOTOR
 
     magnets: Layout  #: in the rotor's frame
     polarity: Array  #: (p,) +1 where a magnet is polarized outward, −1 inward (other values scale its strength)

@@ -7,11 +7,12 @@ from typing import final
 
 import numpy as np
 
+from haptorb.devices.device import Device
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 from haptorb.runtime.pointer.guided_motion import DURATION, guided_position, upright
 
-__all__ = ["Guide", "OverDome"]
+__all__ = ["AtRest", "Guide", "OverDome", "dome_guide"]
 
 
 class Guide(ABC):
@@ -69,3 +70,30 @@ def _around(start: Array, rest: Array, s: float, p: Array) -> None:
         length = 1.0
     for i in range(3):
         p[i] *= ((1.0 - s) * r0 + s * r1) / length
+
+
+def dome_guide(device: Device) -> OverDome:
+    """The guided motion over a dome; every dome's is the same."""
+    return OverDome()
+
+
+@final
+class AtRest(Guide):
+    """A hand that holds the mover where it rests: for devices of which no better motion is known."""
+
+    duration = 0.0
+
+    def __init__(self, device: Device) -> None:
+        self._rest = np.array(device.rest_position, dtype=np.float64)
+        self._upright = np.array([0.0, 0.0, 0.0, 1.0])
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """Always the same: (3,) the device's place of rest [m], and (4,) no turn."""
+        return self._rest, self._upright
+
+    def back(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
+        """From `p` (3,) [m] straight back, and from `q` (4,) the short way, (3,) and (4,)."""
+        upright = self._upright if q[3] >= 0.0 else -self._upright
+        turned = (1.0 - share) * q + share * upright
+        length = float(turned @ turned) ** 0.5
+        return (1.0 - share) * p + share * self._rest, turned / length if length > 1e-9 else self._upright

@@ -11,11 +11,12 @@ from typing import final
 
 import numpy as np
 
+from haptorb.devices.device import Device
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 from haptorb.runtime.pointer.guide import Guide
 
-__all__ = ["Handle", "turned"]
+__all__ = ["Handle", "handle_guide", "turned"]
 
 _HOME = math.radians(-20.0)  #: λ where the plug is home
 _OUT = math.radians(20.0)  #: λ where it is out
@@ -89,3 +90,8 @@ class Handle(Guide):
         way = (1.0 - share) * q + share * rest
         length = float(way @ way) ** 0.5
         return _NOWHERE, way / length if length > 1e-9 else self._rest
+
+
+def handle_guide(device: Device) -> Handle:
+    """The guided motion of a motor's handle; every motor's is the same."""
+    return Handle()

@@ -18,7 +18,6 @@ import numpy as np
 from haptorb import worlds
 from haptorb.control.clutch.modes import Gains
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
@@ -76,9 +75,7 @@ class _Still(Driver):
 
     def __init__(self, device: Device) -> None:
         self._currents, self._field = np.zeros(device.channels), np.zeros((device.sensors, 3))
-        # just above the shell; a rotor does not leave its place
-        height = 1.1 * device.contact_distance if isinstance(device, SphericalElectromagnet) else 0.0
-        self._place = np.array([0.0, 0.0, height])
+        self._place = device.rest_position
 
     def open(self) -> None:
         """Nothing is to be done."""

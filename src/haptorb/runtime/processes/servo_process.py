@@ -23,6 +23,7 @@ from pathlib import Path
 from types import FrameType
 
 from haptorb import worlds
+from haptorb.devices.kind import kind_names, kind_of_name
 from haptorb.errors import HaptorbError
 from haptorb.runtime.exchange import plan as plans
 from haptorb.runtime.exchange.shared_memory import Phase, Shared, Word
@@ -46,6 +47,7 @@ _REHEARSAL = 5  #: ticks
 _BEGIN = 3.0  #: to the first tick, then the loop says [s]
 _FORKED = 70  #: exit code of a child that a world forked
 _ALWAYS = ("haptorb.runtime.tick.assembly", "haptorb.runtime.drivers.simulated", "haptorb.simulation.registry")
+_PARTS = ("allocator", "linkage", "simulation", "guide")  #: of any kind of device, that any servo may need
 
 
 def main(folder: Path, parent: int) -> int:
@@ -129,6 +131,9 @@ def _load() -> None:
     """What any servo needs: its modules, the worlds, and what loading the first compiled function loads with it."""
     for module in _ALWAYS:
         import_module(module)
+    for device_kind in map(kind_of_name, kind_names()):
+        for part in _PARTS:
+            device_kind.part(part)
     for kind in worlds.CATALOGUE.values():
         kind()
 

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, final
 from haptorb import worlds
 from haptorb.control.clutch.modes import Gains
 from haptorb.devices.device import Device
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, ServoError
 from haptorb.numerics.arrays import Array, finite
@@ -41,9 +42,9 @@ from haptorb.runtime.servo.process_group import Children
 from haptorb.runtime.tick.assembly import (
     assemble,
     default_world,
-    electromagnet,
     known_driver,
     known_estimator,
+    linkage_of,
     modes_of,
 )
 from haptorb.runtime.trackers.fed_tracker import PREDICTION, known_prediction
@@ -78,7 +79,7 @@ class Servo(Commands):
     seed       of the simulation's noise
     level      fidelity of the device's model in the controller; None: the device's first
     estimator  how the mover's state is known; None: the device's default
-    gains      of a motor's two modes; None: `assembly.MOTOR_GAINS`
+    gains      of a motor's two modes; None: `linkage.MOTOR_GAINS`
     calibration  file of `haptorb calibrate` (or a Calibration) whose values the controller believes; must be this
                device's
     watchdog   False: drive an I²C bus although no monostable on its PWM chip's OE pin switches off when this computer
@@ -129,10 +130,11 @@ class Servo(Commands):
             read_calibration(calibration) if isinstance(calibration, str | Path) else calibration
         )  #: what the controller believes of the device beside its file
         if self.calibration is not None:
-            self.calibration.applied(electromagnet(self.device))  # refuses here what is another device's
+            # refuses here what is another device's
+            self.calibration.applied(electromagnet(self.device, "a calibration"))
         self.modes = modes_of(self.device)  #: that `set_mode` knows; empty where the device acts directly
-        if gains is not None and not self.modes:
-            raise InputError(f"gains are those of a motor's two modes; device '{self.device.name}' has none")
+        if gains is not None:
+            linkage_of(self.device, gains)  # refuses here what does not fit
         first = world if isinstance(world, World) else worlds.named(world or default_world(self.device))()
         Commands.__init__(self, first)
         first.for_device(self.device)  # refuses here, not in another process, what the device cannot render

@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 from haptorb.control.allocation.allocator import Allocator
-from haptorb.control.allocation.least_squares import LeastSquaresAllocator
-from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
-from haptorb.control.clutch.linkage import Direct, Linkage, ModedLinkage
-from haptorb.control.clutch.modes import MODES, Gains, Mode, TwoModes
+from haptorb.control.clutch.linkage import Linkage
+from haptorb.control.clutch.modes import Gains
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.motor.api import motor
-from haptorb.devices.motor.spherical_motor import SphericalMotor
-from haptorb.errors import InputError, UnknownName
+from haptorb.devices.electromagnet.api import electromagnet
+from haptorb.errors import UnknownName
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver_registry import is_real, real_driver
-from haptorb.runtime.pointer.guided_handle import Handle
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.tick.tick import Tick
 from haptorb.runtime.trackers.tracker import Tracker
 from haptorb.sensing.calibration.calibration import Calibration
-from haptorb.sensing.estimator import Estimator, TrackedPose
+from haptorb.sensing.estimator import Estimator, EstimatorChoice, EstimatorSettings
 from haptorb.worlds.world import World
 
 __all__ = [
     "DRIVERS",
-    "MOTOR_GAINS",
     "allocator_of",
     "assemble",
     "default_world",
-    "electromagnet",
     "estimator_of",
     "estimators_of",
     "known_driver",
@@ -38,8 +31,6 @@ __all__ = [
 ]
 
 DRIVERS = ("sim",)
-#: 40° of handle, which a hand can sweep within the workspace, pull the plug all the way out; else the defaults
-MOTOR_GAINS = Gains(translate=(0.024, 0.004, 0.01))
 
 
 def known_driver(name: str) -> str:
@@ -56,35 +47,35 @@ def default_world(device: Device) -> str:
     >>> default_world(load("omni"))
     'dome'
     """
-    return "outlet" if isinstance(device, SphericalMotor) else "dome"
+    return device.kind.world
 
 
-def modes_of(device: Device) -> tuple[Mode, ...]:
+def modes_of(device: Device) -> tuple[str, ...]:
     """The modes in which `device` can move the world's object; none for a device that acts on it directly."""
-    return MODES if isinstance(device, SphericalMotor) else ()
+    return device.kind.modes
 
 
 def estimators_of(device: Device) -> tuple[str, ...]:
     """Names of the estimators that `device` can have, the default first."""
-    if not isinstance(device, SphericalMotor):
-        return ("tracker", "hall") if device.sensors > 1 else ("tracker",)
-    from haptorb.sensing.registry import FIELD_ESTIMATORS
+    return tuple(_choices(device))
 
-    return (*FIELD_ESTIMATORS, "tracker")
+
+def _choices(device: Device) -> dict[str, EstimatorChoice]:
+    choices: dict[str, EstimatorChoice] = device.kind.part("estimators")(device)
+    return choices
 
 
 def known_estimator(device: Device, name: str | None) -> str:
-    """`name` itself, or the default of `device` for None; UnknownName for what it cannot have, InputError for networks
-    that nobody has trained yet."""
-    known = estimators_of(device)
+    """`name` itself, or the default of `device` for None; UnknownName for what it cannot have, InputError for what it
+    cannot have yet, such as networks that nobody has trained."""
+    known = _choices(device)
     if name is None:
-        return known[0]
+        return next(iter(known))
     if name not in known:
         raise UnknownName(f"estimator of device '{device.name}'", name, known)
-    if name == "network":
-        from haptorb.sensing.torque_maps.network_file import known_networks
-
-        known_networks(motor(device))
+    check = known[name].check
+    if check is not None:
+        check(device)
     return name
 
 
@@ -93,43 +84,25 @@ def estimator_of(
 ) -> Estimator:
     """The estimator `name` of `device`, its model at `level`; `offsets` (k, 3) [T] of its field sensors, if known.
 
-    in_turns: the driver reads a part of the field sensors in each tick.
+    in_turns: the driver reads a part of the field sensors in each tick. Raises UnknownName for an estimator that it
+    cannot have.
     """
-    if name == "tracker":
-        return TrackedPose(device, level)
-    if name == "hall":
-        from haptorb.sensing.tool.tool_position import IN_TURNS, HallTracker
-
-        if in_turns:
-            return HallTracker(electromagnet(device), level, offsets=offsets, bandwidth=IN_TURNS)
-        return HallTracker(electromagnet(device), level, offsets=offsets)
-    from haptorb.sensing.registry import field_estimator
-
-    return field_estimator(name, motor(device))
-
-
-def electromagnet(device: Device) -> SphericalElectromagnet:
-    """`device`, if it is a spherical electromagnet; InputError if not."""
-    if not isinstance(device, SphericalElectromagnet):
-        raise InputError(
-            f"device '{device.name}' is no spherical electromagnet: it has no Hall tracker, and no calibration"
-        )
-    return device
+    known = _choices(device)
+    if name not in known:
+        raise UnknownName(f"estimator of device '{device.name}'", name, known)
+    return known[name].make(device, EstimatorSettings(level, offsets, in_turns))
 
 
 def allocator_of(device: Device) -> Allocator:
-    """The one for `device`; what the model knows of the passive wrench is taken out (at level "dipole" nothing)."""
-    limit = device.coils.current_limit
-    if isinstance(device, SphericalMotor):
-        return MinimumPowerAllocator(limit, resistance=device.coils.resistance, compensate_passive=True)
-    return LeastSquaresAllocator.force(limit, compensate_passive=True)
+    """The one that `device` has by its kind."""
+    allocator: Allocator = device.kind.part("allocator")(device)
+    return allocator
 
 
 def linkage_of(device: Device, gains: Gains | None = None) -> Linkage:
     """How `device` moves the world's object: a motor through two modes, a tool is the object itself."""
-    if isinstance(device, SphericalMotor):
-        return ModedLinkage(TwoModes(gains or MOTOR_GAINS), arm=device.rotor.handle_length)
-    return Direct()
+    linkage: Linkage = device.kind.part("linkage")(device, gains)
+    return linkage
 
 
 def assemble(
@@ -156,12 +129,12 @@ def assemble(
     known_driver(driver)
     dt = 1.0 / rate
     real = is_real(driver)
-    if isinstance(device, SphericalMotor) and isinstance(tracker, PointerTracker):
-        tracker.guide = Handle()
-    believed = device if calibration is None else calibration.applied(electromagnet(device))
+    if isinstance(tracker, PointerTracker):
+        tracker.guide = device.kind.part("guide")(device)
+    believed = device if calibration is None else calibration.applied(electromagnet(device, "a calibration"))
     offsets = None if calibration is None else calibration.offsets
     known = known_estimator(device, estimator)
-    axes = 3 if known == "hall" else 1  # that its sensors must have; what a board has shows when it is opened
+    axes = _choices(device)[known].axes  # what a board has shows when it is opened
     return Tick(
         believed,
         world,

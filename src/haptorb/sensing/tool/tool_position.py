@@ -100,7 +100,7 @@ class HallTracker(Estimator):
         offsets: ArrayLike | None = None,
         bandwidth: float = 100.0,
     ) -> None:
-        if not isinstance(device, SphericalElectromagnet) or device.sensors < 2:
+        if device.shell is None or device.sensors < 2:
             raise InputError(
                 f"device '{device.name}': a tool is found by at least two field sensors of a spherical electromagnet; "
                 "use another tracker"

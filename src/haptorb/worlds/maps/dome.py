@@ -13,7 +13,6 @@ from typing import ClassVar
 import numpy as np
 
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
@@ -97,19 +96,19 @@ class Dome(World):
 
         Raises InputError for a device without a dome, or a summit below its rim.
         """
-        if not isinstance(device, SphericalElectromagnet):
+        shell = device.shell
+        if shell is None:
             raise InputError(f"world 'dome' is for a tool over a sphere; device '{device.name}' has none")
         if self.summit[2] < 0.0:
             raise InputError(
                 f"Dome.summit {tuple(self.summit)} lies below the rim of the dome of device '{device.name}': its z "
                 "must not be negative"
             )
-        contact = device.contact_distance
         return replace(
             self,
-            tool_moment=device.tool.moment,
-            contact_distance=contact,
-            reach=contact + device.shell_thickness,
+            tool_moment=shell.moment,
+            contact_distance=shell.contact_distance,
+            reach=shell.contact_distance + shell.thickness,
         )
 
     @property

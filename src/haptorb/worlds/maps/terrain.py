@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
@@ -154,10 +153,11 @@ class Terrain(World):
 
     def for_device(self, device: Device) -> Terrain:
         """With the contact distance and the shell of `device`. Raises InputError for a device without a dome."""
-        if not isinstance(device, SphericalElectromagnet):
+        shell = device.shell
+        if shell is None:
             raise InputError(f"world 'terrain' is for a tool over a sphere; device '{device.name}' has none")
-        contact = device.contact_distance
-        return replace(self, contact_distance=contact, reach=contact + device.shell_thickness)
+        contact = shell.contact_distance
+        return replace(self, contact_distance=contact, reach=contact + shell.thickness)
 
     @property
     def bound(self) -> float:

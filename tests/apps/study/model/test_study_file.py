@@ -25,7 +25,7 @@ LEVELS = 'name = "x"\nprocedure = "{}"\n[levels]\nreference = 1.0\n'
         ('name = "x"\n[set_points]\npoints = []', "layout"),
         ('name = "x"\nworld = "dume"', "did you mean 'dome'"),
         ('name = "x"\nworld = "wall"', "no summit"),
-        ('name = "x"\ndevice = "pmsm"', "no dome"),
+        ('name = "x"\ndevice = "pmsm"', "works for spherical electromagnets"),
         ('name = "x"\ndevise = "omni"', "devise"),
         ('name = "a name with blanks"', "name"),
         ('name = "x"\n[parameters]\nsummit = [0, 0, 1]', "summit"),

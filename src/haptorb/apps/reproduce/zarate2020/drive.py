@@ -15,10 +15,10 @@ import numpy as np
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.zarate2020.figure_6 import two_node
 from haptorb.control.protection.drive import Drive
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.tick.assembly import electromagnet
 from haptorb.simulation.parts.coils import BODY, CURRENT, WINDING, chop, coil_step, cold, wires
 
 __all__ = ["DriveCourse", "drive_course", "items"]

@@ -10,6 +10,7 @@ import numpy as np
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Drawing, Report
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet.shell_capability import FORCE_JND
 from haptorb.devices.loader import load
@@ -17,7 +18,6 @@ from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.dipole import MU0
-from haptorb.runtime.tick.assembly import electromagnet
 
 __all__ = ["items"]
 

@@ -9,12 +9,12 @@ from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Report
 from haptorb.apps.reproduce.zarate2020.drive import drive_course
 from haptorb.control.protection.drive import Drive
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.dipole import MU0
-from haptorb.runtime.tick.assembly import electromagnet
 from haptorb.sensing.calibration.magnetic_calibration import excitation, magnetic_calibration
 
 __all__ = ["items"]

@@ -16,11 +16,11 @@ import numpy as np
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Drawing
 from haptorb.control.allocation.least_squares import LeastSquaresAllocator
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources import dipole
-from haptorb.runtime.tick.assembly import electromagnet
 from haptorb.simulation.truth import true_wrench
 from haptorb.worlds.maps.dome import Dome
 from haptorb.worlds.maps.terrain import Terrain

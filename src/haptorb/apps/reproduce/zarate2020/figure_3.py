@@ -12,12 +12,12 @@ from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Drawing, Report
 from haptorb.control.allocation.least_squares import LeastSquaresAllocator
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.dipole import MU0
-from haptorb.runtime.tick.assembly import electromagnet
 from haptorb.worlds.maps.dome import Dome
 
 __all__ = ["items"]

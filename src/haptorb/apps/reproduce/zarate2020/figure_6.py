@@ -17,11 +17,11 @@ import numpy as np
 
 from haptorb.apps.reproduce.item import Item
 from haptorb.devices.device import Device
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.physics.thermal import TwoNode
-from haptorb.runtime.tick.assembly import electromagnet
 from haptorb.sensing.calibration.thermal_identification import ThermalIdentification, thermal_identification
 from haptorb.simulation.parts.coils import BODY, CURRENT, WINDING, coil_step, cold, wires
 

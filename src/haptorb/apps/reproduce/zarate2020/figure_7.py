@@ -15,11 +15,11 @@ import numpy as np
 
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Drawing
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources import dipole
 from haptorb.runtime.drivers.simulated import SimDriver
-from haptorb.runtime.tick.assembly import electromagnet
 from haptorb.runtime.trackers.tracker import Goal
 from haptorb.sensing.calibration.magnetic_calibration import MagneticCalibration, excitation, magnetic_calibration
 

@@ -9,11 +9,11 @@ import numpy as np
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Report
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.physics.sources.dipole import MU0
 from haptorb.physics.thermal import TwoNode, single_time_constant
-from haptorb.runtime.tick.assembly import electromagnet
 
 __all__ = ["items"]
 

@@ -17,9 +17,9 @@ import numpy as np
 
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.zarate2020.hall_trial import shell_places, tried
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.tick.assembly import electromagnet
 from haptorb.sensing.tool.place_filter import noise_share
 from haptorb.sensing.tool.position_accuracy import better_sensors, position_accuracy, with_sensors
 

@@ -22,6 +22,7 @@ from haptorb.apps.study.model.study_parts import (
     Trials,
     Value,
 )
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, shown
@@ -117,10 +118,7 @@ class Study(Part):
 
     def loaded_device(self) -> SphericalElectromagnet:
         """The device; InputError if it has no dome to find places on."""
-        device = load(self.device)
-        if not isinstance(device, SphericalElectromagnet):
-            raise InputError(f"device '{device.name}' has no dome: a study needs a spherical electromagnet")
-        return device
+        return electromagnet(load(self.device), "a study, whose set-points lie on a dome,")
 
 
 def read_study(path: str | Path) -> Study:

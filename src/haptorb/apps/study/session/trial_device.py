@@ -10,7 +10,7 @@ import numpy as np
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.model.study_file import Study
 from haptorb.control.protection.trip import CoilState, GuardState, Trip
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 
@@ -25,10 +25,10 @@ class Stage:
     """A running servo, as a trial needs it. With the pointer as tracker the pen is steered from the keyboard."""
 
     def __init__(self, study: Study, servo: Servo) -> None:
-        assert isinstance(servo.device, SphericalElectromagnet)
+        device = electromagnet(servo.device, "a study")
         self.study, self.servo = study, servo
-        self.contact = servo.device.contact_distance
-        self.limit = degrees(servo.device.workspace_half_angle)
+        self.contact = device.contact_distance
+        self.limit = degrees(device.workspace_half_angle)
         self.steered = servo.tracker == "pointer"
         self.simulated = servo.driver == "sim"
         self._pen = (0.0, 0.0)  #: (x, y): angle from the top towards +x and +y [deg]

@@ -1,0 +1,23 @@
+"""The record of spherical electromagnets: a magnet in a tool over a dome, moved by the force of coils."""
+
+from __future__ import annotations
+
+from haptorb.devices.kind import DeviceKind
+
+__all__ = ["ELECTROMAGNET"]
+
+ELECTROMAGNET = DeviceKind(
+    name="spherical-electromagnet",
+    title="spherical electromagnet",
+    world="dome",
+    allocator="haptorb.control.allocation.for_device:force_allocator",
+    estimators="haptorb.sensing.tool.tool_estimators:tool_estimators",
+    simulation="haptorb.simulation.electromagnet.electromagnet:SimulatedElectromagnet",
+    guide="haptorb.runtime.pointer.guide:dome_guide",
+    file="haptorb.devices.electromagnet.schema:ElectromagnetFile",
+    scene="haptorb.apps.console.scenes:dome_scene",
+    force_map="haptorb.apps.console.force_map_process:FeltProcess",
+    card="haptorb.apps.inspect.electromagnet:ElectromagnetCard",
+    workspace="haptorb.apps.check.workspace:shell_workspace",
+    boundary="haptorb.apps.check.rendered:boundary",
+)

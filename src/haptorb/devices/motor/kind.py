@@ -1,0 +1,24 @@
+"""The record of spherical motors: a rotor with a handle, whose torque moves a target through two modes."""
+
+from __future__ import annotations
+
+from haptorb.devices.kind import DeviceKind
+
+__all__ = ["MOTOR"]
+
+MOTOR = DeviceKind(
+    name="spherical-motor",
+    title="spherical motor",
+    world="outlet",
+    allocator="haptorb.control.allocation.for_device:torque_allocator",
+    estimators="haptorb.sensing.registry:motor_estimators",
+    linkage="haptorb.control.clutch.linkage:moded",
+    modes=("translate", "rotate"),
+    simulation="haptorb.simulation.motor.motor:SimulatedMotor",
+    guide="haptorb.runtime.pointer.guided_handle:handle_guide",
+    file="haptorb.devices.motor.schema:MotorFile",
+    tables="haptorb.devices.motor.tables:motor_tables",
+    scene="haptorb.apps.console.scenes:motor_scene",
+    card="haptorb.apps.inspect.motor:MotorCard",
+    workspace="haptorb.apps.check.workspace:tilt_workspace",
+)

@@ -1,0 +1,131 @@
+"""A kind of device that only this test knows runs like one of haptorb's own, without a change in `src`."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+import haptorb
+from haptorb import Servo
+from haptorb.apps.console import Console
+from haptorb.apps.inspect.card import card
+from haptorb.control.clutch.gains import Gains
+from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.devices.kind import DeviceKind, register
+from haptorb.devices.loader import parse
+from haptorb.devices.state import State
+from haptorb.errors import DeviceError, InputError, UnknownName
+from haptorb.runtime.recording.recording import Recording
+
+
+def run(servo: Servo, seconds: float, p: tuple[float, float, float] | None = None) -> Any:
+    """Let the loop run with the hand held at `p`; the last 50 rows."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        servo.check()
+        if p is not None:
+            servo.point(p)
+        time.sleep(0.01)
+    return servo.rows()[1][-50:]
+
+
+def test_its_file_is_read(rail: ModuleType, rail_file: Path):
+    device = haptorb.load(rail_file)
+    assert type(device) is rail.Rail
+    assert device.kind is rail.RAIL
+    assert device.coils.names == ("left", "right")
+    force = device.wrench_map(State.at((0.0, 0.0, 0.0), (0, 0, 1)), "ring").matrix
+    assert force[0, 0] == pytest.approx(-force[0, 1])
+    assert force[0, 1] > 0.01  # the right coil pulls to the right
+    assert not force[1:].any()
+    wrong = rail_file.read_text().replace('"100 g"', '"100 m"')
+    with pytest.raises(DeviceError, match=r"rail\.mass must be a mass"):
+        parse(wrong, "rail")
+
+
+def test_its_model_agrees_with_the_energy_of_its_magnet(rail: ModuleType, rail_file: Path):
+    device = haptorb.load(rail_file)
+    x, h = 0.011, 1e-5
+
+    def field(x: float, c: float) -> float:
+        return rail.MU0 * device.turns * device.radius**2 / (2 * (device.radius**2 + (x - c) ** 2) ** 1.5)
+
+    for n, c in enumerate((-device.distance, device.distance)):
+        slope = device.moment * (field(x + h, c) - field(x - h, c)) / (2 * h)
+        assert device.per_ampere(x)[n] == pytest.approx(slope, rel=1e-6)
+
+
+def test_it_runs_is_recorded_and_stops(rail: ModuleType, rail_file: Path, tmp_path: Path):
+    path = tmp_path / "rail.mcap"
+    with Servo(rail_file, record=path, rate=500.0) as servo:
+        assert (servo.world[0], servo.estimator, servo.modes) == ("wall", "tracker", ())
+        at = servo.layout
+        outside = run(servo, 1.0, (0.012, 0.0, 0.0))
+        assert outside[-1, at["p"]] == pytest.approx([0.012, 0, 0], abs=5e-4)
+        assert np.abs(outside[:, at["wanted"]]).max() < 1e-9
+        inside = run(servo, 1.0, (-0.003, 0.0, 0.0))
+        last = inside[-1]
+        assert last[at["guard"]][0] == GuardState.RUNNING, Trip(int(last[at["trip"]][0])).text
+        assert -0.003 < last[at["p"]][0] < -0.0005  # the wall holds against the hand
+        assert last[at["asked"]][0] > 0.05
+        assert last[at["given"]][0] == pytest.approx(last[at["asked"]][0], rel=0.1)
+        assert not last[at["given"]][1:].any()
+        assert last[at["currents"]] == pytest.approx(last[at["wanted"]], abs=0.05)
+        assert last[at["currents"]][1] > 0.1 > -0.1 > last[at["currents"]][0]  # one pulls, the other pushes
+        servo.stop()
+        stopped = run(servo, 0.3, (-0.003, 0.0, 0.0))
+        assert (stopped[:, at["guard"]] == GuardState.TRIPPED).all()
+        assert not stopped[:, at["duties"]].any()
+        assert np.abs(stopped[-1, at["currents"]]).max() < 0.05
+        servo.engage()
+        again = run(servo, 1.0, (-0.003, 0.0, 0.0))
+        assert again[-1, at["given"]][0] > 0.05
+    recording = Recording(path)
+    assert recording.layout == at
+    assert recording.metadata["device"]["name"] == "rail"
+    assert recording.metadata["device"]["file"] == rail_file.read_text()
+    assert recording["currents"].shape[1] == 2
+    assert np.nanmax(recording["given"][:, 0]) > 0.05
+
+
+def test_the_console_shows_it(rail: ModuleType, rail_file: Path):
+    servo = Servo(rail_file, record=False, rate=500.0)
+    with Console(servo, 0) as console, servo:
+        serving = threading.Thread(target=console.serve)
+        serving.start()
+        try:
+            told = httpx.get(
+                f"{console.origin}/api/session", headers={"Authorization": f"Bearer {console.token}"}
+            ).json()
+        finally:
+            console.close()
+            serving.join(10)
+    assert told["scene"] == {"kind": "rail", "rest": [0.0, 0.0, 0.0], "travel": 0.03}
+    assert told["coils"] == ["left", "right"]
+    assert told["modes"] == []
+    names = {world["name"] for world in told["worlds"]}
+    assert "wall" in names
+    assert "dome" not in names  # it has none
+    assert told["world"]["name"] == "wall"
+
+
+def test_what_it_does_not_say_is_refused_in_words(rail: ModuleType, rail_file: Path):
+    device = haptorb.load(rail_file)
+    with pytest.raises(InputError, match="magnet on a rail; `haptorb inspect` works for spherical electromagnets and"):
+        card(device)
+    with pytest.raises(InputError, match="world 'dome' is for a tool over a sphere; device 'rail' has none"):
+        Servo(device, "dome")
+    with pytest.raises(UnknownName, match="estimator of device 'rail'"):
+        Servo(device, estimator="hall")
+    with pytest.raises(InputError, match="a magnet on a rail such as 'rail' has none"):
+        Servo(device, gains=Gains())
+    other = DeviceKind(name="rail", title="another rail", world="wall", allocator="none:none")
+    with pytest.raises(InputError, match="there is a kind of device 'rail' already"):
+        register(other)

@@ -1,0 +1,49 @@
+// The scenes that this page knows, by the name that the server gives; axes and a marker for any other.
+
+import { Readouts } from "../panels/readouts";
+import { MotorReadouts } from "../panels/motor_readouts";
+import { PlaceReadouts } from "../panels/place_readouts";
+import type { DomeScene, MotorScene, Session } from "../session";
+import { AxesSubject } from "./axes_subject";
+import type { DeviceScene } from "./device_scene";
+import { RotorSubject } from "./rotor_subject";
+import { ToolSubject } from "./tool_subject";
+
+const MM = 1000;
+
+const DOME: DeviceScene = {
+  held: "stylus",
+  gives: "force",
+  radial: true,
+  colours: "force",
+  home: () => ({ azimuth: -62, elevation: 26, distance: 262, centre: [0, 0, 43] }),
+  subject: (stage, session) => new ToolSubject(stage, session.scene as DomeScene, session.limits),
+  readings: (session) => new Readouts(session),
+};
+
+const MOTOR: DeviceScene = {
+  held: "handle",
+  gives: "torque",
+  radial: false,
+  colours: "currents",
+  home: () => ({ azimuth: -62, elevation: 24, distance: 560, centre: [-30, -16, 0] }),
+  subject: (stage, session) => new RotorSubject(stage, session.scene as MotorScene, session.limits),
+  readings: (session) => new MotorReadouts(session),
+};
+
+const AXES: DeviceScene = {
+  held: "marker",
+  gives: "force",
+  radial: false,
+  colours: "none",
+  home: (session) => {
+    const [x, y, z] = session.scene.rest ?? [0, 0, 0];
+    return { azimuth: -62, elevation: 26, distance: 262, centre: [x * MM, y * MM, z * MM] };
+  },
+  subject: (stage, session) => new AxesSubject(stage, session.scene.rest ?? [0, 0, 0], session.limits),
+  readings: (session) => new PlaceReadouts(session),
+};
+
+const SCENES: Record<string, DeviceScene> = { dome: DOME, motor: MOTOR };
+
+export const sceneOf = (session: Session): DeviceScene => SCENES[session.scene.kind] ?? AXES;
