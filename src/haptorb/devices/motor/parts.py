@@ -26,7 +26,7 @@ class MotorParts(Protocol):
 
     @property
     def polarity(self) -> Array:
-        """(p,) +1 where a magnet is polarized outward, −1 inward (other values scale its strength)."""
+        """(p,) [1]: +1 where a magnet is polarized outward, −1 inward (other values scale its strength)."""
 
     @property
     def magnet(self) -> CylinderMagnet:

@@ -22,37 +22,49 @@ import numpy as np
 from haptorb.devices.tables import pair_table
 from haptorb.devices.tables.pair_table import PairTable, Progress
 from haptorb.numerics.compiled import cache_folder
+from haptorb.physics import interaction
+from haptorb.physics.sources import (
+    coil,
+    current_sheet,
+    cylinder,
+    dipole,
+    elliptic,
+    placed,
+    ring,
+    round_body,
+    winding_field,
+    zonal,
+)
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.round_body import RoundBody
 
 __all__ = ["cached_field_table", "cached_torque_table"]
 
-_PACKAGE = Path(__file__).resolve().parents[1]
 #: whose code makes a table's numbers: `pair_table`, and what it imports, but for what only carries numbers about
 _MAKERS = (
-    "devices/pair_table",
-    *("physics/coil", "physics/current_sheet", "physics/cylinder", "physics/dipole", "physics/elliptic"),
-    *("physics/interaction", "physics/placed", "physics/ring", "physics/round_body", "physics/winding_field"),
-    "physics/zonal",
+    *(pair_table, interaction, coil, current_sheet, cylinder, dipole, elliptic, placed, ring, round_body),
+    *(winding_field, zonal),
 )
 
 
 def cached_torque_table(
     magnet: RoundBody,
     magnet_distance: float,
-    coil: Coil,
+    winding: Coil,
     coil_distance: float,
     *,
     precision: float = 1e-8,
     progress: Progress | None = None,
 ) -> PairTable:
     """`pair_table.torque_table` from disk if it is there, else computed and kept."""
-    made_from = f"torque {magnet!r} {float(magnet_distance)!r} {coil!r} {float(coil_distance)!r} {float(precision)!r}"
+    made_from = (
+        f"torque {magnet!r} {float(magnet_distance)!r} {winding!r} {float(coil_distance)!r} {float(precision)!r}"
+    )
     return _cached(
         made_from,
         1,
         lambda: pair_table.torque_table(
-            magnet, magnet_distance, coil, coil_distance, precision=precision, progress=progress
+            magnet, magnet_distance, winding, coil_distance, precision=precision, progress=progress
         ),
     )
 
@@ -79,8 +91,9 @@ def cached_field_table(
 @cache
 def _code() -> bytes:
     digest = hashlib.sha256()
-    for name in _MAKERS:
-        digest.update((_PACKAGE / f"{name}.py").read_bytes())
+    for module in _MAKERS:
+        assert module.__file__ is not None
+        digest.update(Path(module.__file__).read_bytes())
     return digest.digest()
 
 
