@@ -16,8 +16,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 
-GUARD, GUARD_TESTS = "control/protection/guard_rules.py", "tests/control/protection/test_guard.py"
-DOOR, ANSWER = "control/protection/guard.py", "runtime/tick/kernels.py"
+GUARD, GUARD_TESTS = "control/protection/guard.py", "tests/control/protection/test_guard.py"
+STATE, PROTECTION = "control/protection/state.py", "control/protection/protection.py"
+PROTECT = "control/protection/protect.py"
 DRIVE, DRIVE_TESTS = "control/protection/drive.py", "tests/control/protection/test_drive.py"
 PASSIVITY, PASSIVITY_TESTS = "control/protection/passivity.py", "tests/control/protection/test_passivity.py"
 TICK, TICK_TESTS = "runtime/tick/tick.py", "tests/runtime/tick/test_tick.py"
@@ -54,7 +55,7 @@ STALLED_TESTS, LEFTOVER_TESTS = (
 
 #: (rule, file in the package, code that keeps it, code without it, tests that must go red)
 PROOFS = [
-    ("off is the default", DOOR, "= GuardState.OFF", "= GuardState.RUNNING", GUARD_TESTS),
+    ("off is the default", STATE, "= GuardState.OFF", "= GuardState.RUNNING", GUARD_TESTS),
     (
         "units are read and not evaluated",
         "devices/schema/quantity.py",
@@ -93,46 +94,46 @@ PROOFS = [
     ("NaN wrench trips", GUARD, "if not np.isfinite(force + torque):", "if False:", GUARD_TESTS),
     ("NaN currents trip", GUARD, "if not np.isfinite(wanted[j]):", "if False:", GUARD_TESTS),
     ("NaN readings trip", GUARD, "if not np.isfinite(total):", "if False:", GUARD_TESTS),
-    ("force is clamped", GUARD, "if force <= numbers[FORCE]", "if True", GUARD_TESTS),
-    ("torque is clamped", GUARD, "if torque <= numbers[TORQUE]", "if True", GUARD_TESTS),
-    ("current is clamped", GUARD, "if abs(wanted[j]) * scale > coils[LIMIT, j]:", "if False:", GUARD_TESTS),
+    ("force is clamped", GUARD, "if force <= g.force", "if True", GUARD_TESTS),
+    ("torque is clamped", GUARD, "if torque <= g.torque", "if True", GUARD_TESTS),
+    ("current is clamped", GUARD, "if abs(wanted[j]) * scale > coils[j].limit:", "if False:", GUARD_TESTS),
     ("current slews", GUARD, "1.0 if largest <= step else step / largest", "1.0", GUARD_TESTS),
     (
         "stale poses trip",
         GUARD,
-        "valid and age <= numbers[EXPIRY]",
+        "valid and age <= g.expiry",
         "valid",
         GUARD_TESTS,
     ),
     ("lost poses trip", GUARD, "valid and age <=", "age <=", GUARD_TESTS),
-    ("trips latch", GUARD, "numbers[STATE] = _TRIPPED\n", "pass\n", GUARD_TESTS),
+    ("trips latch", GUARD, "g.state = _TRIPPED  #", "pass  #", GUARD_TESTS),
     (
         "engaging ramps from zero",
-        DOOR,
-        "self.numbers[rules.GAIN] = 0.0",
-        "self.numbers[rules.GAIN] = 1.0",
+        PROTECTION,
+        'g["gain"] = 0.0',
+        'g["gain"] = 1.0',
         GUARD_TESTS,
     ),
-    ("engaging blind is refused", DOOR, "if not self.numbers[rules.FRESH] or", "if", GUARD_TESTS),
+    ("engaging blind is refused", PROTECTION, 'if not g["fresh"][0] or', "if", GUARD_TESTS),
     ("warm coils are derated", GUARD, "_hold(coils, wanted, share,", "_hold(coils, wanted, 1.0,", GUARD_TESTS),
-    ("hot coils trip", GUARD, "if not hottest < numbers[STOP]:", "if False:", GUARD_TESTS),
-    ("overcurrent trips", GUARD, "return 2 if beyond else 0", "return 0", GUARD_TESTS),
+    ("hot coils trip", GUARD, "if not hottest < heat.stop:", "if False:", GUARD_TESTS),
+    ("overcurrent trips", GUARD, "return _OVERCURRENT if beyond else _NONE", "return _NONE", GUARD_TESTS),
     (
         "resistance is bounded",
         DRIVE,
-        "min(max(coils[_VOLTS, j] / coils[_SQUARES, j], coils[_LOW, j]), coils[_HIGH, j])",
-        "coils[_VOLTS, j] / coils[_SQUARES, j]",
+        "min(max(c.volts / c.squares, c.least), c.greatest)",
+        "c.volts / c.squares",
         DRIVE_TESTS,
     ),
     ("a reversed magnet trips", GUARD, "if reversed:", "if False:", "tests/runtime/tick/test_hall_loop.py"),
-    ("damping brakes", PASSIVITY, "out[i] -= damping *", "out[i] += damping *", PASSIVITY_TESTS),
+    ("damping brakes", PASSIVITY, "out[i] -= q.damping *", "out[i] += q.damping *", PASSIVITY_TESTS),
     ("damping is bounded", PASSIVITY, "min(most, -balance * passed / square)", "1e3 * most", PASSIVITY_TESTS),
-    ("active worlds are left alone", PASSIVITY, "if passive and balance < 0.0", "if balance < 0.0", PASSIVITY_TESTS),
+    ("active worlds are left alone", PASSIVITY, "if q.passive and balance < 0.0", "if balance < 0.0", PASSIVITY_TESTS),
     (
         "late poses meet the forces of their time",
         PASSIVITY,
-        "_acted(memory, numbers[_STAMP] - lag, stamp - lag)",
-        "_acted(memory, numbers[_STAMP] + late, stamp + late)",
+        "_average(q, q.stamp - q.lag, stamp - q.lag)",
+        "_average(q, q.stamp + late, stamp + late)",
         PASSIVITY_TESTS,
     ),
     ("duties are bounded", DRIVE, "if largest > 1.0:", "if False:", DRIVE_TESTS),
@@ -209,15 +210,21 @@ PROOFS = [
     ),
     (
         "what stopped before the first pose is not cleared by the tracker",
-        TICK,
-        "guard.numbers[STATE] == GuardState.OFF",
-        "guard.gain == 0.0",
+        PROTECTION,
+        "if self._state[0] == _OFF:",
+        "if self.gain == 0.0:",
         TICK_TESTS,
     ),
-    ("missed deadlines trip", GUARD, "if clock[0].overrun:", "if False:", TICK_TESTS),
-    ("after a silence the ramp begins again", GUARD, "elif clock[0].restart:", "elif False:", TICK_TESTS),
-    ("windings heat by the clock", ANSWER, "heat[ELAPSED] = elapsed", "pass", TICK_TESTS),
-    ("a sensor that lies trips", GUARD, "elif not plausible:", "elif False:", TICK_TESTS),
+    ("missed deadlines trip", GUARD, "if clock.overrun:", "if False:", TICK_TESTS),
+    ("after a silence the ramp begins again", GUARD, "elif clock.restart:", "elif False:", TICK_TESTS),
+    (
+        "windings heat by the clock",
+        PROTECT,
+        "observe_heat(heat, coils, clock.elapsed)",
+        "observe_heat(heat, coils, clock.period)",
+        TICK_TESTS,
+    ),
+    ("a sensor that lies trips", PROTECT, "elif not plausible:", "elif False:", TICK_TESTS),
     (
         "a sensor that reads too little is found by the resistance that it makes",
         "control/protection/current_check.py",
@@ -257,8 +264,8 @@ PROOFS = [
     ("an allocation that fails trips", TICK, "self._failed(Trip.CURRENTS_NOT_FINITE, cause)", "pass", TICK_TESTS),
     (
         "off means zero duties",
-        ANSWER,
-        "if guard[GAIN] > 0.0:",
+        PROTECT,
+        "if g.gain > 0.0:",
         "if True:",
         TICK_TESTS,
     ),
