@@ -125,13 +125,13 @@ def detect(name: str, count: int) -> bool:
             with driver:
                 for n in run(tick, 12000):
                     if injected is None:
-                        currents = np.abs(tick.guard.check.coils["model"])
+                        currents = np.abs(tick.protection.coils["model"])
                         coil = int(np.argmax(currents)) if least else number % device.channels
                         if n >= wait and currents[coil] >= least:
                             driver.lie, injected = (coil, lie), n
-                    elif tick.guard.tripped:
+                    elif tick.protection.tripped:
                         times.append((n - injected) * DT)
-                        reasons.add(tick.guard.reason.name)
+                        reasons.add(tick.protection.reason.name)
                         break
                     elif n - injected > 1000:
                         missed += 1
@@ -155,10 +155,10 @@ def rest(name: str, hours: float) -> bool:
         tick, driver = chain(device, built, world, number)
         with driver:
             for _ in run(tick, share):
-                if tick.guard.tripped:
+                if tick.protection.tripped:
                     # Heat derates and stops by right: these worlds are rendered without a pause.
-                    if tick.guard.reason is not Trip.OVERHEATED:
-                        trips.append(f"{world}: {tick.guard.reason.name}")
+                    if tick.protection.reason is not Trip.OVERHEATED:
+                        trips.append(f"{world}: {tick.protection.reason.name}")
                     tick.engage()
     print(f"{name}: {hours:g} h of rendering on an imperfect device: {len(trips)} false trips {trips[:5]}")
     return not trips

@@ -324,7 +324,7 @@ class Trial:
         self.reception.step()
 
     def trip(self) -> None:
-        self.chain.guard.trip(self.random.choice((Trip.WORLD_FAILED, Trip.OVERCURRENT)))
+        self.chain.protection.trip(self.random.choice((Trip.WORLD_FAILED, Trip.OVERCURRENT)))
 
     def deafen(self) -> None:
         self.device.deaf = self.random.choice((1, 2, 6))

@@ -66,14 +66,14 @@ def try_case(steps: tuple[int, ...], seconds: float) -> tuple[float, float, floa
             tick.step(row, now * MS)
             true = simulation.winding  # type: ignore[attr-defined]
             # Observed up to now, as the simulation is: both have seen the same time.
-            error = max(error, float(np.abs(tick.guard.heat.winding - true).max()))
+            error = max(error, float(np.abs(tick.protection.coils["winding"] - true).max()))
             above = max(above, float(true.max()) - device.coils.heat.stop)
-            if tick.guard.tripped and tripped < 0:
+            if tick.protection.tripped and tripped < 0:
                 tripped = now
-                if tick.guard.reason is Trip.OVERRUN:
+                if tick.protection.reason is Trip.OVERRUN:
                     count += 1
                     longest = max(longest, (now - since) * MS)
-            elif tick.guard.tripped and now - tripped >= AGAIN and tick.engage():
+            elif tick.protection.tripped and now - tripped >= AGAIN and tick.engage():
                 tripped, since = -1, now
             now += step
     return error, above, longest, count

@@ -9,11 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptorb.errors import InputError, shown
 
-__all__ = ["Array", "Records", "finite", "rotation", "vectors"]
+__all__ = ["Array", "Record", "Records", "finite", "rotation", "vectors"]
 
 Array: TypeAlias = NDArray[np.float64]
 #: a structured array: records with named fields, what compiled code remembers
 Records: TypeAlias = NDArray[Any]
+#: one record of it; compiled code hands it on, Python should not (that is slow)
+Record: TypeAlias = Any
 
 
 def finite(value: ArrayLike, what: str) -> Array:

@@ -1,7 +1,8 @@
 """One tick as one flat row of float64: the layout that servo, recorder, replay and console share.
 
-A flat row costs a third of a microsecond to publish; structured fields cost seven times that. The names below are the
-only description of it: recordings carry them as their schema.
+A flat row costs a third of a microsecond to publish; structured fields cost seven times that. `RowLayout.fields` is the
+only description of it: what fills a row and what counts it find their places in `RowLayout.places`, which has a field
+for each name; recordings carry the names as their schema, and the documentation its table.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from haptorb.devices.device import Device
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records
 
 __all__ = ["STAGES", "Field", "RowLayout"]
 
@@ -98,6 +99,18 @@ class RowLayout:
             slices[field.name] = slice(start, start + field.width)
             start += field.width
         return slices
+
+    @cached_property
+    def places(self) -> Records:
+        """(1,) a record of the indices [1] at which the fields begin, each under its name, for compiled code.
+
+        >>> int(RowLayout(channels=3, sensors=0).places["p"][0])
+        20
+        """
+        places = np.zeros(1, dtype=[(field.name, np.int64) for field in self.fields])
+        for field in self.fields:
+            places[field.name] = self[field.name].start
+        return places
 
     @cached_property
     def width(self) -> int:

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from haptorb.control.protection.current_check import CurrentCheck, check_currents
-from haptorb.devices.loader import load
+from haptorb.control.protection.current_check import check_currents
+from haptorb.control.protection.state import make_coils
+from haptorb.control.protection.tick_time import make_clock
 
-DT = 1e-3
-OMNI = load("omni")
+from .protected import DT, OMNI
+
 COLD = np.full(3, 298.15)
 STILL = np.zeros(3)
 
@@ -27,16 +28,30 @@ class Coil:
         return self.i.copy()
 
 
+class Check:
+    """Readings put into the records of three cold coils, and the kernel that the protection of currents asks."""
+
+    def __init__(self):
+        self.clock, self.coils = make_clock(DT), make_coils(OMNI)
+
+    def agrees(self, duties, measured, *, emf=STILL, age=0.0, elapsed=DT, restart=False):
+        """Whether `measured` currents, `age` [s] old, match the `duties` of the time `elapsed` [s]."""
+        self.clock["elapsed"], self.clock["restart"] = elapsed, restart
+        self.coils["applied"], self.coils["current"], self.coils["emf"] = duties, measured, emf
+        self.coils["winding"] = COLD
+        return check_currents(self.clock[0], self.coils, age)
+
+
 def found_after(lie, coil=None, duties=lambda n: np.array([0.4, -0.2, 0.1]), ticks=2000, start=100, age=0.0):
     """Ticks from the `lie`'s beginning until the check says no; None: never."""
-    coil, check = coil or Coil(), CurrentCheck(OMNI)
+    coil, check = coil or Coil(), Check()
     applied, before = np.zeros(3), np.zeros(3)
     for n in range(ticks):
         now = coil.advance(applied, DT)
         told = before if age else now
         before = now
         measured = lie(told.copy()) if n >= start else told
-        if not check_currents(check.coils, DT, False, applied, measured, age, COLD, STILL):
+        if not check.agrees(applied, measured, age=age):
             return n - start
         applied = duties(n)
     return None
@@ -92,21 +107,21 @@ def test_tolerances_and_delays_are_no_fault(coil, gain, offset, age):
 
 
 def test_a_moving_mover_induces_and_is_no_fault():
-    coil, check = Coil(), CurrentCheck(OMNI)
+    coil, check = Coil(), Check()
     emf = np.array([6.0, 0.0, 0.0])  # half of the supply: far beyond any tool
     for _ in range(300):
         measured = coil.advance(np.zeros(3), DT, emf)
-        plausible = check_currents(check.coils, DT, False, np.zeros(3), measured, 0.0, COLD, emf)
+        plausible = check.agrees(np.zeros(3), measured, emf=emf)
     assert plausible
 
 
 def test_a_silence_begins_anew():
-    coil, check = Coil(), CurrentCheck(OMNI)
+    coil, check = Coil(), Check()
     duties = np.array([0.5, 0.0, 0.0])
     for _ in range(100):
-        assert check_currents(check.coils, DT, False, duties, coil.advance(duties, DT), 0.0, COLD, STILL)
+        assert check.agrees(duties, coil.advance(duties, DT))
     # the device's watchdog switched off meanwhile
-    assert check_currents(check.coils, 0.03, True, duties, np.zeros(3), 0.0, COLD, STILL)
+    assert check.agrees(duties, np.zeros(3), elapsed=0.03, restart=True)
     coil.i[:] = 0.0
     for _ in range(100):
-        assert check_currents(check.coils, DT, False, duties, coil.advance(duties, DT), 0.0, COLD, STILL)
+        assert check.agrees(duties, coil.advance(duties, DT))

@@ -1,20 +1,50 @@
 """Duty from current: eqs. (3), (4), (6) with a coil that warms, and with everything that could divide by zero."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptorb.control.protection.drive import Drive
+from haptorb.control.protection.trip import Trip
 from haptorb.devices.loader import load
+from haptorb.devices.state import State
+from haptorb.devices.wrench_map import WrenchMap
+from haptorb.sensing.sample import Estimate
 
-OMNI = load("omni")
-DT = 1e-3
+from .protected import DT, FRESH, OMNI, PUSH, Loop, sample
+
+
+class Driven:
+    """A loop without limits, of which only the drive remains."""
+
+    def __init__(self, device=OMNI):
+        self.loop = Loop(device).unlimit()
+        self.coils = self.loop.protection.coils
+
+    def duties(self, wanted, measured, applied, emf=None):
+        """(m,) duties for `wanted` currents, after learning from `measured` currents under `applied` duties."""
+        estimate = FRESH
+        if emf is not None:  # a mover at 1 m/s
+            matrix = np.zeros((6, len(emf)))
+            matrix[0] = emf
+            moving = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.array([1.0, 0, 0]))
+            estimate = Estimate(moving, WrenchMap(matrix, np.zeros(6)), True, 0.0)
+        elif self.coils.size != 3:
+            estimate = replace(FRESH, wrench_map=WrenchMap(np.zeros((6, self.coils.size)), np.zeros(6)))
+        self.loop.open().ask(PUSH, estimate)
+        return self.loop.drive(wanted, sample(measured), applied, estimate)
+
+    @property
+    def resistance(self):
+        """(m,) as believed now [Ω]."""
+        return self.coils["resistance"].copy()
 
 
 def driven(wanted, resistance, seconds, drive=None):
     """Currents through real coils of `resistance` (t) under the drive, no inductance, nothing quantised."""
-    drive = drive or Drive(OMNI, DT)
+    drive = drive or Driven()
     measured, applied = np.zeros(3), np.zeros(3)
     course = []
     for n in range(int(seconds / DT)):
@@ -50,7 +80,7 @@ def test_a_warm_coil_is_learned_within_a_fifth_of_a_second():
 def test_it_cannot_run_away(course):
     """Whatever is read: zero currents, saturated duties, wrong signs, no numbers; the duty stays a duty and the
     resistance stays one that copper can have."""
-    drive = Drive(OMNI, DT)
+    drive = Driven()
     low, high = OMNI.coils.resistance_at(np.full(3, 230.0)), OMNI.coils.resistance_at(np.full(3, 455.0))
     for wanted, measured, applied in course:
         duties = drive.duties(np.full(3, wanted), np.full(3, measured), np.full(3, applied))
@@ -61,7 +91,7 @@ def test_it_cannot_run_away(course):
 
 
 def test_saturation_keeps_the_direction():
-    drive = Drive(OMNI, DT)
+    drive = Driven()
     for _ in range(3):
         duties = drive.duties(np.array([40.0, -20, 10]), np.zeros(3), np.zeros(3)).copy()
     assert np.abs(duties).max() == pytest.approx(1)
@@ -69,7 +99,7 @@ def test_saturation_keeps_the_direction():
 
 
 def test_without_current_nothing_is_learned():
-    drive = Drive(OMNI, DT)
+    drive = Driven()
     before = drive.resistance.copy()
     for _ in range(1000):
         drive.duties(np.zeros(3), np.zeros(3), np.zeros(3))
@@ -77,9 +107,11 @@ def test_without_current_nothing_is_learned():
 
 
 def test_rest_is_zero_and_forgets_the_last_step():
-    drive = Drive(OMNI, DT)
+    drive = Driven()
     drive.duties(np.full(3, 10.0), np.zeros(3), np.zeros(3))
-    assert not drive.rest().any()
+    drive.loop.protection.trip(Trip.STOPPED)
+    drive.loop.ask()
+    assert not drive.loop.drive(np.full(3, 10.0), sample(np.zeros(3)), np.zeros(3)).any()
     first = drive.duties(np.zeros(3), np.zeros(3), np.zeros(3))
     assert not first.any()
 
@@ -88,7 +120,7 @@ def test_what_the_mover_induces_is_fed_forward_and_not_taken_for_resistance():
     """A coil under 2 V of its mover's making carries what is wanted, and its resistance stays what it is."""
     cold = OMNI.coils.resistance_at(np.full(3, 298.15))
     wanted, emf = np.array([5.0, -3.0, 1.0]), np.array([2.0, 2.0, -1.0])
-    drive, measured, applied = Drive(OMNI, DT), np.zeros(3), np.zeros(3)
+    drive, measured, applied = Driven(), np.zeros(3), np.zeros(3)
     for _ in range(400):
         applied = drive.duties(wanted, measured, applied, emf).copy()
         measured = (applied * OMNI.supply.voltage - emf) / cold
@@ -100,7 +132,7 @@ def test_a_motors_small_currents_teach_as_well():
     """A twentieth of a motor's ampere is enough to learn by; a fixed half ampere would never be reached."""
     pmsm = load("pmsm")
     warm = pmsm.coils.resistance_at(np.full(12, 338.15))
-    drive, measured, applied = Drive(pmsm, DT), np.zeros(12), np.zeros(12)
+    drive, measured, applied = Driven(pmsm), np.zeros(12), np.zeros(12)
     wanted = np.full(12, 0.05)
     for _ in range(600):
         applied = drive.duties(wanted, measured, applied).copy()
@@ -110,7 +142,7 @@ def test_a_motors_small_currents_teach_as_well():
 
 def through_inductance(wanted, seconds, resistance, inductance):
     """Currents at the ends of the ticks through coils with inductance, each tick an exponential."""
-    drive, measured, applied = Drive(OMNI, DT), np.zeros(3), np.zeros(3)
+    drive, measured, applied = Driven(), np.zeros(3), np.zeros(3)
     left, course = np.exp(-resistance * DT / inductance), []
     for n in range(int(seconds / DT)):
         applied = drive.duties(np.asarray(wanted(n), float), measured, applied).copy()

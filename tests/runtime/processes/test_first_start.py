@@ -43,8 +43,7 @@ def test_the_controller_is_compiled_as_the_loop_uses_it(device: str) -> None:
     parts, compiled, *left = done.stdout.split()
     assert int(parts) > 10
     assert int(compiled) > 10
-    # a rotor is not believed to be where there is no field, and so nobody engages
-    assert left == ([] if device == "omni" else ["haptorb.control.protection.guard_rules.admit"])
+    assert left == []
 
 
 def test_it_is_a_program_that_ends(tmp_path: Path) -> None:

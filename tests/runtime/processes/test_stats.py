@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 
 from haptorb.runtime.exchange.shared_memory import Word
 from haptorb.runtime.memory.histogram import BINS, Histogram
-from haptorb.runtime.processes.stats import COLUMNS, columns, counted, kept
+from haptorb.runtime.processes.stats import count_tick, publish_row
 from haptorb.runtime.row import RowLayout
 
 LAYOUT = RowLayout(3, 1)
+FILLED = ("tick", "wall", "lateness", "missed")
 
 
 def page() -> np.ndarray:
@@ -19,12 +20,12 @@ def page() -> np.ndarray:
 
 def test_a_row_is_completed_and_copied() -> None:
     row, slot = np.arange(float(LAYOUT.width)), LAYOUT.empty()
-    kept(row, slot, columns(LAYOUT), page(), 7, 2_000_000_000, 3_000, 4)
+    publish_row(row, slot, LAYOUT.places, page(), 7, 2_000_000_000, 3_000, 4)
     np.testing.assert_array_equal(slot, row)
-    told = {name: slot[LAYOUT[name]][0] for name in COLUMNS[:4]}
+    told = {name: slot[LAYOUT[name]][0] for name in FILLED}
     assert told == {"tick": 7.0, "wall": 2.0, "lateness": pytest.approx(3e-6), "missed": 4.0}
     others = np.ones(LAYOUT.width, dtype=bool)
-    for name in COLUMNS[:4]:
+    for name in FILLED:
         others[LAYOUT[name]] = False
     np.testing.assert_array_equal(slot[others], np.arange(float(LAYOUT.width))[others])
 
@@ -40,7 +41,7 @@ def test_the_greatest_force_is_that_given_or_else_that_modelled() -> None:
     ):
         row = LAYOUT.empty()
         row[LAYOUT["given"]], row[LAYOUT["modelled"]] = given_, modelled
-        kept(row, row.copy(), columns(LAYOUT), words, 0, 0, 0, 0)
+        publish_row(row, row.copy(), LAYOUT.places, words, 0, 0, 0, 0)
         assert words[Word.PEAK] == force
         assert words[Word.PEAK_TORQUE] == torque
 
@@ -52,7 +53,7 @@ def test_every_tick_is_counted_as_a_histogram_counts(ticks: list[tuple[int, int]
     late, computed = np.zeros(BINS, np.int64), np.zeros(BINS, np.int64)
     wanted = Histogram(), Histogram()
     for number, (lateness, took) in enumerate(ticks, 1):
-        counted(words, late, computed, number, 2 * number, lateness, took, 1_000_000)
+        count_tick(words, late, computed, number, 2 * number, lateness, took, 1_000_000)
         wanted[0].add(lateness)
         wanted[1].add(took)
     np.testing.assert_array_equal(late, wanted[0].counts)

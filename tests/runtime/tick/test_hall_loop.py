@@ -7,7 +7,7 @@ import pytest
 
 from haptorb.apps.calibrate import calibrate
 from haptorb.apps.calibrate.door import door
-from haptorb.control.protection.guard import Guard
+from haptorb.control.protection.protection import Protection
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
@@ -81,7 +81,7 @@ def test_a_calibration_is_believed_by_the_controller_only(tmp_path):
     )
     assert np.array_equal(tick._device.moment_per_current, found.moment_per_current)
     assert np.array_equal(tick.driver.simulation.device.moment_per_current, OMNI.moment_per_current)
-    assert isinstance(tick.guard, Guard)
+    assert isinstance(tick.protection, Protection)
     path = tmp_path / "omni.json"
     path.write_text(found.text())
     assert Servo("omni", calibration=path).calibration.text() == found.text()

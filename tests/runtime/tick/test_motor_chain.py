@@ -1,5 +1,7 @@
 """The spherical motor in the whole chain: field, estimate, two modes, outlet, currents, torque; and what goes wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -12,7 +14,6 @@ from haptorb.runtime.drivers.simulated import SimDriver
 from haptorb.runtime.pointer.guided_handle import turned
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.servo.servo import Servo
-from haptorb.runtime.tick import tick
 from haptorb.runtime.tick.assembly import (
     allocator_of,
     assemble,
@@ -23,7 +24,6 @@ from haptorb.runtime.tick.assembly import (
     linkage_of,
     modes_of,
 )
-from haptorb.runtime.tick.kernels import driven
 from haptorb.runtime.tick.tick import Tick
 from haptorb.runtime.trackers.tracker import Goal
 from haptorb.simulation.motor.motor import SimulatedMotor
@@ -109,7 +109,13 @@ def test_the_drive_feeds_forward_what_the_turning_magnets_induce(monkeypatch):
     def unwanted(feed):
         rig = Rig(lambda t: (0.0, 0.3 * np.sin(7.0 * t), 0.0), world=Nothing())
         if not feed:  # as if the rotor stood still, as far as the drive knows
-            monkeypatch.setattr(tick, "driven", lambda *told: driven(*told[:-2], np.zeros(3), np.zeros(3)))
+            protect = rig.tick.protection.protect_wrench
+
+            def as_if_still(wrench, estimate, now):
+                still = replace(estimate.state, v=np.zeros(3), w=np.zeros(3))
+                return protect(wrench, replace(estimate, state=still), now)
+
+            monkeypatch.setattr(rig.tick.protection, "protect_wrench", as_if_still)
         rig.go(0.6)
         return np.sqrt(((rig["currents"] - rig["wanted"])[350:] ** 2).mean())
 

@@ -37,7 +37,7 @@ try:
         for tick in range(100, 200):
             shared.pointer.write(tick < 130, place, np.array([0.0, 0.0, 0.0, 1.0]), tick * 1e-3)
             if tick == 150:
-                chain.guard.trip(Trip.STOPPED)
+                chain.protection.trip(Trip.STOPPED)
             if tick == 160:
                 chain.engage()
             if tick == 170 and servo.modes:

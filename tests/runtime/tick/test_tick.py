@@ -268,7 +268,7 @@ def test_an_old_pose_fades_and_latches():
 
 def test_stop_means_zero_current_within_milliseconds():
     rig = Rig().go(800)
-    rig.tick.guard.trip(Trip.STOPPED)
+    rig.tick.protection.trip(Trip.STOPPED)
     rig.go(1)
     assert not rig.driver.written.any()
     rig.go(10)  # the current dies away with L/R, well below a millisecond
@@ -424,4 +424,4 @@ def test_a_current_sensor_that_lies_trips_within_50_ms(lie):
     rig.driver.lie = lie
     rig.go(50)
     assert rig["trip"][0] in (Trip.CURRENT_MISMATCH, Trip.OVERCURRENT)
-    assert rig.tick.guard.tripped
+    assert rig.tick.protection.tripped

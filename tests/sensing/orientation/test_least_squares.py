@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import haptorb
-from haptorb.control.protection.guard import Guard, GuardState
-from haptorb.control.protection.trip import Trip
+from haptorb.control.protection.protection import Protection
+from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.errors import InputError
 from haptorb.numerics.rotations import rotation_from_euler
 from haptorb.sensing.orientation.least_squares import LeastSquaresOrientation
@@ -203,18 +203,18 @@ def test_a_sensor_that_comes_back_is_believed_again(pmsm):
 )
 def test_what_no_orientation_explains_is_not_valid_and_the_guard_trips(pmsm, spoil):
     R = random_orientations(1, 11)[0]
-    estimator, guard = LeastSquaresOrientation(pmsm), Guard(pmsm, 1e-3)
+    estimator, protection = LeastSquaresOrientation(pmsm), Protection(pmsm, 1e-3)
     good = estimator.update(sample(pmsm, R))
-    guard.admit(np.zeros(6), good)
-    assert guard.engage()
+    protection.protect_wrench(np.zeros(6), good, 0.0)
+    assert protection.engage()
     spoilt = sample(pmsm, R, 1e-3)
     lost = estimator.update(replace(spoilt, field=spoil(spoilt.field)))
     assert not lost.valid
     assert lost.age == pytest.approx(1e-3)
     assert np.isfinite(lost.wrench_map.matrix).all()
-    guard.admit(np.zeros(6), lost)
-    assert guard.state is GuardState.TRIPPED
-    assert guard.reason is Trip.POSE_LOST
+    protection.protect_wrench(np.zeros(6), lost, 1e-3)
+    assert protection.guard_state is GuardState.TRIPPED
+    assert protection.reason is Trip.POSE_LOST
     again = estimator.update(sample(pmsm, R, 2e-3))
     assert again.valid
 

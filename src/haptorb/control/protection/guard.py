@@ -1,132 +1,166 @@
-"""The last word before the coils: nothing passes that is not finite, bounded, slewed, fresh and cool enough.
+"""The guard's rules: what may be asked, what may flow, and when to switch off for good.
 
-Off is the default state and the end of every path. A trip latches with its reason; only `engage` leaves it, and only
-when the reason is gone. The guard trusts nobody above it, least of all the world.
+Off is the default state and the end of every path. A trip latches with its reason; only a person who engages leaves it,
+and only when the reason is gone. The guard trusts nobody above it, least of all the world.
+
+Lines that keep a rule are marked `# safety: NAME`; `scripts/prove_safety.py` breaks each and sees a test go red.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from haptorb.control.protection import guard_rules as rules
-from haptorb.control.protection.current_check import CurrentCheck
-from haptorb.control.protection.heat_observer import ELAPSED, PENDING, HeatObserver
-from haptorb.control.protection.tick_time import make_clock
+from haptorb.control.protection.tick_time import advance_clock
 from haptorb.control.protection.trip import GuardState, Trip
-from haptorb.devices.device import Device
-from haptorb.numerics.arrays import Array, Records
+from haptorb.numerics.arrays import Array, Record, Records
+from haptorb.numerics.compiled import kernel
 
-if TYPE_CHECKING:
-    from haptorb.sensing.sample import Estimate, Sample
+__all__ = ["begin_tick", "check_estimate", "check_readings", "limit_currents", "limit_wrench", "trip"]
 
-__all__ = ["Guard"]
+_RAMP_UP = 0.3  #: from nothing to the full wrench after engaging [s]
+_RAMP_DOWN = 0.05  #: to nothing after a pose went stale [s]; the other reasons switch off at once
+_COOLER = 1.0  #: below the derating temperature before the full current may flow again [K]
 
-_OVERCURRENT = 1.25  #: measured over allowed current at which wiring or driver must be broken
+_OFF, _RAMPING, _RUNNING = int(GuardState.OFF), int(GuardState.RAMPING), int(GuardState.RUNNING)
+_DERATED, _TRIPPED = int(GuardState.DERATED), int(GuardState.TRIPPED)
+_EXPIRED, _LOST, _REVERSED = int(Trip.POSE_EXPIRED), int(Trip.POSE_LOST), int(Trip.MAGNET_REVERSED)
+_WORLD, _CURRENTS = int(Trip.WORLD_NOT_FINITE), int(Trip.CURRENTS_NOT_FINITE)
+_OVERHEATED, _OVERRUN = int(Trip.OVERHEATED), int(Trip.OVERRUN)
+_NONE, _SAMPLE, _OVERCURRENT = int(Trip.NONE), int(Trip.SAMPLE_NOT_FINITE), int(Trip.OVERCURRENT)
 
 
-class Guard:
-    """Clamp, slew, derate, expire, trip: one `admit` and one `limit` per tick.
+@kernel
+def trip(g: Record, reason: int) -> None:
+    """Coils off, latched. The first `reason` stands until somebody engages; a later one does not hide it."""
+    if reason != _EXPIRED:  # that one fades; whatever comes while it does, a Stop first of all, ends it at once
+        g.gain = 0.0
+    if g.state == _TRIPPED:
+        return
+    g.state = _TRIPPED  # safety: trips-latch
+    g.reason = reason
+    g.trips += 1
 
-    It looks at the estimate's age, at measured currents and at temperatures; what it lets through is in `currents`.
 
-    numbers  (12,) and coils (4, m): all that it remembers, laid out as `guard_rules` says, for compiled code
+@kernel
+def begin_tick(clock: Record, g: Record, now: float) -> None:
+    """A tick begins at `now` [s]: what ramps, slews, heats and expires goes by the time that really passed.
+
+    After a silence in which the device has switched off by itself the ramp begins again at zero; too many missed
+    deadlines trip. clock is a CLOCK, g a GUARD.
     """
+    g.dt = advance_clock(clock, now)
+    if clock.restart:
+        g.dt = clock.period  # nothing ramps and nothing slews by a silence
+    if g.state == _OFF or g.state == _TRIPPED:
+        clock.missed[:] = 0.0
+        return
+    if clock.overrun:  # safety: missed-deadlines-trip
+        trip(g, _OVERRUN)
+    elif clock.restart:  # safety: ramp-after-silence
+        g.state = _RAMPING
+        g.gain = 0.0
+        g.restarted = True
 
-    def __init__(self, device: Device, dt: float) -> None:
-        limits, heat, channels = device.limits, device.coils.heat, device.channels
-        self.heat = HeatObserver(device.coils, dt)
-        self.check = CurrentCheck(device)
-        self.clock: Records = make_clock(dt)  #: (1,) `tick_time.CLOCK`: the time that really passes between two ticks
-        self.coils: Array = np.zeros((4, channels))
-        self.coils[rules.LIMIT] = device.coils.current_limit
-        self.coils[rules.BROKEN] = _OVERCURRENT * device.coils.current_limit
-        self.numbers: Array = np.zeros(12)
-        self.numbers[rules.ELAPSED], self.numbers[rules.EXPIRY], self.numbers[rules.SLEW] = (
-            dt,
-            limits.expiry,
-            limits.slew,
-        )
-        self.numbers[rules.FORCE], self.numbers[rules.TORQUE] = limits.force, limits.torque
-        self.numbers[rules.DERATE], self.numbers[rules.STOP] = heat.derate, heat.stop
-        self.numbers[rules.STATE] = GuardState.OFF
-        self.currents: Array = self.coils[rules.HELD]  #: (m,) what may flow now [A]
-        self._wrench = np.zeros(6)
-        rules.trip(self.numbers.copy(), int(Trip.NONE))  # compiled now, and not when it is needed
 
-    @property
-    def state(self) -> GuardState:
-        """What it is doing."""
-        return GuardState(int(self.numbers[rules.STATE]))
+@kernel
+def check_estimate(g: Record, valid: bool, age: float, reversed: bool) -> None:
+    """Trip unless the pose is `valid`, its `age` [s] below the expiry, and the magnet the right way round."""
+    g.fresh = valid and age <= g.expiry  # safety: stale-poses-trip, lost-poses-trip
+    if reversed:  # safety: reversed-magnet-trips. Said even while off: nobody could engage, and would not know why
+        trip(g, _REVERSED)
+    elif not g.fresh and g.state != _OFF and g.state != _TRIPPED:
+        trip(g, _EXPIRED if valid else _LOST)
 
-    @property
-    def reason(self) -> Trip:
-        """Why the coils are off."""
-        return Trip(int(self.numbers[rules.REASON]))
 
-    @property
-    def trips(self) -> int:
-        """How often it has tripped."""
-        return int(self.numbers[rules.TRIPS])
+@kernel
+def _fade(g: Record) -> None:
+    if g.state == _TRIPPED:
+        g.gain = max(0.0, g.gain - g.dt / _RAMP_DOWN)
+    elif g.state == _RAMPING:
+        g.gain = min(1.0, g.gain + g.dt / _RAMP_UP)
+        if g.gain == 1.0:
+            g.state = _RUNNING
 
-    @property
-    def gain(self) -> float:
-        """The share of the wrench that is let through now, 0 to 1."""
-        return float(self.numbers[rules.GAIN])
 
-    @property
-    def tripped(self) -> bool:
-        """Whether the coils are off for a reason, until somebody engages."""
-        return self.state is GuardState.TRIPPED
+@kernel
+def limit_wrench(g: Record, wrench: Array) -> None:
+    """g.asked becomes the part of `wrench` (6,) [N, N·m] that may be asked now: clamped, faded; zero when it is off."""
+    _fade(g)
+    force, torque = 0.0, 0.0
+    for i in range(3):
+        force += wrench[i] * wrench[i]
+        torque += wrench[3 + i] * wrench[3 + i]
+    force, torque = np.sqrt(force), np.sqrt(torque)
+    if not np.isfinite(force + torque):  # safety: nan-wrench-trips
+        if g.state != _OFF:
+            trip(g, _WORLD)
+        g.asked[:] = 0.0
+        return
+    f = g.gain if force <= g.force else g.gain * g.force / force  # safety: force-is-clamped
+    t = g.gain if torque <= g.torque else g.gain * g.torque / torque  # safety: torque-is-clamped
+    for i in range(3):
+        g.asked[i] = f * wrench[i]
+        g.asked[3 + i] = t * wrench[3 + i]
 
-    @property
-    def engaged(self) -> bool:
-        """Whether current may flow: neither off nor tripped."""
-        return self.state not in (GuardState.OFF, GuardState.TRIPPED)
 
-    def trip(self, reason: Trip) -> None:
-        """Coils off, latched. The first reason stands until `engage`; a later one does not hide it."""
-        rules.trip(self.numbers, int(reason))
+@kernel
+def check_readings(coils: Records) -> int:
+    """The reason to trip that measured currents and temperatures give by themselves, 0 for none."""
+    total = 0.0
+    beyond = False
+    for j in range(coils.size):
+        c = coils[j]
+        total += c.current + c.boundary
+        beyond = beyond or abs(c.current) > c.broken
+    if not np.isfinite(total):  # safety: nan-readings-trip
+        return _SAMPLE
+    return _OVERCURRENT if beyond else _NONE  # safety: overcurrent-trips
 
-    def engage(self) -> bool:
-        """Leave OFF or TRIPPED and ramp up from zero; False if the reason is still there."""
-        if self.engaged:
-            return True
-        if not self.numbers[rules.FRESH] or not self.heat.winding.max() < self.numbers[rules.DERATE]:
-            return False
-        self.numbers[rules.STATE] = GuardState.RAMPING
-        self.numbers[rules.REASON] = Trip.NONE
-        self.numbers[rules.GAIN] = 0.0
-        self.check.restart()
-        return True
 
-    def pass_time(self, now: float) -> None:
-        """A tick begins at `now` [s] on the loop's clock; before `admit`. Without it every tick takes `dt`."""
-        rules.pass_time(self.numbers, self.coils, self.clock, now)
+@kernel
+def limit_currents(g: Record, heat: Record, coils: Records, wanted: Array) -> None:
+    """`held` of `coils` (m,) becomes what may flow of `wanted` (m,) [A]: within limits and slew, derated when warm,
+    zero when it is off."""
+    if g.restarted:
+        _hold_nothing(coils)
+        g.restarted = False
+    hottest = heat.hottest
+    if not hottest < heat.stop:  # safety: hot-coils-trip. Written so that NaN trips too
+        trip(g, _OVERHEATED)
+    if g.state == _OFF or (g.state == _TRIPPED and g.gain == 0.0):
+        _hold_nothing(coils)
+        return
+    share = 1.0
+    if hottest > heat.derate:
+        share = (heat.stop - hottest) / (heat.stop - heat.derate)
+        if g.state == _RUNNING:
+            g.state = _DERATED
+    elif g.state == _DERATED and hottest < heat.derate - _COOLER:
+        g.state = _RUNNING
+    for j in range(wanted.size):
+        if not np.isfinite(wanted[j]):  # safety: nan-currents-trip
+            trip(g, _CURRENTS)
+            _hold_nothing(coils)
+            return
+    _hold(coils, wanted, share, g.slew * g.dt)  # safety: warm-coils-are-derated
 
-    def skip(self, now: float) -> None:
-        """A tick at `now` [s] in which nothing could be read: time passes, and the windings are looked at later."""
-        self.pass_time(now)
-        self.heat.numbers[PENDING] += self.clock["elapsed"][0]
 
-    def admit(self, wrench: Array, estimate: Estimate) -> Array:
-        """The part of the world's `wrench` (6,) that may be asked now: clamped, faded; zero when anything is wrong.
+@kernel
+def _hold_nothing(coils: Records) -> None:
+    for j in range(coils.size):
+        coils[j].held = 0.0
 
-        In [N, N·m].
-        """
-        rules.admit(self.numbers, wrench, estimate.valid, estimate.age, estimate.reversed, self._wrench)
-        return self._wrench
 
-    def limit(self, currents: Array, sample: Sample) -> Array:
-        """(m,) the currents that may flow: within limits and slew, derated when warm, zero when off or tripped.
-
-        In [A].
-        """
-        heat = self.heat
-        heat.numbers[ELAPSED] = self.clock["elapsed"][0]
-        rules.limit(
-            self.numbers, self.coils, heat.numbers, heat.coils, currents, sample.currents, sample.temperatures,
-            True,
-        )  # fmt: skip
-        return self.currents
+@kernel
+def _hold(coils: Records, wanted: Array, share: float, step: float) -> None:
+    """Scale `share` of `wanted` (m,) [A] into the limits, then its change into `step` [A], keeping directions."""
+    scale = share
+    for j in range(wanted.size):
+        if abs(wanted[j]) * scale > coils[j].limit:  # safety: current-is-clamped
+            scale = coils[j].limit / abs(wanted[j])
+    largest = 0.0
+    for j in range(wanted.size):
+        largest = max(largest, abs(scale * wanted[j] - coils[j].held))
+    slewed = 1.0 if largest <= step else step / largest  # safety: current-slews
+    for j in range(wanted.size):
+        coils[j].held += slewed * (scale * wanted[j] - coils[j].held)

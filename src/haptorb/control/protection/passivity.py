@@ -16,168 +16,125 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptorb.numerics.arrays import Array
+from haptorb.control.protection.state import CREDIT, TICKS
+from haptorb.numerics.arrays import Array, Record, Records
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["CREDIT", "OWN_DAMPING", "PassivityControl", "watched"]
+__all__ = ["OWN_DAMPING", "damp_wrench", "restart_passivity"]
 
 OWN_DAMPING = 1.0  #: that the loosest hand is believed to have [N·s/m]
-CREDIT = 2e-4  #: energy that may be made before anything is done: 0.1 kg at 6 cm/s [J]
 _DEBT = 1e-2  #: more is not remembered [J]
 _MOST = 10.0  #: damping that is ever injected [N·s/m]
 _LIGHTEST = 0.1  #: mass of the lightest hand [kg]: late damping beyond a quarter of m/delay would itself oscillate
 _PAUSE = 0.1  #: after a longer pause without a pose the count goes on from there [s]
 _SOON = 1e-9  #: poses nearer to each other are one [s]
 _MOVED = 1e-9  #: [m]; less is no movement
-_NOWHERE = np.eye(3)
-_TICKS = 512  #: of memory: more than the expiry of a pose at the fastest rate
-
-#: rows of the memory, shape (_TICKS + 9, 7): first a ring of [since when, wrench]; then, each as long as it is,
-#: numbers, settings, position, rotation, what the world asked there, motion since the pose before, and two for sums
-_NUMBERS, _SETTINGS, _PLACE, _ROTATION, _FELT, _MOTION, _ACTED = (_TICKS + n for n in (0, 1, 2, 3, 6, 7, 8))
-_ROWS = _TICKS + 9
-#: columns of the numbers, and of the settings
-_ENERGY, _BALANCE, _DAMPING, _STAMP, _FRESH, _COUNT, _SINCE = range(7)
-_ARM, _DT, _LAG = range(3)
 
 
 @kernel
-def _acted(memory: Array, start: float, end: float) -> None:
-    """Row _ACTED: the mean of what was asked from `start` to `end` [s]; each wrench acts until the next."""
-    count = int(memory[_NUMBERS, _COUNT])
-    out = memory[_ACTED]
-    out[:] = 0.0
+def _average(q: Record, start: float, end: float) -> None:
+    """q.mean becomes the mean of what was asked from `start` to `end` [s]; each wrench acts until the next."""
+    q.mean[:] = 0.0
     until = np.inf
-    for back in range(min(count, _TICKS)):
-        asked = memory[(count - 1 - back) % _TICKS]
-        share = (min(until, end) - max(asked[0], start)) / (end - start)
+    for back in range(min(q.count, TICKS)):
+        at = (q.count - 1 - back) % TICKS
+        since = q.times[at]
+        share = (min(until, end) - max(since, start)) / (end - start)
         if share > 0.0:
             for i in range(6):
-                out[i] += share * asked[1 + i]
-        if asked[0] <= start:
+                q.mean[i] += share * q.wrenches[at, i]
+        if since <= start:
             break
-        until = asked[0]
+        until = since
 
 
 @kernel
-def _settled(
-    memory: Array, wrench: Array, p: Array, R: Array, stamp: float, passed: float, late: float, gain: float,
-    passive: bool,
-) -> None:  # fmt: skip
-    """Count the energy between the last pose and this one, and choose the damping."""
-    numbers, settings, place, felt = memory[_NUMBERS], memory[_SETTINGS], memory[_PLACE], memory[_FELT]
-    acted, step = memory[_ACTED], memory[_MOTION]
-    arm, lag = settings[_ARM], settings[_LAG]
-    _acted(memory, numbers[_STAMP] - lag, stamp - lag)
+def _count_energy(q: Record, e: Record, wrench: Array, stamp: float, passed: float, late: float, gain: float) -> None:
+    """Count the energy between the last pose and this one, `passed` [s] later, and choose the damping."""
+    _average(q, q.stamp - q.lag, stamp - q.lag)  # safety: late-poses-meet-their-forces
+    step = q.motion
     for i in range(3):
-        step[i] = p[i] - place[i]
+        step[i] = e.position[i] - q.position[i]
         step[3 + i] = 0.0
-    if arm > 0.0:  # the small turn R₂R₁ᵀ as a vector
+    if q.arm > 0.0:  # the small turn R₂R₁ᵀ as a vector
+        before, now = q.rotation, e.rotation
         for k in range(3):
-            a0, a1, a2 = memory[_ROTATION, k], memory[_ROTATION + 1, k], memory[_ROTATION + 2, k]
-            step[3] += 0.5 * (a1 * R[2, k] - a2 * R[1, k])
-            step[4] += 0.5 * (a2 * R[0, k] - a0 * R[2, k])
-            step[5] += 0.5 * (a0 * R[1, k] - a1 * R[0, k])
+            step[3] += 0.5 * (before[1, k] * now[2, k] - before[2, k] * now[1, k])
+            step[4] += 0.5 * (before[2, k] * now[0, k] - before[0, k] * now[2, k])
+            step[5] += 0.5 * (before[0, k] * now[1, k] - before[1, k] * now[0, k])
     given, due, square = 0.0, 0.0, 0.0
-    for i in range(6 if arm > 0.0 else 3):  # nothing turns the tool but what the magnets do of themselves
-        given += acted[i] * step[i]
-        due += 0.5 * (felt[i] + gain * wrench[i]) * step[i]
-        square += step[i] * step[i] if i < 3 else arm * arm * step[i] * step[i]
+    for i in range(6 if q.arm > 0.0 else 3):  # nothing turns the tool but what the magnets do of themselves
+        given += q.mean[i] * step[i]
+        due += 0.5 * (q.wrench[i] + gain * wrench[i]) * step[i]
+        square += step[i] * step[i] if i < 3 else q.arm * q.arm * step[i] * step[i]
     for i in range(6):
         step[i] /= passed
-    numbers[_ENERGY] += given
-    balance = numbers[_BALANCE] + OWN_DAMPING * square / passed - (given - due)
-    numbers[_BALANCE] = min(max(balance, -_DEBT), CREDIT)
-    numbers[_DAMPING] = 0.0
-    if passive and balance < 0.0 and square > _MOVED * _MOVED:
-        most = min(_MOST, 0.25 * _LIGHTEST / (settings[_DT] + passed + late + lag))
-        numbers[_DAMPING] = min(most, -balance * passed / square)
+    q.energy += given
+    balance = q.balance + OWN_DAMPING * square / passed - (given - due)
+    q.balance = min(max(balance, -_DEBT), CREDIT)
+    q.damping = 0.0
+    if q.passive and balance < 0.0 and square > _MOVED * _MOVED:  # safety: active-worlds-are-left-alone
+        most = min(_MOST, 0.25 * _LIGHTEST / (q.dt + passed + late + q.lag))
+        q.damping = min(most, -balance * passed / square)  # safety: damping-is-bounded
 
 
 @kernel
-def watched(
-    memory: Array, wrench: Array, p: Array, R: Array, now: float, age: float, gain: float, passive: bool, out: Array
-) -> None:
-    """One tick: bring the balance up to this pose, fill out (6,) with `wrench` and the damping that it needs.
+def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, out: Array) -> None:
+    """Bring the balance up to this tick's pose; out (6,) becomes `wrench` (6,) and the damping that it needs.
 
-    memory is a `PassivityControl`'s; wrench (6,) [N, N·m], p (3,) [m], R (3, 3), now and age [s], gain 0 to 1.
+    q is a PASSIVITY, e an ESTIMATE, now the time [s]; gain 0 to 1 is what the guard lets through. In [N, N·m].
     """
-    numbers, place, arm = memory[_NUMBERS], memory[_PLACE], memory[_SETTINGS, _ARM]
-    total = now + age
+    total = now + e.age
     moved = 0.0
     for i in range(6):
         total += wrench[i]
         out[i] = wrench[i]
     for i in range(3):
-        total += p[i]
-        moved += abs(p[i] - place[i])
-        if arm > 0.0:
-            total += R[i, 0] + R[i, 1] + R[i, 2]
+        total += e.position[i]
+        moved += abs(e.position[i] - q.position[i])
+        if q.arm > 0.0:
+            total += e.rotation[i, 0] + e.rotation[i, 1] + e.rotation[i, 2]
     if not np.isfinite(total):  # the guard's business; nothing is counted, and everything begins anew
-        numbers[_STAMP], numbers[_DAMPING] = -np.inf, 0.0
+        q.stamp, q.damping = -np.inf, 0.0
         return
-    stamp = now - max(age, 0.0)
-    if moved > _MOVED and stamp <= numbers[_SINCE]:  # its stamp stands while it moves: it is of now, as predicted
-        if numbers[_FRESH] <= 0.0:
-            numbers[_STAMP] = -np.inf
-        numbers[_FRESH] = _TICKS
-    numbers[_SINCE] = max(stamp, numbers[_SINCE])
-    if numbers[_FRESH] > 0.0:
-        numbers[_FRESH] -= 1.0
+    stamp = now - max(e.age, 0.0)
+    if moved > _MOVED and stamp <= q.newest:  # its stamp stands while it moves: it is of now, as predicted
+        if q.predicted <= 0:
+            q.stamp = -np.inf
+        q.predicted = TICKS
+    q.newest = max(stamp, q.newest)
+    if q.predicted > 0:
+        q.predicted -= 1
         stamp = now
-    passed = stamp - numbers[_STAMP]
+    passed = stamp - q.stamp
     if passed > _PAUSE or passed < 0.0:
-        memory[_MOTION] = 0.0
-        numbers[_DAMPING] = 0.0
+        q.motion[:] = 0.0
+        q.damping = 0.0
     elif passed > _SOON:
-        _settled(memory, wrench, p, R, stamp, passed, now - stamp, gain, passive)
+        _count_energy(q, e, wrench, stamp, passed, now - stamp, gain)
     if passed > _SOON or passed < 0.0:
-        numbers[_STAMP] = stamp
+        q.stamp = stamp
         for i in range(3):
-            place[i] = p[i]
+            q.position[i] = e.position[i]
             for j in range(3):
-                memory[_ROTATION + i, j] = R[i, j]
+                q.rotation[i, j] = e.rotation[i, j]
         for i in range(6):
-            memory[_FELT, i] = gain * wrench[i]
-    damping = numbers[_DAMPING]
-    if damping > 0.0:
+            q.wrench[i] = gain * wrench[i]
+    if q.damping > 0.0:
         for i in range(3):
-            out[i] -= damping * memory[_MOTION, i]
-            out[3 + i] -= damping * arm * arm * memory[_MOTION, 3 + i]
-    at = int(numbers[_COUNT]) % _TICKS
-    memory[at, 0] = now
+            out[i] -= q.damping * q.motion[i]  # safety: damping-brakes
+            out[3 + i] -= q.damping * q.arm * q.arm * q.motion[3 + i]
+    at = q.count % TICKS
+    q.times[at] = now
     for i in range(6):
-        memory[at, 1 + i] = gain * out[i]
-    numbers[_COUNT] += 1.0
+        q.wrenches[at, i] = gain * out[i]
+    q.count += 1
 
 
-class PassivityControl:
-    """Watches one loop of ticks `dt` [s] apart; one `damped` per tick, nothing allocated.
-
-    arm  at which a hand holds a mover that turns [m]; 0 for a tool, whose force alone is rendered
-    lag  by which what is asked comes late through the coils [s]
-    """
-
-    def __init__(self, dt: float, arm: float = 0.0, lag: float = 0.0) -> None:
-        self.memory: Array = np.zeros((_ROWS, 7))  #: all that it remembers, for compiled code
-        self.memory[_SETTINGS, :3] = arm, dt, lag
-        #: (3,) energy [J] given to the hand since the world began; balance [J]; damping injected now [N·s/m]
-        self.numbers: Array = self.memory[_NUMBERS, :3]
-        self._out = np.zeros(6)
-        self.restart()
-        self.damped(self._out, _NOWHERE[0], _NOWHERE, 0.0, 0.0, 0.0, passive=False)  # compiled now
-        self.restart()
-
-    def restart(self) -> None:
-        """Another world: what is asked from now on has nothing to do with what was."""
-        self.memory[_NUMBERS] = 0.0, CREDIT, 0.0, -np.inf, 0.0, 0.0, -np.inf
-        self.memory[_MOTION] = 0.0
-
-    def damped(self, wrench: Array, p: Array, R: Array, now: float, age: float, gain: float, *, passive: bool) -> Array:
-        """(6,) `wrench` with the damping that the balance asks for; itself while there is none to add.
-
-        p (3,), R (3, 3) the pose, `age` [s] old at `now` [s]; gain 0 to 1 is what the guard lets through. A world that
-        is not `passive` is watched and left alone.
-        """
-        watched(self.memory, wrench, p, R, now, age, gain, passive, self._out)
-        return self._out
+def restart_passivity(passivity: Records, passive: bool) -> None:
+    """Another world, `passive` or not: what is asked from now on has nothing to do with what was; (1,) PASSIVITY."""
+    for name in ("energy", "damping", "predicted", "count", "motion"):
+        passivity[name] = 0
+    passivity["balance"] = CREDIT
+    passivity["stamp"] = passivity["newest"] = -np.inf
+    passivity["passive"] = passive

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptorb.numerics.arrays import Records
+from haptorb.numerics.arrays import Record, Records
 from haptorb.numerics.compiled import kernel
 
 __all__ = ["BUCKETS", "CLOCK", "SILENCE", "advance_clock", "make_clock", "silence_of"]
@@ -24,7 +24,8 @@ CLOCK = np.dtype(
     [
         ("period", "f8"), ("elapsed", "f8"), ("time", "f8"), ("silence", "f8"), ("bucket", "f8"), ("overrun", "?"),
         ("restart", "?"), ("missed", "f8", (BUCKETS,)),
-    ]
+    ],
+    align=True,
 )  # fmt: skip
 
 
@@ -47,13 +48,12 @@ def make_clock(period: float) -> Records:
 
 
 @kernel
-def advance_clock(clock: Records, now: float) -> float:
+def advance_clock(c: Record, now: float) -> float:
     """A tick begins at `now` [s] on the loop's clock; returns the time since the last one [s].
 
-    clock (1,) CLOCK: `restart` tells that the loop was silent for longer than a device's watchdog waits, `overrun` that
+    c is one CLOCK: `restart` tells that the loop was silent for longer than a device's watchdog waits, `overrun` that
     within the last 0.2 s fewer than 80 % of the deadlines were met.
     """
-    c = clock[0]
     elapsed = now - c.time
     if not np.isfinite(elapsed):
         elapsed = c.period

@@ -12,11 +12,11 @@ import numpy as np
 from haptorb.control.clutch.modes import MODES
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.errors import HaptorbError
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records
 from haptorb.runtime.exchange.shared_memory import Phase, Shared, Word, engage_stops
 from haptorb.runtime.exchange.world_change import answer, changed, description, name_of, requested
 from haptorb.runtime.memory.histogram import BINS
-from haptorb.runtime.processes.stats import columns, counted, kept
+from haptorb.runtime.processes.stats import count_tick, publish_row
 from haptorb.runtime.realtime.clock import Clock
 from haptorb.runtime.realtime.host_heartbeat import LATE, HostLife, state_of
 from haptorb.runtime.realtime.parent_death import orphaned
@@ -56,7 +56,7 @@ class Loop:
         self._row = shared.layout.empty()
         # Single numbers come out of a memoryview ten times faster than out of an array.
         self._cells = self._row.data.cast("B").cast("d")
-        _load(self._row)
+        _load(self._row, shared.layout.places)
         self._ticks = 0
         self._now = 0.0  # on the loop's clock [s]
         # safety: start-stop
@@ -65,7 +65,7 @@ class Loop:
         self._mode, self._clutch = 0, 0
         self._asked = shared.request.version
         self._guard = shared.layout["guard"].start
-        self._columns = columns(shared.layout)
+        self._places = shared.layout.places
         self._tripped = False
         self.told_by = ""  #: a signal's name, set by its handler: the loop ends after the present tick
         self.in_step = False  #: whether the chain is being stepped just now
@@ -103,7 +103,7 @@ class Loop:
 
     def _ticking(self, clock: Clock) -> Trip | None:
         """Tick until told to end (None) or until the host is gone (HOST_SILENT)."""
-        shared, chain, row, words, at = self._shared, self._chain, self._row, self._shared.words, self._columns
+        shared, chain, row, words, at = self._shared, self._chain, self._row, self._shared.words, self._places
         schedule, period = clock.schedule, clock.schedule.period
         lateness_counts, compute_counts, ring = shared.lateness.counts, shared.compute.counts, shared.ring
         integers, numbers = shared.integers, shared.numbers
@@ -132,12 +132,12 @@ class Loop:
             self._now = schedule.time(schedule.deadline(schedule.number))
             chain.step(row, self._now)
             self.in_step = False
-            kept(row, ring.slot(), at, numbers, self._ticks, now, lateness, skipped)
+            publish_row(row, ring.slot(), at, numbers, self._ticks, now, lateness, skipped)
             ring.filled()
             self._ticks += 1
             self._notice()
             took = monotonic_ns() - now
-            counted(
+            count_tick(
                 integers, lateness_counts, compute_counts, self._ticks, schedule.missed, lateness, took, period
             )  # fmt: skip
 
@@ -203,11 +203,11 @@ class Loop:
         shared.ring.publish(row)
 
 
-def _load(row: Array) -> None:
+def _load(row: Array, places: Records) -> None:
     """Have the loop's own compiled code loaded before the first tick."""
     counts, page = np.zeros(BINS, dtype=np.int64), np.zeros(512)
-    kept(row, row.copy(), np.zeros(6, dtype=np.int64), page, 0, 0, 0, 0)
-    counted(page.view(np.int64), counts, counts.copy(), 0, 0, 0, 0, 1)
+    publish_row(row, row.copy(), places, page, 0, 0, 0, 0)
+    count_tick(page.view(np.int64), counts, counts.copy(), 0, 0, 0, 0, 1)
     row[:] = np.nan
 
 

@@ -1,4 +1,4 @@
-"""What the loop keeps of every tick, in two compiled passes: the row among the last ones, and what a report counts."""
+"""What the loop does with every tick, in two compiled passes: publish its row, and count what a report tells."""
 
 from __future__ import annotations
 
@@ -7,27 +7,18 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.compiled import kernel
 from haptorb.runtime.exchange.shared_memory import Word
 from haptorb.runtime.memory.histogram import BINS
-from haptorb.runtime.row import RowLayout
 
-__all__ = ["COLUMNS", "columns", "counted", "kept"]
+__all__ = ["count_tick", "publish_row"]
 
 Words: TypeAlias = NDArray[np.int64]
-
-#: the fields that the loop itself fills or looks at, in the order of `columns`
-COLUMNS = ("tick", "wall", "lateness", "missed", "given", "modelled")
 
 _TICKS, _MISSED, _ON_TIME = int(Word.TICKS), int(Word.MISSED), int(Word.ON_TIME)
 _PEAK, _PEAK_TORQUE = int(Word.PEAK), int(Word.PEAK_TORQUE)
 _LAST = BINS - 1
-
-
-def columns(layout: RowLayout) -> Words:
-    """(6,) the index [1] in a row at which each of COLUMNS begins."""
-    return np.array([layout[name].start for name in COLUMNS], dtype=np.int64)
 
 
 @kernel
@@ -36,20 +27,22 @@ def _size(row: Array, at: int) -> float:
 
 
 @kernel
-def kept(
-    row: Array, slot: Array, at: Words, page: Array, tick: int, now: int, lateness: int, skipped: int
+def publish_row(
+    row: Array, slot: Array, places: Records, page: Array, tick: int, now: int, lateness: int, skipped: int
 ) -> None:  # fmt: skip
     """Complete `row` with what the clock knows, all in [ns], and copy it to `slot`; both (width,), in SI.
 
-    at is `columns`; page (512,) the shared words as numbers: the greatest force [N] and torque [N·m] so far are there.
+    places is that of the `RowLayout`; page (512,) the shared words as numbers: the greatest force [N] and torque [N·m]
+    so far are there.
     """
-    row[at[0]], row[at[1]], row[at[2]], row[at[3]] = tick, now * 1e-9, lateness * 1e-9, skipped
+    at = places[0]
+    row[at.tick], row[at.wall], row[at.lateness], row[at.missed] = tick, now * 1e-9, lateness * 1e-9, skipped
     for i in range(row.shape[0]):
         slot[i] = row[i]
-    given = at[4]
+    given = at.given
     force = _size(row, given)
     if force != force:  # nobody knows what is really there
-        given = at[5]
+        given = at.modelled
         force = _size(row, given)
     if force > page[_PEAK]:
         page[_PEAK] = force
@@ -59,7 +52,7 @@ def kept(
 
 
 @kernel
-def counted(
+def count_tick(
     words: Words, lateness_counts: Words, compute_counts: Words, ticks: int, missed: int, lateness: int, took: int,
     period: int,
 ) -> None:  # fmt: skip

@@ -1,45 +1,27 @@
-"""What a tick did, into its row: all that has a shape, in one compiled pass."""
+"""What a tick did, into its row: all that has a shape, in two compiled passes."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from haptorb.control.protection.guard_rules import GAIN, REASON, STATE
-from haptorb.control.protection.heat_observer import REMAINING
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.compiled import kernel
-from haptorb.runtime.row import RowLayout
 
-__all__ = ["SHAPED", "fill_quaternion", "induced", "places", "tell"]
-
-#: the fields that `tell` fills, in the order of its places
-SHAPED = (
-    "p", "q", "v", "w", "target", "asked", "modelled", "given", "wanted", "currents", "duties", "resistance",
-    "boundary", "winding", "field", "share", "object", "object_q", "object_wrench", "contacts", "stages",
-    "guard", "trip", "gain", "remaining", "energy",
-)  # fmt: skip
-
-
-def places(layout: RowLayout) -> Array:
-    """(26,) the index [1] in a row at which each of SHAPED begins; `target_q` follows `target`, and what passivity
-    control counts follows `energy`."""
-    return np.array([layout[name].start for name in SHAPED], dtype=np.float64)
+__all__ = ["fill_object", "fill_quaternion", "fill_row"]
 
 
 @kernel
-def induced(matrix: Array, v: Array, w: Array, out: Array) -> None:
-    """out (m,) [V]: what a mover with velocity v (3,) and w (3,) induces; matrix (6, m) wrench per ampere."""
-    for j in range(out.shape[0]):
-        out[j] = 0.0
-        for i in range(3):
-            out[j] += v[i] * matrix[i, j] + w[i] * matrix[3 + i, j]
+def _copy(row: Array, start: int, values: Array) -> None:
+    for i in range(values.size):
+        row[start + i] = values[i]
 
 
 @kernel
-def _copied(row: Array, start: float, values: Array) -> None:
-    at = int(start)
-    for i in range(values.shape[0]):
-        row[at + i] = values[i]
+def _copy_table(row: Array, start: int, values: Array) -> None:
+    width = values.shape[1]
+    for k in range(values.shape[0]):
+        for i in range(width):
+            row[start + width * k + i] = values[k, i]
 
 
 @kernel
@@ -66,50 +48,52 @@ def fill_quaternion(R: Array, q: Array) -> None:
 
 
 @kernel
-def tell(
-    row: Array, at: Array, p: Array, R: Array, v: Array, w: Array, target: Array, asked: Array, matrix: Array,
-    given: Array, wanted: Array, currents: Array, duties: Array, resistance: Array, boundary: Array, winding: Array,
-    field: Array, share: Array, object_p: Array, object_R: Array, object_wrench: Array, contacts: Array, stages: Array,
-    guard: Array, heat: Array, energies: Array,
+def fill_row(
+    row: Array, places: Records, state: Records, coils: Records, target: Array, given: Array, applied: Array,
+    field: Array, stages: Array,
 ) -> None:  # fmt: skip
-    """Fill the fields SHAPED of `row`, and those that follow; `modelled` is matrix (6, m) times the measured currents.
+    """Fill the fields of `row` (width,) that tell of device and protection, at the `places` of the `RowLayout`.
 
-    guard and heat are the numbers of a `Guard` and of its heat observer, energies (3,) those of passivity control.
+    state (1,) PROTECTION and coils (m,) COIL; target (7,) position [m] and quaternion of the pointer's goal; given (6,)
+    [N, N·m]; applied (m,) duties; field (k, 3) [T]; stages (7,) [s].
     """
-    _copied(row, at[0], p)
-    start = int(at[1])
-    fill_quaternion(R, row[start : start + 4])
-    _copied(row, at[2], v)
-    _copied(row, at[3], w)
-    _copied(row, at[4], target)
-    _copied(row, at[5], asked)
-    start = int(at[6])
+    at, s = places[0], state[0]
+    e, g, heat, passivity = s.estimate, s.guard, s.heat, s.passivity
+    row[at.t], row[at.valid], row[at.age] = s.clock.time, e.valid, e.age
+    _copy(row, at.p, e.position)
+    fill_quaternion(e.rotation, row[at.q : at.q + 4])
+    _copy(row, at.v, e.velocity)
+    _copy(row, at.w, e.angular_velocity)
+    _copy(row, at.target, target)  # and target_q, which follows
+    _copy(row, at.asked, g.asked)
+    _copy(row, at.given, given)
+    _copy(row, at.duties, applied)
     for i in range(6):
-        total = 0.0
-        for j in range(currents.shape[0]):
-            total += matrix[i, j] * currents[j]
-        row[start + i] = total
-    _copied(row, at[7], given)
-    _copied(row, at[8], wanted)
-    _copied(row, at[9], currents)
-    _copied(row, at[10], duties)
-    _copied(row, at[11], resistance)
-    _copied(row, at[12], boundary)
-    _copied(row, at[13], winding)
-    start = int(at[14])
-    for k in range(field.shape[0]):
-        for i in range(3):
-            row[start + 3 * k + i] = field[k, i]
-    _copied(row, at[15], share)
-    _copied(row, at[16], object_p)
-    start = int(at[17])
-    fill_quaternion(object_R, row[start : start + 4])
-    _copied(row, at[18], object_wrench)
-    start = int(at[19])
-    for k in range(contacts.shape[0]):
-        for i in range(contacts.shape[1]):
-            row[start + contacts.shape[1] * k + i] = contacts[k, i]
-    _copied(row, at[20], stages)
-    row[int(at[21])], row[int(at[22])], row[int(at[23])] = guard[STATE], guard[REASON], guard[GAIN]
-    row[int(at[24])] = heat[REMAINING]
-    _copied(row, at[25], energies)
+        row[at.modelled + i] = 0.0
+    for j in range(coils.size):
+        c = coils[j]
+        row[at.wanted + j], row[at.currents + j] = c.held, c.current
+        row[at.resistance + j] = c.resistance
+        row[at.boundary + j], row[at.winding + j] = c.boundary, c.winding
+        for i in range(6):
+            row[at.modelled + i] += c.wrench[i] * c.current
+    _copy_table(row, at.field, field)
+    _copy(row, at.stages, stages)
+    row[at.guard], row[at.trip], row[at.gain], row[at.remaining] = g.state, g.reason, g.gain, heat.remaining
+    row[at.energy], row[at.balance], row[at.injected] = passivity.energy, passivity.balance, passivity.damping
+
+
+@kernel
+def fill_object(
+    row: Array, places: Records, share: Array, p: Array, R: Array, wrench: Array, contacts: Array
+) -> None:  # fmt: skip
+    """Fill the fields of `row` (width,) that tell of what the world acts on, at the `places` of the `RowLayout`.
+
+    share (2,), p (3,) [m], R (3, 3), wrench (6,) [N, N·m] and contacts (2, 8) as a `Felt` has them.
+    """
+    at = places[0]
+    _copy(row, at.share, share)
+    _copy(row, at.object, p)
+    fill_quaternion(R, row[at.object_q : at.object_q + 4])
+    _copy(row, at.object_wrench, wrench)
+    _copy_table(row, at.contacts, contacts)

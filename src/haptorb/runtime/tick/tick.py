@@ -14,11 +14,8 @@ import numpy as np
 
 from haptorb.control.allocation.allocator import Allocation, Allocator
 from haptorb.control.clutch.linkage import NO_CONTACTS, Direct, Felt, Linkage
-from haptorb.control.protection.drive import Drive
-from haptorb.control.protection.guard import Guard
-from haptorb.control.protection.guard_rules import STATE
-from haptorb.control.protection.passivity import PassivityControl
-from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.control.protection.protection import Protection
+from haptorb.control.protection.trip import Trip
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
@@ -27,8 +24,7 @@ from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.realtime.tick_timeout import Hang
 from haptorb.runtime.row import STAGES, RowLayout
-from haptorb.runtime.tick.fill_row import places, tell
-from haptorb.runtime.tick.kernels import asked, driven
+from haptorb.runtime.tick.fill_row import fill_object, fill_row
 from haptorb.sensing.estimator import Estimator
 from haptorb.worlds.world import World
 
@@ -57,10 +53,8 @@ class Tick:
         self.estimator = estimator
         self.allocator = allocator
         self.linkage = linkage or Direct()
-        self.guard = Guard(device, dt)
-        self.drive = Drive(device, dt)
-        self.passivity = PassivityControl(dt, self.linkage.arm, self.drive.lag)
-        self._passive = self.world.passive and self.linkage.passive
+        self.protection = Protection(device, dt, self.linkage.arm)
+        self.protection.change_world(passive=self.world.passive and self.linkage.passive)
         self.layout = RowLayout.of(device)
         self.error = ""  #: what a failed world or driver said
         self._device = device
@@ -72,12 +66,9 @@ class Tick:
         self._no_currents = Allocation(self._zeros, self._nothing, False, 0.0)
         self._stages = np.zeros(len(STAGES))
         self._ahead = 0.0  # spent in `prepare` [s]
-        self._admitted = np.zeros(6)
         self._rendered, self._on_thing = np.zeros(6), np.zeros(6)
-        self._places = places(self.layout)
-        layout = self.layout
-        self._at = {field.name: layout[field.name] for field in layout.fields}
-        self._one = {field.name: layout[field.name].start for field in layout.fields if field.width == 1}
+        self._places = self.layout.places
+        self._start = {field.name: self.layout[field.name].start for field in self.layout.fields}
 
     def change_world(self, world: World) -> None:
         """Render `world` from the next tick on; the guard's slew limit takes the step out of the change.
@@ -88,24 +79,23 @@ class Tick:
         if type(fitted) is not type(self.world):
             self.linkage.restart()
         self.world = fitted
-        self._passive = fitted.passive and self.linkage.passive
-        self.passivity.restart()
+        self.protection.change_world(passive=fitted.passive and self.linkage.passive)
         self.world_changes += 1
 
     def stop(self) -> None:
         """A person stopped: coils off, and off until a person engages."""
-        self.guard.trip(Trip.STOPPED)
+        self.protection.trip(Trip.STOPPED)
 
     def engage(self) -> bool:
         """Leave OFF or a trip deliberately; False while its reason is still there. Nothing happens while engaged."""
-        if self.guard.engaged:
+        if self.protection.engaged:
             return True
         try:
             self.driver.engage()
         except HaptorbError as cause:
             self._failed(Trip.DRIVER_FAILED, cause)
             return False
-        engaged = self.guard.engage()
+        engaged = self.protection.engage()
         if engaged:
             self.error = ""
         return engaged
@@ -119,7 +109,7 @@ class Tick:
 
     def step(self, row: Array, now: float) -> None:
         """Run the chain at `now` [s] and fill `row` (width,), all but tick, wall, lateness and missed."""
-        stages, guard = self._stages, self.guard
+        stages, protection = self._stages, self.protection
         t0 = perf_counter()
         try:
             sample = self.driver.read(now)
@@ -129,51 +119,38 @@ class Tick:
             return
         t1 = perf_counter()
         estimate = self.estimator.update(sample)
-        # The first valid pose starts the ramp. Whatever stopped before it, or after it, only a person clears.
-        if estimate.valid and guard.numbers[STATE] == GuardState.OFF:
-            guard.admit(self._nothing, estimate)
-            guard.engage()
+        if estimate.valid:  # the first valid pose starts the ramp
+            protection.start(estimate)
         t2 = perf_counter()
         felt = self._felt(estimate.state)
         t3 = perf_counter()
-        state, matrix, heat, drive = estimate.state, estimate.wrench_map.matrix, guard.heat, self.drive
-        asked(
-            self.passivity.memory, guard.numbers, guard.coils, guard.clock, self._rendered, state.p, state.R_SR,
-            sample.t, estimate.age, self._passive, estimate.valid, estimate.reversed, self._admitted,
-        )  # fmt: skip
-        allocation = self._allocated(estimate.wrench_map, self._admitted)
+        asked = protection.protect_wrench(self._rendered, estimate, sample.t)
+        allocation = self._allocated(estimate.wrench_map, asked)
         t4 = perf_counter()
-        driven(
-            guard.numbers, guard.coils, guard.clock, heat.numbers, heat.coils, guard.check.coils, drive.numbers,
-            drive.coils, allocation.currents, sample.currents, sample.currents_age, sample.temperatures,
-            self._applied, matrix, state.v, state.w,
-        )  # fmt: skip
+        duties = protection.protect_currents(allocation.currents, estimate, sample, self._applied)
         t5 = perf_counter()
         try:
-            self._applied = self.driver.write(drive.chosen)
+            self._applied = self.driver.write(duties)
         except HaptorbError as cause:
             self._failed(Trip.DRIVER_FAILED, cause)
         t6 = perf_counter()
         stages[0], stages[1], stages[2], stages[3], stages[4], stages[5] = (
             t1 - t0, t2 - t1, t3 - t2, t4 - t3, t5 - t4, t6 - t5,
         )  # fmt: skip
-        one, thing = self._one, felt.thing
-        tell(
-            row, self._places, state.p, state.R_SR, state.v, state.w, self.driver.target(),
-            self._admitted, matrix, self.driver.truth(), guard.currents, sample.currents, self._applied,
-            drive.resistance, sample.temperatures, heat.winding, sample.field, felt.share, thing.p,
-            thing.R_SR, self._on_thing, felt.contacts, stages, guard.numbers, heat.numbers, self.passivity.numbers,
+        places, thing = self._places, felt.thing
+        fill_row(
+            row, places, protection.state, protection.coils, self.driver.target(), self.driver.truth(), self._applied,
+            sample.field, stages,
         )  # fmt: skip
+        fill_object(row, places, felt.share, thing.p, thing.R_SR, self._on_thing, felt.contacts)
         cells: Any = row.data  # single numbers go through it three times faster than into an array
-        cells[one["t"]] = sample.t
-        cells[one["ahead"]] = self._ahead
-        cells[one["world"]] = self.world_changes
-        cells[one["coil_state"]] = self.driver.coil_state
-        cells[one["valid"]] = estimate.valid
-        cells[one["age"]] = estimate.age
-        cells[one["saturated"]] = allocation.saturated
-        cells[one["mode"]] = felt.mode
-        cells[one["engaged"]] = felt.engaged
+        start = self._start
+        cells[start["ahead"]] = self._ahead
+        cells[start["world"]] = self.world_changes
+        cells[start["coil_state"]] = self.driver.coil_state
+        cells[start["saturated"]] = allocation.saturated
+        cells[start["mode"]] = felt.mode
+        cells[start["engaged"]] = felt.engaged
         stages[6] = perf_counter() - t6
 
     def _felt(self, state: State) -> Felt:
@@ -200,10 +177,10 @@ class Tick:
             return self._no_currents
 
     def _failed(self, reason: Trip, cause: BaseException) -> None:
-        if not self.guard.tripped:
+        if not self.protection.tripped:
             leaves = isinstance(cause, SystemExit)
             self.error = f"the world called sys.exit({cause})" if leaves else f"{type(cause).__name__}: {cause}"
-        self.guard.trip(reason)
+        self.protection.trip(reason)
 
     def _off(self, row: Array, now: float) -> None:
         """What is left to do when the device does not answer: try to switch off, and say so in the row."""
@@ -211,14 +188,13 @@ class Tick:
             self._applied = self.driver.write(self._zeros)
         except HaptorbError:
             self._applied = self._zeros
-        self.guard.skip(now)
+        protection, layout = self.protection, self.layout
+        protection.skip_tick(now)
         row[:] = np.nan
-        row[self._one["t"]] = now
-        row[self._one["guard"]] = self.guard.state
-        row[self._one["trip"]] = self.guard.reason
-        row[self._one["coil_state"]] = self.driver.coil_state
-        row[self._one["gain"]] = 0.0
-        row[self._one["world"]] = self.world_changes
-        row[self._one["valid"]] = 0.0
-        row[self._at["wanted"]] = 0.0
-        row[self._at["duties"]] = self._applied
+        row[layout["t"]] = now
+        row[layout["guard"]] = protection.guard_state
+        row[layout["trip"]] = protection.reason
+        row[layout["coil_state"]] = self.driver.coil_state
+        row[layout["gain"]] = row[layout["valid"]] = row[layout["wanted"]] = 0.0
+        row[layout["world"]] = self.world_changes
+        row[layout["duties"]] = self._applied

@@ -14,16 +14,34 @@ import numpy as np
 
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.zarate2020.figure_6 import two_node
-from haptorb.control.protection.drive import Drive
+from haptorb.control.protection.drive import choose_duties
+from haptorb.control.protection.state import make_coils, make_state
+from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.simulation.parts.coils import BODY, CURRENT, WINDING, chop, coil_step, cold, wires
 
-__all__ = ["DriveCourse", "drive_course", "items"]
+__all__ = ["Drive", "DriveCourse", "drive_course", "items"]
 
 _RISE, _WANTED, _DT = 60.0, 5.0, 1e-3
+
+
+class Drive:
+    """The drive of `device` by itself, with the kernel that the loop runs: no ramp, no limits, no trips."""
+
+    def __init__(self, device: Device) -> None:
+        self._drive, self._coils = make_state(device, _DT)["drive"], make_coils(device)
+        self.resistance: Array = self._coils["resistance"]  #: (m,) as learned [Ω]
+
+    def duties(self, wanted: Array, measured: Array, applied: Array) -> Array:
+        """(m,) duties in −1…1 for `wanted` currents, after learning from `measured` currents under `applied` duties."""
+        coils = self._coils
+        coils["held"], coils["current"], coils["applied"] = wanted, measured, applied
+        choose_duties(self._drive[0], coils)
+        chosen: Array = coils["duty"].copy()
+        return chosen
 
 
 @dataclass(frozen=True)
@@ -52,7 +70,7 @@ def drive_course(
     believed = device.coils.resistance_at(np.full(device.channels, device.coils.heat.ambient))
     courses = []
     for compensates in (True, False):
-        state, drive = cold(wire), Drive(device, _DT)
+        state, drive = cold(wire), Drive(device)
         state[WINDING] += rise
         state[BODY] += rise
         applied, mean, chopped = np.zeros(device.channels), np.empty(device.channels), np.empty(device.channels)

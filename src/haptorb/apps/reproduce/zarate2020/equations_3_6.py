@@ -7,8 +7,7 @@ import numpy as np
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Report
-from haptorb.apps.reproduce.zarate2020.drive import drive_course
-from haptorb.control.protection.drive import Drive
+from haptorb.apps.reproduce.zarate2020.drive import Drive, drive_course
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
@@ -65,7 +64,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
 
 def _duty(device: SphericalElectromagnet, ampere: float) -> float:
     """Duty of the x coil after the inductance has had its part: the second of two ticks with the same wish."""
-    drive = Drive(device, 1e-3)
+    drive = Drive(device)
     wish, none = np.array([float(ampere), 0.0, 0.0]), np.zeros(3)
     drive.duties(wish, none, none)
     return float(drive.duties(wish, none, none)[0])

@@ -1,0 +1,131 @@
+"""The one door to protection: the last word before the coils.
+
+Nothing passes that is not finite, bounded, slewed, fresh and cool enough. The loop calls `protect_wrench` before the
+allocator and `protect_currents` after it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from haptorb.control.protection import guard, protect
+from haptorb.control.protection.drive import lag_of
+from haptorb.control.protection.passivity import restart_passivity
+from haptorb.control.protection.state import make_coils, make_state
+from haptorb.control.protection.trip import GuardState, Trip
+from haptorb.devices.device import Device
+from haptorb.numerics.arrays import Array, Records
+
+if TYPE_CHECKING:
+    from haptorb.sensing.sample import Estimate, Sample
+
+__all__ = ["Protection"]
+
+_OFF, _TRIPPED = int(GuardState.OFF), int(GuardState.TRIPPED)
+
+
+class Protection:
+    """Guard, heat, current check, passivity control and drive of `device`, for a loop of ticks `dt` [s] apart.
+
+    Each tick: `protect_wrench`, allocation, `protect_currents`; or `skip_tick` if nothing could be read.
+
+    arm     at which a hand holds a mover that turns [m]; 0 for a tool, whose force alone is rendered
+    state   (1,) PROTECTION and coils (m,) COIL: all that it remembers
+    asked   (6,) the wrench that may be asked of the coils now [N, N·m]
+    duties  (m,) of this tick, −1 to 1
+    """
+
+    def __init__(self, device: Device, dt: float, arm: float = 0.0) -> None:
+        self.coils: Records = make_coils(device)
+        lag = lag_of(self.coils["resistance"], self.coils["inductance"], dt)
+        self.state: Records = make_state(device, dt, arm, lag)
+        self.duties: Array = np.zeros(device.channels)
+        self._guard: Records = self.state["guard"]
+        self._state: Array = self._guard["state"]  # (1,) read in every tick
+        self.asked: Array = self._guard["asked"][0]
+        spare = self.state.copy()  # compiled now, and not when it is needed
+        protect.skip_tick(spare, 0.0)
+        guard.trip(spare["guard"][0], int(Trip.NONE))
+
+    @property
+    def guard_state(self) -> GuardState:
+        """What the guard is doing."""
+        return GuardState(int(self._state[0]))
+
+    @property
+    def reason(self) -> Trip:
+        """Why the coils are off."""
+        return Trip(int(self._guard["reason"][0]))
+
+    @property
+    def gain(self) -> float:
+        """The share of the wrench that is let through now, 0 to 1."""
+        return float(self._guard["gain"][0])
+
+    @property
+    def tripped(self) -> bool:
+        """Whether the coils are off for a reason, until somebody engages."""
+        return bool(self._state[0] == _TRIPPED)
+
+    @property
+    def engaged(self) -> bool:
+        """Whether current may flow: neither off nor tripped."""
+        return self.guard_state not in (GuardState.OFF, GuardState.TRIPPED)
+
+    def trip(self, reason: Trip) -> None:
+        """Coils off, latched. The first reason stands until `engage`; a later one does not hide it."""
+        guard.trip(self._guard[0], int(reason))
+
+    def engage(self) -> bool:
+        """Leave OFF or TRIPPED and ramp up from zero; False if the reason is still there."""
+        if self.engaged:
+            return True
+        coils, g = self.coils, self._guard
+        cool = coils["winding"].max() < self.state["heat"]["derate"][0]
+        if not g["fresh"][0] or not cool:  # safety: engaging-blind-is-refused
+            return False
+        g["state"], g["reason"] = GuardState.RAMPING, Trip.NONE
+        g["gain"] = 0.0  # safety: engaging-ramps-from-zero
+        # What the check learned before may belong to a sensor that was repaired meanwhile.
+        coils["ratio"] = 1.0
+        coils["residual"] = coils["level"] = coils["change"] = 0.0
+        return True
+
+    def start(self, estimate: Estimate) -> None:
+        """Engage with the first `estimate` that may be believed. Whatever was off for a reason stays off."""
+        if self._state[0] == _OFF:  # safety: a-stop-before-the-first-pose-stands
+            self._guard["fresh"] = estimate.valid and estimate.age <= self._guard["expiry"][0]
+            self.engage()
+
+    def change_world(self, *, passive: bool) -> None:
+        """Another world, `passive` or not: the balance of energy begins anew."""
+        restart_passivity(self.state["passivity"], passive)
+
+    def skip_tick(self, now: float) -> None:
+        """A tick at `now` [s] in which nothing could be read: time passes, and the windings are observed later."""
+        protect.skip_tick(self.state, now)
+
+    def protect_wrench(self, wrench: Array, estimate: Estimate, now: float) -> Array:
+        """(6,) the part of the world's `wrench` (6,) that may be asked in the tick that begins at `now` [s].
+
+        Damped, clamped, faded; zero when anything is wrong. In [N, N·m].
+        """
+        mover = estimate.state
+        protect.protect_wrench(
+            self.state, wrench, mover.p, mover.R_SR, mover.v, mover.w, now, estimate.age, estimate.valid,
+            estimate.reversed,
+        )  # fmt: skip
+        return self.asked
+
+    def protect_currents(self, wanted: Array, estimate: Estimate, sample: Sample, applied: Array) -> Array:
+        """(m,) the duties for what may flow of `wanted` (m,) [A], with the duties `applied` (m,) since the last tick.
+
+        Currents within limits and slew, derated when warm, zero when off or tripped. Duties in −1 to 1.
+        """
+        protect.protect_currents(
+            self.state, self.coils, wanted, estimate.wrench_map.matrix, sample.currents, sample.currents_age,
+            sample.temperatures, applied, self.duties,
+        )  # fmt: skip
+        return self.duties
