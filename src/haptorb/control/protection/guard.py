@@ -3,7 +3,8 @@
 Off is the default state and the end of every path. A trip latches with its reason; only a person who engages leaves it,
 and only when the reason is gone. The guard trusts nobody above it, least of all the world.
 
-Lines that keep a rule are marked `# safety: NAME`; `scripts/prove_safety.py` breaks each and sees a test go red.
+Lines that keep a rule are marked with `safety:` and its name; `scripts/prove_safety.py` breaks each and sees a test
+go red.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ def begin_tick(clock: Record, g: Record, now: float) -> None:
 def check_estimate(g: Record, valid: bool, age: float, reversed: bool) -> None:
     """Trip unless the pose is `valid`, its `age` [s] below the expiry, and the magnet the right way round."""
     g.fresh = valid and age <= g.expiry  # safety: stale-poses-trip, lost-poses-trip
-    if reversed:  # safety: reversed-magnet-trips. Said even while off: nobody could engage, and would not know why
+    if reversed:  # safety: reversed-magnet-trips
         trip(g, _REVERSED)
     elif not g.fresh and g.state != _OFF and g.state != _TRIPPED:
         trip(g, _EXPIRED if valid else _LOST)
@@ -125,7 +126,7 @@ def limit_currents(g: Record, heat: Record, coils: Records, wanted: Array) -> No
         _hold_nothing(coils)
         g.restarted = False
     hottest = heat.hottest
-    if not hottest < heat.stop:  # safety: hot-coils-trip. Written so that NaN trips too
+    if not hottest < heat.stop:  # safety: hot-coils-trip
         trip(g, _OVERHEATED)
     if g.state == _OFF or (g.state == _TRIPPED and g.gain == 0.0):
         _hold_nothing(coils)

@@ -103,7 +103,8 @@ class Tick:
     def prepare(self, now: float) -> None:
         """Let the driver do what it can before the tick at `now` [s]."""
         t0 = perf_counter()
-        with suppress(HaptorbError):  # `read` will say it again, and there it has consequences
+        # `read` will say it again, and there it has consequences.
+        with suppress(HaptorbError):  # safety: preparing-ends-no-loop
             self.driver.prepare(now)
         self._ahead = perf_counter() - t0
 
@@ -114,7 +115,7 @@ class Tick:
         try:
             sample = self.driver.read(now)
         except HaptorbError as cause:
-            self._failed(Trip.DRIVER_FAILED, cause)
+            self._failed(Trip.DRIVER_FAILED, cause)  # safety: driver-failure-trips
             self._off(row, now)
             return
         t1 = perf_counter()
@@ -164,8 +165,9 @@ class Tick:
             return felt
         except Hang:
             raise
-        except BaseException as cause:  # a world is the user's code: whatever it raises must end in coils off
-            self._failed(Trip.WORLD_FAILED, cause)
+        # A world is the user's code: whatever it raises must end in coils off.
+        except BaseException as cause:  # safety: world-exit-trips
+            self._failed(Trip.WORLD_FAILED, cause)  # safety: world-failure-trips
             self._rendered[:] = self._on_thing[:] = 0.0
             return replace(self._felt_last, wrench=self._nothing, on_thing=self._nothing)
 
@@ -173,7 +175,7 @@ class Tick:
         try:
             return self.allocator.allocate(wrench_map, wrench)
         except HaptorbError as cause:
-            self._failed(Trip.CURRENTS_NOT_FINITE, cause)
+            self._failed(Trip.CURRENTS_NOT_FINITE, cause)  # safety: allocation-failure-trips
             return self._no_currents
 
     def _failed(self, reason: Trip, cause: BaseException) -> None:
