@@ -25,7 +25,7 @@ from typing import Any
 
 from playwright.sync_api import Page, sync_playwright
 
-from haptorb.apps.check.machine import Watch
+from haptorb.apps.check.machine import StolenTimeCounter
 from haptorb.apps.console import Console
 from haptorb.devices.loader import load
 from haptorb.runtime.servo.servo import Servo
@@ -81,7 +81,7 @@ def served(line: Connection) -> None:
     # A computer that draws with its processor stutters: the drag must go on to be measured.
     servo = Servo(replace(omni, limits=replace(omni.limits, expiry=1.0)), "dome", record=False)
     with Console(servo, 0) as console, servo:
-        watch = Watch(servo.servo_pid)
+        watch = StolenTimeCounter(servo.servo_pid)
         line.send(console.url)
         console.serve(until=line.poll)
         line.send(servo.report() | {"stolen": watch.took().stolen})

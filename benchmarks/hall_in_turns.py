@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from haptorb.apps.reproduce.zarate2020.hall_trial import clamped, shell_places
+from haptorb.apps.reproduce.zarate2020.hall_trial import clamp_tool, shell_places
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
@@ -108,7 +108,7 @@ def again(once: Callable[[], Array], run: _Run) -> Array:
 
 def measured(pace: float, count: int, ticks: int) -> dict[str, float]:
     """rms and worst of both cases."""
-    device = clamped(electromagnet(load("omni")))
+    device = clamp_tool(electromagnet(load("omni")))
     places, weights = shell_places(device, count)
     told: dict[str, float] = {"places": len(places)}
     with tempfile.TemporaryDirectory() as folder:

@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.runtime.drivers.serial.board import Board
-from haptorb.runtime.drivers.serial.codes import Standing
+from haptorb.runtime.drivers.serial.codes import BoardMode
 from haptorb.runtime.drivers.serial.emulator import Emulator
-from haptorb.runtime.drivers.serial.frames import Frame, encoded
+from haptorb.runtime.drivers.serial.frames import Frame, encode
 from haptorb.runtime.drivers.serial.protocol import READING, set_duties
 from haptorb.runtime.drivers.serial.reading import READING_BYTES, At
 from haptorb.runtime.drivers.serial.serial_port import BAUD
@@ -62,7 +62,7 @@ def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
             now = int(row[At.ROUNDS])
             rounds += (now - before) & 0xFF
             before = now
-            if row[At.STANDING] != Standing.ENGAGED:
+            if row[At.STANDING] != BoardMode.ENGAGED:
                 trips += 1
                 device.collect(1.0)
                 device.off()
@@ -79,8 +79,8 @@ def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
             took[k] = time.perf_counter() - began
         device.close()
         elapsed = float(words["t"]) - start
-        asked = len(encoded(set_duties(0, [0, 0, 0])))
-        answered = len(encoded(Frame(READING, 0, bytes(READING_BYTES))))
+        asked = len(encode(set_duties(0, [0, 0, 0])))
+        answered = len(encode(Frame(READING, 0, bytes(READING_BYTES))))
         return {
             "cycles per second of firmware time": cycles / elapsed,
             "bytes of a SET": asked,

@@ -17,7 +17,7 @@ from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import write_report
 from haptorb.apps.study.model.study_file import study_of
-from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.database import database, trials
 
 
@@ -27,12 +27,12 @@ def filled(place: Path, count: int) -> None:
     study = study_of(f'name = "timed"\n[trials]\nrepetitions = {each}')
     engine = database(place)
     for person in range(6):
-        with Sitting(engine, study, f"SIM{person + 1:02d}", simulated=True) as sitting:
+        with StoredSession(engine, study, f"SIM{person + 1:02d}", simulated=True) as sitting:
             rows = []
             while (prompt := sitting.prompt) is not None:
                 value = prompt.set_point if sitting.number % 5 else 1 + prompt.set_point % 25
                 x, y, z = (0.05 * c for c in study.point(value).direction)
-                sitting.procedure = sitting.procedure.answered(Answer(value, (x, y, z), 1.0))
+                sitting.procedure = sitting.procedure.record_answer(Answer(value, (x, y, z), 1.0))
                 rows.append(
                     {
                         "session": sitting.id, "number": sitting.number, "prompt": json.dumps(prompt.row()),

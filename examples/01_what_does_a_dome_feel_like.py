@@ -22,7 +22,7 @@ outward = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=-1
 places = omni.contact_distance * outward
 asked = np.array([dome.wrench(haptorb.State.at(p))[:3] for p in places])
 radial = (asked * outward).sum(axis=1)
-given, saturated = haptorb.felt_map(omni, dome, places)
+given, saturated = haptorb.force_map(omni, dome, places)
 
 figure, axes = plt.subplots(figsize=(7, 4))
 axes.axhline(0.0, color="0.8")

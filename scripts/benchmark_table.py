@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from haptorb.apps.bench import stored
+from haptorb.apps.bench import load_result
 
 ROOT = Path(__file__).resolve().parents[1]
 BEGIN, END = "<!-- benchmarks: begin -->\n", "<!-- benchmarks: end -->"
@@ -23,7 +23,7 @@ def with_table(readme: str) -> str:
     _, mark, after = rest.partition(END)
     if not mark:
         raise SystemExit(f"README.md lacks the marks {BEGIN.strip()} and {END}")
-    return before + BEGIN + stored(ROOT / "docs" / "benchmarks.json").markdown(SHOWN, short=True) + END + after
+    return before + BEGIN + load_result(ROOT / "docs" / "benchmarks.json").markdown(SHOWN, short=True) + END + after
 
 
 def main() -> int:

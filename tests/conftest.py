@@ -31,14 +31,14 @@ settings.load_profile("fixed")
 AGAINST_TIME = {
     *("browser", "firmware", "test_black_box.py", "test_cli.py", "test_console.py", "test_design_session.py"),
     *("rail", "test_frame.py", "test_framed_feed.py", "test_hall_loop.py", "test_motor_chain.py", "test_pages.py"),
-    *("test_postgres.py", "test_recording.py", "test_room.py", "test_terminal_session.py", "test_safety.py"),
+    *("test_postgres.py", "test_recording.py", "test_socket_hub.py", "test_terminal_session.py", "test_safety.py"),
     *("test_serial_port.py", "test_servo.py", "test_streams.py", "test_trackers.py", "test_tutorial.py"),
 }
 #: where several processes share the tests, these wait for the second phase; beside AGAINST_TIME those that need a
 #: processor for themselves and pass at once when they have it
 ALONE = AGAINST_TIME | {"test_check.py", "test_drivers.py", "test_schedule.py", "test_keep_core_awake.py"}
 #: begun first where several processes share the tests: whoever gets one of these at the end keeps the others waiting
-HEAVY = ("test_docs.py", "test_gathered.py", "reproduce", "test_tools.py", "test_examples.py")
+HEAVY = ("test_docs.py", "test_result.py", "reproduce", "test_tools.py", "test_examples.py")
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 FIRMWARE = {
     "avr-gcc": lambda: shutil.which("avr-gcc"),
@@ -102,11 +102,11 @@ def reproduction():
     """(paper, name) → that part of `haptorb reproduce`, made once for all tests of a run."""
     from functools import cache
 
-    from haptorb.apps.reproduce import Made, reproduced
+    from haptorb.apps.reproduce import ReproductionResult, find_reproduction
 
     @cache
-    def made(paper: str, name: str) -> Made:
-        one = reproduced(paper, name)
-        return Made(one, *one.made())
+    def made(paper: str, name: str) -> ReproductionResult:
+        one = find_reproduction(paper, name)
+        return ReproductionResult(one, *one.make())
 
     return made

@@ -24,10 +24,10 @@ from haptorb.devices.device import Device
 from haptorb.devices.loader import load
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.simulated import SimDriver
-from haptorb.runtime.pointer.guided_handle import Handle
+from haptorb.runtime.drivers.sim_driver import SimDriver
+from haptorb.runtime.pointer.guided_handle import HandleMotion
 from haptorb.runtime.pointer.pointer import PointerTracker
-from haptorb.runtime.tick.assembly import allocator_of, estimator_of, known_estimator, linkage_of
+from haptorb.runtime.tick.assembly import allocator_of, check_estimator, estimator_of, linkage_of
 from haptorb.runtime.tick.tick import Tick
 
 DT = 1e-3
@@ -91,11 +91,11 @@ def chain(device: Device, built: Device, world: str, seed: int) -> tuple[Tick, L
     """The chain for `device` on the simulation of `built`."""
     tracker = PointerTracker()
     if isinstance(device, SphericalMotor):
-        tracker.guide = Handle()
+        tracker.guide = HandleMotion()
     off = 0.0 if built is device else 0.005 * float(device.coils.current_limit[0])
     driver = Lying(SimDriver.of(built, DT, tracker.goal, seed), 1.0 if built is device else 1.02, off)
-    estimator = estimator_of(device, known_estimator(device, None), None)
-    kind = worlds.named(world)()
+    estimator = estimator_of(device, check_estimator(device, None), None)
+    kind = worlds.find_world(world)()
     return Tick(device, kind, driver, estimator, allocator_of(device), DT, linkage_of(device)), driver
 
 

@@ -38,15 +38,15 @@ from haptorb.apps.calibrate.record import thermal_record
 from haptorb.apps.calibrate.steps import STEPS, calibration_of
 from haptorb.apps.cli.run import values_of
 from haptorb.apps.feel.candidates import load_designs
-from haptorb.apps.feel.session import Session
+from haptorb.apps.feel.session import FeelSession
 from haptorb.apps.study.model.study_file import read_study
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, HaptorbError, RecordingError
-from haptorb.runtime.exchange.world_change import changed, request, requested
+from haptorb.runtime.exchange.world_change import change_world, parse_request, request
 from haptorb.runtime.recording.recorder import Recorder
 from haptorb.runtime.recording.recording import Recording
 from haptorb.runtime.row import RowLayout
-from haptorb.runtime.trackers.replay_feed import played
+from haptorb.runtime.trackers.replay_feed import load_poses
 from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.sensing.calibration_file import read_calibration, read_frame
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
@@ -278,22 +278,22 @@ def kinds(folder: Path) -> list[Kind]:
     )  # fmt: skip
 
     def of_calibration(path: Path) -> object:
-        return read_calibration(path).applied(omni)
+        return read_calibration(path).apply(omni)
 
     def of_frame(path: Path) -> object:
-        return read_frame(path).known_for(omni, "osc:9000").placed((0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0))
+        return read_frame(path).check_for(omni, "osc:9000").transform_pose((0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0))
 
     def of_parameters(path: Path) -> object:
         lines = path.read_bytes().decode("utf-8", "replace").split("\n")
-        world = worlds.Dome().changed(**values_of([line for line in lines[1:] if line]))
+        world = worlds.Dome().replace(**values_of([line for line in lines[1:] if line]))
         try:
             values = json.loads(lines[0])
         except (ValueError, RecursionError):
             return world
         if not isinstance(values, dict):
             return world
-        _, name, values = requested(request(1, "dome", values))
-        return changed(world, name, values)
+        _, name, values = parse_request(request(1, "dome", values))
+        return change_world(world, name, values)
 
     def of_recording(path: Path) -> object:
         recording = Recording(path)
@@ -302,7 +302,7 @@ def kinds(folder: Path) -> list[Kind]:
             lambda: recording.lost,
             lambda: recording.layout,
             lambda: recording.to_csv(path.with_suffix(".csv"), overwrite=True),
-            lambda: played(path),
+            lambda: load_poses(path),
             lambda: thermal_record(path, omni),
         ]
         refused: HaptorbError | None = None
@@ -322,7 +322,7 @@ def kinds(folder: Path) -> list[Kind]:
         progress = ProgressFile(path.with_name("file"), omni, "sim", lambda: 1000.0)
         for step in STEPS:
             if step.name in progress.results:
-                step.told(omni, progress.results[step.name])
+                step.describe(omni, progress.results[step.name])
         if {"rest", "currents", "magnetic"} <= set(progress.results):
             return calibration_of(omni, progress.results, True)
         if progress.left:
@@ -334,8 +334,8 @@ def kinds(folder: Path) -> list[Kind]:
     def of_ratings(path: Path) -> object:
         (folder / "session").mkdir(exist_ok=True)
         (folder / "session" / "ratings.jsonl").write_bytes(path.read_bytes())
-        session = Session(folder / "session", designs)
-        read = session.ratings(), session.choice(), session.scores(), session.outdated()
+        session = FeelSession(folder / "session", designs)
+        read = session.ratings(), session.choice(), session.scores(), session.find_outdated()
         if session.skipped:
             raise RecordingError(f"{session.skipped} lines were skipped")
         return read

@@ -28,7 +28,7 @@ from pathlib import Path
 
 from haptorb.errors import DriverError
 from haptorb.runtime.drivers.serial.serial_port import SerialPort
-from haptorb.runtime.exchange.shared_memory import Phase, Shared, Word
+from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 
 GONE, TOLD = 3.0, 2.0  #: limits [s]
 UNDER_WAY = 0.3  #: from the world's misbehaviour to the host's end [s]
@@ -257,7 +257,7 @@ def stop(folder: Path, tally: Tally) -> float:
     """The host stopped; milliseconds until the loop has closed the driver and said so."""
     with running(folder, "raises") as run:
         tally.begun()
-        shared = Shared.attach(run.files[0])
+        shared = SharedMemory.attach(run.files[0])
         time.sleep(0.5)
         begun = time.monotonic()
         run.host.send_signal(signal.SIGSTOP)

@@ -28,23 +28,23 @@ from typing import Any
 import numpy as np
 
 from haptorb.apps.asking.prompt import Prompt
-from haptorb.apps.console import room as console_room
+from haptorb.apps.console import socket_hub as console_room
 from haptorb.apps.study.model.study_file import study_of
-from haptorb.apps.study.pages import room as study_room
-from haptorb.apps.study.pages.reception import Reception
+from haptorb.apps.study.pages import socket_hub as study_room
+from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, HaptorbError
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.exchange.commands import Commands
-from haptorb.runtime.exchange.shared_memory import Shared, Word
+from haptorb.runtime.exchange.shared_memory import SharedMemory, Word
 from haptorb.runtime.exchange.world_change import request
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.processes.loop import Loop
 from haptorb.runtime.realtime.schedule import Schedule
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.tick.assembly import assemble
-from haptorb.worlds import named
+from haptorb.worlds import find_world
 
 RATE, START = 1000.0, 1_000_000_000
 DEEDS, GAPS = 8, (0, 0, 1, 1, 2, 7)
@@ -98,13 +98,13 @@ class Host(Commands):
 
     driver, tracker, alive = "sim", "pointer", True
 
-    def __init__(self, shared: Shared) -> None:
+    def __init__(self, shared: SharedMemory) -> None:
         self.device, self.modes, self.layout = load("omni"), (), shared.layout
-        super().__init__(named("dome")())
+        super().__init__(find_world("dome")())
         self._shared, self.now, self._changes = shared, 0.0, 0
 
     @property
-    def _attached(self) -> Shared:
+    def _attached(self) -> SharedMemory:
         return self._shared
 
     def check(self) -> None:
@@ -208,23 +208,23 @@ class Trial:
     def __init__(self, interleavings: int, seed: int) -> None:
         self.left, self.random, self.done = interleavings, random.Random(seed), Counter[str]()
         omni = load("omni")
-        self.shared = Shared.create(RowLayout.of(omni))
+        self.shared = SharedMemory.create(RowLayout.of(omni))
         self.shared.words[Word.HEARTBEAT] = START
         self.schedule = Schedule(RATE, START)
         tracker = PointerTracker(self.shared.pointer, START * 1e-9)
-        self.chain = assemble(omni, named("dome")(), "sim", RATE, seed, None, tracker)
+        self.chain = assemble(omni, find_world("dome")(), "sim", RATE, seed, None, tracker)
         self.chain.driver = self.device = Failing(self.chain.driver)
         self.host = Host(self.shared)
         self.aio = WoundLoop()
         asyncio.set_event_loop(self.aio)
         console_room.FRESH = SOON
-        self.console = console_room.Room(self.host, None)
+        self.console = console_room.ConsoleSocketHub(self.host, None)
         self.pages: list[Socket] = []
         study = study_of('name = "stop"\n[trials]\nrepetitions = 2')
-        self.reception = Reception(None, study, lambda file: self.host, sit=Sitting)  # type: ignore[arg-type]
-        self.study = study_room.Room(self.reception, "token", {}, {})
-        self.participant = study_room.Page(SimpleNamespace(), participant=True)  # type: ignore[arg-type]
-        self.experimenter = study_room.Page(SimpleNamespace(), participant=False)  # type: ignore[arg-type]
+        self.reception = SessionManager(None, study, lambda file: self.host, sit=Sitting)  # type: ignore[arg-type]
+        self.study = study_room.StudySocketHub(self.reception, "token", {}, {})
+        self.participant = study_room.StudyPage(SimpleNamespace(), participant=True)  # type: ignore[arg-type]
+        self.experimenter = study_room.StudyPage(SimpleNamespace(), participant=False)  # type: ignore[arg-type]
         self.study.enter(self.participant)
         self.study.enter(self.experimenter)
         self.stopped, self.engaged = 0, 1  # the last deed of either kind, by number; the start engages by itself
@@ -395,7 +395,7 @@ class Trial:
             self.device.open()
             self.reception.ask({"do": "begin", "code": "P1"}, lambda text: None)
             self.reception.step()
-            loop = Loop(self.chain, named("dome")(), self.shared, RATE, os.getppid())
+            loop = Loop(self.chain, find_world("dome")(), self.shared, RATE, os.getppid())
             well = loop.run(self)  # type: ignore[arg-type]
             return "" if well else f"the loop ended: {loop.reason}"
         finally:

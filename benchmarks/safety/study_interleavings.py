@@ -26,8 +26,8 @@ import numpy as np
 from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import Study, study_of
-from haptorb.apps.study.pages.reception import Reception
-from haptorb.apps.study.pages.room import Page, Room
+from haptorb.apps.study.pages.session_manager import SessionManager
+from haptorb.apps.study.pages.socket_hub import StudyPage, StudySocketHub
 from haptorb.control.protection.trip import CoilState, GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import RecordingError, ServoError
@@ -63,8 +63,8 @@ class World:
         self.switched_on, self.resumed = 0, 0
         self.said: list[str] = []
         self.stopped_last = False  #: whether the last Stop came after the last request to switch on
-        self.reception = Reception(None, study, self._start, sit=lambda *_: Paper(self))  # type: ignore[arg-type]
-        self.room = Room(self.reception, "token", {}, {})
+        self.reception = SessionManager(None, study, self._start, sit=lambda *_: Paper(self))  # type: ignore[arg-type]
+        self.room = StudySocketHub(self.reception, "token", {}, {})
         self.first, self.second = self._page(True), self._page(True)
         self.experimenter = self._page(False)
 
@@ -73,8 +73,8 @@ class World:
         self.servo = Servo(self)
         return self.servo
 
-    def _page(self, participant: bool) -> Page:
-        page = Page(None, participant)  # type: ignore[arg-type]
+    def _page(self, participant: bool) -> StudyPage:
+        page = StudyPage(None, participant)  # type: ignore[arg-type]
         self.room.enter(page)
         return page
 

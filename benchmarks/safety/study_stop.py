@@ -31,8 +31,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from haptorb.apps.study.model.study_file import Study, study_of
-from haptorb.apps.study.pages.host import Host
-from haptorb.apps.study.pages.reception import Reception
+from haptorb.apps.study.pages.server import StudyServer
+from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.store.database import database
 from haptorb.control.protection.trip import GuardState
 from haptorb.runtime.servo.servo import Servo
@@ -144,8 +144,8 @@ class Scene:
         self.servo: Servo | None = None
         self.stops: list[float] = []
         self._codes = 0
-        self.reception = Reception(self.engine, studied(state, repetitions), self._start)
-        self.host = Host(self.reception, 0)
+        self.reception = SessionManager(self.engine, studied(state, repetitions), self._start)
+        self.host = StudyServer(self.reception, 0)
         self._serving = threading.Thread(target=self.host.serve)
         self._serving.start()
         url, token = self.host.participant.replace("http", "ws"), self.host.experimenter.split("#")[1]

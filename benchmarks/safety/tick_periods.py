@@ -21,7 +21,7 @@ from haptorb.control.protection.trip import Trip
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.tick.assembly import allocator_of, estimator_of, linkage_of
 from haptorb.runtime.tick.tick import Tick
 from haptorb.runtime.trackers.tracker import Goal

@@ -133,9 +133,9 @@ def command_line() -> str:
 
 def benchmarks() -> str:
     """The stored figures of `haptorb bench`."""
-    from haptorb.apps.bench import stored
+    from haptorb.apps.bench import load_result
 
-    return stored(Path(__file__).resolve().parents[1] / "benchmarks.json").markdown()
+    return load_result(Path(__file__).resolve().parents[1] / "benchmarks.json").markdown()
 
 
 PAGES = {

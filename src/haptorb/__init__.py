@@ -18,7 +18,7 @@ _HOME = {
     "Servo": "haptorb.runtime.servo.servo",
     "Recording": "haptorb.runtime.recording.recording",
     "load": "haptorb.devices.loader",
-    "felt_map": "haptorb.simulation.force_map",
+    "force_map": "haptorb.simulation.force_map",
     "wrench_map": "haptorb.devices.api",
     "field": "haptorb.devices.motor.api",
     "sensor_field": "haptorb.devices.motor.api",
@@ -32,8 +32,8 @@ __all__ = [
     "Servo",
     "State",
     "WrenchMap",
-    "felt_map",
     "field",
+    "force_map",
     "load",
     "rotation_from_euler",
     "sensor_field",
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from haptorb.numerics.rotations import rotation_from_euler
     from haptorb.runtime.recording.recording import Recording
     from haptorb.runtime.servo.servo import Servo
-    from haptorb.simulation.force_map import felt_map
+    from haptorb.simulation.force_map import force_map
 
 
 def __getattr__(name: str) -> object:

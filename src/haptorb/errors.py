@@ -33,7 +33,7 @@ __all__ = [
     "RecordingError",
     "ServoError",
     "UnknownName",
-    "shown",
+    "quote",
 ]
 
 
@@ -53,10 +53,10 @@ class _Short(reprlib.Repr):
         return repr(x) if len(x) <= self.maxstring else f"{x[: self.maxstring]!r} and {len(x) - self.maxstring} more"
 
 
-def shown(value: object, most: int = 60) -> str:
+def quote(value: object, most: int = 60) -> str:
     """`value` as a message may show it: one line without control characters, texts of at most `most` characters.
 
-    >>> shown("1 m"), shown("a\\nb"), shown(10**400)
+    >>> quote("1 m"), quote("a\\nb"), quote(10**400)
     ("'1 m'", "'a\\\\nb'", 'an integer of 401 digits')
     """
     short = _Short()
@@ -87,7 +87,7 @@ class UnknownName(InputError):
         names = sorted(known)
         near = get_close_matches(name[:100], names, n=1, cutoff=0.5)
         hint = f"; did you mean '{near[0]}'?" if near else ""
-        super().__init__(f"unknown {what} {shown(name)}{hint} (known: {', '.join(names)})")
+        super().__init__(f"unknown {what} {quote(name)}{hint} (known: {', '.join(names)})")
 
 
 class DeviceError(HaptorbError):

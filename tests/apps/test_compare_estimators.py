@@ -7,7 +7,7 @@ import pytest
 
 import haptorb
 from haptorb.apps.cli import main
-from haptorb.apps.estimators import compare, plotted, shown
+from haptorb.apps.estimators import compare, plot_comparison, print_comparison
 from haptorb.apps.estimators.comparison import TORQUE_JND
 from haptorb.errors import InputError
 from haptorb.sensing.torque_maps.network import train
@@ -54,11 +54,11 @@ def test_it_can_be_read_printed_and_drawn(comparison, tmp_path, capsys):
     assert len(numbers["rows"]) == len(comparison.rows)
     from rich.console import Console
 
-    shown(comparison, Console(width=160))
+    print_comparison(comparison, Console(width=160))
     printed = capsys.readouterr().out
     assert "not estimated" in printed
     assert "magnets −2 %" in printed
-    plotted(comparison, tmp_path / "fig4.png")
+    plot_comparison(comparison, tmp_path / "fig4.png")
     assert (tmp_path / "fig4.png").stat().st_size > 50_000
 
 

@@ -19,7 +19,7 @@ from haptorb.errors import DriverError, InputError, UnknownName
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver_registry import real_driver
 from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
-from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.servo.servo import Servo
 from oracles.chips import TCA9534, ChipBus

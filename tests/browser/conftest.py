@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from haptorb.apps.console import Console
-from haptorb.apps.console.force_map_process import FeltProcess
+from haptorb.apps.console.force_map_process import ForceMapProcess
 from haptorb.devices.loader import load
 from haptorb.runtime.row import RowLayout
 
@@ -188,15 +188,15 @@ def fake() -> Any:
 
 
 @pytest.fixture(scope="session")
-def painting() -> Iterator[FeltProcess]:
+def painting() -> Iterator[ForceMapProcess]:
     """What paints the felt map: a process that takes two seconds to load, for all imagined servos the same."""
-    process = FeltProcess(load("omni"))
+    process = ForceMapProcess(load("omni"))
     yield process
     process.close()
 
 
 @pytest.fixture
-def staged(browser: Any, fake: Any, painting: FeltProcess) -> Iterator[Any]:
+def staged(browser: Any, fake: Any, painting: ForceMapProcess) -> Iterator[Any]:
     """A function that shows the imagined servo on a page of a given size and theme."""
     pages = []
     with Console(fake, 0, felt=painting) as console, served(console):

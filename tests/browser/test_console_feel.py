@@ -12,7 +12,7 @@ import pytest
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
-from haptorb.simulation.force_map import felt_map
+from haptorb.simulation.force_map import force_map
 from haptorb.worlds import Dome
 
 pytestmark = pytest.mark.browser
@@ -50,7 +50,7 @@ def test_feel_the_dome_and_stop(live):
     device, dome = load("omni"), Dome()
     angles = (0.0, 10.0, 26.0, 36.0, 50.0, 58.0, 70.0)
     points = np.array([along(angle) for angle in angles]) * device.contact_distance
-    computed, _ = felt_map(device, dome, points)
+    computed, _ = force_map(device, dome, points)
     painted = [screen.felt(point) for point in points]
     assert painted == pytest.approx(computed, abs=0.06)  # the nearest vertex is up to 1.2° away
     assert painted[1] > 0.25

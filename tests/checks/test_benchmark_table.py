@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-from haptorb.apps.bench import stored
+from haptorb.apps.bench import load_result
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def test_readme_quotes_the_stored_benchmarks(root: Path, script: ModuleType) -> 
 
 
 def test_the_stored_benchmarks_are_whole(root: Path) -> None:
-    found = stored(root / "docs" / "benchmarks.json")
+    found = load_result(root / "docs" / "benchmarks.json")
     assert {"magnetics", "estimation", "allocation", "tick", "training", "recording"} <= {
         row.benchmark for row in found.rows
     }

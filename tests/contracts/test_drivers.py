@@ -24,7 +24,7 @@ from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
 from haptorb.runtime.drivers.serial.emulator import Emulator
 from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
-from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.drivers.sim_driver import SimDriver
 from oracles.chips import ChipBus
 
 SOME = np.array([0.05, -0.03, 0.02])

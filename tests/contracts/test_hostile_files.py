@@ -21,7 +21,7 @@ from haptorb.devices.loader import load, parse
 from haptorb.devices.schema.quantity import si
 from haptorb.errors import CalibrationError, DeviceError, InputError, RecordingError, UnknownName
 from haptorb.files.json_file import document, numbers
-from haptorb.runtime.exchange.world_change import changed, request, requested
+from haptorb.runtime.exchange.world_change import change_world, parse_request, request
 from haptorb.runtime.recording import recording_file
 from haptorb.runtime.recording.recording import Recording
 from haptorb.sensing.calibration.calibration import Calibration
@@ -153,25 +153,25 @@ def test_names_that_no_file_can_have_are_refused_for_writing_as_well(hostile: Mo
         with pytest.raises(CalibrationError):
             write_calibration(calibration, tmp_path / name)
     with pytest.raises(RecordingError):
-        recording_file.opened(tmp_path / ("x" * 300), overwrite=False)
+        recording_file.create_recording(tmp_path / ("x" * 300), overwrite=False)
     with pytest.raises(RecordingError):
-        recording_file.opened(tmp_path / "a\0b", overwrite=False)
+        recording_file.create_recording(tmp_path / "a\0b", overwrite=False)
 
 
 @pytest.mark.parametrize("value", [[2.4], (2.4,), True, 10**400, float("nan"), "2.4", None, {"a": 1}, [[1.0]]])
 def test_a_number_is_a_number_wherever_a_world_is_changed(value: Any) -> None:
     with pytest.raises(InputError):
-        worlds.Dome().changed(moment=value)
+        worlds.Dome().replace(moment=value)
     with pytest.raises(InputError):
-        changed(worlds.Dome(), *requested(request(1, "dome", {"moment": value}))[1:])
+        change_world(worlds.Dome(), *parse_request(request(1, "dome", {"moment": value}))[1:])
     with pytest.raises(InputError):
-        worlds.Dome().changed(summit=[0.0, 0.0, value])
+        worlds.Dome().replace(summit=[0.0, 0.0, value])
 
 
 def test_numbers_of_numpy_are_numbers() -> None:
-    assert worlds.Dome().changed(moment=np.array(2.4)).moment == 2.4
-    assert worlds.Dome().changed(moment=np.float64(2.4)).moment == 2.4
-    assert worlds.Dome().changed(summit=np.array([0.0, 0.0, 1.0])).summit == (0.0, 0.0, 1.0)
+    assert worlds.Dome().replace(moment=np.array(2.4)).moment == 2.4
+    assert worlds.Dome().replace(moment=np.float64(2.4)).moment == 2.4
+    assert worlds.Dome().replace(summit=np.array([0.0, 0.0, 1.0])).summit == (0.0, 0.0, 1.0)
 
 
 @pytest.mark.parametrize("text", ["[trials]\nrepetitions = true", "[parameters]\nmoment = true",
@@ -192,7 +192,7 @@ def test_a_measured_number_is_a_number(value: str) -> None:
 def test_a_recording_is_as_open_as_its_owner_wants_files(tmp_path: Path, mask: int) -> None:
     before = os.umask(mask)
     try:
-        descriptor = recording_file.opened(tmp_path / "a.mcap", overwrite=False)
+        descriptor = recording_file.create_recording(tmp_path / "a.mcap", overwrite=False)
         during = os.fstat(descriptor).st_mode & 0o777
         recording_file.complete(descriptor, temporary=False)
         after = os.fstat(descriptor).st_mode & 0o777

@@ -10,7 +10,7 @@ from haptorb.apps.check.late_tracker import LateTracker
 from haptorb.control.stability.hand_grip import GRIPS
 from haptorb.devices.electromagnet.electromagnet import Hand
 from haptorb.devices.loader import load
-from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.tick.assembly import allocator_of, assemble, estimator_of
 from haptorb.runtime.tick.tick import Tick
@@ -18,7 +18,7 @@ from haptorb.runtime.trackers.tracker import Goal
 from haptorb.worlds.world import World
 
 HOMES = {name: "pmsm" if name in ("outlet", "outlet-published", "snap_fit") else "omni" for name in worlds.CATALOGUE}
-PASSIVE = [name for name in worlds.CATALOGUE if worlds.named(name).passive]
+PASSIVE = [name for name in worlds.CATALOGUE if worlds.find_world(name).passive]
 
 
 def rows_of(tick, seconds, *fields):
@@ -35,7 +35,7 @@ def rows_of(tick, seconds, *fields):
 def test_a_passive_world_stays_untouched_in_a_well_sampled_loop(name):
     """Zero injection over the guided motion, landing, sliding and circling: not little, none."""
     device = load(HOMES[name])
-    tick = assemble(device, worlds.named(name)(), "sim", 1000.0, 0, None, PointerTracker())
+    tick = assemble(device, worlds.find_world(name)(), "sim", 1000.0, 0, None, PointerTracker())
     seconds = 4.0 if HOMES[name] == "omni" else 1.5
     energy, balance, injected, asked = rows_of(tick, seconds, "energy", "balance", "injected", "asked")[[0, 1, 2, 3]]
     assert not injected.any()

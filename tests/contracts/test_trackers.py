@@ -17,8 +17,8 @@ from trackers import SUBJECTS, Fed, NatNet, Osc, Subject, natnet_frame
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.runtime.tick.assembly import assemble
-from haptorb.runtime.trackers.fed_tracker import PREDICTION
-from haptorb.worlds import named
+from haptorb.runtime.trackers.feed_tracker import PREDICTION
+from haptorb.worlds import find_world
 
 PLACE = (0.01, -0.02, 0.05)
 
@@ -155,7 +155,7 @@ def test_a_tracker_that_falls_silent_ramps_down_latches_and_waits_for_a_person(n
     subject = SUBJECTS[name](tmp_path)
     omni = load("omni")
     dt = 1e-3
-    tick = assemble(omni, named("dome")(), "sim", 1.0 / dt, 0, None, subject.tracker)
+    tick = assemble(omni, find_world("dome")(), "sim", 1.0 / dt, 0, None, subject.tracker)
     layout, row = tick.layout, tick.layout.empty()
     at, slope = np.array([0.0, 0.0, 0.049]), []
     with tick.driver:

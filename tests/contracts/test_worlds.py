@@ -18,7 +18,7 @@ def at_home(name):
     """The world as a device renders it: the first device that can."""
     for device in HOMES.values():
         try:
-            return worlds.named(name)().for_device(device), device
+            return worlds.find_world(name)().for_device(device), device
         except HaptorbError:
             continue
     pytest.fail(f"no device renders the world '{name}'")
@@ -50,7 +50,7 @@ def test_it_has_no_memory(name, p, v):
 
 @pytest.mark.parametrize("name", worlds.CATALOGUE)
 def test_it_says_what_it_is_and_every_parameter_too(name):
-    world = worlds.named(name)
+    world = worlds.find_world(name)
     assert (world.__doc__ or "").splitlines()[0].endswith(".")
     for item in parameters(world).values():
         assert item.about
@@ -60,17 +60,17 @@ def test_it_says_what_it_is_and_every_parameter_too(name):
 
 @pytest.mark.parametrize("name", worlds.CATALOGUE)
 def test_every_parameter_is_checked(name):
-    world = worlds.named(name)()
+    world = worlds.find_world(name)()
     for item in parameters(type(world)).values():
         for bad in (item.high + 1e9, item.low - 1e9, float("nan"), "a lot"):
             with pytest.raises(InputError, match=item.name):
-                world.changed(**{item.name: (bad,) * item.size if item.size > 1 else bad})
+                world.replace(**{item.name: (bad,) * item.size if item.size > 1 else bad})
 
 
 @pytest.mark.parametrize("name", worlds.CATALOGUE)
 def test_changing_to_its_own_values_changes_nothing(name):
-    world = worlds.named(name)()
-    assert world.changed(**values(world)) == world
+    world = worlds.find_world(name)()
+    assert world.replace(**values(world)) == world
 
 
 @pytest.mark.parametrize("name", worlds.CATALOGUE)
@@ -97,7 +97,7 @@ PLUGS = ["outlet", "outlet-published", "snap_fit"]  # metal on metal, tens of ne
 OMNI_WORLDS = [name for name in worlds.CATALOGUE if name not in PLUGS]
 
 
-@pytest.mark.parametrize("name", [name for name in OMNI_WORLDS if worlds.named(name).passive])
+@pytest.mark.parametrize("name", [name for name in OMNI_WORLDS if worlds.find_world(name).passive])
 def test_no_closed_path_takes_energy_out_of_a_passive_world(name):
     """Midpoint rule, 4 000 steps a loop: the sum errs by less than a thousandth of the work that goes to and fro."""
     world, _ = at_home(name)
@@ -121,7 +121,7 @@ def test_it_keeps_its_bound(name):
         assert np.linalg.norm(world.wrench(state)[:3]) <= world.bound * (1 + 1e-9)
 
 
-@pytest.mark.parametrize("name", [name for name in OMNI_WORLDS if worlds.named(name).continuous])
+@pytest.mark.parametrize("name", [name for name in OMNI_WORLDS if worlds.find_world(name).continuous])
 def test_a_continuous_world_has_no_jumps(name):
     """Halving the step halves the greatest change, on paths through the whole shell."""
     world, _ = at_home(name)

@@ -13,28 +13,28 @@ from typing import Any
 import numpy as np
 
 from haptorb.devices.loader import load
-from haptorb.runtime.memory.pose_block import WORDS, TrackedBlock
-from haptorb.runtime.pointer.pointer import Pointed, PointerSource, PointerTracker
+from haptorb.runtime.memory.pose_block import WORDS, PoseBlock
+from haptorb.runtime.pointer.pointer import PointerSource, PointerState, PointerTracker
 from haptorb.runtime.recording.recorder import Recorder
 from haptorb.runtime.row import RowLayout
-from haptorb.runtime.trackers.fed_tracker import FedTracker
 from haptorb.runtime.trackers.feed import Feed
-from haptorb.runtime.trackers.pose_filter import Reception
+from haptorb.runtime.trackers.feed_tracker import FeedTracker
+from haptorb.runtime.trackers.pose_filter import PoseFilter
 from haptorb.runtime.trackers.tracker import Tracker
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
-def block() -> TrackedBlock:
+def block() -> PoseBlock:
     memory = memoryview(bytearray(8 * WORDS))
-    return TrackedBlock(memory.cast("q"), memory.cast("d"), 0)
+    return PoseBlock(memory.cast("q"), memory.cast("d"), 0)
 
 
 class Subject(ABC):
     """A tracker and its hand. `say` returns when the tracker has had the chance to hear."""
 
     tracker: Tracker
-    reception: Reception | None = None
+    reception: PoseFilter | None = None
 
     @abstractmethod
     def say(self, p: Sequence[float], q: Sequence[float] = UPRIGHT) -> None:
@@ -56,14 +56,14 @@ class Pointer(Subject, PointerSource):
     """The console's pointer."""
 
     def __init__(self, tmp_path: Path) -> None:
-        self._pointed = Pointed(False, np.zeros(3), np.array(UPRIGHT), 0.0)
+        self._pointed = PointerState(False, np.zeros(3), np.array(UPRIGHT), 0.0)
         self.tracker = PointerTracker(self)
 
-    def pointed(self) -> Pointed:
+    def read_pointer(self) -> PointerState:
         return self._pointed
 
     def say(self, p: Sequence[float], q: Sequence[float] = UPRIGHT) -> None:
-        self._pointed = Pointed(True, np.array(p, dtype=float), np.array(q, dtype=float), time.monotonic())
+        self._pointed = PointerState(True, np.array(p, dtype=float), np.array(q, dtype=float), time.monotonic())
 
     def lose(self) -> None:
         self._pointed = self._pointed._replace(held=False)
@@ -74,8 +74,8 @@ class Fed(Subject):
 
     def __init__(self, feed: Feed) -> None:
         self._feed, self._block = feed, block()
-        self.reception = Reception(feed, self._block)
-        self.tracker = FedTracker(self._block)
+        self.reception = PoseFilter(feed, self._block)
+        self.tracker = FeedTracker(self._block)
 
     def listened(self, before: int, patience: float = 5.0) -> None:
         """Until one more message was taken or refused."""
@@ -148,7 +148,7 @@ class Lsl(Fed):
         # the stream is joined by the first pull; what was sent before is not for us
         end = time.monotonic() + 10.0
         while not self._outlet.have_consumers() and time.monotonic() < end:
-            list(self._feed.heard(0.05))
+            list(self._feed.receive(0.05))
 
     def push(self, values: Sequence[float], stamp: float = 0.0) -> None:
         before = self.heard()
@@ -231,9 +231,9 @@ class Replay(Fed):
 
     def __init__(self, tmp_path: Path) -> None:
         self._path, self._told = tmp_path / "replayed.mcap", [(0.0, 0.0, (0.0, 0.0, 0.05), True)]
-        from haptorb.runtime.trackers.replay_feed import ReplayFeed, played
+        from haptorb.runtime.trackers.replay_feed import ReplayFeed, load_poses
 
-        self._made, self._played = ReplayFeed, played
+        self._made, self._played = ReplayFeed, load_poses
         super().__init__(ReplayFeed(np.empty((0, 10)), 0.0))
 
     def _tell(self, p: Sequence[float], valid: bool) -> None:

@@ -116,7 +116,7 @@ def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int,
         try:
             if host.stdout.readline() != "engaged\n":
                 continue
-            emulator.heard("@on")
+            emulator.expect_line("@on")
             if float(emulator.status()["on"]) != 1:
                 continue  # the host was kept waiting and the firmware has switched off already
             which = fault(emulator, host)

@@ -17,7 +17,7 @@ from haptorb.apps.hardware.emulate import emulate
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
 from haptorb.runtime.drivers.serial.board import Board
-from haptorb.runtime.drivers.serial.codes import Reason, Refusal, Standing
+from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, Refusal
 from haptorb.runtime.drivers.serial.emulator import Emulator
 from haptorb.runtime.drivers.serial.messages import refusal
 from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
@@ -118,7 +118,7 @@ def test_engaging_is_refused_while_a_coil_is_too_warm_or_nobody_knows(started: C
     emulator.wait(2.5)
     hot = device.engage()
     assert hot.refusal is Refusal.HOT
-    assert hot.standing is Standing.OFF
+    assert hot.standing is BoardMode.OFF
     assert "above 85 °C" in refusal(hot)
     emulator.tell("heat 1 40")
     emulator.tell("absent ds18b20-z")
@@ -159,7 +159,7 @@ def test_over_current_trips_the_firmware_and_the_host_says_why(emulator: Any, dr
     with pytest.raises(DriverError, match="current was above the limit"):
         ticks(driver, np.array([0.9, 0.0, 0.0]), 60)
     assert driver.write(SMALL).tolist() == [0, 0, 0]
-    emulator.heard("@off")
+    emulator.expect_line("@off")
 
 
 def test_after_a_trip_nothing_flows_until_somebody_engages(emulator: Any, driver: SerialDriver) -> None:
@@ -268,7 +268,7 @@ def test_standing_is_off_after_close(emulator: Any, driver: SerialDriver) -> Non
     driver.close()
     assert emulator.status()["on"] == "0"
     device = Board(emulator.port, 30.0, answer=5.0)
-    assert device.read().standing is Standing.OFF
+    assert device.read().standing is BoardMode.OFF
     device.close()
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.apps.calibrate.guided import Guide, guided, known_steps
+from haptorb.apps.calibrate.dialog import Dialog, check_steps, guide_calibration
 from haptorb.apps.calibrate.measure import Pace
 from haptorb.apps.calibrate.steps import Step
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
@@ -64,9 +64,9 @@ def test_a_device_behind_the_real_firmware_is_calibrated(built: Path, tmp_path: 
     try:
         with Emulator(built, tmp_path / "omni", physics=emulated) as emulator:
             driver = slowly(SerialDriver(omni, emulator.port, patience=1.0, warm_up=90.0), emulator)
-            guide = Guide(said.append, lambda step: person.place(step, emulated))
-            steps = known_steps(["rest", "currents", "magnetic", "tool"])
-            found = guided(omni, driver, out, steps=steps, pace=pace, guide=guide, levels=1, repeats=2)
+            guide = Dialog(said.append, lambda step: person.place(step, emulated))
+            steps = check_steps(["rest", "currents", "magnetic", "tool"])
+            found = guide_calibration(omni, driver, out, steps=steps, pace=pace, guide=guide, levels=1, repeats=2)
             assert found is not None, said
             assert not found.simulated
             scale = np.linalg.norm(truth.moment_per_current, axis=0)

@@ -15,8 +15,8 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.drivers.serial.emulator import EmulatedDevice, Emulator
-from haptorb.runtime.drivers.serial.serial_driver import SerialDriver, untracked
-from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.drivers.serial.serial_driver import SerialDriver, invalid_pose
+from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.tick.assembly import estimator_of
 from haptorb.runtime.tick.tick import Tick
 from haptorb.worlds.maps.dome import Dome
@@ -50,7 +50,7 @@ def test_a_dome_is_felt_through_the_real_firmware(
 ) -> None:
     """With a perfect tracker, and with the field sensors alone, one axis of one block in each tick."""
     device, emulator = emulated
-    pose = device.pose if tracker == "tracker" else untracked
+    pose = device.pose if tracker == "tracker" else invalid_pose
     driver = SerialDriver(
         omni, emulator.port, pose, patience=1.0, warm_up=90.0, hall_axes=3, clock=lambda: time.monotonic() * PACE
     )

@@ -9,14 +9,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from haptorb.physics.interaction import flux_linkage, wrench
-from haptorb.physics.published_multipoles import published
+from haptorb.physics.published_multipoles import load_published
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.cylinder import CylinderMagnet
 from haptorb.physics.sources.dipole import Dipole
 from haptorb.physics.sources.multipole import MultipoleSource, multipole_wrench
-from haptorb.physics.sources.placed import Placed, Together
+from haptorb.physics.sources.placement import PlacedSource, SourceSum
 from haptorb.physics.sources.ring import RingMagnet
 from haptorb.physics.sources.round_body import RoundBody
 from haptorb.physics.sources.source import Source
@@ -40,12 +40,14 @@ SOURCES = {
     "ring magnet": Case(RingMagnet(6e-3, 2.5e-3, 24e-3, 1.348), 12.4e-3),
     "coil": Case(Coil(1000, 4.764e-3, 15.88e-3, 7.62e-3), 16.4e-3),
     "charged ring": Case(ChargedRing(6e-3, 2.5e-3, 24e-3, 1.348), 12.4e-3, round=False),
-    "published magnet": Case(published("bai2012-pm").model, 15.9e-3, round=False),
-    "published coil": Case(published("bai2012-em").model, 15.9e-3, round=False),
+    "published magnet": Case(load_published("bai2012-pm").model, 15.9e-3, round=False),
+    "published coil": Case(load_published("bai2012-em").model, 15.9e-3, round=False),
     "one pole pair": Case(MultipoleSource(5e-3, 4e-3, [3.0], 1), 2.1e-3),
-    "placed magnet": Case(Placed(CylinderMagnet(5e-3, 4e-3, 1.0), (2e-3, 1e-3, -3e-3), TURN), 12e-3, round=False),
+    "placed magnet": Case(PlacedSource(CylinderMagnet(5e-3, 4e-3, 1.0), (2e-3, 1e-3, -3e-3), TURN), 12e-3, round=False),
     "two together": Case(
-        Together([Placed(Dipole((1, 0, 0)), (4e-3, 0, 0), TURN), CylinderMagnet(3e-3, 3e-3, 1.1)]), 8e-3, round=False
+        SourceSum([PlacedSource(Dipole((1, 0, 0)), (4e-3, 0, 0), TURN), CylinderMagnet(3e-3, 3e-3, 1.1)]),
+        8e-3,
+        round=False,
     ),
 }
 BODIES = {name: case.source for name, case in SOURCES.items() if isinstance(case.source, RoundBody)}
@@ -113,7 +115,7 @@ def test_far_field_is_that_of_a_dipole_with_the_same_moment(case):
 @every
 def test_turning_and_moving_the_source_turns_and_moves_the_field(case):
     points, shift = around(case), np.array([0.3, -0.1, 0.2])
-    moved = Placed(case.source, shift, TURN)
+    moved = PlacedSource(case.source, shift, TURN)
     assert moved.field(points @ TURN.T + shift) == pytest.approx(
         case.source.field(points) @ TURN.T, rel=1e-7, abs=1e-9 * np.abs(case.source.field(points)).max()
     )

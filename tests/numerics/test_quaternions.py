@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from haptorb.numerics.quaternions import product, quaternion, turned
+from haptorb.numerics.quaternions import product, quaternion, rotate
 
 HALF_TURNS = [Rotation.from_rotvec(np.pi * np.array(axis) / np.linalg.norm(axis)) for axis in
               [(0, 0, 1), (0, 1, 0), (1, 0, 0), (1, 1, 0), (0, 1, -1), (1, 1, 1)]]  # fmt: skip
@@ -19,8 +19,8 @@ def test_they_turn_as_matrices_do(seed: int) -> None:
     v = np.random.default_rng(seed).normal(size=3)
     p, q = quaternion(a.as_matrix()), quaternion(b.as_matrix())
     assert np.allclose(Rotation.from_quat(p).as_matrix(), a.as_matrix(), atol=1e-12)
-    assert np.allclose(turned(p, v), a.apply(v), atol=1e-12)
-    assert np.allclose(turned(product(p, q), v), (a * b).apply(v), atol=1e-12)
+    assert np.allclose(rotate(p, v), a.apply(v), atol=1e-12)
+    assert np.allclose(rotate(product(p, q), v), (a * b).apply(v), atol=1e-12)
 
 
 def test_half_turns_lose_nothing() -> None:

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from haptorb.errors import GeometryError, InputError
 from haptorb.numerics.arrays import Array, rotation, vectors
-from haptorb.physics.interaction import Bounded, wrench
-from haptorb.physics.sources.placed import Placed
+from haptorb.physics.interaction import BoundedValue, wrench
+from haptorb.physics.sources.placement import PlacedSource
 from haptorb.physics.sources.round_body import RoundBody
 from haptorb.physics.sources.source import Source
 
@@ -24,18 +24,18 @@ _CENTRE = np.zeros(3)
 
 
 def exact_torque_characteristic(
-    rotor: Source, coils: Sequence[Placed], R_SR: ArrayLike, *, precision: float = 1e-7
-) -> Bounded:
+    rotor: Source, coils: Sequence[PlacedSource], R_SR: ArrayLike, *, precision: float = 1e-7
+) -> BoundedValue:
     """(..., 3, m) torque on the rotor about the centre per ampere in each coil [N·m/A], and its error bound.
 
-    `rotor` holds all magnets in the rotor's frame (a `Together`), `coils` the coils placed in the stator's, R_SR
+    `rotor` holds all magnets in the rotor's frame (a `SourceSum`), `coils` the coils placed in the stator's, R_SR
     (..., 3, 3). Each coil's torque is reached to `precision` of its own magnitude, or PrecisionError is raised;
     GeometryError where a coil reaches into a magnet.
 
     >>> from haptorb.physics.sources.coil import Coil
     >>> from haptorb.physics.sources.cylinder import CylinderMagnet
-    >>> magnet = Placed(CylinderMagnet(5e-3, 4e-3, 1.2), (0, 0, 30e-3), np.eye(3))
-    >>> coil = Placed(Coil(100, 2e-3, 5e-3, 4e-3), (0, 0, 20e-3), np.eye(3))
+    >>> magnet = PlacedSource(CylinderMagnet(5e-3, 4e-3, 1.2), (0, 0, 30e-3), np.eye(3))
+    >>> coil = PlacedSource(Coil(100, 2e-3, 5e-3, 4e-3), (0, 0, 20e-3), np.eye(3))
     >>> tilt = [[1, 0, 0], [0, 0.99, -0.14106735979665885], [0, 0.14106735979665885, 0.99]]    # by 8°: pulled back
     >>> bool(exact_torque_characteristic(magnet, [coil], tilt).value[0, 0] < 0)
     True
@@ -44,7 +44,7 @@ def exact_torque_characteristic(
     flat = turns.reshape(-1, 3, 3)
     value, bound = np.empty((len(flat), 3, len(coils))), np.empty((len(flat), 3, len(coils)))
     for n, turn in enumerate(flat):
-        magnets = Placed(rotor, _CENTRE, turn)
+        magnets = PlacedSource(rotor, _CENTRE, turn)
         for j, coil in enumerate(coils):
             body = coil.source
             if not isinstance(body, RoundBody):
@@ -53,7 +53,7 @@ def exact_torque_characteristic(
             value[n, :, j] = -on_coil.value[3:]  # the rotor feels the opposite of what the coil feels
             bound[n, :, j] = on_coil.bound[3:]
     shape = (*turns.shape[:-2], 3, len(coils))
-    return Bounded(value.reshape(shape), bound.reshape(shape))
+    return BoundedValue(value.reshape(shape), bound.reshape(shape))
 
 
 def exact_sensor_field(rotor: Source, sensors: ArrayLike, R_SR: ArrayLike) -> Array:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_simpson, quad
 
 from haptorb.errors import GeometryError, InputError, UnknownName
-from haptorb.physics.beams import MODELS, appendix_b, bent_shape, compliance, force_ratio
+from haptorb.physics.beams import MODELS, appendix_b, compliance, compute_bent_shape, force_ratio
 from haptorb.physics.hook import TABLE_3, Hook
 
 STRAIGHT = TABLE_3.ramp_to_peak()
@@ -109,7 +109,7 @@ def test_on_the_uniform_beam_both_models_are_the_textbook_cantilever() -> None:
 @given(hooks(), st.floats(0.6, 1.0))
 def test_the_bent_shape_obeys_the_beam_equation(hook: Hook, share: float) -> None:
     x = share * hook.tip
-    shape = bent_shape(hook, x, 1e-3, points=2001)
+    shape = compute_bent_shape(hook, x, 1e-3, points=2001)
     load = 1e-3 / hook.thickness / float(compliance(hook, x).plus)  # F_y
     s = shape[:, 0] / hook.thickness
     h = np.array([section(hook, value) for value in s])
@@ -186,7 +186,7 @@ def test_bad_places_and_models() -> None:
     with pytest.raises(UnknownName, match="did you mean 'timoshenko'"):
         compliance(TABLE_3, 5e-3, "timoshenk")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="x must lie on the hook"):
-        bent_shape(TABLE_3, 0.0, 1e-3)
+        compute_bent_shape(TABLE_3, 0.0, 1e-3)
 
 
 @given(hooks())

@@ -14,7 +14,7 @@ from haptorb.physics.sources import dipole
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.cylinder import CylinderMagnet
 from haptorb.physics.sources.dipole import Dipole
-from haptorb.physics.sources.placed import Placed, Together
+from haptorb.physics.sources.placement import PlacedSource, SourceSum
 from haptorb.physics.sources.ring import RingMagnet
 from oracles.exact_level import exact_sensor_field, exact_torque_characteristic
 
@@ -80,7 +80,7 @@ def test_virtual_work_force_and_torque_are_derivatives_of_the_flux_linkage():
 
     def linkage(shift=(0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0)):
         turn = Rotation.from_rotvec(spin).as_matrix()
-        return flux_linkage(Placed(MAGNET, shift, turn), COIL, ASIDE, TILT, precision=1e-11).value[0]
+        return flux_linkage(PlacedSource(MAGNET, shift, turn), COIL, ASIDE, TILT, precision=1e-11).value[0]
 
     force = [(linkage(h * e) - linkage(-h * e)) / (2 * h) for e in np.eye(3)]
     torque = [(linkage(spin=h * e) - linkage(spin=-h * e)) / (2 * h) for e in np.eye(3)]
@@ -98,7 +98,7 @@ def test_far_apart_everything_is_a_dipole():
 
 def test_no_torque_about_the_targets_own_axis():
     for target in (COIL, MAGNET):
-        found = wrench(Placed(MAGNET, (0, 0, 0), TILT), target, (5e-3, 9e-3, 25e-3), TILT.T, precision=1e-7)
+        found = wrench(PlacedSource(MAGNET, (0, 0, 0), TILT), target, (5e-3, 9e-3, 25e-3), TILT.T, precision=1e-7)
         assert abs(found.value[3:] @ TILT.T[:, 2]) < 1e-14 * np.linalg.norm(found.value[3:]) + 1e-16
 
 
@@ -135,14 +135,14 @@ def test_poses_that_are_none_are_refused():
     with pytest.raises(InputError, match="one pose"):
         wrench(MAGNET, COIL, [ASIDE, ASIDE], TILT)
     with pytest.raises(InputError, match="one place"):
-        Placed(MAGNET, [ASIDE, ASIDE], TILT)
+        PlacedSource(MAGNET, [ASIDE, ASIDE], TILT)
 
 
 def test_exact_level_needs_no_symmetry_and_agrees_with_the_table_where_there_is_some():
     u, c = np.array([0.6, 0.0, 0.8]), np.array([0.28, 0.1, 0.95])
     c /= np.linalg.norm(c)
-    rotor = Together([Placed(MAGNET, 67.9e-3 * u, rotation_to_axis(u))])
-    coil = Placed(COIL, 56.8e-3 * c, rotation_to_axis(c))
+    rotor = SourceSum([PlacedSource(MAGNET, 67.9e-3 * u, rotation_to_axis(u))])
+    coil = PlacedSource(COIL, 56.8e-3 * c, rotation_to_axis(c))
     spun = Rotation.from_euler("XYZ", [3, 2, 1], degrees=True).as_matrix()
     K = exact_torque_characteristic(rotor, [coil, coil], np.array([np.eye(3), spun]))
     assert K.value.shape == K.bound.shape == (2, 3, 2)
@@ -151,17 +151,17 @@ def test_exact_level_needs_no_symmetry_and_agrees_with_the_table_where_there_is_
         k = table.values(np.array(R @ u @ c))[0][0]
         assert found[:, 0] == pytest.approx(k * np.cross(R @ u, c), abs=2e-6)
     lean = Rotation.from_rotvec([0.05, 0, 0]).as_matrix()
-    leaning = Placed(COIL, 56.8e-3 * c + [1e-3, 0, 0], rotation_to_axis(c) @ lean)
+    leaning = PlacedSource(COIL, 56.8e-3 * c + [1e-3, 0, 0], rotation_to_axis(c) @ lean)
     assert np.abs(exact_torque_characteristic(rotor, [leaning], np.eye(3)).value - K.value[0, :, :1]).max() > 1e-3
     with pytest.raises(InputError, match="coil 1 must be a winding"):
-        exact_torque_characteristic(rotor, [Placed(Dipole((0, 0, 1)), c, np.eye(3))], np.eye(3))
+        exact_torque_characteristic(rotor, [PlacedSource(Dipole((0, 0, 1)), c, np.eye(3))], np.eye(3))
 
 
 def test_exact_sensor_field_is_that_of_the_turned_magnets():
     axes = np.array([[0, 0, 1.0], [1, 0, 0]])
-    rotor = Together([Placed(MAGNET, 67.9e-3 * u, rotation_to_axis(u)) for u in axes])
+    rotor = SourceSum([PlacedSource(MAGNET, 67.9e-3 * u, rotation_to_axis(u)) for u in axes])
     sensors = np.array([[0, 0, 62.4e-3], [40e-3, 0, 48e-3]])
-    turned = Placed(rotor, (0, 0, 0), TILT)
+    turned = PlacedSource(rotor, (0, 0, 0), TILT)
     found = exact_sensor_field(rotor, sensors, np.array([np.eye(3), TILT]))
     assert found[0] == pytest.approx(rotor.field(sensors))
     assert found[1] == pytest.approx(turned.field(sensors))

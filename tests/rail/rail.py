@@ -50,7 +50,7 @@ class Rail(Device):
         return self.moment * slope
 
     def wrench_map(self, state: State, level: str) -> WrenchMap:
-        self.known_level(level)
+        self.check_level(level)
         matrix = np.zeros((6, 2))
         matrix[0] = self.per_ampere(float(state.p[0]))
         return WrenchMap(matrix, np.zeros(6))
@@ -104,7 +104,7 @@ class RailSimulation(Simulation):
         x, v = np.array([self._x, 0.0, 0.0]), np.array([self._v, 0.0, 0.0])
         return State(self._t, np.eye(3), x, np.zeros(3), v)
 
-    def quantised(self, duties: Any) -> Any:
+    def quantise(self, duties: Any) -> Any:
         steps = 2**self.device.supply.duty_bits
         return np.round(np.clip(np.nan_to_num(duties), -1, 1) * steps) / steps
 

@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import pytest
 
-from haptorb.apps.reproduce import Made
+from haptorb.apps.reproduce import ReproductionResult
 
 
 @pytest.fixture(scope="session")
-def numbers(reproduction: Callable[[str, str], Made]) -> Callable[..., list[float]]:
+def numbers(reproduction: Callable[[str, str], ReproductionResult]) -> Callable[..., list[float]]:
     """The computed numbers of some items of one reproduction, after a look that each of them holds."""
 
     def told(paper: str, name: str, *ids: str) -> list[float]:
@@ -23,7 +23,7 @@ def numbers(reproduction: Callable[[str, str], Made]) -> Callable[..., list[floa
 
 
 @pytest.fixture(scope="session")
-def printed(reproduction: Callable[[str, str], Made]) -> Callable[..., list[float]]:
+def printed(reproduction: Callable[[str, str], ReproductionResult]) -> Callable[..., list[float]]:
     """What the paper prints for some items, evaluated."""
 
     def told(paper: str, name: str, *ids: str) -> list[float]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import haptorb
-from haptorb.apps.estimators.trajectories import figure_4, normalised_error, random_workspace
+from haptorb.apps.estimators.trajectories import figure_4, random_workspace, relative_error
 from haptorb.sensing.orientation.least_squares import LeastSquaresOrientation
 from haptorb.sensing.sample import Pose, Sample
 from haptorb.sensing.torque_maps.linear_map import LinearTorque
@@ -28,7 +28,7 @@ def mapped(torque_map, motor, R):
     found, known = np.empty_like(true), np.empty(true.shape[2])
     for number, field in enumerate(motor.sensor_field(R, "table")):
         torque_map.torque(field, np.ones(motor.sensors), found[number], known)
-    return normalised_error(found[:, :, EM17], true[:, :, EM17])
+    return relative_error(found[:, :, EM17], true[:, :, EM17])
 
 
 @pytest.mark.slow
@@ -62,7 +62,7 @@ def test_least_squares_follow_figure_4_exactly_and_with_noise_to_a_two_thousandt
             estimate = estimator.update(Sample(float(t), np.zeros(12), np.full(12, 293.0), noisy, nobody))
             assert estimate.valid
             found.append(0.5 * estimate.wrench_map.torque[:, 8])  # EM17 and its antipode, in series, turn alike
-        assert normalised_error(np.array(found), true) < most
+        assert relative_error(np.array(found), true) < most
 
 
 def test_peaks_of_figure_4(pmsm):

@@ -14,12 +14,12 @@ from haptorb.devices.state import rotation_to_axis
 from haptorb.devices.tables import table_kernels
 from haptorb.devices.tables.pair_table import torque_table
 from haptorb.physics.multipole_fit import MultipoleFit, fit_multipole, shell_region
-from haptorb.physics.published_multipoles import published
+from haptorb.physics.published_multipoles import load_published
 from haptorb.physics.sources.multipole import MultipoleSource
 
 R_PM, R_EM = 67.9e-3, 56.8e-3
 UP_PM, UP_EM = np.array([0, 0, R_PM]), np.array([0, 0, R_EM])
-PM, EM = published("bai2012-pm"), published("bai2012-em")
+PM, EM = load_published("bai2012-pm"), load_published("bai2012-em")
 #: where the coils are, as one magnet sees them, and where the magnets are, as one coil sees them
 BY_MAGNET = shell_region(R_PM, 53.0e-3, 60.61e-3, 1.2)
 BY_COIL = shell_region(R_EM, 65.36e-3, 70.44e-3, 1.2)
@@ -95,9 +95,9 @@ def test_published_model_against_exact_bodies_over_the_workspace(true):
 
 def test_other_readings_are_far_off(true):
     """E1: the coil's length as l/2a = 0.3, or the magnet's l̄/l as printed."""
-    aspect = published("bai2012-em-aspect")
+    aspect = load_published("bai2012-em-aspect")
     assert scale_and_shape(modelled(PM.model, aspect.model), exact(aspect.body))[0] == pytest.approx(0.29, abs=0.02)
-    assert scale_and_shape(modelled(published("bai2012-pm-printed").model, EM.model), true)[0] > 0.5
+    assert scale_and_shape(modelled(load_published("bai2012-pm-printed").model, EM.model), true)[0] > 0.5
 
 
 def test_field_of_the_published_models_in_the_gap(numbers):

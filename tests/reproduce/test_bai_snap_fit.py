@@ -67,7 +67,7 @@ def test_both_phases_by_hand_through_the_modes(world: PublishedOutlet | Outlet) 
     assert (pulled[:, 1] < -0.1).all()  # T_λ from F_X', well felt
     assert (np.diff(pulled[:, 0]) < 0).all()  # T_ψ from F_Y', falling as the plug comes out
     x = clutch.position[0]
-    clutch = modes.switched(clutch, "rotate")
+    clutch = modes.switch(clutch, "rotate")
     steps = []
     for _ in range(200):  # hands still
         t += 1e-3

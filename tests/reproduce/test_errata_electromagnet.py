@@ -7,7 +7,7 @@ from math import asin, degrees, radians, sin
 import numpy as np
 import pytest
 
-from haptorb.apps.study.model.set_points import directions, published
+from haptorb.apps.study.model.set_points import directions, list_published
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.soft_sphere import SoftSphere
@@ -61,7 +61,7 @@ def test_e16_the_ring_is_too_long_for_a_point(numbers, d: int, excess: float) ->
 def test_e17_set_points_18_degrees_apart_on_four_rings(numbers) -> None:
     found = numbers(ZARATE, "study", "study-points", "study-rings", "study-meridian", "study-nearest", "study-even")
     assert found == pytest.approx([25, 4, 18, 13.58, 44], abs=0.5)
-    u = directions(published())
+    u = directions(list_published())
     apart = np.degrees(np.arccos(np.clip(u @ u.T, -1, 1))) + 360 * np.eye(25)
     # Around the first ring the neighbours are nearer than along a meridian: "evenly" holds on meridians only.
     assert apart[1].min() == pytest.approx(13.58, abs=0.005)
@@ -78,7 +78,7 @@ def test_e18_the_core_pulls_the_tool_with_all_currents_off(
     assert numbers(ZARATE, "hardware", f"hw-core-pull-{d}") == pytest.approx([exact], rel=4e-3)
     moment, core, at = (0, 0, 2.406), SoftSphere(15e-3), (0, 0, 1e-3 * d)
     point = ChargedRing(1e-4, 0.0, 1e-4, 1.0)
-    points, charges = point.placed(np.eye(3), at)
+    points, charges = point.place(np.eye(3), at)
     pull = -1e3 * core.forces(points, charges * 2.406 / point.moment[2]).sum(axis=0)[2]
     assert pull == pytest.approx(as_a_point, rel=4e-3)
     induced = core.moment_in(dipole.field(moment, (0, 0, -1e-3 * d)))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptorb.apps.reproduce import reproduced
+from haptorb.apps.reproduce import find_reproduction
 from haptorb.apps.reproduce.zarate2020.drive import drive_course
 from haptorb.apps.reproduce.zarate2020.figure_6 import heating_course
 from haptorb.apps.reproduce.zarate2020.hall_position import placements, position_map
@@ -23,7 +23,7 @@ def test_sixty_kelvin_are_compensated_within_a_fifth_of_a_second():
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_endurances_follow_from_figure_6(seed):
-    found = heating_course(OMNI, seed=seed).identified()
+    found = heating_course(OMNI, seed=seed).identify()
     assert 60.0 / (1 / found.model.winding_to_body + 1 / found.model.body_to_air) == pytest.approx(17.0, rel=0.1)
     assert found.endurance(60.0, 240.0) == pytest.approx(5.0, rel=0.1)
     assert found.endurance(60.0, 60.0) == pytest.approx(60.0, rel=0.1)
@@ -39,7 +39,7 @@ def test_the_winding_by_its_resistance_is_the_true_one():
 
 def test_a_record_cut_short_is_refused():
     with pytest.raises(CalibrationError):
-        heating_course(OMNI, on=20.0, off=0.0).identified()
+        heating_course(OMNI, on=20.0, off=0.0).identify()
     with pytest.raises(InputError, match="duty"):
         heating_course(OMNI, duty=0.0)
     with pytest.raises(InputError, match="current"):
@@ -49,7 +49,7 @@ def test_a_record_cut_short_is_refused():
 def test_the_tools_place_is_as_exact_as_wanted(tmp_path):
     """0.02 mT a sample, 100 Hz: 0.5 mm and 2° rms over the shell, 1 mm at 20 A, through the tracker itself."""
     shares = []
-    items, draw = reproduced("zarate2020", "hall position").made(shares.append)
+    items, draw = find_reproduction("zarate2020", "hall position").make(shares.append)
     assert shares[-1] == 1.0
     assert draw(tmp_path / "figure.png").stat().st_size > 20_000
     found = {item.id: item.computed for item in items}
@@ -82,7 +82,7 @@ def test_better_places_are_better_everywhere():
 @pytest.mark.parametrize("name", ["figure 2", "figure 6", "figure 7", "drive", "inverse error"])
 def test_figures_are_drawn_and_what_is_printed_agrees(name, tmp_path):
     shares = []
-    items, draw = reproduced("zarate2020", name).made(shares.append)
+    items, draw = find_reproduction("zarate2020", name).make(shares.append)
     assert shares[-1] == 1.0
     assert [item.id for item in items if item.verdict == "differs"] == []
     path = draw(tmp_path / "figure.png")

@@ -69,7 +69,7 @@ def test_no_closed_path_gives_energy(name: str, seed: int, seconds: float) -> No
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=8, deadline=None)
 def test_without_friction_every_closed_path_costs_nothing(name: str, seed: int) -> None:
-    world = WORLDS[name].changed(friction=0.0)
+    world = WORLDS[name].replace(friction=0.0)
     spent, passing = work_by_hand(world, seed, 1.0, 12000)
     assert abs(spent) <= 2e-4 * passing + 1e-12  # the sum over 12000 steps of a force with kinks
 
@@ -79,7 +79,7 @@ def test_without_friction_every_closed_path_costs_nothing(name: str, seed: int) 
 @settings(max_examples=10, deadline=None)
 def test_power_that_friction_takes_is_never_negative(name: str, seed: int) -> None:
     # at one pose: power with friction less power without it, for any velocity
-    world, smooth = WORLDS[name], WORLDS[name].changed(friction=0.0)
+    world, smooth = WORLDS[name], WORLDS[name].replace(friction=0.0)
     for state in path(seed, 50, 0.3):
         rubbing, free = world.wrench(state), smooth.wrench(state)
         taken = -(rubbing - free)[:3] @ state.v - (rubbing - free)[3:] @ state.w

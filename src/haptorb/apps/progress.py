@@ -50,7 +50,7 @@ def time_bar(title: str, seconds: float) -> Iterator[Callable[[float], None]]:
         return
     told = drawn = 0.0
 
-    def passed(more: float) -> None:
+    def advance(more: float) -> None:
         nonlocal told, drawn
         told += more
         if told - drawn >= _DRAWN:
@@ -60,7 +60,7 @@ def time_bar(title: str, seconds: float) -> Iterator[Callable[[float], None]]:
             screen.flush()
 
     try:
-        yield passed
+        yield advance
     finally:
         screen.write("\r\033[K")
         screen.flush()

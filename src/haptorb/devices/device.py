@@ -124,7 +124,7 @@ class Device(ABC):
     def wrench_map(self, state: State, level: str) -> WrenchMap:
         """What the coils do to the mover at `state`, at one of `levels`."""
 
-    def known_level(self, level: str) -> str:
+    def check_level(self, level: str) -> str:
         """`level` itself, or UnknownName with what this device knows."""
         if level not in self.levels:
             raise UnknownName(f"level of device '{self.name}'", level, self.levels)

@@ -40,7 +40,7 @@ class DeviceKind:
     modes          names of the linkage's modes; empty for one that acts directly
     simulation     (device, seed) → Simulation, for the driver "sim"
     guide          (device) → Guide: what the simulated hand does before somebody points; by default it rests
-    file           class of its device file (pydantic), with `built(assumed, digest, override=…)`; None: Python only
+    file           class of its device file (pydantic), with `build(assumed, digest, override=…)`; None: Python only
     tables         (device, report) → what is stored as `device.tables`, where computing it takes long
     scene          (device) → JSON for the console's picture, with "kind": one of the page's scenes; None: axes
     force_map      (device) → process that computes the force painted into the console's picture

@@ -12,7 +12,7 @@ import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.devices.kind import kind_names, kind_of_name
-from haptorb.errors import DeviceError, InputError, UnknownName, shown
+from haptorb.errors import DeviceError, InputError, UnknownName, quote
 from haptorb.files.text_file import read_text, toml_of
 
 __all__ = ["catalogue", "load", "parse"]
@@ -49,7 +49,7 @@ def _read(text: str) -> tuple[str, str]:
         if text not in (path.stem for path in _FOLDER.glob("*.toml")):
             raise UnknownName("device", text, catalogue())
         return read_text(_FOLDER / f"{text}.toml", "device file", DeviceError), text
-    name = shown(text, 400)[1:-1]
+    name = quote(text, 400)[1:-1]
     if len(text) > 4096:
         raise DeviceError(f"device file {name}: cannot be read (no file has so long a name)")
     return read_text(text, "device file", DeviceError), name
@@ -65,7 +65,7 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
     raw, whole = _with_base(content, name, 0)
     kind = raw.get("kind")
     if not isinstance(kind, str) or kind not in kind_names():
-        raise DeviceError(f"device '{name}': kind must be one of {', '.join(kind_names())}; got {shown(kind)}")
+        raise DeviceError(f"device '{name}': kind must be one of {', '.join(kind_names())}; got {quote(kind)}")
     assumed: dict[str, str] = {}
     file_class = kind_of_name(kind).needed("file", name, "a device file")
     try:
@@ -74,7 +74,7 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
             plain = {key: _plain(value, key, assumed) for key, value in raw.items()}
             file = file_class.model_validate(plain)
             digest = hashlib.sha256(whole.encode()).hexdigest()
-            device: Device = file.built(assumed, digest, override=override)
+            device: Device = file.build(assumed, digest, override=override)
     except ValidationError as cause:
         raise DeviceError(_mistakes(name, cause.errors(), file_class)) from cause
     except (ArithmeticError, np.linalg.LinAlgError, MemoryError) as cause:
@@ -98,18 +98,18 @@ def _with_base(content: str, name: str, depth: int) -> tuple[dict[str, Any], str
         return raw, content
     if not isinstance(base, str) or depth > 8:
         raise DeviceError(
-            f"device '{name}': based_on must name another device, without going in circles; got {shown(base)}"
+            f"device '{name}': based_on must name another device, without going in circles; got {quote(base)}"
         )
     text, below_name = _read(base)
     below, whole = _with_base(text, below_name, depth + 1)
-    return _laid_over(below, raw), whole + content
+    return _merge(below, raw), whole + content
 
 
-def _laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     merged = dict(below)
     for key, value in above.items():
         both = isinstance(value, Mapping) and isinstance(below.get(key), Mapping) and "value" not in value
-        merged[key] = _laid_over(below[key], value) if both else value
+        merged[key] = _merge(below[key], value) if both else value
     return merged
 
 
@@ -124,7 +124,7 @@ def _plain(value: Any, path: str, assumed: dict[str, str]) -> Any:
     strange = set(value) - {"value", "unit", "assumed", "source"}
     if strange:
         raise InputError(
-            f"{path}.{shown(min(strange))[1:-1]}: a value has only the keys value, unit, source and assumed"
+            f"{path}.{quote(min(strange))[1:-1]}: a value has only the keys value, unit, source and assumed"
         )
     if "assumed" in value:
         if not isinstance(value["assumed"], str) or not value["assumed"].strip():
@@ -144,7 +144,7 @@ def _with_unit(value: Any, unit: str) -> Any:
 def _mistakes(name: str, errors: list[Any], file_class: Any) -> str:
     lines = []
     for error in errors[:_MISTAKES]:
-        where = ".".join(shown(part)[1:-1] if isinstance(part, str) else str(part) for part in error["loc"]) or "file"
+        where = ".".join(quote(part)[1:-1] if isinstance(part, str) else str(part) for part in error["loc"]) or "file"
         kind, got = error["type"], error.get("input")
         if kind == "extra_forbidden":
             known = _keys_at(file_class, error["loc"][:-1])
@@ -155,7 +155,7 @@ def _mistakes(name: str, errors: list[Any], file_class: Any) -> str:
         elif kind == "value_error":
             what = str(error["ctx"]["error"])
         else:
-            what = f"{error['msg'].replace('Input should', 'must')}; got {shown(got)}"
+            what = f"{error['msg'].replace('Input should', 'must')}; got {quote(got)}"
         lines.append(f"device '{name}': {where} {what}")
     if len(errors) > _MISTAKES:
         lines.append(f"device '{name}': and {len(errors) - _MISTAKES} mistakes more")

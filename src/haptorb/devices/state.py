@@ -80,10 +80,10 @@ class State:
         return cls(float(finite(t, "t")), R, p, vectors(w, "w"), vectors(v, "v"))
 
     @classmethod
-    def turned(cls, R_SR: ArrayLike, *, w: ArrayLike = (0.0, 0.0, 0.0), t: float = 0.0) -> State:
+    def from_rotation(cls, R_SR: ArrayLike, *, w: ArrayLike = (0.0, 0.0, 0.0), t: float = 0.0) -> State:
         """A rotor turned by `R_SR` (3, 3) about the motor's centre, turning with `w` (3,) [rad/s].
 
-        >>> State.turned(np.eye(3)).p.tolist()
+        >>> State.from_rotation(np.eye(3)).p.tolist()
         [0.0, 0.0, 0.0]
         """
         return cls(float(finite(t, "t")), rotation(R_SR, "R_SR"), np.zeros(3), vectors(w, "w"), np.zeros(3))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.errors import CalibrationError, shown
+from haptorb.errors import CalibrationError, quote
 from haptorb.files.text_file import json_of
 from haptorb.numerics.arrays import Array
 
@@ -31,11 +31,11 @@ def document(text: str, name: str, kind: str, wanted: str, keys: Set[str], remed
     if not isinstance(raw, Mapping) or raw.get("format") != wanted:
         found = raw.get("format") if isinstance(raw, Mapping) else type(raw).__name__
         raise CalibrationError(
-            f"{name} is no {kind} that this version reads: format must be '{wanted}'; got {shown(found)}"
+            f"{name} is no {kind} that this version reads: format must be '{wanted}'; got {quote(found)}"
         )
     missing, strange = keys - set(raw), set(raw) - keys
     if missing or strange:
-        what = f"{min(missing)} is missing" if missing else f"{shown(min(strange))} is not a key that is known"
+        what = f"{min(missing)} is missing" if missing else f"{quote(min(strange))} is not a key that is known"
         raise CalibrationError(f"{name}: {what}; {remedy}")
     return raw
 
@@ -48,11 +48,11 @@ def numbers(raw: Mapping[str, Any], key: str, name: str, shape: tuple[int | None
     Raises CalibrationError for anything but finite numbers of that shape and of a size that can be measured.
     """
     if not _numeric(raw[key]):
-        raise CalibrationError(f"{name}: {key} must be numbers; got {shown(raw[key])}")
+        raise CalibrationError(f"{name}: {key} must be numbers; got {quote(raw[key])}")
     try:
         values = np.array(raw[key], dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as cause:
-        raise CalibrationError(f"{name}: {key} must be numbers; got {shown(raw[key])}") from cause
+        raise CalibrationError(f"{name}: {key} must be numbers; got {quote(raw[key])}") from cause
     fits = values.ndim == len(shape) and all(want in (None, got) for want, got in zip(shape, values.shape, strict=True))
     if not fits or not (np.abs(values) <= _LARGEST).all():
         raise CalibrationError(f"{name}: {key} must be finite numbers of shape {shape}; got shape {values.shape}")

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptorb.errors import InputError, shown
+from haptorb.errors import InputError, quote
 
 __all__ = ["Array", "Record", "Records", "finite", "rotation", "vectors"]
 
@@ -29,9 +29,9 @@ def finite(value: ArrayLike, what: str) -> Array:
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as cause:
-        raise InputError(f"{what} must be numbers; got {shown(value)}") from cause
+        raise InputError(f"{what} must be numbers; got {quote(value)}") from cause
     if not np.isfinite(array).all():
-        raise InputError(f"{what} must be finite; got {shown(value)}")
+        raise InputError(f"{what} must be finite; got {quote(value)}")
     return array
 
 

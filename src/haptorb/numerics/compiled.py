@@ -37,7 +37,7 @@ def cache_folder() -> Path:
     return Path(home) / "haptorb"
 
 
-def _imported(source: str) -> Iterator[Path]:
+def _trace_imports(source: str) -> Iterator[Path]:
     for dotted, names in _IMPORT.findall(source):
         place = _PACKAGE.joinpath(*dotted.split(".")[1:])
         if place.with_suffix(".py").is_file():
@@ -52,7 +52,7 @@ def _imported(source: str) -> Iterator[Path]:
 @cache
 def _neighbours(path: Path) -> tuple[bytes, tuple[Path, ...]]:
     source = path.read_bytes()
-    return hashlib.sha256(source).digest(), tuple(_imported(source.decode("utf-8")))
+    return hashlib.sha256(source).digest(), tuple(_trace_imports(source.decode("utf-8")))
 
 
 def _state(path: Path) -> str:

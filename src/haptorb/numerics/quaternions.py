@@ -6,7 +6,7 @@ import numpy as np
 
 from haptorb.numerics.arrays import Array
 
-__all__ = ["product", "quaternion", "turned"]
+__all__ = ["product", "quaternion", "rotate"]
 
 
 def product(a: Array, b: Array) -> Array:
@@ -20,10 +20,10 @@ def product(a: Array, b: Array) -> Array:
     return np.append(v, a[3] * b[3] - a[:3] @ b[:3])
 
 
-def turned(q: Array, v: Array) -> Array:
+def rotate(q: Array, v: Array) -> Array:
     """(3,) the vector v (3,), turned by q (4,) of length 1.
 
-    >>> turned(np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]), np.array([1.0, 0.0, 2.0])).round(12)[1:].tolist()
+    >>> rotate(np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]), np.array([1.0, 0.0, 2.0])).round(12)[1:].tolist()
     [1.0, 2.0]
     """
     u = 2.0 * np.cross(q[:3], v)

@@ -15,7 +15,7 @@ import numpy as np
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["corrected", "logarithm", "turn_by"]
+__all__ = ["correct_rotation", "logarithm", "turn_by"]
 
 
 @kernel
@@ -66,7 +66,7 @@ def logarithm(A: Array, B: Array, out: Array) -> None:
 
 
 @kernel
-def corrected(predicted: Array, measured: Array, w: Array, dt: float, tau: float, out: Array) -> None:
+def correct_rotation(predicted: Array, measured: Array, w: Array, dt: float, tau: float, out: Array) -> None:
     """One step of the filter: `w` (3,) is corrected in place, out (3, 3) is the filtered orientation."""
     theta = math.exp(-dt / tau)
     error = np.empty(3)

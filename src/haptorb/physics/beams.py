@@ -32,8 +32,8 @@ __all__ = [
     "Compliance",
     "Model",
     "appendix_b",
-    "bent_shape",
     "compliance",
+    "compute_bent_shape",
     "force_ratio",
 ]
 
@@ -166,7 +166,7 @@ def force_ratio(slope: ArrayLike, friction: float, loading: bool) -> Array:
     return out
 
 
-def bent_shape(hook: Hook, x: float, deflection: float, points: int = 33) -> Array:
+def compute_bent_shape(hook: Hook, x: float, deflection: float, points: int = 33) -> Array:
     """(points, 2): places along the hook's base [m] and how far each is bent [m], for `deflection` under a load at `x`.
 
     Timoshenko's shape (sideways load only), straight beyond the load: for drawing, and for reading off the slope.
@@ -174,7 +174,7 @@ def bent_shape(hook: Hook, x: float, deflection: float, points: int = 33) -> Arr
     Raises InputError for a load off the hook.
 
     >>> from haptorb.physics.hook import TABLE_3
-    >>> shape = bent_shape(TABLE_3, TABLE_3.tip, 1e-3)
+    >>> shape = compute_bent_shape(TABLE_3, TABLE_3.tip, 1e-3)
     >>> shape[0].tolist(), bool(abs(shape[-1, 1] - 1e-3) < 1e-12)
     ([0.0, 0.0], True)
     """

@@ -17,7 +17,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.errors import GeometryError, InputError, shown
+from haptorb.errors import GeometryError, InputError, quote
 from haptorb.numerics.arrays import Array, finite
 
 __all__ = ["METALS_FROM", "TABLE_3", "Hook"]
@@ -54,7 +54,7 @@ class Hook:
             if item.name == "flat_top":
                 continue
             if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
-                raise InputError(f"hook.{item.name} must be a finite number; got {shown(value)}")
+                raise InputError(f"hook.{item.name} must be a finite number; got {quote(value)}")
             if item.name != "poisson_ratio" and value <= 0.0:
                 raise InputError(f"hook.{item.name} must be greater than zero; got {value:g}")
         if not 0.0 <= self.poisson_ratio < 0.5:

@@ -24,7 +24,7 @@ from haptorb.physics.sources.ring import RingMagnet
 from haptorb.physics.sources.round_body import RoundBody
 from haptorb.physics.sources.source import Source
 
-__all__ = ["Bounded", "filament_wrench", "flux_linkage", "wrench", "wrench_on_charges"]
+__all__ = ["BoundedValue", "filament_wrench", "flux_linkage", "wrench", "wrench_on_charges"]
 
 #: Gauss points across, along, and steps around: balanced for flat coils near flat magnets, each row about 2.7 times the
 #: one before
@@ -42,7 +42,7 @@ _ROUNDING = 4e-15  #: what summing leaves, relative to the sum of magnitudes
 
 
 @dataclass(frozen=True, slots=True)
-class Bounded:
+class BoundedValue:
     """A value with the bound of its numerical error, in the same unit: how far two refinements still differ.
 
     Of the unit of what was asked, such as [N, N·m].
@@ -60,7 +60,7 @@ def wrench(
     *,
     about: ArrayLike | None = None,
     precision: float = 1e-8,
-) -> Bounded:
+) -> BoundedValue:
     """Force and torque (6,) [N, N·m] that `source` exerts on `target` (coils carry one ampere).
 
     The target's centre is at `position` (3,) [m] and its axes are turned by `turn` (3, 3), in the source's frame, in
@@ -82,7 +82,7 @@ def wrench(
         _outside(source, points)
         return filament_wrench(source.field(points), points, elements, pivot)
 
-    return _refined(integral, precision, "wrench")
+    return _refine(integral, precision, "wrench")
 
 
 def filament_wrench(field: Array, points: Array, elements: Array, pivot: Array) -> tuple[Array, Array]:
@@ -104,7 +104,7 @@ def wrench_on_charges(
     *,
     about: ArrayLike | None = None,
     precision: float = 1e-8,
-) -> Bounded:
+) -> BoundedValue:
     """The wrench of `source` on a magnet, from magnetic charges ±M on its faces: dF = ±M B dA, a second formulation.
 
     Arguments, result and errors are those of `wrench`. It costs more where the source is a coil, whose field is itself
@@ -127,12 +127,12 @@ def wrench_on_charges(
         gross = np.array([np.linalg.norm(df, axis=1).sum(), np.linalg.norm(dt, axis=1).sum()])
         return np.concatenate([df.sum(axis=0), dt.sum(axis=0)]), gross
 
-    return _refined(integral, precision, "wrench on charges")
+    return _refine(integral, precision, "wrench on charges")
 
 
 def flux_linkage(
     source: Source, coil: Coil, position: ArrayLike, turn: ArrayLike, *, precision: float = 1e-8
-) -> Bounded:
+) -> BoundedValue:
     """Flux (1,) [Wb] of `source` linked with all turns of `coil`, whose pose is given as for `wrench`.
 
     Every point of the bore is encircled by all turns, a point of the winding by those outside it. Its derivative by a
@@ -155,7 +155,7 @@ def flux_linkage(
         flux = weight * (source.field(points) @ R[:, 2])
         return np.array([flux.sum()]), np.array([np.abs(flux).sum()])
 
-    return _refined(integral, precision, "flux linkage")
+    return _refine(integral, precision, "flux linkage")
 
 
 def _pose(position: ArrayLike, turn: ArrayLike) -> tuple[Array, Array]:
@@ -205,11 +205,13 @@ def _disc(inner: float, outer: float, rings: int, steps: int) -> tuple[Array, Ar
     return points.reshape(-1, 3), area
 
 
-def _refined(integral: Callable[[tuple[int, int, int]], tuple[Array, Array]], precision: float, what: str) -> Bounded:
+def _refine(
+    integral: Callable[[tuple[int, int, int]], tuple[Array, Array]], precision: float, what: str
+) -> BoundedValue:
     """Run through LEVELS until two in a row agree: the coarser one's error is the bound of the finer one's."""
     if not 0 < float(finite(precision, "precision")) < 1:
         raise InputError(f"precision must be a relative error between 0 and 1; got {precision!r}")
-    best: tuple[float, Bounded] | None = None
+    best: tuple[float, BoundedValue] | None = None
     last, _ = integral(LEVELS[0])
     for level in LEVELS[1:]:
         value, gross = integral(level)
@@ -222,9 +224,9 @@ def _refined(integral: Callable[[tuple[int, int, int]], tuple[Array, Array]], pr
             size = max(float(np.linalg.norm(value[part])), 1e-3 * whole)
             reached = max(reached, change / size if size else 0.0)
         if best is None or reached < best[0]:
-            best = (reached, Bounded(value, bound))
+            best = (reached, BoundedValue(value, bound))
         if reached <= precision:
-            return Bounded(value, bound)
+            return BoundedValue(value, bound)
         last = value
     assert best is not None
     raise PrecisionError(

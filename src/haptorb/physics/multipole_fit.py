@@ -144,8 +144,8 @@ def fit_multipole(
 def residual(body: RoundBody, model: MultipoleSource, points: ArrayLike) -> MultipoleFit:
     """How far any `model` (a published one, say) is from the exact field of `body` at `points` (n, 3) [m].
 
-    >>> from haptorb.physics.published_multipoles import published
-    >>> pm = published("bai2012-pm")
+    >>> from haptorb.physics.published_multipoles import load_published
+    >>> pm = load_published("bai2012-pm")
     >>> round(residual(pm.body, pm.model, shell_region(67.9e-3, 53.0e-3, 60.6e-3, 1.2)).rms, 2)
     0.1
     """

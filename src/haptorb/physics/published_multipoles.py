@@ -15,7 +15,7 @@ from haptorb.physics.sources.cylinder import CylinderMagnet
 from haptorb.physics.sources.multipole import MultipoleSource
 from haptorb.physics.sources.round_body import RoundBody
 
-__all__ = ["PUBLISHED", "PublishedModel", "published"]
+__all__ = ["PUBLISHED", "PublishedModel", "load_published"]
 
 MAGNET_RADIUS = 15.875e-3  #: [m]
 COIL_RADIUS = 15.88e-3  #: [m]
@@ -51,10 +51,10 @@ PUBLISHED = {
 }
 
 
-def published(name: str) -> PublishedModel:
+def load_published(name: str) -> PublishedModel:
     """A model of `PUBLISHED` by name, or UnknownName.
 
-    >>> published("bai2012-pm").model.dipoles
+    >>> load_published("bai2012-pm").model.dipoles
     41
     """
     if name not in PUBLISHED:

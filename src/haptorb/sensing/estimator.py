@@ -48,7 +48,7 @@ class TrackedPose(Estimator):
 
     def __init__(self, device: Device, level: str | None = None) -> None:
         self._device = device
-        self._level = device.known_level(level or device.levels[0])
+        self._level = device.check_level(level or device.levels[0])
         nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
         self._last = Estimate(nowhere, WrenchMap(np.zeros((6, device.channels)), np.zeros(6)), False, np.inf)
 

@@ -11,7 +11,7 @@ from haptorb.sensing.estimator import Estimator, EstimatorChoice, EstimatorSetti
 from haptorb.sensing.orientation.least_squares import LeastSquaresOrientation
 from haptorb.sensing.torque_maps.linear_map import LinearTorque
 from haptorb.sensing.torque_maps.network import NetworkTorque
-from haptorb.sensing.torque_maps.network_file import known_networks, read_networks
+from haptorb.sensing.torque_maps.network_file import check_networks, read_networks
 from haptorb.sensing.torque_maps.torque_map import FieldToTorque
 
 __all__ = ["FIELD_ESTIMATORS", "field_estimator", "motor_estimators"]
@@ -22,7 +22,7 @@ def _least_squares(motor: SphericalMotor, networks: Path | None) -> Estimator:
 
 
 def _network(motor: SphericalMotor, networks: Path | None) -> Estimator:
-    trained = known_networks(motor) if networks is None else read_networks(networks)
+    trained = check_networks(motor) if networks is None else read_networks(networks)
     return FieldToTorque(motor, NetworkTorque(motor, trained), LeastSquaresOrientation(motor))
 
 
@@ -68,4 +68,4 @@ def _choice(name: str) -> EstimatorChoice:
     def make(motor: SphericalMotor, settings: EstimatorSettings) -> Estimator:
         return field_estimator(name, motor)
 
-    return EstimatorChoice(make, known_networks if name == "network" else None)
+    return EstimatorChoice(make, check_networks if name == "network" else None)

@@ -17,10 +17,10 @@ from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array, vectors
 from haptorb.worlds.world import World
 
-__all__ = ["felt_map"]
+__all__ = ["force_map"]
 
 
-def felt_map(
+def force_map(
     device: SphericalElectromagnet,
     world: World,
     points: ArrayLike,
@@ -36,7 +36,7 @@ def felt_map(
     at = vectors(points, "points").reshape(-1, 3)
     fitted = world.for_device(device)
     allocate = (allocator or LeastSquaresAllocator(device.coils.current_limit)).allocate
-    inverted = device.known_level(level or device.levels[0])
+    inverted = device.check_level(level or device.levels[0])
     radial = np.empty(len(at))
     saturated = np.empty(len(at), dtype=np.bool_)
     for n, p in enumerate(at):

@@ -6,14 +6,14 @@ from haptorb.devices.device import Device
 from haptorb.errors import DeviceError
 from haptorb.simulation.simulation import Simulation
 
-__all__ = ["simulated"]
+__all__ = ["simulate"]
 
 
-def simulated(device: Device, seed: int = 0) -> Simulation:
+def simulate(device: Device, seed: int = 0) -> Simulation:
     """A simulation of `device` whose noise is that of `seed`; DeviceError if there is none for its kind.
 
     >>> from haptorb.devices.loader import load
-    >>> simulated(load("omni")).device.name
+    >>> simulate(load("omni")).device.name
     'omni'
     """
     make = device.kind.part("simulation")

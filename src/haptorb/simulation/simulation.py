@@ -43,7 +43,7 @@ class Simulation(ABC):
         """The mover as it really is; t counts the seconds that have been simulated."""
 
     @abstractmethod
-    def quantised(self, duties: Array) -> Array:
+    def quantise(self, duties: Array) -> Array:
         """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
 
     @abstractmethod

@@ -44,7 +44,7 @@ __all__ = [
     "Wall",
     "World",
     "domes_apart",
-    "named",
+    "find_world",
 ]
 
 #: name on the command line → world; contract tests run over all of them
@@ -67,7 +67,7 @@ CATALOGUE: dict[str, type[World]] = {
 }
 
 
-def named(name: str) -> type[World]:
+def find_world(name: str) -> type[World]:
     """The world called `name`, or UnknownName with the nearest."""
     if name not in CATALOGUE:
         raise UnknownName("world", name, CATALOGUE)

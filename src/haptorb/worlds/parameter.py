@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
-from haptorb.errors import InputError, UnknownName, shown
+from haptorb.errors import InputError, UnknownName, quote
 
 __all__ = ["Parameter", "check", "parameter", "parameters", "values"]
 
@@ -61,10 +61,10 @@ def check(world: Any) -> None:
         # safety: list-no-number
         if several is not isinstance(known.default, tuple) or (several and len(value) != known.size):
             wanted = f"{known.size} numbers" if isinstance(known.default, tuple) else "a finite number, not a list"
-            raise InputError(f"{kind}.{name} must be {wanted}; got {shown(value)}")
+            raise InputError(f"{kind}.{name} must be {wanted}; got {quote(value)}")
         for number in value if several else (value,):
             if isinstance(number, bool) or not isinstance(number, int | float) or not _finite(number):
-                raise InputError(f"{kind}.{name} must be a finite number; got {shown(value)}")
+                raise InputError(f"{kind}.{name} must be a finite number; got {quote(value)}")
             if not known.low <= number <= known.high:
                 raise InputError(
                     f"{kind}.{name} must lie between {known.low:g} and {known.high:g} {known.unit}; got {number:g}"
@@ -78,7 +78,7 @@ def _finite(number: float) -> bool:
         return False
 
 
-def checked_names(world: type[Any], given: Mapping[str, Any]) -> None:
+def check_names(world: type[Any], given: Mapping[str, Any]) -> None:
     """Raise UnknownName for the first key of `given` that is not a parameter of `world`."""
     known = parameters(world)
     for name in given:

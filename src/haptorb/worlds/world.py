@@ -56,9 +56,9 @@ class World(ABC):
         """This world as `device` must render it: itself, unless it is described in the device's own terms."""
         return self
 
-    def changed(self, **values: Any) -> Self:
+    def replace(self, **values: Any) -> Self:
         """A copy with some parameters changed; UnknownName and InputError as in the constructor."""
-        _parameter.checked_names(type(self), values)
+        _parameter.check_names(type(self), values)
         tuples = {key: _plain(value) for key, value in values.items()}
         return replace(self, **tuples)
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from haptorb.apps.calibrate import calibrate, thermal_record
-from haptorb.apps.calibrate.door import door
+from haptorb.apps.calibrate.driver import door
 from haptorb.apps.cli import main
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
 from haptorb.physics.thermal import TwoNode, endurance_fit
 from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.sensing.calibration_file import read_calibration, write_calibration
 
@@ -55,7 +55,7 @@ def measured(device=OMNI, truth=None, **changes):
         return calibrate(device, driver, pace=pace)
     finally:
         assert driver.closed
-        assert not inner.simulation.quantised(inner._duties).any()  # coils off, however it ended
+        assert not inner.simulation.quantise(inner._duties).any()  # coils off, however it ended
 
 
 def told(**changes):
@@ -74,7 +74,7 @@ def test_what_differs_from_the_file_is_found():
     assert np.abs((found.moment_per_current - truth.moment_per_current) / scale).max() < 0.003
     assert found.resistance == pytest.approx(coils.resistance, rel=0.01)
     assert found.simulated
-    believed = found.applied(OMNI)
+    believed = found.apply(OMNI)
     assert np.array_equal(believed.moment_per_current, found.moment_per_current)
     assert believed.digest == OMNI.digest
 
@@ -129,7 +129,7 @@ def test_the_file_keeps_every_digit_and_names_its_device(tmp_path):
     write_calibration(heated, path)
     again = read_calibration(path)
     assert again.text() == heated.text()
-    assert again.applied(OMNI).coils.heat.body_to_air == 0.33
+    assert again.apply(OMNI).coils.heat.body_to_air == 0.33
     with pytest.raises(CalibrationError, match="exists"):
         write_calibration(found, path)
     assert read_calibration(path).heat is not None  # the first one is still there
@@ -137,7 +137,7 @@ def test_the_file_keeps_every_digit_and_names_its_device(tmp_path):
     assert read_calibration(path).heat is None
     other = replace(OMNI, digest="0" * 64)
     with pytest.raises(CalibrationError, match="not of 'omni' with file 000000000000"):
-        found.applied(other)
+        found.apply(other)
 
 
 @pytest.mark.parametrize(
@@ -184,13 +184,13 @@ def test_heat_from_a_table(tmp_path):
         winding = f"{25 + rises[0]:.2f}" if watts else ""
         rows.append(f"{n * step},{watts},{winding},{25 + rises[1]:.2f}")
         rises = coil.step(step) @ (*rises, watts)
-    found = thermal_record(table(tmp_path / "heat.csv", rows), OMNI).identified()
+    found = thermal_record(table(tmp_path / "heat.csv", rows), OMNI).identify()
     assert found.endurance(60.0, 240.0) == pytest.approx(5.0, rel=0.1)
     assert found.endurance(60.0, 60.0) == pytest.approx(60.0, rel=0.1)
     assert found.model.steady(17.0)[0] == pytest.approx(60.0, rel=0.1)
     short = [f"{n},17.0,{30 + n // 4},{25 + n // 9}" for n in range(40)]
     with pytest.raises(CalibrationError, match="does not determine"):
-        thermal_record(table(tmp_path / "short.csv", short), OMNI).identified()
+        thermal_record(table(tmp_path / "short.csv", short), OMNI).identify()
 
 
 def test_the_angle_between_coils_is_told():
@@ -233,7 +233,7 @@ def test_heat_from_a_recording(tmp_path, monkeypatch):
     monkeypatch.setattr("haptorb.runtime.recording.recording.Recording", Told)
     record = thermal_record("heat.mcap", OMNI)
     assert np.isnan(record.winding[-1])
-    found = record.identified()
+    found = record.identify()
     assert found.endurance(60.0, 60.0) == pytest.approx(60.0, rel=0.1)
     assert found.model.steady(17.0)[0] == pytest.approx(60.0, rel=0.1)
     monkeypatch.setattr(Told, "digest", "e" * 64)

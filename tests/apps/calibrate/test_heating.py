@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptorb.apps.calibrate.door import door
-from haptorb.apps.calibrate.heating import Course, heated
-from haptorb.apps.calibrate.measure import Session
+from haptorb.apps.calibrate.driver import door
+from haptorb.apps.calibrate.heating import HeatingSchedule, identify_heat
+from haptorb.apps.calibrate.measure import DriverSession
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, DriverError, HostSilent
 from haptorb.runtime.drivers.driver import Driver
 
 OMNI: Any = load("omni")
-COURSE = Course(heating=90.0, cooling=60.0)
+COURSE = HeatingSchedule(heating=90.0, cooling=60.0)
 TRIPPED = "the firmware switched the coils off: a test wanted it"
 
 
@@ -58,7 +58,7 @@ class Hesitant(Driver):
 
 def found_by(driver: Hesitant) -> Any:
     with driver:
-        return heated(Session(OMNI, driver, driver.pace), OMNI, OMNI.coils.resistance, COURSE)
+        return identify_heat(DriverSession(OMNI, driver, driver.pace), OMNI, OMNI.coils.resistance, COURSE)
 
 
 def test_seconds_that_were_lost_do_not_spoil_the_record() -> None:

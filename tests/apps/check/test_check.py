@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from haptorb.apps.check import Fitness, measured, shown
-from haptorb.apps.check.machine import Machine, Took, Watch, this_machine
-from haptorb.apps.check.measure import dragged
+from haptorb.apps.check import Fitness, measure_fitness, print_fitness
+from haptorb.apps.check.machine import Machine, StolenTime, StolenTimeCounter, this_machine
+from haptorb.apps.check.measure import drag_position
 from haptorb.errors import InputError, UnknownName
 
 GOOD = Machine("a processor", 4, "6.1 PREEMPT", True, False, "performance", "3.11")
-QUIET = Took(0, 0.0, 1.0)
+QUIET = StolenTime(0, 0.0, 1.0)
 
 
-def _fitness(machine: Machine = GOOD, took: Took = QUIET, **changes: Any) -> Fitness:
+def _fitness(machine: Machine = GOOD, took: StolenTime = QUIET, **changes: Any) -> Fitness:
     report: dict[str, Any] = {
         "device": "omni",
         "world": "dome",
@@ -86,7 +86,7 @@ def test_at_the_edge() -> None:
         (GOOD, QUIET, {"missed": 60}, "Nothing is plainly wrong"),
     ],
 )
-def test_advice_names_the_cause(machine: Machine, took: Took, changes: dict[str, Any], word: str) -> None:
+def test_advice_names_the_cause(machine: Machine, took: StolenTime, changes: dict[str, Any], word: str) -> None:
     assert word in " ".join(_fitness(machine, took, **{"success_rate": 0.9, **changes}).advice)
     assert word not in " ".join(_fitness(success_rate=0.9, missed=0, ticks=1).advice) or word.startswith("Nothing")
 
@@ -102,7 +102,7 @@ def test_numbers_are_json_and_complete() -> None:
 def test_shown() -> None:
     for fitness, words in ((_fitness(), "is fit"), (_fitness(success_rate=None), "not fit as it is")):
         out = io.StringIO()
-        shown(fitness, Console(file=out, width=120))
+        print_fitness(fitness, Console(file=out, width=120))
         assert words in out.getvalue()
         assert "at least 99.9 %" in out.getvalue()
 
@@ -111,23 +111,23 @@ def test_this_machine() -> None:
     machine = this_machine()
     assert machine.cores >= 1
     assert machine.kernel
-    watch = Watch(os.getpid())
+    watch = StolenTimeCounter(os.getpid())
     sum(range(2_000_000))
     took = watch.took()
     assert 0 <= took.stolen <= 1
     assert 0 <= took.others <= (os.cpu_count() or 1)
-    assert Watch(2**22 + 1).took().preempted == 0  # a process that is not there
+    assert StolenTimeCounter(2**22 + 1).took().preempted == 0  # a process that is not there
 
 
 def test_dragging_stays_on_the_dome() -> None:
-    path = np.array([dragged(t) for t in np.linspace(0, 60, 1000)])
+    path = np.array([drag_position(t) for t in np.linspace(0, 60, 1000)])
     assert np.linalg.norm(path, axis=1) == pytest.approx(0.048)
     assert path[:, 2].min() > 0.048 * np.cos(np.radians(28))
 
 
 @pytest.mark.parametrize(("device", "dragging"), [("omni", True), ("omni", False), ("pmsm", True)])
 def test_measured(device: str, dragging: bool) -> None:
-    fitness = measured(1.0, device=device, dragging=dragging, progress=False)
+    fitness = measure_fitness(1.0, device=device, dragging=dragging, progress=False)
     numbers = json.loads(json.dumps(fitness.numbers()))
     assert fitness.report["device"] == device
     assert numbers["ticks"] + numbers["missed"] >= 900
@@ -138,11 +138,11 @@ def test_measured(device: str, dragging: bool) -> None:
 @pytest.mark.parametrize("duration", [0.0, -1.0, float("nan"), float("inf")])
 def test_duration_must_be_a_time(duration: float) -> None:
     with pytest.raises(InputError, match="duration"):
-        measured(duration)
+        measure_fitness(duration)
 
 
 def test_bad_rate_and_device() -> None:
     with pytest.raises(InputError, match="rate"):
-        measured(1.0, rate=10.0, progress=False)
+        measure_fitness(1.0, rate=10.0, progress=False)
     with pytest.raises(UnknownName, match="omni"):
-        measured(1.0, device="omny", progress=False)
+        measure_fitness(1.0, device="omny", progress=False)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from haptorb import worlds
-from haptorb.apps.check import Setting, boundary, drawn_world, judged
-from haptorb.apps.check.rendered import grows
+from haptorb.apps.check import Setting, boundary, draw_world, judge_world
+from haptorb.apps.check.stability_trial import grows
 from haptorb.apps.cli import main
 from haptorb.control.stability.hand_grip import GRIPS, HandGrip
 from haptorb.devices.loader import load
@@ -43,34 +43,34 @@ def test_the_hall_trackers_filter_is_part_of_the_loop():
 
 def test_a_world_outside_does_oscillate_and_its_advice_cures_it():
     """A wall of 400 N/m under a tracker of 240 Hz and 5 ms; with half of it the loop is quiet."""
-    verdict = judged(OMNI, worlds.Wall(stiffness=400.0, damping=0.0, greatest=20.0), LATE)
+    verdict = judge_world(OMNI, worlds.Wall(stiffness=400.0, damping=0.0, greatest=20.0), LATE)
     assert (verdict.verdict, verdict.fit) == ("outside", False)
     assert verdict.margin == pytest.approx(verdict.largest / 400.0, rel=1e-3)
     assert grows(OMNI, GRIPS["light"], 400.0, 1000.0, 240.0, 5e-3)
     assert not grows(OMNI, GRIPS["light"], 0.66 * verdict.largest, 1000.0, 240.0, 5e-3)
     weaker, firmer = (float(re.search(r"[\d.]+", advice)[0]) for advice in verdict.advice)
-    assert judged(OMNI, worlds.Wall(stiffness=400.0 / weaker, damping=0.0, greatest=20.0), LATE).margin > 1.49
+    assert judge_world(OMNI, worlds.Wall(stiffness=400.0 / weaker, damping=0.0, greatest=20.0), LATE).margin > 1.49
     held = replace(LATE, hand=HandGrip(0.1, firmer, 100.0))
-    assert judged(OMNI, worlds.Wall(stiffness=400.0, damping=0.0, greatest=20.0), held).margin > 1.45
+    assert judge_world(OMNI, worlds.Wall(stiffness=400.0, damping=0.0, greatest=20.0), held).margin > 1.45
 
 
 def test_advice_on_the_tracker():
-    words = " ".join(judged(OMNI, worlds.Wall(stiffness=250.0, damping=0.0, greatest=20.0), LATE).advice)
+    words = " ".join(judge_world(OMNI, worlds.Wall(stiffness=250.0, damping=0.0, greatest=20.0), LATE).advice)
     assert re.search(r"latency down to [0-4]\.\d ms", words)
     assert re.search(r"tracker of \d+ Hz", words) is None  # at 5 ms no rate is enough by itself
 
 
 def test_margins_and_words():
-    quiet = judged(OMNI, worlds.Dome(), LATE)
+    quiet = judge_world(OMNI, worlds.Dome(), LATE)
     assert quiet.verdict == "inside"
     assert quiet.advice == ()
     assert 20.0 < quiet.steep.stiffness < 100.0
     assert quiet.steep.jump == pytest.approx(OMNI_JUMP, rel=0.2)
-    close = judged(OMNI, worlds.Wall(stiffness=200.0, greatest=20.0), LATE)
+    close = judge_world(OMNI, worlds.Wall(stiffness=200.0, greatest=20.0), LATE)
     assert close.verdict == "close"
     assert close.fit
     assert close.advice
-    nothing = judged(OMNI, worlds.Nothing(), LATE)
+    nothing = judge_world(OMNI, worlds.Nothing(), LATE)
     assert nothing.margin == float("inf")
     assert nothing.numbers()["margin"] is None
 
@@ -80,19 +80,19 @@ OMNI_JUMP = abs(worlds.Dome().for_device(OMNI).strength)
 
 
 def test_a_motor_is_judged_in_radians():
-    verdict = judged(load("pmsm"), worlds.SnapFit(), Setting())
+    verdict = judge_world(load("pmsm"), worlds.SnapFit(), Setting())
     assert verdict.numbers()["unit"] == "N·m/rad"
     assert verdict.steep.stiffness > 0.0
 
 
 def test_a_latency_beyond_the_guards_expiry_is_refused():
     with pytest.raises(InputError, match="50 ms"):
-        judged(OMNI, worlds.Dome(), Setting(latency=0.06))
+        judge_world(OMNI, worlds.Dome(), Setting(latency=0.06))
 
 
 def test_the_plot_is_drawn(tmp_path):
-    verdict = judged(OMNI, worlds.Detents(), LATE)
-    assert drawn_world(verdict, tmp_path / "z.png", [(2.0, 250.0)]).stat().st_size > 20_000
+    verdict = judge_world(OMNI, worlds.Detents(), LATE)
+    assert draw_world(verdict, tmp_path / "z.png", [(2.0, 250.0)]).stat().st_size > 20_000
 
 
 def code_of(arguments):

@@ -17,7 +17,7 @@ from haptorb.devices.state import State
 from haptorb.errors import InputError
 from haptorb.runtime.pointer.guided_motion import upright
 from haptorb.runtime.row import RowLayout
-from haptorb.worlds import named
+from haptorb.worlds import find_world
 from haptorb.worlds.parameter import values as parameter_values
 
 KEPT = 8191
@@ -45,7 +45,7 @@ class FakeServo:
         self.target = self.at(24.0, -50.0, 0.048)
         self.calls: list[tuple[Any, ...]] = []
         self.refuse: Exception | None = None
-        self._world = named(world)()
+        self._world = find_world(world)()
         self._name = world
         self._changes = 0
         self._start = time.monotonic()
@@ -66,8 +66,8 @@ class FakeServo:
         self.calls.append(("world", name, values))
         if self.refuse is not None:
             raise self.refuse
-        known = self._world if name == self._name else named(name)()
-        self._world = known.changed(**(values or {}))
+        known = self._world if name == self._name else find_world(name)()
+        self._world = known.replace(**(values or {}))
         self._name = name
         self._changes += 1
 

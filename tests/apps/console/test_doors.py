@@ -15,7 +15,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from haptorb.apps.web import browser
-from haptorb.apps.web.gate import Doors
+from haptorb.apps.web.access import AccessGate
 
 OWN = "127.0.0.1:8765"
 
@@ -33,7 +33,7 @@ OWN = "127.0.0.1:8765"
 )
 def test_own_page_comes_in(host, origin):
     headers = {"host": host} | ({"origin": origin} if origin else {})
-    assert Doors.refusal(Headers(headers)) is None
+    assert AccessGate.refusal(Headers(headers)) is None
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_own_page_comes_in(host, origin):
 )
 def test_strangers_stay_outside(host, origin):
     headers = {"host": host} | ({"origin": origin} if origin is not None else {})
-    assert Doors.refusal(Headers(headers)) is not None
+    assert AccessGate.refusal(Headers(headers)) is not None
 
 
 def test_foreign_websocket_gets_403(console):

@@ -5,25 +5,25 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptorb.apps.console.force_map_process import FeltProcess
+from haptorb.apps.console.force_map_process import ForceMapProcess
 from haptorb.devices.loader import load
 from haptorb.errors import HaptorbError
-from haptorb.simulation.force_map import felt_map
-from haptorb.worlds import named
+from haptorb.simulation.force_map import force_map
+from haptorb.worlds import find_world
 
 POINTS = 0.05 * np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [0.0, -0.6, 0.8]])
 
 
 @pytest.fixture
 def felt():
-    felt = FeltProcess(load("omni"))
+    felt = ForceMapProcess(load("omni"))
     yield felt
     felt.close()
 
 
 def test_same_numbers_as_computed_here_and_mistakes_in_words(felt):
     force, saturated = felt("dome", {"moment": 1.7}, POINTS)
-    expected, at_limit = felt_map(load("omni"), named("dome")(moment=1.7), POINTS)
+    expected, at_limit = force_map(load("omni"), find_world("dome")(moment=1.7), POINTS)
     assert force == pytest.approx(expected)
     assert (saturated == at_limit).all()
     with pytest.raises(HaptorbError, match="moment must lie between"):

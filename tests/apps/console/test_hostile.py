@@ -13,7 +13,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from haptorb.apps.console.room import MOST as PAGES
+from haptorb.apps.console.socket_hub import MOST as PAGES
 from haptorb.apps.web import connection
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from haptorb.apps.console.pointer_relay import Hand
+from haptorb.apps.console.pointer_relay import PointerRelay
 from haptorb.apps.console.wire import Pointer
 
 
@@ -18,7 +18,7 @@ def pointer(stamp: float, x: float, held: bool) -> Pointer:
 def test_a_held_pointer_is_kept_through_a_stutter_only(servo, monkeypatch: pytest.MonkeyPatch):
     now = [100.0]
     monkeypatch.setattr("haptorb.apps.console.pointer_relay.time.monotonic", lambda: now[0])
-    hand = Hand(servo)
+    hand = PointerRelay(servo)
     hand.point(pointer(1.0, 0.01, held=True))
     for _ in range(100):
         now[0] += 0.01
@@ -29,47 +29,47 @@ def test_a_held_pointer_is_kept_through_a_stutter_only(servo, monkeypatch: pytes
 def test_a_resting_hand_is_kept_fresh_and_goes_home_with_the_page(servo, monkeypatch: pytest.MonkeyPatch):
     now = [100.0]
     monkeypatch.setattr("haptorb.apps.console.pointer_relay.time.monotonic", lambda: now[0])
-    hand = Hand(servo)
+    hand = PointerRelay(servo)
     hand.point(pointer(1.0, 0.01, held=False))
     for _ in range(5):
         hand.keep()
     assert servo.count("point") == 6
     now[0] += 1.0
-    hand.gone()
+    hand.release()
     hand.keep()
     assert servo.count("point") == 6
     assert servo.count("release") == 1
 
 
 def test_a_page_that_goes_in_the_middle_of_a_drag_lets_the_pose_expire(servo):
-    hand = Hand(servo)
+    hand = PointerRelay(servo)
     hand.point(pointer(1.0, 0.01, held=True))
-    hand.gone()
+    hand.release()
     hand.keep()
     assert servo.count("point") == 1
     assert servo.count("release") == 0
 
 
 def test_letting_go_with_the_last_breath_is_no_rest(servo):
-    hand = Hand(servo)
+    hand = PointerRelay(servo)
     hand.point(pointer(1.0, 0.01, held=True))
     hand.point(pointer(2.0, 0.01, held=False))
-    hand.gone()
+    hand.release()
     hand.keep()
     assert servo.count("release") == 0
     assert servo.count("point") == 2
 
 
 def test_before_engaging_an_expired_drag_is_let_go(servo):
-    hand = Hand(servo)
+    hand = PointerRelay(servo)
     hand.point(pointer(1.0, 0.01, held=True))
-    hand.gone()
+    hand.release()
     hand.steady()
     assert servo.count("release") == 1
 
 
 def test_echo_is_the_newest_pointer_that_a_row_answers(servo):
-    hand = Hand(servo)
+    hand = PointerRelay(servo)
     assert not hand.waiting
     for stamp, x in ((10.0, 0.001), (11.0, 0.002), (12.0, 0.003)):
         hand.point(pointer(stamp, x, held=True))
@@ -85,7 +85,7 @@ def test_echo_is_the_newest_pointer_that_a_row_answers(servo):
 def test_what_is_never_answered_is_forgotten(servo, monkeypatch: pytest.MonkeyPatch):
     now = [100.0]
     monkeypatch.setattr("haptorb.apps.console.pointer_relay.time.monotonic", lambda: now[0])
-    hand = Hand(servo)
+    hand = PointerRelay(servo)
     hand.point(pointer(10.0, 0.001, held=True))
     assert hand.waiting
     now[0] += 1.0

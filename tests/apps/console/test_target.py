@@ -11,7 +11,7 @@ from haptorb.apps.console.target import target_scene
 from haptorb.apps.console.wire import COLUMNS, MODED, Columns
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
-from haptorb.physics.beams import bent_shape
+from haptorb.physics.beams import compute_bent_shape
 from haptorb.runtime.row import RowLayout
 from haptorb.worlds import CATALOGUE, Outlet, SnapFit
 
@@ -36,7 +36,7 @@ def test_hooks_bend_as_computed_and_give_way_by_one_where_they_are_touched(name)
     hook = CATALOGUE[name]().hook
     for place, bend in zip(scene["at"], bends, strict=True):
         assert np.interp(place, along, bend) == pytest.approx(1.0, abs=0.01)
-        exact = bent_shape(hook, place, 1.0, points=400)
+        exact = compute_bent_shape(hook, place, 1.0, points=400)
         assert np.abs(np.interp(along, exact[:, 0], exact[:, 1]) - bend).max() < 0.003
         assert bend[0] == 0.0
         assert (np.diff(bend) >= 0).all()
@@ -77,6 +77,6 @@ def test_scene_follows_the_values():
 def test_only_devices_with_modes_send_the_target():
     motor, omni = RowLayout.of(load("pmsm")), RowLayout.of(load("omni"))
     assert Columns(omni).names == COLUMNS
-    described = Columns(motor, moded=True).described()
+    described = Columns(motor, moded=True).describe()
     assert [item["name"] for item in described] == [*COLUMNS, *MODED]
     assert len(Columns(motor, moded=True).index) == sum(item["width"] for item in described)

@@ -19,7 +19,7 @@ LAYOUT = RowLayout(channels=3, sensors=9)
 
 def test_columns_lie_where_they_are_said_to():
     columns = wire.Columns(LAYOUT)
-    index, described = columns.index, columns.described()
+    index, described = columns.index, columns.describe()
     assert [column["name"] for column in described] == list(wire.COLUMNS)
     for column in described:
         first = index[column["offset"]]
@@ -82,7 +82,7 @@ def test_no_bytes_do_more_than_be_refused(data):
 
 
 def test_felt_frame_keeps_every_vertex():
-    frame = wire.felt_frame(np.array([0.5, -0.25]), np.array([False, True]), 7)
+    frame = wire.encode_force_frame(np.array([0.5, -0.25]), np.array([False, True]), 7)
     assert struct.unpack("<IHHIIdddd", frame[:48])[1:6] == (wire.FELT, wire.VERSION, 2, 0, 7.0)
     assert np.frombuffer(frame[48:56], "<f4").tolist() == [0.5, -0.25]
     assert list(frame[56:]) == [0, 1]

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.apps.feel import Session, Trace, load_designs
+from haptorb.apps.feel import FeelSession, Trace, load_designs
 from haptorb.apps.feel import candidates as module
 from haptorb.apps.feel.comparison import comparison, plot_comparison
 from haptorb.apps.feel.session import COLUMNS
@@ -23,7 +23,7 @@ from haptorb.errors import InputError, RecordingError
 EXAMPLE = Path(module.__file__).with_name("example.toml")
 
 
-def felt(session: Session, name: str) -> Trace:
+def felt(session: FeelSession, name: str) -> Trace:
     trace = Trace(session.candidates[name])
     for k in range(50):
         target = State(k * 1e-3, np.eye(3), np.array([k * 1e-4, 0, 0]), np.zeros(3), np.array([0.1, 0, 0]))
@@ -32,7 +32,7 @@ def felt(session: Session, name: str) -> Trace:
 
 
 def test_feel_rate_choose_and_come_back(tmp_path: Path) -> None:
-    session = Session(tmp_path / "s", load_designs(EXAMPLE))
+    session = FeelSession(tmp_path / "s", load_designs(EXAMPLE))
     kept = session.keep(felt(session, "firm"))
     assert kept == "traces/firm-0001.csv"
     session.rate("firm", 6, person="anna", comment="holds well, größer", trace=kept)
@@ -40,7 +40,7 @@ def test_feel_rate_choose_and_come_back(tmp_path: Path) -> None:
     session.rate("plain", 3)
     session.choose("plain")
     session.choose("firm", comment="best")
-    again = Session(tmp_path / "s", load_designs(EXAMPLE))
+    again = FeelSession(tmp_path / "s", load_designs(EXAMPLE))
     assert [rating.score for rating in again.ratings()] == [6, 5, 3]
     assert again.ratings()[0].comment == "holds well, größer"
     assert again.scores()["firm"] == (2, 5.5)
@@ -58,15 +58,15 @@ def test_feel_rate_choose_and_come_back(tmp_path: Path) -> None:
 def test_a_rating_belongs_to_the_design_as_it_was(tmp_path: Path) -> None:
     path = tmp_path / "designs.toml"
     path.write_text(EXAMPLE.read_text())
-    Session(tmp_path, load_designs(path)).rate("firm", 7)
+    FeelSession(tmp_path, load_designs(path)).rate("firm", 7)
     path.write_text(EXAMPLE.read_text().replace("60 deg", "50 deg"))
-    session = Session(tmp_path, load_designs(path))
+    session = FeelSession(tmp_path, load_designs(path))
     assert session.scores()["firm"][0] == 0
-    assert [rating.design for rating in session.outdated()] == ["firm"]
+    assert [rating.design for rating in session.find_outdated()] == ["firm"]
 
 
 def test_a_line_cut_short_costs_only_itself(tmp_path: Path) -> None:
-    session = Session(tmp_path, load_designs(EXAMPLE))
+    session = FeelSession(tmp_path, load_designs(EXAMPLE))
     session.rate("plain", 2)
     with (tmp_path / "ratings.jsonl").open("a") as file:
         file.write('{"kind": "rating", "design": "pla')
@@ -89,11 +89,11 @@ def test_what_was_rated_survives_a_killed_process(tmp_path: Path) -> None:
     os.kill(process.pid, signal.SIGKILL)
     process.communicate()
     assert len(told) == 7
-    assert [rating.score for rating in Session(tmp_path, load_designs(EXAMPLE)).ratings()] == list(range(1, 8))
+    assert [rating.score for rating in FeelSession(tmp_path, load_designs(EXAMPLE)).ratings()] == list(range(1, 8))
 
 
 def test_the_comparison_is_a_table_and_a_picture(tmp_path: Path) -> None:
-    session = Session(tmp_path, load_designs(EXAMPLE))
+    session = FeelSession(tmp_path, load_designs(EXAMPLE))
     session.rate("firm", 6, trace=session.keep(felt(session, "firm")))
     session.choose("firm")
     table = comparison(session.candidates, session)
@@ -112,7 +112,7 @@ def test_the_comparison_is_a_table_and_a_picture(tmp_path: Path) -> None:
 
 
 def test_bad_input(tmp_path: Path) -> None:
-    session = Session(tmp_path, load_designs(EXAMPLE))
+    session = FeelSession(tmp_path, load_designs(EXAMPLE))
     for score in (0, 8, 3.5, True):
         with pytest.raises(InputError, match="a whole number from 1 to 7"):
             session.rate("plain", score)  # type: ignore[arg-type]
@@ -127,6 +127,6 @@ def test_bad_input(tmp_path: Path) -> None:
         session.trace("traces/odd.csv")
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordingError, match="cannot be made"):
-        Session(tmp_path / "file", session.candidates)
+        FeelSession(tmp_path / "file", session.candidates)
     assert session.ratings() == ()
     assert session.choice() is None

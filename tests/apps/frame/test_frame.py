@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from haptorb.apps.cli import main
-from haptorb.apps.frame.frame_rehearsal import Rehearsal, missed, rehearsal_port
-from haptorb.apps.frame.frame_steps import Stroke, registered, strokes
+from haptorb.apps.frame.frame_rehearsal import Rehearsal, measure_miss, rehearsal_port
+from haptorb.apps.frame.frame_steps import Stroke, register_frame, strokes
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, DriverError, InputError
-from haptorb.runtime.trackers.feed import Feed, Garbage, Heard
-from haptorb.runtime.trackers.tracker_registry import feed_of, prepared
+from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
+from haptorb.runtime.trackers.tracker_registry import feed_of, prepare_tracker
 from haptorb.sensing.calibration_file import read_frame
 
 OMNI = load("omni")
@@ -37,20 +37,20 @@ class Played(Feed):
 
     def __init__(self, rehearsal: Rehearsal, spoil: object = None) -> None:
         self._rehearsal, self._spoil = rehearsal, spoil
-        self.waiting: list[Heard | Garbage] = [Heard((9.0, 9.0, 9.0), (0.0, 0.0, 0.0, 1.0), 0.0, 0.0)]
+        self.waiting: list[RawPose | RejectedPose] = [RawPose((9.0, 9.0, 9.0), (0.0, 0.0, 0.0, 1.0), 0.0, 0.0)]
 
     def do(self, stroke: Stroke) -> bool:
         self._stroke = stroke
         return True
 
-    def heard(self, patience: float) -> Iterator[Heard | Garbage]:
+    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         if patience > 0.0 and self._stroke is not None:  # the step has begun
             person, name = self._rehearsal._person, self._stroke.name
             poses = person.dome(300) if name == "dome" else (
                 person.roll(80) if name == "roll" else person.mark(name.partition(" ")[2], 80))  # fmt: skip
             self._stroke = None
             for p, q in zip(poses.p.tolist(), poses.q.tolist(), strict=True):
-                one: Heard | Garbage = Heard(tuple(p), tuple(q), 0.0, 0.0)
+                one: RawPose | RejectedPose = RawPose(tuple(p), tuple(q), 0.0, 0.0)
                 self.waiting.append(self._spoil(one) if callable(self._spoil) else one)
         while self.waiting:
             yield self.waiting.pop(0)
@@ -74,7 +74,7 @@ def test_a_rehearsal_runs_through_sockets_and_its_file_is_taken_by_run(
     assert (frame.tracker, frame.simulated, frame.device) == (f"osc:{port}", True, "omni")
     assert frame.residual < 0.3e-3
     rehearsal = Rehearsal(OMNI, port, 0)
-    place, angle = missed(frame, rehearsal.tracker, OMNI)
+    place, angle = measure_miss(frame, rehearsal.tracker, OMNI)
     assert place < 0.3e-3
     assert angle < 0.01
     assert main(["frame", "omni", "--rehearse"]) == 2  # never over another by accident
@@ -86,9 +86,9 @@ def test_a_rehearsal_runs_through_sockets_and_its_file_is_taken_by_run(
 def test_what_waited_before_a_step_is_none_of_its_poses() -> None:
     played = Played(Rehearsal(OMNI, 0, 3))
     said: list[str] = []
-    found = registered(OMNI, played, ask=played.do, say=said.append, bar=no_bar, pace=0.001)  # type: ignore[arg-type]
+    found = register_frame(OMNI, played, ask=played.do, say=said.append, bar=no_bar, pace=0.001)  # type: ignore[arg-type]
     assert found is not None
-    place, angle = missed(found, played._rehearsal.tracker, OMNI)
+    place, angle = measure_miss(found, played._rehearsal.tracker, OMNI)
     assert place < 0.3e-3
     assert angle < 0.01
     assert [line[:3] for line in said if "/5" in line] == ["1/5", "2/5", "3/5", "4/5", "5/5"]
@@ -98,10 +98,10 @@ def test_what_waited_before_a_step_is_none_of_its_poses() -> None:
     ("spoil", "error", "told"),
     [
         (lambda one: one._replace(valid=False), DriverError, "no pose came from the tracker .*300 lost"),
-        (lambda one: Garbage("stranger"), DriverError, "300 stranger"),
+        (lambda one: RejectedPose("stranger"), DriverError, "300 stranger"),
         (lambda one: one._replace(p=(float("nan"), 0.0, 0.0)), DriverError, "300 not finite"),
         (lambda one: one._replace(p=one.p[:2]), DriverError, "300 garbage"),
-        (lambda one: one if hash(one.p) % 3 == 0 else Garbage("garbage"), CalibrationError, "most of what came was no"),
+        (lambda one: one if hash(one.p) % 3 == 0 else RejectedPose("garbage"), CalibrationError, "most of what came"),
         (lambda one: one._replace(q=(10.0, 20.0, 30.0, 0.0)), CalibrationError, "step 'dome': .*must have length 1"),
         (lambda one: one._replace(p=(0.0, 0.0, 0.0), q=(0.0, 0.0, 0.0, 1.0)), CalibrationError, "only 1 poses"),
         (lambda one: one._replace(p=tuple(1e3 * x for x in one.p)), CalibrationError, "speaks millimetres"),
@@ -110,7 +110,7 @@ def test_what_waited_before_a_step_is_none_of_its_poses() -> None:
 def test_what_cannot_be_a_session_is_refused(spoil: object, error: type[Exception], told: str) -> None:
     played = Played(Rehearsal(OMNI, 0, 3), spoil)
     with pytest.raises(error, match=told):
-        registered(OMNI, played, ask=played.do, say=print, bar=no_bar, pace=0.001)  # type: ignore[arg-type]
+        register_frame(OMNI, played, ask=played.do, say=print, bar=no_bar, pace=0.001)  # type: ignore[arg-type]
 
 
 def test_a_person_may_stop() -> None:
@@ -121,7 +121,7 @@ def test_a_person_may_stop() -> None:
         asked.append(stroke.name)
         return played.do(stroke) and stroke.name != "mark front"
 
-    assert registered(OMNI, played, ask=ask, say=print, bar=no_bar, pace=0.001) is None  # type: ignore[arg-type]
+    assert register_frame(OMNI, played, ask=ask, say=print, bar=no_bar, pace=0.001) is None  # type: ignore[arg-type]
     assert asked == ["dome", "mark front"]
 
 
@@ -153,12 +153,12 @@ def test_a_mistake_is_one_line(
 
 
 def test_nobody_sends() -> None:
-    preparation = prepared(f"osc:{free_port()}")
+    preparation = prepare_tracker(f"osc:{free_port()}")
     with ExitStack() as opened:
         feed = feed_of(preparation.spec, preparation.descriptor, lambda: 0.0)
         opened.callback(feed.close)
         with pytest.raises(DriverError, match=r"step 'dome': no pose came from the tracker \(nothing at all\)"):
-            registered(OMNI, feed, ask=lambda stroke: True, say=print, bar=no_bar, pace=0.003)  # type: ignore[arg-type]
+            register_frame(OMNI, feed, ask=lambda stroke: True, say=print, bar=no_bar, pace=0.003)  # type: ignore[arg-type]
 
 
 def test_a_rehearsal_is_on_this_computer() -> None:

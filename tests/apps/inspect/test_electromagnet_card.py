@@ -20,14 +20,14 @@ def made():
 def test_calibrated_and_predicted_moments_are_told(made):
     numbers = made.numbers()
     assert numbers["moment_per_current_m2"] == OMNI.moment_per_current.tolist()
-    assert np.array(numbers["predicted_moment_per_current_m2"]) == pytest.approx(OMNI.predicted_moments())
+    assert np.array(numbers["predicted_moment_per_current_m2"]) == pytest.approx(OMNI.predict_moments())
 
 
 def test_people_see_both_and_the_difference(made):
     out = io.StringIO()
     made.show(Console(file=out, width=100))
     told = out.getvalue()
-    predicted = np.diag(OMNI.predicted_moments())
+    predicted = np.diag(OMNI.predict_moments())
     for k in range(3):
         assert f"{predicted[k]:+.4f}" in told
         assert f"{100 * (predicted[k] / OMNI.moment_per_current[k, k] - 1):+.1f} %" in told

@@ -9,9 +9,18 @@ import numpy as np
 import pytest
 
 from haptorb.apps.cli import main
-from haptorb.apps.reproduce import Item, Made, Reproduction, registry, report_page, reproduced, reproductions, summary
+from haptorb.apps.reproduce import (
+    Item,
+    Reproduction,
+    ReproductionResult,
+    find_reproduction,
+    registry,
+    report_page,
+    reproductions,
+    summary,
+)
 from haptorb.apps.reproduce.bai2012.two_phases import two_phases
-from haptorb.apps.reproduce.item import unchecked
+from haptorb.apps.reproduce.item import exempt
 from haptorb.errors import UnknownName
 
 FORCE = Item("x", "bai2012", "Fig. 8", "a force", 1.0, 1.04, "N", 0.05, why="as stiff as that")
@@ -56,7 +65,7 @@ def test_the_registry():
     with pytest.raises(UnknownName, match="bai2012"):
         reproductions("bai2021")
     with pytest.raises(UnknownName, match="figure 8"):
-        reproduced("bai2012", "figure 88")
+        find_reproduction("bai2012", "figure 88")
 
 
 @pytest.mark.parametrize(
@@ -90,7 +99,7 @@ def test_a_report_is_not_overwritten(capsys, tmp_path, ending):
 
 
 def test_a_broken_item_is_told_and_ends_with_1(capsys, tmp_path, monkeypatch):
-    items, _ = reproduced("bai2012", "table 3").made()
+    items, _ = find_reproduction("bai2012", "table 3").make()
 
     class Broken:
         @staticmethod
@@ -126,11 +135,11 @@ def test_the_page_needs_nobody_and_says_everything():
     items = (
         FORCE,
         replace(FORCE, id="y", what="<script>", published=24.0, corrected=1.0, erratum="E15"),
-        unchecked("z", "bai2012", "Fig. 1", "a photograph", "it is one"),
+        exempt("z", "bai2012", "Fig. 1", "a photograph", "it is one"),
     )
-    assert "<small>implied</small>" not in report_page([Made(one, items, draw)])
+    assert "<small>implied</small>" not in report_page([ReproductionResult(one, items, draw)])
     items = (replace(FORCE, id="x", implied=True), *items[1:])
-    page = report_page([Made(one, items, draw)])
+    page = report_page([ReproductionResult(one, items, draw)])
     assert not re.search(r"""(?:src|href)=["'](?!data:|#)|@import|url\(""", page)
     assert "<script>" not in page
     for said in (

@@ -19,10 +19,10 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from haptorb.apps.study.model.study_file import Study, study_of
-from haptorb.apps.study.pages.host import Host
-from haptorb.apps.study.pages.reception import Reception
+from haptorb.apps.study.pages.server import StudyServer
+from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.pages.site import STATIC
-from haptorb.apps.study.store.columns import replied, tidy
+from haptorb.apps.study.store.columns import read_replies, tidy
 from haptorb.apps.study.store.database import database
 from haptorb.control.protection.trip import Trip
 from haptorb.errors import InputError, RecordingError, ServoError
@@ -113,8 +113,8 @@ class Desk:
             self.servos.append(_fake())
             return self.servos[-1]
 
-        self.reception = Reception(self.engine, study, start, lambda session: Path(f"session-{session}.mcap"))
-        self.host = Host(self.reception, 0, more={"database": "here"})
+        self.reception = SessionManager(self.engine, study, start, lambda session: Path(f"session-{session}.mcap"))
+        self.host = StudyServer(self.reception, 0, more={"database": "here"})
         self.failures: list[ServoError] = []  # with which the server ended by itself
         self._serving = threading.Thread(target=self._serve)
         self._serving.start()
@@ -184,7 +184,7 @@ def test_a_session_from_code_to_thanks(begun: tuple[Desk, Page, Page]) -> None:
     columns = tidy(desk.engine, desk.study)
     assert columns["answer"].tolist() == [12, 1]
     assert columns["recording"][0].startswith("session-1.mcap#t=")
-    assert replied(desk.engine, desk.study) == {"P01": {"tired": "4"}}
+    assert read_replies(desk.engine, desk.study) == {"P01": {"tired": "4"}}
     prompted = [told[1] for told in desk.servo.told if told[0] == "dome"]
     assert prompted == [desk.study.point(int(n)).direction for n in columns["set_point"]]
     experimenter.until(lambda page: desk.servo.told[-1] == "close")
@@ -440,7 +440,7 @@ def test_two_experimenters_are_two_pages_of_one_session(begun: tuple[Desk, Page,
 
 def test_a_taken_port_is_refused_before_anybody_sits_down(desk: Desk) -> None:
     with pytest.raises(InputError, match="is taken"):
-        Host(desk.reception, desk.host.port)
+        StudyServer(desk.reception, desk.host.port)
 
 
 def test_the_pages_are_small_and_fetch_nothing_from_elsewhere() -> None:

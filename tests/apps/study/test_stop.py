@@ -18,9 +18,9 @@ import pytest
 from sqlalchemy import event, text
 
 from haptorb.apps.study.model.study_file import Study, study_of
-from haptorb.apps.study.session.halt import Halt
-from haptorb.apps.study.session.keys import Keyboard, named
-from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.session.halt import StopSwitch
+from haptorb.apps.study.session.keys import Keyboard, name_keys
+from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.columns import tidy
 from haptorb.apps.study.store.database import database
 from haptorb.errors import InputError, RecordingError
@@ -380,7 +380,7 @@ def test_a_thread_that_dies_ends_the_server_with_the_coils_off(desk: Desk, monke
 def test_what_a_locked_database_did_not_take_is_kept_later_in_order(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
     other = database(tmp_path / "s.db")
-    with Sitting(engine, identify, "P01") as sitting:
+    with StoredSession(engine, identify, "P01") as sitting:
         with engine.connect() as connection:
             connection.execute(text("PRAGMA busy_timeout = 10"))
         with other.connect() as connection:
@@ -416,31 +416,31 @@ def typed(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 @pytest.mark.parametrize("key", [b" ", b"\x1b", b"q"])
 def test_a_key_stops_while_nobody_takes_keys(typed: int, key: bytes) -> None:
-    servo, halt = FakeServo(), Halt()
+    servo, halt = FakeServo(), StopSwitch()
     halt.attach(servo, halt.ask())
     with Keyboard(halt) as keys:
         os.write(typed, b"e" + key)
         _until(lambda: servo.off)
-        assert keys.pressed(30) == "e"
+        assert keys.next_key(30) == "e"
         with pytest.raises(InputError, match="Stop was pressed after"):
             halt.engage(keys.asked)  # type: ignore[arg-type]
         assert servo.off
 
 
 def test_space_is_a_letter_while_words_are_typed_and_escape_stops(typed: int) -> None:
-    servo, halt = FakeServo(), Halt()
+    servo, halt = FakeServo(), StopSwitch()
     halt.attach(servo, halt.ask())
     with Keyboard(halt, lambda: True) as keys:
         os.write(typed, b"a q")
-        assert [keys.pressed(30) for _ in range(3)] == ["a", "space", "q"]
+        assert [keys.next_key(30) for _ in range(3)] == ["a", "space", "q"]
         assert not servo.off
         os.write(typed, b"\x1b[3~\x1b")
         _until(lambda: servo.off)
-    assert named("\x1b[A\x1bOB\x1b[1;5Cx") == ["up", "down", "x"]
+    assert name_keys("\x1b[A\x1bOB\x1b[1;5Cx") == ["up", "down", "x"]
 
 
 def test_ctrl_c_stops_before_the_main_thread_hears_of_it(typed: int) -> None:
-    servo, halt = FakeServo(), Halt()
+    servo, halt = FakeServo(), StopSwitch()
     halt.attach(servo, halt.ask())
     before = signal.signal(signal.SIGINT, lambda number, frame: None)
     try:

@@ -16,7 +16,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from haptorb.apps.web import connection
-from haptorb.apps.web.server import bound, server
+from haptorb.apps.web.server import bind_socket, server
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def port(monkeypatch):
             while True:
                 await page.send_text(await page.receive_text())
 
-    listening = bound(0)
+    listening = bind_socket(0)
     serving = server(Starlette(routes=[Route("/", large), WebSocketRoute("/ws", echo)]))
     import asyncio
 

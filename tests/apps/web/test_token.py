@@ -8,8 +8,8 @@ import pytest
 from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 
-from haptorb.apps.web.gate import Doors
-from haptorb.apps.web.token import TOKEN, chosen_token, knows
+from haptorb.apps.web.access import AccessGate
+from haptorb.apps.web.token import TOKEN, choose_token, knows
 from haptorb.errors import InputError
 
 KEY = "a-token_of-22-letters0"
@@ -17,20 +17,20 @@ KEY = "a-token_of-22-letters0"
 
 def test_every_start_has_its_own(monkeypatch):
     monkeypatch.delenv(TOKEN, raising=False)
-    assert chosen_token() != chosen_token()
-    assert len(chosen_token()) >= 16
+    assert choose_token() != choose_token()
+    assert len(choose_token()) >= 16
 
 
 def test_one_may_be_chosen(monkeypatch):
     monkeypatch.setenv(TOKEN, KEY)
-    assert chosen_token() == KEY
+    assert choose_token() == KEY
 
 
 @pytest.mark.parametrize("given", ["short", "with a space in it at least", "with,comma-and-16-characters", "ä" * 20])
 def test_what_cannot_be_one_is_refused(monkeypatch, given):
     monkeypatch.setenv(TOKEN, given)
     with pytest.raises(InputError, match="at least 16 letters"):
-        chosen_token()
+        choose_token()
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_only_pages_and_their_files_are_open(kind, path, shown, passes):
         raise AssertionError("nobody reads")
 
     headers = [(b"host", b"127.0.0.1:8765")] + ([(b"authorization", f"Bearer {shown}".encode())] if shown else [])
-    asyncio.run(Doors(inside, token=KEY)({"type": kind, "path": path, "headers": headers}, receive, send))
+    asyncio.run(AccessGate(inside, token=KEY)({"type": kind, "path": path, "headers": headers}, receive, send))
     assert bool(came) is passes
     if not passes:
         assert sent[0].get("status", 403) == 403

@@ -7,7 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from haptorb.control.allocation.bounded_power import NOT_FINITE, bounded_power_currents
+from haptorb.control.allocation.bounded_power import NOT_FINITE, solve_bounded_power
 from haptorb.control.allocation.minimum_power import MinimumPowerAllocator, minimum_power_currents
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError, UnknownName
@@ -81,7 +81,7 @@ def test_agrees_with_an_independent_solver_on_what_is_feasible_and_on_the_least_
         K, limit, resistance = problem(rng, kind, m)
         T = torque(rng, K, limit, number)
         currents = np.empty(m)
-        status, scale = bounded_power_currents(K, T, limit, resistance, False, currents)
+        status, scale = solve_bounded_power(K, T, limit, resistance, False, currents)
         assert (np.abs(currents) <= limit).all()
         reference = oracle(K, T, limit, resistance)
         size = np.abs(T).max()
@@ -113,7 +113,7 @@ def test_beyond_the_limits_the_scaled_torque_is_as_great_as_it_can_be(kind, m):
         K, limit, resistance = problem(rng, kind, m)
         T = rng.normal(size=3) * np.abs(K).sum()
         currents = np.empty(m)
-        _, scale = bounded_power_currents(K, T, limit, resistance, False, currents)
+        _, scale = solve_bounded_power(K, T, limit, resistance, False, currents)
         assert scale == pytest.approx(min(reach(K, T, limit), 1.0), rel=2e-4, abs=1e-9)
 
 
@@ -125,7 +125,7 @@ def test_beyond_the_limits_the_nearest_torque_is_the_nearest(kind, m):
         K, limit, resistance = problem(rng, kind, m)
         T = torque(rng, K, limit, 2 + number % 2)
         currents = np.empty(m)
-        status, _ = bounded_power_currents(K, T, limit, resistance, True, currents)
+        status, _ = solve_bounded_power(K, T, limit, resistance, True, currents)
         if status == 0:
             continue
         assert status == 2
@@ -143,7 +143,7 @@ def test_without_a_limit_met_it_is_equation_4():
         K, T = rng.normal(size=(3, m)), rng.normal(size=3)
         expected = K.T @ np.linalg.inv(K @ K.T) @ T  # Bai 2012 eq. (4), as printed
         currents = np.empty(m)
-        bounded_power_currents(K, T, np.full(m, 1e6), np.ones(m), False, currents)
+        solve_bounded_power(K, T, np.full(m, 1e6), np.ones(m), False, currents)
         np.testing.assert_allclose(currents, expected, rtol=1e-9)
         np.testing.assert_allclose(minimum_power_currents(K, T), expected, rtol=1e-9)
 
@@ -183,7 +183,7 @@ def test_equation_4_refuses_what_it_cannot_invert():
 @settings(max_examples=400, deadline=None)
 def test_whatever_comes_in_limits_hold_and_the_torque_never_misses_by_more_than_itself(K, T, limit, nearest):
     currents = np.empty(12)
-    status, scale = bounded_power_currents(K, T, limit, np.ones(12), nearest, currents)
+    status, scale = solve_bounded_power(K, T, limit, np.ones(12), nearest, currents)
     assert np.isfinite(currents).all()
     assert (np.abs(currents) <= limit).all()
     assert 0.0 <= scale <= 1.0
@@ -195,10 +195,10 @@ def test_whatever_comes_in_limits_hold_and_the_torque_never_misses_by_more_than_
 def test_no_torque_asked_or_no_current_allowed_means_no_current(nearest):
     rng = np.random.default_rng(0)
     K, currents = rng.normal(size=(3, 12)), np.full(12, 9.0)
-    assert bounded_power_currents(K, np.zeros(3), np.ones(12), np.ones(12), nearest, currents) == (0, 1.0)
+    assert solve_bounded_power(K, np.zeros(3), np.ones(12), np.ones(12), nearest, currents) == (0, 1.0)
     assert not currents.any()
     currents[:] = 9.0
-    status, scale = bounded_power_currents(K, np.ones(3), np.zeros(12), np.ones(12), nearest, currents)
+    status, scale = solve_bounded_power(K, np.ones(3), np.zeros(12), np.ones(12), nearest, currents)
     assert status == (2 if nearest else 1)
     assert scale == (1.0 if nearest else 0.0)
     assert not currents.any()
@@ -210,7 +210,7 @@ def test_a_channel_that_is_off_stays_off(nearest):
     for _ in range(200):
         limit = np.where(rng.random(12) < 0.4, 0.0, 1.0)
         currents = np.empty(12)
-        bounded_power_currents(rng.normal(size=(3, 12)), rng.normal(size=3) * 5, limit, np.ones(12), nearest, currents)
+        solve_bounded_power(rng.normal(size=(3, 12)), rng.normal(size=3) * 5, limit, np.ones(12), nearest, currents)
         assert not currents[limit == 0].any()
 
 
@@ -218,9 +218,9 @@ def test_an_axis_that_no_channel_turns_is_refused_when_scaling_and_left_out_when
     K = np.vstack([np.random.default_rng(0).normal(size=(2, 12)), np.zeros(12)])
     T = np.array([0.1, 0.2, 0.3])
     currents = np.empty(12)
-    assert bounded_power_currents(K, T, np.ones(12), np.ones(12), False, currents) == (1, 0.0)
+    assert solve_bounded_power(K, T, np.ones(12), np.ones(12), False, currents) == (1, 0.0)
     assert not currents.any()
-    status, _ = bounded_power_currents(K, T, np.ones(12), np.ones(12), True, currents)
+    status, _ = solve_bounded_power(K, T, np.ones(12), np.ones(12), True, currents)
     assert status == 2
     np.testing.assert_allclose(K @ currents, [0.1, 0.2, 0], atol=1e-8)
 
@@ -231,7 +231,7 @@ def test_the_kernel_answers_what_is_not_finite_with_nan_and_a_flag(bad, where):
     parts = {"K": np.ones((3, 12)), "T": np.ones(3), "limit": np.ones(12), "resistance": np.ones(12)}
     parts[where].flat[-1] = bad
     currents = np.zeros(12)
-    status, scale = bounded_power_currents(parts["K"], parts["T"], parts["limit"], parts["resistance"], False, currents)
+    status, scale = solve_bounded_power(parts["K"], parts["T"], parts["limit"], parts["resistance"], False, currents)
     assert status == NOT_FINITE
     assert np.isnan(scale)
     assert np.isnan(currents).all()

@@ -40,7 +40,7 @@ def test_peak_is_the_linear_programmes(pmsm):
 
 
 def test_the_allocator_gives_the_peak_and_no_more(pmsm, capability):
-    wrench_map = pmsm.wrench_map(State.turned(np.eye(3)), "table")
+    wrench_map = pmsm.wrench_map(State.from_rotation(np.eye(3)), "table")
     allocator = MinimumPowerAllocator(pmsm.coils.current_limit)
     least = capability.peak[2, 2]
     for axis in range(3):
@@ -67,7 +67,7 @@ def test_lasting_torque_is_less_than_peak_and_heats_what_the_coils_can_shed(pmsm
 def test_power_is_that_of_the_least_currents(pmsm):
     capability = motor_capability(pmsm, tilts=2, spins=1)
     tilt = pmsm.workspace_tilt
-    wrench_map = pmsm.wrench_map(State.turned(rotation_from_euler(tilt, tilt, 0.0)), "table")
+    wrench_map = pmsm.wrench_map(State.from_rotation(rotation_from_euler(tilt, tilt, 0.0)), "table")
     currents = MinimumPowerAllocator(np.full(12, 1e3)).allocate(wrench_map, (0, 0, 0, 0, 0.1, 0)).currents
     heat = pmsm.coils.resistance @ currents**2
     assert capability.power[1, 1, 1] == pytest.approx(100 * heat, rel=1e-6)

@@ -41,7 +41,7 @@ def test_the_rotor_of_these_tests_is_the_one_of_bai_2012():
 
 def test_a_direct_linkage_is_the_world_itself():
     state = State.at((0, 0, -0.001), axis=(0, 0, 1))
-    felt = Direct().felt(Wall(), state)
+    felt = Direct().render(Wall(), state)
     assert (felt.wrench == Wall().wrench(state)).all()
     assert felt.thing is state
     assert (felt.mode, felt.engaged, felt.share.tolist()) == (0, True, [1.0, 1.0])
@@ -66,8 +66,8 @@ def test_no_step_at_any_moment(said, psi, lam, phi, rates):
     for still in (True, False):
         linkage, rest = ModedLinkage(modes), rotor(0, psi, lam, phi)
         for n in range(400):
-            linkage.felt(outlet, replace(rest, t=n * DT))
-        before = linkage.felt(outlet, rotor(400, psi, lam, phi))
+            linkage.render(outlet, replace(rest, t=n * DT))
+        before = linkage.render(outlet, rotor(400, psi, lam, phi))
         pushed = np.abs(before.on_thing).max()
         for n, word in enumerate(said, start=401):
             if word in ("translate", "rotate"):
@@ -77,7 +77,7 @@ def test_no_step_at_any_moment(said, psi, lam, phi, rates):
             w = (0.0, 0.0, 0.0) if still else rates
             k = 0 if still else n - 400
             a, b, c = (start + rate * k * DT * 0.02 for start, rate in zip((psi, lam, phi), rates, strict=True))
-            now = linkage.felt(outlet, rotor(n, a, b, c, tuple(0.02 * r for r in w)))
+            now = linkage.render(outlet, rotor(n, a, b, c, tuple(0.02 * r for r in w)))
             moved = np.abs(now.thing.p - before.thing.p).max()
             if still:
                 assert moved <= 1e-12
@@ -93,9 +93,9 @@ def test_the_moment_of_telling_is_no_step_of_torque():
     """Pushed aside hard: in the tick in which the mode is told, pose and torque are those of the tick before."""
     linkage = ModedLinkage()
     for n in range(300):
-        linkage.felt(Outlet(), rotor(n, 0.0, 0.0, 0.0))
+        linkage.render(Outlet(), rotor(n, 0.0, 0.0, 0.0))
     for n in range(300, 600):
-        felt = linkage.felt(Outlet(), rotor(n, 0.05, 0.02, 0.0))
+        felt = linkage.render(Outlet(), rotor(n, 0.05, 0.02, 0.0))
     assert np.abs(felt.wrench).max() > 0.05
     pose, torque = felt.thing.p, felt.wrench
     linkage.set_mode("rotate")
@@ -112,14 +112,14 @@ def test_letting_go_reaches_further():
         nonlocal n
         for lam in np.linspace(start, end, 400):
             n += 1
-            felt = linkage.felt(Nothing(), rotor(n, 0.0, lam, 0.0))
+            felt = linkage.render(Nothing(), rotor(n, 0.0, lam, 0.0))
         return felt.thing.p[0]
 
     def wait(lam):
         nonlocal n
         for _ in range(200):
             n += 1
-            linkage.felt(Nothing(), rotor(n, 0.0, lam, 0.0))
+            linkage.render(Nothing(), rotor(n, 0.0, lam, 0.0))
 
     wait(-0.35)
     once = sweep(-0.35, 0.35)
@@ -131,7 +131,7 @@ def test_letting_go_reaches_further():
     wait(-0.35)
     assert sweep(-0.35, 0.35) == pytest.approx(2 * once, rel=1e-6)
     linkage.restart()
-    assert linkage.felt(Nothing(), rotor(n + 1, 0, 0.35, 0)).thing.p.tolist() == [0.0, 0.0, 0.0]
+    assert linkage.render(Nothing(), rotor(n + 1, 0, 0.35, 0)).thing.p.tolist() == [0.0, 0.0, 0.0]
 
 
 def turn(A, B):
@@ -156,7 +156,7 @@ def test_closed_paths_give_no_energy():
             psi, lam, phi = paths[:, n]
             rates = (paths[:, min(n + 1, len(t) - 1)] - paths[:, n]) / DT
             state = rotor(n, psi, lam, phi, rates)
-            felt = linkage.felt(world, state)
+            felt = linkage.render(world, state)
             if last is not None:
                 mean = 0.5 * (felt.wrench[3:] + last[0])
                 work += float(mean @ turn(state.R_SR, last[1]))
@@ -174,12 +174,12 @@ def test_what_cannot_be_is_refused():
     with pytest.raises(InputError, match="finite"):
         ModedLinkage(position=(0, np.nan, 0))
     with pytest.raises(InputError, match="tilted beyond"):
-        ModedLinkage().felt(Outlet(), rotor(0, 0.0, 1.5, 0.0))
+        ModedLinkage().render(Outlet(), rotor(0, 0.0, 1.5, 0.0))
 
 
 def test_contacts_are_told():
     linkage = ModedLinkage(position=(2e-3, 0, 0))
-    felt = linkage.felt(Outlet(), rotor(0, 0, 0, 0))
+    felt = linkage.render(Outlet(), rotor(0, 0, 0, 0))
     assert felt.contacts[:, 0] == pytest.approx(0.75e-3)
     assert felt.contacts[:, 2] == pytest.approx(Outlet().arm)
     assert felt.contacts[0, 5:] == pytest.approx(-felt.contacts[1, 5:], abs=1e-9)

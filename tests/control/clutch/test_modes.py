@@ -142,9 +142,9 @@ def test_at_any_moment_switching_steps_neither_pose_nor_torque(clutch: Clutch, w
     modes = TwoModes()
     other = MODES[1 - MODES.index(clutch.mode)]
     after = {
-        "switch": lambda: modes.switched(clutch, other),
-        "release": lambda: modes.released(clutch),
-        "engage": lambda: modes.engaged(clutch),
+        "switch": lambda: modes.switch(clutch, other),
+        "release": lambda: modes.release(clutch),
+        "engage": lambda: modes.engage(clutch),
     }[act]()
     assert np.abs(pose(modes, after) - pose(modes, clutch)).max() <= 1e-12
     assert (modes.torque(after, wrench) == modes.torque(clutch, wrench)).all()
@@ -165,9 +165,9 @@ def test_indexing_reaches_beyond_the_workspace() -> None:
     for _ in range(5):
         for phase in ("pull", "release", "back", "hold"):
             if phase == "release":
-                clutch = modes.released(clutch)
+                clutch = modes.release(clutch)
             if phase == "hold":
-                clutch = modes.engaged(clutch)
+                clutch = modes.engage(clutch)
             for k in range(1, 201):
                 lam = {"pull": 0.35 * k / 200, "release": 0.35, "back": 0.35 * (1 - k / 200), "hold": 0.0}[phase]
                 t += 1e-3
@@ -184,7 +184,7 @@ def test_indexing_reaches_beyond_the_workspace() -> None:
 def test_no_closed_walk_through_both_modes_gives_energy(seed: int) -> None:
     # a stiff spring as target, a hand that turns, switches, lets go and takes hold at random, and comes back
     random = np.random.default_rng(seed)
-    modes = TwoModes(Gains().scaled(0.4), ramp=0.02)
+    modes = TwoModes(Gains().scale(0.4), ramp=0.02)
     clutch, q, t = joined(modes), np.zeros(3), 0.2
 
     def spring(target: State) -> np.ndarray:
@@ -202,11 +202,11 @@ def test_no_closed_walk_through_both_modes_gives_energy(seed: int) -> None:
             goal = random.uniform(-0.35, 0.35, 3)
             act = random.integers(4)
             clutch = (
-                modes.switched(clutch, MODES[random.integers(2)])
+                modes.switch(clutch, MODES[random.integers(2)])
                 if act < 2
-                else modes.released(clutch)
+                else modes.release(clutch)
                 if act == 2
-                else modes.engaged(clutch)
+                else modes.engage(clutch)
             )
         new = q + (goal - q) * 0.02
         rates = (new - q) / 1e-3
@@ -225,8 +225,8 @@ def test_no_closed_walk_through_both_modes_gives_energy(seed: int) -> None:
 
 def test_gains_that_break_power_are_reported_and_do_break_it() -> None:
     assert Gains().verdict == "power-consistent"
-    assert Gains().scaled(0.2).verdict == "scaled"
-    assert Gains().scaled(0.0).verdict == "scaled"
+    assert Gains().scale(0.2).verdict == "scaled"
+    assert Gains().scale(0.0).verdict == "scaled"
     assert Gains(translate_torque=(0.02, 0.004, 0.01)).verdict == "active"  # as the text of phase 1 has it (E6)
     assert Gains(rotate_torque=(0.5, 0.5, 0.5)).verdict == "active"  # one factor, but another one than translation
     assert Gains(translate=(0.0, 0.004, 0.01), translate_torque=(0.004, 1.0, 0.01)).verdict == "active"
@@ -269,13 +269,13 @@ def test_bad_input() -> None:
     with pytest.raises(InputError, match=r"wrench must have shape \(6,\)"):
         modes.torque(clutch, (1, 2, 3))
     with pytest.raises(UnknownName, match="did you mean 'rotate'"):
-        modes.switched(clutch, "rotat")  # type: ignore[arg-type]
+        modes.switch(clutch, "rotat")  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"gains\.rotate must be three numbers"):
         Gains(rotate=(1.0, 2.0))  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"gains\.translate must be finite"):
         Gains(translate=(1.0, math.nan, 0.0))
     with pytest.raises(InputError, match="factor must not be negative"):
-        Gains().scaled(-1.0)
+        Gains().scale(-1.0)
     with pytest.raises(InputError, match="ramp must be a time greater than zero"):
         TwoModes(ramp=0.0)
     with pytest.raises(InputError, match="attitude"):

@@ -32,7 +32,7 @@ def test_a_narrow_magnet_is_found_between_the_places():
     magnet = worlds.Magnet(place=(0.0101, -0.0052, 0.0033), width=0.002, strength=0.25)
     slope = 0.25 / (0.002 * np.exp(-0.5))
     assert steepest(field(magnet), PLACES, inside).stiffness == pytest.approx(slope, rel=0.01)
-    pushing = steepest(field(magnet.changed(strength=-0.25)), PLACES, inside)
+    pushing = steepest(field(magnet.replace(strength=-0.25)), PLACES, inside)
     assert pushing.away == pytest.approx(slope, rel=0.01)
     assert pushing.stiffness == pytest.approx(2 * np.exp(-1.5) * slope, rel=0.01)  # the slope outside, at √3 widths
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptorb.control.stability.hand_grip import GRIPS, HandGrip, known_grip
+from haptorb.control.stability.hand_grip import GRIPS, HandGrip, check_grip
 from haptorb.control.stability.stability import SampledLoop
 from haptorb.errors import InputError, UnknownName
 
@@ -137,10 +137,10 @@ def test_a_delay_of_more_than_64_periods_is_refused():
 @pytest.mark.parametrize("text", ["tight", "1,2", "a,b,c", ""])
 def test_grips_that_nobody_knows(text):
     with pytest.raises(UnknownName, match="grip"):
-        known_grip(text)
+        check_grip(text)
 
 
 @pytest.mark.parametrize("text", ["0,1,1", "0.1,-1,0", "nan,1,1"])
 def test_grips_that_cannot_be(text):
     with pytest.raises(InputError, match="mass"):
-        known_grip(text)
+        check_grip(text)

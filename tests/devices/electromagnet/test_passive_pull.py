@@ -35,7 +35,7 @@ ways = (
 
 
 def series(p, axis, sphere=CORE):
-    points, q = FINE.placed(rotation_to_axis(axis), p)
+    points, q = FINE.place(rotation_to_axis(axis), p)
     forces = sphere.forces(points, q)
     return np.concatenate([forces.sum(axis=0), np.cross(points - p, forces).sum(axis=0)])
 

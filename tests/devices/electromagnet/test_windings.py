@@ -43,7 +43,7 @@ def test_turns_add_and_wider_coils_carry_more_moment_but_less_core():
 
 def test_the_assumed_coils_of_omni_predict_the_calibrated_moments_within_5_percent():
     """Plausible, not proven: the sizes are assumed, knowing the moments; the order of the coils is the paper's."""
-    predicted = np.diag(OMNI.predicted_moments())
+    predicted = np.diag(OMNI.predict_moments())
     assert predicted == pytest.approx(np.diag(OMNI.moment_per_current), rel=0.05)
     assert (np.diff(predicted) > 0).all()
     alone = OMNI.windings.parts(CORE)[:, 0]
@@ -77,4 +77,4 @@ def test_windings_that_cannot_be_are_named(tmp_path, old, new, word):
 def test_a_device_without_sizes_predicts_nothing(tmp_path):
     text = files("haptorb.devices").joinpath("catalogue", "omni.toml").read_text(encoding="utf-8")
     start, end = text.index("[windings]"), text.index("[dome]")
-    assert parsed(tmp_path, text[start:end], "").predicted_moments() is None
+    assert parsed(tmp_path, text[start:end], "").predict_moments() is None

@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from haptorb.devices.motor.layouts import Layout, Ring, alternating, spherical_frames
+from haptorb.devices.motor.layouts import Layout, PartRing, alternating, spherical_frames
 from haptorb.errors import InputError
 
 
 def test_angles_are_latitudes():
-    north = Ring(np.radians(26), 1, np.radians(90), 0.0).directions()[0]
+    north = PartRing(np.radians(26), 1, np.radians(90), 0.0).directions()[0]
     np.testing.assert_allclose(north, [0, np.cos(np.radians(26)), np.sin(np.radians(26))], atol=1e-15)
 
 
@@ -31,7 +31,7 @@ def test_frames_exist_at_the_poles(pole):
 
 
 def test_a_checkerboard_alternates_along_and_across_and_is_odd_through_the_centre_by_radial_sense():
-    rings = [Ring(np.radians(a), 12, 0.0, np.radians(30)) for a in (-15, 15)]
+    rings = [PartRing(np.radians(a), 12, 0.0, np.radians(30)) for a in (-15, 15)]
     layout, signs = Layout.of_rings(1.0, rings), alternating([12, 12], "checkerboard")
     between = layout.directions @ layout.directions.T
     neighbours = (between > np.cos(np.radians(31))) & (between < 0.999)

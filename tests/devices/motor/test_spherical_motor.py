@@ -120,7 +120,7 @@ def test_no_torque_about_a_coils_own_axis(pmsm, tilted, level):
 def test_torque_is_the_slope_of_flux_linkage(pmsm):
     """Virtual work by finite differences of the coils' flux in the magnets' field, a different integral."""
     from haptorb.physics.interaction import flux_linkage
-    from haptorb.physics.sources.placed import Placed, Together
+    from haptorb.physics.sources.placement import PlacedSource, SourceSum
 
     coil = 16
     frame = pmsm.electromagnets.frames[coil]
@@ -129,11 +129,13 @@ def test_torque_is_the_slope_of_flux_linkage(pmsm):
     def flux(psi):
         R = rotation_from_euler(psi, np.radians(5), np.radians(5))
         near = np.argsort(-(pmsm.magnets.directions @ R.T) @ frame[:, 2])
-        magnets = [Placed(pmsm.magnet, R @ pmsm.magnets.positions[i], R @ pmsm.magnets.frames[i]) for i in range(24)]
+        magnets = [
+            PlacedSource(pmsm.magnet, R @ pmsm.magnets.positions[i], R @ pmsm.magnets.frames[i]) for i in range(24)
+        ]
         total = 0.0
         for i in near:
             linked = flux_linkage(
-                Together([magnets[i]]), pmsm.electromagnet, pmsm.electromagnets.positions[coil], frame, precision=1e-6
+                SourceSum([magnets[i]]), pmsm.electromagnet, pmsm.electromagnets.positions[coil], frame, precision=1e-6
             )
             total += pmsm.polarity[i] * linked.value[0]
         return total
@@ -162,7 +164,7 @@ def test_groups_are_pairs_in_series(pmsm):
 
 
 def test_wrench_map_is_torque_per_channel_and_the_bearing_carries_force(pmsm):
-    wrench_map = pmsm.wrench_map(State.turned(TILTED), "table")
+    wrench_map = pmsm.wrench_map(State.from_rotation(TILTED), "table")
     np.testing.assert_array_equal(wrench_map.matrix[3:], haptorb.torque_characteristic(pmsm, TILTED, grouped=True))
     assert not wrench_map.force.any()
     assert wrench_map.passive.shape == (6,)

@@ -18,7 +18,7 @@ from haptorb.numerics import compiled
 from haptorb.physics.interaction import wrench
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.cylinder import CylinderMagnet
-from haptorb.physics.sources.placed import Placed, Together
+from haptorb.physics.sources.placement import PlacedSource, SourceSum
 from haptorb.physics.sources.ring import RingMagnet
 
 MAGNET = CylinderMagnet(15.875e-3, 5.08e-3, 1.31)
@@ -50,11 +50,11 @@ def field() -> PairTable:
     return field_table(MAGNET, R_PM, R_SENSOR)
 
 
-def rotor(R: np.ndarray) -> Together:
+def rotor(R: np.ndarray) -> SourceSum:
     """All magnets in the stator frame, at the exact level."""
-    return Together(
+    return SourceSum(
         [
-            Placed(CylinderMagnet(15.875e-3, 5.08e-3, 1.31 * s), R_PM * (R @ u), rotation_to_axis(R @ u))
+            PlacedSource(CylinderMagnet(15.875e-3, 5.08e-3, 1.31 * s), R_PM * (R @ u), rotation_to_axis(R @ u))
             for u, s in zip(MAGNETS, STRENGTH, strict=True)
         ]
     )
@@ -110,7 +110,7 @@ def test_values_of_one_pair_follow_the_exact_level(torque):
     k, slope = torque.values(np.cos(angles))
     for angle, value in zip(angles, k[0], strict=True):
         u = np.array([np.sin(angle), 0, np.cos(angle)])
-        placed = Placed(MAGNET, R_PM * u, rotation_to_axis(u))
+        placed = PlacedSource(MAGNET, R_PM * u, rotation_to_axis(u))
         found = wrench(placed, COIL, (0, 0, R_EM), np.eye(3), about=(0, 0, 0), precision=1e-10).value[4] / np.sin(angle)
         assert value == pytest.approx(found, abs=1e-8 * np.abs(k).max())
     step = 1e-6
@@ -177,7 +177,7 @@ def test_ring_magnets_have_tables_too():
     table = field_table(ring, 50e-3, 42e-3)
     u, s = np.array([np.sin(0.3), 0, np.cos(0.3)]), np.array([0, 0, 1.0])
     f, g = table.values(np.array(np.cos(0.3)))[0]
-    exact = Placed(ring, 50e-3 * u, rotation_to_axis(u)).field(42e-3 * s)
+    exact = PlacedSource(ring, 50e-3 * u, rotation_to_axis(u)).field(42e-3 * s)
     assert f * u + g * s == pytest.approx(exact, abs=1e-8)
 
 
@@ -209,7 +209,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def kept(precision: float = 1e-4) -> PairTable:
-    return table_cache.cached_field_table(MAGNET, R_PM, 50e-3, precision=precision)
+    return table_cache.load_field_table(MAGNET, R_PM, 50e-3, precision=precision)
 
 
 def forbid(monkeypatch) -> None:
@@ -231,8 +231,8 @@ def test_a_kept_table_is_read_back_bit_for_bit(folder, monkeypatch):
 def test_another_body_distance_or_precision_is_another_table(folder):
     kept()
     kept(1e-3)
-    table_cache.cached_field_table(MAGNET, R_PM, 51e-3, precision=1e-4)
-    table_cache.cached_field_table(CylinderMagnet(15.875e-3, 5.08e-3, 1.3100000000000003), R_PM, 50e-3, precision=1e-4)
+    table_cache.load_field_table(MAGNET, R_PM, 51e-3, precision=1e-4)
+    table_cache.load_field_table(CylinderMagnet(15.875e-3, 5.08e-3, 1.3100000000000003), R_PM, 50e-3, precision=1e-4)
     assert len(list(folder.iterdir())) == 4
 
 
@@ -276,7 +276,7 @@ def test_a_damaged_or_foreign_file_is_found_and_made_again(folder, damage):
 def test_a_sound_table_under_another_tables_name_is_not_believed(folder):
     first = kept()
     (path,) = folder.iterdir()
-    table_cache.cached_field_table(MAGNET, R_PM, 51e-3, precision=1e-4)
+    table_cache.load_field_table(MAGNET, R_PM, 51e-3, precision=1e-4)
     (other,) = set(folder.iterdir()) - {path}
     path.write_bytes(other.read_bytes())
     assert (kept().cells == first.cells).all()

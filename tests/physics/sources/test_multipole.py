@@ -7,7 +7,7 @@ import pytest
 
 from haptorb.errors import GeometryError, InputError, UnknownName
 from haptorb.physics.multipole_fit import fit_multipole, residual, shell_region
-from haptorb.physics.published_multipoles import PUBLISHED, published
+from haptorb.physics.published_multipoles import PUBLISHED, load_published
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.cylinder import CylinderMagnet
@@ -131,8 +131,8 @@ def test_hopeless_fits_are_refused():
 
 
 def test_published_models_have_names():
-    assert published("bai2012-em").model.dipoles == 97
+    assert load_published("bai2012-em").model.dipoles == 97
     with pytest.raises(UnknownName, match="did you mean 'bai2012-pm'"):
-        published("bai2012-mp")
+        load_published("bai2012-mp")
     for name, entry in PUBLISHED.items():
         assert isinstance(entry.body, CylinderMagnet if "-pm" in name else Coil)

@@ -27,7 +27,7 @@ def test_infinite_permeability_is_a_mirror_charge_and_its_balance(s_way, s_far, 
     s, x = (np.array(way) / np.linalg.norm(way) * A * far for way, far in ((s_way, s_far), (x_way, x_far)))
     d = np.linalg.norm(s)
     mirrored = charge_field(-A / d, s * A**2 / d**2, x) + charge_field(A / d, np.zeros(3), x)
-    series = SoftSphere(A).induced_field([s], [1.0], x, precision=1e-13)
+    series = SoftSphere(A).compute_induced_field([s], [1.0], x, precision=1e-13)
     assert np.allclose(series, mirrored, rtol=1e-9, atol=1e-12 * np.linalg.norm(charge_field(1.0, s, np.zeros(3))))
 
 
@@ -70,20 +70,20 @@ def collocated_field(mu, s, x):
 def test_finite_permeability_against_a_numerical_solution(mu):
     s, scale = np.array([0.4, -0.3, 1.7]), MU0 / (4 * np.pi)
     x = [[0.2, 0.1, 1.6], [1.5, 0.3, -0.2], [-0.4, 0.3, -2.0]]
-    series = SoftSphere(1.0, mu).induced_field([s], [1.0], x, precision=1e-12)
+    series = SoftSphere(1.0, mu).compute_induced_field([s], [1.0], x, precision=1e-12)
     assert np.allclose(series, collocated_field(mu, s, x), rtol=0, atol=2e-4 * scale)
 
 
 def test_no_sphere_no_answer():
-    where, q = RING.placed(np.eye(3), (0, 0, 0.05))
+    where, q = RING.place(np.eye(3), (0, 0, 0.05))
     assert SoftSphere(A, 1.0).energy(where, q) == 0.0
     assert not SoftSphere(A, 1.0).forces(where, q).any()
-    assert not SoftSphere(A, 1.0).induced_moment(where, q).any()
+    assert not SoftSphere(A, 1.0).compute_induced_moment(where, q).any()
 
 
 @pytest.mark.parametrize(("distance", "pull"), [(0.05, 52.9), (0.06, 12.25), (0.07, 3.74)])
 def test_the_core_pulls_the_ring_as_erratum_18_says(distance, pull):
-    force = SoftSphere(A).forces(*RING.placed(np.eye(3), (0, 0, distance))).sum(axis=0)
+    force = SoftSphere(A).forces(*RING.place(np.eye(3), (0, 0, distance))).sum(axis=0)
     assert -1e3 * force[2] == pytest.approx(pull, abs=0.06)
     assert np.abs(force[:2]).max() < 1e-12
 
@@ -105,7 +105,7 @@ def test_a_point_dipoles_first_harmonic_alone_would_say_30():
 def test_force_and_torque_are_slopes_of_the_energy(way, distance, turn):
     sphere, R = SoftSphere(A, 200.0), Rotation.from_rotvec(turn).as_matrix()
     p = np.array(way) / np.linalg.norm(way) * distance
-    points, q = RING.placed(R, p)
+    points, q = RING.place(R, p)
     forces = sphere.forces(points, q)
     size = np.linalg.norm(forces, axis=1).max()
 
@@ -126,7 +126,7 @@ def test_force_and_torque_are_slopes_of_the_energy(way, distance, turn):
 
 
 def test_iron_pulls_and_a_superconductor_pushes():
-    where, q = RING.placed(np.eye(3), (0, 0, 0.05))
+    where, q = RING.place(np.eye(3), (0, 0, 0.05))
     pulls = [SoftSphere(A, mu).forces(where, q).sum(axis=0)[2] for mu in (0.0, 1.0, 2.0, 10.0, 1000.0, np.inf)]
     assert pulls[0] > 0.0 == pulls[1]
     assert pulls == sorted(pulls, reverse=True)
@@ -134,20 +134,20 @@ def test_iron_pulls_and_a_superconductor_pushes():
 
 
 def test_induced_moment_is_the_far_field():
-    where, q = RING.placed(Rotation.from_rotvec((0.4, 0.2, 0)).as_matrix(), (0.02, 0.01, 0.05))
+    where, q = RING.place(Rotation.from_rotvec((0.4, 0.2, 0)).as_matrix(), (0.02, 0.01, 0.05))
     sphere = SoftSphere(A, 300.0)
-    moment, far = sphere.induced_moment(where, q), np.array([1.0, -2.0, 2.0])
+    moment, far = sphere.compute_induced_moment(where, q), np.array([1.0, -2.0, 2.0])
     d = np.linalg.norm(far)
     dipole_field = MU0 / (4 * np.pi) * (3 * (moment @ far) * far / d**2 - moment) / d**3
     assert np.allclose(
-        sphere.induced_field(where, q, far), dipole_field, rtol=0, atol=2e-2 * np.abs(dipole_field).max()
+        sphere.compute_induced_field(where, q, far), dipole_field, rtol=0, atol=2e-2 * np.abs(dipole_field).max()
     )
     at_centre = sum(charge_field(charge, place, np.zeros(3)) for charge, place in zip(q, where, strict=True))
     assert np.allclose(moment, sphere.moment_in(at_centre), rtol=1e-12)
 
 
 def test_terms_left_out_are_below_the_precision():
-    where, q = RING.placed(np.eye(3), (0, 0, 0.034))
+    where, q = RING.place(np.eye(3), (0, 0, 0.034))
     truth = SoftSphere(A).energy(where, q, precision=1e-14)
     assert abs(SoftSphere(A).energy(where, q, precision=1e-6) / truth - 1) < 1e-6
 
@@ -162,11 +162,11 @@ def test_bad_input_is_refused():
     with pytest.raises(GeometryError, match="lies in or on the sphere"):
         SoftSphere(A).energy([(0, 0, 0.01)], [1.0])
     with pytest.raises(GeometryError, match="inside"):
-        SoftSphere(A).induced_field([(0, 0, 0.1)], [1.0], (0, 0, 0.01))
+        SoftSphere(A).compute_induced_field([(0, 0, 0.1)], [1.0], (0, 0, 0.01))
     with pytest.raises(PrecisionError, match="terms"):
         SoftSphere(A).energy([(0, 0, A * 1.0001)], [1.0])
     with pytest.raises(InputError, match="one charge per point"):
         SoftSphere(A).forces([(0, 0, 0.1)], [1.0, 2.0])
     with pytest.raises(InputError):
         SoftSphere(A).forces([(0, 0, np.inf)], [1.0])
-    assert SoftSphere(A).induced_field([(0, 0, 0.1)], [1.0], np.empty((0, 3))).shape == (0, 3)
+    assert SoftSphere(A).compute_induced_field([(0, 0, 0.1)], [1.0], np.empty((0, 3))).shape == (0, 3)

@@ -12,25 +12,25 @@ import pytest
 from haptorb import Recording, Servo
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.runtime.exchange.black_box import TICKS, BlackBox
-from haptorb.runtime.exchange.shared_memory import Shared
+from haptorb.runtime.exchange.shared_memory import SharedMemory
 from haptorb.runtime.row import RowLayout
 
 
 @pytest.fixture
 def shared() -> Any:
-    made = Shared.create(RowLayout(channels=3, sensors=0))
+    made = SharedMemory.create(RowLayout(channels=3, sensors=0))
     yield made
     made.unlink()
 
 
-def ticks(shared: Shared, first: int, count: int) -> None:
+def ticks(shared: SharedMemory, first: int, count: int) -> None:
     row = np.zeros(shared.layout.width)
     for tick in range(first, first + count):
         row[shared.layout["tick"]], row[shared.layout["t"]] = tick, tick * 1e-3
         shared.ring.publish(row)
 
 
-def test_the_ticks_up_to_the_trip_are_kept_and_none_after_it(shared: Shared) -> None:
+def test_the_ticks_up_to_the_trip_are_kept_and_none_after_it(shared: SharedMemory) -> None:
     box = BlackBox(shared, "omni", 1000.0, None)
     ticks(shared, 0, 300)
     shared.announce_trip(0.299, Trip.OVERCURRENT)
@@ -41,7 +41,7 @@ def test_the_ticks_up_to_the_trip_are_kept_and_none_after_it(shared: Shared) -> 
     assert tripped.rows[:, shared.layout["tick"]].ravel().tolist() == list(range(200, 300))
 
 
-def test_a_trip_right_after_the_start_has_fewer(shared: Shared) -> None:
+def test_a_trip_right_after_the_start_has_fewer(shared: SharedMemory) -> None:
     box = BlackBox(shared, "omni", 1000.0, None)
     ticks(shared, 0, 7)
     shared.announce_trip(0.006, Trip.WORLD_FAILED)
@@ -51,7 +51,7 @@ def test_a_trip_right_after_the_start_has_fewer(shared: Shared) -> None:
 
 
 def test_files_are_recordings_and_the_oldest_go(
-    shared: Shared, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    shared: SharedMemory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("haptorb.runtime.exchange.black_box._KEPT", 2)
     box = BlackBox(shared, "omni", 1000.0, tmp_path / "trips")
@@ -67,7 +67,7 @@ def test_files_are_recordings_and_the_oldest_go(
     assert (recording.rows == box.trips[-1].rows).all()
 
 
-def test_a_folder_that_cannot_be_costs_nothing(shared: Shared, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_costs_nothing(shared: SharedMemory, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     box = BlackBox(shared, "omni", 1000.0, tmp_path / "file" / "trips")
     ticks(shared, 0, 5)

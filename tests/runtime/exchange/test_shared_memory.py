@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from haptorb.control.protection.trip import CoilState
 from haptorb.errors import InputError, ServoError
 from haptorb.runtime.exchange.report import loop_report
-from haptorb.runtime.exchange.shared_memory import CAPACITY, TRIPS, WORLDS, Phase, Shared, Word
-from haptorb.runtime.memory.ring import Ring
+from haptorb.runtime.exchange.shared_memory import CAPACITY, TRIPS, WORLDS, Phase, SharedMemory, Word
+from haptorb.runtime.memory.ring import RingBuffer
 from haptorb.runtime.memory.text_slot import SIZE, TextSlot
 from haptorb.runtime.pointer.pointer_block import PointerBlock
 from haptorb.runtime.row import RowLayout
@@ -27,18 +27,18 @@ LAYOUT = RowLayout(channels=3, sensors=9)
 
 
 @pytest.fixture
-def shared() -> Iterator[Shared]:
-    memory = Shared.create(LAYOUT)
+def shared() -> Iterator[SharedMemory]:
+    memory = SharedMemory.create(LAYOUT)
     yield memory
     memory.unlink()
 
 
 @contextmanager
-def _writing(shared: Shared, write: Callable[[Shared, int], None]) -> Iterator[None]:
+def _writing(shared: SharedMemory, write: Callable[[SharedMemory, int], None]) -> Iterator[None]:
     """Another process that calls `write(shared, 1)`, `write(shared, 2)` … as fast as it can."""
     child = os.fork()
     if child == 0:
-        other, i = Shared.attach(shared.path), 0
+        other, i = SharedMemory.attach(shared.path), 0
         while True:
             i += 1
             write(other, i)
@@ -49,9 +49,9 @@ def _writing(shared: Shared, write: Callable[[Shared, int], None]) -> Iterator[N
         os.waitpid(child, 0)
 
 
-def _ring(capacity: int, width: int = 3) -> Ring:
+def _ring(capacity: int, width: int = 3) -> RingBuffer:
     words = memoryview(bytearray(8)).cast("q")
-    return Ring(words, 0, np.zeros((capacity, width)))
+    return RingBuffer(words, 0, np.zeros((capacity, width)))
 
 
 @given(capacity=st.integers(2, 9), bursts=st.lists(st.integers(0, 25), max_size=20))
@@ -112,11 +112,11 @@ def test_rows_that_were_overtaken_while_they_were_copied() -> None:
 
 
 @pytest.mark.parametrize("capacity", [5, 16, CAPACITY])
-def test_no_torn_rows(shared: Shared, capacity: int) -> None:
-    def small(memory: Shared) -> Ring:
-        return Ring(memory.words, Word.ROWS, memory.ring._rows[:capacity])
+def test_no_torn_rows(shared: SharedMemory, capacity: int) -> None:
+    def small(memory: SharedMemory) -> RingBuffer:
+        return RingBuffer(memory.words, Word.ROWS, memory.ring._rows[:capacity])
 
-    def write(other: Shared, i: int) -> None:
+    def write(other: SharedMemory, i: int) -> None:
         small(other).publish(np.full(LAYOUT.width, float(i)))
 
     ring = small(shared)
@@ -139,12 +139,12 @@ def test_no_torn_rows(shared: Shared, capacity: int) -> None:
         assert last == seen + lost
 
 
-def test_torn_rows_would_be_noticed(shared: Shared) -> None:
+def test_torn_rows_would_be_noticed(shared: SharedMemory) -> None:
     """The same reader without the second look at the count does return torn rows: the test above can fail."""
     rows = shared.ring._rows
     torn = 0
 
-    def write(other: Shared, i: int) -> None:
+    def write(other: SharedMemory, i: int) -> None:
         other.ring.publish(np.full(LAYOUT.width, float(i)))
 
     with _writing(shared, write):
@@ -156,14 +156,14 @@ def test_torn_rows_would_be_noticed(shared: Shared) -> None:
     assert torn
 
 
-def test_pointer_never_torn(shared: Shared) -> None:
-    def write(other: Shared, i: int) -> None:
+def test_pointer_never_torn(shared: SharedMemory) -> None:
+    def write(other: SharedMemory, i: int) -> None:
         other.pointer.write(bool(i % 2), np.full(3, float(i)), np.full(4, float(i)), float(i))
 
     with _writing(shared, write):
         seen, last = 0, 0.0
         while seen < 50_000:
-            held, p, q, stamp = shared.pointer.pointed()
+            held, p, q, stamp = shared.pointer.read_pointer()
             if stamp == 0.0:  # nothing was written yet
                 continue
             seen += 1
@@ -179,16 +179,16 @@ def test_pointer_of_a_writer_that_died_in_the_middle() -> None:
     words = memory.cast("q")
     block = PointerBlock(words, memory.cast("d"), 0)
     block.write(True, np.ones(3), np.ones(4), 5.0)
-    assert block.pointed().stamp == 5.0
+    assert block.read_pointer().stamp == 5.0
     words[0] += 1  # it began to write, and died
     memory.cast("d")[9] = 77.0
-    assert block.pointed().stamp == 5.0
+    assert block.read_pointer().stamp == 5.0
     PointerBlock(words, memory.cast("d"), 0).write(True, np.ones(3), np.ones(4), 6.0)  # its successor
-    assert block.pointed().stamp == 6.0
+    assert block.read_pointer().stamp == 6.0
 
 
-def test_texts_never_torn(shared: Shared) -> None:
-    def write(other: Shared, i: int) -> None:
+def test_texts_never_torn(shared: SharedMemory) -> None:
+    def write(other: SharedMemory, i: int) -> None:
         other.answer.write(f"{i} " * (i % 400 + 1))
 
     with _writing(shared, write):
@@ -227,8 +227,8 @@ def test_text_of_a_writer_that_died_in_the_middle() -> None:
     assert slot.read()[1] == "again"
 
 
-def test_attached_sees_the_same(shared: Shared) -> None:
-    other = Shared.attach(shared.path)
+def test_attached_sees_the_same(shared: SharedMemory) -> None:
+    other = SharedMemory.attach(shared.path)
     assert other.layout == LAYOUT
     shared.words[Word.STOP] += 3
     shared.floats[Word.PEAK] = 0.25
@@ -239,18 +239,18 @@ def test_attached_sees_the_same(shared: Shared) -> None:
     assert shared.phase is Phase.STARTING
 
 
-def test_it_outlives_those_who_attach(shared: Shared) -> None:
+def test_it_outlives_those_who_attach(shared: SharedMemory) -> None:
     """What `multiprocessing.SharedMemory` does not: a process that attaches and ends takes nothing away."""
     child = os.fork()
     if child == 0:
-        Shared.attach(shared.path).words[Word.TICKS] = 9
+        SharedMemory.attach(shared.path).words[Word.TICKS] = 9
         os._exit(0)
     os.waitpid(child, 0)
     assert shared.path.exists()
-    assert Shared.attach(shared.path).words[Word.TICKS] == 9
+    assert SharedMemory.attach(shared.path).words[Word.TICKS] == 9
 
 
-def test_worlds_are_kept_in_order(shared: Shared) -> None:
+def test_worlds_are_kept_in_order(shared: SharedMemory) -> None:
     known, seen = 0, []
     for i in range(3 * WORLDS):
         assert shared.announce_world(f"world {i}") == i
@@ -263,7 +263,7 @@ def test_worlds_are_kept_in_order(shared: Shared) -> None:
     assert [number for number, _ in shared.worlds_since(0)] == list(range(2 * WORLDS + 1, 3 * WORLDS))
 
 
-def test_trips_beyond_the_room_are_counted(shared: Shared) -> None:
+def test_trips_beyond_the_room_are_counted(shared: SharedMemory) -> None:
     for i in range(TRIPS + 10):
         shared.announce_trip(float(i), 1.0)
     assert shared.words[Word.TRIPS] == TRIPS + 10
@@ -271,7 +271,7 @@ def test_trips_beyond_the_room_are_counted(shared: Shared) -> None:
 
 
 @pytest.mark.parametrize("damage", ["empty", "short", "magic", "version", "width", "size"])
-def test_foreign_memory_is_refused(shared: Shared, tmp_path: Path, damage: str) -> None:
+def test_foreign_memory_is_refused(shared: SharedMemory, tmp_path: Path, damage: str) -> None:
     data: Any = bytearray(shared.path.read_bytes())
     if damage == "empty":
         data = b""
@@ -284,10 +284,10 @@ def test_foreign_memory_is_refused(shared: Shared, tmp_path: Path, damage: str) 
     path = tmp_path / "memory"
     path.write_bytes(data)
     with pytest.raises(ServoError):
-        Shared.attach(path)
+        SharedMemory.attach(path)
 
 
-def test_slots_do_not_touch(shared: Shared) -> None:
+def test_slots_do_not_touch(shared: SharedMemory) -> None:
     slots = [shared.request, shared.answer, shared.reason, shared.error, shared.facts, shared.recorder_reason]
     for i, slot in enumerate(slots):
         slot.write(chr(97 + i) * (SIZE - 16))
@@ -305,16 +305,16 @@ def test_slots_do_not_touch(shared: Shared) -> None:
 @settings(max_examples=20)
 @given(channels=st.integers(1, 24), sensors=st.integers(0, 48))
 def test_any_layout(channels: int, sensors: int) -> None:
-    memory = Shared.create(RowLayout(channels, sensors))
+    memory = SharedMemory.create(RowLayout(channels, sensors))
     try:
-        assert Shared.attach(memory.path).layout == RowLayout(channels, sensors)
+        assert SharedMemory.attach(memory.path).layout == RowLayout(channels, sensors)
     finally:
         memory.unlink()
     memory.unlink()  # twice does no harm
 
 
 @pytest.mark.parametrize("state", list(CoilState))
-def test_the_report_says_what_the_last_row_says_of_the_coils(shared: Shared, state: CoilState) -> None:
+def test_the_report_says_what_the_last_row_says_of_the_coils(shared: SharedMemory, state: CoilState) -> None:
     assert loop_report(shared)["coil_state"] is None
     row = LAYOUT.empty()
     for one in (CoilState.ON, state):

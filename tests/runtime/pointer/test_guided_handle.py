@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.runtime.pointer.guided_handle import Handle, turned
-from haptorb.runtime.pointer.pointer import Pointed, PointerSource, PointerTracker
+from haptorb.runtime.pointer.guided_handle import HandleMotion, handle_quaternion
+from haptorb.runtime.pointer.pointer import PointerSource, PointerState, PointerTracker
 
 
 def test_the_quaternion_is_that_of_tilt_then_spin():
     rng = np.random.default_rng(2)
     for angles in rng.uniform(-1, 1, (50, 3)):
-        ours, theirs = turned(*angles), Rotation.from_euler("XYZ", angles).as_quat()
+        ours, theirs = handle_quaternion(*angles), Rotation.from_euler("XYZ", angles).as_quat()
         assert abs(ours @ theirs) == pytest.approx(1.0)
 
 
 def test_it_is_a_hands_motion_within_the_workspace():
     h = 2e-3
     t = np.arange(0.0, 16.0, h)
-    q = np.array([Handle().at(s)[1] for s in t])
+    q = np.array([HandleMotion().at(s)[1] for s in t])
     R = Rotation.from_quat(q)
     tilt = np.degrees(np.arccos(R.as_matrix()[:, 2, 2]))
     assert tilt.max() < 22.5
@@ -30,36 +30,36 @@ def test_it_is_a_hands_motion_within_the_workspace():
     speed = np.gradient(angles, h, axis=0)
     assert np.abs(speed).max() < 30.0
     assert np.abs(np.gradient(speed, h, axis=0)).max() < 60.0
-    assert (q[t >= Handle.duration] == q[-1]).all()
+    assert (q[t >= HandleMotion.duration] == q[-1]).all()
 
 
 class Hand(PointerSource):
     def __init__(self):
-        self.now = Pointed(False, np.zeros(3), np.array([0.0, 0, 0, 1.0]), 0.0)
+        self.now = PointerState(False, np.zeros(3), np.array([0.0, 0, 0, 1.0]), 0.0)
 
-    def pointed(self):
+    def read_pointer(self):
         return self.now
 
 
 def test_held_then_back_the_short_way():
     hand = Hand()
-    tracker = PointerTracker(hand, guide=Handle())
-    assert (tracker.goal(0.5).q == Handle().at(0.5)[1]).all()
-    q = -turned(0.2, -0.1, 0.3)  # the same turn, the other sign
-    hand.now = Pointed(True, np.zeros(3), q, 0.0)
+    tracker = PointerTracker(hand, guide=HandleMotion())
+    assert (tracker.goal(0.5).q == HandleMotion().at(0.5)[1]).all()
+    q = -handle_quaternion(0.2, -0.1, 0.3)  # the same turn, the other sign
+    hand.now = PointerState(True, np.zeros(3), q, 0.0)
     assert tracker.goal(1.0).held
-    hand.now = Pointed(False, np.zeros(3), q, 0.0)
+    hand.now = PointerState(False, np.zeros(3), q, 0.0)
     back = [tracker.goal(1.0 + s) for s in np.linspace(0, 2, 100)]
     assert not back[0].held
     assert abs(back[0].q @ q) == pytest.approx(1.0)
-    assert back[-1].q == pytest.approx(Handle().at(20.0)[1])
+    assert back[-1].q == pytest.approx(HandleMotion().at(20.0)[1])
     steps = [abs(a.q @ b.q) for a, b in pairwise(back)]
     assert min(steps) > np.cos(np.radians(2.0))
 
 
 def test_the_exactly_opposite_turn_has_a_way_too():
-    rest = Handle().at(20.0)[1]
+    rest = HandleMotion().at(20.0)[1]
     opposite = np.array([rest[3], rest[2], -rest[1], -rest[0]])
     assert abs(opposite @ rest) < 1e-12
     for share in np.linspace(0, 1, 11):
-        assert np.linalg.norm(Handle().back(np.zeros(3), opposite, share)[1]) == pytest.approx(1.0)
+        assert np.linalg.norm(HandleMotion().back(np.zeros(3), opposite, share)[1]) == pytest.approx(1.0)

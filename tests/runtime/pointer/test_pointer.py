@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from haptorb.devices.state import rotation_to_axis
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.memory.histogram import BINS, Histogram
-from haptorb.runtime.pointer.guided_motion import DURATION, guided_position, upright
-from haptorb.runtime.pointer.pointer import Pointed, PointerSource, PointerTracker
+from haptorb.runtime.pointer.guided_motion import DURATION, position_on_path, upright
+from haptorb.runtime.pointer.pointer import PointerSource, PointerState, PointerTracker
 
 Z = np.array([0.0, 0.0, 1.0])
 
@@ -23,9 +23,9 @@ class Hand(PointerSource):
     """A pointer that the test moves."""
 
     def __init__(self) -> None:
-        self.now = Pointed(False, np.zeros(3), np.array([0.0, 0, 0, 1]), 0.0)
+        self.now = PointerState(False, np.zeros(3), np.array([0.0, 0, 0, 1]), 0.0)
 
-    def pointed(self) -> Pointed:
+    def read_pointer(self) -> PointerState:
         return self.now
 
 
@@ -46,7 +46,7 @@ def _matrix(q: Array) -> Array:
 
 def test_the_guided_motion_shows_what_it_should() -> None:
     t = np.arange(0.0, 14.0, 0.001)
-    path = np.array([guided_position(s) for s in t])
+    path = np.array([position_on_path(s) for s in t])
     d = np.linalg.norm(path, axis=1)
     tilt = np.array([_tilt(p) for p in path])
     assert d[0] > 0.055  # begins in the air
@@ -65,7 +65,7 @@ def test_the_guided_motion_shows_what_it_should() -> None:
 def test_the_guided_motion_is_a_hands() -> None:
     """No jumps in position, velocity or acceleration."""
     h = 1e-4
-    path = np.array([guided_position(s) for s in np.arange(0.0, 13.0, h)])
+    path = np.array([position_on_path(s) for s in np.arange(0.0, 13.0, h)])
     v = np.diff(path, axis=0) / h
     a = np.diff(v, axis=0) / h
     assert np.linalg.norm(v, axis=1).max() < 0.06
@@ -94,9 +94,9 @@ def test_guided_until_held_then_back_to_rest() -> None:
     goal = tracker.goal(3.0)
     assert not goal.held
     assert goal.stamp == 3.0
-    assert (goal.p == guided_position(3.0)).all()
+    assert (goal.p == position_on_path(3.0)).all()
 
-    hand.now = Pointed(True, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0, 0, 1]), 104.0)
+    hand.now = PointerState(True, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0, 0, 1]), 104.0)
     held = tracker.goal(4.2)
     assert held.held
     assert held.stamp == 4.0  # as old as the pointer, on the loop's clock
@@ -111,22 +111,22 @@ def test_guided_until_held_then_back_to_rest() -> None:
     assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 3e-4  # no jump
     assert np.linalg.norm(path[0] - held.p) < 1e-4
     assert np.linalg.norm(path, axis=1).min() > 0.0479  # around the device, not through it
-    assert path[-1] == pytest.approx(guided_position(DURATION))
+    assert path[-1] == pytest.approx(position_on_path(DURATION))
 
 
 @given(st.lists(st.floats(-0.2, 0.2), min_size=3, max_size=3).map(np.array))
 def test_released_anywhere(p: Array) -> None:
     hand = Hand()
     tracker = PointerTracker(hand)
-    for place in (p, -guided_position(DURATION), np.zeros(3)):
-        hand.now = Pointed(True, place, upright(place), 0.0)
+    for place in (p, -position_on_path(DURATION), np.zeros(3)):
+        hand.now = PointerState(True, place, upright(place), 0.0)
         tracker.goal(0.0)
         hand.now = hand.now._replace(held=False)
         for t in np.linspace(0.0, 2.0, 50):
             goal = tracker.goal(t)
             assert np.isfinite(goal.p).all()
             assert np.linalg.norm(goal.q) == pytest.approx(1)
-        assert goal.p == pytest.approx(guided_position(DURATION))
+        assert goal.p == pytest.approx(position_on_path(DURATION))
 
 
 def test_the_same_twice() -> None:

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.runtime.pointer.pointer import Pointed, PointerSource, PointerTracker
+from haptorb.runtime.pointer.pointer import PointerSource, PointerState, PointerTracker
 
 
 class Source(PointerSource):
     def __init__(self) -> None:
-        self.said = Pointed(False, np.zeros(3), np.array([0.0, 0, 0, 1]), 0.0)
+        self.said = PointerState(False, np.zeros(3), np.array([0.0, 0, 0, 1]), 0.0)
 
-    def pointed(self) -> Pointed:
+    def read_pointer(self) -> PointerState:
         return self.said
 
 
@@ -27,21 +27,21 @@ def test_held_it_says_place_turn_time_and_velocity() -> None:
     source = Source()
     pose = PointerTracker(source).pose
     turn = Rotation.from_euler("xyz", [0.2, -0.1, 0.5])
-    source.said = Pointed(True, np.array([0.0, 0.0, 0.05]), turn.as_quat(), 1.0)
+    source.said = PointerState(True, np.array([0.0, 0.0, 0.05]), turn.as_quat(), 1.0)
     first = pose(1.001)
     assert first.valid
     assert first.t == 1.0
     assert pytest.approx(turn.as_matrix()) == first.R_SR
     assert first.v.tolist() == [0, 0, 0]
-    source.said = Pointed(True, np.array([0.001, 0.0, 0.05]), turn.as_quat(), 1.01)
+    source.said = PointerState(True, np.array([0.001, 0.0, 0.05]), turn.as_quat(), 1.01)
     for _ in range(2):  # asked again before the pointer speaks again, it says the same
         assert pose(1.012).v == pytest.approx([0.1, 0, 0])
-    source.said = Pointed(True, np.array([1.0, 0.0, 0.05]), turn.as_quat(), 1.02)
+    source.said = PointerState(True, np.array([1.0, 0.0, 0.05]), turn.as_quat(), 1.02)
     assert pose(1.02).v.tolist() == [0, 0, 0]  # a jump is no motion
 
 
 def test_a_pointer_that_falls_silent_grows_old() -> None:
     source = Source()
-    source.said = Pointed(True, np.array([0.0, 0.0, 0.05]), np.array([0.0, 0, 0, 1]), 1.0)
+    source.said = PointerState(True, np.array([0.0, 0.0, 0.05]), np.array([0.0, 0, 0, 1]), 1.0)
     pose = PointerTracker(source).pose
     assert pose(9.0).t == 1.0

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from haptorb.errors import ServoError
-from haptorb.runtime.processes.prestart import started
+from haptorb.runtime.processes.prestart import start_module
 
 AT = 100  #: the tick that misbehaves
 
@@ -189,7 +189,7 @@ def test_a_process_lives_on_when_the_thread_that_wanted_it_ends(tmp_path: Path) 
     def want() -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
-            found.append(started("runs_it", errors=errors, stdin=subprocess.PIPE))
+            found.append(start_module("runs_it", errors=errors, stdin=subprocess.PIPE))
         assert eventually(lambda: "asked" in errors.read_text())
 
     thread = threading.Thread(target=want)

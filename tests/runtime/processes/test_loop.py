@@ -9,16 +9,16 @@ import pytest
 
 from haptorb.control.protection.trip import GuardState
 from haptorb.devices.loader import load
-from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.exchange.commands import Commands
-from haptorb.runtime.exchange.shared_memory import Shared, Word
+from haptorb.runtime.exchange.shared_memory import SharedMemory, Word
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.processes.loop import Loop
 from haptorb.runtime.realtime.host_heartbeat import SILENCE
 from haptorb.runtime.realtime.schedule import Schedule
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.tick.assembly import assemble
-from haptorb.worlds import named
+from haptorb.worlds import find_world
 
 RAMPING, RUNNING, TRIPPED = int(GuardState.RAMPING), int(GuardState.RUNNING), int(GuardState.TRIPPED)
 RATE = 1000.0
@@ -28,7 +28,7 @@ BEAT = 1_000_000_000
 class WoundClock:
     """Comes back at the told numbers of periods after the start, one after the other; the host's heart beats or not."""
 
-    def __init__(self, shared: Shared, ticks: Iterable[int], beating: bool) -> None:
+    def __init__(self, shared: SharedMemory, ticks: Iterable[int], beating: bool) -> None:
         self.schedule = Schedule(RATE, BEAT)
         self._shared, self._ticks, self._beating = shared, iter(ticks), beating
         self.waits = 0
@@ -63,13 +63,13 @@ class Script:
 class Host(Commands):
     """What a host says, into memory that a loop reads."""
 
-    def __init__(self, shared: Shared) -> None:
+    def __init__(self, shared: SharedMemory) -> None:
         self.device, self.modes = load("omni"), ()
-        super().__init__(named("nothing")())
+        super().__init__(find_world("nothing")())
         self._shared = shared
 
     @property
-    def _attached(self) -> Shared:
+    def _attached(self) -> SharedMemory:
         return self._shared
 
     def check(self) -> None:
@@ -78,8 +78,8 @@ class Host(Commands):
 
 def states_after(*deeds: Callable[[Host], None], apart: int = 50) -> list[int]:
     """State of the guard before the first deed, and `apart` ticks after each."""
-    omni, world = load("omni"), named("dome")()
-    shared = Shared.create(RowLayout.of(omni))
+    omni, world = load("omni"), find_world("dome")()
+    shared = SharedMemory.create(RowLayout.of(omni))
     states: list[int] = []
     try:
         host = Host(shared)
@@ -129,8 +129,8 @@ def test_stop_and_engage_in_one_tick_are_taken_in_their_order() -> None:
 
 def run(ticks: Iterable[int], beating: bool) -> tuple[bool, Loop, WoundClock]:
     """Whether the loop ended as it was told, the loop, and the clock."""
-    omni, world = load("omni"), named("nothing")()
-    shared = Shared.create(RowLayout.of(omni))
+    omni, world = load("omni"), find_world("nothing")()
+    shared = SharedMemory.create(RowLayout.of(omni))
     try:
         shared.words[Word.HEARTBEAT] = BEAT
         chain = assemble(omni, world, "sim", RATE, 0, None, PointerTracker())

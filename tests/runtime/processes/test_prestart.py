@@ -14,7 +14,7 @@ import pytest
 
 from haptorb.apps.cli import main
 from haptorb.errors import InputError, ServoError
-from haptorb.runtime.processes.prestart import Standby
+from haptorb.runtime.processes.prestart import PrestartedProcess
 from haptorb.runtime.servo.servo import Servo
 from haptorb.worlds import Dome
 
@@ -37,7 +37,7 @@ def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_one_that_is_not_needed_leaves_nothing(folders: Path) -> None:
-    with Standby() as standby:
+    with PrestartedProcess() as standby:
         assert standby.process.poll() is None
         assert [standby.folder] == list(folders.iterdir())
     assert standby.process.poll() is not None
@@ -46,7 +46,7 @@ def test_one_that_is_not_needed_leaves_nothing(folders: Path) -> None:
 
 def test_a_servo_takes_the_one_it_is_given_and_tidies_up(folders: Path) -> None:
     servo = Servo("omni", "dome", record=False)
-    with Standby() as standby:
+    with PrestartedProcess() as standby:
         servo.open(standby)
         assert servo.servo_pid == standby.process.pid
     assert servo.alive  # the end of the block is no longer its end
@@ -56,7 +56,7 @@ def test_a_servo_takes_the_one_it_is_given_and_tidies_up(folders: Path) -> None:
 
 
 def test_it_serves_once(folders: Path) -> None:
-    with Standby() as standby:
+    with PrestartedProcess() as standby:
         first = Servo("omni", "dome", record=False)
         first.open(standby)
         try:
@@ -74,7 +74,7 @@ def test_a_plan_that_cannot_be_sent_ends_it(folders: Path) -> None:
             raise TypeError("not to be pickled")
 
     servo = Servo("omni", Held(), record=False)
-    standby = Standby()
+    standby = PrestartedProcess()
     with pytest.raises(InputError, match="cannot be sent to the servo's process: not to be pickled"):
         servo.open(standby)
     assert standby.process.poll() is not None
@@ -83,7 +83,7 @@ def test_a_plan_that_cannot_be_sent_ends_it(folders: Path) -> None:
 
 def test_it_may_die_before_it_is_needed(folders: Path) -> None:
     servo = Servo("omni", "dome", record=False)
-    with Standby() as standby:
+    with PrestartedProcess() as standby:
         standby.process.kill()
         standby.process.wait()
         with pytest.raises(ServoError, match="the servo ended: its process was killed \\(SIGKILL\\)"):

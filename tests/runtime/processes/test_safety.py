@@ -18,7 +18,7 @@ import pytest
 from haptorb import Recording
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.errors import InputError, RecordingError, ServoError
-from haptorb.runtime.servo.process_group import Children
+from haptorb.runtime.servo.process_group import ProcessGroup
 from haptorb.worlds import Nothing
 
 
@@ -64,9 +64,9 @@ def test_told_to_end_at_any_moment(fake_servo: Any, number: signal.Signals) -> N
 def test_told_to_end_while_starting(fake_servo: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before the driver is open there is nothing to switch off; at every moment the process ends."""
     chance = random.Random(3)
-    wait = Children.wait_until_running
+    wait = ProcessGroup.wait_until_running
 
-    def told(children: Children) -> None:
+    def told(children: ProcessGroup) -> None:
         time.sleep(0.6 * chance.random())
         os.kill(children.servo_pid, signal.SIGTERM)
         wait(children)
@@ -75,7 +75,7 @@ def test_told_to_end_while_starting(fake_servo: Any, monkeypatch: pytest.MonkeyP
         with servo:
             servo.run(10)
 
-    monkeypatch.setattr(Children, "wait_until_running", told)
+    monkeypatch.setattr(ProcessGroup, "wait_until_running", told)
     for _ in range(6):
         made = fake_servo()
         servo = made.servo
@@ -138,7 +138,7 @@ def test_tick_hangs(fake_servo: Any) -> None:
 
 
 def test_host_silent(fake_servo: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Children, "_beat", lambda children: None)
+    monkeypatch.setattr(ProcessGroup, "_beat", lambda children: None)
     made = fake_servo()
     with pytest.raises(ServoError, match="no sign of life"), made.servo as servo:
         servo.run(10)

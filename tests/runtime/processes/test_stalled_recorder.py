@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from haptorb.devices.loader import load
-from haptorb.runtime.exchange.report import recorded
-from haptorb.runtime.exchange.shared_memory import CAPACITY, Shared, Word
+from haptorb.runtime.exchange.report import count_recorded
+from haptorb.runtime.exchange.shared_memory import CAPACITY, SharedMemory, Word
 from haptorb.runtime.row import RowLayout
 
 
@@ -63,9 +63,9 @@ def test_rows_that_a_killed_recorder_never_wrote_are_lost(fake_servo: Any) -> No
     ],
 )
 def test_lost_rows(published: int, taken: int, written: int, lost: int, over: bool, told: tuple[int, int]) -> None:
-    shared = Shared.create(RowLayout.of(load("omni")))
+    shared = SharedMemory.create(RowLayout.of(load("omni")))
     shared.unlink()
     words = shared.words
     words[Word.ROWS], words[Word.TAKEN], words[Word.WRITTEN], words[Word.LOST] = published, taken, written, lost
     words[Word.RECORDER_LOOKS] = 9
-    assert recorded(shared, over=over) == dict(zip(("rows", "lost"), told, strict=True))
+    assert count_recorded(shared, over=over) == dict(zip(("rows", "lost"), told, strict=True))

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from haptorb.runtime.realtime.host_heartbeat import LATE, SILENCE, STOPPED, HostLife, state_of
+from haptorb.runtime.realtime.host_heartbeat import LATE, SILENCE, STOPPED, HostHeartbeat, state_of
 
 MS = 1_000_000
 
@@ -18,7 +18,7 @@ MS = 1_000_000
 def heard(state: Callable[[int], str]) -> tuple[int, str]:
     """After how much silence [ms] the host is taken for dead, and why; `state` gives its state at a time [ms]."""
     now = [0]
-    life = HostLife(lambda: state(now[0]))
+    life = HostHeartbeat(lambda: state(now[0]))
     for now[0] in range(int(LATE * 1e3), 1000):
         if why := life.trouble(now[0] * MS, now[0] * MS):
             return now[0], why

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptorb.runtime.realtime.keep_core_awake import Wakefulness, busy
+from haptorb.runtime.realtime.keep_core_awake import CoreWaker, busy
 from haptorb.runtime.servo.servo import Servo
 
 _POLICY = 38  #: field of /proc/PID/stat behind the program's name
@@ -65,7 +65,7 @@ def test_it_ends_with_a_servo_that_is_killed() -> None:
 
 def test_a_process_that_is_bound_to_no_core_keeps_none_awake() -> None:
     for core in (-1, 10_000):
-        wakefulness = Wakefulness(core)
+        wakefulness = CoreWaker(core)
         assert not wakefulness.granted
         wakefulness.end()
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from haptorb.devices.loader import load
-from haptorb.runtime.exchange.shared_memory import Shared
-from haptorb.runtime.processes.prestart import Standby
+from haptorb.runtime.exchange.shared_memory import SharedMemory
+from haptorb.runtime.processes.prestart import PrestartedProcess
 from haptorb.runtime.realtime import stale_files
-from haptorb.runtime.realtime.stale_files import Claim, sweep
+from haptorb.runtime.realtime.stale_files import FileLock, sweep
 from haptorb.runtime.recording import recording_file
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.servo.servo import Servo
@@ -66,10 +66,10 @@ def test_what_a_killed_program_left_goes_and_nothing_else(folder: Path) -> None:
 
 
 def test_the_own_files_stay_until_they_are_let_go(folder: Path) -> None:
-    shared = Shared.create(RowLayout.of(load("omni")))
+    shared = SharedMemory.create(RowLayout.of(load("omni")))
     path, descriptor, claim = recording_file.temporary()
     os.close(descriptor)
-    with Standby() as standby:
+    with PrestartedProcess() as standby:
         assert sweep() == 0
         assert standby.folder.is_dir()
     assert shared.path.exists()
@@ -91,8 +91,8 @@ def test_who_was_too_slow_to_claim_a_file_learns_that_it_is_gone(folder: Path) -
     (folder / "haptorb-x.shared").touch()
     descriptor = os.open(folder / "haptorb-x.shared", os.O_RDONLY)
     assert sweep() == 1
-    assert not Claim(folder / "haptorb-x.shared").there
-    assert not Claim(f"/proc/self/fd/{descriptor}").there
+    assert not FileLock(folder / "haptorb-x.shared").there
+    assert not FileLock(f"/proc/self/fd/{descriptor}").there
     os.close(descriptor)
 
 

@@ -245,7 +245,7 @@ def test_existing_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("precious")
     with pytest.raises(RecordingError, match="exists"):
-        recording_file.opened(path, overwrite=False)
+        recording_file.create_recording(path, overwrite=False)
     assert path.read_text() == "precious"
 
 
@@ -253,7 +253,7 @@ def test_existing_file_is_refused(tmp_path: Path) -> None:
 def test_place_that_cannot_be_written(tmp_path: Path, place: str) -> None:
     for overwrite in (False, True):
         with pytest.raises((RecordingError, ValueError)):
-            recording_file.opened(tmp_path / place, overwrite=overwrite)
+            recording_file.create_recording(tmp_path / place, overwrite=overwrite)
 
 
 def test_servo_refuses_before_it_starts(fake_servo: Any, tmp_path: Path) -> None:

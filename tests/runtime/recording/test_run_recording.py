@@ -15,7 +15,7 @@ from haptorb.runtime.recording.run_recording import RunRecording
 def test_a_named_file_is_kept_and_told(tmp_path: Path) -> None:
     place = RunRecording(tmp_path / "run.mcap", overwrite=False)
     assert place.named is None  # not yet
-    descriptor = place.opened()
+    descriptor = place.open()
     assert descriptor is not None
     os.close(descriptor)
     assert place.named == str(tmp_path / "run.mcap")
@@ -24,13 +24,13 @@ def test_a_named_file_is_kept_and_told(tmp_path: Path) -> None:
     gc.collect()
     assert (tmp_path / "run.mcap").exists()
     with pytest.raises(RecordingError, match="exists; choose another name"):
-        RunRecording(tmp_path / "run.mcap", overwrite=False).opened()
+        RunRecording(tmp_path / "run.mcap", overwrite=False).open()
 
 
 def test_a_temporary_file_goes_with_its_holder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     place = RunRecording(None, overwrite=False)
-    descriptor = place.opened()
+    descriptor = place.open()
     assert descriptor is not None
     os.close(descriptor)
     assert place.named is None
@@ -42,7 +42,7 @@ def test_a_temporary_file_goes_with_its_holder(tmp_path: Path, monkeypatch: pyte
 
 def test_where_nothing_ran_nothing_is_left(tmp_path: Path) -> None:
     place = RunRecording(tmp_path / "run.mcap", overwrite=False)
-    descriptor = place.opened()
+    descriptor = place.open()
     assert descriptor is not None
     os.close(descriptor)
     place.discard()
@@ -51,7 +51,7 @@ def test_where_nothing_ran_nothing_is_left(tmp_path: Path) -> None:
 
 def test_nowhere_is_no_file_and_nothing_to_read() -> None:
     place = RunRecording(False, overwrite=False)
-    assert place.opened() is None
+    assert place.open() is None
     assert place.named is place.temporary is None
     place.discard()
     with pytest.raises(RecordingError, match="nothing was recorded"):

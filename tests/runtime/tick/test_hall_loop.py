@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from haptorb.apps.calibrate import calibrate
-from haptorb.apps.calibrate.door import door
+from haptorb.apps.calibrate.driver import door
 from haptorb.control.protection.protection import Protection
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
-from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.servo.servo import Servo
-from haptorb.runtime.tick.assembly import allocator_of, assemble, estimator_of, known_estimator
+from haptorb.runtime.tick.assembly import allocator_of, assemble, check_estimator, estimator_of
 from haptorb.runtime.tick.tick import Tick
 from haptorb.sensing.tool.tool_position import HallTracker
-from haptorb.worlds import named
+from haptorb.worlds import find_world
 
 OMNI = load("omni")
 
@@ -35,7 +35,7 @@ def run(tick, seconds):
 
 
 def test_the_dome_is_rendered_from_the_field():
-    tick = assemble(OMNI, named("dome")(), "sim", 1000.0, 3, "exact", PointerTracker(), estimator="hall")
+    tick = assemble(OMNI, find_world("dome")(), "sim", 1000.0, 3, "exact", PointerTracker(), estimator="hall")
     assert isinstance(tick.estimator, HallTracker)
     rows, places = run(tick, 2.5)
     at = tick.layout
@@ -54,7 +54,7 @@ def test_a_reversed_magnet_is_never_pushed():
     """With it every force would be the opposite of what is asked: the coils must stay off."""
     wrong = replace(OMNI, tool=replace(OMNI.tool, remanence=-OMNI.tool.remanence))
     driver = SimDriver.of(wrong, 1e-3, PointerTracker().goal, 0)
-    tick = Tick(OMNI, named("dome")(), driver, HallTracker(OMNI, "exact"), allocator_of(OMNI), 1e-3)
+    tick = Tick(OMNI, find_world("dome")(), driver, HallTracker(OMNI, "exact"), allocator_of(OMNI), 1e-3)
     rows, _ = run(tick, 0.6)
     assert not rows[:, tick.layout["valid"].start].any()
     assert not rows[:, tick.layout["duties"]].any()
@@ -68,7 +68,7 @@ def test_who_has_no_such_tracker_is_told():
         Servo("pmsm", tracker="hall")
     with pytest.raises(UnknownName, match="tracker"):
         Servo("omni", tracker="hal")
-    assert known_estimator(OMNI, None) == "tracker"
+    assert check_estimator(OMNI, None) == "tracker"
     assert Servo("omni", tracker="hall").estimator == "hall"
 
 
@@ -77,7 +77,7 @@ def test_a_calibration_is_believed_by_the_controller_only(tmp_path):
     driver, pace = door("sim", truth)
     found = calibrate(OMNI, driver, pace=pace)
     tick = assemble(
-        OMNI, named("dome")(), "sim", 1000.0, 0, "exact", PointerTracker(), estimator="hall", calibration=found
+        OMNI, find_world("dome")(), "sim", 1000.0, 0, "exact", PointerTracker(), estimator="hall", calibration=found
     )
     assert np.array_equal(tick._device.moment_per_current, found.moment_per_current)
     assert np.array_equal(tick.driver.simulation.device.moment_per_current, OMNI.moment_per_current)

@@ -10,17 +10,17 @@ from haptorb.control.clutch.linkage import MOTOR_GAINS
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
-from haptorb.runtime.drivers.simulated import SimDriver
-from haptorb.runtime.pointer.guided_handle import turned
+from haptorb.runtime.drivers.sim_driver import SimDriver
+from haptorb.runtime.pointer.guided_handle import handle_quaternion
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.servo.servo import Servo
 from haptorb.runtime.tick.assembly import (
     allocator_of,
     assemble,
+    check_estimator,
     default_world,
     estimator_of,
     estimators_of,
-    known_estimator,
     linkage_of,
     modes_of,
 )
@@ -38,7 +38,7 @@ class Rig:
 
     def __init__(self, angles=lambda t: (0.0, 0.0, 0.0), world=None, estimator="least-squares", seed=1, **motor):
         self.motor = SimulatedMotor(PMSM, seed, **motor)
-        hand = lambda now: Goal(np.zeros(3), turned(*angles(now)), now, False)  # noqa: E731
+        hand = lambda now: Goal(np.zeros(3), handle_quaternion(*angles(now)), now, False)  # noqa: E731
         self.driver = SimDriver(self.motor, DT, hand, seed=seed)
         self.tick = Tick(
             PMSM, world or Outlet(), self.driver, estimator_of(PMSM, estimator, None), allocator_of(PMSM), DT,
@@ -217,11 +217,11 @@ def test_names():
     assert modes_of(PMSM) == ("translate", "rotate")
     assert modes_of(omni) == ()
     assert estimators_of(PMSM)[0] == "least-squares"
-    assert known_estimator(omni, None) == "tracker"
+    assert check_estimator(omni, None) == "tracker"
     with pytest.raises(UnknownName, match="least-squares"):
-        known_estimator(PMSM, "least-square")
+        check_estimator(PMSM, "least-square")
     with pytest.raises(UnknownName, match="tracker"):
-        known_estimator(omni, "network")
+        check_estimator(omni, "network")
     assert assemble(PMSM, Outlet(), "sim", 1000.0, 0, None, PointerTracker()).linkage.modes == modes_of(PMSM)
 
 

@@ -12,8 +12,8 @@ from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.errors import DriverError, InputError
 from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.simulated import SimDriver
-from haptorb.runtime.realtime.tick_timeout import Hang
+from haptorb.runtime.drivers.sim_driver import SimDriver
+from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.tick.tick import Tick
 from haptorb.runtime.trackers.tracker import Goal
 from haptorb.sensing.estimator import TrackedPose
@@ -202,8 +202,8 @@ def test_a_world_that_leaves_is_explained():
 
 def test_a_tick_that_is_ended_from_outside_is_no_failure_of_its_world():
     rig = Rig().go(10)
-    rig.tick.change_world(Broken(Hang("it takes too long")))
-    with pytest.raises(Hang):
+    rig.tick.change_world(Broken(TickTimeout("it takes too long")))
+    with pytest.raises(TickTimeout):
         rig.go(1)
 
 

@@ -13,18 +13,18 @@ from scipy.spatial.transform import Rotation
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.memory.pose_block import WORDS, TrackedBlock
+from haptorb.runtime.memory.pose_block import WORDS, PoseBlock
 from haptorb.runtime.servo.servo import Servo
-from haptorb.runtime.trackers.feed import Feed, Garbage, Heard
+from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.framed_feed import FramedFeed
-from haptorb.runtime.trackers.pose_filter import Reception
+from haptorb.runtime.trackers.pose_filter import PoseFilter
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
-from haptorb.simulation.touching import MadeUpTracker
+from haptorb.simulation.synthetic_tracker import SyntheticTracker
 
 from .test_trackers import free_port, message, running, sending, until
 
 OMNI = load("omni")
-TRACKER = MadeUpTracker.drawn(12, 0.0, 0.0)
+TRACKER = SyntheticTracker.draw(12, 0.0, 0.0)
 UP = OMNI.tool.tip_distance
 
 
@@ -38,7 +38,7 @@ def frame(name: str, simulated: bool = True) -> TrackerFrame:
 
 def seen(magnet: Array, turn: Array) -> tuple[list[float], list[float]]:
     """Where the tracker sees the body while the tool's magnet is there, turned so."""
-    one = TRACKER.seen((magnet - UP * turn[:, 2])[None], turn[None], np.random.default_rng(0))
+    one = TRACKER.observe((magnet - UP * turn[:, 2])[None], turn[None], np.random.default_rng(0))
     return one.p[0].tolist(), one.q[0].tolist()
 
 
@@ -46,10 +46,10 @@ class Told(Feed):
     """A feed that says what the test wants."""
 
     def __init__(self) -> None:
-        self.next: list[Heard | Garbage] = []
+        self.next: list[RawPose | RejectedPose] = []
         self.closed = False
 
-    def heard(self, patience: float) -> Iterator[Heard | Garbage]:
+    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         while self.next:
             yield self.next.pop(0)
 
@@ -59,24 +59,24 @@ class Told(Feed):
 
 def test_pose_velocity_and_turning_rate_are_the_stators_and_times_are_untouched() -> None:
     told = Told()
-    block = TrackedBlock((memory := memoryview(bytearray(8 * WORDS))).cast("q"), memory.cast("d"), 0)
-    reception = Reception(FramedFeed(told, frame("osc:9000")), block)
+    block = PoseBlock((memory := memoryview(bytearray(8 * WORDS))).cast("q"), memory.cast("d"), 0)
+    reception = PoseFilter(FramedFeed(told, frame("osc:9000")), block)
     v, w = np.array([0.05, -0.1, 0.02]), np.array([0.3, -0.2, 0.8])
     for k in range(60):
         t = 0.005 * k
         turn = Rotation.from_rotvec(w * t).as_matrix()
-        told.next = [Heard(*map(tuple, seen(np.array([0.0, 0.0, 0.05]) + v * t, turn)), 10.0 + t, 10.001 + t)]
+        told.next = [RawPose(*map(tuple, seen(np.array([0.0, 0.0, 0.05]) + v * t, turn)), 10.0 + t, 10.001 + t)]
         reception.listen(0.0)
-    now = block.tracked()
+    now = block.read_pose()
     assert now.valid
     assert now.stamp == 10.0 + 0.005 * 59  # as it was measured
     assert np.allclose(now.p, [0.0, 0.0, 0.05] + v * 0.295, atol=1e-9)
     assert np.allclose(Rotation.from_quat(now.q).as_matrix()[:, 2], Rotation.from_rotvec(w * 0.295).as_matrix()[:, 2])
     assert np.allclose(now.v, v, atol=1e-6)
     assert np.allclose(now.w, w, atol=1e-6)
-    told.next = [Heard((), (), 10.4, 10.4, False), Garbage("stranger")]
+    told.next = [RawPose((), (), 10.4, 10.4, False), RejectedPose("stranger")]
     reception.listen(0.0)
-    assert not block.tracked().valid
+    assert not block.read_pose().valid
     assert reception.lost == 1
     assert reception.refused["stranger"] == 1
     FramedFeed(told, frame("osc:9000")).close()

@@ -23,14 +23,14 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 
 from haptorb.apps.cli import main
 from haptorb.errors import DriverError, InputError, RecordingError, UnknownName
-from haptorb.runtime.memory.pose_block import WORDS, Tracked, TrackedBlock
+from haptorb.runtime.memory.pose_block import WORDS, PoseBlock, PoseRecord
 from haptorb.runtime.servo.servo import Servo
-from haptorb.runtime.trackers.fed_tracker import FedTracker, known_prediction
-from haptorb.runtime.trackers.feed import Feed, Garbage, Heard
+from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
+from haptorb.runtime.trackers.feed_tracker import FeedTracker, check_prediction
 from haptorb.runtime.trackers.osc_feed import OscFeed
-from haptorb.runtime.trackers.pose_filter import REASONS, Reception
-from haptorb.runtime.trackers.replay_feed import played
-from haptorb.runtime.trackers.tracker_registry import TOKEN, known_tracker, prepared
+from haptorb.runtime.trackers.pose_filter import REASONS, PoseFilter
+from haptorb.runtime.trackers.replay_feed import load_poses
+from haptorb.runtime.trackers.tracker_registry import TOKEN, check_tracker, prepare_tracker
 
 
 def free_port() -> int:
@@ -110,14 +110,14 @@ def test_a_name_that_is_none_says_what_was_expected(name: str, error: type[Excep
 
 def test_a_replay_never_moves_a_real_device() -> None:
     with pytest.raises(InputError, match="--driver sim"):
-        known_tracker("replay:run.mcap", "serial:/dev/ttyACM0")
-    assert known_tracker("replay:run.mcap") == "replay:run.mcap"
+        check_tracker("replay:run.mcap", "serial:/dev/ttyACM0")
+    assert check_tracker("replay:run.mcap") == "replay:run.mcap"
 
 
 @pytest.mark.parametrize("milliseconds", [-1.0, 20.1, float("nan"), float("inf")])
 def test_prediction_has_bounds(milliseconds: float) -> None:
     with pytest.raises(InputError, match="0 to 20 ms"):
-        known_prediction(1e-3 * milliseconds)
+        check_prediction(1e-3 * milliseconds)
 
 
 def test_what_is_not_there_is_told_before_anything_starts(tmp_path: Path) -> None:
@@ -128,16 +128,16 @@ def test_what_is_not_there_is_told_before_anything_starts(tmp_path: Path) -> Non
         with pytest.raises(DriverError, match=rf"UDP port {port}: .*in use.*another port"):
             Servo("omni", tracker=f"osc:{port}", record=record).open()
     with pytest.raises(DriverError, match="no host"):
-        prepared("osc:no.such.host.invalid:9000")
+        prepare_tracker("osc:no.such.host.invalid:9000")
     with pytest.raises(DriverError, match="address of this computer"):
-        prepared("osc:192.0.2.7:9000")
+        prepare_tracker("osc:192.0.2.7:9000")
     with pytest.raises(RecordingError, match="No such file"):
         Servo("omni", tracker=f"replay:{tmp_path / 'none.mcap'}", record=record).open()
     (tmp_path / "text.mcap").write_text("no recording")
     with pytest.raises(RecordingError, match="not an MCAP file"):
-        prepared(f"replay:{tmp_path / 'text.mcap'}")
+        prepare_tracker(f"replay:{tmp_path / 'text.mcap'}")
     with pytest.raises(DriverError, match="no NatNet server"):
-        prepared(f"natnet:127.0.0.1:{free_port()}")
+        prepare_tracker(f"natnet:127.0.0.1:{free_port()}")
     assert not record.exists()
 
 
@@ -160,26 +160,26 @@ def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setitem(sys.modules, "pythonosc", None)
     with pytest.raises(DriverError, match=r"haptorb\[trackers\]"):
-        prepared("osc:9000")
+        prepare_tracker("osc:9000")
 
 
 def test_beyond_this_computer_only_with_a_token(monkeypatch: pytest.MonkeyPatch) -> None:
-    here = prepared(f"osc:{free_port()}")
+    here = prepare_tracker(f"osc:{free_port()}")
     assert here.token == ""
     with socket.socket(fileno=os.dup(here.descriptor)) as bound:
         assert bound.getsockname()[0] == "127.0.0.1"
     here.close()
-    there = prepared(f"osc:0.0.0.0:{free_port()}")
-    other = prepared(f"osc:0.0.0.0:{free_port()}")
+    there = prepare_tracker(f"osc:0.0.0.0:{free_port()}")
+    other = prepare_tracker(f"osc:0.0.0.0:{free_port()}")
     assert len(there.token) >= 16
     assert there.token != other.token
     there.close()
     other.close()
     monkeypatch.setenv(TOKEN, "short")
     with pytest.raises(InputError, match="at least 16"):
-        prepared(f"osc:0.0.0.0:{free_port()}")
+        prepare_tracker(f"osc:0.0.0.0:{free_port()}")
     monkeypatch.setenv(TOKEN, "a word of one's own")
-    chosen = prepared(f"osc:0.0.0.0:{free_port()}")
+    chosen = prepare_tracker(f"osc:0.0.0.0:{free_port()}")
     assert chosen.token == "a word of one's own"
     chosen.close()
 
@@ -206,14 +206,14 @@ def closed() -> Iterator[None]:
 def test_the_token_comes_first_or_nothing_is_heard() -> None:
     one = feed("a word of one's own")
     good = message("/haptorb/pose", "a word of one's own", 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 1.0)
-    assert isinstance(next(one.read(good, 1.0)), Heard)
+    assert isinstance(next(one.read(good, 1.0)), RawPose)
     for bad in (
         pose(),
         message("/haptorb/lost"),
         message("/haptorb/pose", "another word", 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 1.0),
         message("/haptorb/pose", 0.0, "a word of one's own", 0.0, 0.05, 0.0, 0.0, 0.0, 1.0),
     ):
-        assert list(one.read(bad, 1.0)) == [Garbage("stranger")]
+        assert list(one.read(bad, 1.0)) == [RejectedPose("stranger")]
     one.close()
 
 
@@ -234,7 +234,7 @@ def test_the_token_comes_first_or_nothing_is_heard() -> None:
 )
 def test_what_has_not_the_layout_is_garbage(data: bytes) -> None:
     one = feed()
-    assert list(one.read(data, 1.0)) == [Garbage("garbage")]
+    assert list(one.read(data, 1.0)) == [RejectedPose("garbage")]
     one.close()
 
 
@@ -249,7 +249,7 @@ def test_integers_floats_and_bundles_are_understood() -> None:
         bundle.add_content(builder.build())
     one = feed()
     heard = list(one.read(bundle.build().dgram, 1.0))
-    assert [round(h.p[2], 6) for h in heard if isinstance(h, Heard)] == [0.05, 0.06]
+    assert [round(h.p[2], 6) for h in heard if isinstance(h, RawPose)] == [0.05, 0.06]
     one.close()
 
 
@@ -257,9 +257,9 @@ class Told(Feed):
     """A feed that says what the test wants."""
 
     def __init__(self) -> None:
-        self.next: list[Heard | Garbage] = []
+        self.next: list[RawPose | RejectedPose] = []
 
-    def heard(self, patience: float) -> Iterator[Heard | Garbage]:
+    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         while self.next:
             yield self.next.pop(0)
 
@@ -267,13 +267,13 @@ class Told(Feed):
         return
 
 
-def received(feed: Feed) -> tuple[Reception, TrackedBlock]:
+def received(feed: Feed) -> tuple[PoseFilter, PoseBlock]:
     memory = memoryview(bytearray(8 * WORDS))
-    block = TrackedBlock(memory.cast("q"), memory.cast("d"), 0)
-    return Reception(feed, block), block
+    block = PoseBlock(memory.cast("q"), memory.cast("d"), 0)
+    return PoseFilter(feed, block), block
 
 
-def sound(told: Tracked) -> bool:
+def sound(told: PoseRecord) -> bool:
     """What may reach the loop at all."""
     numbers = np.concatenate([told.p, told.q, told.v, told.w])
     return bool(
@@ -299,7 +299,7 @@ def test_whatever_numbers_are_sent_only_poses_reach_the_loop(sent: list[list[flo
         arrival += gap
         told.next = list(one.read(message("/haptorb/pose", *numbers), arrival))
         reception.listen(0.0)
-        now = block.tracked()
+        now = block.read_pose()
         assert sound(now)
         assert now.stamp <= arrival
         assert now.stamp >= last or gap > 0.25
@@ -313,7 +313,7 @@ def test_whatever_numbers_are_sent_only_poses_reach_the_loop(sent: list[list[flo
 def test_whatever_bytes_are_sent_nothing_breaks(data: bytes) -> None:
     one = feed()
     for found in one.read(data, 1.0):
-        assert isinstance(found, Garbage)
+        assert isinstance(found, RejectedPose)
     one.close()
 
 
@@ -336,7 +336,7 @@ def test_twenty_thousand_mutated_messages() -> None:
                 data += data[: draw.randrange(40)]
         told.next = list(one.read(bytes(data), 1000.0 + 1e-3 * k))
         reception.listen(0.0)
-        assert sound(block.tracked())
+        assert sound(block.read_pose())
     assert reception.accepted > 100  # it was listening all the time
     assert sum(reception.refused.values()) > 1000
     one.close()
@@ -353,12 +353,12 @@ def test_frames_of_natnet_that_are_cut_or_flipped_are_garbage() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nobody:
         one = NatNetFeed(nobody, (3, 1), 7)
         good = natnet_frame((0, 0, 0.05), (0, 0, 0, 1), 1.0)
-        assert isinstance(one.read(good, 1.0), Heard)
+        assert isinstance(one.read(good, 1.0), RawPose)
         for length in range(4, len(good) - 1):
             found = one.read(good[:length], 1.0)
-            assert isinstance(found, Garbage) or not found.valid or length >= len(good) - 2
+            assert isinstance(found, RejectedPose) or not found.valid or length >= len(good) - 2
         other = one.read(natnet_frame((0, 0, 0.05), (0, 0, 0, 1), 2.0, body=3), 2.0)
-        assert isinstance(other, Heard)
+        assert isinstance(other, RawPose)
         assert not other.valid  # another body is not the tool
 
 
@@ -366,11 +366,11 @@ def test_velocity_is_that_of_the_poses_and_a_jump_has_none() -> None:
     told = Told()
     reception, block = received(told)
 
-    def say(t: float, x: float, angle: float = 0.0) -> Tracked:
+    def say(t: float, x: float, angle: float = 0.0) -> PoseRecord:
         q = (0.0, 0.0, float(np.sin(angle / 2)), float(np.cos(angle / 2)))
-        told.next = [Heard((x, 0.0, 0.05), q, t, t)]
+        told.next = [RawPose((x, 0.0, 0.05), q, t, t)]
         reception.listen(0.0)
-        return block.tracked()
+        return block.read_pose()
 
     for k in range(40):
         last = say(0.005 * k, 0.0005 * k, 0.01 * k)
@@ -381,15 +381,17 @@ def test_velocity_is_that_of_the_poses_and_a_jump_has_none() -> None:
     assert reception.facts()["refused"] == {}
 
 
-def path(reception: Reception, told: Told, block: TrackedBlock, poses: Any) -> list[bool]:
+def path(reception: PoseFilter, told: Told, block: PoseBlock, poses: Any) -> list[bool]:
     """Whether the tool is known after each of (time, x, angle about z, time of arrival if it is another)."""
     known = []
     for t, x, angle, *arrival in poses:
         told.next = [
-            Heard((x, 0.0, 0.05), (0.0, 0.0, float(np.sin(angle / 2)), float(np.cos(angle / 2))), t, *(arrival or [t]))
+            RawPose(
+                (x, 0.0, 0.05), (0.0, 0.0, float(np.sin(angle / 2)), float(np.cos(angle / 2))), t, *(arrival or [t])
+            )
         ]
         reception.listen(0.0)
-        known.append(block.tracked().valid)
+        known.append(block.read_pose().valid)
     return known
 
 
@@ -406,8 +408,8 @@ def test_a_jump_counts_as_lost_until_the_poses_agree(jump: dict[str, float]) -> 
     assert known == [False] * 5 + [True] * 5, "five poses, 50 ms apart from first to last, agree with each other"
     assert reception.refused == {"jump": 5}
     assert reception.lost == 1
-    assert not block.tracked().v.any()
-    assert block.tracked().p[0] == jump.get("x", 0.0)
+    assert not block.read_pose().v.any()
+    assert block.read_pose().p[0] == jump.get("x", 0.0)
 
 
 def test_one_wrong_pose_loses_the_tool_and_is_never_believed() -> None:
@@ -415,7 +417,7 @@ def test_one_wrong_pose_loses_the_tool_and_is_never_believed() -> None:
     reception, block = received(told)
     assert all(path(reception, told, block, quietly(10.0, 10)))
     assert path(reception, told, block, [(10.1, 0.2, 0.0)]) == [False]
-    assert block.tracked().p[0] == 0.0
+    assert block.read_pose().p[0] == 0.0
     assert path(reception, told, block, quietly(10.11, 7)) == [False] * 5 + [True] * 2
 
 
@@ -442,9 +444,9 @@ def test_a_tool_that_was_lost_may_be_found_anywhere() -> None:
     told = Told()
     reception, block = received(told)
     assert all(path(reception, told, block, quietly(10.0, 5)))
-    told.next = [Heard((), (), 10.05, 10.05, False)]
+    told.next = [RawPose((), (), 10.05, 10.05, False)]
     reception.listen(0.0)
-    assert not block.tracked().valid
+    assert not block.read_pose().valid
     assert path(reception, told, block, quietly(10.06, 3, x=1.0)) == [True] * 3
 
 
@@ -452,10 +454,10 @@ def test_another_sender_is_not_heard() -> None:
     one, told = feed(), Told()
     reception, block = received(told)
 
-    def say(sender: object, z: float, t: float, *sent: float) -> Tracked:
+    def say(sender: object, z: float, t: float, *sent: float) -> PoseRecord:
         told.next = list(one.read(pose(z, *sent), t, sender))
         reception.listen(0.0)
-        return block.tracked()
+        return block.read_pose()
 
     assert say(("127.0.0.1", 5), 0.05, 10.0, 1.0).valid
     for k in range(1, 100):
@@ -475,22 +477,22 @@ def test_another_sender_is_not_heard() -> None:
 
 def test_whose_words_make_no_sense_takes_nobodys_place() -> None:
     one = feed("a word of one's own")
-    assert list(one.read(pose(), 1.0, "stranger")) == [Garbage("stranger")]
-    assert list(one.read(b"hello", 1.0, "hello")) == [Garbage("garbage")]
+    assert list(one.read(pose(), 1.0, "stranger")) == [RejectedPose("stranger")]
+    assert list(one.read(b"hello", 1.0, "hello")) == [RejectedPose("garbage")]
     mine = message("/haptorb/pose", "a word of one's own", 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 1.0)
-    assert isinstance(next(one.read(mine, 1.1, "me")), Heard)
+    assert isinstance(next(one.read(mine, 1.1, "me")), RawPose)
 
 
 def test_a_damaged_block_is_not_waited_for() -> None:
     memory = memoryview(bytearray(8 * WORDS))
     words = memory.cast("q")
-    block = TrackedBlock(words, memory.cast("d"), 0)
-    block.write(Tracked(True, np.array([0, 0, 0.05]), np.array([0, 0, 0, 1.0]), np.zeros(3), np.zeros(3), 1.0))
-    assert block.tracked().p[2] == 0.05
+    block = PoseBlock(words, memory.cast("d"), 0)
+    block.write(PoseRecord(True, np.array([0, 0, 0.05]), np.array([0, 0, 0, 1.0]), np.zeros(3), np.zeros(3), 1.0))
+    assert block.read_pose().p[2] == 0.05
     words[0] |= 1  # its writer died in the middle
     words[5] = -1
-    assert block.tracked().p[2] == 0.05
-    tracker = FedTracker(block)
+    assert block.read_pose().p[2] == 0.05
+    tracker = FeedTracker(block)
     assert tracker.pose(2.0).t == 1.0  # and grows old
 
 
@@ -509,7 +511,7 @@ def test_a_recording_is_played_pose_by_pose(tmp_path: Path) -> None:
         measured = 1e-3 * (n - n % 10)  # a tracker of 100 Hz
         valid = not 150 <= n < 170
         ticks.append((t, t - measured, (1e-4 * (n // 10), 0.0, 0.05), valid))
-    rows = played(recording(tmp_path / "a.mcap", ticks))
+    rows = load_poses(recording(tmp_path / "a.mcap", ticks))
     assert len(rows) == 15 + 1 + 13  # poses, the loss, poses
     valid = rows[rows[:, 9] == 1.0]
     assert valid[:, 1] == pytest.approx(1e-3 * np.r_[0:150:10, 170:300:10])
@@ -517,7 +519,7 @@ def test_a_recording_is_played_pose_by_pose(tmp_path: Path) -> None:
     assert rows[15, 9] == 0.0
     nothing = [(1e-3 * n, 0.0, (0.0, 0.0, 0.05), False) for n in range(30)]
     with pytest.raises(DriverError, match="no pose that was believed"):
-        played(recording(tmp_path / "b.mcap", nothing))
+        load_poses(recording(tmp_path / "b.mcap", nothing))
 
 
 # through a running servo
@@ -594,7 +596,7 @@ def test_struct_is_the_layout_of_the_document(root: Path) -> None:
     data = b"/haptorb/pose\0\0\0,fffffff\0\0\0\0" + struct.pack(">7f", 0, 0, 0.05, 0, 0, 0, 1)
     one = feed()
     (heard,) = one.read(data, 2.0)
-    assert isinstance(heard, Heard)
+    assert isinstance(heard, RawPose)
     assert heard.stamp == 2.0
     one.close()
     guide = (root / "docs/how-to/tracker.md").read_text()

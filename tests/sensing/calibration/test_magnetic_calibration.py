@@ -120,6 +120,6 @@ def test_shapes_are_told():
 def test_it_is_applied_to_the_device():
     M = OMNI.moment_per_current * 0.9
     currents, fields, _ = measured(M)
-    device = magnetic_calibration(OMNI, currents, currents, fields).applied(OMNI)
+    device = magnetic_calibration(OMNI, currents, currents, fields).apply(OMNI)
     assert np.allclose(device.moment_per_current, M)
     assert replace(device, moment_per_current=OMNI.moment_per_current).name == OMNI.name

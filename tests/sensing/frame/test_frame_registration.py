@@ -16,29 +16,29 @@ from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError
 from haptorb.sensing.frame.frame_fit import FrameFit, observable
 from haptorb.sensing.frame.frame_registration import frame_registration
-from haptorb.sensing.frame.frame_start import laid_onto, pivot, rolled, sphere
-from haptorb.sensing.frame.touches import Touched, Touches
-from haptorb.simulation.touching import MadeUpTracker, Person
+from haptorb.sensing.frame.frame_start import find_roll, fit_points, pivot, sphere
+from haptorb.sensing.frame.touches import Touches, TouchSession
+from haptorb.simulation.synthetic_tracker import SimulatedPerson, SyntheticTracker
 
 OMNI = load("omni")
 UP = OMNI.tool.tip_distance
 
 
-def session(seed: int, noise: float = 1e-4, **person: float) -> tuple[MadeUpTracker, Touched]:
-    tracker = MadeUpTracker.drawn(seed, noise, noise * np.deg2rad(0.5) / 1e-3)
-    return tracker, Person(OMNI, tracker, seed, **person).session()
+def session(seed: int, noise: float = 1e-4, **person: float) -> tuple[SyntheticTracker, TouchSession]:
+    tracker = SyntheticTracker.draw(seed, noise, noise * np.deg2rad(0.5) / 1e-3)
+    return tracker, SimulatedPerson(OMNI, tracker, seed, **person).session()
 
 
-def changed(touched: Touched, change: Callable[[Touches], Touches]) -> Touched:
-    return Touched(
+def changed(touched: TouchSession, change: Callable[[Touches], Touches]) -> TouchSession:
+    return TouchSession(
         change(touched.dome), {name: change(one) for name, one in touched.marks.items()}, change(touched.roll)
     )
 
 
-def missed(found, tracker: MadeUpTracker, seed: int) -> tuple[float, float]:
+def missed(found, tracker: SyntheticTracker, seed: int) -> tuple[float, float]:
     """Of the magnet over the dome, rms [m], and of its axis, greatest [rad]; by poses without noise."""
     still = replace(tracker, noise=0.0, turning=0.0)
-    seen = Person(OMNI, still, seed + 1).dome(150)
+    seen = SimulatedPerson(OMNI, still, seed + 1).dome(150)
     true = seen.point(tracker.tip + UP * tracker.axis) @ tracker.R.T + tracker.t
     told = seen.point(found.tip + UP * found.axis) @ found.R.T + found.t
     axes, meant = tracker.R @ seen.R @ tracker.axis, found.R @ seen.R @ found.axis
@@ -69,9 +69,9 @@ def test_two_formulations_agree(seed: int) -> None:
     found = frame_registration(touched, OMNI)
     stands = [touched.marks[name] for name in OMNI.marks.names]
     start = pivot(stands)
-    R0, t0, _ = laid_onto(start.places, OMNI.marks.positions)
+    R0, t0, _ = fit_points(start.places, OMNI.marks.positions)
     centre = sphere(touched.dome.point(start.tip))[0]
-    dome = touched.dome.kept(np.abs(np.linalg.norm(touched.dome.point(found.tip) + found.R.T @ found.t, axis=1)
+    dome = touched.dome.select(np.abs(np.linalg.norm(touched.dome.point(found.tip) + found.R.T @ found.t, axis=1)
                                     - OMNI.dome_radius) < 0.6e-3)  # fmt: skip
     q0 = Rotation.from_matrix(R0.T)
 
@@ -98,7 +98,7 @@ def test_axis_of_the_roll_agrees_with_the_turns_between_poses() -> None:
     turns = Rotation.from_matrix(np.swapaxes(roll.R[:1], -1, -2) @ roll.R).as_rotvec()
     far = turns[np.linalg.norm(turns, axis=1) > 1.0]
     other = np.linalg.svd(far)[2][0]
-    axis = rolled(roll).axis
+    axis = find_roll(roll).axis
     assert np.abs(np.abs(axis @ other)) > np.cos(np.deg2rad(0.5))
     assert np.abs(axis @ tracker.axis) > np.cos(np.deg2rad(0.5))
 
@@ -172,7 +172,7 @@ def test_marks_in_another_order_are_named() -> None:
 
 def test_too_little_is_refused_with_what_to_do() -> None:
     _, touched = session(6)
-    few = replace(touched, dome=touched.dome.kept(np.arange(len(touched.dome)) % 10 == 0))
+    few = replace(touched, dome=touched.dome.select(np.arange(len(touched.dome)) % 10 == 0))
     with pytest.raises(CalibrationError, match="only 24 poses on the dome that differ; at least 30"):
         frame_registration(few, OMNI)
     with pytest.raises(CalibrationError, match="mark 'left' was not touched; all of front, left, rear"):

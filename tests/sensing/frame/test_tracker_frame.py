@@ -16,12 +16,12 @@ from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError
 from haptorb.sensing.calibration_file import read_frame, write_frame
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
-from haptorb.simulation.touching import MadeUpTracker
+from haptorb.simulation.synthetic_tracker import SyntheticTracker
 
 OMNI = load("omni")
 
 
-def frame_of(tracker: MadeUpTracker, name: str = "osc:9000", simulated: bool = True) -> TrackerFrame:
+def frame_of(tracker: SyntheticTracker, name: str = "osc:9000", simulated: bool = True) -> TrackerFrame:
     magnet = tracker.tip + OMNI.tool.tip_distance * tracker.axis
     return TrackerFrame(
         "omni", OMNI.digest, name, simulated, tracker.R, tracker.t, tracker.tip, magnet, tracker.axis,
@@ -29,24 +29,24 @@ def frame_of(tracker: MadeUpTracker, name: str = "osc:9000", simulated: bool = T
     )  # fmt: skip
 
 
-FRAME = frame_of(MadeUpTracker.drawn(7))
+FRAME = frame_of(SyntheticTracker.draw(7))
 
 
 @given(st.integers(0, 10**6))
 def test_a_pose_of_the_body_becomes_that_of_the_tool(seed: int) -> None:
-    tracker = MadeUpTracker.drawn(seed, 0.0, 0.0)
+    tracker = SyntheticTracker.draw(seed, 0.0, 0.0)
     rng = np.random.default_rng(seed)
     tool = Rotation.random(random_state=rng).as_matrix()
     tip = rng.uniform(-0.1, 0.1, 3)
-    seen = tracker.seen(tip[None], tool[None], rng)
-    p, q = frame_of(tracker).placed(seen.p[0].tolist(), seen.q[0].tolist())
+    seen = tracker.observe(tip[None], tool[None], rng)
+    p, q = frame_of(tracker).transform_pose(seen.p[0].tolist(), seen.q[0].tolist())
     assert np.allclose(p, tip + OMNI.tool.tip_distance * tool[:, 2], atol=1e-12)
     assert np.allclose(Rotation.from_quat(q).as_matrix()[:, 2], tool[:, 2], atol=1e-12)
 
 
 @given(st.lists(st.floats(), max_size=5), st.lists(st.floats(), max_size=5))
 def test_what_cannot_be_a_pose_stays_for_others_to_refuse(p: list[float], q: list[float]) -> None:
-    placed, turned = FRAME.placed(p, q)
+    placed, turned = FRAME.transform_pose(p, q)
     if not (len(p) == 3 and len(q) == 4 and np.isfinite([*p, *q]).all() and np.hypot.reduce(p) < 1e3):
         assert str((placed, turned)) == str((tuple(p), tuple(q)))  # also where a number is none
     elif 0.5 < np.hypot.reduce(q) < 2.0:
@@ -94,10 +94,10 @@ def test_a_file_that_is_none_says_what_was_expected(key: str, value: object, tol
 
 
 def test_another_devices_and_another_trackers_frame_is_refused() -> None:
-    assert FRAME.known_for(OMNI, "osc:9000") is FRAME
+    assert FRAME.check_for(OMNI, "osc:9000") is FRAME
     with pytest.raises(CalibrationError, match=r"that of device 'omni' with file .*register again"):
-        FRAME.known_for(replace(OMNI, digest="0" * 64), "osc:9000")
+        FRAME.check_for(replace(OMNI, digest="0" * 64), "osc:9000")
     with pytest.raises(CalibrationError, match="that of tracker 'osc:9000', not of 'lsl:pen'"):
-        FRAME.known_for(OMNI, "lsl:pen")
+        FRAME.check_for(OMNI, "lsl:pen")
     with pytest.raises(CalibrationError, match="is not JSON"):
         TrackerFrame.parse("{", "omni.frame.json")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptorb.sensing.tool.place_filter import carried, corrected, memory, noise_share, predicted
+from haptorb.sensing.tool.place_filter import correct_pose, extrapolate_pose, memory, noise_share, predict
 
 
 def told(places, rate, bandwidth=100.0):
@@ -14,9 +14,9 @@ def told(places, rate, bandwidth=100.0):
         p, R, v, w = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(3)
         dt = 1 / rate if n else -1.0
         if n:
-            predicted(belief, dt, p, R)
+            predict(belief, dt, p, R)
         p[:], R[:] = one, np.eye(3)
-        corrected(belief, spread, dt, bandwidth, p, R, v, w)
+        correct_pose(belief, spread, dt, bandwidth, p, R, v, w)
         out[n], rates[n] = p, v
     return out, rates, spread
 
@@ -72,7 +72,7 @@ def test_what_is_carried_goes_on_as_it_went():
     """Without anything measured: straight on, the axis turning at its rate, and the belief as it was."""
     belief = np.array([[0.01, 0.0, 0.05], [0.0, 0.0, 1.0], [0.1, -0.2, 0.0], [0.5, 0.0, 0.0]])
     before, p, R, v, w = belief.copy(), np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(3)
-    carried(belief, 4e-3, p, R, v, w)
+    extrapolate_pose(belief, 4e-3, p, R, v, w)
     assert p == pytest.approx([0.0104, -0.0008, 0.05])
     assert R[:, 2] == pytest.approx(np.array([2e-3, 0.0, 1.0]) / np.hypot(2e-3, 1.0))
     np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)

@@ -31,7 +31,7 @@ def truth(device, p, R):
     at = ring.points @ R.T + p
     own = ring.field((device.hall.positions - p) @ R) @ R.T
     sphere = SoftSphere(device.core_radius, device.core_permeability)
-    return own + sphere.induced_field(at, ring.charges, device.hall.positions)
+    return own + sphere.compute_induced_field(at, ring.charges, device.hall.positions)
 
 
 @settings(max_examples=25, deadline=None)

@@ -32,7 +32,7 @@ def field_of(device, p, axis, polarity=1.0):
     R = rotation_to_axis(axis)
     own = ring.field((device.hall.positions - p) @ R) @ R.T
     sphere = SoftSphere(device.core_radius, device.core_permeability)
-    return own + sphere.induced_field(ring.points @ R.T + p, ring.charges, device.hall.positions)
+    return own + sphere.compute_induced_field(ring.points @ R.T + p, ring.charges, device.hall.positions)
 
 
 def sample(device, field, currents, t=0.0, rng=None, noise=0.0):

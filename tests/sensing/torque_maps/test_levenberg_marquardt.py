@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from haptorb.errors import InputError
-from haptorb.sensing.torque_maps.levenberg_marquardt import _normal_equations, fitted, trained
+from haptorb.sensing.torque_maps.levenberg_marquardt import _normal_equations, fit_weights, train_network
 
 RNG = np.random.default_rng(0)
 
@@ -35,14 +35,14 @@ def test_normal_equations_are_those_of_the_jacobian():
 def test_it_finds_a_network_that_was_hidden_in_the_data():
     x = RNG.standard_normal((600, 3))
     hidden, output = RNG.standard_normal((3, 4)), RNG.standard_normal((2, 4))
-    result = trained(x, predicted(x, hidden, output), nodes=3, starts=6, iterations=200, seed=1)
+    result = train_network(x, predicted(x, hidden, output), nodes=3, starts=6, iterations=200, seed=1)
     assert result.rms < 1e-6
 
 
 def test_no_step_makes_the_error_greater_and_seeds_repeat():
     x = np.linspace(-3, 3, 500)[:, None]
     y = np.stack([np.sin(x[:, 0]), np.abs(x[:, 0])], axis=1)
-    one, same = (trained(x, y, nodes=5, seed=3) for _ in range(2))
+    one, same = (train_network(x, y, nodes=5, seed=3) for _ in range(2))
     assert (np.diff(one.course) <= 0).all()
     assert one.rms == same.rms
     assert len(one.starts) == 4
@@ -52,7 +52,7 @@ def test_no_step_makes_the_error_greater_and_seeds_repeat():
 def test_progress_is_told_and_reaches_the_end():
     told = []
     x = np.linspace(-1, 1, 200)[:, None]
-    trained(x, x**2, nodes=3, starts=2, iterations=5, report=told.append)
+    train_network(x, x**2, nodes=3, starts=2, iterations=5, report=told.append)
     assert told[-1] == 1.0
     assert told == sorted(told)
 
@@ -60,7 +60,7 @@ def test_progress_is_told_and_reaches_the_end():
 def test_a_perfect_fit_ends_early():
     x = RNG.standard_normal((50, 2))
     hidden, output = RNG.standard_normal((3, 3)), RNG.standard_normal((1, 4))
-    _, _, course = fitted(x, predicted(x, hidden, output), hidden, output, iterations=30)
+    _, _, course = fit_weights(x, predicted(x, hidden, output), hidden, output, iterations=30)
     assert len(course) < 5
 
 
@@ -79,4 +79,4 @@ def test_a_perfect_fit_ends_early():
 )
 def test_training_sets_that_cannot_teach_are_refused(x, y, changes, said):
     with pytest.raises(InputError, match=said):
-        trained(x, y, **{"nodes": 3, **changes})
+        train_network(x, y, **{"nodes": 3, **changes})

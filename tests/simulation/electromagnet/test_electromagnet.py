@@ -12,7 +12,7 @@ from haptorb.devices.kind import DeviceKind
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
 from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
-from haptorb.simulation.registry import simulated
+from haptorb.simulation.registry import simulate
 
 OMNI = load("omni")
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
@@ -27,7 +27,7 @@ def held_still(**changes):
 
 def settled(omni, duties, p, q=UPRIGHT, seconds=0.05):
     for _ in range(round(seconds / 1e-3)):
-        omni.advance(1e-3, omni.quantised(duties), p, q)
+        omni.advance(1e-3, omni.quantise(duties), p, q)
     return omni.truth()
 
 
@@ -69,7 +69,7 @@ def test_the_stylus_visibly_yields():
         wrench_map = OMNI.wrench_map(omni.state(), "exact")
         currents = np.linalg.lstsq(wrench_map.force, np.array([0, 0, 0.4]) - wrench_map.passive[:3], rcond=None)[0]
         duties = currents * OMNI.coils.resistance_at(omni.winding) / OMNI.supply.voltage
-        omni.advance(1e-3, omni.quantised(duties), p, UPRIGHT)
+        omni.advance(1e-3, omni.quantise(duties), p, UPRIGHT)
     moved = omni.state().p - p
     assert moved[2] == pytest.approx(4e-3, rel=0.03)
     assert np.abs(moved[:2]).max() < 2e-4
@@ -142,7 +142,7 @@ def test_the_same_seed_and_calls_give_the_same_bits():
     def course(seed):
         omni, rows = SimulatedElectromagnet(OMNI, seed), []
         for n in range(300):
-            duties = omni.quantised(0.3 * np.sin(0.05 * n + np.arange(3)))
+            duties = omni.quantise(0.3 * np.sin(0.05 * n + np.arange(3)))
             goal = np.array([0.02 * np.sin(0.01 * n), 0.0, 0.052])
             omni.advance(1e-3, duties, goal, UPRIGHT)
             sample = omni.sample(n * 1e-3, n * 1e-3, True)
@@ -193,9 +193,9 @@ def test_finer_steps_change_little():
 )
 def test_no_goal_and_no_duty_takes_it_out_of_the_numbers(bad_p, bad_q, p, duties):
     omni = SimulatedElectromagnet(OMNI)
-    omni.advance(5e-3, omni.quantised(duties), p, UPRIGHT)
-    omni.advance(5e-3, omni.quantised(duties), np.where(np.abs(bad_p) < 1e3, bad_p, np.nan), bad_q)
-    omni.advance(0.2, omni.quantised(duties), p, bad_q)
+    omni.advance(5e-3, omni.quantise(duties), p, UPRIGHT)
+    omni.advance(5e-3, omni.quantise(duties), np.where(np.abs(bad_p) < 1e3, bad_p, np.nan), bad_q)
+    omni.advance(0.2, omni.quantise(duties), p, bad_q)
     state = omni.state()
     assert np.isfinite(state.p).all()
     assert np.allclose(state.R_SR @ state.R_SR.T, np.eye(3), atol=1e-9)
@@ -246,11 +246,11 @@ def test_a_device_that_cannot_be_built_is_told_not_simulated_into_nonsense():
 
 
 def test_the_registry_knows_which_simulation_belongs_to_a_device():
-    assert isinstance(simulated(OMNI, 2), SimulatedElectromagnet)
+    assert isinstance(simulate(OMNI, 2), SimulatedElectromagnet)
 
     class Unknown:
         name = "unknown"
         kind = DeviceKind(name="unknown", title="mystery", world="nothing", allocator="none:none")
 
     with pytest.raises(DeviceError, match="cannot be simulated"):
-        simulated(Unknown())  # type: ignore[arg-type]
+        simulate(Unknown())  # type: ignore[arg-type]

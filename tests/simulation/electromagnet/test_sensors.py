@@ -38,7 +38,7 @@ def test_the_field_is_electromagnet_ring_and_the_cores_answer(x, y, distance, tu
     truth = dipole.field(OMNI.moment_per_current @ omni.currents, at)
     truth = truth + ring.field((at - state.p) @ state.R_SR) @ state.R_SR.T
     core = SoftSphere(OMNI.core_radius, OMNI.core_permeability)
-    truth += core.induced_field(*omni.ring.placed(state.R_SR, state.p), at)
+    truth += core.compute_induced_field(*omni.ring.place(state.R_SR, state.p), at)
     read = fields(omni, 400)
     error = read.mean(axis=0) - truth
     assert np.abs(error).max() < 5 * OMNI.hall.noise / 20 + 2e-7
@@ -48,7 +48,7 @@ def test_the_field_is_electromagnet_ring_and_the_cores_answer(x, y, distance, tu
 
 def test_currents_and_temperatures_have_the_noise_and_steps_of_the_file():
     omni = SimulatedElectromagnet(OMNI, seed=6)
-    duties, goal, upright = omni.quantised(np.array([0.2, -0.1, 0.0])), omni.state().p, np.array([0, 0, 0, 1.0])
+    duties, goal, upright = omni.quantise(np.array([0.2, -0.1, 0.0])), omni.state().p, np.array([0, 0, 0, 1.0])
     for _ in range(200):
         omni.advance(1e-2, duties, goal, upright)
     samples = [omni.sample(0.0, 0.0, True) for _ in range(2000)]

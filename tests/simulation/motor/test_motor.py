@@ -16,7 +16,7 @@ from haptorb.devices.motor.handle import HALL_IDEAL, HANDLE_LOOSE, HallQuality
 from haptorb.devices.motor.regulator import leaning
 from haptorb.errors import InputError, UnknownName
 from haptorb.simulation.motor.motor import SimulatedMotor
-from haptorb.simulation.registry import simulated
+from haptorb.simulation.registry import simulate
 
 PMSM = load("pmsm")
 OFF = np.zeros(12)
@@ -261,8 +261,8 @@ def test_magnets_of_uneven_strength_give_another_torque():
 def test_what_is_no_number_changes_nothing():
     motor = SimulatedMotor(PMSM)
     go(motor, 0.05, OFF, tilted(lam=10.0))
-    go(motor, 0.3, motor.quantised(np.full(12, np.nan)), np.full(4, np.nan))
-    assert not motor.quantised(np.full(12, np.nan)).any()
+    go(motor, 0.3, motor.quantise(np.full(12, np.nan)), np.full(4, np.nan))
+    assert not motor.quantise(np.full(12, np.nan)).any()
     assert np.degrees(Rotation.from_matrix(motor.state().R_SR).as_euler("XYZ")[1]) > 5.0
 
 
@@ -288,4 +288,4 @@ def test_what_cannot_be_is_refused(wrong):
 
 
 def test_the_registry_knows_motors():
-    assert isinstance(simulated(PMSM), SimulatedMotor)
+    assert isinstance(simulate(PMSM), SimulatedMotor)

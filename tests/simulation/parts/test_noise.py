@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from haptorb.errors import InputError
-from haptorb.simulation.parts.noise import fill_normal, seeded, stepped
+from haptorb.simulation.parts.noise import fill_normal, quantise, seed_noise
 
 
 def test_it_is_standard_normal_and_white():
     x = np.empty(200_001)
-    fill_normal(seeded(7), x)
+    fill_normal(seed_noise(7), x)
     assert stats.kstest(x, "norm").pvalue > 0.01
     assert abs(x.mean()) < 4 / np.sqrt(len(x))
     for lag in (1, 2, 33):
@@ -47,9 +47,9 @@ def test_the_generator_is_the_published_one():
 
 def test_a_seed_is_a_sequence():
     a, b, c = np.empty(9), np.empty(9), np.empty(9)
-    state = seeded(3)
+    state = seed_noise(3)
     fill_normal(state, a)
-    fill_normal(seeded(3), b)
+    fill_normal(seed_noise(3), b)
     fill_normal(state, c)
     assert np.array_equal(a, b)
     assert (a != c).all()
@@ -57,13 +57,13 @@ def test_a_seed_is_a_sequence():
 
 @given(st.floats(-50, 50), st.floats(1e-3, 5))
 def test_a_converter_answers_in_its_steps(value, step):
-    read = stepped(value, step)
+    read = quantise(value, step)
     assert abs(read - value) <= step / 2 * (1 + 1e-12)
     assert abs(read / step - round(read / step)) < 1e-9
-    assert stepped(value, 0.0) == value
+    assert quantise(value, 0.0) == value
 
 
 @pytest.mark.parametrize("bad", [-1, 1.5, "a", None, True])
 def test_seeds_are_whole_numbers_from_zero(bad):
     with pytest.raises(InputError, match="seed"):
-        seeded(bad)
+        seed_noise(bad)

@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from haptorb.simulation.parts.hand import LETTING_GO, Grip, rotation_left
-from haptorb.simulation.parts.tool import GRAVITY, Body, Dome, contact, matrix, move
+from haptorb.simulation.parts.tool import GRAVITY, Body, DomeSurface, contact, matrix, move
 
 BODY = Body(0.026, 0.0, 4.5e-5, 4.0e-5, 8e-7, 0.02, 0.012)
 HEAVY = BODY._replace(weight=BODY.mass * GRAVITY)
-DOME = Dome(0.03, 15e3, 12.0, 0.15)
-SLICK = Dome(0.03, 15e3, 0.0, 0.0)
+DOME = DomeSurface(0.03, 15e3, 12.0, 0.15)
+SLICK = DomeSurface(0.03, 15e3, 0.0, 0.0)
 INERTIA = np.array([BODY.inertia_x, BODY.inertia_y, BODY.inertia_z])
 DT = 2.5e-4
 triples = st.tuples(*[st.floats(-1, 1)] * 3)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
-from haptorb.worlds import CATALOGUE, Dome, Nothing, World, named
+from haptorb.worlds import CATALOGUE, Dome, Nothing, World, find_world
 from haptorb.worlds.parameter import parameters
 
 MU0 = 4e-7 * np.pi
@@ -186,14 +186,14 @@ def test_bad_parameters_are_refused(values, told):
 
 def test_an_unknown_parameter_suggests_the_nearest():
     with pytest.raises(UnknownName, match="did you mean 'moment'"):
-        Dome().changed(momnt=1)
+        Dome().replace(momnt=1)
 
 
 def test_the_catalogue():
-    assert named("dome") is Dome
-    assert named("nothing") is Nothing
+    assert find_world("dome") is Dome
+    assert find_world("nothing") is Nothing
     with pytest.raises(UnknownName, match="did you mean 'dome'"):
-        named("doom")
+        find_world("doom")
     assert set(parameters(Dome)) == {"summit", "half_width_deg", "cut_off_deg", "moment"}
     assert all(issubclass(world, World) for world in CATALOGUE.values())
 

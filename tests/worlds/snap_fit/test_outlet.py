@@ -94,7 +94,7 @@ def test_the_floor_holds_the_tilted_plug_off_by_x0() -> None:
     tilt = math.radians(2.0)
     x0 = 0.5 * (6.3e-3 - 2 * 0.85e-3) * math.sin(tilt)  # the corner of the bevelled end
     world = Outlet(friction=0.0)
-    elastic = world.changed(seat=0.0)
+    elastic = world.replace(seat=0.0)
     for x, touches in ((x0 + 1e-6, False), (x0 - 1e-6, True)):
         gap = world.wrench(at(x, turn=tilt))[0] - elastic.wrench(at(x, turn=tilt))[0]
         assert bool(gap > 0) is touches

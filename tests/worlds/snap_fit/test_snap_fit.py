@@ -120,7 +120,7 @@ def test_a_stiffer_material_is_felt_in_proportion() -> None:
     soft, hard = SnapFit(friction=0.2), SnapFit(friction=0.2, youngs_modulus=4.6e9)
     state = at(1.2e-3, vx=0.1)
     assert hard.wrench(state) == pytest.approx(2 * soft.wrench(state))
-    assert soft.changed(youngs_modulus=4.6e9) == hard
+    assert soft.replace(youngs_modulus=4.6e9) == hard
 
 
 def test_hooks_that_cannot_work_say_why() -> None:

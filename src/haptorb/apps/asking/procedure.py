@@ -12,11 +12,11 @@ from typing import final
 from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.errors import InputError
 
-__all__ = ["InTurn", "Listed", "Procedure"]
+__all__ = ["FixedOrder", "Procedure", "ProcedureSequence"]
 
 
 class Procedure(ABC):
-    """Immutable: `answered` returns the procedure as it is afterwards."""
+    """Immutable: `record_answer` returns the procedure as it is afterwards."""
 
     @property
     @abstractmethod
@@ -32,21 +32,21 @@ class Procedure(ABC):
     def expected(self) -> int:
         """Trials still to come; for an adaptive procedure the most there can be."""
 
-    def answered(self, answer: Answer) -> Procedure:
+    def record_answer(self, answer: Answer) -> Procedure:
         """The procedure after `answer`. Raises InputError if it may not be answered so, or nothing is asked."""
         prompt = self.prompt
         if prompt is None:
             raise InputError("this procedure is over: there is nothing left to answer")
-        return self.after(prompt.checked(answer))
+        return self.after(prompt.check_answer(answer))
 
 
 @final
 @dataclass(frozen=True)
-class Listed(Procedure):
+class FixedOrder(Procedure):
     """Trials in an order that was settled beforehand: identification, localisation, constant stimuli, choice, rating.
 
-    >>> start = Listed((Prompt(low=1, high=2), Prompt(low=1, high=2)))
-    >>> start.answered(Answer(1)).answered(Answer(2)).prompt is None
+    >>> start = FixedOrder((Prompt(low=1, high=2), Prompt(low=1, high=2)))
+    >>> start.record_answer(Answer(1)).record_answer(Answer(2)).prompt is None
     True
     """
 
@@ -63,14 +63,14 @@ class Listed(Procedure):
         """Exactly what is left."""
         return len(self.prompts) - self.done
 
-    def after(self, answer: Answer) -> Listed:
+    def after(self, answer: Answer) -> FixedOrder:
         """One further; what was answered does not matter here."""
         return replace(self, done=self.done + 1)
 
 
 @final
 @dataclass(frozen=True)
-class InTurn(Procedure):
+class ProcedureSequence(Procedure):
     """Several procedures, one after the other: practice, then a staircase per condition."""
 
     parts: tuple[Procedure, ...]
@@ -85,7 +85,7 @@ class InTurn(Procedure):
         """Over all parts."""
         return sum(part.expected for part in self.parts)
 
-    def after(self, answer: Answer) -> InTurn:
+    def after(self, answer: Answer) -> ProcedureSequence:
         """The first part that is not done takes the answer."""
         at = next(n for n, part in enumerate(self.parts) if part.prompt is not None)
-        return InTurn((*self.parts[:at], self.parts[at].after(answer), *self.parts[at + 1 :]))
+        return ProcedureSequence((*self.parts[:at], self.parts[at].after(answer), *self.parts[at + 1 :]))

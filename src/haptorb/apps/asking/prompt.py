@@ -43,7 +43,7 @@ class Prompt:
         """Whether a number is to be answered, beside the position."""
         return bool(self.numbers) or self.high > 0
 
-    def checked(self, answer: Answer) -> Answer:
+    def check_answer(self, answer: Answer) -> Answer:
         """`answer` itself, or InputError if it is not among what may be answered."""
         value = answer.value
         if not self.wants_number:
@@ -54,7 +54,9 @@ class Prompt:
         elif isinstance(value, bool) or not isinstance(value, int):
             raise InputError(f"answer must be a whole number; got {value!r}")
         elif self.numbers and value not in self.numbers:
-            raise InputError(f"answer must be one of the set-points' numbers, {_shown(self.numbers)}; got {value}")
+            raise InputError(
+                f"answer must be one of the set-points' numbers, {_list_numbers(self.numbers)}; got {value}"
+            )
         elif not self.numbers and not self.low <= value <= self.high:
             raise InputError(f"answer must be a whole number from {self.low} to {self.high}; got {value}")
         return answer
@@ -75,7 +77,7 @@ class Answer:
             raise InputError(f"duration of an answer must be 0 s or more; got {self.seconds!r}")
 
 
-def _shown(numbers: tuple[int, ...]) -> str:
+def _list_numbers(numbers: tuple[int, ...]) -> str:
     if numbers == tuple(range(numbers[0], numbers[-1] + 1)):
         return f"{numbers[0]} to {numbers[-1]}"
     return ", ".join(map(str, numbers))

@@ -13,7 +13,7 @@ def rating(of: str, scale: tuple[int, int] = SCALE, set_point: int = 0) -> Promp
     """Ask for a whole number on `scale` for what is called `of`.
 
     >>> from haptorb.apps.asking.prompt import Answer
-    >>> rating("soft").checked(Answer(7)).value
+    >>> rating("soft").check_answer(Answer(7)).value
     7
     """
     low, high = scale

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from haptorb.apps.bench.contest import fastest
-from haptorb.apps.bench.row import Row
+from haptorb.apps.bench.row import Metric
 from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
 from haptorb.devices.motor.api import motor, torque_characteristic
 from haptorb.devices.motor.validation import workspace_sample
@@ -20,7 +20,7 @@ __all__ = ["rows"]
 _KINDS = (("well inside the limits", 0.3), ("at the limits", 1.0))
 
 
-def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
+def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """Time per problem, twelve channels, one sweep over 100 of them; and how far the two answers are apart."""
     device = motor("pmsm")
     R = workspace_sample(device.workspace_tilt, 5, 4)
@@ -46,7 +46,9 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
                 for problem, one in zip(problems, theirs, strict=True)
             )
         note = "DAQP is not installed" if apart is None else f"answers differ by {apart:.0e} A at most"
-        out.append(Row("allocation", f"least-power currents, 12 channels, {kind}", own, "µs", "DAQP", peer, note=note))
+        out.append(
+            Metric("allocation", f"least-power currents, 12 channels, {kind}", own, "µs", "DAQP", peer, note=note)
+        )
     return out
 
 
@@ -69,8 +71,8 @@ def _daqp(K: Array, torque: Array, limit: Array) -> Callable[[], Array]:
     sense = np.r_[np.zeros(m), np.full(3, 5)].astype(np.int32)  # 5: an equality
     A, upper, lower = K / scale, np.r_[limit, torque / scale], np.r_[-limit, torque / scale]
 
-    def solved() -> Array:
+    def solve() -> Array:
         answer: Array = daqp.solve(H, f, A, upper, lower, sense, primal_tol=1e-10, dual_tol=1e-12)[0]
         return answer
 
-    return solved
+    return solve

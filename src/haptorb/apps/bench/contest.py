@@ -71,7 +71,9 @@ class Contest:
                     continue
                 ratio = ratios.get(task, {}).get(f"{row.who}: {row.how}")
                 error = "" if row.error is None else f"{row.error:.1e}"
-                table.add_row(row.who, row.how, spelled(row.seconds), error, "" if ratio is None else f"{ratio:,.0f}")
+                table.add_row(
+                    row.who, row.how, spell_time(row.seconds), error, "" if ratio is None else f"{ratio:,.0f}"
+                )
             console.print(table)
 
     def plot(self, path: Path) -> None:
@@ -86,7 +88,7 @@ class Contest:
             seconds = [row.seconds or 0.0 for row in rows]
             colours = ["C0" if row.who == "haptorb" else "C1" for row in rows]
             bars = place.barh([f"{row.who}: {row.how}" for row in rows], seconds, color=colours)
-            told = [f"{spelled(row.seconds or 0.0)}, error {row.error or 0.0:.0e}" for row in rows]
+            told = [f"{spell_time(row.seconds or 0.0)}, error {row.error or 0.0:.0e}" for row in rows]
             place.bar_label(bars, told, padding=4, fontsize=8)
             place.set(xscale="log", xlabel="time per orientation [s]", xlim=(None, 60 * max(seconds)))
             place.set_title(task, loc="left", fontsize=10)
@@ -125,10 +127,10 @@ def fastest(work: Callable[[], object], per_call: int = 1, budget: float = 0.5) 
     return best / per_call
 
 
-def spelled(seconds: float) -> str:
+def spell_time(seconds: float) -> str:
     """A time in the unit that suits it.
 
-    >>> spelled(2.5e-6), spelled(0.0313)
+    >>> spell_time(2.5e-6), spell_time(0.0313)
     ('2.50 µs', '31.3 ms')
     """
     for unit, scale in (("s", 1.0), ("ms", 1e3), ("µs", 1e6)):

@@ -7,7 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
-from haptorb.apps.bench.row import Row
+from haptorb.apps.bench.row import Metric
 from haptorb.devices.motor.api import motor
 from haptorb.numerics.rotations import rotation_from_euler
 from haptorb.sensing.estimator import Estimator
@@ -22,7 +22,7 @@ __all__ = ["rows"]
 _PERIOD = 1e-3
 
 
-def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
+def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """Medians and 99 percentiles over 4000 updates times `effort`."""
     device = motor("pmsm")
     ticks = max(int(4000 * effort), 300)
@@ -44,8 +44,8 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
         tell(name)
         median, p99 = _percentiles(estimator, samples)
         out += [
-            Row("estimation", f"144 readings to torque per ampere, {name}, median", median, "µs", limit=limit),
-            Row("estimation", f"the same, {name}, 99 %", p99, "µs"),
+            Metric("estimation", f"144 readings to torque per ampere, {name}, median", median, "µs", limit=limit),
+            Metric("estimation", f"the same, {name}, 99 %", p99, "µs"),
         ]
     return out
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from haptorb.apps.bench import peers
 from haptorb.apps.bench.contest import Contest, Result, fastest
-from haptorb.apps.bench.row import Row
+from haptorb.apps.bench.row import Metric
 from haptorb.devices.loader import load
 from haptorb.devices.motor.api import motor, sensor_field, torque_characteristic
 from haptorb.devices.motor.levels import exact_field, exact_torque
@@ -98,7 +98,7 @@ def magnetics(device: str = "pmsm", budget: float = 0.5, report: Callable[[str],
     return Contest(f"Magnetics of '{known.name}', one thread", tuple(rows), _machine())
 
 
-def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
+def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """The contest as rows: the table in one call against each peer's own way, [µs] per orientation."""
     contest = magnetics(budget=0.5 * effort, report=tell)
     out = []
@@ -109,11 +109,11 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
         peers_ = [result for result in mine if result.who != "haptorb" and result.seconds is not None]
         what = task.removesuffix(", one orientation")
         if not peers_:
-            out.append(Row("magnetics", what, own, "µs", note="no peer is installed"))
+            out.append(Metric("magnetics", what, own, "µs", note="no peer is installed"))
         for peer in peers_:
             note = f"errors {table.error:.0e} and {peer.error:.0e}"
             out.append(
-                Row("magnetics", what, own, "µs", f"{peer.who}, {peer.how}", 1e6 * (peer.seconds or 0.0), note=note)
+                Metric("magnetics", what, own, "µs", f"{peer.who}, {peer.how}", 1e6 * (peer.seconds or 0.0), note=note)
             )
     return out
 

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from haptorb.apps.bench.row import Row
+from haptorb.apps.bench.row import Metric
 
 __all__ = ["HAPTORB", "console", "loop", "serial", "study"]
 
@@ -21,60 +21,60 @@ _CLONE = Path(__file__).resolve().parents[4]
 HAPTORB = "import sys; from haptorb.apps.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
-def loop(effort: float, tell: Callable[[str], None]) -> list[Row]:
+def loop(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """The servo in its own process with a client that drags, 30 s times `effort`."""
     seconds = max(30.0 * effort, 3.0)
     tell(f"{seconds:.0f} s of 1 kHz")
-    told = _told([sys.executable, "-c", HAPTORB, "check", "--duration", f"{seconds:g}", "--json"])
+    told = _run_and_parse([sys.executable, "-c", HAPTORB, "check", "--duration", f"{seconds:g}", "--json"])
     if isinstance(told, str):
-        return [Row("loop", "servo at 1 kHz with a client that drags", None, "", note=told)]
+        return [Metric("loop", "servo at 1 kHz with a client that drags", None, "", note=told)]
     return [
-        Row("loop", "ticks in time", told["success_rate"], "1", limit=0.999, at_least=True),
-        Row("loop", "lateness, 99 %", told["lateness_us"]["p99"], "µs", limit=150.0),
-        Row("loop", "compute per tick, median", told["compute_us"]["p50"], "µs", limit=60.0),
-        Row("loop", "compute per tick, 99 %", told["compute_us"]["p99"], "µs"),
+        Metric("loop", "ticks in time", told["success_rate"], "1", limit=0.999, at_least=True),
+        Metric("loop", "lateness, 99 %", told["lateness_us"]["p99"], "µs", limit=150.0),
+        Metric("loop", "compute per tick, median", told["compute_us"]["p50"], "µs", limit=60.0),
+        Metric("loop", "compute per tick, 99 %", told["compute_us"]["p99"], "µs"),
     ]
 
 
-def console(effort: float, tell: Callable[[str], None]) -> list[Row]:
+def console(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """From a drag in a real browser to the force drawn, 30 s times `effort`."""
     tell("a browser that drags")
     told = _script("console_latency", "--seconds", f"{max(30 * effort, 2):g}")
     if isinstance(told, str):
-        return [Row("console", "from drag to force shown, median", None, "ms", limit=25.0, note=told)]
+        return [Metric("console", "from drag to force shown, median", None, "ms", limit=25.0, note=told)]
     drawn = f"renderer {told['renderer']}"
     return [
-        Row("console", "from drag to force shown, median", told["median_ms"], "ms", limit=25.0, note=drawn),
-        Row("console", "the same, 90 %", told["p90_ms"], "ms"),
-        Row("console", "from drag to force arrived, median", told["arrived_median_ms"], "ms"),
-        Row("console", "ticks in time beside the browser", told["success_rate"], "1", limit=0.999, at_least=True),
-        Row("console", "processor time that a virtual machine's host kept", told["stolen_share"], "1"),
+        Metric("console", "from drag to force shown, median", told["median_ms"], "ms", limit=25.0, note=drawn),
+        Metric("console", "the same, 90 %", told["p90_ms"], "ms"),
+        Metric("console", "from drag to force arrived, median", told["arrived_median_ms"], "ms"),
+        Metric("console", "ticks in time beside the browser", told["success_rate"], "1", limit=0.999, at_least=True),
+        Metric("console", "processor time that a virtual machine's host kept", told["stolen_share"], "1"),
     ]
 
 
-def serial(effort: float, tell: Callable[[str], None]) -> list[Row]:
+def serial(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """Set and read back three coils through the emulated firmware, 2000 times `effort`."""
     tell("the emulated firmware")
     told = _script("serial_cycle", "--cycles", str(max(int(2000 * effort), 200)))
     what = "set three coils and read back, emulated firmware, median"
     if isinstance(told, str):
-        return [Row("serial", what, None, "ms", limit=1.0, note=told)]
+        return [Metric("serial", what, None, "ms", limit=1.0, note=told)]
     return [
-        Row("serial", what, told["round trip on this computer, median [ms]"], "ms", limit=1.0),
-        Row("serial", "the same, 99 %", told["round trip on this computer, 99 % [ms]"], "ms"),
-        Row("serial", "processor of the host", told["host CPU [%]"], "%", limit=10.0),
+        Metric("serial", what, told["round trip on this computer, median [ms]"], "ms", limit=1.0),
+        Metric("serial", "the same, 99 %", told["round trip on this computer, 99 % [ms]"], "ms"),
+        Metric("serial", "processor of the host", told["host CPU [%]"], "%", limit=10.0),
     ]
 
 
-def study(effort: float, tell: Callable[[str], None]) -> list[Row]:
+def study(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """Numbers and report of a study of 300 trials."""
     tell("300 trials")
     told = _script("study_analysis", "--trials", "300")
     if isinstance(told, str):
-        return [Row("study", "analysis of 300 trials, report included", None, "s", note=told)]
+        return [Metric("study", "analysis of 300 trials, report included", None, "s", note=told)]
     return [
-        Row("study", "analysis of 300 trials, numbers", told["numbers_s"], "s"),
-        Row("study", "analysis of 300 trials, report included", told["with_report_s"], "s"),
+        Metric("study", "analysis of 300 trials, numbers", told["numbers_s"], "s"),
+        Metric("study", "analysis of 300 trials, report included", told["with_report_s"], "s"),
     ]
 
 
@@ -82,10 +82,10 @@ def _script(name: str, *words: str) -> dict[str, Any] | str:
     path = _CLONE / "benchmarks" / f"{name}.py"
     if not path.is_file():
         return "only in a clone of the project"
-    return _told([sys.executable, str(path), *words, "--json"])
+    return _run_and_parse([sys.executable, str(path), *words, "--json"])
 
 
-def _told(command: list[str]) -> dict[str, Any] | str:
+def _run_and_parse(command: list[str]) -> dict[str, Any] | str:
     """What the command printed, or in a few words why it printed nothing."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)

@@ -10,7 +10,7 @@ from time import perf_counter, time_ns
 
 import numpy as np
 
-from haptorb.apps.bench.row import Row
+from haptorb.apps.bench.row import Metric
 from haptorb.devices.loader import load
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.recording.recorder import Recorder
@@ -22,7 +22,7 @@ __all__ = ["rows"]
 _RATE, _BURST = 1000.0, 20  #: rows that the recorder finds when it looks
 
 
-def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
+def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """Rows of a real run, written again and again; a servo at 1 kHz needs a thousand a second."""
     tell("a run to record")
     taken = _run(max(2.0 * effort, 0.5))
@@ -30,15 +30,15 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
     layout = RowLayout.of(load("omni"))
     with TemporaryDirectory() as folder:
         tell("recording")
-        speed, size = _recorded(Path(folder, "run.mcap"), layout, many)
+        speed, size = _time_recording(Path(folder, "run.mcap"), layout, many)
         tell("plain files")
         plain = {"plain float64": _plain(Path(folder, "run.bin"), many), "JSON lines": _lines(Path(folder, "r"), many)}
     out = []
     for name, (their_speed, their_size) in plain.items():
         out += [
-            Row("recording", "rows written per second (MCAP, zstd)", speed, "1/s", name, their_speed, limit=_RATE,
+            Metric("recording", "rows written per second (MCAP, zstd)", speed, "1/s", name, their_speed, limit=_RATE,
                 at_least=True, note="a plain file is neither compressed nor self-describing"),
-            Row("recording", "bytes per row", size, "B", name, their_size),
+            Metric("recording", "bytes per row", size, "B", name, their_size),
         ]  # fmt: skip
     return out
 
@@ -50,7 +50,7 @@ def _run(seconds: float) -> Array:
     return np.asarray(recording.rows)
 
 
-def _recorded(path: Path, layout: RowLayout, many: Array) -> tuple[float, float]:
+def _time_recording(path: Path, layout: RowLayout, many: Array) -> tuple[float, float]:
     with path.open("wb") as file:
         recorder = Recorder(file, layout, _RATE, time_ns())
         begun = perf_counter()

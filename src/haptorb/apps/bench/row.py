@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-__all__ = ["Row"]
+__all__ = ["Metric"]
 
 
 @dataclass(frozen=True)
-class Row:
+class Metric:
     """A measured figure.
 
     benchmark   which one it belongs to
@@ -37,7 +37,7 @@ class Row:
     def ratio(self) -> float | None:
         """How many times better we are: their time over ours, or our rate over theirs; below 1 we are worse.
 
-        >>> Row("allocation", "one", 2.0, "µs", "DAQP", 9.0).ratio
+        >>> Metric("allocation", "one", 2.0, "µs", "DAQP", 9.0).ratio
         4.5
         """
         if self.peer_value is None or not self.value:
@@ -48,7 +48,7 @@ class Row:
     def kept(self) -> bool | None:
         """Whether the limit is kept; None without a limit or without a figure.
 
-        >>> Row("tick", "ticks in time", 0.9995, "1", limit=0.999, at_least=True).kept
+        >>> Metric("tick", "ticks in time", 0.9995, "1", limit=0.999, at_least=True).kept
         True
         """
         if self.limit is None or self.value is None:
@@ -60,6 +60,6 @@ class Row:
         return {**asdict(self), "ratio": self.ratio, "kept": self.kept}
 
     @classmethod
-    def read(cls, numbers: dict[str, Any]) -> Row:
+    def read(cls, numbers: dict[str, Any]) -> Metric:
         """A row from what `numbers` gave."""
         return cls(**{key: value for key, value in numbers.items() if key not in ("ratio", "kept")})

@@ -11,7 +11,7 @@ from statistics import median
 from time import monotonic, sleep
 
 from haptorb.apps.bench.outside import HAPTORB
-from haptorb.apps.bench.row import Row
+from haptorb.apps.bench.row import Metric
 from haptorb.runtime.recording.recording import Recording
 
 __all__ = ["rows"]
@@ -19,7 +19,7 @@ __all__ = ["rows"]
 _MINE = [sys.executable, "-c", HAPTORB]
 
 
-def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
+def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """Medians of five starts times `effort`, compiled code at hand; the memory of one run with its console."""
     times = max(round(5 * effort), 2)
     tell("starting and ending")
@@ -28,9 +28,9 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
     told = median(_help() for _ in range(times))
     taken = _memory()
     return [
-        Row("start", "`haptorb run`, from the command to the first tick, median", first, "s", limit=4.0),
-        Row("start", "`haptorb --help`, median", told, "s", limit=0.4),
-        Row("start", "memory of servo, console and what belongs to them", taken, "MB", limit=400.0,
+        Metric("start", "`haptorb run`, from the command to the first tick, median", first, "s", limit=4.0),
+        Metric("start", "`haptorb --help`, median", told, "s", limit=0.4),
+        Metric("start", "memory of servo, console and what belongs to them", taken, "MB", limit=400.0,
             note="" if taken is not None else "only Linux tells it"),
     ]  # fmt: skip
 

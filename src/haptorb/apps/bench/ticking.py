@@ -9,13 +9,13 @@ from time import perf_counter
 import numpy as np
 
 from haptorb import worlds
-from haptorb.apps.bench.row import Row
+from haptorb.apps.bench.row import Metric
 from haptorb.devices.device import Device
 from haptorb.devices.loader import load
-from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.tick.assembly import allocator_of, default_world, estimator_of, estimators_of, linkage_of
 from haptorb.runtime.tick.tick import Tick
-from haptorb.simulation.registry import simulated
+from haptorb.simulation.registry import simulate
 
 __all__ = ["rows"]
 
@@ -24,7 +24,7 @@ _DT = 1e-3
 _CHAINS = (("omni", "tracker", 60.0), ("omni", "hall", 60.0), ("pmsm", "least-squares", 90.0))
 
 
-def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
+def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """Median and 99 % over 6000 ticks times `effort`, simulation of the device included and without it."""
     out = []
     for name, estimator, limit in _CHAINS:
@@ -32,20 +32,20 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
         if estimator not in estimators_of(device):
             continue
         tell(f"{name}, {estimator}")
-        whole, chain = _measured(device, estimator, max(int(6000 * effort), 400))
+        whole, chain = _time_ticks(device, estimator, max(int(6000 * effort), 400))
         out += [
-            Row("tick", f"{name}, {estimator}: estimate, world, allocate and guard, median", float(np.median(chain)),
+            Metric("tick", f"{name}, {estimator}: estimate, world, allocate and guard, median", float(np.median(chain)),
                 "µs", limit=limit),
-            Row("tick", f"{name}, {estimator}: the same, 99 %", float(np.percentile(chain, 99)), "µs"),
-            Row("tick", f"{name}, {estimator}: whole tick, simulated device included, median",
+            Metric("tick", f"{name}, {estimator}: the same, 99 %", float(np.percentile(chain, 99)), "µs"),
+            Metric("tick", f"{name}, {estimator}: whole tick, simulated device included, median",
                 float(np.median(whole)), "µs"),
         ]  # fmt: skip
     return out
 
 
-def _measured(device: Device, estimator: str, ticks: int) -> tuple[list[float], list[float]]:
+def _time_ticks(device: Device, estimator: str, ticks: int) -> tuple[list[float], list[float]]:
     """[µs] of each tick, and of its stages without reading and writing."""
-    driver = SimDriver(simulated(device, 0), _DT, seed=0)
+    driver = SimDriver(simulate(device, 0), _DT, seed=0)
     level = "exact" if device.name == "omni" else None
     tick = Tick(
         device, worlds.CATALOGUE[default_world(device)](), driver, estimator_of(device, estimator, level),

@@ -9,10 +9,10 @@ from time import perf_counter
 import numpy as np
 from scipy.optimize import least_squares, minimize
 
-from haptorb.apps.bench.row import Row
+from haptorb.apps.bench.row import Metric
 from haptorb.devices.motor.api import motor
 from haptorb.numerics.arrays import Array
-from haptorb.sensing.torque_maps.levenberg_marquardt import fitted
+from haptorb.sensing.torque_maps.levenberg_marquardt import fit_weights
 from haptorb.sensing.torque_maps.training_set import workspace_grid
 
 __all__ = ["rows"]
@@ -20,7 +20,7 @@ __all__ = ["rows"]
 _NODES, _ITERATIONS = 10, 120
 
 
-def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
+def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """Seconds for 120 steps on 16 200 samples, both less for less `effort`, and what SciPy needs from the same start,
     or where it is after ten times as long."""
     x, y = _samples(max(int(16_200 * effort), 600))
@@ -29,9 +29,9 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
     hidden = rng.normal(0.0, 1.0, (_NODES, x.shape[1] + 1)) / np.sqrt(x.shape[1])
     output = rng.normal(0.0, 0.3, (y.shape[1], _NODES + 1))
     tell("Levenberg–Marquardt")
-    fitted(x[:200], y[:200], hidden, output, iterations=1)
+    fit_weights(x[:200], y[:200], hidden, output, iterations=1)
     begun = perf_counter()
-    *_, course = fitted(x, y, hidden, output, iterations=steps)
+    *_, course = fit_weights(x, y, hidden, output, iterations=steps)
     own, goal = perf_counter() - begun, float(course[-1])
     what = f"{len(x)} samples, {x.shape[1]} inputs, {_NODES} nodes, to an rms of {goal:.4f}"
     out = []
@@ -40,7 +40,7 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Row]:
         took, reached = run(x, y, hidden, output, goal, 10 * own)
         there = reached <= goal * 1.001
         note = "" if there else f"{name} was at {reached:.4f} after {took:.3g} s"
-        out.append(Row("training", what, own, "s", name, took if there else None, note=note))
+        out.append(Metric("training", what, own, "s", name, took if there else None, note=note))
     return out
 
 
@@ -56,7 +56,7 @@ def _samples(count: int) -> tuple[Array, Array]:
     return (x - x.mean(axis=0)) / x.std(axis=0), (y - y.mean(axis=0)) / y.std(axis=0)
 
 
-class _Reached(Exception):
+class _TargetReached(Exception):
     pass
 
 
@@ -76,7 +76,7 @@ class _Network:
         residual = h @ V.T - self.y
         self.best = min(self.best, float(np.sqrt((residual**2).mean())))
         if self.best <= self.goal or perf_counter() > self.end:
-            raise _Reached
+            raise _TargetReached
         return h, V, residual
 
     def error(self, w: Array) -> tuple[float, Array]:
@@ -105,13 +105,13 @@ class _Network:
 
 def _lbfgs(x: Array, y: Array, hidden: Array, output: Array, goal: float, seconds: float) -> tuple[float, float]:
     network, begun = _Network(x, y, hidden, output, goal, seconds), perf_counter()
-    with suppress(_Reached):
+    with suppress(_TargetReached):
         minimize(network.error, network.start, jac=True, method="L-BFGS-B", options={"maxiter": 10**6, "maxfun": 10**6})
     return perf_counter() - begun, network.best
 
 
 def _trf(x: Array, y: Array, hidden: Array, output: Array, goal: float, seconds: float) -> tuple[float, float]:
     network, begun = _Network(x, y, hidden, output, goal, seconds), perf_counter()
-    with suppress(_Reached):
+    with suppress(_TargetReached):
         least_squares(network.residual, network.start, jac=network.jacobian, method="trf")
     return perf_counter() - begun, network.best

@@ -16,13 +16,13 @@ from typing import final
 
 import numpy as np
 
-from haptorb.apps.calibrate.measure import Session
+from haptorb.apps.calibrate.measure import DriverSession
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, HostSilent
 from haptorb.numerics.arrays import Array
 from haptorb.sensing.calibration.thermal_identification import ThermalIdentification, thermal_identification
 
-__all__ = ["HEATING", "Course", "Heated", "heated"]
+__all__ = ["HEATING", "HeatingResult", "HeatingSchedule", "identify_heat"]
 
 _RATE = 250.0  #: a firmware's watchdog waits 15 ms: three readings may come late, in six minutes [Hz]
 _UNWATCHED = 100.0  #: nothing watches a simulation [Hz]
@@ -34,7 +34,7 @@ _BREATH = 0.1  #: a pause lasts at least this [s]
 
 
 @dataclass(frozen=True)
-class Course:
+class HeatingSchedule:
     """How long and how strongly: duties [1] and seconds."""
 
     hot: float = 0.3
@@ -48,27 +48,31 @@ class Course:
         return self.heating + self.cooling
 
 
-HEATING = Course()
+HEATING = HeatingSchedule()
 
 
 @dataclass(frozen=True)
-class Heated:
+class HeatingResult:
     """What was found, and how many seconds were lost because this computer hesitated."""
 
     found: ThermalIdentification
     lost: int
 
 
-def heated(
-    session: Session, device: SphericalElectromagnet, resistance: Array, course: Course = HEATING, coil: int = 0
-) -> Heated:
+def identify_heat(
+    session: DriverSession,
+    device: SphericalElectromagnet,
+    resistance: Array,
+    course: HeatingSchedule = HEATING,
+    coil: int = 0,
+) -> HeatingResult:
     """The two nodes of `coil`, found over `course`; `resistance` (m,) [Ω] as it was when cold.
 
     Begin with a cold device: its first temperature is taken as the room's. Raises CalibrationError if it is not, if the
     record determines too little, or if more than a fifth of it was lost.
     """
     coils, rate = device.coils, _UNWATCHED if session.simulated else _RATE
-    rest, _ = session.held(np.zeros(device.channels), 0.2, rate=rate)
+    rest, _ = session.hold(np.zeros(device.channels), 0.2, rate=rate)
     cold = np.mean([sample.temperatures for sample in rest], axis=0)
     if cold[coil] - cold.min() > _COLD:
         raise CalibrationError(
@@ -82,7 +86,7 @@ def heated(
     while n < hot + cool:
         duties[coil] = course.hot if n < hot else course.warm
         try:
-            samples, applied = session.held(duties, _BIN, 0.2 * _BIN, rate=rate)
+            samples, applied = session.hold(duties, _BIN, 0.2 * _BIN, rate=rate)
         except HostSilent as cause:  # safety: silence-forgiven
             lost += 1
             if lost > _LOST * (hot + cool):  # safety: heating-end
@@ -92,7 +96,7 @@ def heated(
                 ) from cause
             last = (duties[coil] * device.supply.voltage) ** 2 / ohms
             record.spend(min(max(session.now() - start, n * _BIN), (n + 1) * _BIN), last)
-            after = _paused(session, device, start, n, rate)
+            after = _pause(session, device, start, n, rate)
             record.spend(after * _BIN, 0.0)
             lost, n = lost + after - n - 1, after
             continue
@@ -108,8 +112,8 @@ def heated(
         if edge[coil] > hottest and n < hot:
             hot = n + 1
         n += 1
-    session.held(np.zeros(device.channels), 0.02, rate=rate)
-    return Heated(
+    session.hold(np.zeros(device.channels), 0.02, rate=rate)
+    return HeatingResult(
         thermal_identification(record.times, record.power(), record.winding, record.boundary, float(cold[coil])), lost
     )
 
@@ -142,9 +146,9 @@ class _Record:
         return mean
 
 
-def _paused(session: Session, device: SphericalElectromagnet, start: float, second: int, rate: float) -> int:
+def _pause(session: DriverSession, device: SphericalElectromagnet, start: float, second: int, rate: float) -> int:
     """Coils off until a second begins: which."""
     session.again()
     after = max(second + 1, ceil((session.now() - start + _BREATH) / _BIN))
-    session.held(np.zeros(device.channels), start + after * _BIN - session.now(), rate=rate)
+    session.hold(np.zeros(device.channels), start + after * _BIN - session.now(), rate=rate)
     return after

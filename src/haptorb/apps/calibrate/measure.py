@@ -21,7 +21,7 @@ from haptorb.sensing.calibration.magnetic_calibration import MagneticCalibration
 from haptorb.sensing.calibration.thermal_identification import ThermalIdentification
 from haptorb.sensing.sample import Sample
 
-__all__ = ["RATE", "Pace", "Session", "calibrate", "composed", "mean_field"]
+__all__ = ["RATE", "DriverSession", "Pace", "calibrate", "compose_calibration", "mean_field"]
 
 RATE = 500.0  #: of readings [Hz]: a firmware's watchdog waits 15 ms
 _REST = 0.4  #: how long the device is read at rest [s]
@@ -45,7 +45,7 @@ class Pace:
     wait: Callable[[float], None] = sleep
 
     @classmethod
-    def simulated(cls) -> Pace:
+    def for_simulation(cls) -> Pace:
         """Time that passes by waiting."""
         now = [0.0]
 
@@ -69,7 +69,7 @@ def calibrate(
     """
     pace = pace or Pace()
     with driver:
-        session = Session(device, driver, pace)
+        session = DriverSession(device, driver, pace)
         say("1/3 at rest: coils off, the tool away")
         ambient = session.at_rest()
         say("2/3 each coil by itself, gently: does it conduct, does its current sensor tell the truth")
@@ -78,10 +78,12 @@ def calibrate(
         found = session.magnetic(resistance)
     for (one, other), angle in found.skew(device.coils.names).items():
         say(f"    coils {one} and {other}: {90 + np.degrees(angle):.2f}° apart")
-    return composed(device, ambient, resistance, found, None if thermal is None else thermal.model, driver.simulated)
+    return compose_calibration(
+        device, ambient, resistance, found, None if thermal is None else thermal.model, driver.simulated
+    )
 
 
-def composed(
+def compose_calibration(
     device: SphericalElectromagnet,
     ambient: Array,
     resistance: Array,
@@ -98,8 +100,8 @@ def composed(
     )  # fmt: skip
 
 
-class Session:
-    """One open driver, read and written at a steady rate; `passed` is told of every reading's time [s]."""
+class DriverSession:
+    """One open driver, read and written at a steady rate; `advance` is told of every reading's time [s]."""
 
     def __init__(
         self,
@@ -118,7 +120,7 @@ class Session:
         """The device is a simulation."""
         return self._driver.simulated
 
-    def held(
+    def hold(
         self, duties: Array, seconds: float, settle: float = 0.0, rate: float = RATE
     ) -> tuple[list[Sample], Array]:
         """Samples while `duties` are applied, from `settle` on, and (m,) what was really applied."""
@@ -153,7 +155,7 @@ class Session:
 
     def at_rest(self) -> Array:
         """(m,) the coils' temperatures [K]; nothing flows and no magnet is near, or CalibrationError."""
-        samples, _ = self.held(self._off, _REST)
+        samples, _ = self.hold(self._off, _REST)
         device = self._device
         currents = np.mean([sample.currents for sample in samples], axis=0)
         worst = int(np.argmax(np.abs(currents)))
@@ -180,9 +182,9 @@ class Session:
             for sign in (1.0, -1.0):
                 duties = self._off.copy()
                 duties[coil] = sign * _GENTLE * device.coils.resistance[coil] / voltage
-                samples, applied = self.held(duties, 0.1, 0.05)
+                samples, applied = self.hold(duties, 0.1, 0.05)
                 swings.append((applied, np.mean([sample.currents for sample in samples], axis=0)))
-                self.held(self._off, 0.02)
+                self.hold(self._off, 0.02)
             duty, swing = float(swings[0][0][coil] - swings[1][0][coil]), swings[0][1] - swings[1][1]
             own, others = swing[coil], np.delete(np.abs(swing), coil)
             if duty == 0.0:
@@ -221,7 +223,7 @@ class Session:
     def magnetic(self, resistance: Array, schedule: Array | None = None) -> MagneticCalibration:
         """The regression over `schedule` (n, m) [A]; CalibrationError where its result cannot be a device's."""
         device = self._device
-        wanted, currents, fields = self.excited(resistance, schedule)
+        wanted, currents, fields = self.excite(resistance, schedule)
         found = magnetic_calibration(device, wanted, currents, fields, self._driver.field_axes)
         strength = float(np.sqrt((fields**2).mean()))
         averaged = np.sqrt(RATE * (self._hold() - _SETTLE) / self._turns)
@@ -238,23 +240,23 @@ class Session:
             )
         return found
 
-    def excited(self, resistance: Array, schedule: Array | None = None) -> tuple[Array, Array, Array]:
+    def excite(self, resistance: Array, schedule: Array | None = None) -> tuple[Array, Array, Array]:
         """(n, m) wanted and measured currents [A] and (n, k, 3) fields [T] over the schedule."""
         wanted = excitation(self._device) if schedule is None else schedule
         hold = self._hold()
         currents, fields = np.empty_like(wanted), np.empty((len(wanted), self._device.sensors, 3))
         for n, amperes in enumerate(wanted):
             duties = np.clip(amperes * resistance / self._device.supply.voltage, -1, 1)
-            samples, _ = self.held(duties, hold, _SETTLE)
+            samples, _ = self.hold(duties, hold, _SETTLE)
             currents[n] = np.mean([sample.currents for sample in samples], axis=0)
             fields[n] = mean_field(samples)
-        self.held(self._off, 0.01)
+        self.hold(self._off, 0.01)
         return wanted, currents, fields
 
     def _hold(self) -> float:
         """How long each current is held [s]: until every field sensor has been read a few times."""
         if self._turns == 0.0:
-            samples, _ = self.held(self._off, 0.06, _SETTLE)
+            samples, _ = self.hold(self._off, 0.06, _SETTLE)
             mean_field(samples)
             self._turns = len(samples) / int(np.isfinite([sample.field for sample in samples]).sum(axis=0).min())
         return max(_HOLD, _SETTLE + _LEAST * self._turns / RATE)

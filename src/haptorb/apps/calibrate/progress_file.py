@@ -10,7 +10,7 @@ from time import time
 from typing import Any, final
 
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.errors import CalibrationError, shown
+from haptorb.errors import CalibrationError, quote
 from haptorb.files.json_file import numbers
 from haptorb.files.text_file import json_of, read_bytes
 
@@ -55,9 +55,9 @@ class ProgressFile:
         self.results: dict[str, dict[str, Any]] = {}
         self.left = ""
         if self.path.exists():
-            self.left = self._taken_up()
+            self.left = self._resume()
 
-    def _taken_up(self) -> str:
+    def _resume(self) -> str:
         try:
             raw = json_of(read_bytes(self.path, _MOST, "progress", CalibrationError))
             head = {key: raw[key] for key in self._head}
@@ -65,7 +65,7 @@ class ProgressFile:
         except (CalibrationError, ValueError, KeyError, TypeError, OverflowError):
             return f"{self.path} is damaged and is not taken up"
         if head != self._head:
-            return f"{self.path} is of driver {shown(raw['driver'])} and another file of the device; it is not taken up"
+            return f"{self.path} is of driver {quote(raw['driver'])} and another file of the device; it is not taken up"
         if not 0.0 <= self._clock() - written <= _STALE:
             return f"{self.path} is older than a day and is not taken up"
         self.results = results

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.devices.device import Device
-from haptorb.errors import CalibrationError, shown
+from haptorb.errors import CalibrationError, quote
 from haptorb.numerics.arrays import Array
 from haptorb.sensing.calibration.thermal_identification import ThermalIdentification, thermal_identification
 
@@ -33,7 +33,7 @@ class ThermalRecord:
     boundary: Array  #: (n,) [K]
     ambient: float  #: [K]
 
-    def identified(self) -> ThermalIdentification:
+    def identify(self) -> ThermalIdentification:
         """The two nodes that explain it; CalibrationError if the record is too short or too cool."""
         return thermal_identification(self.t, self.power, self.winding, self.boundary, self.ambient)
 
@@ -60,7 +60,7 @@ def _from_table(path: Path) -> ThermalRecord:
                 try:
                     rows.append([float(cell) if cell else np.nan for cell in cells])
                 except ValueError as cause:
-                    raise CalibrationError(f"{path}, line {reader.line_num}: not numbers: {shown(cells)}") from cause
+                    raise CalibrationError(f"{path}, line {reader.line_num}: not numbers: {quote(cells)}") from cause
                 if len(rows) > _MOST:
                     raise CalibrationError(f"{path}: a thermal record has at most {_MOST} readings")
     except csv.Error as cause:
@@ -94,7 +94,7 @@ def _from_recording(path: Path, device: Device) -> ThermalRecord:
     noted = recording.metadata.get("device", {})
     if noted.get("digest", device.digest) != device.digest:
         raise CalibrationError(
-            f"{path} was recorded on device {shown(noted.get('name'))} with file {shown(noted['digest'][:12])[1:-1]}, "
+            f"{path} was recorded on device {quote(noted.get('name'))} with file {quote(noted['digest'][:12])[1:-1]}, "
             f"not on '{device.name}' with file {device.digest[:12]}"
         )
     if not len(recording) or recording.t.ndim != 1:

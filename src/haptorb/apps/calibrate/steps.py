@@ -13,8 +13,8 @@ from typing import Any, final
 
 import numpy as np
 
-from haptorb.apps.calibrate.heating import HEATING, Course, heated
-from haptorb.apps.calibrate.measure import Session, composed, mean_field
+from haptorb.apps.calibrate.heating import HEATING, HeatingSchedule, identify_heat
+from haptorb.apps.calibrate.measure import DriverSession, compose_calibration, mean_field
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import CalibrationError
@@ -24,13 +24,13 @@ from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.sensing.calibration.magnetic_calibration import MagneticCalibration, excitation
 from haptorb.sensing.tool.tool_field import ToolModel, tool_field
 
-__all__ = ["STEPS", "Bench", "Step", "calibration_of"]
+__all__ = ["STEPS", "Step", "StepContext", "calibration_of"]
 
 Results = Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
-class Bench:
+class StepContext:
     """One device with its driver open: what a step may use.
 
     axes      (k, 3) directions of one-axis field sensors; None: three axes each
@@ -39,10 +39,10 @@ class Bench:
     """
 
     device: SphericalElectromagnet
-    session: Session
+    session: DriverSession
     axes: Array | None
     schedule: Array
-    course: Course = HEATING
+    course: HeatingSchedule = HEATING
 
 
 class Step(ABC):
@@ -55,71 +55,71 @@ class Step(ABC):
     near = False  #: the tool is at the summit, not away
 
     @abstractmethod
-    def seconds(self, bench: Bench) -> float:
+    def seconds(self, bench: StepContext) -> float:
         """How long it takes, for a bar."""
 
     @abstractmethod
-    def measured(self, bench: Bench, before: Results) -> dict[str, Any]:
+    def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
         """Do it; CalibrationError names what is not as it must be."""
 
     @abstractmethod
-    def told(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+    def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
         """The result in one line."""
 
 
 @final
-class Rest(Step):
+class RestStep(Step):
     """Nothing flows, nothing is near."""
 
     name, title = "rest", "at rest"
     asks = "Take the tool and other magnets at least 30 cm away, switch the coils' supply on."
 
-    def seconds(self, bench: Bench) -> float:
+    def seconds(self, bench: StepContext) -> float:
         """As long as readings are averaged."""
         return 0.4
 
-    def measured(self, bench: Bench, before: Results) -> dict[str, Any]:
+    def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
         """Temperatures of the cold device."""
         return {"temperatures_k": bench.session.at_rest().tolist()}
 
-    def told(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+    def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
         """In degrees."""
         return "no current, no magnet; coils at " + ", ".join(f"{t - 273.15:.1f} °C" for t in result["temperatures_k"])
 
 
 @final
-class Currents(Step):
+class CurrentsStep(Step):
     """Every coil by itself, gently: polarity, current sensing, resistance."""
 
     name, title, needs = "currents", "polarity and current sensing", ("rest",)
     asks = "One ampere goes through each coil, either way."
 
-    def seconds(self, bench: Bench) -> float:
+    def seconds(self, bench: StepContext) -> float:
         """Two signs a coil."""
         return 0.24 * bench.device.channels
 
-    def measured(self, bench: Bench, before: Results) -> dict[str, Any]:
+    def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
         """Resistances."""
         return {"resistance_ohm": bench.session.coils_conduct().tolist()}
 
-    def told(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+    def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
         """In ohms."""
         pairs = zip(device.coils.names, result["resistance_ohm"], strict=True)
         return ", ".join(f"{name} {r:.4f} Ω" for name, r in pairs)
 
 
 @final
-class Magnetic(Step):
+class MagneticStep(Step):
     """Moment per ampere, and the sensors' offsets: Zárate 2020 eq. (5)."""
 
     name, title, needs = "magnetic", "field per ampere", ("rest", "currents")
     asks = "Five amperes go through each coil, either way, in steps. Keep the tool away."
 
-    def seconds(self, bench: Bench) -> float:
+    def seconds(self, bench: StepContext) -> float:
         """30 ms a row."""
         return 0.03 * len(bench.schedule) + 0.01
 
-    def measured(self, bench: Bench, before: Results) -> dict[str, Any]:
+    def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
         """The regression, every number of it."""
         found = bench.session.magnetic(np.array(before["currents"]["resistance_ohm"]), bench.schedule)
         return {
@@ -131,7 +131,7 @@ class Magnetic(Step):
             "repeatability": found.repeatability,
         }
 
-    def told(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+    def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
         """How well it fits, and the coils' skew."""
         skew = _magnetic(result).skew(device.coils.names)
         angles = ", ".join(f"{a} and {b} {90 + np.degrees(angle):.2f}° apart" for (a, b), angle in skew.items())
@@ -139,19 +139,19 @@ class Magnetic(Step):
 
 
 @final
-class Heat(Step):
+class HeatStep(Step):
     """Two nodes of heat, from one coil warmed and cooled."""
 
     name, title, needs = "heat", "heat", ("rest", "currents")
     asks = "One coil is warmed by 25 K or so for three minutes and cools for three. Begin cold; do not touch it."
 
-    def seconds(self, bench: Bench) -> float:
+    def seconds(self, bench: StepContext) -> float:
         """Both halves."""
         return bench.course.seconds + 0.22
 
-    def measured(self, bench: Bench, before: Results) -> dict[str, Any]:
+    def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
         """Capacities and conductances, and how sure they are."""
-        did = heated(bench.session, bench.device, np.array(before["currents"]["resistance_ohm"]), bench.course)
+        did = identify_heat(bench.session, bench.device, np.array(before["currents"]["resistance_ohm"]), bench.course)
         found, model = did.found, did.found.model
         return {
             "winding_capacity": model.winding_capacity,
@@ -163,7 +163,7 @@ class Heat(Step):
             "lost_s": did.lost,
         }
 
-    def told(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+    def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
         """What it stands for ever."""
         heat = device.coils.heat
         watts = (heat.derate - heat.ambient) / (1 / result["winding_to_body"] + 1 / result["body_to_air"])
@@ -172,19 +172,19 @@ class Heat(Step):
 
 
 @final
-class Tool(Step):
+class ToolStep(Step):
     """The tool's magnet at the summit: which way round it is. Coils stay off."""
 
     name, title, needs, near = "tool", "the tool's magnet", ("rest", "magnetic"), True
     asks = "Hold the tool upright on the summit of the dome. Coils stay off."
 
-    def seconds(self, bench: Bench) -> float:
+    def seconds(self, bench: StepContext) -> float:
         """As long as readings are averaged."""
         return 0.6
 
-    def measured(self, bench: Bench, before: Results) -> dict[str, Any]:
+    def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
         """The field's likeness to that of the device file's tool (1: the same, −1: the other way round), and size."""
-        samples, _ = bench.session.held(np.zeros(bench.device.channels), 0.6, 0.2)
+        samples, _ = bench.session.hold(np.zeros(bench.device.channels), 0.6, 0.2)
         field = mean_field(samples) - np.array(before["magnetic"]["offsets_t"])
         likeness, strength = _likeness(bench.device, field, bench.axes)
         size = float(np.sqrt((field**2).mean()))
@@ -199,13 +199,13 @@ class Tool(Step):
             )
         return {"likeness": likeness, "strength": strength}
 
-    def told(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+    def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
         """The magnet as seen."""
         return f"the right way round, {100 * result['strength']:.0f} % of the device file's strength"
 
 
 #: in the order in which they are taken
-STEPS: tuple[Step, ...] = (Rest(), Currents(), Magnetic(), Heat(), Tool())
+STEPS: tuple[Step, ...] = (RestStep(), CurrentsStep(), MagneticStep(), HeatStep(), ToolStep())
 
 
 def calibration_of(
@@ -216,7 +216,9 @@ def calibration_of(
         names = ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air")
         heat = TwoNode(*(float(results["heat"][name]) for name in names))
     ambient, resistance = results["rest"]["temperatures_k"], results["currents"]["resistance_ohm"]
-    return composed(device, np.array(ambient), np.array(resistance), _magnetic(results["magnetic"]), heat, simulated)
+    return compose_calibration(
+        device, np.array(ambient), np.array(resistance), _magnetic(results["magnetic"]), heat, simulated
+    )
 
 
 def schedule_of(device: SphericalElectromagnet, levels: int, repeats: int) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, final
 
-from haptorb.apps.check.machine import Machine, Took
+from haptorb.apps.check.machine import Machine, StolenTime
 
 __all__ = ["LATENESS", "SUCCESS", "Fitness", "Verdict"]
 
@@ -34,7 +34,7 @@ class Fitness:
 
     report: Mapping[str, Any]
     machine: Machine
-    took: Took
+    took: StolenTime
     duration: float  #: [s]
     dragging: bool
 

@@ -51,11 +51,11 @@ class LateTracker(Driver):
         if self._told is None:
             self._told = replace(sample.pose, t=now, v=np.zeros(3))
         elif at > self._told.t + 1e-9:
-            p, R = self._placed(at)
+            p, R = self._pose_at(at)
             self._told = Pose(at, R, p, sample.pose.w, (p - self._told.p) / (at - self._told.t), True)
         return replace(sample, pose=self._told)
 
-    def _placed(self, at: float) -> tuple[Array, Array]:
+    def _pose_at(self, at: float) -> tuple[Array, Array]:
         for then, pose in reversed(self._history):
             if then <= at + 1e-9:
                 return pose.p + (at - then) * pose.v, pose.R_SR

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
-__all__ = ["Machine", "Took", "Watch", "this_machine"]
+__all__ = ["Machine", "StolenTime", "StolenTimeCounter", "this_machine"]
 
 #: fields of /proc/PID/stat behind the program's name: user and system time, scheduling policy
 _USER, _POLICY = 11, 38
@@ -28,7 +28,7 @@ class Machine:
 
 
 @dataclass(frozen=True)
-class Took:
+class StolenTime:
     """What others took from the loop while it was measured."""
 
     preempted: int  #: times that the kernel gave the servo's processor to somebody else
@@ -58,22 +58,22 @@ def this_machine() -> Machine:
 
 
 @final
-class Watch:
+class StolenTimeCounter:
     """Looks at the kernel's counters when it is made, and again in `took`."""
 
     def __init__(self, pid: int) -> None:
         self._pid = pid
         self._times = _times()
-        self._preempted = _preempted(pid)
+        self._preempted = _count_preemptions(pid)
         self._awake = _idling(pid)
 
-    def took(self) -> Took:
+    def took(self) -> StolenTime:
         """What was taken since the beginning."""
         passed = [now - then for now, then in zip(_times(), self._times, strict=True)]
         total = max(sum(passed), 1)
         idle = passed[3] + passed[4] + max(_idling(self._pid) - self._awake, 0)
-        return Took(
-            max(_preempted(self._pid) - self._preempted, 0),
+        return StolenTime(
+            max(_count_preemptions(self._pid) - self._preempted, 0),
             passed[7] / total,
             max((os.cpu_count() or 1) * (total - idle - passed[7]) / total, 0.0),
         )
@@ -85,7 +85,7 @@ def _times() -> list[int]:
     return [int(field) for field in fields] or [0] * 8
 
 
-def _preempted(pid: int) -> int:
+def _count_preemptions(pid: int) -> int:
     for line in _text(f"/proc/{pid}/status").splitlines():
         if line.startswith("nonvoluntary_ctxt_switches:"):
             return int(line.split()[1])

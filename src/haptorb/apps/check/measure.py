@@ -8,17 +8,17 @@ from time import monotonic, sleep
 import numpy as np
 
 from haptorb.apps.check.fitness import Fitness
-from haptorb.apps.check.machine import Watch, this_machine
+from haptorb.apps.check.machine import StolenTimeCounter, this_machine
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.servo.servo import Servo
 
-__all__ = ["dragged", "measured"]
+__all__ = ["drag_position", "measure_fitness"]
 
 _FRAME = 1 / 60  #: a console's [s]
 
 
-def measured(
+def measure_fitness(
     duration: float = 30.0, *, rate: float = 1000.0, device: str = "omni", dragging: bool = True, progress: bool = True
 ) -> Fitness:
     """Run for `duration` [s] and judge. With `dragging`, a client in this process points and reads at 60 Hz.
@@ -36,11 +36,11 @@ def measured(
         Servo(device, rate=rate, record=False) as servo,
     ):
         task = bar.add_task("measuring the loop", total=duration)
-        watch, begin, cursor = Watch(servo.servo_pid), monotonic(), 0
+        watch, begin, cursor = StolenTimeCounter(servo.servo_pid), monotonic(), 0
         while (t := monotonic() - begin) < duration:
             servo.check()
             if dragging:
-                servo.point(dragged(t))
+                servo.point(drag_position(t))
                 cursor, _ = servo.rows(cursor)
             if int(t / _FRAME) % 30 == 0:
                 bar.update(task, completed=t)
@@ -49,7 +49,7 @@ def measured(
     return Fitness(servo.report(), this_machine(), took, duration, dragging)
 
 
-def dragged(t: float) -> Array:
+def drag_position(t: float) -> Array:
     """(3,) [m] where the client holds the pointer: round and round the summit, leaning on the dome."""
     tilt, turn = math.radians(15 + 12 * math.sin(0.9 * t)), 1.7 * t
     return 0.048 * np.array([math.sin(tilt) * math.cos(turn), math.sin(tilt) * math.sin(turn), math.cos(tilt)])

@@ -9,10 +9,10 @@ if TYPE_CHECKING:
 
     from haptorb.apps.check.fitness import Fitness
 
-__all__ = ["shown"]
+__all__ = ["print_fitness"]
 
 
-def shown(fitness: Fitness, console: Console | None = None) -> None:
+def print_fitness(fitness: Fitness, console: Console | None = None) -> None:
     """Print verdicts, times, the machine and what to do about it."""
     from rich.console import Console
     from rich.table import Table

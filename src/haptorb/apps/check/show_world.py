@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
     from haptorb.apps.check.world import WorldVerdict
 
-__all__ = ["drawn_world", "shown_world"]
+__all__ = ["draw_world", "print_world"]
 
 _WORDS = {"inside": "[bold green]Inside:", "close": "[bold yellow]Close to the edge:", "outside": "[bold red]Outside:"}
 
 
-def shown_world(verdict: WorldVerdict, console: Console | None = None) -> None:
+def print_world(verdict: WorldVerdict, console: Console | None = None) -> None:
     """Print what the world asks, what the loop stands, and what to do."""
     from rich.console import Console
     from rich.table import Table
@@ -79,7 +79,7 @@ def _value(value: float) -> str:
     return "no limit" if math.isinf(value) else f"{value:.4g}"
 
 
-def drawn_world(
+def draw_world(
     verdict: WorldVerdict, path: Path, tried: Sequence[tuple[float, float]] = (), ages: Sequence[float] = ()
 ) -> Path:
     """Draw the Z-width into `path`: over the hand's damping, and over the age of poses.

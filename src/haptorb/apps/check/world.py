@@ -18,7 +18,7 @@ from haptorb.errors import InputError
 from haptorb.sensing.tool.place_filter import memory
 from haptorb.worlds.world import World
 
-__all__ = ["ENOUGH", "Setting", "WorldVerdict", "judged"]
+__all__ = ["ENOUGH", "Setting", "WorldVerdict", "judge_world"]
 
 ENOUGH = 1.5  #: a world should be so many times weaker than the strongest that is stable: hands differ
 _FASTEST = 4000.0  #: no servo here is faster [Hz]
@@ -111,7 +111,7 @@ class WorldVerdict:
             found.append(f"Run the servo at --rate {math.ceil(quicker * setting.rate):d}.")
         if self.margins and self.margins[0][1].damping * abs(self.loop.period) > self.hand.mass:
             found.append("It is the world's damping that is late, not its stiffness: lessen that.")
-        damper = _least(lambda x: self._held(replace(self.hand, damping=x * self.hand.damping)), 100.0)
+        damper = _least(lambda x: self._stiffness_held_by(replace(self.hand, damping=x * self.hand.damping)), 100.0)
         if damper is not None and self.hand.damping > 0.0:
             found.append(
                 f"Hold it more firmly: {damper * self.setting.hand.damping:.1f} N·s/m instead of "
@@ -119,7 +119,7 @@ class WorldVerdict:
             )
         return tuple(found)
 
-    def _held(self, hand: HandGrip) -> float:
+    def _stiffness_held_by(self, hand: HandGrip) -> float:
         return min((_factor(self.loop, hand, one) for _, one in self.margins), default=math.inf)
 
     def _with(self, **changes: float) -> float:
@@ -165,7 +165,7 @@ class WorldVerdict:
         }
 
 
-def judged(device: Device, world: World, setting: Setting, name: str = "") -> WorldVerdict:
+def judge_world(device: Device, world: World, setting: Setting, name: str = "") -> WorldVerdict:
     """Look at `world` all over the workspace of `device`; seconds."""
     if setting.latency > device.limits.expiry:
         raise InputError(

@@ -37,7 +37,7 @@ def bench(
         raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
     if store is not None and not store.parent.is_dir():
         raise InputError(f"--store: the folder '{store.parent}' does not exist")
-    from haptorb.apps.bench import BENCHMARKS, gathered, magnetics
+    from haptorb.apps.bench import BENCHMARKS, magnetics, run_benchmarks
 
     if plot is not None:
         if names not in (None, [], ["magnetics"]):
@@ -47,7 +47,9 @@ def bench(
         return
     command = " ".join(["haptorb bench", *(names or []), *([f"--effort {effort:g}"] if effort != 1.0 else [])])
     with Console(stderr=True).status("compiling") as status:
-        found = gathered(names or BENCHMARKS, effort, command, lambda name, what: status.update(f"{name}: {what}"))
+        found = run_benchmarks(
+            names or BENCHMARKS, effort, command, lambda name, what: status.update(f"{name}: {what}")
+        )
     if store is not None:
         found.store(store)
     if json:

@@ -44,8 +44,8 @@ def calibrate(
 ) -> None:  # fmt: skip
     """Calibrate a device: polarity, current sensing, field per ampere, heat, tool. Goes on where it was interrupted."""
     from haptorb.apps.calibrate import thermal_record
-    from haptorb.apps.calibrate.door import door
-    from haptorb.apps.calibrate.guided import Guide, guided, known_steps
+    from haptorb.apps.calibrate.dialog import Dialog, check_steps, guide_calibration
+    from haptorb.apps.calibrate.driver import door
     from haptorb.apps.progress import time_bar
     from haptorb.devices.electromagnet.api import electromagnet
     from haptorb.devices.loader import load
@@ -56,9 +56,9 @@ def calibrate(
     if not found.sensors:
         raise InputError(f"device '{found.name}' has no field sensors; `haptorb calibrate` measures with them")
     names = None if steps is None else [name.strip() for name in steps.split(",")]
-    chosen = known_steps(names, () if thermal is None else ("heat",))
+    chosen = check_steps(names, () if thermal is None else ("heat",))
     path = writable(out or Path(f"{found.name}.calibration.json"), overwrite=force)
-    heat = None if thermal is None else thermal_record(thermal, found).identified().model
+    heat = None if thermal is None else thermal_record(thermal, found).identify().model
     through, pace = door(driver, found, seed, watchdog=not no_watchdog)
     asks = not (yes or through.simulated)
     if asks and not sys.stdin.isatty():
@@ -68,9 +68,9 @@ def calibrate(
         )
     if not through.simulated:
         steady()  # a firmware switches off after 15 ms of silence, however busy this computer is
-    result = guided(
+    result = guide_calibration(
         found, through, path, steps=chosen, heat=heat, pace=pace, restart=restart, overwrite=force,
-        guide=Guide(_say, _ask if asks else lambda step: True, lambda step, seconds: time_bar(step.title, seconds)),
+        guide=Dialog(_say, _ask if asks else lambda step: True, lambda step, seconds: time_bar(step.title, seconds)),
     )  # fmt: skip
     if result is None:
         raise typer.Exit(1)

@@ -53,15 +53,15 @@ def check(
         raise InputError(
             "--plot, --set, --tracker, --tracker-rate and --latency belong to --world: haptorb check --world dome"
         )
-    from haptorb.apps.check import measured, shown
+    from haptorb.apps.check import measure_fitness, print_fitness
 
-    result = measured(duration, rate=rate, device=device, dragging=not alone)
+    result = measure_fitness(duration, rate=rate, device=device, dragging=not alone)
     if json:
         from json import dumps
 
         print(dumps(result.numbers(), indent=2))
     else:
-        shown(result)
+        print_fitness(result)
     if not result.fit:
         raise typer.Exit(1)
 
@@ -73,11 +73,11 @@ def _world(
     from math import isfinite
 
     from haptorb import worlds
-    from haptorb.apps.check import Setting, drawn_world, judged, shown_world
+    from haptorb.apps.check import Setting, draw_world, judge_world, print_world
     from haptorb.apps.cli.run import values_of
-    from haptorb.control.stability.hand_grip import known_grip
+    from haptorb.control.stability.hand_grip import check_grip
     from haptorb.devices.loader import load
-    from haptorb.runtime.realtime.schedule import known_rate
+    from haptorb.runtime.realtime.schedule import check_rate
 
     if not (isfinite(latency) and latency >= 0):
         raise InputError(f"--latency must be at least 0 ms; got {latency:g}")
@@ -87,18 +87,18 @@ def _world(
         raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
     found = load(device)
     setting = Setting(
-        known_rate(rate), tracker_rate, 1e-3 * latency, grip, known_grip(grip), _bandwidth(found, tracker, tracker_rate)
+        check_rate(rate), tracker_rate, 1e-3 * latency, grip, check_grip(grip), _bandwidth(found, tracker, tracker_rate)
     )
-    felt = worlds.named(world)().changed(**values_of(settings))
-    verdict = judged(found, felt, setting, world)
+    felt = worlds.find_world(world)().replace(**values_of(settings))
+    verdict = judge_world(found, felt, setting, world)
     if json:
         from json import dumps
 
         print(dumps(verdict.numbers(), indent=2, ensure_ascii=False))
     else:
-        shown_world(verdict)
+        print_world(verdict)
     if plot is not None:
-        drawn_world(verdict, plot, _tried(found, verdict))
+        draw_world(verdict, plot, _try_hands(found, verdict))
     if not verdict.fit:
         raise typer.Exit(1)
 
@@ -106,7 +106,7 @@ def _world(
 def _bandwidth(device: Device, tracker: str | None, tracker_rate: float | None) -> float | None:
     """Of the filter behind `tracker` [Hz]; None where there is none."""
     from haptorb.devices.electromagnet.api import electromagnet
-    from haptorb.runtime.tick.assembly import known_estimator
+    from haptorb.runtime.tick.assembly import check_estimator
     from haptorb.sensing.tool.tool_position import HallTracker
 
     if tracker is None:
@@ -116,14 +116,14 @@ def _bandwidth(device: Device, tracker: str | None, tracker_rate: float | None) 
         raise InputError(
             f"--tracker is hall or hall:HZ, or left out and its --tracker-rate and --latency given; got '{tracker}'"
         )
-    known_estimator(device, name)
+    check_estimator(device, name)
     if tracker_rate is not None:
         raise InputError("--tracker hall tells a pose in every tick: it has no --tracker-rate")
     found = electromagnet(device, "--tracker hall")
     return (HallTracker(found, bandwidth=float(bandwidth)) if bandwidth else HallTracker(found)).bandwidth
 
 
-def _tried(device: Device, verdict: WorldVerdict) -> list[tuple[float, float]]:
+def _try_hands(device: Device, verdict: WorldVerdict) -> list[tuple[float, float]]:
     """(damping, largest stiffness) of the whole simulated chain for a few hands; none where its kind has none."""
     from dataclasses import replace
 

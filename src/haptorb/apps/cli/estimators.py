@@ -35,14 +35,14 @@ def estimators(
     from rich.console import Console
     from rich.progress import Progress
 
-    from haptorb.apps.estimators import compare, plotted, shown
+    from haptorb.apps.estimators import compare, plot_comparison, print_comparison
     from haptorb.apps.progress import build_tables
     from haptorb.devices.motor.api import motor
-    from haptorb.sensing.torque_maps.network_file import known_networks, read_networks
+    from haptorb.sensing.torque_maps.network_file import check_networks, read_networks
 
     known = motor(device)
     build_tables(known)
-    trained = known_networks(known) if networks is None else read_networks(networks)
+    trained = check_networks(known) if networks is None else read_networks(networks)
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("comparing", total=1.0)
         result = compare(
@@ -53,6 +53,6 @@ def estimators(
 
         print(dumps(result.numbers(), indent=2, ensure_ascii=False))
     else:
-        shown(result, Console())
+        print_comparison(result, Console())
     if plot is not None:
-        plotted(result, plot)
+        plot_comparison(result, plot)

@@ -12,7 +12,7 @@ import typer
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
-    from haptorb.apps.feel import Candidate, Candidates, Session, Trace
+    from haptorb.apps.feel import Candidate, Candidates, FeelSession, Trace
     from haptorb.runtime.recording.recording import Recording
     from haptorb.runtime.servo.servo import Servo
 
@@ -41,7 +41,7 @@ def feel(
     json: Annotated[bool, typer.Option("--json", help="The comparison as JSON.")] = False,
 ) -> None:
     """Feel designs one after another, rate each from 1 to 7, and compare them. What was felt and said is kept."""
-    from haptorb.apps.feel import Session, load_designs
+    from haptorb.apps.feel import FeelSession, load_designs
 
     candidates = load_designs(designs)
     wanted = [candidates[name] for name in only] if only else list(candidates.designs)
@@ -52,7 +52,7 @@ def feel(
         raise InputError(f"--seconds must be greater than 0; got {seconds:g}")
     if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
         raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
-    kept = Session(session or designs.with_name(f"{designs.stem}-session"), candidates)
+    kept = FeelSession(session or designs.with_name(f"{designs.stem}-session"), candidates)
     for design in wanted:
         for remark in design.remarks:
             _say(f"{design.name}: {remark}")
@@ -66,7 +66,7 @@ def feel(
         _say(f"{design.title}: felt for {len(trace.rows) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
     if choose is not None:
         kept.choose(choose, person=person)
-    _compared(candidates, kept, plot, json)
+    _compare(candidates, kept, plot, json)
 
 
 def _servo(device: str, design: Candidate, candidates: Candidates) -> Servo:
@@ -74,7 +74,7 @@ def _servo(device: str, design: Candidate, candidates: Candidates) -> Servo:
     from haptorb.runtime.servo.servo import Servo
 
     # The file scales torques; how far the handle moves the part is the motor's matter.
-    return Servo(device, design.world, gains=MOTOR_GAINS.scaled(float(candidates.gains.torque_per_motion[0])))
+    return Servo(device, design.world, gains=MOTOR_GAINS.scale(float(candidates.gains.torque_per_motion[0])))
 
 
 def _alone(servo: Servo, seconds: float) -> str:
@@ -151,7 +151,7 @@ def _scores(given: list[str], candidates: Candidates) -> dict[str, int]:
     return scores
 
 
-def _compared(candidates: Candidates, session: Session, plot: Path | None, json: bool) -> None:
+def _compare(candidates: Candidates, session: FeelSession, plot: Path | None, json: bool) -> None:
     from haptorb.apps.feel.comparison import comparison, plot_comparison
 
     table = comparison(candidates, session)

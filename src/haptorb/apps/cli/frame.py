@@ -37,23 +37,23 @@ def frame(
     json: Annotated[bool, typer.Option("--json", help="Print the frame as JSON.")] = False,
 ) -> None:
     """Register a tracker's own frame: touch the dome and its marks, roll the tool. Then: haptorb run --frame FILE."""
-    from haptorb.apps.frame.frame_rehearsal import PACE, Rehearsal, missed, rehearsal_port
-    from haptorb.apps.frame.frame_steps import known_device, registered
+    from haptorb.apps.frame.frame_rehearsal import PACE, Rehearsal, measure_miss, rehearsal_port
+    from haptorb.apps.frame.frame_steps import check_device, register_frame
     from haptorb.apps.progress import time_bar
     from haptorb.devices.loader import load
-    from haptorb.runtime.trackers.tracker_registry import fed, feed_of, known_tracker, prepared
+    from haptorb.runtime.trackers.tracker_registry import check_tracker, feed_of, has_feed, prepare_tracker
     from haptorb.sensing.calibration_file import writable, write_frame
     from haptorb.sensing.frame.tracker_frame import TrackerFrame
 
-    found = known_device(load(device))
-    known_tracker(tracker)
-    if not fed(tracker) or tracker.startswith("replay:"):
+    found = check_device(load(device))
+    check_tracker(tracker)
+    if not has_feed(tracker) or tracker.startswith("replay:"):
         raise InputError(f"tracker '{tracker}' speaks the stator's frame already; name one with a frame of its own")
     port = rehearsal_port(tracker) if rehearse else 0
     path = writable(out or Path(f"{found.name}.frame.json"), overwrite=force)
     if not rehearse and not sys.stdin.isatty():
         raise InputError("registering a frame asks a person before every step, and there is no terminal")
-    preparation = prepared(tracker)
+    preparation = prepare_tracker(tracker)
     rehearsal = Rehearsal(found, port, seed) if rehearse else None
     opened, doing = ExitStack(), ExitStack()
 
@@ -70,7 +70,7 @@ def frame(
         feed = feed_of(preparation.spec, preparation.descriptor, lambda: 0.0)
         preparation.descriptor = -1  # the feed's now
         opened.callback(feed.close)
-        result = registered(found, feed, ask=ask, say=_say, bar=time_bar, pace=PACE if rehearse else 1.0)
+        result = register_frame(found, feed, ask=ask, say=_say, bar=time_bar, pace=PACE if rehearse else 1.0)
     if result is None:
         raise typer.Exit(1)
     written = TrackerFrame.of(result, found, found.tool.tip_distance, tracker, simulated=rehearse)
@@ -85,7 +85,7 @@ def frame(
           f"itself: {1e3 * result.radius:.2f} mm (file: {1e3 * found.dome_radius:g} mm); the axis wobbled "
           f"{math.degrees(result.wobble):.2f}°")  # fmt: skip
     if rehearsal is not None:
-        place, turn = missed(result, rehearsal.tracker, found)
+        place, turn = measure_miss(result, rehearsal.tracker, found)
         print(f"the made-up truth is missed by {1e3 * place:.2f} mm (rms) and {math.degrees(turn):.2f}° (greatest)")
     print(f"written: {path}{' (of a rehearsal)' if rehearse else ''}; use it with: "
           f"haptorb run {device} --tracker {tracker} --frame {path}")  # fmt: skip

@@ -11,7 +11,7 @@ import typer
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
-    from haptorb.apps.reproduce import Made, Reproduction
+    from haptorb.apps.reproduce import Reproduction, ReproductionResult
 
 __all__ = ["register"]
 
@@ -37,12 +37,12 @@ def reproduce(
     folder = out or Path()
     if not folder.is_dir():
         raise InputError(f"--out: the folder '{folder}' does not exist; make it, or name another")
-    chosen, name = _chosen(paper, figure, table, quick)
+    chosen, name = _choose(paper, figure, table, quick)
     paths = [folder / f"{name}.html", folder / f"{name}.json"]
     there = [str(path) for path in paths if path.exists()]
     if there and not force:
         raise InputError(f"{there[0]} exists; use --force to replace it, or --out for another folder")
-    made = _made(chosen)
+    made = _make(chosen)
     every = [item for one in made for item in one.items]
     from json import dumps
 
@@ -54,33 +54,33 @@ def reproduce(
     if json:
         print(numbers)
     else:
-        _shown(made, paths)
+        _show(made, paths)
     if any(item.verdict == "differs" for item in every):
         raise typer.Exit(1)
 
 
-def _chosen(
+def _choose(
     paper: str | None, figure: int | None, table: str | None, quick: bool
 ) -> tuple[tuple[Reproduction, ...], str]:
     """What is to be made, and the name of the files."""
-    from haptorb.apps.reproduce import reproduced, reproductions
+    from haptorb.apps.reproduce import find_reproduction, reproductions
 
     chosen = reproductions(paper)
     if figure is not None or table is not None:
         if paper is None or (figure is not None and table is not None):
             raise InputError("--figure or --table is one of a paper: haptorb reproduce bai2012 --figure 8")
-        one = reproduced(paper, f"figure {figure}" if figure is not None else f"table {table}")
+        one = find_reproduction(paper, f"figure {figure}" if figure is not None else f"table {table}")
         return (one,), f"{one.paper}-{one.name.replace(' ', '-')}"
     if quick:
         chosen = tuple(one for one in chosen if not one.slow)
     return chosen, f"reproduction-{paper}" if paper else "reproduction"
 
 
-def _made(chosen: tuple[Reproduction, ...]) -> list[Made]:
+def _make(chosen: tuple[Reproduction, ...]) -> list[ReproductionResult]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from haptorb.apps.reproduce import Made
+    from haptorb.apps.reproduce import ReproductionResult
 
     # The slow ones take about as long as thirty others each; so the bar moves evenly.
     weights = [30.0 if one.slow else 1.0 for one in chosen]
@@ -91,14 +91,14 @@ def _made(chosen: tuple[Reproduction, ...]) -> list[Made]:
         for n, one in enumerate(chosen):
             bar.update(task, description=f"{one.paper}, {one.name}", completed=sum(weights[:n]))
 
-            def told(share: float, before: float = sum(weights[:n]), weight: float = weights[n]) -> None:
+            def report(share: float, before: float = sum(weights[:n]), weight: float = weights[n]) -> None:
                 bar.update(task, completed=before + weight * share)
 
-            made.append(Made(one, *one.made(told)))
+            made.append(ReproductionResult(one, *one.make(report)))
     return made
 
 
-def _shown(made: list[Made], paths: list[Path]) -> None:
+def _show(made: list[ReproductionResult], paths: list[Path]) -> None:
     from rich.console import Console
     from rich.table import Table
 

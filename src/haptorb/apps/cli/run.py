@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptorb.errors import InputError, shown
+from haptorb.errors import InputError, quote
 
 if TYPE_CHECKING:
-    from haptorb.runtime.processes.prestart import Standby
+    from haptorb.runtime.processes.prestart import PrestartedProcess
     from haptorb.runtime.servo.servo import Servo
 
 __all__ = ["register", "values_of"]
@@ -76,9 +76,9 @@ def run(
     values = values_of(settings or [])
     if duration is not None and not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
-    from haptorb.runtime.processes.prestart import Standby
+    from haptorb.runtime.processes.prestart import PrestartedProcess
 
-    with Standby() as standby:  # it loads while this process does, and reads the device file
+    with PrestartedProcess() as standby:  # it loads while this process does, and reads the device file
         from haptorb import worlds
         from haptorb.apps.progress import build_tables
         from haptorb.devices.loader import load
@@ -87,7 +87,7 @@ def run(
         from haptorb.runtime.tick.assembly import default_world
 
         found = load(device)
-        felt = worlds.named(world or default_world(found))().changed(**values)
+        felt = worlds.find_world(world or default_world(found))().replace(**values)
         build_tables(found)
         servo = Servo(
             device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction, frame=frame,
@@ -112,8 +112,8 @@ def run(
         raise typer.Exit(128 + number)
 
 
-def _alone(servo: Servo, standby: Standby, duration: float | None, json: bool) -> int:
-    with _opened(servo, standby):
+def _alone(servo: Servo, standby: PrestartedProcess, duration: float | None, json: bool) -> int:
+    with _open_servo(servo, standby):
         if not json:
             _say(f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_nature(servo)}. Ctrl-C ends.")
         try:
@@ -127,12 +127,14 @@ def _alone(servo: Servo, standby: Standby, duration: float | None, json: bool) -
     return number
 
 
-def _with_console(servo: Servo, standby: Standby, duration: float | None, port: int, browser: bool, json: bool) -> int:
+def _with_console(
+    servo: Servo, standby: PrestartedProcess, duration: float | None, port: int, browser: bool, json: bool
+) -> int:
     from time import monotonic
 
     from haptorb.apps.console import Console
 
-    with Console(servo, port) as console, _opened(servo, standby):
+    with Console(servo, port) as console, _open_servo(servo, standby):
         _say(f"Open {console.url} in a browser: {servo.device.name}, {_nature(servo)}. Ctrl-C ends.")
         end = float("inf") if duration is None else monotonic() + duration
         number = console.serve(open_browser=browser, until=lambda: monotonic() > end)
@@ -142,7 +144,7 @@ def _with_console(servo: Servo, standby: Standby, duration: float | None, port: 
 
 
 @contextmanager
-def _opened(servo: Servo, standby: Standby) -> Iterator[None]:
+def _open_servo(servo: Servo, standby: PrestartedProcess) -> Iterator[None]:
     """`servo` running, and closed on the way out; people are told why when the start takes long."""
     hint = Timer(3.0, _say, ["Starting ... The first start after an installation compiles for about half a minute."])
     hint.daemon = True
@@ -189,12 +191,12 @@ def _report(servo: Servo, json: bool) -> None:
             )
         )
     if "rate_hz" in (poses := report["tracking"]):
-        _say(_tracked(servo.tracker, poses))
+        _say(_describe_tracking(servo.tracker, poses))
     for trip in report["trips"]:
         _say(f"tripped at {trip['t']:.2f} s: {trip['reason']}")
 
 
-def _tracked(name: str, poses: dict[str, Any]) -> str:
+def _describe_tracking(name: str, poses: dict[str, Any]) -> str:
     """One line on how the poses came."""
     if not poses["accepted"]:
         told = "no pose was taken"
@@ -216,7 +218,7 @@ def values_of(settings: list[str]) -> dict[str, float | tuple[float, ...]]:
         except ValueError:
             numbers = ()
         if not equals or not numbers:
-            raise InputError(f"--set must be NAME=VALUE or NAME=X,Y,Z with numbers; got {shown(setting)}")
+            raise InputError(f"--set must be NAME=VALUE or NAME=X,Y,Z with numbers; got {quote(setting)}")
         values[name.strip()] = numbers[0] if len(numbers) == 1 else numbers
     return values
 

@@ -31,7 +31,7 @@ def worlds(
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
     """The worlds that can be felt, one line each; with a name, that world's parameters."""
-    from haptorb.worlds import CATALOGUE, named
+    from haptorb.worlds import CATALOGUE, find_world
     from haptorb.worlds.parameter import parameters
 
     if name is None:
@@ -40,7 +40,7 @@ def worlds(
     from rich.console import Console
     from rich.table import Table
 
-    known = parameters(named(name)).values()
+    known = parameters(find_world(name)).values()
     if json:
         from json import dumps
 
@@ -48,7 +48,7 @@ def worlds(
         print(dumps([{field: getattr(item, field) for field in fields} for item in known], indent=2))
         return
     console = Console()
-    world = named(name)
+    world = find_world(name)
     console.print(f"[bold]{name}[/]: {(world.__doc__ or '').splitlines()[0]}")
     console.print(f"[dim]{_nature(world.passive, world.continuous)}[/]")
     if not known:

@@ -41,7 +41,7 @@ def check(file: FileArgument) -> None:
 
     known = read_study(file)
     print(f"{known.name}: {known.procedure} on '{known.device}', {len(known.points)} set-points")
-    if not _foretold(known):
+    if not _print_forecast(known):
         raise typer.Exit(1)
 
 
@@ -68,17 +68,17 @@ def run(
 ) -> None:
     """Run sessions: a page for the participant and one for the experimenter; interrupted ones are resumed."""
     from haptorb.apps.study.model.study_file import read_study
-    from haptorb.apps.study.session.stored_session import known_code
+    from haptorb.apps.study.session.stored_session import check_code
     from haptorb.apps.study.store.database import database
 
     known = read_study(file)
     if participant is not None:
-        known_code(participant)
+        check_code(participant)
     elif terminal:
         raise InputError("--terminal needs --participant CODE, like P01")
     if terminal and (known.mask is not None or lsl is not None):
         raise InputError("noise that masks the device and LSL streams need the browser: leave --terminal away")
-    _foretold(known)
+    _print_forecast(known)
     from haptorb.runtime.servo.servo import Servo
 
     def start(recording: Path | None) -> Servo:
@@ -87,9 +87,9 @@ def run(
     start(None)  # not opened: a driver, tracker, frame or stream that is none is refused before a database is made
     streams = None
     if lsl is not None:
-        from haptorb.apps.study.session.streams import opened
+        from haptorb.apps.study.session.streams import open_streams
 
-        streams = opened(lsl)
+        streams = open_streams(lsl)
     engine = database(db)  # before the device: without a place for answers nothing is started
     if terminal:
         told = {"--driver": (driver, "sim"), "--tracker": (tracker, "pointer"), "--frame": (frame, None)}
@@ -104,9 +104,9 @@ def _at_terminal(
     known: Study, engine: Engine, participant: str, start: Callable[[Path | None], Servo], db: str, again: str,
     record: bool,
 ) -> None:  # fmt: skip
-    from haptorb.apps.study.session.stored_session import Sitting
+    from haptorb.apps.study.session.stored_session import StoredSession
 
-    with Sitting(engine, known, participant, simulated=False) as sitting:
+    with StoredSession(engine, known, participant, simulated=False) as sitting:
         if sitting.resumed:
             _say(f"resuming session {sitting.id} of {participant} at trial {sitting.number + 1}")
         if sitting.over:
@@ -122,16 +122,16 @@ def _in_browser(
     known: Study, engine: Engine, participant: str | None, start: Callable[[Path | None], Servo], db: str, driver: str,
     record: bool, streams: Streams | None, port: int,
 ) -> None:  # fmt: skip
-    from haptorb.apps.study.pages.host import Host
-    from haptorb.apps.study.pages.reception import Reception
+    from haptorb.apps.study.pages.server import StudyServer
+    from haptorb.apps.study.pages.session_manager import SessionManager
     from haptorb.apps.study.simulated.forecast import forecast
-    from haptorb.apps.study.store.database import shown
+    from haptorb.apps.study.store.database import mask_password
 
-    reception = Reception(
+    reception = SessionManager(
         engine, known, start, (lambda session: _beside(db, session)) if record else (lambda session: None), streams
     )
-    more = {"database": shown(db), "foretold": forecast(known).sentence, "code": participant or ""}
-    with Host(reception, port, simulated=driver == "sim", more=more) as host:
+    more = {"database": mask_password(db), "foretold": forecast(known).sentence, "code": participant or ""}
+    with StudyServer(reception, port, simulated=driver == "sim", more=more) as host:
         nature = "SIMULATED DEVICE" if driver == "sim" else f"driver {driver}"
         _say(f"participant:  {host.participant}\nexperimenter: {host.experimenter}\n{nature}. Ctrl-C ends.")
         if participant is not None:
@@ -233,9 +233,9 @@ def analyse(
         print(dumps(done.numbers(), indent=2, ensure_ascii=False))
         return
     from haptorb.apps.study.analysis.report import write_report
-    from haptorb.apps.study.analysis.summary import shown
+    from haptorb.apps.study.analysis.summary import print_summary
 
-    shown(done)
+    print_summary(done)
     path = write_report(done, out or Path(f"{done.study.name}-report"), kind=figures)
     print(f"report: {path}")
 
@@ -249,12 +249,12 @@ def export(
 ) -> None:
     """All trials, one row each: tidy CSV, Parquet, or a BIDS folder, with a data dictionary."""
     from haptorb.apps.study.store import export as out
-    from haptorb.apps.study.store.columns import replied, studied, tidy
+    from haptorb.apps.study.store.columns import read_replies, read_study, tidy
     from haptorb.apps.study.store.database import database
 
     engine = database(db, make=False)
-    known = studied(engine, name)
-    columns, replies = tidy(engine, known), replied(engine, known)
+    known = read_study(engine, name)
+    columns, replies = tidy(engine, known), read_replies(engine, known)
     write: dict[str, Any] = {".csv": out.write_csv, ".parquet": out.write_parquet}
     if path.suffix in write:
         write[path.suffix](columns, path, overwrite=force)
@@ -268,7 +268,7 @@ def export(
     print(f"{len(columns['trial'])} trials: {path}")
 
 
-def _foretold(known: Study) -> bool:
+def _print_forecast(known: Study) -> bool:
     """Say what a session will be like; whether the thermal budget holds."""
     from haptorb.apps.study.simulated.forecast import forecast, overlap
 

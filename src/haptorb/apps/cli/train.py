@@ -34,14 +34,14 @@ def train(
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     from haptorb.apps.progress import build_tables
-    from haptorb.apps.train import trained
+    from haptorb.apps.train import train_networks
     from haptorb.devices.motor.api import motor
 
     build_tables(motor(device))
     columns = (TextColumn("training"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("training", total=1.0)
-        result = trained(
+        result = train_networks(
             device,
             nodes=nodes,
             starts=starts,

@@ -9,11 +9,11 @@ from types import TracebackType
 from typing import Self, final
 
 from haptorb.apps.console.force_map import FeltMap
-from haptorb.apps.console.force_map_process import FeltProcess
-from haptorb.apps.console.running_servo import Servant
+from haptorb.apps.console.force_map_process import ForceMapProcess
+from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.site import application
 from haptorb.apps.web.browser import open_browser_at
-from haptorb.apps.web.server import HOST, bound, hurry, server, signals
+from haptorb.apps.web.server import HOST, bind_socket, hurry, server, signals
 
 __all__ = ["PORT", "Console"]
 
@@ -37,15 +37,15 @@ class Console:
     Raises InputError at once if the port is taken or cannot be had, or the page has not been built.
     """
 
-    def __init__(self, servo: Servant, port: int = PORT, *, felt: FeltMap | None = None) -> None:
+    def __init__(self, servo: RunningServo, port: int = PORT, *, felt: FeltMap | None = None) -> None:
         self._servo = servo
-        self._socket = bound(port)
+        self._socket = bind_socket(port)
         try:
             app = application(servo, felt)
         except BaseException:
             self._socket.close()
             raise
-        self._felt: FeltProcess | None = app.state.felt
+        self._felt: ForceMapProcess | None = app.state.felt
         self.port = int(self._socket.getsockname()[1])
         self.token: str = app.state.token  #: what a program says instead: `Authorization: Bearer TOKEN`
         self.origin = f"http://{HOST}:{self.port}"

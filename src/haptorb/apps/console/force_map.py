@@ -13,7 +13,7 @@ from haptorb.devices.device import Device
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 
-__all__ = ["FeltMap", "Flags", "Painter"]
+__all__ = ["FeltMap", "Flags", "ForceMapWorker"]
 
 #: shape (n,)
 Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
@@ -23,7 +23,7 @@ FeltMap = Callable[[str, Mapping[str, Any], Array], tuple[Array, Flags]]
 
 
 @final
-class Painter:
+class ForceMapWorker:
     """Recomputes the map in a thread whenever the world changes; of several changes only the newest is painted."""
 
     def __init__(self, device: Device, felt: FeltMap) -> None:

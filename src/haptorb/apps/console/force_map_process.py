@@ -20,13 +20,13 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
 
-__all__ = ["FeltProcess"]
+__all__ = ["ForceMapProcess"]
 
 _PATIENCE = 1.0  #: for the process to end by itself [s]
 
 
 @final
-class FeltProcess:
+class ForceMapProcess:
     """Call it like a function: (name and values of a world, points (n, 3) [m]) → radial force (n,) [N], saturated (n,).
 
     Started by `start` or the first call, and again if it died; a call blocks until the answer is there.
@@ -100,11 +100,11 @@ def main() -> None:
     os.nice(10)
     questions, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a world prints is not an answer
-    from haptorb.simulation.force_map import felt_map
-    from haptorb.worlds import named
+    from haptorb.simulation.force_map import force_map
+    from haptorb.worlds import find_world
 
     device = pickle.load(questions)
-    felt_map(device, named("nothing")(), [[0.0, 0.0, device.contact_distance]])  # loads what is compiled
+    force_map(device, find_world("nothing")(), [[0.0, 0.0, device.contact_distance]])  # loads what is compiled
     while True:
         try:
             name, values, points = pickle.load(questions)
@@ -112,7 +112,7 @@ def main() -> None:
             return
         answer: object
         try:
-            answer = felt_map(device, named(name)(**values), points)
+            answer = force_map(device, find_world(name)(**values), points)
         except Exception as mistake:  # whatever a world's own code raises is the answer
             answer = f"{type(mistake).__name__}: {mistake}"
         try:

@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from haptorb.apps.console.running_servo import Servant
+from haptorb.apps.console.running_servo import RunningServo
 from haptorb.numerics.arrays import Array
 
 __all__ = ["Health"]
@@ -20,7 +20,7 @@ WINDOW = 5.0
 class Health:
     """Looks at every row twice a second and keeps five seconds of it."""
 
-    def __init__(self, servo: Servant) -> None:
+    def __init__(self, servo: RunningServo) -> None:
         self._servo = servo
         layout = servo.layout
         self._t, self._missed, self._lateness = (layout[name].start for name in ("t", "missed", "lateness"))

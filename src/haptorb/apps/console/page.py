@@ -9,13 +9,13 @@ from typing import Any, final
 import numpy as np
 from starlette.websockets import WebSocket
 
-__all__ = ["PATIENCE", "Page", "plain"]
+__all__ = ["PATIENCE", "ConsolePage", "plain"]
 
 PATIENCE = 5.0  #: for a page that does not take what is sent [s]
 
 
 @final
-class Page:
+class ConsolePage:
     """Of every kind of event only the newest waits to be sent, so a slow page costs no more than a quick one."""
 
     def __init__(self, socket: WebSocket) -> None:

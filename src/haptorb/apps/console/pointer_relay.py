@@ -15,11 +15,11 @@ from typing import final
 
 import numpy as np
 
-from haptorb.apps.console.running_servo import Servant
+from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.wire import Pointer
 from haptorb.numerics.arrays import Array
 
-__all__ = ["Hand"]
+__all__ = ["PointerRelay"]
 
 #: how close the row's goal must be to the page's to be its answer [m]: float32 on the way
 _SAME = 1e-6
@@ -32,10 +32,10 @@ _PATIENCE = 0.5
 
 
 @final
-class Hand:
+class PointerRelay:
     """Passes the controlling page's pointer to the servo, and finds the row that answers it."""
 
-    def __init__(self, servo: Servant) -> None:
+    def __init__(self, servo: RunningServo) -> None:
         self._servo = servo
         self._last: tuple[Array, Array | None, float] | None = None  # what is held, and when it was last said
         self._rested = 0.0  # when it was let go
@@ -62,7 +62,7 @@ class Hand:
         elif self._last is not None and time.monotonic() - self._last[2] < GRACE:
             self._servo.point(self._last[0], self._last[1])
 
-    def gone(self) -> None:
+    def release(self) -> None:
         """The page went away: a hand at rest goes home, a drag is left to expire.
 
         A browser that closes a page in the middle of a drag says first that the pointer was let go; that is no rest.

@@ -7,20 +7,20 @@ from typing import final
 
 import numpy as np
 
-from haptorb.apps.console.running_servo import Servant
+from haptorb.apps.console.running_servo import RunningServo
 from haptorb.numerics.arrays import Array
 
-__all__ = ["BACKLOG", "Recent"]
+__all__ = ["BACKLOG", "RecentRows"]
 
 #: rows older than this are not worth sending to a page that was too slow [s]
 BACKLOG = 2.0
 
 
 @final
-class Recent:
+class RecentRows:
     """A page says up to which row it has seen them, and gets what is newer; who is too slow misses the oldest."""
 
-    def __init__(self, servo: Servant) -> None:
+    def __init__(self, servo: RunningServo) -> None:
         self._servo = servo
         self._t = servo.layout["t"].start
         self._pieces: deque[tuple[int, Array]] = deque()  # number of the first row, rows (n, width)

@@ -11,10 +11,10 @@ from haptorb.devices.device import Device
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.row import RowLayout
 
-__all__ = ["Servant"]
+__all__ = ["RunningServo"]
 
 
-class Servant(Protocol):
+class RunningServo(Protocol):
     """A running servo as the console sees it."""
 
     @property

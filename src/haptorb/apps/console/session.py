@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.console.running_servo import Servant
+from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.scenes import axes_scene
 from haptorb.apps.console.target import target_scene
 from haptorb.apps.console.wire import Columns
 from haptorb.control.protection.trip import Trip
 from haptorb.devices.device import Device
 from haptorb.errors import InputError
-from haptorb.runtime.trackers.tracker_registry import fed
+from haptorb.runtime.trackers.tracker_registry import has_feed
 from haptorb.version import __version__
 from haptorb.worlds import CATALOGUE, World
 from haptorb.worlds.parameter import parameters
@@ -65,7 +65,7 @@ def _scene(device: Device) -> dict[str, Any]:
 _WORDS = {Trip.STOPPED: "stopped", Trip.POSE_LOST: "tracker lost"}
 
 
-def session(servo: Servant, started: str) -> dict[str, Any]:
+def session(servo: RunningServo, started: str) -> dict[str, Any]:
     """The JSON of /api/session but for the world; `started` tells one run of the server from another."""
     device = servo.device
     heat = device.coils.heat
@@ -73,11 +73,11 @@ def session(servo: Servant, started: str) -> dict[str, Any]:
         "version": __version__,
         "started": started,
         "simulated": servo.driver == "sim",
-        "steered": not fed(servo.tracker),
+        "steered": not has_feed(servo.tracker),
         "device": {"name": device.name, "title": device.title, "source": device.source},
         "scene": _scene(device),
         "modes": list(servo.modes),
-        "columns": Columns(servo.layout, bool(servo.modes)).described(),
+        "columns": Columns(servo.layout, bool(servo.modes)).describe(),
         "coils": list(device.coils.names),
         "limits": {
             "force": device.limits.force,
@@ -97,7 +97,7 @@ def session(servo: Servant, started: str) -> dict[str, Any]:
     }
 
 
-def world_now(servo: Servant) -> dict[str, Any]:
+def world_now(servo: RunningServo) -> dict[str, Any]:
     """Name and values of the world that is felt now, and what there is to draw of it."""
     name, values = servo.world
     plain = {key: _plain(value) for key, value in values.items()}

@@ -14,13 +14,13 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 
-from haptorb.apps.console.force_map import FeltMap, Painter
-from haptorb.apps.console.room import Room
-from haptorb.apps.console.running_servo import Servant
+from haptorb.apps.console.force_map import FeltMap, ForceMapWorker
+from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.session import session, world_now
-from haptorb.apps.web.files import answered, page_files
-from haptorb.apps.web.gate import Doors
-from haptorb.apps.web.token import chosen_token
+from haptorb.apps.console.socket_hub import ConsoleSocketHub
+from haptorb.apps.web.access import AccessGate
+from haptorb.apps.web.files import page_files, respond
+from haptorb.apps.web.token import choose_token
 from haptorb.errors import InputError
 
 __all__ = ["STATIC", "application"]
@@ -29,14 +29,14 @@ __all__ = ["STATIC", "application"]
 STATIC = Path(__file__).parent / "static"
 
 
-def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
+def application(servo: RunningServo, felt: FeltMap | None = None) -> Starlette:
     """The ASGI application for one running servo, for those who know `app.state.token`.
 
     `felt` answers what the device would give at points in space; by default the simulation of `servo.device` does.
     `app.state.felt` is the process behind that, to be closed at the end, or None.
     Raises InputError if the page has not been built, or the environment's HAPTORB_TOKEN cannot be one.
     """
-    token = chosen_token()
+    token = choose_token()
     files = page_files(STATIC)
     if "index.html" not in files:
         raise InputError(
@@ -49,12 +49,12 @@ def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
         if felt is None:
             felt = process = compute(device)
             process.start()
-        painter = Painter(device, felt)
-    room = Room(servo, painter)
+        painter = ForceMapWorker(device, felt)
+    room = ConsoleSocketHub(servo, painter)
     known = session(servo, uuid4().hex)
 
     async def file(request: Request) -> Response:
-        return answered(files, request.path_params.get("name", "index.html"))
+        return respond(files, request.path_params.get("name", "index.html"))
 
     async def about(request: Request) -> Response:
         return JSONResponse(known | {"world": world_now(servo)})
@@ -76,7 +76,7 @@ def application(servo: Servant, felt: FeltMap | None = None) -> Starlette:
             Route("/api/session", about),
             WebSocketRoute("/ws", room.join),
         ],
-        middleware=[Middleware(Doors, token=token)],
+        middleware=[Middleware(AccessGate, token=token)],
         lifespan=lifespan,
     )
     app.state.felt = process

@@ -14,9 +14,9 @@ import numpy as np
 
 from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
-from haptorb.physics.beams import bent_shape, compliance
+from haptorb.physics.beams import compliance, compute_bent_shape
 from haptorb.physics.hook import Hook
-from haptorb.worlds import Outlet, SnapFit, named
+from haptorb.worlds import Outlet, SnapFit, find_world
 
 __all__ = ["prepare", "target_scene"]
 
@@ -52,13 +52,13 @@ def target_scene(name: str, values: Mapping[str, Any]) -> dict[str, Any] | None:
 @lru_cache(maxsize=8)
 def _scene(name: str, values: tuple[tuple[str, float], ...]) -> dict[str, Any] | None:
     try:
-        world = named(name)().changed(**dict(values))
+        world = find_world(name)().replace(**dict(values))
     except HaptorbError:  # a world of the user's own that this process does not know by name
         return None
     match world:
         case Outlet():
             hook, half = world.hook, 0.5 * world.plug_width
-            return _described(
+            return _describe_scene(
                 hook,
                 np.array([hook.peak]),
                 hooks=2,
@@ -73,7 +73,7 @@ def _scene(name: str, values: tuple[tuple[str, float], ...]) -> dict[str, Any] |
             stem = max(_STEM * (half + world.clearance - hook.height), 0.2 * half)
             places = np.linspace(hook.base_length, hook.tip, _PLACES)
             soft = compliance(hook, hook.peak, world.beam)
-            return _described(
+            return _describe_scene(
                 hook,
                 places,
                 hooks=world.hooks,
@@ -86,13 +86,13 @@ def _scene(name: str, values: tuple[tuple[str, float], ...]) -> dict[str, Any] |
     return None
 
 
-def _described(hook: Hook, at: Array, **others: Any) -> dict[str, Any]:
+def _describe_scene(hook: Hook, at: Array, **others: Any) -> dict[str, Any]:
     """The scene of `hook`, touched at `at` (n,), and what else there is."""
     corners = [hook.base_length, hook.ramp_end, hook.peak, hook.tip]
     along = np.unique(np.concatenate([np.linspace(0.0, hook.tip, 25), corners]))
     bends = []
     for place in at.tolist():
-        shape = bent_shape(hook, place, 1.0, points=65)
+        shape = compute_bent_shape(hook, place, 1.0, points=65)
         bends.append(np.interp(along, shape[:, 0], shape[:, 1]).tolist())
     return {
         "width": hook.width,

@@ -15,7 +15,7 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.row import RowLayout
 
-__all__ = ["COLUMNS", "Columns", "Pointer", "felt_frame", "mesh_frame", "pointer", "rows_frame"]
+__all__ = ["COLUMNS", "Columns", "Pointer", "encode_force_frame", "mesh_frame", "pointer", "rows_frame"]
 
 MAGIC = 0x48_4F_52_42  #: "HORB", read as a little-endian number
 VERSION = 1
@@ -55,7 +55,7 @@ class Columns:
         """(width,) positions in the servo's row."""
         return np.concatenate([np.arange(self.layout.width)[self.layout[name]] for name in self.names])
 
-    def described(self) -> list[dict[str, object]]:
+    def describe(self) -> list[dict[str, object]]:
         """Name, offset, width, unit and meaning of each column, as the page reads them."""
         fields = {field.name: field for field in self.layout.fields}
         described, offset = [], 0
@@ -90,7 +90,7 @@ def mesh_frame(directions: Array, triangles: Array) -> bytes:
     return header + directions.astype("<f4").tobytes() + triangles.astype("<u4").tobytes()
 
 
-def felt_frame(force: Array, saturated: np.ndarray[tuple[int], np.dtype[np.bool_]], version: int) -> bytes:
+def encode_force_frame(force: Array, saturated: np.ndarray[tuple[int], np.dtype[np.bool_]], version: int) -> bytes:
     """The radial force (n,) [N] at each vertex, outward positive, and whether the device is at its limit there."""
     header = _HEADER.pack(MAGIC, FELT, VERSION, len(force), 0, float(version), 0.0, math.nan, 0.0)
     return header + force.astype("<f4").tobytes() + saturated.astype(np.uint8).tobytes()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from haptorb.apps.estimators.comparison import Comparison, compare
-from haptorb.apps.estimators.show import plotted, shown
+from haptorb.apps.estimators.comparison import EstimatorComparison, compare
+from haptorb.apps.estimators.show import plot_comparison, print_comparison
 
-__all__ = ["Comparison", "compare", "plotted", "shown"]
+__all__ = ["EstimatorComparison", "compare", "plot_comparison", "print_comparison"]

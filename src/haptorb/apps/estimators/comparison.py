@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.estimators.contestants import Answers, answers, contestants
+from haptorb.apps.estimators.contestants import EstimatorOutput, answers, contestants
 from haptorb.apps.estimators.disturbance import Disturbance, disturbances
-from haptorb.apps.estimators.trajectories import figure_4, normalised_error, random_workspace
+from haptorb.apps.estimators.trajectories import figure_4, random_workspace, relative_error
 from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.devices.wrench_map import WrenchMap
@@ -18,7 +18,7 @@ from haptorb.numerics.arrays import Array
 from haptorb.sensing.orientation.spin_ambiguity import spin_period
 from haptorb.sensing.torque_maps.network import TrainedNetworks
 
-__all__ = ["TORQUE_JND", "Comparison", "Course", "Row", "compare"]
+__all__ = ["TORQUE_JND", "CoilTrace", "EstimatorComparison", "EstimatorRow", "compare"]
 
 TORQUE_JND = 0.127  #: just noticeable difference of a torque of 60 mN·m, relative
 ASKED = 0.06  #: torque that is asked of the motor [N·m]
@@ -26,7 +26,7 @@ _ELSEWHERE = 1.0  #: a pause after which an estimator must find the rotor anew [
 
 
 @dataclass(frozen=True)
-class Row:
+class EstimatorRow:
     """One estimator under one disturbance."""
 
     estimator: str
@@ -41,7 +41,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Course:
+class CoilTrace:
     """K of the coil along the trajectory of Fig. 4, sensors as in the device file."""
 
     t: Array  #: (n,) [s]
@@ -50,17 +50,17 @@ class Course:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class EstimatorComparison:
     """The whole table, and what the figure is drawn from."""
 
     device: str
     coil: int  #: number, from 1
-    rows: tuple[Row, ...]
-    course: Course
+    rows: tuple[EstimatorRow, ...]
+    course: CoilTrace
     latency: dict[str, dict[str, float]]  #: [µs] by estimator: p5, median, p95 of one update, warm
     noises: tuple[float, ...] = field(default=(0.0, 1e-5, 1e-4, 1e-3))  #: [T] of the first disturbances
 
-    def row(self, estimator: str, disturbance: str) -> Row:
+    def row(self, estimator: str, disturbance: str) -> EstimatorRow:
         """The row of these two."""
         return next(row for row in self.rows if (row.estimator, row.disturbance) == (estimator, disturbance))
 
@@ -100,7 +100,7 @@ def compare(
     orientations: int = 500,
     seed: int = 0,
     report: Callable[[float], None] | None = None,
-) -> Comparison:
+) -> EstimatorComparison:
     """Every estimator against every disturbance; `report` is called with the share that is done.
 
     K of the coil on the X axis (EM17) is taken from its channel, which counts it and its antipode alike. Where the
@@ -129,24 +129,24 @@ def compare(
                 latency[name] = dict(zip(("p5", "median", "p95"), times.round(2).tolist(), strict=True))
             if report is not None:
                 report((number + (place + 1) / len(known)) / len(cases))
-    course = Course(t, share * true["figure"][:, :, channel], estimated)
-    return Comparison(motor.name, coil + 1, tuple(rows), course, latency)
+    course = CoilTrace(t, share * true["figure"][:, :, channel], estimated)
+    return EstimatorComparison(motor.name, coil + 1, tuple(rows), course, latency)
 
 
 def _row(
-    motor: SphericalMotor, name: str, case: Disturbance, said: dict[str, Answers], places: dict[str, Array],
+    motor: SphericalMotor, name: str, case: Disturbance, said: dict[str, EstimatorOutput], places: dict[str, Array],
     true: dict[str, Array], channel: int, share: float,
-) -> Row:  # fmt: skip
+) -> EstimatorRow:  # fmt: skip
     one = {where: share * case.strength * K[:, :, channel] for where, K in true.items()}
     found = {where: share * answer.K[:, :, channel] for where, answer in said.items()}
     over = said["workspace"]
-    wrong = _delivered(motor, over, case.strength * true["workspace"])
+    wrong = _torque_error(motor, over, case.strength * true["workspace"])
     gaps = _gaps(motor, over.R, places["workspace"])
-    return Row(
+    return EstimatorRow(
         name,
         case.name,
-        normalised_error(found["figure"], one["figure"]),
-        normalised_error(found["workspace"], one["workspace"]),
+        relative_error(found["figure"], one["figure"]),
+        relative_error(found["workspace"], one["workspace"]),
         float(np.abs(found["workspace"] - one["workspace"]).max()),
         float(np.sqrt((wrong**2).mean())),
         float(np.percentile(wrong, 95) / (TORQUE_JND * ASKED)),
@@ -155,7 +155,7 @@ def _row(
     )
 
 
-def _delivered(motor: SphericalMotor, said: Answers, true: Array) -> Array:
+def _torque_error(motor: SphericalMotor, said: EstimatorOutput, true: Array) -> Array:
     """(n,) error [N·m] of the torque that the true K makes of the currents that the estimated K asks for."""
     allocator = MinimumPowerAllocator(motor.coils.current_limit, resistance=motor.coils.resistance)
     directions = np.random.default_rng(7).standard_normal((len(true), 3))

@@ -16,10 +16,10 @@ from haptorb.sensing.torque_maps.linear_map import LinearTorque
 from haptorb.sensing.torque_maps.network import NetworkTorque, TrainedNetworks
 from haptorb.sensing.torque_maps.torque_map import FieldToTorque
 
-__all__ = ["Answers", "answers", "contestants"]
+__all__ = ["EstimatorOutput", "answers", "contestants"]
 
 
-class Answers(NamedTuple):
+class EstimatorOutput(NamedTuple):
     """What one estimator said to a row of readings."""
 
     K: Array  #: (n, 3, channels) [N·m/A]
@@ -37,7 +37,7 @@ def contestants(motor: SphericalMotor, networks: TrainedNetworks) -> dict[str, E
     }
 
 
-def answers(estimator: Estimator, motor: SphericalMotor, readings: Array, interval: float) -> Answers:
+def answers(estimator: Estimator, motor: SphericalMotor, readings: Array, interval: float) -> EstimatorOutput:
     """What `estimator` says to `readings` (n, k, 3) [T] that are `interval` [s] apart."""
     count = len(readings)
     K, R = np.zeros((count, 3, motor.channels)), np.full((count, 3, 3), np.nan)
@@ -51,4 +51,4 @@ def answers(estimator: Estimator, motor: SphericalMotor, readings: Array, interv
         estimate = estimator.update(sample)
         seconds[number] = perf_counter() - begun
         K[number], R[number], valid[number] = estimate.wrench_map.torque, estimate.state.R_SR, estimate.valid
-    return Answers(K, R, valid, seconds)
+    return EstimatorOutput(K, R, valid, seconds)

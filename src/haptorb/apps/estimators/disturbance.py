@@ -10,7 +10,7 @@ from haptorb.devices.motor.handle import HallQuality
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.numerics.arrays import Array
 from haptorb.simulation.motor.hall import FAILURES, HallFaults, halls, read_halls
-from haptorb.simulation.parts.noise import seeded
+from haptorb.simulation.parts.noise import seed_noise
 
 __all__ = ["NOISES", "Disturbance", "disturbances"]
 
@@ -42,7 +42,7 @@ class Disturbance:
         faults = HallFaults(np.zeros(motor.sensors), np.zeros((motor.sensors, 3)))
         if self.failed:
             faults.kind[self.failed - 1] = FAILURES[self.failure]
-        noise = seeded(seed)
+        noise = seed_noise(seed)
         field = self.strength * motor.sensor_field(R, "table")
         for reading in field:
             read_halls(array, faults, noise, reading)

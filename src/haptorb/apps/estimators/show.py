@@ -10,16 +10,16 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from haptorb.apps.estimators.comparison import Comparison, Row
+from haptorb.apps.estimators.comparison import EstimatorComparison, EstimatorRow
 
-__all__ = ["plotted", "shown"]
+__all__ = ["plot_comparison", "print_comparison"]
 
 #: estimator → colour that people who confuse red and green can tell apart, and marker
 STYLE = {"network": ("#d55e00", "o"), "linear": ("#8a8a8a", "s"), "least-squares": ("#0072b2", "D")}
 INK = "#1a1a1a"
 
 
-def shown(comparison: Comparison, console: Console) -> None:
+def print_comparison(comparison: EstimatorComparison, console: Console) -> None:
     """Print the tables."""
     table = Table(box=SIMPLE_HEAD, padding=(0, 1))
     for heading in (
@@ -40,7 +40,7 @@ def shown(comparison: Comparison, console: Console) -> None:
         console.print(f"one update of {name}: median {times['median']:.0f} µs, 95 % within {times['p95']:.0f} µs")
 
 
-def _cells(row: Row) -> tuple[str, ...]:
+def _cells(row: EstimatorRow) -> tuple[str, ...]:
     angle = "not estimated" if np.isnan(row.orientation) else f"{row.orientation:.4f}"
     return (
         f"{100 * row.figure_4:.3g}",
@@ -53,7 +53,7 @@ def _cells(row: Row) -> tuple[str, ...]:
     )
 
 
-def plotted(comparison: Comparison, path: Path) -> None:
+def plot_comparison(comparison: EstimatorComparison, path: Path) -> None:
     """Draw the figure into `path`: Fig. 4's courses and their errors, error against noise, and every disturbance."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -65,7 +65,7 @@ def plotted(comparison: Comparison, path: Path) -> None:
     _courses(above.subplots(1, 3), comparison)
     left, right = below.subplots(1, 2, width_ratios=(1, 2))
     _noise(left, comparison)
-    _disturbed(right, comparison)
+    _plot_disturbances(right, comparison)
     figure.suptitle(
         f"From field to torque: three estimators of '{comparison.device}', electromagnet {comparison.coil}",
         x=0.01, ha="left", fontweight="bold", color=INK,
@@ -73,7 +73,7 @@ def plotted(comparison: Comparison, path: Path) -> None:
     figure.savefig(path, dpi=150)
 
 
-def _courses(places: Any, comparison: Comparison) -> None:
+def _courses(places: Any, comparison: EstimatorComparison) -> None:
     course = comparison.course
     for column, (axis, name) in enumerate(((1, "Y"), (2, "Z"))):
         place = places[column]
@@ -81,17 +81,17 @@ def _courses(places: Any, comparison: Comparison) -> None:
         for estimator, K in course.estimated.items():
             style = {"least-squares": "--"}.get(estimator, "-")
             place.plot(course.t, 1e3 * K[:, axis], style, color=STYLE[estimator][0], lw=1.2, label=estimator)
-        _titled(place, f"torque per ampere about {name} along Fig. 4 [mN·m/A]", "t [s]")
+        _set_title(place, f"torque per ampere about {name} along Fig. 4 [mN·m/A]", "t [s]")
         if column == 0:
             place.legend(frameon=False, fontsize=8, loc="best")
     place = places[2]
     for estimator, K in course.estimated.items():
         error = 1e3 * np.linalg.norm(K - course.true, axis=1)
         place.semilogy(course.t, np.maximum(error, 1e-6), color=STYLE[estimator][0], lw=1.2, label=estimator)
-    _titled(place, "error along it [mN·m/A]", "t [s]")
+    _set_title(place, "error along it [mN·m/A]", "t [s]")
 
 
-def _noise(place: Any, comparison: Comparison) -> None:
+def _noise(place: Any, comparison: EstimatorComparison) -> None:
     names = comparison.disturbances[: len(comparison.noises)]
     noise = 1e3 * np.array(comparison.noises)
     left = noise[1] / 10  # where "no noise" stands on a logarithmic axis
@@ -106,10 +106,10 @@ def _noise(place: Any, comparison: Comparison) -> None:
     place.set_xticks([left, *noise[1:]], ["none", *(f"{value:g}" for value in noise[1:])])
     place.minorticks_off()
     place.set_xlim(left / 2, noise[-1] * 12)
-    _titled(place, "NRMSE over the workspace against noise [%]", "noise of one reading, rms [mT]")
+    _set_title(place, "NRMSE over the workspace against noise [%]", "noise of one reading, rms [mT]")
 
 
-def _disturbed(place: Any, comparison: Comparison) -> None:
+def _plot_disturbances(place: Any, comparison: EstimatorComparison) -> None:
     names = comparison.disturbances[len(comparison.noises) :]
     height = 0.26
     for offset, estimator in enumerate(comparison.estimators):
@@ -133,11 +133,13 @@ def _disturbed(place: Any, comparison: Comparison) -> None:
     place.set_xscale("log")
     low, high = place.get_xlim()
     place.set_xlim(low, 20 * high)
-    _titled(place, "error of a delivered torque of 60 mN·m, 95 % of the workspace [JND]", "just noticeable differences")
+    _set_title(
+        place, "error of a delivered torque of 60 mN·m, 95 % of the workspace [JND]", "just noticeable differences"
+    )
     place.legend(frameon=False, fontsize=8, loc="lower right")
 
 
-def _titled(place: Any, title: str, x: str) -> None:
+def _set_title(place: Any, title: str, x: str) -> None:
     place.set_title(title, loc="left", fontsize=9.5, color=INK)
     place.set_xlabel(x, fontsize=9)
     place.tick_params(labelsize=8)

@@ -8,7 +8,7 @@ from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.rotations import rotation_from_euler
 
-__all__ = ["figure_4", "normalised_error", "random_workspace"]
+__all__ = ["figure_4", "random_workspace", "relative_error"]
 
 
 def figure_4(count: int = 361) -> Array:
@@ -29,10 +29,10 @@ def random_workspace(motor: SphericalMotor, count: int, seed: int) -> Array:
     return rotation_from_euler(psi, lam, rng.uniform(-np.pi, np.pi, count))
 
 
-def normalised_error(found: Array, true: Array) -> float:
+def relative_error(found: Array, true: Array) -> float:
     """NRMSE: root mean square error of all components over their root mean square.
 
-    >>> normalised_error(np.array([1.0, 1.0]), np.array([1.0, 0.0]))
+    >>> relative_error(np.array([1.0, 1.0]), np.array([1.0, 0.0]))
     1.0
     """
     return float(np.sqrt(((found - true) ** 2).mean() / (true**2).mean()))

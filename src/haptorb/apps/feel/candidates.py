@@ -34,7 +34,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from haptorb.control.clutch.modes import Gains
 from haptorb.devices.schema import quantity as q
-from haptorb.errors import HaptorbError, InputError, shown
+from haptorb.errors import HaptorbError, InputError, quote
 from haptorb.files.text_file import read_text, toml_of
 from haptorb.physics.beams import Model
 from haptorb.physics.hook import METALS_FROM, Hook
@@ -152,36 +152,36 @@ def load_designs(path: str | Path) -> Candidates:
     try:
         file = _File.model_validate(raw)
     except ValidationError as cause:
-        raise InputError(_listed(where, [_said(error, _File) for error in cause.errors()])) from cause
+        raise InputError(_list_mistakes(where, [_explain_error(error, _File) for error in cause.errors()])) from cause
     mistakes: list[str] = []
     designs = []
     for name, own in file.design.items():
         try:
             designs.append(_candidate(name, file, {**file.common, **own}))
         except ValidationError as cause:
-            mistakes += [f"design {shown(name)}: {_said(error, _Design)}" for error in cause.errors()]
+            mistakes += [f"design {quote(name)}: {_explain_error(error, _Design)}" for error in cause.errors()]
         except HaptorbError as cause:
-            mistakes.append(f"design {shown(name)}: {cause}")
+            mistakes.append(f"design {quote(name)}: {cause}")
     if mistakes:
-        raise InputError(_listed(where, mistakes))
-    gains = Gains() if file.force_scale == 1.0 else Gains().scaled(file.force_scale)
+        raise InputError(_list_mistakes(where, mistakes))
+    gains = Gains() if file.force_scale == 1.0 else Gains().scale(file.force_scale)
     return Candidates(file.title, file.beam, gains, tuple(designs))
 
 
-def _listed(where: str, mistakes: list[str]) -> str:
+def _list_mistakes(where: str, mistakes: list[str]) -> str:
     more = [f"and {len(mistakes) - _MISTAKES} mistakes more"] if len(mistakes) > _MISTAKES else []
     return f"{where}: {mistakes[0]}" if len(mistakes) == 1 else "\n  ".join([f"{where}:", *mistakes[:_MISTAKES], *more])
 
 
-def _said(error: Any, model: type[BaseModel]) -> str:
-    key = ".".join(shown(part)[1:-1] if isinstance(part, str) else str(part) for part in error["loc"])
+def _explain_error(error: Any, model: type[BaseModel]) -> str:
+    key = ".".join(quote(part)[1:-1] if isinstance(part, str) else str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":
         near = get_close_matches(key[:60], model.model_fields, n=1, cutoff=0.6)
         return f"{key} is not a key of this file" + (f"; did you mean '{near[0]}'?" if near else "")
     if error["type"] == "missing":
         return f"{key} is missing"
     message = str(error["msg"]).removeprefix("Value error, ")
-    got = "" if "got" in message else f"; got {shown(error['input'])}"
+    got = "" if "got" in message else f"; got {quote(error['input'])}"
     return f"{key} {message[:1].lower()}{message[1:]}{got}"
 
 
@@ -191,7 +191,7 @@ def _material(name: str, design: _Design) -> tuple[float, float, bool]:
     if known is None and (E is None or nu is None):
         near = get_close_matches(design.material[:60], MATERIALS, n=1, cutoff=0.5)
         raise InputError(
-            f"material {shown(design.material)} is not known"
+            f"material {quote(design.material)} is not known"
             + (f"; did you mean '{near[0]}'?" if near else "")
             + f" (known: {', '.join(MATERIALS)}); give youngs_modulus and poisson_ratio with it"
         )

@@ -10,13 +10,13 @@ import numpy as np
 
 from haptorb.apps.feel.candidates import Candidates
 from haptorb.apps.feel.course import course
-from haptorb.apps.feel.session import COLUMNS, SCORES, Session
+from haptorb.apps.feel.session import COLUMNS, SCORES, FeelSession
 from haptorb.errors import RecordingError
 
 __all__ = ["comparison", "plot_comparison"]
 
 
-def comparison(candidates: Candidates, session: Session | None = None) -> dict[str, dict[str, Any]]:
+def comparison(candidates: Candidates, session: FeelSession | None = None) -> dict[str, dict[str, Any]]:
     """Design → its numbers (SI), remarks, ratings and whether it was chosen: the table behind the plot."""
     scores = session.scores() if session else {}
     choice = session.choice() if session else None
@@ -36,7 +36,7 @@ def comparison(candidates: Candidates, session: Session | None = None) -> dict[s
     return table
 
 
-def plot_comparison(candidates: Candidates, path: str | Path, session: Session | None = None) -> Path:
+def plot_comparison(candidates: Candidates, path: str | Path, session: FeelSession | None = None) -> Path:
     """Draw the comparison into the PNG or SVG file at `path`; what was felt is dotted over what was computed."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -45,7 +45,7 @@ def plot_comparison(candidates: Candidates, path: str | Path, session: Session |
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     force, bars = figure.subplots(1, 2, width_ratios=(2, 1))
-    felt = _felt(session) if session else {}
+    felt = _collect_ratings(session) if session else {}
     for number, design in enumerate(candidates.designs):
         colour = f"C{number}"
         run = course(design)
@@ -78,7 +78,7 @@ def plot_comparison(candidates: Candidates, path: str | Path, session: Session |
     return target
 
 
-def _felt(session: Session) -> dict[str, list[Any]]:
+def _collect_ratings(session: FeelSession) -> dict[str, list[Any]]:
     found: dict[str, list[Any]] = {}
     for rating in session.ratings():
         if rating.trace and (session.folder / rating.trace).is_file():

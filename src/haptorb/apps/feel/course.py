@@ -12,11 +12,11 @@ from haptorb.numerics.arrays import Array
 from haptorb.physics.beams import compliance
 from haptorb.worlds import Outlet
 
-__all__ = ["Course", "course"]
+__all__ = ["InsertionForces", "course"]
 
 
 @dataclass(frozen=True)
-class Course:
+class InsertionForces:
     """Moved straight along X' without hurry: forces are what the hand needs, positive in the direction of motion."""
 
     place: Array  #: (n,) X' of the part [m], from home outwards
@@ -38,7 +38,7 @@ class Course:
         }
 
 
-def course(design: Candidate, points: int = 400, speed: float = 0.1) -> Course:
+def course(design: Candidate, points: int = 400, speed: float = 0.1) -> InsertionForces:
     """The course of `design` at `points` places, sliding with `speed` [m/s] (well above the creep speed)."""
     world, hook = design.world, design.hook
     if isinstance(world, Outlet):
@@ -56,4 +56,4 @@ def course(design: Candidate, points: int = 400, speed: float = 0.1) -> Course:
     # at the root h = h₀: ε = M h₀/2EI = 6 F_y X, and F_y = Δ/Ω₊
     top = float(compliance(hook, hook.peak, world.beam).plus)
     strain = 6.0 * (hook.peak / hook.thickness) * (bent / hook.thickness) / top
-    return Course(place, force(-speed), -force(speed), strain)
+    return InsertionForces(place, force(-speed), -force(speed), strain)

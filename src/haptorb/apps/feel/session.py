@@ -29,7 +29,7 @@ from haptorb.errors import InputError, RecordingError
 from haptorb.files.text_file import json_of, read_bytes
 from haptorb.numerics.arrays import Array
 
-__all__ = ["COLUMNS", "SCORES", "Choice", "Rating", "Session", "Trace"]
+__all__ = ["COLUMNS", "SCORES", "Choice", "DesignRating", "FeelSession", "Trace"]
 
 _MOST = 64 * 1024 * 1024  #: bytes of all ratings
 
@@ -38,7 +38,7 @@ COLUMNS = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "fx_n", "fy_n", "
 
 
 @dataclass(frozen=True)
-class Rating:
+class DesignRating:
     """What a person said of a design after feeling it."""
 
     design: str
@@ -62,7 +62,7 @@ class Choice:
 
 
 class Trace:
-    """One feeling of one design, as it happens: append ticks, then keep it with `Session.keep`."""
+    """One feeling of one design, as it happens: append ticks, then keep it with `FeelSession.keep`."""
 
     def __init__(self, design: Candidate) -> None:
         self.design = design
@@ -86,7 +86,7 @@ def _quaternion(R: Array) -> tuple[float, float, float, float]:
     return float(x), float(y), float(z), float(w)
 
 
-class Session:
+class FeelSession:
     """A folder of ratings and traces about one set of candidates; made if it is not there, continued if it is."""
 
     def __init__(self, folder: str | Path, candidates: Candidates) -> None:
@@ -102,16 +102,16 @@ class Session:
     def _path(self) -> Path:
         return self.folder / "ratings.jsonl"
 
-    def rate(self, name: str, score: int, *, person: str = "", comment: str = "", trace: str = "") -> Rating:
+    def rate(self, name: str, score: int, *, person: str = "", comment: str = "", trace: str = "") -> DesignRating:
         """Keep what `person` says of design `name`; on the disk when this returns."""
         design = self.candidates[name]
         try:
-            rating_of(name, SCORES).checked(Answer(score))
+            rating_of(name, SCORES).check_answer(Answer(score))
         except InputError as cause:
             raise InputError(f"a score is a whole number from {SCORES[0]} to {SCORES[1]}; got {score!r}") from cause
         if trace and not (self.folder / trace).is_file():
             raise InputError(f"{self.folder}: there is no trace '{trace}'")
-        rating = Rating(name, design.digest, score, person, comment, _now(), trace)
+        rating = DesignRating(name, design.digest, score, person, comment, _now(), trace)
         self._write("rating", rating)
         return rating
 
@@ -155,9 +155,9 @@ class Session:
         except (OSError, ValueError, csv.Error) as cause:
             raise RecordingError(f"{path}: is not a trace ({cause})") from cause
 
-    def ratings(self) -> tuple[Rating, ...]:
+    def ratings(self) -> tuple[DesignRating, ...]:
         """All ratings, oldest first."""
-        return tuple(Rating(**line) for line in self._lines("rating") if _is_score(line["score"]))
+        return tuple(DesignRating(**line) for line in self._lines("rating") if _is_score(line["score"]))
 
     def choice(self) -> Choice | None:
         """The last choice, if any."""
@@ -172,12 +172,12 @@ class Session:
                 given[rating.design].append(rating.score)
         return {name: (len(s), sum(s) / len(s) if s else math.nan) for name, s in given.items()}
 
-    def outdated(self) -> tuple[Rating, ...]:
+    def find_outdated(self) -> tuple[DesignRating, ...]:
         """Ratings of designs that have been changed, or removed, since."""
         now = {design.name: design.digest for design in self.candidates.designs}
         return tuple(rating for rating in self.ratings() if now.get(rating.design) != rating.digest)
 
-    def _write(self, kind: str, record: Rating | Choice) -> None:
+    def _write(self, kind: str, record: DesignRating | Choice) -> None:
         line = json.dumps({"kind": kind, **asdict(record)}, ensure_ascii=False)
         try:
             with self._path.open("ab+") as file:
@@ -199,7 +199,7 @@ class Session:
         except OSError as cause:
             raise RecordingError(f"{self._path}: cannot be read ({cause.strerror})") from cause
         text = read_bytes(self._path, _MOST, "ratings", RecordingError).decode("utf-8", "replace")
-        keys = set((Rating if kind == "rating" else Choice).__dataclass_fields__)
+        keys = set((DesignRating if kind == "rating" else Choice).__dataclass_fields__)
         found, self.skipped = [], 0
         for line in text.splitlines():
             try:

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from haptorb.apps.fit.multipole import PARTS, Comparison, compare
+from haptorb.apps.fit.multipole import PARTS, FitComparison, compare
 
-__all__ = ["PARTS", "Comparison", "compare"]
+__all__ = ["PARTS", "FitComparison", "compare"]

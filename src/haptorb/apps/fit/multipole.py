@@ -17,7 +17,7 @@ from haptorb.errors import UnknownName
 from haptorb.physics.multipole_fit import MultipoleFit, fit_multipole, residual, shell_region
 from haptorb.physics.sources.round_body import RoundBody
 
-__all__ = ["PARTS", "Comparison", "compare"]
+__all__ = ["PARTS", "FitComparison", "compare"]
 
 PARTS = ("magnet", "coil")
 _HALF_ANGLE = 1.0  #: [rad] about the part's axis: beyond it the field is too small to matter
@@ -25,7 +25,7 @@ _SAME = 41  #: pole pairs of the published magnet model
 
 
 @dataclass(frozen=True)
-class Comparison:
+class FitComparison:
     """A fitted model beside the one in the device's file, both against the exact field in the same region."""
 
     device: str
@@ -40,8 +40,8 @@ class Comparison:
         return {
             "device": self.device,
             "part": self.part,
-            "fitted": _told(self.fitted),
-            "published": None if self.published is None else _told(self.published),
+            "fitted": _describe_fit(self.fitted),
+            "published": None if self.published is None else _describe_fit(self.published),
         }
 
     def toml(self) -> str:
@@ -114,7 +114,7 @@ def compare(
     part: str,
     most_dipoles: int | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> Comparison:
+) -> FitComparison:
     """Fit a model with at most `most_dipoles` pole pairs (else as many as the file's has) to `part` of `motor`."""
     if part not in PARTS:
         raise UnknownName("part of a motor", part, PARTS)
@@ -135,10 +135,12 @@ def compare(
     face = 0.5 * body.length
     toward = 1.0 if beyond > distance else -1.0
     gap = toward * (face + 0.5e-3), toward * (abs(beyond - distance) + 0.5 * counterpart.length)
-    return Comparison(motor.name, part, body, fitted, None if stored is None else residual(body, stored, region), gap)
+    return FitComparison(
+        motor.name, part, body, fitted, None if stored is None else residual(body, stored, region), gap
+    )
 
 
-def _told(fit: MultipoleFit) -> dict[str, Any]:
+def _describe_fit(fit: MultipoleFit) -> dict[str, Any]:
     model = fit.model
     return {
         "loops": len(model.loop_strengths) - 1,

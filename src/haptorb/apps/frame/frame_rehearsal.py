@@ -16,9 +16,9 @@ from haptorb.errors import InputError
 from haptorb.runtime.trackers.osc_feed import POSE
 from haptorb.sensing.frame.frame_registration import FrameRegistration
 from haptorb.sensing.frame.touches import Touches
-from haptorb.simulation.touching import MadeUpTracker, Person
+from haptorb.simulation.synthetic_tracker import SimulatedPerson, SyntheticTracker
 
-__all__ = ["PACE", "Rehearsal", "missed", "rehearsal_port"]
+__all__ = ["PACE", "Rehearsal", "measure_miss", "rehearsal_port"]
 
 PACE = 0.08  #: of a simulated person, who need not be told twice
 _RATE = 200.0  #: poses per second
@@ -37,8 +37,8 @@ class Rehearsal:
     """A person under a made-up tracker, drawn by `seed`, who sends to the UDP `port` of this computer."""
 
     def __init__(self, device: SphericalElectromagnet, port: int, seed: int = 0) -> None:
-        self.tracker = MadeUpTracker.drawn(seed)
-        self._person = Person(device, self.tracker, seed)
+        self.tracker = SyntheticTracker.draw(seed)
+        self._person = SimulatedPerson(device, self.tracker, seed)
         self._port = port
         self._own_port = 0  # of the first stroke's socket, and of all later ones: a tracker hears one sender
 
@@ -78,12 +78,12 @@ class Rehearsal:
                 one.sendto(message.build().dgram, ("127.0.0.1", self._port))
 
 
-def missed(
-    found: FrameRegistration, tracker: MadeUpTracker, device: SphericalElectromagnet, n: int = 200
+def measure_miss(
+    found: FrameRegistration, tracker: SyntheticTracker, device: SphericalElectromagnet, n: int = 200
 ) -> tuple[float, float]:
     """(rms [m], greatest angle [rad]) by which the magnet and its axis are missed over the dome, without noise."""
-    still = MadeUpTracker(tracker.R, tracker.t, tracker.tip, tracker.axis, 0.0, 0.0)
-    seen, up = Person(device, still, 1).dome(n), device.tool.tip_distance
+    still = SyntheticTracker(tracker.R, tracker.t, tracker.tip, tracker.axis, 0.0, 0.0)
+    seen, up = SimulatedPerson(device, still, 1).dome(n), device.tool.tip_distance
     places = seen.point(tracker.tip + up * tracker.axis) @ tracker.R.T + tracker.t
     told = seen.point(found.tip + up * found.axis) @ found.R.T + found.t
     axes, meant = tracker.R @ seen.R @ tracker.axis, found.R @ seen.R @ found.axis

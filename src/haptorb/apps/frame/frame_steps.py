@@ -17,11 +17,11 @@ from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, DriverError, InputError
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.trackers.feed import Feed, Garbage, Heard
+from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
 from haptorb.sensing.frame.frame_registration import FrameRegistration, frame_registration
-from haptorb.sensing.frame.touches import Touched, Touches
+from haptorb.sensing.frame.touches import Touches, TouchSession
 
-__all__ = ["Stroke", "known_device", "registered", "strokes"]
+__all__ = ["Stroke", "check_device", "register_frame", "strokes"]
 
 Bar = Callable[[str, float], AbstractContextManager[Callable[[float], None]]]
 
@@ -40,12 +40,12 @@ class Stroke:
     asks: str  #: of the person, before it begins
     seconds: float  #: how long it is heard
 
-    def paced(self, pace: float) -> Stroke:
+    def scale_time(self, pace: float) -> Stroke:
         """The same in `pace` times the time."""
         return Stroke(self.name, self.asks, pace * self.seconds)
 
 
-def known_device(device: Device) -> SphericalElectromagnet:
+def check_device(device: Device) -> SphericalElectromagnet:
     """`device` itself; InputError if no tool could be registered before it."""
     known = electromagnet(device, "`haptorb frame`")
     if known.marks is None:
@@ -72,7 +72,7 @@ def strokes(device: SphericalElectromagnet) -> tuple[Stroke, ...]:
     )  # fmt: skip
 
 
-def registered(
+def register_frame(
     device: SphericalElectromagnet,
     feed: Feed,
     *,
@@ -86,22 +86,22 @@ def registered(
     Raises DriverError if nothing comes from the tracker, CalibrationError if what came determines no frame.
     """
     steps, kept = strokes(device), {}
-    for number, stroke in enumerate((one.paced(pace) for one in steps), start=1):
+    for number, stroke in enumerate((one.scale_time(pace) for one in steps), start=1):
         say(f"{number}/{len(steps)} {stroke.name}: {stroke.asks}")
         if not ask(stroke):
             say("stopped; nothing is written")
             return None
         with bar(stroke.name, stroke.seconds) as passed:
-            kept[stroke.name] = _heard(feed, stroke, passed)
+            kept[stroke.name] = _record_stroke(feed, stroke, passed)
         say(f"    {len(kept[stroke.name])} poses that differ")
     marks = {name.partition(" ")[2]: one for name, one in kept.items() if name.startswith("mark ")}
-    return frame_registration(Touched(kept["dome"], marks, kept["roll"]), device)
+    return frame_registration(TouchSession(kept["dome"], marks, kept["roll"]), device)
 
 
-def _heard(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) -> Touches:
+def _record_stroke(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) -> Touches:
     """The poses of one stroke that differ from the one before; what waited before it began is not among them."""
     for _ in range(_DRAINED):
-        if not any(True for _ in feed.heard(0.0)):
+        if not any(True for _ in feed.receive(0.0)):
             break
     p: list[Array] = []
     q: list[Array] = []
@@ -109,12 +109,12 @@ def _heard(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) -> Touch
     began = last = told = monotonic()
     valid = 0
     while (now := monotonic()) < began + stroke.seconds:
-        for one in feed.heard(_PATIENCE):
-            why = one.why if isinstance(one, Garbage) else _wrong(one)
+        for one in feed.receive(_PATIENCE):
+            why = one.why if isinstance(one, RejectedPose) else _wrong(one)
             if why:
                 refused[why] = refused.get(why, 0) + 1
                 continue
-            assert isinstance(one, Heard)
+            assert isinstance(one, RawPose)
             valid, last = valid + 1, monotonic()
             place, turn = np.array(one.p), np.array(one.q)
             if len(p) < _MOST and (not p or _differs(p[-1], q[-1], place, turn)):
@@ -139,7 +139,7 @@ def _heard(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) -> Touch
     return Touches.of(np.array(p), np.array(q), f"step '{stroke.name}'")
 
 
-def _wrong(one: Heard) -> str:
+def _wrong(one: RawPose) -> str:
     if not one.valid:
         return "lost"
     if len(one.p) != 3 or len(one.q) != 4:

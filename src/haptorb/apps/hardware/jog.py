@@ -90,10 +90,10 @@ def jog(
         driver.write(np.zeros(device.channels))
     if not tops:
         raise DriverError("the computer was too busy: no reading at the top of the ramp; try again")
-    return _judged(device, which, tops)
+    return _judge(device, which, tops)
 
 
-def _judged(device: Device, which: int, tops: list[tuple[float, np.ndarray]]) -> Jog:
+def _judge(device: Device, which: int, tops: list[tuple[float, np.ndarray]]) -> Jog:
     duty = float(np.mean([one for one, _ in tops]))
     currents = np.mean([one for _, one in tops], axis=0)
     names = device.coils.names

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from haptorb.devices.device import Device
 
-__all__ = ["Card", "card", "facts", "shown"]
+__all__ = ["Card", "card", "facts", "print_card"]
 
 
 class Card(ABC):
@@ -59,7 +59,7 @@ def facts(device: Device) -> dict[str, Any]:
     }
 
 
-def shown(device: Device, console: Console) -> None:
+def print_card(device: Device, console: Console) -> None:
     """Print the head of the card: title and limits."""
     coils, limits = device.coils, device.limits
     console.print(f"[bold]{device.title}[/]\n[dim]{device.source} · file {device.digest[:12]}[/]\n")

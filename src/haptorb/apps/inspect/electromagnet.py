@@ -12,7 +12,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from haptorb.apps.inspect.card import Card, facts, shown
+from haptorb.apps.inspect.card import Card, facts, print_card
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet.feasible_wrench import FeasibleWrench, feasible_wrench
 from haptorb.devices.electromagnet.shell_capability import FORCE_JND, shell_capability
@@ -29,7 +29,7 @@ class ElectromagnetCard(Card):
         self._device = device
         self._capability = shell_capability(device)
         self._feasible = _feasible(device)
-        self._predicted = device.predicted_moments()
+        self._predicted = device.predict_moments()
 
     def numbers(self) -> dict[str, Any]:
         """Everything on the card as plain JSON types."""
@@ -66,7 +66,7 @@ class ElectromagnetCard(Card):
     def show(self, console: Console) -> None:
         """Print it for people."""
         device, capability = self._device, self._capability
-        shown(device, console)
+        print_card(device, console)
         reach = np.array([device.contact_distance, device.contact_distance + device.shell_thickness]) * 1e3
         table = Table.grid(padding=(0, 3))
         table.add_row(

@@ -11,7 +11,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from haptorb.apps.inspect.card import Card, facts, shown
+from haptorb.apps.inspect.card import Card, facts, print_card
 from haptorb.control.allocation.motor_capability import motor_capability
 from haptorb.devices.endurance import endurance
 from haptorb.devices.motor.spherical_motor import GRAVITY, SphericalMotor
@@ -65,7 +65,7 @@ class MotorCard(Card):
     def show(self, console: Console) -> None:
         """Print it for people."""
         device, capability = self._device, self._capability
-        shown(device, console)
+        print_card(device, console)
         for finding in device.findings:
             console.print(f"[bold red]overridden[/] {finding}")
         table = Table.grid(padding=(0, 3))

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["VERDICTS", "Item", "unchecked"]
+__all__ = ["VERDICTS", "Item", "exempt"]
 
 VERDICTS = ("reproduced", "reproduced with erratum", "cannot be checked", "differs")
 
@@ -76,10 +76,10 @@ class Item:
         return {**self.__dict__, "why": self.reason, "verdict": self.verdict}
 
 
-def unchecked(id: str, paper: str, where: str, what: str, why: str) -> Item:
+def exempt(id: str, paper: str, where: str, what: str, why: str) -> Item:
     """A statement that no computation can check, and why.
 
-    >>> unchecked("photo", "zarate2020", "Fig. 1", "the prototype in use", "a photograph").verdict
+    >>> exempt("photo", "zarate2020", "Fig. 1", "the prototype in use", "a photograph").verdict
     'cannot be checked'
     """
     return Item(id, paper, where, what, None, None, "", None, why=why)

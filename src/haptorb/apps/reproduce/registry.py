@@ -10,7 +10,7 @@ from pathlib import Path
 from haptorb.apps.reproduce.item import Item
 from haptorb.errors import UnknownName
 
-__all__ = ["PAPERS", "Drawing", "Report", "Reproduction", "reproduced", "reproductions"]
+__all__ = ["PAPERS", "Drawing", "Report", "Reproduction", "find_reproduction", "reproductions"]
 
 PAPERS = ("bai2012", "zarate2020")
 
@@ -35,7 +35,7 @@ class Reproduction:
     title: str
     slow: bool = False
 
-    def made(self, report: Report = lambda share: None) -> tuple[tuple[Item, ...], Drawing | None]:
+    def make(self, report: Report = lambda share: None) -> tuple[tuple[Item, ...], Drawing | None]:
         """The items, and what draws the figure into a PNG or SVG file, where there is one."""
         items, draw = import_module(self.module).items(report)
         return items, draw
@@ -85,7 +85,7 @@ def reproductions(paper: str | None = None) -> tuple[Reproduction, ...]:
     return tuple(one for one in _ALL if paper is None or one.paper == paper)
 
 
-def reproduced(paper: str, name: str) -> Reproduction:
+def find_reproduction(paper: str, name: str) -> Reproduction:
     """The one called `name` ("figure 8"); UnknownName with those that there are."""
     known = {one.name: one for one in reproductions(paper)}
     if name not in known:

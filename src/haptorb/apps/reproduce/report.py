@@ -10,12 +10,12 @@ from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from haptorb.apps.reproduce.citation import ROUNDING
 from haptorb.apps.reproduce.item import VERDICTS, Item
-from haptorb.apps.reproduce.place import ROUNDING
 from haptorb.apps.reproduce.registry import Drawing, Reproduction
 from haptorb.version import __version__
 
-__all__ = ["Made", "report_page", "summary"]
+__all__ = ["ReproductionResult", "report_page", "summary"]
 
 _PAPERS = {
     "bai2012": "Bai et al. 2012: a ball-joint-like spherical motor as a two-mode haptic device",
@@ -60,7 +60,7 @@ figure { margin: 1rem 0; } figure img { max-width: 100%; height: auto; backgroun
 
 
 @dataclass(frozen=True)
-class Made:
+class ReproductionResult:
     """One reproduction with its items and what draws its figure, if it has one."""
 
     of: Reproduction
@@ -74,7 +74,7 @@ def summary(items: Iterable[Item]) -> dict[str, int]:
     return {verdict: counts[verdict] for verdict in VERDICTS}
 
 
-def report_page(made: Iterable[Made]) -> str:
+def report_page(made: Iterable[ReproductionResult]) -> str:
     """The page as text: all of `made`, paper by paper, figures inside."""
     every = list(made)
     items = [item for one in every for item in one.items]
@@ -107,7 +107,7 @@ def _counts(items: list[Item]) -> str:
     return f"<ul class='counts'>{cells}</ul>"
 
 
-def _contents(every: list[Made]) -> str:
+def _contents(every: list[ReproductionResult]) -> str:
     rows = "".join(
         f"<li><a href='#{_anchor(one.of)}'>{escape(one.of.paper)}, {escape(one.of.name)}</a> "
         f"<small>{escape(one.of.title)}</small></li>"
@@ -116,7 +116,7 @@ def _contents(every: list[Made]) -> str:
     return f"<nav><ul>{rows}</ul></nav>"
 
 
-def _section(one: Made) -> str:
+def _section(one: ReproductionResult) -> str:
     rows = "".join(_row(item) for item in one.items)
     title = f"{escape(_capital(one.of.name))} <span>· {escape(one.of.title)}</span>"
     return (

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from haptorb.apps.train.training import Training, trained
+from haptorb.apps.train.training import Training, train_networks
 
-__all__ = ["Training", "trained"]
+__all__ = ["Training", "train_networks"]

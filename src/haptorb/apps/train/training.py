@@ -13,14 +13,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from haptorb.apps.estimators.trajectories import figure_4, normalised_error, random_workspace
+from haptorb.apps.estimators.trajectories import figure_4, random_workspace, relative_error
 from haptorb.devices.motor.api import motor
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.sensing.torque_maps.network import NetworkTorque, TrainedNetworks, train
 from haptorb.sensing.torque_maps.network_file import networks_path, write_networks
 
-__all__ = ["Training", "trained"]
+__all__ = ["Training", "train_networks"]
 
 _ORIENTATIONS = 4000  #: that the networks are judged by; none of them was trained on
 
@@ -66,7 +66,7 @@ class Training:
         console.print(f"{record['seconds']:.0f} s, {record['peak_megabytes']:.0f} MB; kept in {self.path}")
 
 
-def trained(
+def train_networks(
     device: str,
     *,
     nodes: int = 10,
@@ -100,15 +100,15 @@ def trained(
     chosen = _reference_coil(known.electromagnets.directions)
     torque = NetworkTorque(known, networks)
 
-    def judged(R: Array) -> tuple[float, float]:
+    def judge(R: Array) -> tuple[float, float]:
         B, K = known.sensor_field(R, "table"), known.torque_characteristic(R, "table")
         usable, sure = np.ones(known.sensors), np.empty(K.shape[2])
         found = np.empty_like(K)
         for number, field in enumerate(B):
             torque.torque(field, usable, found[number], sure)
-        return normalised_error(found[:, :, chosen], K[:, :, chosen]), normalised_error(found, K)
+        return relative_error(found[:, :, chosen], K[:, :, chosen]), relative_error(found, K)
 
-    over, everywhere = judged(random_workspace(known, _ORIENTATIONS, seed + 1))
+    over, everywhere = judge(random_workspace(known, _ORIENTATIONS, seed + 1))
     record = {
         **networks.record,
         "seconds": seconds,
@@ -116,7 +116,7 @@ def trained(
         "judged": {
             "electromagnet": chosen + 1,
             "workspace": over,
-            "figure_4": judged(figure_4())[0],
+            "figure_4": judge(figure_4())[0],
             "all_coils": everywhere,
         },
     }

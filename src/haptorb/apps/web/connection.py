@@ -14,7 +14,7 @@ from typing import Any, cast, final
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
-__all__ = ["LIFE", "MOST", "OwnMistakes", "Request", "Socket"]
+__all__ = ["LIFE", "MOST", "OwnErrorFilter", "Request", "Socket"]
 
 #: connections that ask for something, and as many that become a page or are being closed; a browser needs six. A newer
 #: one takes the place of the oldest
@@ -103,7 +103,7 @@ class Socket(WebSocketsSansIOProtocol):
             self.transport.abort()
 
 
-class OwnMistakes(logging.Filter):
+class OwnErrorFilter(logging.Filter):
     """Keeps a log to this program's own mistakes: what others send is answered, and is no news."""
 
     def filter(self, record: logging.LogRecord) -> bool:

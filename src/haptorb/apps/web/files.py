@@ -6,7 +6,7 @@ from pathlib import Path
 
 from starlette.responses import Response
 
-__all__ = ["answered", "page_files"]
+__all__ = ["page_files", "respond"]
 
 _KINDS = {
     ".html": "text/html; charset=utf-8",
@@ -22,7 +22,7 @@ def page_files(folder: Path) -> dict[str, tuple[bytes, str]]:
     return {path.name: (path.read_bytes(), _KINDS[path.suffix]) for path in folder.glob("*") if path.suffix in _KINDS}
 
 
-def answered(files: dict[str, tuple[bytes, str]], name: str) -> Response:
+def respond(files: dict[str, tuple[bytes, str]], name: str) -> Response:
     """The file `name`, or that there is none."""
     if name not in files:
         return Response("there is no such file\n", status_code=404, media_type="text/plain")

@@ -17,10 +17,10 @@ from typing import Any, cast
 
 import uvicorn
 
-from haptorb.apps.web.connection import OwnMistakes, Request, Socket
+from haptorb.apps.web.connection import OwnErrorFilter, Request, Socket
 from haptorb.errors import InputError
 
-__all__ = ["HOST", "Server", "bound", "hurry", "server", "signals"]
+__all__ = ["HOST", "Server", "bind_socket", "hurry", "server", "signals"]
 
 HOST = "127.0.0.1"
 _URGENT = -10  #: niceness of the serving thread
@@ -60,12 +60,12 @@ def server(app: Any) -> Server:
     )
     config.load()
     log = logging.getLogger("uvicorn.error")
-    if not any(isinstance(one, OwnMistakes) for one in log.filters):
-        log.addFilter(OwnMistakes())
+    if not any(isinstance(one, OwnErrorFilter) for one in log.filters):
+        log.addFilter(OwnErrorFilter())
     return Server(config)
 
 
-def bound(port: int) -> socket.socket:
+def bind_socket(port: int) -> socket.socket:
     """A listening socket on this computer's own address, or InputError that says who to ask."""
     if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= 65535:
         raise InputError(f"port must be a whole number from 0 to 65535; got {port!r}")

@@ -15,7 +15,7 @@ from starlette.datastructures import Headers
 
 from haptorb.errors import InputError
 
-__all__ = ["PROTOCOL", "TOKEN", "chosen_token", "knows"]
+__all__ = ["PROTOCOL", "TOKEN", "choose_token", "knows"]
 
 TOKEN = "HAPTORB_TOKEN"  #: of the environment: a token that stays the same from one start to the next
 PROTOCOL = "haptorb"  #: the subprotocol that is accepted; the token is offered as a second one
@@ -24,7 +24,7 @@ _SHORTEST = 16  #: a token that cannot be guessed [characters]
 _SHAPE = re.compile(r"[A-Za-z0-9_-]*")
 
 
-def chosen_token() -> str:
+def choose_token() -> str:
     """A new token, or the one in the environment's HAPTORB_TOKEN; InputError if that cannot be one."""
     given = os.environ.get(TOKEN, "")
     if not given:

@@ -12,7 +12,7 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, finite
 from haptorb.numerics.record import record
 
-__all__ = ["Allocation", "Allocator", "checked_limit", "checked_problem"]
+__all__ = ["Allocation", "Allocator", "check_limit", "check_problem"]
 
 
 @record
@@ -42,10 +42,10 @@ class Allocator(ABC):
         """
 
 
-def checked_limit(value: ArrayLike) -> Array:
+def check_limit(value: ArrayLike) -> Array:
     """(m,) current limits [A], or InputError: they are magnitudes, one per channel; zero turns a channel off.
 
-    >>> checked_limit([3, 0]).tolist()
+    >>> check_limit([3, 0]).tolist()
     [3.0, 0.0]
     """
     limit = finite(value, "current_limit")
@@ -56,7 +56,7 @@ def checked_limit(value: ArrayLike) -> Array:
     return np.ascontiguousarray(limit)
 
 
-def checked_problem(wrench_map: WrenchMap, wrench: ArrayLike, channels: int) -> tuple[Array, Array, Array]:
+def check_problem(wrench_map: WrenchMap, wrench: ArrayLike, channels: int) -> tuple[Array, Array, Array]:
     """Matrix (6, m), passive wrench (6,) and wrench (6,) as contiguous float64 arrays of the right shape.
 
     Finiteness is left to the kernels, which look at every number anyway.

@@ -28,7 +28,7 @@ from haptorb.control.allocation.zonotope import reach
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["NOT_FINITE", "bounded_power_currents"]
+__all__ = ["NOT_FINITE", "solve_bounded_power"]
 
 _UNTURNED = 1e-9  # relative part of a torque, about an axis that no channel turns, that is taken for rounding
 
@@ -50,7 +50,7 @@ def _least_norm_within(Q: Array, t: Array, box: Array, y: Array) -> float:
 
 
 @kernel
-def bounded_power_currents(
+def solve_bounded_power(
     K: Array, T: Array, limit: Array, resistance: Array, nearest: bool, currents: Array
 ) -> tuple[int, float]:
     """Write the currents (m,) [A] for torque T (3,) [N·m] into `currents`; return what happened and the scale of T.

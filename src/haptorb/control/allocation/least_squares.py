@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.control.allocation.allocator import Allocation, Allocator, checked_limit, checked_problem
+from haptorb.control.allocation.allocator import Allocation, Allocator, check_limit, check_problem
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, finite
@@ -198,7 +198,7 @@ class LeastSquaresAllocator(Allocator):
         truncation: float = 1e-6,
         compensate_passive: bool = False,
     ) -> None:
-        self.current_limit = checked_limit(current_limit)
+        self.current_limit = check_limit(current_limit)
         self.weights = np.ascontiguousarray(finite(weights, "weights"))
         if self.weights.shape != (6,) or (self.weights < 0).any() or not self.weights.any():
             raise InputError(f"weights must be six numbers, none negative, not all zero; got {weights!r}")
@@ -232,7 +232,7 @@ class LeastSquaresAllocator(Allocator):
     def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
         """Currents (m,) [A] for `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""
         limit = self.current_limit
-        matrix, passive, asked = checked_problem(wrench_map, wrench, limit.shape[0])
+        matrix, passive, asked = check_problem(wrench_map, wrench, limit.shape[0])
         currents = np.empty(limit.shape[0])
         residual = np.empty(6)
         scale = _allocate(matrix, passive, asked, self.weights, limit, self._settings, currents, residual)

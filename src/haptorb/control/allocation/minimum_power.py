@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.control.allocation.allocator import Allocation, Allocator, checked_limit, checked_problem
-from haptorb.control.allocation.bounded_power import NOT_FINITE, bounded_power_currents
+from haptorb.control.allocation.allocator import Allocation, Allocator, check_limit, check_problem
+from haptorb.control.allocation.bounded_power import NOT_FINITE, solve_bounded_power
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError, UnknownName
 from haptorb.numerics.arrays import Array, finite, vectors
@@ -57,7 +57,7 @@ def _allocate(
         ready = ready and np.isfinite(wrench[i]) and np.isfinite(passive[i])
     for i in range(3):
         torque[i] = wrench[3 + i] - compensated * passive[3 + i] if ready else np.nan
-    status, scale = bounded_power_currents(matrix[3:], torque, limit, resistance, nearest, currents)
+    status, scale = solve_bounded_power(matrix[3:], torque, limit, resistance, nearest, currents)
     saturated = False
     for j in range(currents.shape[0]):
         saturated = saturated or (limit[j] > 0.0 and abs(currents[j]) >= limit[j])
@@ -94,7 +94,7 @@ class MinimumPowerAllocator(Allocator):
         resistance: ArrayLike | None = None,
         compensate_passive: bool = False,
     ) -> None:
-        self.current_limit = checked_limit(current_limit)
+        self.current_limit = check_limit(current_limit)
         if infeasible not in _BEYOND:
             raise UnknownName("choice for an infeasible torque", infeasible, _BEYOND)
         ones = np.ones_like(self.current_limit)
@@ -109,7 +109,7 @@ class MinimumPowerAllocator(Allocator):
     def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
         """Currents (m,) [A] for the torque in `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""
         limit = self.current_limit
-        matrix, passive, asked = checked_problem(wrench_map, wrench, limit.shape[0])
+        matrix, passive, asked = check_problem(wrench_map, wrench, limit.shape[0])
         currents = np.empty(limit.shape[0])
         residual = np.empty(6)
         status, scale, saturated = _allocate(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptorb.control.allocation.bounded_power import bounded_power_currents
+from haptorb.control.allocation.bounded_power import solve_bounded_power
 from haptorb.control.allocation.minimum_power import minimum_power_currents
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import DeviceError, InputError
@@ -97,5 +97,5 @@ def _greatest(K: Array, limit: Array, out: Array) -> None:
                 asked += 2.0 * abs(K[n, axis, j]) * limit[j]
             torque = np.zeros(3)
             torque[axis] = asked
-            _, scale = bounded_power_currents(K[n], torque, limit, alike, False, currents)
+            _, scale = solve_bounded_power(K[n], torque, limit, alike, False, currents)
             out[n, axis] = scale * asked

@@ -35,7 +35,7 @@ class Gains:
     is forced aside. ±22.5° of handle move the plug by ±8 mm out (its whole way), ±1.6 mm sideways; 8° of spin tilt it
     by 2°. For the paper's beam, 4.3 times stiffer, use `Gains().scaled(0.25)`.
 
-    >>> Gains().verdict, Gains().scaled(0.2).verdict, Gains(rotate_torque=(1, 1, 1)).verdict
+    >>> Gains().verdict, Gains().scale(0.2).verdict, Gains(rotate_torque=(1, 1, 1)).verdict
     ('power-consistent', 'scaled', 'active')
     """
 
@@ -52,7 +52,7 @@ class Gains:
                 value = (second, first, third)
             object.__setattr__(self, name, three(value, f"gains.{name}"))
 
-    def scaled(self, factor: float) -> Gains:
+    def scale(self, factor: float) -> Gains:
         """The same motion with all torques multiplied by `factor`: a stronger or weaker world, still passive.
 
         Raises InputError for a negative factor.

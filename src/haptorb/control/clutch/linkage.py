@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Protocol, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.control.clutch.mode_kernels import followed, returned
+from haptorb.control.clutch.mode_kernels import fill_rotor_wrench, follow_rotor
 from haptorb.control.clutch.modes import MODES, Clutch, Gains, Mode, TwoModes
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
@@ -25,7 +25,15 @@ if TYPE_CHECKING:
     from haptorb.devices.motor.spherical_motor import SphericalMotor
 
 __all__ = [
-    "MOTOR_GAINS", "NO_CONTACTS", "Direct", "Felt", "Linkage", "ModedLinkage", "Touching", "direct", "moded",
+    "MOTOR_GAINS",
+    "NO_CONTACTS",
+    "Direct",
+    "Linkage",
+    "ModedLinkage",
+    "RenderedWrench",
+    "WrenchSource",
+    "direct",
+    "moded",
 ]  # fmt: skip
 
 #: 40° of handle, which a hand can sweep within the workspace, pull the plug all the way out; else the defaults
@@ -36,7 +44,7 @@ _CLOSED = np.ones(2)
 _NUMBERS = {mode: number for number, mode in enumerate(MODES, start=1)}  #: of modes in a row
 
 
-class Touching(Protocol):
+class WrenchSource(Protocol):
     """The part of a world that a linkage needs."""
 
     def wrench(self, state: State) -> Array:
@@ -45,12 +53,12 @@ class Touching(Protocol):
     def touching(self, state: State) -> tuple[Array, Array]:
         """(6,) the same wrench, and (2, 8) what up to two hooks do, for those who draw them.
 
-        In [N, N·m], and [m] and [N] as in `Felt`.
+        In [N, N·m], and [m] and [N] as in `RenderedWrench`.
         """
 
 
 @record
-class Felt:
+class RenderedWrench:
     """What one tick of a linkage gives.
 
     wrench        (6,) on the mover, stator frame [N, N·m]
@@ -79,7 +87,7 @@ class Linkage(ABC):
     arm: float  #: at which a hand holds a mover that turns [m]; 0 where the mover is a tool
 
     @abstractmethod
-    def felt(self, world: Touching, mover: State) -> Felt:
+    def render(self, world: WrenchSource, mover: State) -> RenderedWrench:
         """What `world` makes the hand feel with the mover at `mover`; one call per tick."""
 
     @abstractmethod
@@ -103,10 +111,10 @@ class Direct(Linkage):
     passive = True
     arm = 0.0
 
-    def felt(self, world: Touching, mover: State) -> Felt:
+    def render(self, world: WrenchSource, mover: State) -> RenderedWrench:
         """The world's wrench at the mover."""
         wrench = world.wrench(mover)
-        return Felt(wrench, mover, wrench, NO_CONTACTS, 0, _CLOSED, True)
+        return RenderedWrench(wrench, mover, wrench, NO_CONTACTS, 0, _CLOSED, True)
 
     def set_mode(self, mode: Mode) -> None:
         """There is nothing to choose. Raises InputError."""
@@ -131,8 +139,8 @@ class ModedLinkage(Linkage):
     moment and in any state (`Clutch`: the mapping is by increments, and the shares slide).
 
     >>> from haptorb.worlds.snap_fit.outlet import Outlet
-    >>> linkage, rotor = ModedLinkage(), State.turned(np.eye(3))
-    >>> linkage.felt(Outlet(), rotor).thing.p.tolist(), linkage.felt(Outlet(), rotor).mode
+    >>> linkage, rotor = ModedLinkage(), State.from_rotation(np.eye(3))
+    >>> linkage.render(Outlet(), rotor).thing.p.tolist(), linkage.render(Outlet(), rotor).mode
     ([0.0, 0.0, 0.0], 1)
     """
 
@@ -150,7 +158,9 @@ class ModedLinkage(Linkage):
         self.arm = arm
         self.passive = self.mapping.gains.verdict != "active"
         self._begin = (np.asarray(position, dtype=np.float64), np.asarray(attitude, dtype=np.float64))
-        self.mapping.start(State.turned(np.eye(3)), position=position, attitude=attitude)  # refuses what cannot be
+        self.mapping.start(
+            State.from_rotation(np.eye(3)), position=position, attitude=attitude
+        )  # refuses what cannot be
         self._mode: Mode = "translate"
         self._engaged = True
         self._memory: Array | None = None  # of the clutch, changed in place by every tick
@@ -164,17 +174,17 @@ class ModedLinkage(Linkage):
             return None
         return self.mapping.clutch(self._memory, self._t, self._mode, self._engaged)
 
-    def felt(self, world: Touching, mover: State) -> Felt:
+    def render(self, world: WrenchSource, mover: State) -> RenderedWrench:
         """Advance the clutch to `mover`, ask `world` at the target, and bring its wrench back as torque.
 
         Raises InputError for a rotor tilted beyond ±80°, and for a world that gives no wrench.
         """
         mapping, memory, t = self.mapping, self._memory, mover.t
         if memory is None:
-            memory = self._taken(mover)
+            memory = self._take_hold(mover)
         R, pose = np.ascontiguousarray(mover.R_SR), np.empty((7, 3))
-        if not followed(R, np.ascontiguousarray(mover.w), t - self._t, mapping.settings, memory, pose):
-            raise mapping.lost(R)
+        if not follow_rotor(R, np.ascontiguousarray(mover.w), t - self._t, mapping.settings, memory, pose):
+            raise mapping.explain_loss(R)
         self._t = t
         target = State(t, pose[:3], pose[3], pose[4], pose[5])
         on_target, contacts = world.touching(target)
@@ -182,10 +192,10 @@ class ModedLinkage(Linkage):
             raise InputError(f"a world must give force and torque, shape (6,); got shape {np.shape(on_target)}")
         asked, wrench = self._asked, np.empty(6)
         asked[:] = on_target  # in another memory layout a user's array would have the kernel compiled anew
-        returned(mapping.settings, memory, asked, wrench)
-        return Felt(wrench, target, on_target, contacts, _NUMBERS[self._mode], pose[6, :2], self._engaged)
+        fill_rotor_wrench(mapping.settings, memory, asked, wrench)
+        return RenderedWrench(wrench, target, on_target, contacts, _NUMBERS[self._mode], pose[6, :2], self._engaged)
 
-    def _taken(self, mover: State) -> Array:
+    def _take_hold(self, mover: State) -> Array:
         """(6, 3) the memory of a clutch that has just been put between `mover` and the target at its beginning."""
         position, attitude = self._begin
         mode, engaged = self._mode, self._engaged
@@ -199,7 +209,7 @@ class ModedLinkage(Linkage):
 
     def set_mode(self, mode: Mode) -> None:
         """From the next tick on, the clutch slides over to `mode`."""
-        self.mapping.known(mode)
+        self.mapping.check_mode(mode)
         self._mode = mode
         self._aim()
 

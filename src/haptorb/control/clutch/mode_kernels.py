@@ -20,10 +20,10 @@ __all__ = [
     "RATES",
     "SHARE",
     "STEEPEST",
-    "carried",
-    "followed",
-    "placed",
-    "returned",
+    "advance_clutch",
+    "fill_rotor_wrench",
+    "fill_target_pose",
+    "follow_rotor",
 ]
 
 SHARE, ANGLES, RATES, POSITION, ATTITUDE, GOAL = range(6)
@@ -45,7 +45,7 @@ def _nearest(angle: float, near: float) -> float:
 
 
 @kernel
-def carried(R: Array, w: Array, dt: float, settings: Array, memory: Array) -> bool:
+def advance_clutch(R: Array, w: Array, dt: float, settings: Array, memory: Array) -> bool:
     """Bring `memory` to the rotor at R (3, 3), turning with w (3,) [rad/s], `dt` [s] later; the target follows.
 
     False, and nothing changed, where the rotor is tilted beyond STEEPEST or nowhere.
@@ -84,7 +84,7 @@ def carried(R: Array, w: Array, dt: float, settings: Array, memory: Array) -> bo
 
 
 @kernel
-def placed(settings: Array, memory: Array, pose: Array) -> None:
+def fill_target_pose(settings: Array, memory: Array, pose: Array) -> None:
     """Fill pose (6, 3): R' (3, 3), position [m], w' [rad/s] and v' [m/s] of the target, primed frame."""
     share, rates, attitude = memory[SHARE], memory[RATES], memory[ATTITUDE]
     cp, sp = math.cos(attitude[0]), math.sin(attitude[0])
@@ -107,18 +107,18 @@ def placed(settings: Array, memory: Array, pose: Array) -> None:
 
 
 @kernel
-def followed(R: Array, w: Array, dt: float, settings: Array, memory: Array, pose: Array) -> bool:
-    """`carried` and `placed` at once; pose (7, 3) ends with the shares."""
-    if not carried(R, w, dt, settings, memory):
+def follow_rotor(R: Array, w: Array, dt: float, settings: Array, memory: Array, pose: Array) -> bool:
+    """`advance_clutch` and `fill_target_pose` at once; pose (7, 3) ends with the shares."""
+    if not advance_clutch(R, w, dt, settings, memory):
         return False
-    placed(settings, memory, pose)
+    fill_target_pose(settings, memory, pose)
     for i in range(3):
         pose[6, i] = memory[SHARE, i]
     return True
 
 
 @kernel
-def returned(settings: Array, memory: Array, wrench: Array, out: Array) -> None:
+def fill_rotor_wrench(settings: Array, memory: Array, wrench: Array, out: Array) -> None:
     """out (6,): no force, and the torque [N·m] on the rotor, stator frame, for the target's wrench (6,) [N, N·m]."""
     share, q, rates, attitude = memory[SHARE], memory[ANGLES], memory[RATES], memory[ATTITUDE]
     c, s = math.cos(attitude[0]), math.sin(attitude[0])

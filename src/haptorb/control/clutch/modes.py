@@ -34,9 +34,9 @@ from haptorb.control.clutch.mode_kernels import (
     RATES,
     SHARE,
     STEEPEST,
-    carried,
-    placed,
-    returned,
+    advance_clutch,
+    fill_rotor_wrench,
+    fill_target_pose,
 )
 from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
@@ -74,7 +74,7 @@ class TwoModes:
     Raises InputError for a time that is not above zero.
 
     >>> modes = TwoModes()
-    >>> clutch = modes.start(State.turned(np.eye(3)))
+    >>> clutch = modes.start(State.from_rotation(np.eye(3)))
     >>> modes.torque(clutch, (1.0, 0, 0, 0, 0, 0)).tolist()       # it starts let go, and takes hold within `ramp`
     [0.0, 0.0, 0.0]
     """
@@ -101,7 +101,7 @@ class TwoModes:
 
         Raises InputError for an attitude beyond ±80° of λ'.
         """
-        self.known(mode)
+        self.check_mode(mode)
         turned = np.array(three(attitude, "attitude"))
         if abs(turned[1]) >= STEEPEST:
             raise InputError(
@@ -119,14 +119,14 @@ class TwoModes:
         """
         memory = self.memory(clutch)
         R, w = np.ascontiguousarray(rotor.R_SR), np.ascontiguousarray(rotor.w)
-        if not carried(R, w, rotor.t - clutch.t, self.settings, memory):
-            raise self.lost(R)
+        if not advance_clutch(R, w, rotor.t - clutch.t, self.settings, memory):
+            raise self.explain_loss(R)
         return self.clutch(memory, rotor.t, clutch.mode, clutch.engaged)
 
     def target(self, clutch: Clutch) -> State:
         """The target's pose and motion in the primed frame: what a world of the target is asked with."""
         pose = np.empty((6, 3))
-        placed(self.settings, self.memory(clutch), pose)
+        fill_target_pose(self.settings, self.memory(clutch), pose)
         return State(clutch.t, pose[:3], pose[3], pose[4], pose[5])
 
     def torque(self, clutch: Clutch, wrench: ArrayLike) -> Array:
@@ -138,7 +138,7 @@ class TwoModes:
         if asked.shape != (6,):
             raise InputError(f"wrench must have shape (6,); got {asked.shape}")
         out = np.empty(6)
-        returned(self.settings, self.memory(clutch), asked, out)
+        fill_rotor_wrench(self.settings, self.memory(clutch), asked, out)
         return out[3:]
 
     def memory(self, clutch: Clutch) -> Array:
@@ -161,28 +161,28 @@ class TwoModes:
             t, mode, engaged, rows[SHARE, :2], rows[ANGLES], rows[RATES], rows[POSITION], rows[ATTITUDE]
         )  # fmt: skip
 
-    def lost(self, R: Array) -> InputError:
+    def explain_loss(self, R: Array) -> InputError:
         """What is wrong with a rotor at R (3, 3) that no target can follow."""
         return InputError(
             f"the rotor is tilted beyond λ = ±{math.degrees(STEEPEST):.0f}°, or its orientation is unknown "
             f"(R_SR[0, 2] = {R[0, 2]:.4g}): the two-mode mapping has no meaning there. Turn it back"
         )
 
-    def switched(self, clutch: Clutch, mode: Mode) -> Clutch:
+    def switch(self, clutch: Clutch, mode: Mode) -> Clutch:
         """The same pose and torque, on the way to `mode`."""
-        self.known(mode)
+        self.check_mode(mode)
         return replace(clutch, mode=mode)
 
-    def released(self, clutch: Clutch) -> Clutch:
+    def release(self, clutch: Clutch) -> Clutch:
         """Letting go: the target stays, the rotor soon turns freely."""
         return replace(clutch, engaged=False)
 
-    def engaged(self, clutch: Clutch) -> Clutch:
+    def engage(self, clutch: Clutch) -> Clutch:
         """Taking hold again, from wherever the rotor is."""
         return replace(clutch, engaged=True)
 
     @staticmethod
-    def known(mode: str) -> None:
+    def check_mode(mode: str) -> None:
         """UnknownName for what is not a mode."""
         if mode not in MODES:
             raise UnknownName("mode", str(mode), MODES)

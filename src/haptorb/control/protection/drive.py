@@ -18,7 +18,7 @@ _STEADY = 0.25  #: a current that changes by more than this share in a tick tell
 
 
 @kernel
-def _left(c: Record, dt: float) -> float:
+def _decay_share(c: Record, dt: float) -> float:
     """The share of a change of the current that is left after `dt` [s]: e^(−R dt/L)."""
     return float(np.exp(-c.resistance * dt / c.inductance)) if c.inductance > 0.0 else 0.0
 
@@ -36,7 +36,7 @@ def _learn_resistance(d: Record, coils: Records) -> None:
         if abs(now - then) > _STEADY * abs(now):
             continue
         # What the voltage would have led to if it had lasted: it is this current that the resistance tells.
-        left = _left(c, d.dt)
+        left = _decay_share(c, d.dt)
         i = (now - left * then) / (1.0 - left)
         # Eq. (6) is mean duty over mean current; weighting both with the current is the same for steady currents, and
         # has no pole when a current changes sign.
@@ -59,7 +59,7 @@ def choose_duties(d: Record, coils: Records) -> None:
         c = coils[j]
         # Eq. (4) for the current at which this tick's exponential must aim to be at `held` when the tick ends, and the
         # voltage that the moving mover takes.
-        aim = c.resistance * (c.driven + (c.held - c.driven) / (1.0 - _left(c, d.dt)))
+        aim = c.resistance * (c.driven + (c.held - c.driven) / (1.0 - _decay_share(c, d.dt)))
         c.duty = (aim + c.emf) / d.supply
         largest = max(largest, abs(c.duty))
     for j in range(coils.size):
@@ -68,7 +68,7 @@ def choose_duties(d: Record, coils: Records) -> None:
         if largest > 1.0:  # safety: duties-are-bounded
             c.duty /= largest
             reached = (c.duty * d.supply - c.emf) / c.resistance
-            c.driven = reached + (c.driven - reached) * _left(c, d.dt)  # as far as the supply can bring it
+            c.driven = reached + (c.driven - reached) * _decay_share(c, d.dt)  # as far as the supply can bring it
         else:
             c.driven = c.held
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from haptorb.errors import InputError, UnknownName
 
-__all__ = ["GRIPS", "HandGrip", "known_grip"]
+__all__ = ["GRIPS", "HandGrip", "check_grip"]
 
 
 @dataclass(frozen=True)
@@ -48,12 +48,12 @@ GRIPS = {
 }
 
 
-def known_grip(text: str) -> HandGrip:
+def check_grip(text: str) -> HandGrip:
     """The grip called `text`, or the one that its three numbers MASS,DAMPING,STIFFNESS describe.
 
     Raises UnknownName for what is neither.
 
-    >>> known_grip("firm").damping, known_grip("0.2,3,50").mass
+    >>> check_grip("firm").damping, check_grip("0.2,3,50").mass
     (10.0, 0.2)
     """
     if text in GRIPS:

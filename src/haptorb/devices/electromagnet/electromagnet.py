@@ -24,7 +24,7 @@ from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.dipole import MU0
 from haptorb.physics.sources.soft_sphere import SoftSphere
 
-__all__ = ["Contact", "Hand", "SphericalElectromagnet", "Tool"]
+__all__ = ["DomeContact", "Hand", "SphericalElectromagnet", "Tool"]
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Hand:
 
 
 @dataclass(frozen=True)
-class Contact:
+class DomeContact:
     """The dome under the tip: a stiff spring with damping and dry friction."""
 
     stiffness: float  #: [N/m]
@@ -84,7 +84,7 @@ class SphericalElectromagnet(Device):
     workspace_half_angle: float  #: [rad] from +z
     tool: Tool
     hand: Hand
-    contact: Contact
+    contact: DomeContact
     hall: FieldSensors
     thermometer_step: float  #: [K]
     thermometer_noise: float  #: [K]
@@ -127,7 +127,7 @@ class SphericalElectromagnet(Device):
             nearest=self.core_radius + tool.length / 2 + 5e-3,
         )
 
-    def predicted_moments(self) -> Array | None:
+    def predict_moments(self) -> Array | None:
         """(3, 3) [m²] m_e per ampere from the coils' sizes and the core, to be held against `moment_per_current`; None
         where the sizes are not known."""
         if self.windings is None:
@@ -147,7 +147,7 @@ class SphericalElectromagnet(Device):
         if level == "exact":
             ring_per_ampere(*self._ring, p, R, matrix, passive)
         else:
-            self.known_level(level)
+            self.check_level(level)
             dipole_per_ampere(*self._dipole, p, R, matrix)
         return WrenchMap(matrix, passive)
 

@@ -19,5 +19,5 @@ ELECTROMAGNET = DeviceKind(
     force_map="haptorb.apps.console.force_map_process:FeltProcess",
     card="haptorb.apps.inspect.electromagnet:ElectromagnetCard",
     workspace="haptorb.apps.check.workspace:shell_workspace",
-    boundary="haptorb.apps.check.rendered:boundary",
+    boundary="haptorb.apps.check.stability_trial:boundary",
 )

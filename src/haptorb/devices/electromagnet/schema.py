@@ -8,7 +8,7 @@ import numpy as np
 from annotated_types import Gt, Len
 from pydantic import Field, model_validator
 
-from haptorb.devices.electromagnet.electromagnet import Contact, Hand, SphericalElectromagnet, Tool
+from haptorb.devices.electromagnet.electromagnet import DomeContact, Hand, SphericalElectromagnet, Tool
 from haptorb.devices.electromagnet.touch_points import Marks
 from haptorb.devices.electromagnet.windings import Windings
 from haptorb.devices.field_sensors import FieldSensors
@@ -86,7 +86,7 @@ class WindingsSection(Section):
     outer_radius: Annotated[tuple[Annotated[q.Length, Positive], ...], Len(3, 3)]
     length: Annotated[tuple[Annotated[q.Length, Positive], ...], Len(3, 3)]
 
-    def built(self) -> Windings:
+    def build(self) -> Windings:
         """As the device has it."""
         return Windings(*(np.array(part) for part in (self.turns, self.inner_radius, self.outer_radius, self.length)))
 
@@ -109,7 +109,7 @@ class MarksSection(Section):
             raise ValueError("must not lie on one line: a frame could turn about it")
         return self
 
-    def built(self) -> Marks:
+    def build(self) -> Marks:
         """As the device has it."""
         return Marks(self.names, np.array(self.positions))
 
@@ -156,7 +156,7 @@ class ElectromagnetFile(CommonFile):
             raise ValueError("electromagnet.moment_per_current is (nearly) singular: two coils do the same")
         return self
 
-    def built(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalElectromagnet:
+    def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalElectromagnet:
         """The device that this file describes; there are no findings to override beyond wrong values."""
         dome, hall = self.dome, self.hall
         tool = self.tool.model_dump()
@@ -173,10 +173,10 @@ class ElectromagnetFile(CommonFile):
             workspace_half_angle=dome.workspace_half_angle,
             tool=Tool(**tool),
             hand=Hand(**self.hand.model_dump()),
-            contact=Contact(dome.stiffness, dome.damping, dome.friction),
+            contact=DomeContact(dome.stiffness, dome.damping, dome.friction),
             hall=FieldSensors(np.array(hall.positions).reshape(-1, 3), hall.noise, hall.step),
             thermometer_step=self.thermometer.step,
             thermometer_noise=self.thermometer.noise,
-            windings=None if self.windings is None else self.windings.built(),
-            marks=None if self.marks is None else self.marks.built(),
+            windings=None if self.windings is None else self.windings.build(),
+            marks=None if self.marks is None else self.marks.build(),
         )

@@ -10,11 +10,11 @@ import numpy as np
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 
-__all__ = ["Layout", "Ring", "alternating", "spherical_frames"]
+__all__ = ["Layout", "PartRing", "alternating", "spherical_frames"]
 
 
 @dataclass(frozen=True, slots=True)
-class Ring:
+class PartRing:
     """`count` parts at one latitude, `step` apart in longitude from `first` on; angles in [rad]."""
 
     latitude: float
@@ -28,7 +28,7 @@ class Ring:
         Bai 2012 (A.1) prints ϑ as a colatitude, but the angles of its Table A.1 are latitudes (erratum E2):
         r/R = (cosϑ cosφ, cosϑ sinφ, sinϑ).
 
-        >>> Ring(0.0, 2, 0.0, np.pi / 2).directions().round(12).tolist()
+        >>> PartRing(0.0, 2, 0.0, np.pi / 2).directions().round(12).tolist()
         [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
         """
         longitude = self.first + self.step * np.arange(self.count)
@@ -51,7 +51,7 @@ class Layout:
     directions: Array
 
     @classmethod
-    def of_rings(cls, distance: float, rings: Sequence[Ring]) -> Layout:
+    def of_rings(cls, distance: float, rings: Sequence[PartRing]) -> Layout:
         """The parts of all rings, in order."""
         return cls(distance, np.concatenate([ring.directions() for ring in rings]))
 

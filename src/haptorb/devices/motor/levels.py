@@ -38,15 +38,15 @@ PRECISION = 1e-7  #: of the exact level, relative to the greatest torque of any 
 
 def exact_field(motor: MotorParts, R: Array, points: Array) -> Array:
     """(n, p, 3) flux density of all magnets [T] at `points` (p, 3) [m], stator frame: closed form, summed."""
-    return _summed_field(motor, motor.magnet, R, points)
+    return _sum_field(motor, motor.magnet, R, points)
 
 
 def multipole_field(motor: MotorParts, R: Array, points: Array) -> Array:
     """The same by the published model, Bai 2012 eq. (8). (n, p, 3) [T]."""
-    return _summed_field(motor, _models(motor)[0], R, points)
+    return _sum_field(motor, _models(motor)[0], R, points)
 
 
-def _summed_field(motor: MotorParts, magnet: Source, R: Array, points: Array) -> Array:
+def _sum_field(motor: MotorParts, magnet: Source, R: Array, points: Array) -> Array:
     out = np.empty((len(R), len(points), 3))
     frames, places = motor.magnets.frames, motor.magnets.positions
     for number, turn in enumerate(R):
@@ -81,10 +81,10 @@ def exact_torque(motor: MotorParts, R: Array, precision: float = PRECISION) -> A
 
     (n, 3, coils) [N·m/A].
     """
-    last = _integrated(motor, R, _REFINEMENTS[0])
+    last = _integrate(motor, R, _REFINEMENTS[0])
     best = np.inf
     for level in _REFINEMENTS[1:]:
-        value = _integrated(motor, R, level)
+        value = _integrate(motor, R, level)
         best = float(np.abs(value - last).max() / max(np.abs(value).max(), 1e-300))
         if best <= precision:
             return value
@@ -92,7 +92,7 @@ def exact_torque(motor: MotorParts, R: Array, precision: float = PRECISION) -> A
     raise PrecisionError(f"the torque was reached to {best:.1e} relative, not to {precision:.1e}; ask for less")
 
 
-def _integrated(motor: MotorParts, R: Array, level: tuple[int, int, int]) -> Array:
+def _integrate(motor: MotorParts, R: Array, level: tuple[int, int, int]) -> Array:
     radii, heights, turns = motor.electromagnet.filaments(level[0], level[1])
     angle = 2 * np.pi * (np.arange(level[2]) + 0.5) / level[2]
     cosine, sine = np.cos(angle), np.sin(angle)

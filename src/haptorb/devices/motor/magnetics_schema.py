@@ -8,10 +8,10 @@ import numpy as np
 from annotated_types import Ge, Len
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from haptorb.devices.motor.layouts import Layout, Ring, alternating
+from haptorb.devices.motor.layouts import Layout, PartRing, alternating
 from haptorb.devices.schema import quantity as q
 from haptorb.devices.schema.sections import Count, Positive, Section, hollow
-from haptorb.errors import shown
+from haptorb.errors import quote
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources.multipole import MultipoleSource
 
@@ -40,7 +40,7 @@ def _polarity(value: Any) -> Any:
     signs = isinstance(value, list) and all(_sign(sign) for sign in value)
     if not signs:
         raise ValueError(
-            f"must be 'checkerboard', 'in-phase' or a list of +1 (outward) and -1, one per magnet; got {shown(value)}"
+            f"must be 'checkerboard', 'in-phase' or a list of +1 (outward) and -1, one per magnet; got {quote(value)}"
         )
     return tuple(float(sign) for sign in value)
 
@@ -56,9 +56,9 @@ class RingSection(Section):
     first: q.Angle
     step: q.Angle
 
-    def built(self) -> Ring:
+    def build(self) -> PartRing:
         """As the layout has it."""
-        return Ring(self.latitude, self.count, self.first, self.step)
+        return PartRing(self.latitude, self.count, self.first, self.step)
 
 
 def _few(rings: tuple[RingSection, ...]) -> tuple[RingSection, ...]:
@@ -78,7 +78,7 @@ class MultipoleSection(Section):
     length_ratio: Share  #: l̄/l
     strengths: Annotated[tuple[q.Number, ...], Len(1, 20)]  #: m_0 … m_k [A·m], coils: per ampere [m]
 
-    def built(self, radius: float, length: float) -> MultipoleSource:
+    def build(self, radius: float, length: float) -> MultipoleSource:
         """The model of a body of this radius and length [m]."""
         return MultipoleSource(radius, self.length_ratio * length, self.strengths, self.dipoles_per_loop)
 
@@ -152,4 +152,4 @@ class GroupsSection(Section):
 
 def layout(distance: float, rings: Rings) -> Layout:
     """The places of all parts of `rings`, `distance` [m] from the centre."""
-    return Layout.of_rings(distance, [ring.built() for ring in rings])
+    return Layout.of_rings(distance, [ring.build() for ring in rings])

@@ -76,7 +76,7 @@ class RegulatorRingSection(Section):
             raise ValueError("inner_radius must be smaller than outer_radius")
         return self
 
-    def built(self) -> RingMagnet:
+    def build(self) -> RingMagnet:
         """The ring's magnet."""
         return RingMagnet(self.outer_radius, self.inner_radius, self.length, self.polarization)
 

@@ -77,7 +77,7 @@ class MotorFile(Section):
     rotor: RotorSection
     regulator: RegulatorSection | None = None
 
-    def built(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalMotor:
+    def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalMotor:
         """The device that this file describes; DeviceError with all findings unless they are overridden."""
         count = sum(ring.count for ring in self.electromagnets.rings)
         groups, wrong = grouping(self.groups.coils, count, self.groups.winding)
@@ -99,8 +99,8 @@ class MotorFile(Section):
             title=self.title,
             source=self.source,
             coils=self._channels(coil, groups),
-            supply=self.supply.built(),
-            limits=self.limits.built(),
+            supply=self.supply.build(),
+            limits=self.limits.build(),
             assumed=assumed,
             digest=digest,
             magnets=layout(m.distance, m.rings),
@@ -112,8 +112,8 @@ class MotorFile(Section):
             hall=FieldSensors(sensors.positions, s.noise, s.step),
             hall_spread=HallQuality(s.gain, s.offset, s.cross),
             groups=groups,
-            magnet_model=None if m.multipole is None else m.multipole.built(m.radius, m.length),
-            coil_model=None if e.multipole is None else e.multipole.built(e.outer_radius, e.length),
+            magnet_model=None if m.multipole is None else m.multipole.build(m.radius, m.length),
+            coil_model=None if e.multipole is None else e.multipole.build(e.outer_radius, e.length),
             workspace_tilt=self.workspace.tilt,
             end_stop=EndStop(self.end_stop.stiffness, self.end_stop.damping),
             thermometer_step=self.thermometer.step,
@@ -134,7 +134,7 @@ class MotorFile(Section):
             current_limit=np.full(many, self.coils.current_limit),
             temperature_coefficient=self.coils.temperature_coefficient,
             reference_temperature=self.coils.reference_temperature,
-            heat=self.coils.heat.built(),
+            heat=self.coils.heat.build(),
         )
 
     def _regulator(self) -> Regulator | None:
@@ -143,4 +143,4 @@ class MotorFile(Section):
         stator, rotor = self.regulator.stator, self.regulator.rotor
         # tilts of |ψ| and |λ| add up at the corners of the workspace
         corner = float(np.arccos(np.cos(self.workspace.tilt) ** 2))
-        return Regulator(stator.built(), stator.height, rotor.built(), rotor.height, 1.05 * corner)
+        return Regulator(stator.build(), stator.height, rotor.build(), rotor.height, 1.05 * corner)

@@ -98,7 +98,7 @@ class SphericalMotor(Device):
 
     def torque_characteristic(self, R: Array, level: str) -> Array:
         """(n, 3, coils) torque on the rotor per ampere in every single coil [N·m/A], for R (n, 3, 3)."""
-        match self.known_level(level):
+        match self.check_level(level):
             case "table":
                 return self.tables.torque(self, R)
             case "exact":
@@ -110,7 +110,7 @@ class SphericalMotor(Device):
 
     def sensor_field(self, R: Array, level: str) -> Array:
         """(n, sensors, 3) flux density of the magnets at the sensors [T], stator frame, for R (n, 3, 3)."""
-        match self.known_level(level):
+        match self.check_level(level):
             case "table":
                 return self.tables.field(self, R)
             case "exact":

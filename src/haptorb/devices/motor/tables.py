@@ -9,7 +9,7 @@ import numpy as np
 
 from haptorb.devices.tables import table_kernels
 from haptorb.devices.tables.pair_table import PairTable, Progress
-from haptorb.devices.tables.table_cache import cached_field_table, cached_torque_table
+from haptorb.devices.tables.table_cache import load_field_table, load_torque_table
 from haptorb.numerics.arrays import Array
 
 if TYPE_CHECKING:
@@ -50,6 +50,6 @@ def motor_tables(motor: MotorParts, progress: Progress | None = None) -> MotorTa
     """Built from the exact level, or read from the cache; PrecisionError if the parts are too close for a table."""
     magnet, out = motor.magnet, motor.magnets.distance
     return MotorTables(
-        cached_torque_table(magnet, out, motor.electromagnet, motor.electromagnets.distance, progress=progress),
-        cached_field_table(magnet, out, motor.sensor_layout.distance, progress=progress),
+        load_torque_table(magnet, out, motor.electromagnet, motor.electromagnets.distance, progress=progress),
+        load_field_table(magnet, out, motor.sensor_layout.distance, progress=progress),
     )

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
-from haptorb.errors import shown
+from haptorb.errors import quote
 from haptorb.numerics.compiled import cache_folder
 
 __all__ = [
@@ -95,15 +95,15 @@ def si(value: object, unit: str, kind: str) -> float:
         elif isinstance(value, str):
             match = _NUMBER.fullmatch(value) if len(value) <= _LONGEST else None
             if match is None:
-                raise ValueError(f"{expected}; got {shown(value)}")
+                raise ValueError(f"{expected}; got {quote(value)}")
             number, name = float(match[1]), match[2]
         elif isinstance(value, int | float) and not isinstance(value, bool) and unit == "":
             number, name = float(value), ""
         else:
-            raise ValueError(f"{expected}; got {shown(value)}")
+            raise ValueError(f"{expected}; got {quote(value)}")
     except OverflowError as cause:
-        raise ValueError(f"{expected}; got {shown(value)}") from cause
-    told = shown(f"{number} {name}") if isinstance(value, tuple) else shown(value)
+        raise ValueError(f"{expected}; got {quote(value)}") from cause
+    told = quote(f"{number} {name}") if isinstance(value, tuple) else quote(value)
     unbounded = math.isinf(number) and unit == "" and (not isinstance(value, str) or "inf" in value)
     if not unbounded and not math.isfinite(number):
         raise ValueError(f"must be a finite {kind.removeprefix('a ').removeprefix('an ')}; got {told}")
@@ -143,7 +143,7 @@ def _unit(text: str) -> Any:
             break
         factor = _FACTOR.match(text, at)
         if factor is None:
-            raise ValueError(f"no unit at character {at + 1} of {shown(text)}")
+            raise ValueError(f"no unit at character {at + 1} of {quote(text)}")
         name = registry.get_name(_SIGNS.get(factor[1], factor[1]))
         if name:  # "dimensionless" has none
             powers[name] += sign * int(factor[2] or 1)
@@ -152,10 +152,10 @@ def _unit(text: str) -> Any:
             break
         between = _BETWEEN.match(text, at)
         if between is None:
-            raise ValueError(f"no '*' or '/' at character {at + 1} of {shown(text)}")
+            raise ValueError(f"no '*' or '/' at character {at + 1} of {quote(text)}")
         sign, at = -1 if between[1] in ("/", "per") else 1, between.end()
     else:
-        raise ValueError(f"more than {_MOST_FACTORS} factors in {shown(text)}")
+        raise ValueError(f"more than {_MOST_FACTORS} factors in {quote(text)}")
     return UnitsContainer(powers)
 
 

@@ -66,7 +66,7 @@ class HeatSection(Section):
             raise ValueError("must have ambient < warn < derate < stop")
         return self
 
-    def built(self) -> Heat:
+    def build(self) -> Heat:
         """As the device has it."""
         return Heat(**self.model_dump())
 
@@ -92,7 +92,7 @@ class CoilsSection(Section):
             raise ValueError("has a name twice")
         return self
 
-    def built(self) -> Coils:
+    def build(self) -> Coils:
         """As the device has it."""
         return Coils(
             names=self.names,
@@ -101,7 +101,7 @@ class CoilsSection(Section):
             current_limit=np.array(self.current_limit),
             temperature_coefficient=self.temperature_coefficient,
             reference_temperature=self.reference_temperature,
-            heat=self.heat.built(),
+            heat=self.heat.build(),
         )
 
 
@@ -113,7 +113,7 @@ class SupplySection(Section):
     current_noise: Annotated[q.Current, Field(ge=0)]
     current_step: Annotated[q.Current, Field(ge=0)]
 
-    def built(self) -> Supply:
+    def build(self) -> Supply:
         """As the device has it."""
         return Supply(**self.model_dump())
 
@@ -126,7 +126,7 @@ class LimitsSection(Section):
     slew: Annotated[q.Slew, Positive]
     expiry: Annotated[q.Duration, Positive]
 
-    def built(self) -> Limits:
+    def build(self) -> Limits:
         """As the device has it."""
         return Limits(**self.model_dump())
 
@@ -162,7 +162,7 @@ class CommonFile(Section):
             "name": self.name,
             "title": self.title,
             "source": self.source,
-            "coils": self.coils.built(),
-            "supply": self.supply.built(),
-            "limits": self.limits.built(),
+            "coils": self.coils.build(),
+            "supply": self.supply.build(),
+            "limits": self.limits.build(),
         }

@@ -19,7 +19,7 @@ from haptorb.errors import GeometryError, InputError, PrecisionError
 from haptorb.numerics.arrays import Array, finite
 from haptorb.physics.interaction import wrench
 from haptorb.physics.sources.coil import Coil
-from haptorb.physics.sources.placed import Placed
+from haptorb.physics.sources.placement import PlacedSource
 from haptorb.physics.sources.round_body import RoundBody
 
 __all__ = ["PairTable", "Progress", "field_table", "torque_table"]
@@ -91,13 +91,18 @@ def torque_table(
             c, s = np.cos(angle), np.sin(angle)
             turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
             on_coil = wrench(
-                Placed(magnet, out * turn[:, 2], turn), coil, at, upright, about=np.zeros(3), precision=0.1 * precision
+                PlacedSource(magnet, out * turn[:, 2], turn),
+                coil,
+                at,
+                upright,
+                about=np.zeros(3),
+                precision=0.1 * precision,
             )
             values[0, i] = on_coil.value[4] / s  # u × c = −s ŷ, and the magnet feels the opposite torque
             report()
         return values
 
-    return _tabulated(k, precision, progress)
+    return _tabulate(k, precision, progress)
 
 
 def field_table(
@@ -129,7 +134,7 @@ def field_table(
         g = field[:, 0] / s  # B_ρ lies along (s − c u)/sinθ
         return np.array([field[:, 2] - g * c, g])
 
-    return _tabulated(fg, precision, progress)
+    return _tabulate(fg, precision, progress)
 
 
 def _distance(value: float, what: str) -> float:
@@ -139,7 +144,7 @@ def _distance(value: float, what: str) -> float:
     return float(number)
 
 
-def _tabulated(
+def _tabulate(
     exact: Callable[[Array, Callable[[], None]], Array], precision: float, progress: Progress | None
 ) -> PairTable:
     if not 0 < float(finite(precision, "precision")) < 1:

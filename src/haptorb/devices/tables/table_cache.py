@@ -29,7 +29,6 @@ from haptorb.physics.sources import (
     cylinder,
     dipole,
     elliptic,
-    placed,
     ring,
     round_body,
     winding_field,
@@ -38,16 +37,16 @@ from haptorb.physics.sources import (
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.round_body import RoundBody
 
-__all__ = ["cached_field_table", "cached_torque_table"]
+__all__ = ["load_field_table", "load_torque_table"]
 
 #: whose code makes a table's numbers: `pair_table`, and what it imports, but for what only carries numbers about
 _MAKERS = (
-    *(pair_table, interaction, coil, current_sheet, cylinder, dipole, elliptic, placed, ring, round_body),
+    *(pair_table, interaction, coil, current_sheet, cylinder, dipole, elliptic, placement, ring, round_body),
     *(winding_field, zonal),
 )
 
 
-def cached_torque_table(
+def load_torque_table(
     magnet: RoundBody,
     magnet_distance: float,
     winding: Coil,
@@ -60,7 +59,7 @@ def cached_torque_table(
     made_from = (
         f"torque {magnet!r} {float(magnet_distance)!r} {winding!r} {float(coil_distance)!r} {float(precision)!r}"
     )
-    return _cached(
+    return _load_or_build(
         made_from,
         1,
         lambda: pair_table.torque_table(
@@ -69,7 +68,7 @@ def cached_torque_table(
     )
 
 
-def cached_field_table(
+def load_field_table(
     magnet: RoundBody,
     magnet_distance: float,
     sensor_distance: float,
@@ -79,7 +78,7 @@ def cached_field_table(
 ) -> PairTable:
     """`pair_table.field_table` from disk if it is there, else computed and kept."""
     made_from = f"field {magnet!r} {float(magnet_distance)!r} {float(sensor_distance)!r} {float(precision)!r}"
-    return _cached(
+    return _load_or_build(
         made_from,
         2,
         lambda: pair_table.field_table(
@@ -97,7 +96,7 @@ def _code() -> bytes:
     return digest.digest()
 
 
-def _cached(made_from: str, functions: int, build: Callable[[], PairTable]) -> PairTable:
+def _load_or_build(made_from: str, functions: int, build: Callable[[], PairTable]) -> PairTable:
     name = hashlib.sha256(made_from.encode() + _code()).hexdigest()[:32]
     path = cache_folder() / "tables" / f"{name}.table"
     table = _read(path, name, functions)

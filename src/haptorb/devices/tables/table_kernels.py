@@ -25,7 +25,7 @@ Places: TypeAlias = NDArray[np.int32]
 
 
 @kernel
-def _turned(R: Array, axes: Array, out: Array) -> None:
+def _turn_axes(R: Array, axes: Array, out: Array) -> None:
     """Structure of arrays: out[:, i] = R axes[i]."""
     for i in range(axes.shape[0]):
         x, y, z = axes[i, 0], axes[i, 1], axes[i, 2]
@@ -35,7 +35,7 @@ def _turned(R: Array, axes: Array, out: Array) -> None:
 
 
 @kernel
-def _located(u: Array, x: float, y: float, z: float, scale: float, last: int, t: Array, piece: Places) -> None:
+def _locate_pieces(u: Array, x: float, y: float, z: float, scale: float, last: int, t: Array, piece: Places) -> None:
     """Piece and place in it for the chords from (x, y, z) to all u: a loop of its own, as it runs in SIMD so."""
     a = 2.0 * scale * scale
     bx, by, bz = a * x, a * y, a * z
@@ -54,10 +54,10 @@ def torque_characteristic(
     count, last = magnets.shape[0], cells.shape[0] - 1
     u, place, piece = np.empty((3, count)), np.empty(count), np.empty(count, np.int32)
     for n in range(R.shape[0]):
-        _turned(R[n], magnets, u)
+        _turn_axes(R[n], magnets, u)
         for j in range(coils.shape[0]):
             cx, cy, cz = coils[j, 0], coils[j, 1], coils[j, 2]
-            _located(u, cx, cy, cz, scale, last, place, piece)
+            _locate_pieces(u, cx, cy, cz, scale, last, place, piece)
             x, y, z = 0.0, 0.0, 0.0
             for i in range(count):
                 p, t = piece[i], place[i]
@@ -84,10 +84,10 @@ def torque_characteristic_gradient(
     count, last = magnets.shape[0], cells.shape[0] - 1
     u, place, piece = np.empty((3, count)), np.empty(count), np.empty(count, np.int32)
     for n in range(R.shape[0]):
-        _turned(R[n], magnets, u)
+        _turn_axes(R[n], magnets, u)
         for j in range(coils.shape[0]):
             cx, cy, cz = coils[j, 0], coils[j, 1], coils[j, 2]
-            _located(u, cx, cy, cz, scale, last, place, piece)
+            _locate_pieces(u, cx, cy, cz, scale, last, place, piece)
             x, y, z, spin = 0.0, 0.0, 0.0, 0.0
             xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for i in range(count):
@@ -126,10 +126,10 @@ def sensor_field(
     count, last = magnets.shape[0], cells.shape[0] - 1
     u, place, piece = np.empty((3, count)), np.empty(count), np.empty(count, np.int32)
     for n in range(R.shape[0]):
-        _turned(R[n], magnets, u)
+        _turn_axes(R[n], magnets, u)
         for j in range(sensors.shape[0]):
             sx, sy, sz = sensors[j, 0], sensors[j, 1], sensors[j, 2]
-            _located(u, sx, sy, sz, scale, last, place, piece)
+            _locate_pieces(u, sx, sy, sz, scale, last, place, piece)
             x, y, z, along = 0.0, 0.0, 0.0, 0.0
             for i in range(count):
                 p, t = piece[i], place[i]
@@ -157,10 +157,10 @@ def sensor_field_gradient(
     count, last = magnets.shape[0], cells.shape[0] - 1
     u, place, piece = np.empty((3, count)), np.empty(count), np.empty(count, np.int32)
     for n in range(R.shape[0]):
-        _turned(R[n], magnets, u)
+        _turn_axes(R[n], magnets, u)
         for j in range(sensors.shape[0]):
             sx, sy, sz = sensors[j, 0], sensors[j, 1], sensors[j, 2]
-            _located(u, sx, sy, sz, scale, last, place, piece)
+            _locate_pieces(u, sx, sy, sz, scale, last, place, piece)
             x, y, z, along = 0.0, 0.0, 0.0, 0.0
             # Σ f′ u uᵀ, from which Σ f′ u wᵀ = (Σ f′ u uᵀ) (s×)ᵀ; and Σ g′ u, from which Σ g′ w = (Σ g′ u) × s
             xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

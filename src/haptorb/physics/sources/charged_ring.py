@@ -188,7 +188,7 @@ class ChargedRing(Source):
         )
         return held
 
-    def placed(self, R_SR: ArrayLike, p: ArrayLike) -> tuple[Array, Array]:
+    def place(self, R_SR: ArrayLike, p: ArrayLike) -> tuple[Array, Array]:
         """Points (n, 3) [m] and charges (n,) [A·m] of the ring turned by `R_SR` (3, 3) with its centre at `p` (3,)."""
         return self.points @ rotation(R_SR, "R_SR").T + vectors(p, "p"), self.charges
 

@@ -84,7 +84,7 @@ class Coil(RoundBody):
         precision = _relative(precision)
         out, bound, gross = np.empty_like(flat), np.empty(len(flat)), np.empty(len(flat))
         winding_field(flat, self._shape, self._series, self._density, precision, self._far2, out, bound, gross)
-        _reached(bound, gross, precision, flat)
+        _check_precision(bound, gross, precision, flat)
         return out.reshape(at.shape), bound.reshape(at.shape[:-1])
 
     def field_gradient(self, points: ArrayLike) -> Array:
@@ -93,7 +93,7 @@ class Coil(RoundBody):
         flat = np.ascontiguousarray(at.reshape(-1, 3))
         out, bound, gross = np.empty((len(flat), 3, 3)), np.empty(len(flat)), np.empty(len(flat))
         winding_gradient(flat, self._shape, self._series, self._density, self.precision, self._far2, out, bound, gross)
-        _reached(bound, gross, self.precision, flat)
+        _check_precision(bound, gross, self.precision, flat)
         return out.reshape(*at.shape, 3)
 
     def filaments(self, across: int, along: int) -> tuple[Array, Array, Array]:
@@ -172,7 +172,7 @@ def _relative(precision: float) -> float:
     return float(number)
 
 
-def _reached(bound: Array, gross: Array, precision: float, points: Array) -> None:
+def _check_precision(bound: Array, gross: Array, precision: float, points: Array) -> None:
     """PrecisionError unless every bound is below `precision` of what the turns give before they cancel."""
     short = ~(bound <= max(precision, 1e-13) * gross)
     if short.any():

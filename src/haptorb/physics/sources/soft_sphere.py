@@ -23,14 +23,14 @@ from haptorb.numerics.arrays import Array, finite, vectors
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.dipole import MU0
 
-__all__ = ["SoftSphere", "induced_field"]
+__all__ = ["SoftSphere", "add_induced_field"]
 
 _K = MU0 / (4 * np.pi)
 _LONGEST = 4000  #: more terms than this mean that a charge touches the sphere
 
 
 @kernel
-def induced_field(rows: Array, radius: float, response: Array, x: float, y: float, z: float, out: Array) -> None:
+def add_induced_field(rows: Array, radius: float, response: Array, x: float, y: float, z: float, out: Array) -> None:
     """Add to out (3,) [T] the sphere's own field at (x, y, z) [m] while charges `rows` (4, n) stand around it.
 
     response (L,) holds β_1 … β_L. B = μ0 q/(4πa|x|) Σ_l β_l t^(l+1) [P_l' (ŝ − c x̂) − (l+1) P_l x̂], c = x̂·ŝ.
@@ -68,7 +68,7 @@ def induced_field(rows: Array, radius: float, response: Array, x: float, y: floa
 @kernel
 def _fields(rows: Array, radius: float, response: Array, points: Array, out: Array) -> None:
     for n in range(points.shape[0]):
-        induced_field(rows, radius, response, points[n, 0], points[n, 1], points[n, 2], out[n])
+        add_induced_field(rows, radius, response, points[n, 0], points[n, 1], points[n, 2], out[n])
 
 
 @kernel
@@ -169,15 +169,17 @@ class SoftSphere:
     def forces(self, points: ArrayLike, charges: ArrayLike, *, precision: float = 1e-10) -> Array:
         """(n, 3) [N]: on every charge, from the sphere's answer to all of them."""
         q = finite(charges, "charges").reshape(-1, 1)
-        force: Array = q * self.induced_field(points, charges, points, precision=precision)
+        force: Array = q * self.compute_induced_field(points, charges, points, precision=precision)
         return force
 
-    def induced_field(self, points: ArrayLike, charges: ArrayLike, at: ArrayLike, *, precision: float = 1e-10) -> Array:
+    def compute_induced_field(
+        self, points: ArrayLike, charges: ArrayLike, at: ArrayLike, *, precision: float = 1e-10
+    ) -> Array:
         """(..., 3) [T] the sphere's own part of the field at `at` (..., 3) [m] outside it.
 
         Raises GeometryError for a point inside the sphere.
 
-        >>> far = SoftSphere(0.015).induced_field([(0, 0, 0.05)], [1.0], (0, 0, 1.0))
+        >>> far = SoftSphere(0.015).compute_induced_field([(0, 0, 0.05)], [1.0], (0, 0, 1.0))
         >>> bool(far[2] < 0)         # the near pole attracts the charge
         True
         """
@@ -193,7 +195,7 @@ class SoftSphere:
         _fields(rows, self.radius, self.response(order), flat, out)
         return out.reshape(where.shape)
 
-    def induced_moment(self, points: ArrayLike, charges: ArrayLike) -> Array:
+    def compute_induced_moment(self, points: ArrayLike, charges: ArrayLike) -> Array:
         """(3,) [A·m²] the sphere's dipole moment: −β_1 a³ Σ q ŝ/|s|², exact (only l = 1 has a dipole moment)."""
         rows, _ = self._rows(points, charges)
         cube = (rows[:3] ** 2).sum(axis=0) ** 1.5

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from haptorb.devices.device import Device
 from haptorb.errors import InputError
 from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.serial.serial_driver import untracked
+from haptorb.runtime.drivers.serial.serial_driver import invalid_pose
 from haptorb.sensing.sample import Pose
 
 __all__ = ["is_real", "real_driver"]
@@ -25,7 +25,7 @@ def is_real(name: str) -> bool:
 def real_driver(
     name: str,
     device: Device,
-    pose: Callable[[float], Pose] = untracked,
+    pose: Callable[[float], Pose] = invalid_pose,
     *,
     duty_limit: float = 1.0,
     current_limit: float | None = None,

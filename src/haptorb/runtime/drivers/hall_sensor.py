@@ -12,14 +12,14 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, vectors
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["SPAN_3V3", "SPAN_5V", "HallSensors", "placed"]
+__all__ = ["SPAN_3V3", "SPAN_5V", "HallSensors", "fill_field"]
 
 SPAN_5V = 5.0 / 50.0  #: field over the converter's whole range [T], both on 5 V: a board
 SPAN_3V3 = 3.3 / 30.0  #: the same, both on 3.3 V: a Raspberry Pi
 
 
 @kernel
-def placed(field: Array, radial: Array, axes: int, span: float, axis: int, first: int, shares: Array) -> None:
+def fill_field(field: Array, radial: Array, axes: int, span: float, axis: int, first: int, shares: Array) -> None:
     """Write `shares` (n,) 0…1 of the range `span` [T], of sensors from `first` on, into `field` (k, 3) [T]: along
     `axis`, or where the sensors have only one, along radial (k, 3)."""
     for n in range(len(shares)):
@@ -74,7 +74,7 @@ class HallSensors:
 
         What sensors of one axis do not measure is zero: the tangential parts. An estimator must use the radial parts.
         """
-        placed(field, self.radial, self.axes, self.span, axis, first, np.array(shares, dtype=np.float64))
+        fill_field(field, self.radial, self.axes, self.span, axis, first, np.array(shares, dtype=np.float64))
 
     def shares(self, field: Array) -> Array:
         """(axes, k) of the converter's range 0…1 [1] at a true field (k, 3) [T], clipped as the sensor does."""

@@ -16,10 +16,10 @@ from typing import final
 from haptorb.control.protection.trip import Trip
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.record import record
-from haptorb.runtime.exchange.shared_memory import TRIPS, Shared, Word
+from haptorb.runtime.exchange.shared_memory import TRIPS, SharedMemory, Word
 from haptorb.runtime.recording.recorder import Recorder
 
-__all__ = ["TICKS", "BlackBox", "Tripped", "state_folder"]
+__all__ = ["TICKS", "BlackBox", "TripRecord", "state_folder"]
 
 TICKS = 100  #: kept up to each trip
 _KEPT = 50  #: files of earlier trips that stay in the folder
@@ -32,7 +32,7 @@ def state_folder() -> Path:
 
 
 @record
-class Tripped:
+class TripRecord:
     """One trip and what led to it.
 
     t      of the trip, on the loop's clock [s]
@@ -52,8 +52,8 @@ class BlackBox:
     `named` begins the files' names.
     """
 
-    def __init__(self, shared: Shared, named: str, rate: float, folder: Path | None) -> None:
-        self.trips: list[Tripped] = []  #: the first 64, in order
+    def __init__(self, shared: SharedMemory, named: str, rate: float, folder: Path | None) -> None:
+        self.trips: list[TripRecord] = []  #: the first 64, in order
         self.files: list[Path | None] = []  #: where each of them is; None: nowhere yet, or it could not be written
         self._shared, self._named, self._rate, self._folder = shared, named, rate, folder
         self._writers: list[threading.Thread] = []
@@ -75,7 +75,7 @@ class BlackBox:
         ring, at = self._shared.ring, self._shared.layout["t"].start
         _, rows = ring.since(0)
         until = rows[rows[:, at] <= t + 1e-9] if len(rows) else rows
-        tripped = Tripped(t, Trip(int(code)), until[-TICKS:].copy())
+        tripped = TripRecord(t, Trip(int(code)), until[-TICKS:].copy())
         self.trips.append(tripped)
         self.files.append(None)
         if self._folder is not None:

@@ -17,8 +17,8 @@ from haptorb.control.clutch.modes import MODES
 from haptorb.devices.device import Device
 from haptorb.errors import InputError, ServoError, UnknownName
 from haptorb.numerics.arrays import finite
-from haptorb.runtime.exchange.shared_memory import Shared, Word, engage_request
-from haptorb.runtime.exchange.world_change import answered, name_of, request
+from haptorb.runtime.exchange.shared_memory import SharedMemory, Word, engage_request
+from haptorb.runtime.exchange.world_change import name_of, parse_answer, request
 from haptorb.runtime.pointer.guided_motion import upright
 from haptorb.worlds.parameter import values as parameter_values
 from haptorb.worlds.world import World
@@ -46,11 +46,11 @@ class Commands(ABC):
 
     @property
     @abstractmethod
-    def _attached(self) -> Shared | None:
+    def _attached(self) -> SharedMemory | None:
         """What the loop reads; None before the start."""
 
     @property
-    def _memory(self) -> Shared:
+    def _memory(self) -> SharedMemory:
         if self._attached is None:
             raise ServoError("the servo was not started: use `with haptorb.Servo(...) as servo:`")
         return self._attached
@@ -83,7 +83,7 @@ class Commands(ABC):
 
     def release(self) -> None:
         """The hand lets go of the pointer: back to the guided motion."""
-        pointed = self._memory.pointer.pointed()
+        pointed = self._memory.pointer.read_pointer()
         self._memory.pointer.write(False, pointed.p, pointed.q, pointed.stamp)
 
     @property
@@ -101,7 +101,7 @@ class Commands(ABC):
         if shared is not None:
             shared.words[Word.STOP] = number
 
-    def _carry_stops(self, shared: Shared) -> None:
+    def _carry_stops(self, shared: SharedMemory) -> None:
         """Tell a loop that is about to start of the stops that were given before; `_attached` is `shared` already."""
         if self._stopped:
             shared.words[Word.STOP] = self._stopped
@@ -152,7 +152,7 @@ class Commands(ABC):
             shared.request.write(request(self._requests, name, values or {}))
             patience = monotonic() + _ANSWER
             while True:
-                number, error = answered(shared.answer.read()[1])
+                number, error = parse_answer(shared.answer.read()[1])
                 if number == self._requests:
                     if error is not None:
                         raise error

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from haptorb.control.protection.trip import CoilState, Trip
-from haptorb.runtime.exchange.shared_memory import CAPACITY, TRIPS, Shared, Word
+from haptorb.runtime.exchange.shared_memory import CAPACITY, TRIPS, SharedMemory, Word
 from haptorb.runtime.memory.histogram import Histogram
 from haptorb.runtime.row import STAGES
 
-__all__ = ["loop_report", "recorded"]
+__all__ = ["count_recorded", "loop_report"]
 
 
-def loop_report(shared: Shared) -> dict[str, Any]:
+def loop_report(shared: SharedMemory) -> dict[str, Any]:
     """Ticks, success rate, lateness, compute, stages, trips and peak force of the run so far; plain JSON types.
 
     success_rate: ticks that began and ended within their period, over all deadlines that passed. stage_us: medians
@@ -45,12 +45,12 @@ def loop_report(shared: Shared) -> dict[str, Any]:
         "peak_torque_nm": shared.floats[Word.PEAK_TORQUE],
         "scheduler": json.loads(facts) if facts else {},
         "tracking": tracking(shared),
-        "recorded": recorded(shared, over=False),
+        "recorded": count_recorded(shared, over=False),
         "error": shared.error.read()[1],
     }
 
 
-def _coil_state(shared: Shared) -> str | None:
+def _coil_state(shared: SharedMemory) -> str | None:
     """Of the newest row; None before the first."""
     row = shared.ring.latest()
     if row is None:
@@ -59,7 +59,7 @@ def _coil_state(shared: Shared) -> str | None:
     return CoilState(int(state)).name.lower() if math.isfinite(state) else None
 
 
-def recorded(shared: Shared, *, over: bool) -> dict[str, int]:
+def count_recorded(shared: SharedMemory, *, over: bool) -> dict[str, int]:
     """Rows that are in the recording, and rows that will never be.
 
     over: the recorder writes no more, however it ended. As long as it may, rows that still wait for it are not lost.
@@ -72,7 +72,7 @@ def recorded(shared: Shared, *, over: bool) -> dict[str, int]:
     return {"rows": rows, "lost": int(words[Word.LOST]) + (max(overwritten, 0) if words[Word.RECORDER_LOOKS] else 0)}
 
 
-def trips(shared: Shared) -> list[dict[str, Any]]:
+def trips(shared: SharedMemory) -> list[dict[str, Any]]:
     """The first trips in order: time on the loop's clock [s], code, and the sentence for people."""
     found = []
     for t, code in shared.trips[: min(shared.words[Word.TRIPS], TRIPS)].tolist():
@@ -81,7 +81,7 @@ def trips(shared: Shared) -> list[dict[str, Any]]:
     return found
 
 
-def tracking(shared: Shared) -> dict[str, Any]:
+def tracking(shared: SharedMemory) -> dict[str, Any]:
     """How fresh the poses were that the loop used, over its last rows, and what the tracker's own process counted.
 
     poses_hz: different poses a second; age_ms: of the pose in use, 50th and 99th percentile. A tracker with a process
@@ -100,7 +100,7 @@ def tracking(shared: Shared) -> dict[str, Any]:
     return {**found, **tracker_facts(shared)}
 
 
-def tracker_facts(shared: Shared) -> dict[str, Any]:
+def tracker_facts(shared: SharedMemory) -> dict[str, Any]:
     """What the tracker's own process counted last; empty if there is none, or before its first word."""
     _, facts = shared.tracker_facts.read()
     return dict(json.loads(facts)) if facts else {}
@@ -114,7 +114,7 @@ def _percentiles(histogram: Histogram, which: tuple[float, ...]) -> dict[str, fl
     return found
 
 
-def _ahead(shared: Shared) -> dict[str, float]:
+def _ahead(shared: SharedMemory) -> dict[str, float]:
     _, rows = shared.ring.since(0)
     times = rows[:, shared.layout["ahead"]]
     times = 1e6 * times[np.isfinite(times)]
@@ -123,7 +123,7 @@ def _ahead(shared: Shared) -> dict[str, float]:
     return {f"p{percent}": round(float(np.percentile(times, percent)), 2) for percent in (50, 99)}
 
 
-def _stages(shared: Shared) -> dict[str, float]:
+def _stages(shared: SharedMemory) -> dict[str, float]:
     _, rows = shared.ring.since(0)
     times = rows[:, shared.layout["stages"]]
     times = times[np.isfinite(times).all(axis=1)]

@@ -21,15 +21,15 @@ from haptorb.errors import ServoError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.memory import pose_block, text_slot
 from haptorb.runtime.memory.histogram import BINS, Histogram
-from haptorb.runtime.memory.pose_block import TrackedBlock
-from haptorb.runtime.memory.ring import Ring
+from haptorb.runtime.memory.pose_block import PoseBlock
+from haptorb.runtime.memory.ring import RingBuffer
 from haptorb.runtime.memory.text_slot import TextSlot
 from haptorb.runtime.pointer import pointer_block
 from haptorb.runtime.pointer.pointer_block import PointerBlock
-from haptorb.runtime.realtime.stale_files import SHARED, Claim, folders
+from haptorb.runtime.realtime.stale_files import SHARED, FileLock, folders
 from haptorb.runtime.row import RowLayout
 
-__all__ = ["CAPACITY", "TRIPS", "WORLDS", "Phase", "Shared", "Word", "engage_request", "engage_stops"]
+__all__ = ["CAPACITY", "TRIPS", "WORLDS", "Phase", "SharedMemory", "Word", "engage_request", "engage_stops"]
 
 _MAGIC = int.from_bytes(b"haptorb\0", "little")
 _VERSION = 4
@@ -108,7 +108,7 @@ def engage_stops(word: int) -> int:
 
 
 @final
-class Shared:
+class SharedMemory:
     """The mapped file. `create` makes it, `attach` opens one that another process made.
 
     Raises ServoError if the file is not a servo's shared memory of this version and layout.
@@ -121,7 +121,7 @@ class Shared:
             if size < _PAGE:
                 raise ServoError(f"{path} is not a servo's shared memory: too small")
             self._map = mmap.mmap(file.fileno(), size, flags=flags)
-        self._claim: Claim | None = None  # of the process that made it
+        self._claim: FileLock | None = None  # of the process that made it
         memory = memoryview(self._map)
         self.path = path
         self.words = memory[:_PAGE].cast("q")
@@ -135,7 +135,7 @@ class Shared:
             raise ServoError(f"{path} holds rows of another layout; end the program that made it")
 
         self.pointer = PointerBlock(self.words, self.floats, Word.POINTER)
-        self.tracked = TrackedBlock(self.words, self.floats, Word.TRACKED)
+        self.tracked = PoseBlock(self.words, self.floats, Word.TRACKED)
         at = _PAGE
         slots = []
         for _ in range(_TEXTS + WORLDS):
@@ -151,15 +151,15 @@ class Shared:
         self.compute = Histogram(np.frombuffer(memory[at : at + 8 * BINS], dtype=np.int64))
         at += 8 * BINS
         rows = np.frombuffer(memory[at:], dtype=np.float64).reshape(CAPACITY, self.layout.width)
-        self.ring = Ring(self.words, Word.ROWS, rows)
+        self.ring = RingBuffer(self.words, Word.ROWS, rows)
 
     @classmethod
-    def create(cls, layout: RowLayout) -> Shared:
+    def create(cls, layout: RowLayout) -> SharedMemory:
         """A new one, all zeros, in memory where the system has a place for that; ServoError if nowhere is room."""
         size = _size(layout)
         for folder in folders():
             try:
-                descriptor, name, claim = _made(folder)
+                descriptor, name, claim = _create_file(folder)
             except OSError:
                 continue
             try:
@@ -179,7 +179,7 @@ class Shared:
         raise ServoError(f"no room for {size / 1e6:.0f} MB in /dev/shm or {tempfile.gettempdir()}; free some")
 
     @classmethod
-    def attach(cls, path: str | Path) -> Shared:
+    def attach(cls, path: str | Path) -> SharedMemory:
         """The one that another process made, all of its pages present before the loop begins."""
         return cls(Path(path), populate=True)
 
@@ -220,11 +220,11 @@ class Shared:
         self.words[Word.TRIPS] = number + 1
 
 
-def _made(folder: Path) -> tuple[int, str, Claim]:
+def _create_file(folder: Path) -> tuple[int, str, FileLock]:
     """(descriptor, path, claim) of a new file in `folder`. Raises OSError if none can be made there."""
     while True:
         descriptor, name = tempfile.mkstemp(prefix="haptorb-", suffix=SHARED, dir=folder)
-        claim = Claim(name)
+        claim = FileLock(name)
         if claim.there:
             return descriptor, name, claim
         os.close(descriptor)  # somebody who tidied up was faster

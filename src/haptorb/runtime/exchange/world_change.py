@@ -11,7 +11,7 @@ from haptorb.errors import HaptorbError, InputError, UnknownName
 from haptorb.worlds.parameter import values as parameter_values
 from haptorb.worlds.world import World
 
-__all__ = ["answer", "answered", "changed", "description", "name_of", "request", "requested"]
+__all__ = ["answer", "change_world", "description", "name_of", "parse_answer", "parse_request", "request"]
 
 
 def name_of(world: World) -> str:
@@ -44,19 +44,19 @@ def request(number: int, name: str, values: Mapping[str, Any]) -> str:
         raise InputError(f"the values of world '{name}' must be numbers or lists of numbers: {cause}") from cause
 
 
-def requested(text: str) -> tuple[int, str, dict[str, Any]]:
+def parse_request(text: str) -> tuple[int, str, dict[str, Any]]:
     """(number, name, values) of a `request`."""
     message = json.loads(text)
     return message["number"], message["name"], message["values"]
 
 
-def changed(world: World, name: str, values: Mapping[str, Any]) -> World:
+def change_world(world: World, name: str, values: Mapping[str, Any]) -> World:
     """`world` with other `values` if that is its name, else the catalogue's world `name` with `values`.
 
     Raises UnknownName for a world or value that does not exist, InputError for a value that cannot be.
     """
-    known = world if name == name_of(world) else worlds.named(name)()
-    return known.changed(**values)
+    known = world if name == name_of(world) else worlds.find_world(name)()
+    return known.replace(**values)
 
 
 def answer(number: int, error: HaptorbError | None = None) -> str:
@@ -67,7 +67,7 @@ def answer(number: int, error: HaptorbError | None = None) -> str:
     return json.dumps({"number": number, "refused": kind.__name__, "text": str(error)[:4000]})
 
 
-def answered(text: str) -> tuple[int, InputError | None]:
+def parse_answer(text: str) -> tuple[int, InputError | None]:
     """(number, the error or None) of an `answer`; number 0 for no answer at all."""
     if not text:
         return 0, None

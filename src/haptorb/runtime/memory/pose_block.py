@@ -7,14 +7,14 @@ from typing import NamedTuple, final
 import numpy as np
 
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.memory.seqlock import GuardedWords
+from haptorb.runtime.memory.seqlock import SeqlockWords
 
-__all__ = ["WORDS", "Tracked", "TrackedBlock"]
+__all__ = ["WORDS", "PoseBlock", "PoseRecord"]
 
 WORDS = 16  #: sequence, valid, p (3), q (4), v (3), w (3), stamp
 
 
-class Tracked(NamedTuple):
+class PoseRecord(NamedTuple):
     """What a tracker last said, brought into one form by its own process."""
 
     valid: bool  #: False: the tracker has lost the tool, or has not found it yet
@@ -26,23 +26,23 @@ class Tracked(NamedTuple):
 
 
 @final
-class TrackedBlock:
+class PoseBlock:
     """Sixteen words at `at`, seen both as integers and as floats."""
 
     def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
-        self._words = GuardedWords(words, floats, at, WORDS)
+        self._words = SeqlockWords(words, floats, at, WORDS)
         unturned = np.array([0.0, 0.0, 0.0, 1.0])
-        self._tracked = Tracked(False, np.zeros(3), unturned, np.zeros(3), np.zeros(3), float("-inf"))
+        self._tracked = PoseRecord(False, np.zeros(3), unturned, np.zeros(3), np.zeros(3), float("-inf"))
 
-    def write(self, told: Tracked) -> None:
+    def write(self, told: PoseRecord) -> None:
         """Say where the tool is; for the one writer."""
         numbers = (*told.p.tolist(), *told.q.tolist(), *told.v.tolist(), *told.w.tolist(), told.stamp)
         self._words.write(told.valid, numbers)
 
-    def tracked(self) -> Tracked:
+    def read_pose(self) -> PoseRecord:
         """The pose as last written completely; if one is being written just now, the one before. Never waits."""
         news = self._words.news()
         if news is not None:
             n = np.array(news[1])
-            self._tracked = Tracked(news[0], n[:3], n[3:7], n[7:10], n[10:13], news[1][13])
+            self._tracked = PoseRecord(news[0], n[:3], n[3:7], n[7:10], n[10:13], news[1][13])
         return self._tracked

@@ -13,11 +13,11 @@ import numpy as np
 
 from haptorb.numerics.arrays import Array
 
-__all__ = ["Ring"]
+__all__ = ["RingBuffer"]
 
 
 @final
-class Ring:
+class RingBuffer:
     """Rows (capacity, width) and, in `words[at]`, how many rows were ever published."""
 
     def __init__(self, words: memoryview, at: int, rows: Array) -> None:
@@ -32,14 +32,14 @@ class Ring:
     def publish(self, row: Array) -> None:
         """Append a copy of `row` (width,); for the one writer."""
         self.slot()[:] = row
-        self.filled()
+        self.publish_slot()
 
     def slot(self) -> Array:
-        """(width,) where the next row goes; nobody reads it before it is `filled`. For the one writer."""
+        """(width,) where the next row goes; nobody reads it before it is `publish_slot`. For the one writer."""
         slot: Array = self._rows[self._words[self._at] % self.capacity]
         return slot
 
-    def filled(self) -> None:
+    def publish_slot(self) -> None:
         """The next row is in its slot."""
         self._words[self._at] += 1
 

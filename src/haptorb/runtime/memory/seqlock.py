@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import final
 
-__all__ = ["GuardedWords"]
+__all__ = ["SeqlockWords"]
 
 _TRIES = 8  #: more would let a slow writer hold up the loop
 
 
 @final
-class GuardedWords:
+class SeqlockWords:
     """`count` words at `at`, seen both as integers and as floats: the sequence number, the flag, the numbers.
 
     One writer; a reader never waits, and never sees half of what is written.

@@ -10,12 +10,12 @@ import numpy as np
 from haptorb.devices.device import Device
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
-from haptorb.runtime.pointer.guided_motion import DURATION, guided_position, upright
+from haptorb.runtime.pointer.guided_motion import DURATION, position_on_path, upright
 
-__all__ = ["AtRest", "Guide", "OverDome", "dome_guide"]
+__all__ = ["AtRest", "DomeMotion", "GuidedMotion", "dome_guide"]
 
 
-class Guide(ABC):
+class GuidedMotion(ABC):
     """A motion that begins at time zero and rests after `duration` [s]; a pure function of time."""
 
     duration: float
@@ -31,18 +31,18 @@ class Guide(ABC):
 
 
 @final
-class OverDome(Guide):
-    """A stylus slides over the dome and circles its summit: see `guided`."""
+class DomeMotion(GuidedMotion):
+    """A stylus slides over the dome and circles its summit: see `guide_calibration`."""
 
     duration = DURATION
 
     def __init__(self) -> None:
-        self._rest = guided_position(DURATION)
+        self._rest = position_on_path(DURATION)
         self.back(self._rest, upright(self._rest), 1.0)  # compiled now, and not when somebody lets go
 
     def at(self, t: float) -> tuple[Array, Array]:
         """(3,) the tool's magnet [m] and (4,) its turn as a quaternion (x, y, z, w), axis radial."""
-        p = guided_position(t)
+        p = position_on_path(t)
         return p, upright(p)
 
     def back(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
@@ -72,13 +72,13 @@ def _around(start: Array, rest: Array, s: float, p: Array) -> None:
         p[i] *= ((1.0 - s) * r0 + s * r1) / length
 
 
-def dome_guide(device: Device) -> OverDome:
+def dome_guide(device: Device) -> DomeMotion:
     """The guided motion over a dome; every dome's is the same."""
-    return OverDome()
+    return DomeMotion()
 
 
 @final
-class AtRest(Guide):
+class AtRest(GuidedMotion):
     """A hand that holds the mover where it rests: for devices of which no better motion is known."""
 
     duration = 0.0

@@ -14,9 +14,9 @@ import numpy as np
 from haptorb.devices.device import Device
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
-from haptorb.runtime.pointer.guide import Guide
+from haptorb.runtime.pointer.guide import GuidedMotion
 
-__all__ = ["Handle", "handle_guide", "turned"]
+__all__ = ["HandleMotion", "handle_guide", "handle_quaternion"]
 
 _HOME = math.radians(-20.0)  #: λ where the plug is home
 _OUT = math.radians(20.0)  #: λ where it is out
@@ -33,7 +33,7 @@ def _smooth(t: float, start: float, end: float) -> float:
 
 
 @kernel
-def _turned(psi: float, lam: float, phi: float, q: Array) -> None:
+def _fill_quaternion(psi: float, lam: float, phi: float, q: Array) -> None:
     a, b, c = math.sin(0.5 * psi), math.sin(0.5 * lam), math.sin(0.5 * phi)
     u, v, w = math.cos(0.5 * psi), math.cos(0.5 * lam), math.cos(0.5 * phi)
     q[0] = a * v * w + u * b * c
@@ -51,22 +51,22 @@ def _handle(t: float, q: Array) -> None:
         + (_HALF - _HOME) * _smooth(t, 9.5, 11.0)
     )
     psi = _ASIDE * (_smooth(t, 11.0, 12.0) - 2.0 * _smooth(t, 12.0, 13.5) + _smooth(t, 13.5, 15.0))
-    _turned(psi, lam, 0.0, q)
+    _fill_quaternion(psi, lam, 0.0, q)
 
 
-def turned(psi: float, lam: float, phi: float) -> Array:
+def handle_quaternion(psi: float, lam: float, phi: float) -> Array:
     """(4,) the quaternion (x, y, z, w) of R = Rx(ψ) Ry(λ) Rz(φ), angles in [rad].
 
-    >>> turned(0.0, 0.0, np.pi).round(12).tolist()
+    >>> handle_quaternion(0.0, 0.0, np.pi).round(12).tolist()
     [0.0, 0.0, 1.0, 0.0]
     """
     q = np.empty(4)
-    _turned(float(psi), float(lam), float(phi), q)
+    _fill_quaternion(float(psi), float(lam), float(phi), q)
     return q
 
 
 @final
-class Handle(Guide):
+class HandleMotion(GuidedMotion):
     """A hand on the handle of a motor."""
 
     duration = 15.0
@@ -77,7 +77,7 @@ class Handle(Guide):
     def at(self, t: float) -> tuple[Array, Array]:
         """No position, (3,) zeros [m]; how the handle is turned, (4,) quaternion (x, y, z, w).
 
-        >>> Handle().at(0.0)[1].round(4).tolist()
+        >>> HandleMotion().at(0.0)[1].round(4).tolist()
         [0.0, -0.1736, 0.0, 0.9848]
         """
         q = np.empty(4)
@@ -92,6 +92,6 @@ class Handle(Guide):
         return _NOWHERE, way / length if length > 1e-9 else self._rest
 
 
-def handle_guide(device: Device) -> Handle:
+def handle_guide(device: Device) -> HandleMotion:
     """The guided motion of a motor's handle; every motor's is the same."""
-    return Handle()
+    return HandleMotion()

@@ -12,7 +12,7 @@ import numpy as np
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["DURATION", "guided_position", "upright"]
+__all__ = ["DURATION", "position_on_path", "upright"]
 
 DURATION = 12.0  #: after this the hand rests [s]
 
@@ -60,10 +60,10 @@ def _turn_upright(p: Array, q: Array) -> None:
 _upright = kernel(_turn_upright)
 
 
-def guided_position(t: float) -> Array:
+def position_on_path(t: float) -> Array:
     """(3,) [m] where the hand wants the tool's magnet at time `t` [s], frame S; the summit is +z.
 
-    >>> round(1e3 * float(np.linalg.norm(guided_position(20.0))), 3)
+    >>> round(1e3 * float(np.linalg.norm(position_on_path(20.0))), 3)
     48.0
     """
     p = np.empty(3)

@@ -6,17 +6,17 @@ from abc import ABC, abstractmethod
 from typing import NamedTuple, final
 
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.pointer.guide import Guide, OverDome
+from haptorb.runtime.pointer.guide import DomeMotion, GuidedMotion
 from haptorb.runtime.pointer.pointer_pose import PointerPose
 from haptorb.runtime.trackers.tracker import Goal, Tracker
 from haptorb.sensing.sample import Pose
 
-__all__ = ["Pointed", "PointerSource", "PointerTracker"]
+__all__ = ["PointerSource", "PointerState", "PointerTracker"]
 
 _RELEASE = 1.5  #: time in which a released hand returns to rest [s]
 
 
-class Pointed(NamedTuple):
+class PointerState(NamedTuple):
     """What the host last said about its pointer."""
 
     held: bool
@@ -29,7 +29,7 @@ class PointerSource(ABC):
     """Whoever knows the host's pointer: shared memory in a running servo."""
 
     @abstractmethod
-    def pointed(self) -> Pointed:
+    def read_pointer(self) -> PointerState:
         """The pointer as last written; never waits."""
 
 
@@ -41,29 +41,31 @@ class PointerTracker(Tracker):
     `origin` is the computer's monotonic time [s] at which the loop's clock showed zero; `guide` is the guided motion.
     """
 
-    def __init__(self, source: PointerSource | None = None, origin: float = 0.0, *, guide: Guide | None = None) -> None:
+    def __init__(
+        self, source: PointerSource | None = None, origin: float = 0.0, *, guide: GuidedMotion | None = None
+    ) -> None:
         self._source = source
         self.origin = origin
-        self._guide = guide or OverDome()
+        self._guide = guide or DomeMotion()
         self._last: tuple[Array, Array] | None = None  # where a held pointer was last
         self._released = 0.0
         self._rest = self._guide.at(self._guide.duration)
         self._pose = PointerPose()
 
     @property
-    def guide(self) -> Guide:
+    def guide(self) -> GuidedMotion:
         """What the hand does while nobody holds the pointer."""
         return self._guide
 
     @guide.setter
-    def guide(self, guide: Guide) -> None:
+    def guide(self, guide: GuidedMotion) -> None:
         self._guide = guide
         self._rest = guide.at(guide.duration)
 
     def goal(self, now: float) -> Goal:
         """The goal at `now` [s] on the loop's clock."""
         if self._source is not None:
-            pointed = self._source.pointed()
+            pointed = self._source.read_pointer()
             if pointed.held:
                 self._last, self._released = (pointed.p, pointed.q), now
                 return Goal(pointed.p, pointed.q, pointed.stamp - self.origin, True)

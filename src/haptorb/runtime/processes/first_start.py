@@ -22,7 +22,7 @@ from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.exchange import plan as plans
-from haptorb.runtime.realtime.parent_death import die_with_parent, orphaned
+from haptorb.runtime.realtime.parent_death import die_with_parent, is_orphaned
 from haptorb.runtime.tick.assembly import allocator_of, estimator_of, linkage_of
 from haptorb.runtime.tick.tick import Tick
 from haptorb.sensing.sample import Pose, Sample
@@ -43,7 +43,7 @@ def compiling(
     """
     with suppress(HaptorbError):
         tick = Tick(
-            device, world, _Still(device), estimator_of(device, estimator, level), allocator_of(device), 1e-3,
+            device, world, _IdleDriver(device), estimator_of(device, estimator, level), allocator_of(device), 1e-3,
             linkage_of(device, gains),
         )  # fmt: skip
         row = tick.layout.empty()
@@ -62,13 +62,13 @@ def main(plan: Path, parent: int) -> int:
     """Compile what the plan says until that is done or the parent has gone."""
     die_with_parent()
     for _ in plans.load(plan).compiling():
-        if orphaned(parent):
+        if is_orphaned(parent):
             return 1
     return 0
 
 
 @final
-class _Still(Driver):
+class _IdleDriver(Driver):
     """A device in which nothing happens, and about which nothing needs to be compiled."""
 
     name, simulated = "still", True

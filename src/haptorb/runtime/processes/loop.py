@@ -13,14 +13,14 @@ from haptorb.control.clutch.modes import MODES
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array, Records
-from haptorb.runtime.exchange.shared_memory import Phase, Shared, Word, engage_stops
-from haptorb.runtime.exchange.world_change import answer, changed, description, name_of, requested
+from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word, engage_stops
+from haptorb.runtime.exchange.world_change import answer, change_world, description, name_of, parse_request
 from haptorb.runtime.memory.histogram import BINS
 from haptorb.runtime.processes.stats import count_tick, publish_row
 from haptorb.runtime.realtime.clock import Clock
-from haptorb.runtime.realtime.host_heartbeat import LATE, HostLife, state_of
-from haptorb.runtime.realtime.parent_death import orphaned
-from haptorb.runtime.realtime.tick_timeout import Hang
+from haptorb.runtime.realtime.host_heartbeat import LATE, HostHeartbeat, state_of
+from haptorb.runtime.realtime.parent_death import is_orphaned
+from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.tick.chain import Chain
 from haptorb.worlds.world import World
 
@@ -41,7 +41,7 @@ class Loop:
         self,
         chain: Chain,
         world: World,
-        shared: Shared,
+        shared: SharedMemory,
         rate: float,
         parent: int,
         put_off: Callable[[float], None] = lambda seconds: None,
@@ -50,7 +50,7 @@ class Loop:
         self._world = world
         self._shared = shared
         self._parent = parent
-        self._host = HostLife(state_of(parent))
+        self._host = HostHeartbeat(state_of(parent))
         self._put_off, self._every = put_off, max(1, int(rate * _LOOK))
         self._rate = rate
         self._row = shared.layout.empty()
@@ -84,7 +84,7 @@ class Loop:
         except BaseException as cause:  # also what is no `Exception`: a hang, an exit
             self._off()  # first of all; explaining can wait
             failed = Trip.LOOP_FAILED
-            self.reason = _explained(cause)
+            self.reason = _explain_failure(cause)
         finally:
             if not self._off() and failed is None:
                 failed = Trip.DRIVER_FAILED
@@ -97,7 +97,7 @@ class Loop:
         try:
             self._chain.driver.close()
         except Exception as cause:
-            self.reason = f"the driver did not close: {_explained(cause)}"
+            self.reason = f"the driver did not close: {_explain_failure(cause)}"
             return False
         return True
 
@@ -124,7 +124,7 @@ class Loop:
                     return Trip.HOST_SILENT
             if self._ticks % self._every == 0:
                 self._put_off(_LIFE)
-                if orphaned(self._parent):
+                if is_orphaned(self._parent):
                     self.reason = "the program that started the servo ended"
                     return Trip.HOST_SILENT
             self._obey()
@@ -133,7 +133,7 @@ class Loop:
             chain.step(row, self._now)
             self.in_step = False
             publish_row(row, ring.slot(), at, numbers, self._ticks, now, lateness, skipped)
-            ring.filled()
+            ring.publish_slot()
             self._ticks += 1
             self._notice()
             took = monotonic_ns() - now
@@ -166,9 +166,9 @@ class Loop:
 
     def _change(self, text: str) -> str:
         """Apply a request for another world; the answer as JSON."""
-        number, name, values = requested(text)
+        number, name, values = parse_request(text)
         try:
-            world = changed(self._world, name, values)
+            world = change_world(self._world, name, values)
             self._chain.change_world(world)
             self._shared.announce_world(description(world))
         except HaptorbError as cause:
@@ -211,9 +211,9 @@ def _load(row: Array, places: Records) -> None:
     row[:] = np.nan
 
 
-def _explained(cause: BaseException) -> str:
+def _explain_failure(cause: BaseException) -> str:
     """What went wrong in one line; for what nobody foresaw, where as well."""
-    if isinstance(cause, HaptorbError | Hang):
+    if isinstance(cause, HaptorbError | TickTimeout):
         return str(cause)
     frames = traceback.extract_tb(cause.__traceback__)
     where = f" ({frames[-1].filename}, line {frames[-1].lineno})" if frames else ""

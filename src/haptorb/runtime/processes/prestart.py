@@ -17,26 +17,26 @@ from typing import Self, final
 
 from haptorb.errors import ServoError
 from haptorb.runtime.realtime.process_starter import start
-from haptorb.runtime.realtime.stale_files import FOLDER, Claim
+from haptorb.runtime.realtime.stale_files import FOLDER, FileLock
 
-__all__ = ["PLAN", "Standby", "started"]
+__all__ = ["PLAN", "PrestartedProcess", "start_module"]
 
 PLAN = "plan"  #: name of the file in the folder
 
 
 @final
-class Standby:
+class PrestartedProcess:
     """The process, and a folder for what passes between it and this one. Coils are out of its reach until `give`.
 
     Ends with the `with` block unless somebody gave it a plan; from then on it is his.
     """
 
     def __init__(self) -> None:
-        self.folder, self.claim = _made()  #: the giver's from `give` on
+        self.folder, self.claim = _create_folder()  #: the giver's from `give` on
         self.errors = self.folder / "errors"  #: what the process prints
         self.given = False
         try:
-            self.process = started(
+            self.process = start_module(
                 "haptorb.runtime.processes.servo_process", str(self.folder), str(os.getpid()), errors=self.errors,
                 stdin=subprocess.PIPE,
             )  # fmt: skip
@@ -81,16 +81,16 @@ class Standby:
         self.end()
 
 
-def _made() -> tuple[Path, Claim]:
+def _create_folder() -> tuple[Path, FileLock]:
     """A new folder, and its claim."""
     while True:
         folder = Path(tempfile.mkdtemp(prefix=FOLDER))
-        claim = Claim(folder)
+        claim = FileLock(folder)
         if claim.there:
             return folder, claim
 
 
-def started(
+def start_module(
     module: str, *arguments: str, errors: Path, stdin: int = subprocess.DEVNULL, descriptor: int | None = None
 ) -> subprocess.Popen[bytes]:
     """`python -m module arguments` in a session of its own; what it prints goes to the end of `errors`.

@@ -17,9 +17,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from haptorb.runtime.exchange.shared_memory import Phase, Shared, Word
-from haptorb.runtime.realtime.kill_timer import EndTimer
-from haptorb.runtime.realtime.parent_death import end_group, orphaned
+from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
+from haptorb.runtime.realtime.kill_timer import KillTimer
+from haptorb.runtime.realtime.parent_death import end_group, is_orphaned
 from haptorb.runtime.recording.recorder import Recorder
 from haptorb.runtime.recording.recording_file import complete
 
@@ -37,7 +37,7 @@ def main(spec: Mapping[str, Any]) -> int:
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # the servo's end is this one's end; until then rows are worth keeping
-    shared = Shared(Path(spec["shared"]))
+    shared = SharedMemory(Path(spec["shared"]))
     try:
         _record(shared, spec)
     except Exception as cause:
@@ -45,7 +45,7 @@ def main(spec: Mapping[str, Any]) -> int:
         shared.words[Word.RECORDER] = Phase.FAILED
         return 1
     finally:
-        if orphaned(spec["parent"]):
+        if is_orphaned(spec["parent"]):
             end_group(spec["servo"])
             shared.unlink()
             if spec["temporary"]:
@@ -54,7 +54,7 @@ def main(spec: Mapping[str, Any]) -> int:
     return 0
 
 
-def _record(shared: Shared, spec: Mapping[str, Any]) -> None:
+def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
     words = shared.words
     with os.fdopen(spec["descriptor"], "wb") as file:
         recorder = Recorder(file, shared.layout, spec["rate"], spec["unix_minus_monotonic"])
@@ -63,7 +63,7 @@ def _record(shared: Shared, spec: Mapping[str, Any]) -> None:
         file.flush()
         words[Word.RECORDER] = Phase.RUNNING
         cursor = worlds = lost = 0
-        servo, timer = _Ending(spec["servo"]), EndTimer()
+        servo, timer = _ProcessExit(spec["servo"]), KillTimer()
         last = False
         while True:
             words[Word.RECORDER_LOOKS] += 1
@@ -91,7 +91,7 @@ def _record(shared: Shared, spec: Mapping[str, Any]) -> None:
         complete(file.fileno(), temporary=bool(spec["temporary"]))
 
 
-class _Ending:
+class _ProcessExit:
     """Waits for a process that is not this one's child, and sees its end even before anybody asked for its code."""
 
     def __init__(self, pid: int) -> None:

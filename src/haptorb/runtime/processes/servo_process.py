@@ -26,19 +26,19 @@ from haptorb import worlds
 from haptorb.devices.kind import kind_names, kind_of_name
 from haptorb.errors import HaptorbError
 from haptorb.runtime.exchange import plan as plans
-from haptorb.runtime.exchange.shared_memory import Phase, Shared, Word
+from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 from haptorb.runtime.exchange.world_change import description
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.processes.calibration_match import disagreement
 from haptorb.runtime.processes.loop import Loop
 from haptorb.runtime.processes.prestart import PLAN
 from haptorb.runtime.realtime.clock import Clock
-from haptorb.runtime.realtime.keep_core_awake import Wakefulness
+from haptorb.runtime.realtime.keep_core_awake import CoreWaker
 from haptorb.runtime.realtime.kernel_requests import punctual
-from haptorb.runtime.realtime.kill_timer import EndTimer
-from haptorb.runtime.realtime.parent_death import die_with_parent, end_group, orphaned
-from haptorb.runtime.realtime.tick_timeout import Hang
-from haptorb.runtime.trackers.fed_tracker import FedTracker
+from haptorb.runtime.realtime.kill_timer import KillTimer
+from haptorb.runtime.realtime.parent_death import die_with_parent, end_group, is_orphaned
+from haptorb.runtime.realtime.tick_timeout import TickTimeout
+from haptorb.runtime.trackers.feed_tracker import FeedTracker
 from haptorb.runtime.trackers.tracker import Tracker
 
 __all__ = ["main"]
@@ -46,7 +46,7 @@ __all__ = ["main"]
 _REHEARSAL = 5  #: ticks
 _BEGIN = 3.0  #: to the first tick, then the loop says [s]
 _FORKED = 70  #: exit code of a child that a world forked
-_ALWAYS = ("haptorb.runtime.tick.assembly", "haptorb.runtime.drivers.simulated", "haptorb.simulation.registry")
+_ALWAYS = ("haptorb.runtime.tick.assembly", "haptorb.runtime.drivers.sim_driver", "haptorb.simulation.registry")
 _PARTS = ("allocator", "linkage", "simulation", "guide")  #: of any kind of device, that any servo may need
 
 
@@ -61,8 +61,8 @@ def main(folder: Path, parent: int) -> int:
     if not told:  # safety: plan-awaited
         shutil.rmtree(folder, ignore_errors=True)
         return 0
-    shared = Shared.attach(os.fsdecode(told))
-    if orphaned(parent):  # it ended before the kernel was asked to tell
+    shared = SharedMemory.attach(os.fsdecode(told))
+    if is_orphaned(parent):  # it ended before the kernel was asked to tell
         shared.unlink()
         shutil.rmtree(folder, ignore_errors=True)
         return 1
@@ -79,14 +79,14 @@ def main(folder: Path, parent: int) -> int:
         shared.words[Word.PHASE] = Phase.FAILED
         return 1
     finally:
-        if orphaned(parent):  # nobody else will tidy up
+        if is_orphaned(parent):  # nobody else will tidy up
             end_group(os.getpid())
             shared.unlink()
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def _run(shared: Shared, path: Path, parent: int) -> int:
-    told = _Told(parent)
+def _run(shared: SharedMemory, path: Path, parent: int) -> int:
+    told = _EndSignals(parent)
     # Who forks in a world would have a second loop at the same device: the child ends before it comes back from there.
     os.register_at_fork(after_in_child=partial(os._exit, _FORKED))  # safety: world-forked
     plan = plans.load(path)
@@ -94,14 +94,14 @@ def _run(shared: Shared, path: Path, parent: int) -> int:
     _rehearse(plan, shared)
     tracker = _tracker(plan, shared)
     chain = plan.assemble(tracker)
-    timer = EndTimer()
+    timer = KillTimer()
     loop = Loop(chain, plan.world, shared, plan.rate, parent, timer.set)
     # No collection from here on: one would hold up the loop. What is alive now is never looked at again.
     gc.collect()
     gc.freeze()
     gc.disable()
     facts = punctual()
-    wakefulness = Wakefulness(int(facts["core"]))
+    wakefulness = CoreWaker(int(facts["core"]))
     try:
         shared.facts.write(json.dumps({**facts, "awake": wakefulness.granted, "collects_garbage": gc.isenabled()}))
         told.loop = loop
@@ -138,7 +138,7 @@ def _load() -> None:
         kind()
 
 
-def _rehearse(plan: plans.Plan, shared: Shared) -> None:
+def _rehearse(plan: plans.Plan, shared: SharedMemory) -> None:
     """Run a chain of its own for a few ticks: compiled code is loaded now, and not in the first tick.
 
     Then one tick of every world of the catalogue: who chooses another while the loop runs must not wait for its code,
@@ -157,13 +157,13 @@ def _rehearse(plan: plans.Plan, shared: Shared) -> None:
                 chain.step(row, tick / plan.rate)
 
 
-def _tracker(plan: plans.Plan, shared: Shared) -> Tracker:
+def _tracker(plan: plans.Plan, shared: SharedMemory) -> Tracker:
     if plan.prediction is None:
         return PointerTracker(shared.pointer)
-    return FedTracker(shared.tracked, plan.prediction)
+    return FeedTracker(shared.tracked, plan.prediction)
 
 
-class _Told:
+class _EndSignals:
     """Who told this process to end. Its handlers are in place before the coils can be on."""
 
     def __init__(self, parent: int) -> None:
@@ -172,8 +172,8 @@ class _Told:
         self._parent = parent
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._end)
-        signal.signal(signal.SIGUSR1, self._orphaned)
-        signal.signal(signal.SIGUSR2, self._stuck)
+        signal.signal(signal.SIGUSR1, self._on_parent_death)
+        signal.signal(signal.SIGUSR2, self._on_stuck_tick)
 
     def _end(self, number: int, frame: FrameType | None) -> None:
         if self.loop is None:
@@ -181,14 +181,14 @@ class _Told:
             sys.exit(128 + number)
         self.loop.told_by = signal.Signals(number).name
 
-    def _orphaned(self, number: int, frame: FrameType | None) -> None:
-        if orphaned(self._parent):
+    def _on_parent_death(self, number: int, frame: FrameType | None) -> None:
+        if is_orphaned(self._parent):
             self._end(number, frame)
 
-    def _stuck(self, number: int, frame: FrameType | None) -> None:
+    def _on_stuck_tick(self, number: int, frame: FrameType | None) -> None:
         """The host saw no tick for a long time. Raised into a step, this ends whatever loops in there."""
         if self.loop is not None and self.loop.in_step:
-            raise Hang(f"world '{self.loop.world}' hangs: one tick took longer than a second")
+            raise TickTimeout(f"world '{self.loop.world}' hangs: one tick took longer than a second")
 
 
 if __name__ == "__main__":

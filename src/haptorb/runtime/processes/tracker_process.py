@@ -15,10 +15,10 @@ from time import monotonic, process_time, sleep
 from typing import Any
 
 from haptorb.errors import HaptorbError
-from haptorb.runtime.exchange.shared_memory import Phase, Shared, Word
+from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 from haptorb.runtime.realtime.kernel_requests import ordinary, urgent
-from haptorb.runtime.realtime.parent_death import die_with_parent, orphaned
-from haptorb.runtime.trackers.pose_filter import Reception
+from haptorb.runtime.realtime.parent_death import die_with_parent, is_orphaned
+from haptorb.runtime.trackers.pose_filter import PoseFilter
 from haptorb.runtime.trackers.tracker_registry import feed_of
 
 __all__ = ["main"]
@@ -28,7 +28,7 @@ _TELL = 0.25  #: between two reports [s]
 _FLOOD = 0.3  #: a process that needs this share of a processor nearly never sleeps: somebody floods it
 
 
-class _Over(Exception):
+class _ServoEnded(Exception):
     """The servo has ended, or nobody is left who wants to know."""
 
 
@@ -41,12 +41,12 @@ def main(spec: Mapping[str, Any]) -> int:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # the servo's end is this one's end
     die_with_parent()
-    shared = Shared(Path(spec["shared"]))
+    shared = SharedMemory(Path(spec["shared"]))
     words, parent = shared.words, int(spec["parent"])
 
     def look() -> None:
-        if words[Word.QUIT] or words[Word.PHASE] >= Phase.ENDED or orphaned(parent):
-            raise _Over
+        if words[Word.QUIT] or words[Word.PHASE] >= Phase.ENDED or is_orphaned(parent):
+            raise _ServoEnded
 
     def origin() -> float:
         words[Word.TRACKER] = Phase.RUNNING  # who waits for the loop must not be waited for
@@ -57,11 +57,11 @@ def main(spec: Mapping[str, Any]) -> int:
 
     try:
         feed = feed_of(spec["feed"], spec["descriptor"], origin, spec["frame"])
-    except _Over:
+    except _ServoEnded:
         return 0
     except HaptorbError as cause:
-        return _failed(shared, str(cause))
-    reception = Reception(feed, shared.tracked)
+        return _report_failure(shared, str(cause))
+    reception = PoseFilter(feed, shared.tracked)
     words[Word.TRACKER] = Phase.RUNNING
     urgent()  # it sleeps nearly always, and a pose that waits for its turn on a busy computer grows old
     told, spent = monotonic(), process_time()
@@ -74,17 +74,17 @@ def main(spec: Mapping[str, Any]) -> int:
                     ordinary()
                 told, spent = monotonic(), process_time()
                 shared.tracker_facts.write(json.dumps(reception.facts()))
-    except _Over:
+    except _ServoEnded:
         shared.tracker_facts.write(json.dumps(reception.facts()))
         words[Word.TRACKER] = Phase.ENDED
         return 0
     except Exception as cause:
-        return _failed(shared, str(cause))
+        return _report_failure(shared, str(cause))
     finally:
         feed.close()
 
 
-def _failed(shared: Shared, why: str) -> int:
+def _report_failure(shared: SharedMemory, why: str) -> int:
     shared.tracker_reason.write(why[:4000])
     shared.words[Word.TRACKER] = Phase.FAILED
     return 1

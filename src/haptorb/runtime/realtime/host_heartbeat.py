@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable
 from typing import final
 
-__all__ = ["LATE", "SILENCE", "STOPPED", "HostLife", "state_of"]
+__all__ = ["LATE", "SILENCE", "STOPPED", "HostHeartbeat", "state_of"]
 
 SILENCE = 0.5  #: a host that shows no heartbeat for so long is taken for dead [s]
 STOPPED = 0.1  #: and so is one that is stopped [s]
@@ -38,7 +38,7 @@ def state_of(pid: int) -> Callable[[], str]:
 
 
 @final
-class HostLife:
+class HostHeartbeat:
     """Judges the host; `state` gives its state, as `state_of` does."""
 
     def __init__(self, state: Callable[[], str]) -> None:

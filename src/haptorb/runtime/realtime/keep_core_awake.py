@@ -18,7 +18,7 @@ import subprocess
 import sys
 import time
 
-__all__ = ["Wakefulness", "busy"]
+__all__ = ["CoreWaker", "busy"]
 
 _LOOK = 0.1  #: between two looks at the other cores [s]
 _ASIDE = 0.5  #: for so long it steps aside before it looks again [s]
@@ -28,7 +28,7 @@ _PR_SET_PDEATHSIG = 1
 Times = tuple[int, int]  #: the kernel's ticks in which the other cores were busy, and all
 
 
-class Wakefulness:
+class CoreWaker:
     """Keeps `core`, to which this process is bound, awake until `end`; −1: it is bound to none, and none is kept.
 
     `granted` says whether that could be had.

@@ -14,7 +14,7 @@ from typing import final
 
 from haptorb.errors import ServoError
 
-__all__ = ["EndTimer"]
+__all__ = ["KillTimer"]
 
 _CLOCK_MONOTONIC = 1
 _SIGEV_SIGNAL = 0
@@ -34,7 +34,7 @@ class _Times(ctypes.Structure):
 
 
 @final
-class EndTimer:
+class KillTimer:
     """Does nothing until `set` is called for the first time. Raises ServoError if the kernel has no such timers."""
 
     def __init__(self) -> None:

@@ -8,7 +8,7 @@ import signal
 from contextlib import suppress
 from pathlib import Path
 
-__all__ = ["die_with_parent", "end_group", "orphaned"]
+__all__ = ["die_with_parent", "end_group", "is_orphaned"]
 
 _PR_SET_PDEATHSIG = 1
 
@@ -19,12 +19,12 @@ def die_with_parent(number: signal.Signals = signal.SIGKILL) -> None:
     """Ask the kernel for the signal `number` when the parent ends.
 
     The kernel sends it when the *thread* ends that started this process. Processes are therefore started by a thread
-    that lives as long as its program (`starter`); whoever has another signal sent can ask `orphaned` as well.
+    that lives as long as its program (`starter`); whoever has another signal sent can ask `is_orphaned` as well.
     """
     _libc.prctl(_PR_SET_PDEATHSIG, int(number), 0, 0, 0)
 
 
-def orphaned(parent: int) -> bool:
+def is_orphaned(parent: int) -> bool:
     """Whether the process `parent` is no longer this one's parent: it ended, however it ended."""
     return os.getppid() != parent
 

@@ -7,16 +7,16 @@ from typing import final
 
 from haptorb.errors import InputError
 
-__all__ = ["FASTEST", "SLOWEST", "Schedule", "known_rate"]
+__all__ = ["FASTEST", "SLOWEST", "Schedule", "check_rate"]
 
 SLOWEST = 50.0  #: [Hz]
 FASTEST = 4000.0  #: [Hz]
 
 
-def known_rate(rate: float) -> float:
+def check_rate(rate: float) -> float:
     """`rate` [Hz] itself, or InputError.
 
-    >>> known_rate(1000)
+    >>> check_rate(1000)
     1000.0
     """
     if isinstance(rate, bool) or not isinstance(rate, int | float) or not math.isfinite(rate):
@@ -35,7 +35,7 @@ class Schedule:
     """
 
     def __init__(self, rate: float, origin: int) -> None:
-        self.period = round(1e9 / known_rate(rate))  #: [ns]
+        self.period = round(1e9 / check_rate(rate))  #: [ns]
         self.origin = origin  #: monotonic time of deadline 0 [ns]
         self.number = -1  #: the deadline whose tick ran last, or runs
         self.missed = 0  #: deadlines skipped since the start

@@ -16,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import final
 
-__all__ = ["FOLDER", "RECORDING", "SHARED", "Claim", "folders", "sweep"]
+__all__ = ["FOLDER", "RECORDING", "SHARED", "FileLock", "folders", "sweep"]
 
 FOLDER = "haptorb-servo-"  #: beginning of a folder's name
 SHARED = ".shared"  #: end of a shared memory's name; it begins with haptorb-
@@ -26,7 +26,7 @@ _OURS = re.compile(rf"haptorb-\w+(?:{re.escape(SHARED)}|{re.escape(RECORDING)})|
 
 
 @final
-class Claim:
+class FileLock:
     """Holds the file or folder at `path`, which was just made, until `close` or the end of this process.
 
     `there` says whether the file still exists: between its making and this, somebody's `sweep` may have removed it.
@@ -66,11 +66,11 @@ def sweep() -> int:
         with suppress(OSError), os.scandir(folder) as entries:
             for entry in entries:
                 if _OURS.fullmatch(entry.name):
-                    removed += _removed(entry)
+                    removed += _remove_if_stale(entry)
     return removed
 
 
-def _removed(entry: os.DirEntry[str]) -> bool:
+def _remove_if_stale(entry: os.DirEntry[str]) -> bool:
     """Whether `entry` had no owner; then it is gone."""
     try:
         found = entry.stat(follow_symlinks=False)

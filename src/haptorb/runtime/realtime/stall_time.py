@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import final
 
-__all__ = ["Stillness"]
+__all__ = ["StallTime"]
 
 
 @final
-class Stillness:
+class StallTime:
     """Counts only time in which whoever looks was running itself: a computer that stood still accuses nobody.
 
     `step`: at most so much counts between two looks, in any unit of time.
@@ -23,7 +23,7 @@ class Stillness:
     def look(self, now: float, value: int) -> float:
         """The time for which `value` has stayed as it is.
 
-        >>> still = Stillness(step=2.0)
+        >>> still = StallTime(step=2.0)
         >>> still.look(10.0, 7), still.look(11.0, 7), still.look(12.0, 8), still.look(99.0, 8)
         (0.0, 1.0, 0.0, 2.0)
         """

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-__all__ = ["Hang"]
+__all__ = ["TickTimeout"]
 
 
-class Hang(BaseException):
+class TickTimeout(BaseException):
     """Raised by a signal's handler inside a tick that takes too long.
 
     No `Exception`: user code that goes on after whatever it caught would catch it, and hang again in the next tick.

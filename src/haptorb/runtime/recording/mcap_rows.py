@@ -65,7 +65,7 @@ def records(file: BinaryIO) -> Iterator[Schema | Channel | Metadata | Footer | B
         if left < 0:
             return
         try:
-            found, took = _opened(head[0], file.read(length), room, most)
+            found, took = _open_record(head[0], file.read(length), room, most)
         except (McapError, ZstdError, ValueError, OverflowError, MemoryError, struct.error):
             return  # not whole after all: what follows cannot be trusted either
         room -= took
@@ -75,7 +75,7 @@ def records(file: BinaryIO) -> Iterator[Schema | Channel | Metadata | Footer | B
         yield from found
 
 
-def _opened(opcode: int, data: bytes, room: int, most: int) -> tuple[list[Any], int]:
+def _open_record(opcode: int, data: bytes, room: int, most: int) -> tuple[list[Any], int]:
     """The record itself, or what is in it; and how many bytes that was, at most `room`, in at most `most` records."""
     if opcode != Opcode.CHUNK:
         return list(_single(opcode, data)), 0

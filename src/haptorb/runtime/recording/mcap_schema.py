@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 
-from haptorb.errors import RecordingError, shown
+from haptorb.errors import RecordingError, quote
 from haptorb.runtime.row import Field, RowLayout
 
 _WIDEST = 65_536  #: numbers in a row
@@ -48,11 +48,11 @@ def fields_of(text: str) -> tuple[Field, ...]:
             continue
         match = _LINE.fullmatch(line)
         if match is None:
-            raise RecordingError(f"the recording's schema has a field that haptorb did not write: {shown(line)}")
+            raise RecordingError(f"the recording's schema has a field that haptorb did not write: {quote(line)}")
         width = int(match["width"] or 1)
         if not 1 <= width + sum(field.width for field in fields) <= _WIDEST or width < 1:
             raise RecordingError(
-                f"the recording's schema has more than {_WIDEST} numbers in a row, or none: {shown(line)}"
+                f"the recording's schema has more than {_WIDEST} numbers in a row, or none: {quote(line)}"
             )
         if match["name"] in {field.name for field in fields}:
             raise RecordingError(f"the recording's schema has the field '{match['name']}' twice")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, BinaryIO, final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptorb.errors import RecordingError, UnknownName, shown
+from haptorb.errors import RecordingError, UnknownName, quote
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.recording.mcap_rows import MAGIC, Block, records
 from haptorb.runtime.recording.mcap_schema import CDR_HEADER, NAME, TOPIC, fields_of
@@ -40,7 +40,7 @@ class Recording:
         self.notes: list[tuple[str, dict[str, str]]] = []  #: every metadata record: (name, values), in order
         self.fields: tuple[Field, ...] = ()  #: as the file's own schema describes them
         self._channel = 0
-        with _opened(self.path) as file:
+        with _open_file(self.path) as file:
             try:
                 parts = list(self._parts(file))
             except RecordingError as cause:
@@ -119,7 +119,7 @@ class Recording:
     def _whole(self, values: dict[str, str], key: str) -> int:
         text = values.get(key, "")
         if not (text.isascii() and text.isdecimal() and len(text) <= 15):
-            raise RecordingError(f"{self.path}: a note's '{key}' must be a whole number; got {shown(text)}")
+            raise RecordingError(f"{self.path}: a note's '{key}' must be a whole number; got {quote(text)}")
         return int(text)
 
     def to_csv(self, path: str | Path, *, overwrite: bool = False) -> None:
@@ -162,7 +162,7 @@ class Recording:
         schemas: dict[int, Schema] = {}
         for found in records(file):
             if isinstance(found, Block) and found.channel == self._channel and self.fields:
-                yield self._decoded(found.data)
+                yield self._decode(found.data)
             elif isinstance(found, Schema):
                 schemas[found.id] = found
             elif isinstance(found, Channel) and found.topic == TOPIC:
@@ -178,7 +178,7 @@ class Recording:
             elif isinstance(found, Footer):
                 self.truncated = False
 
-    def _decoded(self, block: NDArray[np.uint8]) -> Array:
+    def _decode(self, block: NDArray[np.uint8]) -> Array:
         """Rows (n, width) from messages (n, bytes): four bytes of CDR header, then the row itself."""
         width = sum(field.width for field in self.fields)
         if block.shape[1] != len(CDR_HEADER) + 8 * width:
@@ -187,7 +187,7 @@ class Recording:
         return decoded
 
 
-def _opened(path: Path) -> BinaryIO:
+def _open_file(path: Path) -> BinaryIO:
     """The file, if it begins like MCAP."""
     try:
         # a pipe without a writer would be waited for
@@ -195,7 +195,7 @@ def _opened(path: Path) -> BinaryIO:
     except OSError as cause:
         raise RecordingError(f"cannot read {path}: {cause.strerror}") from cause
     except ValueError as cause:  # a zero byte in its name
-        raise RecordingError(f"cannot read {shown(str(path))}: not the name of a file") from cause
+        raise RecordingError(f"cannot read {quote(str(path))}: not the name of a file") from cause
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
         raise RecordingError(f"cannot read {path}: not a regular file")

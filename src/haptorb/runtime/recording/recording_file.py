@@ -7,14 +7,14 @@ import tempfile
 from pathlib import Path
 
 from haptorb.errors import RecordingError
-from haptorb.runtime.realtime.stale_files import RECORDING, Claim
+from haptorb.runtime.realtime.stale_files import RECORDING, FileLock
 
-__all__ = ["complete", "opened", "temporary"]
+__all__ = ["complete", "create_recording", "temporary"]
 
 _FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
 
 
-def opened(path: Path, *, overwrite: bool) -> int:
+def create_recording(path: Path, *, overwrite: bool) -> int:
     """A descriptor of the new, empty file `path`, write-protected for others until the recording is complete.
 
     Raises RecordingError if it exists and `overwrite` is not set, or if it cannot be written.
@@ -45,7 +45,7 @@ def complete(descriptor: int, *, temporary: bool) -> None:
     os.fchmod(descriptor, 0o600 if temporary else 0o666 & ~mask)  # safety: recording-mode
 
 
-def temporary() -> tuple[Path, int, Claim]:
+def temporary() -> tuple[Path, int, FileLock]:
     """(path, descriptor, claim) of a new file in the system's temporary folder, which is ours while the claim is held.
 
     Raises RecordingError if none can be made there.
@@ -56,7 +56,7 @@ def temporary() -> tuple[Path, int, Claim]:
             descriptor, name = tempfile.mkstemp(prefix="haptorb-", suffix=RECORDING, dir=folder)
         except OSError as cause:
             raise RecordingError(f"cannot record to {folder}: {cause.strerror}; name a file to record to") from cause
-        claim = Claim(name)
+        claim = FileLock(name)
         if claim.there:
             return Path(name), descriptor, claim
         os.close(descriptor)  # somebody who tidied up was faster

@@ -103,8 +103,8 @@ def _wrench(axes: Axes, recording: Fields, t: Array) -> None:
     turning = not (np.nan_to_num(given[:, :3]).any() or asked[:, :3].any()) and asked[:, 3:].any()
     first, letter = (3, "T") if turning else (0, "F")
     for i, name in enumerate("xyz"):
-        axes.plot(*_joined(t, given[:, first + i]), color=_COLOURS[i], linewidth=1.1, label=f"${letter}_{name}$")
-        axes.plot(*_joined(t, asked[:, first + i]), color=_COLOURS[i], linewidth=1.1, linestyle=(0, (4, 2)))
+        axes.plot(*_join_points(t, given[:, first + i]), color=_COLOURS[i], linewidth=1.1, label=f"${letter}_{name}$")
+        axes.plot(*_join_points(t, asked[:, first + i]), color=_COLOURS[i], linewidth=1.1, linestyle=(0, (4, 2)))
     axes.plot([], [], color=_INK, linewidth=1.1, label=label)
     axes.plot([], [], color=_INK, linewidth=1.1, linestyle=(0, (4, 2)), label="asked")
     axes.set_ylabel("torque [N·m]" if turning else "force [N]")
@@ -114,7 +114,7 @@ def _energy(axes: Axes, recording: Fields, t: Array) -> None:
     """What the hand was given, and where damping was injected because sampling and delay had made energy."""
     if not {"energy", "injected"} <= {field.name for field in recording.fields}:  # an older recording
         return
-    axes.plot(*_joined(t, 1e3 * recording["energy"]), color=_COLOURS[0], linewidth=1.1, label="given to the hand")
+    axes.plot(*_join_points(t, 1e3 * recording["energy"]), color=_COLOURS[0], linewidth=1.1, label="given to the hand")
     damped = recording["injected"] > 0
     if damped.any():
         lowest = axes.get_ylim()[0]
@@ -124,16 +124,16 @@ def _energy(axes: Axes, recording: Fields, t: Array) -> None:
 
 def _currents(axes: Axes, recording: Fields, t: Array) -> None:
     for i, values in enumerate(_columns(recording["currents"])):
-        axes.plot(*_joined(t, values), color=_COLOURS[i % 6], linewidth=1.0, label=f"coil {i + 1}")
+        axes.plot(*_join_points(t, values), color=_COLOURS[i % 6], linewidth=1.0, label=f"coil {i + 1}")
     axes.set_ylabel("current [A]")
 
 
 def _temperatures(axes: Axes, recording: Fields, t: Array) -> None:
     """Windings solid (observed), boundaries dotted (measured)."""
     for i, values in enumerate(_columns(recording["boundary"])):  # first: their noise must not hide the windings
-        axes.plot(*_joined(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=0.7, linestyle=":", alpha=0.4)
+        axes.plot(*_join_points(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=0.7, linestyle=":", alpha=0.4)
     for i, values in enumerate(_columns(recording["winding"])):
-        axes.plot(*_joined(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=1.1, label=f"winding {i + 1}")
+        axes.plot(*_join_points(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=1.1, label=f"winding {i + 1}")
     axes.plot([], [], color=_INK, linewidth=0.9, linestyle=":", label="boundary")
     axes.set_ylabel("temperature [°C]")
 
@@ -172,7 +172,7 @@ def _columns(values: Array) -> Array:
     return columns
 
 
-def _joined(t: Array, values: Array) -> tuple[Array, Array]:
+def _join_points(t: Array, values: Array) -> tuple[Array, Array]:
     """The curve itself, or, where it has more points than a figure can show, lowest and highest of each stretch."""
     stretch = -(-len(t) // (_POINTS // 2))
     if stretch < 2:

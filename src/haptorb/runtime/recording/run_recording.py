@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
 from haptorb.errors import RecordingError
-from haptorb.runtime.realtime.stale_files import Claim
+from haptorb.runtime.realtime.stale_files import FileLock
 from haptorb.runtime.recording import recording_file
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ class RunRecording:
     def __init__(self, where: str | Path | Literal[False] | None, *, overwrite: bool) -> None:
         self._where, self._overwrite = where, overwrite
         self._path: Path | None = None
-        self._claim: Claim | None = None
+        self._claim: FileLock | None = None
 
     @property
     def named(self) -> str | None:
@@ -35,7 +35,7 @@ class RunRecording:
         """The temporary file, once it is there."""
         return self._path if self._where is None else None
 
-    def opened(self) -> int | None:
+    def open(self) -> int | None:
         """A descriptor of the new, empty file; None for nowhere. Raises RecordingError."""
         if self._where is False:
             return None
@@ -44,7 +44,7 @@ class RunRecording:
             weakref.finalize(self, self._path.unlink, missing_ok=True)
             return descriptor
         path = Path(self._where).expanduser().absolute()
-        descriptor = recording_file.opened(path, overwrite=self._overwrite)
+        descriptor = recording_file.create_recording(path, overwrite=self._overwrite)
         self._path = path
         return descriptor
 

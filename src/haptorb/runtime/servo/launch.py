@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.devices.device import Device
-from haptorb.runtime.exchange.shared_memory import Shared
+from haptorb.runtime.exchange.shared_memory import SharedMemory
 from haptorb.runtime.trackers.tracker_registry import Preparation
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
 from haptorb.version import __version__
@@ -20,7 +20,7 @@ __all__ = ["notes", "recorder_spec", "tracker_spec"]
 
 
 def recorder_spec(
-    shared: Shared, servo: int, descriptor: int, rate: float, *, temporary: Path | None, notes: Mapping[str, Any]
+    shared: SharedMemory, servo: int, descriptor: int, rate: float, *, temporary: Path | None, notes: Mapping[str, Any]
 ) -> dict[str, Any]:
     """For `recorder_process`: `servo` is the loop's process id, `rate` in Hz; a `temporary` file it may delete."""
     return {
@@ -50,7 +50,7 @@ def notes(device: Device, text: str, run: Mapping[str, str]) -> dict[str, dict[s
     }
 
 
-def tracker_spec(shared: Shared, tracker: Preparation, frame: TrackerFrame | None) -> dict[str, Any]:
+def tracker_spec(shared: SharedMemory, tracker: Preparation, frame: TrackerFrame | None) -> dict[str, Any]:
     """For `tracker_process`: what was prepared, and the `frame` between tracker and stator if there is one."""
     return {
         "shared": str(shared.path),

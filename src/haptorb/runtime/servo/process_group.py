@@ -17,14 +17,14 @@ from typing import final
 
 from haptorb.errors import DriverError, RecordingError, ServoError
 from haptorb.runtime.exchange.black_box import BlackBox
-from haptorb.runtime.exchange.report import recorded
-from haptorb.runtime.exchange.shared_memory import Phase, Shared, Word
-from haptorb.runtime.processes.prestart import PLAN, Standby, started
+from haptorb.runtime.exchange.report import count_recorded
+from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
+from haptorb.runtime.processes.prestart import PLAN, PrestartedProcess, start_module
 from haptorb.runtime.realtime.kernel_requests import urgent
 from haptorb.runtime.realtime.memory_growth import MemoryGrowth
-from haptorb.runtime.realtime.stall_time import Stillness
+from haptorb.runtime.realtime.stall_time import StallTime
 
-__all__ = ["Children"]
+__all__ = ["ProcessGroup"]
 
 _EVERY = 0.02  #: between two heartbeats [s]
 _STUCK = 1.0  #: without a tick the servo is told that it is stuck [s]
@@ -45,11 +45,11 @@ _STALL = (
 
 
 @final
-class Children:
+class ProcessGroup:
     """Gives `standby`, whose plan is written, its work; `record` and `track` may add others, then
     `wait_until_running`."""
 
-    def __init__(self, standby: Standby, shared: Shared, black_box: BlackBox) -> None:
+    def __init__(self, standby: PrestartedProcess, shared: SharedMemory, black_box: BlackBox) -> None:
         self._shared = shared
         self._black_box = black_box
         self._errors, self._plan = standby.errors, standby.folder / PLAN
@@ -85,13 +85,13 @@ class Children:
 
     def record(self, spec: str, descriptor: int) -> None:
         """Start the recorder with `spec` (JSON) and the open file `descriptor`."""
-        self._recorder = started(
+        self._recorder = start_module(
             "haptorb.runtime.processes.recorder_process", spec, errors=self._errors, descriptor=descriptor
         )
 
     def track(self, spec: str, descriptor: int | None) -> None:
         """Start the tracker's process with `spec` (JSON) and its open socket `descriptor`, if it has one."""
-        self._tracker = started(
+        self._tracker = start_module(
             "haptorb.runtime.processes.tracker_process", spec, errors=self._errors, descriptor=descriptor
         )
 
@@ -121,7 +121,7 @@ class Children:
                 raise ServoError(f"the servo did not start within {_START:g} s")
             if self._compiler is None and self._compiling_since(begun):
                 plan = str(self._plan)
-                self._compiler = started(
+                self._compiler = start_module(
                     "haptorb.runtime.processes.first_start", plan, str(os.getpid()), errors=self._errors
                 )
             sleep(0.005)
@@ -150,12 +150,14 @@ class Children:
         code = self._recorder.poll()
         if reason or not code:
             return reason or self._stall
-        return f"its process was killed ({_signal(code)})" if code < 0 else f"its process failed: {self._said()}"
+        return (
+            f"its process was killed ({_signal(code)})" if code < 0 else f"its process failed: {self._describe_end()}"
+        )
 
     @property
     def recorded(self) -> dict[str, int]:
         """Rows in the recording, and rows that are lost to it: see `report.recorded`."""
-        return recorded(self._shared, over=self._recorder is not None and self._recorder.poll() is not None)
+        return count_recorded(self._shared, over=self._recorder is not None and self._recorder.poll() is not None)
 
     @property
     def tracker_trouble(self) -> str:
@@ -166,7 +168,9 @@ class Children:
         code = self._tracker.poll()
         if reason or not code:
             return reason
-        return f"the tracker's process was killed ({_signal(code)})" if code < 0 else f"it failed: {self._said()}"
+        return (
+            f"the tracker's process was killed ({_signal(code)})" if code < 0 else f"it failed: {self._describe_end()}"
+        )
 
     def end(self) -> None:
         """End all processes: as told if they listen, else by force. May be called twice."""
@@ -201,7 +205,7 @@ class Children:
     def _beat(self) -> None:
         urgent()  # on an overloaded computer half a second may pass before an ordinary thread has its turn
         words = self._shared.words
-        ticking, recording = Stillness(2 * _EVERY), Stillness(2 * _EVERY)
+        ticking, recording = StallTime(2 * _EVERY), StallTime(2 * _EVERY)
         while not self._ending.wait(_EVERY):
             words[Word.HEARTBEAT] = monotonic_ns()
             self._black_box.look()
@@ -211,7 +215,7 @@ class Children:
             writing = words[Word.RECORDER] == Phase.RUNNING
             self._stall = _STALL.format(still) if writing and still > _STALLED else ""  # safety: recorder-stalled
 
-    def _watch_servo(self, now: float, ticking: Stillness) -> None:
+    def _watch_servo(self, now: float, ticking: StallTime) -> None:
         """End a servo whose tick does not end, and look how much memory it takes."""
         if not self.alive or self._told:
             ticking.look(now, -1)
@@ -238,13 +242,13 @@ class Children:
             return reason or "as it was told"
         if code is not None and code < 0:
             return f"its process was killed ({_signal(code)})"
-        if said := self._said():
+        if said := self._describe_end():
             return said
         if self._shared.phase is Phase.RUNNING:
             return f"its process ended with code {code} in the middle of a run, as a world does that calls os._exit"
         return f"its process failed with code {code}"
 
-    def _said(self) -> str:
+    def _describe_end(self) -> str:
         try:
             return self._errors.read_text(errors="replace")[-2000:].strip()
         except OSError:

@@ -25,30 +25,30 @@ from haptorb.devices.loader import load
 from haptorb.errors import InputError, ServoError
 from haptorb.numerics.arrays import Array, finite
 from haptorb.runtime.exchange import plan as plans
-from haptorb.runtime.exchange.black_box import BlackBox, Tripped
+from haptorb.runtime.exchange.black_box import BlackBox, TripRecord
 from haptorb.runtime.exchange.commands import Commands
 from haptorb.runtime.exchange.report import loop_report, tracker_facts
-from haptorb.runtime.exchange.shared_memory import Shared
+from haptorb.runtime.exchange.shared_memory import SharedMemory
 from haptorb.runtime.exchange.world_change import description
 from haptorb.runtime.processes.first_start import compiling
-from haptorb.runtime.processes.prestart import Standby
-from haptorb.runtime.realtime.schedule import known_rate
-from haptorb.runtime.realtime.stale_files import Claim, sweep
+from haptorb.runtime.processes.prestart import PrestartedProcess
+from haptorb.runtime.realtime.schedule import check_rate
+from haptorb.runtime.realtime.stale_files import FileLock, sweep
 from haptorb.runtime.recording.run_recording import RunRecording
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.servo.device_text import text_of
 from haptorb.runtime.servo.launch import notes, recorder_spec, tracker_spec
-from haptorb.runtime.servo.process_group import Children
+from haptorb.runtime.servo.process_group import ProcessGroup
 from haptorb.runtime.tick.assembly import (
     assemble,
+    check_driver,
+    check_estimator,
     default_world,
-    known_driver,
-    known_estimator,
     linkage_of,
     modes_of,
 )
-from haptorb.runtime.trackers.fed_tracker import PREDICTION, known_prediction
-from haptorb.runtime.trackers.tracker_registry import Preparation, fed, known_frame, known_tracker, prepared
+from haptorb.runtime.trackers.feed_tracker import PREDICTION, check_prediction
+from haptorb.runtime.trackers.tracker_registry import Preparation, check_frame, check_tracker, has_feed, prepare_tracker
 from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.sensing.calibration_file import read_calibration, read_frame
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
@@ -118,24 +118,24 @@ class Servo(Commands):
         self.device = device if isinstance(device, Device) else load(device)
         self._device_text = text_of(self.device, device)
         self.layout = RowLayout.of(self.device)
-        self.driver = known_driver(driver)
-        self.tracker = known_tracker(tracker, self.driver)
+        self.driver = check_driver(driver)
+        self.tracker = check_tracker(tracker, self.driver)
         self.tracker_token = ""  #: what senders on other computers must say first; known once the servo is open
-        self.rate = known_rate(rate)
-        self.seed = _known_seed(seed)
+        self.rate = check_rate(rate)
+        self.seed = _check_seed(seed)
         if level is not None:
-            self.device.known_level(level)
-        self.estimator = known_estimator(self.device, "hall" if tracker == "hall" and estimator is None else estimator)
+            self.device.check_level(level)
+        self.estimator = check_estimator(self.device, "hall" if tracker == "hall" and estimator is None else estimator)
         self.calibration = (
             read_calibration(calibration) if isinstance(calibration, str | Path) else calibration
         )  #: what the controller believes of the device beside its file
         if self.calibration is not None:
             # refuses here what is another device's
-            self.calibration.applied(electromagnet(self.device, "a calibration"))
+            self.calibration.apply(electromagnet(self.device, "a calibration"))
         self.modes = modes_of(self.device)  #: that `set_mode` knows; empty where the device acts directly
         if gains is not None:
             linkage_of(self.device, gains)  # refuses here what does not fit
-        first = world if isinstance(world, World) else worlds.named(world or default_world(self.device))()
+        first = world if isinstance(world, World) else worlds.find_world(world or default_world(self.device))()
         Commands.__init__(self, first)
         first.for_device(self.device)  # refuses here, not in another process, what the device cannot render
         # Compiling in the first tick would be a silence at which a real device's firmware switches off.
@@ -146,36 +146,36 @@ class Servo(Commands):
             )
             for through in (self.driver, "sim")
         )  # fmt: skip
-        self._ahead = known_prediction(prediction)
+        self._ahead = check_prediction(prediction)
         self.frame = read_frame(frame) if isinstance(frame, str | Path) else frame  #: between tracker and stator
         if self.frame is not None:
-            known_frame(self.frame, self.device, self.tracker, self.driver)
+            check_frame(self.frame, self.device, self.tracker, self.driver)
         self._plan = plans.Plan(
-            first, self.rate, chain, practice, self._ahead if fed(self.tracker) else None,
+            first, self.rate, chain, practice, self._ahead if has_feed(self.tracker) else None,
             None if self.calibration is None else self.calibration.id,
             partial(compiling, self.device, first, self.estimator, level, gains),
         )  # fmt: skip
         self._recording = RunRecording(record, overwrite=overwrite)
         self._trips_folder = None if black_box is None else Path(black_box).expanduser().absolute()
         self._black_box: BlackBox | None = None
-        self._shared: Shared | None = None
-        self._children: Children | None = None
+        self._shared: SharedMemory | None = None
+        self._children: ProcessGroup | None = None
         self._folder: Path | None = None
-        self._claim: Claim | None = None  # on the folder
+        self._claim: FileLock | None = None  # on the folder
 
-    def open(self, standby: Standby | None = None) -> None:
+    def open(self, standby: PrestartedProcess | None = None) -> None:
         """Start: returns when the loop runs. Raises RecordingError or ServoError, with nothing left running.
 
         standby: a process that was sent ahead, and is this servo's from here on; None: one is started now.
         """
         if self._children is not None:
             raise ServoError("this servo was started before; make a new one")
-        preparation = prepared(self.tracker) if fed(self.tracker) else None
+        preparation = prepare_tracker(self.tracker) if has_feed(self.tracker) else None
         descriptor: int | None = None
         tidying = threading.Thread(target=sweep, name="haptorb-tidying", daemon=True)  # beside the start, which waits
         tidying.start()
         try:
-            descriptor = self._recording.opened()
+            descriptor = self._recording.open()
             self._start(descriptor, preparation, standby)
         except BaseException:
             self.close()
@@ -297,7 +297,7 @@ class Servo(Commands):
         return dict(tracker_facts(shared).get("refused", {})) if shared is not None else {}
 
     @property
-    def trips(self) -> tuple[Tripped, ...]:
+    def trips(self) -> tuple[TripRecord, ...]:
         """The first 64 trips, each with the last 100 ticks up to it."""
         if self._black_box is None:
             return ()
@@ -318,21 +318,21 @@ class Servo(Commands):
         return self._recording.read()
 
     @property
-    def _attached(self) -> Shared | None:
+    def _attached(self) -> SharedMemory | None:
         return self._shared
 
-    def _start(self, descriptor: int | None, tracker: Preparation | None, standby: Standby | None) -> None:
-        with standby or Standby() as process:
+    def _start(self, descriptor: int | None, tracker: Preparation | None, standby: PrestartedProcess | None) -> None:
+        with standby or PrestartedProcess() as process:
             file = process.plan
             try:
                 plans.save(self._plan, file)
             except Exception as cause:
                 raise InputError(f"world or device cannot be sent to the servo's process: {cause}") from cause
-            self._shared = Shared.create(self.layout)
+            self._shared = SharedMemory.create(self.layout)
             self._carry_stops(self._shared)
             self._black_box = BlackBox(self._shared, self.device.name, self.rate, self._trips_folder)
             self._claim, self._folder = process.claim, process.folder
-            self._children = Children(process, self._shared, self._black_box)
+            self._children = ProcessGroup(process, self._shared, self._black_box)
         if descriptor is not None:
             spec = recorder_spec(
                 self._shared, self._children.servo_pid, descriptor, self.rate,
@@ -352,7 +352,7 @@ class Servo(Commands):
         run = {
             "driver": self.driver,
             "tracker": self.tracker,
-            "prediction_s": repr(self._ahead) if fed(self.tracker) else "",
+            "prediction_s": repr(self._ahead) if has_feed(self.tracker) else "",
             "frame": "" if self.frame is None else self.frame.text(),
             "estimator": self.estimator,
             "calibration": "" if self.calibration is None else self.calibration.text(),
@@ -363,7 +363,7 @@ class Servo(Commands):
         return notes(self.device, self._device_text, run)
 
 
-def _known_seed(seed: int) -> int:
+def _check_seed(seed: int) -> int:
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
         raise InputError(f"seed must be a whole number from 0 on; got {seed!r}")
     return seed

@@ -21,11 +21,11 @@ __all__ = [
     "DRIVERS",
     "allocator_of",
     "assemble",
+    "check_driver",
+    "check_estimator",
     "default_world",
     "estimator_of",
     "estimators_of",
-    "known_driver",
-    "known_estimator",
     "linkage_of",
     "modes_of",
 ]
@@ -33,7 +33,7 @@ __all__ = [
 DRIVERS = ("sim",)
 
 
-def known_driver(name: str) -> str:
+def check_driver(name: str) -> str:
     """`name` itself, or UnknownName; whether a port or bus is there shows when it is opened."""
     if name not in DRIVERS and not is_real(name):
         raise UnknownName("driver", name, (*DRIVERS, "serial:PORT", "i2c:BUS"))
@@ -65,7 +65,7 @@ def _choices(device: Device) -> dict[str, EstimatorChoice]:
     return choices
 
 
-def known_estimator(device: Device, name: str | None) -> str:
+def check_estimator(device: Device, name: str | None) -> str:
     """`name` itself, or the default of `device` for None; UnknownName for what it cannot have, InputError for what it
     cannot have yet, such as networks that nobody has trained."""
     known = _choices(device)
@@ -124,16 +124,16 @@ def assemble(
     What `calibration` measured is believed by everything but the simulated device, which stays what its file says. An
     I²C bus needs a monostable on its PWM chip's OE pin, unless `watchdog` is False.
     """
-    from haptorb.runtime.drivers.simulated import SimDriver  # the simulation is loaded only where it runs
+    from haptorb.runtime.drivers.sim_driver import SimDriver  # the simulation is loaded only where it runs
 
-    known_driver(driver)
+    check_driver(driver)
     dt = 1.0 / rate
     real = is_real(driver)
     if isinstance(tracker, PointerTracker):
         tracker.guide = device.kind.part("guide")(device)
-    believed = device if calibration is None else calibration.applied(electromagnet(device, "a calibration"))
+    believed = device if calibration is None else calibration.apply(electromagnet(device, "a calibration"))
     offsets = None if calibration is None else calibration.offsets
-    known = known_estimator(device, estimator)
+    known = check_estimator(device, estimator)
     axes = _choices(device)[known].axes  # what a board has shows when it is opened
     return Tick(
         believed,

@@ -89,7 +89,7 @@ def fill_object(
 ) -> None:  # fmt: skip
     """Fill the fields of `row` (width,) that tell of what the world acts on, at the `places` of the `RowLayout`.
 
-    share (2,), p (3,) [m], R (3, 3), wrench (6,) [N, N·m] and contacts (2, 8) as a `Felt` has them.
+    share (2,), p (3,) [m], R (3, 3), wrench (6,) [N, N·m] and contacts (2, 8) as a `RenderedWrench` has them.
     """
     at = places[0]
     _copy(row, at.share, share)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.control.allocation.allocator import Allocation, Allocator
-from haptorb.control.clutch.linkage import NO_CONTACTS, Direct, Felt, Linkage
+from haptorb.control.clutch.linkage import NO_CONTACTS, Direct, Linkage, RenderedWrench
 from haptorb.control.protection.protection import Protection
 from haptorb.control.protection.trip import Trip
 from haptorb.devices.device import Device
@@ -22,7 +22,7 @@ from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import HaptorbError, InputError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.realtime.tick_timeout import Hang
+from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.row import STAGES, RowLayout
 from haptorb.runtime.tick.fill_row import fill_object, fill_row
 from haptorb.sensing.estimator import Estimator
@@ -62,7 +62,7 @@ class Tick:
         self._applied = np.zeros(device.channels)
         self._nothing = np.zeros(6)
         nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
-        self._felt_last = Felt(self._nothing, nowhere, self._nothing, NO_CONTACTS, 0, np.zeros(2), False)
+        self._felt_last = RenderedWrench(self._nothing, nowhere, self._nothing, NO_CONTACTS, 0, np.zeros(2), False)
         self._no_currents = Allocation(self._zeros, self._nothing, False, 0.0)
         self._stages = np.zeros(len(STAGES))
         self._ahead = 0.0  # spent in `prepare` [s]
@@ -93,7 +93,7 @@ class Tick:
         try:
             self.driver.engage()
         except HaptorbError as cause:
-            self._failed(Trip.DRIVER_FAILED, cause)
+            self._fail(Trip.DRIVER_FAILED, cause)
             return False
         engaged = self.protection.engage()
         if engaged:
@@ -115,7 +115,7 @@ class Tick:
         try:
             sample = self.driver.read(now)
         except HaptorbError as cause:
-            self._failed(Trip.DRIVER_FAILED, cause)  # safety: driver-failure-trips
+            self._fail(Trip.DRIVER_FAILED, cause)  # safety: driver-failure-trips
             self._off(row, now)
             return
         t1 = perf_counter()
@@ -123,17 +123,17 @@ class Tick:
         if estimate.valid:  # the first valid pose starts the ramp
             protection.start(estimate)
         t2 = perf_counter()
-        felt = self._felt(estimate.state)
+        felt = self._render(estimate.state)
         t3 = perf_counter()
         asked = protection.protect_wrench(self._rendered, estimate, sample.t)
-        allocation = self._allocated(estimate.wrench_map, asked)
+        allocation = self._allocate(estimate.wrench_map, asked)
         t4 = perf_counter()
         duties = protection.protect_currents(allocation.currents, estimate, sample, self._applied)
         t5 = perf_counter()
         try:
             self._applied = self.driver.write(duties)
         except HaptorbError as cause:
-            self._failed(Trip.DRIVER_FAILED, cause)
+            self._fail(Trip.DRIVER_FAILED, cause)
         t6 = perf_counter()
         stages[0], stages[1], stages[2], stages[3], stages[4], stages[5] = (
             t1 - t0, t2 - t1, t3 - t2, t4 - t3, t5 - t4, t6 - t5,
@@ -154,31 +154,31 @@ class Tick:
         cells[start["engaged"]] = felt.engaged
         stages[6] = perf_counter() - t6
 
-    def _felt(self, state: State) -> Felt:
+    def _render(self, state: State) -> RenderedWrench:
         try:
-            felt = self.linkage.felt(self.world, state)
+            felt = self.linkage.render(self.world, state)
             if felt.wrench.shape != (6,):
                 raise InputError(f"a world must give force and torque, shape (6,); got shape {felt.wrench.shape}")
             # Copied: in another memory layout a user's array would have the kernels compiled in the middle of a tick.
             self._rendered[:], self._on_thing[:] = felt.wrench, felt.on_thing
             self._felt_last = felt
             return felt
-        except Hang:
+        except TickTimeout:
             raise
         # A world is the user's code: whatever it raises must end in coils off.
         except BaseException as cause:  # safety: world-exit-trips
-            self._failed(Trip.WORLD_FAILED, cause)  # safety: world-failure-trips
+            self._fail(Trip.WORLD_FAILED, cause)  # safety: world-failure-trips
             self._rendered[:] = self._on_thing[:] = 0.0
             return replace(self._felt_last, wrench=self._nothing, on_thing=self._nothing)
 
-    def _allocated(self, wrench_map: WrenchMap, wrench: Array) -> Allocation:
+    def _allocate(self, wrench_map: WrenchMap, wrench: Array) -> Allocation:
         try:
             return self.allocator.allocate(wrench_map, wrench)
         except HaptorbError as cause:
-            self._failed(Trip.CURRENTS_NOT_FINITE, cause)  # safety: allocation-failure-trips
+            self._fail(Trip.CURRENTS_NOT_FINITE, cause)  # safety: allocation-failure-trips
             return self._no_currents
 
-    def _failed(self, reason: Trip, cause: BaseException) -> None:
+    def _fail(self, reason: Trip, cause: BaseException) -> None:
         if not self.protection.tripped:
             leaves = isinstance(cause, SystemExit)
             self.error = f"the world called sys.exit({cause})" if leaves else f"{type(cause).__name__}: {cause}"

@@ -6,10 +6,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import NamedTuple
 
-__all__ = ["Feed", "Garbage", "Heard"]
+__all__ = ["Feed", "RawPose", "RejectedPose"]
 
 
-class Heard(NamedTuple):
+class RawPose(NamedTuple):
     """One pose as it was heard, judged by nobody yet.
 
     p and q are as sent: three and four numbers that may be anything. `valid` False: the tracker says that it lost the
@@ -24,7 +24,7 @@ class Heard(NamedTuple):
     valid: bool = True
 
 
-class Garbage(NamedTuple):
+class RejectedPose(NamedTuple):
     """Something that is no pose; `why` is the name under which it is counted."""
 
     why: str
@@ -39,7 +39,7 @@ class Feed(ABC):
     one_tool = True
 
     @abstractmethod
-    def heard(self, patience: float) -> Iterator[Heard | Garbage]:
+    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         """What has come, in the order of arrival; waits at most `patience` [s] for the first.
 
         Raises HaptorbError if nothing can ever come again.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import final
 
-from haptorb.runtime.trackers.feed import Feed, Garbage, Heard
+from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
 
 __all__ = ["FramedFeed"]
@@ -19,13 +19,13 @@ class FramedFeed(Feed):
         self._feed, self._frame = feed, frame
         self.one_tool = feed.one_tool
 
-    def heard(self, patience: float) -> Iterator[Heard | Garbage]:
+    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         """As the feed hears it; a loss has no pose, and what cannot be one is left for others to refuse."""
-        for one in self._feed.heard(patience):
-            if isinstance(one, Garbage) or not one.valid:
+        for one in self._feed.receive(patience):
+            if isinstance(one, RejectedPose) or not one.valid:
                 yield one
                 continue
-            p, q = self._frame.placed(one.p, one.q)
+            p, q = self._frame.transform_pose(one.p, one.q)
             yield one._replace(p=p, q=q)
 
     def close(self) -> None:

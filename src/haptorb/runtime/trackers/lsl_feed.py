@@ -12,7 +12,7 @@ from time import monotonic
 from typing import Any, final
 
 from haptorb.errors import DriverError
-from haptorb.runtime.trackers.feed import Feed, Garbage, Heard
+from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
 
 __all__ = ["CHANNELS", "THIS_COMPUTER", "LslFeed", "lsl_stream"]
 
@@ -73,7 +73,7 @@ class LslFeed(Feed):
         self._inlet = pylsl.StreamInlet(lsl_stream(name), max_buflen=1, recover=True)
         self._offset, self._next = 0.0, float("-inf")
 
-    def heard(self, patience: float) -> Iterator[Heard | Garbage]:
+    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         """Up to 64 samples; the first is waited for, at most `patience` [s]."""
         for _ in range(_AT_ONCE):
             try:
@@ -87,9 +87,9 @@ class LslFeed(Feed):
             numbers = [float(x) for x in values]
             stamp = min(sent + self._offset, arrival)
             if len(numbers) == 8 and not numbers[7] > 0.5:
-                yield Heard((), (), stamp, arrival, False) if isfinite(numbers[7]) else Garbage("not_finite")
+                yield RawPose((), (), stamp, arrival, False) if isfinite(numbers[7]) else RejectedPose("not_finite")
             else:
-                yield Heard(tuple(numbers[:3]), tuple(numbers[3:7]), stamp, arrival)
+                yield RawPose(tuple(numbers[:3]), tuple(numbers[3:7]), stamp, arrival)
 
     def _compare(self, now: float) -> None:
         if now >= self._next:

@@ -15,7 +15,7 @@ from time import monotonic
 from typing import Any, final
 
 from haptorb.errors import DriverError
-from haptorb.runtime.trackers.feed import Feed, Garbage, Heard
+from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.sender_clock import SenderClock
 
 __all__ = ["PORT", "NatNetFeed", "natnet_socket"]
@@ -28,7 +28,7 @@ _ALIVE = 0.5  #: between two signs of life that the server wants [s]
 _BURST = 64
 
 
-def _asked(kind: int, text: bytes = b"") -> bytes:
+def _encode_request(kind: int, text: bytes = b"") -> bytes:
     return kind.to_bytes(2, "little") + (len(text) + 1).to_bytes(2, "little") + text + b"\0"
 
 
@@ -43,7 +43,7 @@ def natnet_socket(host: str, port: int = PORT, answer: float = _ANSWER) -> tuple
         opened.connect((host, port))  # the kernel then drops what others send
         end = monotonic() + answer
         while (left := end - monotonic()) > 0:
-            opened.send(_asked(_CONNECT, b"Ping"))
+            opened.send(_encode_request(_CONNECT, b"Ping"))
             if not select.select([opened], [], [], min(left, 0.25))[0]:
                 continue
             try:
@@ -84,12 +84,12 @@ class NatNetFeed(Feed):
         self._clock = SenderClock()
         self._alive = float("-inf")
 
-    def heard(self, patience: float) -> Iterator[Heard | Garbage]:
+    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         """What came in up to 64 packets; at most `patience` [s] for the first."""
         if monotonic() - self._alive > _ALIVE:
             self._alive = monotonic()
             with suppress(OSError):  # the server is gone: silence
-                self._socket.send(_asked(_KEEPALIVE))
+                self._socket.send(_encode_request(_KEEPALIVE))
         select.select([self._socket], [], [], patience)
         for _ in range(_BURST):
             try:
@@ -101,17 +101,19 @@ class NatNetFeed(Feed):
             if int.from_bytes(data[:2], "little") == _FRAME:
                 yield self.read(data, monotonic())
 
-    def read(self, data: bytes, arrival: float) -> Heard | Garbage:
+    def read(self, data: bytes, arrival: float) -> RawPose | RejectedPose:
         """What one frame says of the body; a frame without it says that it is lost."""
         try:
             frame = self._frame.read_from_buffer(self._buffer(data[4:]), self._version)
             bodies = [one for one in frame.rigid_bodies if self._body in (0, one.id_num)]
             stamp = self._clock.stamp(float(frame.suffix.timestamp), arrival)
             if len(bodies) != 1 or bodies[0].tracking_valid is False:
-                return Heard((), (), stamp, arrival, False)
-            return Heard(tuple(float(x) for x in bodies[0].pos), tuple(float(x) for x in bodies[0].rot), stamp, arrival)
+                return RawPose((), (), stamp, arrival, False)
+            return RawPose(
+                tuple(float(x) for x in bodies[0].pos), tuple(float(x) for x in bodies[0].rot), stamp, arrival
+            )
         except Exception:  # whatever a parser makes of bytes that anybody may send
-            return Garbage("garbage")
+            return RejectedPose("garbage")
 
     def close(self) -> None:
         """Let go of the socket."""

@@ -20,7 +20,7 @@ from time import monotonic
 from typing import final
 
 from haptorb.errors import DriverError
-from haptorb.runtime.trackers.feed import Feed, Garbage, Heard
+from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.sender_clock import SenderClock
 
 __all__ = ["LOST", "POSE", "OscFeed", "loopback", "osc_socket"]
@@ -79,7 +79,7 @@ class OscFeed(Feed):
         self._spoke = float("-inf")  # when it last said something of the layout
         self._heard_from = float("-inf")  # its poses count from then on
 
-    def heard(self, patience: float) -> Iterator[Heard | Garbage]:
+    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         """What came in up to 256 datagrams; at most `patience` [s] for the first."""
         select.select([self._socket], [], [], patience)
         for _ in range(_BURST):
@@ -91,47 +91,47 @@ class OscFeed(Feed):
                 continue
             yield from self.read(data, monotonic(), sender)
 
-    def read(self, data: bytes, arrival: float, sender: object = "the only one") -> Iterator[Heard | Garbage]:
+    def read(self, data: bytes, arrival: float, sender: object = "the only one") -> Iterator[RawPose | RejectedPose]:
         """What one datagram of `sender` (its address and port) says."""
         if len(data) > _LONGEST:
-            yield Garbage("garbage")
+            yield RejectedPose("garbage")
             return
         try:
             messages = [(one.message.address, list(one.message.params)) for one in self._parsed(data).messages]
         except Exception:  # whatever a parser makes of bytes that anybody may send
-            yield Garbage("garbage")
+            yield RejectedPose("garbage")
             return
         if not messages:
-            yield Garbage("garbage")
+            yield RejectedPose("garbage")
         for address, values in messages:
             yield self._message(address, values, arrival, sender)
 
-    def _message(self, address: str, values: list[object], arrival: float, sender: object) -> Heard | Garbage:
+    def _message(self, address: str, values: list[object], arrival: float, sender: object) -> RawPose | RejectedPose:
         if self._token:  # safety: sender-token
             said = values.pop(0) if values else None
             if not (isinstance(said, str) and compare_digest(said.encode("utf-8", "replace"), self._token)):
-                return Garbage("stranger")
+                return RejectedPose("stranger")
         numbers = [float(x) for x in values if isinstance(x, int | float) and not isinstance(x, bool)]
         first = {POSE: 7, LOST: 0}.get(address)
         if first is None or len(numbers) != len(values) or len(numbers) not in (first, first + 1):
-            return Garbage("garbage")
+            return RejectedPose("garbage")
         sent = numbers[first] if len(numbers) > first else None
         if sent is not None and not isfinite(sent):
-            return Garbage("not_finite")
+            return RejectedPose("not_finite")
         if sender != self._sender:  # safety: one-sender
             if arrival - self._spoke <= _SILENT:
-                return Garbage("another_sender")
+                return RejectedPose("another_sender")
             replaced, self._sender, self._spoke = self._sender is not None, sender, arrival
             if replaced:
                 self._clock, self._heard_from = SenderClock(), arrival + _LOST
-                return Heard((), (), arrival, arrival, False)
+                return RawPose((), (), arrival, arrival, False)
         self._spoke = arrival
         if arrival < self._heard_from:  # safety: sender-replaced
-            return Garbage("another_sender")
+            return RejectedPose("another_sender")
         stamp = arrival if sent is None else self._clock.stamp(sent, arrival)
         if address == LOST:
-            return Heard((), (), stamp, arrival, False)
-        return Heard(tuple(numbers[:3]), tuple(numbers[3:7]), stamp, arrival)
+            return RawPose((), (), stamp, arrival, False)
+        return RawPose(tuple(numbers[:3]), tuple(numbers[3:7]), stamp, arrival)
 
     def close(self) -> None:
         """Let go of the port."""

@@ -14,11 +14,11 @@ from typing import Any, final
 import numpy as np
 
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.memory.pose_block import Tracked, TrackedBlock
-from haptorb.runtime.trackers.feed import Feed, Garbage, Heard
+from haptorb.runtime.memory.pose_block import PoseBlock, PoseRecord
+from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.sender_clock import ANEW
 
-__all__ = ["REASONS", "Reception"]
+__all__ = ["REASONS", "PoseFilter"]
 
 #: why something was refused, as the report names it
 REASONS = {
@@ -45,15 +45,15 @@ _KEPT = 2048  #: of intervals and delays, for the percentiles
 
 
 @final
-class Reception:
+class PoseFilter:
     """Judges what `feed` hears and writes what may be believed into `block`."""
 
-    def __init__(self, feed: Feed, block: TrackedBlock) -> None:
+    def __init__(self, feed: Feed, block: PoseBlock) -> None:
         self._feed, self._block = feed, block
-        self._last: Tracked | None = None  # the last pose that was believed; None after a loss
+        self._last: PoseRecord | None = None  # the last pose that was believed; None after a loss
         self._arrival = float("-inf")  # of the last message that was in order
         self._stamp = float("-inf")
-        self._doubted: Tracked | None = None  # the last pose since a jump, while they do not agree for long enough
+        self._doubted: PoseRecord | None = None  # the last pose since a jump, while they do not agree for long enough
         self._since, self._alike = 0.0, 0  # since when they agree, and how many
         self.accepted = 0
         self.lost = 0  #: how often the tracker said that it lost the tool
@@ -64,13 +64,13 @@ class Reception:
 
     def listen(self, patience: float) -> None:
         """Take whatever comes within `patience` [s]."""
-        for one in self._feed.heard(patience):
-            if isinstance(one, Garbage):
+        for one in self._feed.receive(patience):
+            if isinstance(one, RejectedPose):
                 self.refused[one.why] += 1
             else:
                 self._take(one)
 
-    def _take(self, heard: Heard) -> None:
+    def _take(self, heard: RawPose) -> None:
         why = "" if isfinite(heard.stamp) and isfinite(heard.arrival) else "not_finite"
         if not why and heard.arrival - self._arrival > ANEW:
             self._stamp = float("-inf")
@@ -93,19 +93,19 @@ class Reception:
                 self._block.write(before._replace(valid=False, stamp=heard.stamp))  # safety: tool-lost
             return
         p, q = np.array(heard.p, dtype=np.float64), np.array(heard.q, dtype=np.float64)
-        pose = Tracked(True, p, q / sqrt(float(q @ q)), np.zeros(3), np.zeros(3), heard.stamp)
+        pose = PoseRecord(True, p, q / sqrt(float(q @ q)), np.zeros(3), np.zeros(3), heard.stamp)
         if self._feed.one_tool and self._doubtful(pose, _BURST if heard.stamp >= heard.arrival else _STEP):
             self.refused["jump"] += 1
             return
         self.accepted += 1
         self._delays.append(heard.arrival - heard.stamp)
-        self._last = self._moved(pose)
+        self._last = self._add_velocity(pose)
         self._block.write(self._last)
 
-    def _doubtful(self, pose: Tracked, least: float) -> bool:
+    def _doubtful(self, pose: PoseRecord, least: float) -> bool:
         """Whether `pose` has jumped, or comes after one that has; `least` [s] may be missing between two stamps."""
         last = self._doubted or self._last
-        jumped = last is not None and _jumped(last, pose, max(pose.stamp - last.stamp, least))
+        jumped = last is not None and _is_jump(last, pose, max(pose.stamp - last.stamp, least))
         if self._doubted is None:
             if not jumped:
                 return False
@@ -122,13 +122,13 @@ class Reception:
         self._doubted = None
         return False
 
-    def _moved(self, pose: Tracked) -> Tracked:
+    def _add_velocity(self, pose: PoseRecord) -> PoseRecord:
         """The pose with the velocities since the one before; none after a loss, a gap or a jump."""
         p, q, v, w = pose.p, pose.q, pose.v, pose.w
         last = self._last
         if last is not None and 0.0 < pose.stamp - last.stamp <= _SILENCE:
             passed = pose.stamp - last.stamp
-            rate, turn = (p - last.p) / passed, _turned(last.q, q) / passed
+            rate, turn = (p - last.p) / passed, _rotation_between(last.q, q) / passed
             share = 1.0 - exp(-passed / _SMOOTHED)
             if float(rate @ rate) <= _FASTEST**2 and float(turn @ turn) <= _SPINNING**2:
                 v, w = last.v + share * (rate - last.v), last.w + share * (turn - last.w)
@@ -149,7 +149,7 @@ class Reception:
         }
 
 
-def _wrong(heard: Heard) -> str:
+def _wrong(heard: RawPose) -> str:
     """Why the pose cannot be one; nothing if it can."""
     if len(heard.p) != 3 or len(heard.q) != 4:
         return "garbage"
@@ -161,14 +161,14 @@ def _wrong(heard: Heard) -> str:
     return "" if abs(length - 1.0) <= _UNIT else "no_rotation"
 
 
-def _jumped(before: Tracked, pose: Tracked, passed: float) -> bool:
+def _is_jump(before: PoseRecord, pose: PoseRecord, passed: float) -> bool:
     """Whether no hand could have brought the tool from one pose to the other within `passed` [s]."""
-    way, turn = pose.p - before.p, _turned(before.q, pose.q)
+    way, turn = pose.p - before.p, _rotation_between(before.q, pose.q)
     # safety: jump-seen
     return bool(float(way @ way) > (_FASTEST * passed) ** 2 or float(turn @ turn) > (_SPINNING * passed) ** 2)
 
 
-def _turned(before: Array, q: Array) -> Array:
+def _rotation_between(before: Array, q: Array) -> Array:
     """(3,) [rad], stator frame: the shortest turn from one unit quaternion to the next, both (x, y, z, w)."""
     a, b = before, q
     v = np.array(

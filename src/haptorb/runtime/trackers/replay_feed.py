@@ -16,14 +16,14 @@ import numpy as np
 from haptorb.errors import DriverError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.recording.recording import Recording
-from haptorb.runtime.trackers.feed import Feed, Garbage, Heard
+from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
 
-__all__ = ["ReplayFeed", "played"]
+__all__ = ["ReplayFeed", "load_poses"]
 
 _SAME = 1e-6  #: two ticks whose poses were measured within this saw the same pose [s]
 
 
-def played(path: str | Path) -> Array:
+def load_poses(path: str | Path) -> Array:
     """(n, 10): time on the loop's clock at which the pose came, when it was measured [s], p (3), q (4), valid.
 
     Raises RecordingError if the file is none of this version, DriverError if it holds no pose.
@@ -47,14 +47,14 @@ def played(path: str | Path) -> Array:
 
 @final
 class ReplayFeed(Feed):
-    """Plays `rows` of `played` from `origin` on: the monotonic clock [s] at which the loop's clock shows zero."""
+    """Plays `rows` of `load_poses` from `origin` on: the monotonic clock [s] at which the loop's clock shows zero."""
 
     one_tool = False
 
     def __init__(self, rows: Array, origin: float) -> None:
         self._rows, self._origin, self._at = rows, origin, 0
 
-    def heard(self, patience: float) -> Iterator[Heard | Garbage]:
+    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         """What is due; if nothing is, waits until something is, at most `patience` [s]."""
         rows = self._rows
         if self._at >= len(rows):
@@ -64,7 +64,7 @@ class ReplayFeed(Feed):
         while self._at < len(rows) and self._origin + rows[self._at, 0] <= (now := monotonic()):
             _, measured, *pose, valid = rows[self._at].tolist()
             self._at += 1
-            yield Heard(tuple(pose[:3]), tuple(pose[3:]), min(self._origin + measured, now), now, bool(valid))
+            yield RawPose(tuple(pose[:3]), tuple(pose[3:]), min(self._origin + measured, now), now, bool(valid))
 
     def close(self) -> None:
         """Nothing to let go of."""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from haptorb.devices.device import Device
     from haptorb.sensing.frame.tracker_frame import TrackerFrame
 
-__all__ = ["TOKEN", "TRACKERS", "Preparation", "fed", "feed_of", "known_frame", "known_tracker", "prepared"]
+__all__ = ["TOKEN", "TRACKERS", "Preparation", "check_frame", "check_tracker", "feed_of", "has_feed", "prepare_tracker"]
 
 TRACKERS = ("pointer", "hall")  #: hall: the hand follows the pointer, but where it is, only the field tells
 TOKEN = "HAPTORB_TRACKER_TOKEN"  #: of the environment: what a sender on another computer must say
@@ -32,18 +32,18 @@ _FORMS = ("osc:PORT", "osc:HOST:PORT", "lsl:NAME", "replay:FILE", "natnet:HOST")
 _SHORTEST = 16  #: a token that cannot be guessed [characters]
 
 
-def fed(name: str) -> bool:
+def has_feed(name: str) -> bool:
     """Whether the tracker `name` has a process of its own.
 
-    >>> fed("osc:9000"), fed("pointer")
+    >>> has_feed("osc:9000"), has_feed("pointer")
     (True, False)
     """
     return name not in TRACKERS
 
 
-def known_tracker(name: str, driver: str = "sim") -> str:
+def check_tracker(name: str, driver: str = "sim") -> str:
     """`name` itself; UnknownName or InputError if it is none, or none for `driver`. Nothing is opened."""
-    if not fed(name):
+    if not has_feed(name):
         return name
     kind = _KINDS.get(name.partition(":")[0])
     if kind is None or ":" not in name:
@@ -82,18 +82,18 @@ class Preparation(ABC):
             self.descriptor = -1
 
 
-def prepared(name: str) -> Preparation:
+def prepare_tracker(name: str) -> Preparation:
     """The tracker `name`, ready to start."""
     kind, _, where = name.partition(":")
     preparation = _KINDS[kind](where)
-    _installed(kind)
+    _check_installed(kind)
     preparation.make_ready()
     return preparation
 
 
-def known_frame(frame: TrackerFrame, device: Device, tracker: str, driver: str = "sim") -> TrackerFrame:
+def check_frame(frame: TrackerFrame, device: Device, tracker: str, driver: str = "sim") -> TrackerFrame:
     """`frame` itself; InputError or CalibrationError if it cannot be that of `tracker` before `device`."""
-    if not fed(tracker) or tracker.startswith("replay:"):
+    if not has_feed(tracker) or tracker.startswith("replay:"):
         raise InputError(
             f"tracker '{tracker}' speaks the stator's frame already; --frame is for trackers with a frame of their "
             "own: osc, lsl, natnet"
@@ -103,7 +103,7 @@ def known_frame(frame: TrackerFrame, device: Device, tracker: str, driver: str =
             f"the frame was registered in a rehearsal, driver '{driver}' moves a real device: register the real "
             f"tracker with `haptorb frame {device.name} --tracker {tracker}`"
         )
-    return frame.known_for(device, tracker)
+    return frame.check_for(device, tracker)
 
 
 def feed_of(spec: dict[str, Any], descriptor: int, origin: Callable[[], float], frame: str = "") -> Feed:
@@ -137,13 +137,13 @@ def _own(spec: dict[str, Any], descriptor: int, origin: Callable[[], float]) -> 
 
             return NatNetFeed(socket.socket(fileno=descriptor), tuple(spec["version"]), spec["body"])
         case _:
-            from haptorb.runtime.trackers.replay_feed import ReplayFeed, played
+            from haptorb.runtime.trackers.replay_feed import ReplayFeed, load_poses
 
-            rows = played(spec["path"])
+            rows = load_poses(spec["path"])
             return ReplayFeed(rows, origin())
 
 
-def _installed(kind: str) -> None:
+def _check_installed(kind: str) -> None:
     package = {"osc": "pythonosc", "lsl": "pylsl", "natnet": "natnet"}.get(kind)
     try:
         if package:
@@ -200,9 +200,9 @@ class _Replay(Preparation):
             raise InputError("tracker must be replay:FILE with a recording; got none")
 
     def make_ready(self) -> None:
-        from haptorb.runtime.trackers.replay_feed import played
+        from haptorb.runtime.trackers.replay_feed import load_poses
 
-        played(self._path)
+        load_poses(self._path)
         self.spec = {"kind": "replay", "path": str(self._path.absolute())}
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.errors import CalibrationError, shown
+from haptorb.errors import CalibrationError, quote
 from haptorb.files.json_file import document, numbers
 from haptorb.numerics.arrays import Array
 from haptorb.physics.thermal import TwoNode
@@ -48,11 +48,11 @@ class Calibration:
     heat: TwoNode | None
     simulated: bool
 
-    def applied(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
+    def apply(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
         """`device` with what was measured; CalibrationError if the calibration is another device's."""
         if device.digest != self.digest:
             raise CalibrationError(
-                f"the calibration is that of device {shown(self.device)} with file {shown(self.digest[:12])}, not of "
+                f"the calibration is that of device {quote(self.device)} with file {quote(self.digest[:12])}, not of "
                 f"'{device.name}' with file {device.digest[:12]}; calibrate again with "
                 f"`haptorb calibrate {device.name}`"
             )
@@ -95,7 +95,7 @@ class Calibration:
         if np.linalg.matrix_rank(moments) < min(3, channels):
             raise CalibrationError(f"{name}: moment_per_current_m2 is singular: two coils would do the same")
         if not isinstance(raw["simulated"], bool):
-            raise CalibrationError(f"{name}: simulated must be true or false; got {shown(raw['simulated'])}")
+            raise CalibrationError(f"{name}: simulated must be true or false; got {quote(raw['simulated'])}")
         resistance = numbers(raw, "resistance_ohm", name, (channels,))
         if not (resistance > 0).all():
             raise CalibrationError(f"{name}: resistance_ohm must be positive; got {resistance.tolist()}")
@@ -116,7 +116,7 @@ class Calibration:
 
 def _word(raw: Mapping[str, Any], key: str, name: str) -> str:
     if not isinstance(raw[key], str):
-        raise CalibrationError(f"{name}: {key} must be a text; got {shown(raw[key])}")
+        raise CalibrationError(f"{name}: {key} must be a text; got {quote(raw[key])}")
     return str(raw[key])
 
 

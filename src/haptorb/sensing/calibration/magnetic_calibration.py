@@ -51,7 +51,7 @@ class MagneticCalibration:
             for i, j in combinations(range(len(names)), 2)
         }
 
-    def applied(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
+    def apply(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
         """`device` with the measured moments in place of those of its file."""
         return replace(device, moment_per_current=self.moment_per_current)
 
@@ -106,10 +106,10 @@ def magnetic_calibration(
         )
     seen = np.broadcast_to(np.eye(3), (places, 3, 3)) if axes is None else _along(finite(axes, "axes"), places)
     _conducts(device, want, i)
-    result = _regressed(device, seen, i, B)
-    _wired(device, result.moment_per_current)
-    _followed(device, seen, i, B, result)
-    odd, even = (_regressed(device, seen, i[k::2], B[k::2]).moment_per_current for k in (1, 0))
+    result = _regress(device, seen, i, B)
+    _check_wiring(device, result.moment_per_current)
+    _check_sensors(device, seen, i, B, result)
+    odd, even = (_regress(device, seen, i[k::2], B[k::2]).moment_per_current for k in (1, 0))
     scale = np.linalg.norm(result.moment_per_current, axis=0)
     return replace(result, repeatability=float((np.abs(odd - even) / scale).max()))
 
@@ -122,7 +122,7 @@ def _along(axes: Array, places: int) -> Array:
     return projection
 
 
-def _regressed(device: SphericalElectromagnet, seen: Array, i: Array, B: Array) -> MagneticCalibration:
+def _regress(device: SphericalElectromagnet, seen: Array, i: Array, B: Array) -> MagneticCalibration:
     """Linear least squares for M and the offsets, in closed form: M = C⁻¹ D S⁻¹ from centred readings.
 
     `seen` (k, 3, 3) is what each sensor makes of a field.
@@ -158,7 +158,7 @@ def _conducts(device: SphericalElectromagnet, wanted: Array, measured: Array) ->
             )
 
 
-def _wired(device: SphericalElectromagnet, measured: Array) -> None:
+def _check_wiring(device: SphericalElectromagnet, measured: Array) -> None:
     """Compare each coil's axis with those of the device file: the same, another's, or the other way round?"""
     names, nominal = device.coils.names, device.moment_per_current
     cosine = (measured / np.linalg.norm(measured, axis=0)).T @ (nominal / np.linalg.norm(nominal, axis=0))
@@ -177,7 +177,9 @@ def _wired(device: SphericalElectromagnet, measured: Array) -> None:
             )
 
 
-def _followed(device: SphericalElectromagnet, seen: Array, i: Array, B: Array, result: MagneticCalibration) -> None:
+def _check_sensors(
+    device: SphericalElectromagnet, seen: Array, i: Array, B: Array, result: MagneticCalibration
+) -> None:
     """Every sensor must see what the others agree on."""
     at = device.hall.positions
     x, y = i - i.mean(axis=0), B - B.mean(axis=0)

@@ -12,11 +12,20 @@ import numpy as np
 
 from haptorb.errors import CalibrationError
 from haptorb.numerics.arrays import Array
-from haptorb.sensing.frame.frame_start import Pivot, Roll, laid_onto, pivot
-from haptorb.sensing.frame.touches import Touched, Touches
+from haptorb.sensing.frame.frame_start import Pivot, Roll, fit_points, pivot
+from haptorb.sensing.frame.touches import Touches, TouchSession
 
-__all__ = ["enough", "known_centre", "known_hand", "known_marks", "known_pivot", "known_roll", "known_scale",
-           "known_sphere", "known_spread"]  # fmt: skip
+__all__ = [
+    "check_centre",
+    "check_handedness",
+    "check_marks",
+    "check_pivot",
+    "check_roll",
+    "check_scale",
+    "check_sphere",
+    "check_spread",
+    "enough",
+]  # fmt: skip
 
 LEAST_DOME, LEAST_MARK, LEAST_ROLL = 30, 8, 12  #: poses that differ, for a step to tell anything
 
@@ -31,7 +40,7 @@ _SPREAD = np.deg2rad(35.0)  #: half angle that the touches on the dome must reac
 _WOBBLE, _ROLLED = np.deg2rad(1.5), np.deg2rad(90.0)  #: [rad]
 
 
-def enough(touched: Touched, names: Sequence[str]) -> None:
+def enough(touched: TouchSession, names: Sequence[str]) -> None:
     """There are poses to work with, for every mark of `names`."""
     wanted = [("on the dome", touched.dome, LEAST_DOME), ("while rolling", touched.roll, LEAST_ROLL)]
     missing = [name for name in names if name not in touched.marks]
@@ -46,7 +55,7 @@ def enough(touched: Touched, names: Sequence[str]) -> None:
             )
 
 
-def known_pivot(stands: Sequence[Touches]) -> Pivot:
+def check_pivot(stands: Sequence[Touches]) -> Pivot:
     """The tip by the marks alone, if the poses are those of a rigid body about a tip."""
     found = pivot(stands)
     size = max(float(np.linalg.norm(found.places - found.places.mean(axis=0), axis=1).mean()), 1e-9)
@@ -83,7 +92,7 @@ def _otherwise(stands: Sequence[Touches]) -> dict[str, list[Array]]:
     }
 
 
-def known_scale(places: Array, known: Array) -> None:
+def check_scale(places: Array, known: Array) -> None:
     """The tracker speaks metres: by the distances between places and known marks (k, 3) [m], whichever is which."""
 
     def size(points: Array) -> float:
@@ -100,7 +109,7 @@ def known_scale(places: Array, known: Array) -> None:
     )
 
 
-def known_sphere(radius: float, on: Array, known: float) -> None:
+def check_sphere(radius: float, on: Array, known: float) -> None:
     """The dome of `radius` [m] is the file's of `known` [m], and most touches, on (n,), are on it."""
     if (share := 1.0 - float(on.mean())) > _LIFTED:
         raise CalibrationError(
@@ -114,7 +123,7 @@ def known_sphere(radius: float, on: Array, known: float) -> None:
         )
 
 
-def known_spread(points: Array, centre: Array) -> None:
+def check_spread(points: Array, centre: Array) -> None:
     """The dome was touched at points (n, 3) [m] far apart, as seen from its centre (3,) [m]."""
     directions = (points - centre) / np.linalg.norm(points - centre, axis=1)[:, None]
     middle = directions.mean(axis=0)
@@ -127,10 +136,10 @@ def known_spread(points: Array, centre: Array) -> None:
         )
 
 
-def known_hand(places: Array, centre: Array, known: Array) -> None:
+def check_handedness(places: Array, centre: Array, known: Array) -> None:
     """The frame is right-handed: places (k, 3) and centre (3,) [m] lie as known (k, 3) and 0 do, and not mirrored."""
     found, wanted = np.vstack([places, centre]), np.vstack([known, np.zeros(3)])
-    right, left = laid_onto(found, wanted)[2], laid_onto(found, wanted, mirrored=True)[2]
+    right, left = fit_points(found, wanted)[2], fit_points(found, wanted, mirrored=True)[2]
     if right > _APART / 2 and left < 0.3 * right:  # safety: left-handed
         raise CalibrationError(
             f"the tracker's frame is left-handed: the marks and the dome fit mirrored (rms {1e3 * left:.1f} mm) and "
@@ -138,13 +147,13 @@ def known_hand(places: Array, centre: Array, known: Array) -> None:
         )
 
 
-def known_marks(places: Array, known: Array, names: Sequence[str]) -> None:
+def check_marks(places: Array, known: Array, names: Sequence[str]) -> None:
     """Each of the places (k, 3) is that of the known mark (k, 3) [m] that was asked for."""
-    rms = laid_onto(places, known)[2]
+    rms = fit_points(places, known)[2]
     if rms <= _APART / 2:
         return
     for order in permutations(range(len(names))):
-        if laid_onto(places[list(order)], known)[2] < 0.3 * rms:
+        if fit_points(places[list(order)], known)[2] < 0.3 * rms:
             wrong = ", ".join(
                 f"'{names[order.index(k)]}' when '{name}' was asked for"
                 for k, name in enumerate(names)
@@ -157,7 +166,7 @@ def known_marks(places: Array, known: Array, names: Sequence[str]) -> None:
     )
 
 
-def known_centre(by_dome: Array, by_marks: Array) -> None:
+def check_centre(by_dome: Array, by_marks: Array) -> None:
     """Dome and marks tell of the same centre (3,) [m]."""
     if (apart := float(np.linalg.norm(by_dome - by_marks))) > _APART:
         raise CalibrationError(
@@ -166,7 +175,7 @@ def known_centre(by_dome: Array, by_marks: Array) -> None:
         )
 
 
-def known_roll(found: Roll) -> None:
+def check_roll(found: Roll) -> None:
     """The tool was turned far enough, about an axis that stood still."""
     if found.angle < _ROLLED:
         raise CalibrationError(

@@ -16,7 +16,7 @@ import numpy as np
 
 from haptorb.errors import CalibrationError
 from haptorb.numerics.arrays import Array
-from haptorb.sensing.frame.touches import Touched
+from haptorb.sensing.frame.touches import TouchSession
 
 __all__ = ["UNKNOWNS", "FrameFit", "observable"]
 
@@ -35,7 +35,7 @@ class FrameFit:
     """Least squares over dome and marks together: known (k, 3) [m] marks, from R (3, 3), t (3,) and tip (3,) [m]."""
 
     def __init__(
-        self, touched: Touched, names: tuple[str, ...], known: Array, radius: float, R: Array, t: Array, tip: Array
+        self, touched: TouchSession, names: tuple[str, ...], known: Array, radius: float, R: Array, t: Array, tip: Array
     ) -> None:
         stands = [touched.marks[name] for name in names]
         self.dome = len(touched.dome)
@@ -75,7 +75,7 @@ class FrameFit:
             for _ in range(_STEPS):
                 left, J = self.equations()
                 step, *_ = np.linalg.lstsq(J, -left, rcond=None)
-                turn = _turned(np.asarray(step[:3] / self.radius))
+                turn = _rotation(np.asarray(step[:3] / self.radius))
                 self.R, self.t, self.tip = turn @ self.R, turn @ self.t + step[3:6], self.tip + step[6:]
                 if np.abs(step).max() < _SETTLED:
                     break
@@ -101,7 +101,7 @@ def observable(J: Array, names: tuple[str, ...] = UNKNOWNS) -> tuple[float, tupl
     return float(s[0] / s[-1]) if s[-1] > 0 else float("inf"), unseen
 
 
-def _turned(w: Array) -> Array:
+def _rotation(w: Array) -> Array:
     """(3, 3) the rotation by the vector w [rad] (Rodrigues)."""
     angle = max(float(np.linalg.norm(w)), 1e-9)
     K = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])

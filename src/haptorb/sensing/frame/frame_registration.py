@@ -17,8 +17,8 @@ from haptorb.errors import CalibrationError, InputError
 from haptorb.numerics.arrays import Array
 from haptorb.sensing.frame import frame_checks as doubts
 from haptorb.sensing.frame.frame_fit import FrameFit, observable
-from haptorb.sensing.frame.frame_start import laid_onto, rolled, sphere
-from haptorb.sensing.frame.touches import Touched
+from haptorb.sensing.frame.frame_start import find_roll, fit_points, sphere
+from haptorb.sensing.frame.touches import TouchSession
 
 __all__ = ["FrameRegistration", "frame_registration"]
 
@@ -57,7 +57,7 @@ class FrameRegistration:
     excluded: int
 
 
-def frame_registration(touched: Touched, device: SphericalElectromagnet) -> FrameRegistration:
+def frame_registration(touched: TouchSession, device: SphericalElectromagnet) -> FrameRegistration:
     """Registers the frame.
 
     Raises InputError for a device without marks, and CalibrationError for touches that do not determine a frame, or
@@ -71,26 +71,26 @@ def frame_registration(touched: Touched, device: SphericalElectromagnet) -> Fram
         )
     doubts.enough(touched, marks.names)
     stands = [touched.marks[name] for name in marks.names]
-    start = doubts.known_pivot(stands)
-    doubts.known_scale(start.places, marks.positions)
+    start = doubts.check_pivot(stands)
+    doubts.check_scale(start.places, marks.positions)
     centre, radius, on = sphere(touched.dome.point(start.tip))
-    doubts.known_marks(start.places, marks.positions, marks.names)
-    R, t, _ = laid_onto(start.places, marks.positions)
-    doubts.known_spread(touched.dome.point(start.tip), -R.T @ t)
-    doubts.known_sphere(radius, on, device.dome_radius)
-    doubts.known_hand(start.places, centre, marks.positions)
-    doubts.known_centre(centre, -R.T @ t)
-    roll = rolled(touched.roll)
-    doubts.known_roll(roll)
+    doubts.check_marks(start.places, marks.positions, marks.names)
+    R, t, _ = fit_points(start.places, marks.positions)
+    doubts.check_spread(touched.dome.point(start.tip), -R.T @ t)
+    doubts.check_sphere(radius, on, device.dome_radius)
+    doubts.check_handedness(start.places, centre, marks.positions)
+    doubts.check_centre(centre, -R.T @ t)
+    roll = find_roll(touched.roll)
+    doubts.check_roll(roll)
     fit = FrameFit(touched, marks.names, marks.positions, device.dome_radius, R, t, start.tip)
     fit.settle()
     outward = fit.x[: len(touched.dome)]
     along = np.einsum("ij,ij->i", touched.dome.R @ roll.axis, outward @ fit.R)
     axis = roll.axis if float(np.median(along)) > 0 else -roll.axis
-    return _judged(fit, axis, roll.wobble, radius, device.tool.tip_distance)
+    return _judge_fit(fit, axis, roll.wobble, radius, device.tool.tip_distance)
 
 
-def _judged(fit: FrameFit, axis: Array, wobble: float, radius: float, tip_distance: float) -> FrameRegistration:
+def _judge_fit(fit: FrameFit, axis: Array, wobble: float, radius: float, tip_distance: float) -> FrameRegistration:
     left, J = fit.equations()
     condition, unseen = observable(J)
     if unseen:

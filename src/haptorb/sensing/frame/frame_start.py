@@ -14,7 +14,7 @@ import numpy as np
 from haptorb.numerics.arrays import Array
 from haptorb.sensing.frame.touches import Touches
 
-__all__ = ["Pivot", "Roll", "laid_onto", "pivot", "rolled", "sphere"]
+__all__ = ["Pivot", "Roll", "find_roll", "fit_points", "pivot", "sphere"]
 
 _ROUNDS = 6  #: of leaving out what does not lie on the sphere
 _LEFT_OUT = 4.0  #: robust standard deviations from which a touch does not lie on it
@@ -73,7 +73,7 @@ def sphere(points: Array) -> tuple[Array, float, Array]:
     return centre + middle, radius, on
 
 
-def laid_onto(places: Array, known: Array, *, mirrored: bool = False) -> tuple[Array, Array, float]:
+def fit_points(places: Array, known: Array, *, mirrored: bool = False) -> tuple[Array, Array, float]:
     """(R (3, 3), t (3,), rms [m]): the rotation, or the reflection, that lays places (k, 3) onto known (k, 3) best.
 
     R places + t ≈ known, by the singular value decomposition of their covariance (Kabsch).
@@ -96,7 +96,7 @@ class Roll:
     angle: float  #: by how much it was turned, up to a whole turn [rad]
 
 
-def rolled(poses: Touches) -> Roll:
+def find_roll(poses: Touches) -> Roll:
     """The axis u whose directions Q u differ least: the longest mean of all, so the first eigenvector of Q̄ᵀ Q̄."""
     mean = poses.R.mean(axis=0)
     axis: Array = np.linalg.eigh(mean.T @ mean)[1][:, -1]

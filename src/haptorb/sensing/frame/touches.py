@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from haptorb.errors import CalibrationError
 from haptorb.numerics.arrays import Array, finite
 
-__all__ = ["Touched", "Touches"]
+__all__ = ["TouchSession", "Touches"]
 
 _UNIT = 0.1  #: a quaternion's length may be off 1 by this
 
@@ -66,14 +66,14 @@ class Touches:
         places: Array = self.p + self.R @ at
         return places
 
-    def kept(self, which: Array) -> Touches:
+    def select(self, which: Array) -> Touches:
         """Those of which `which` (n,) is true."""
         return Touches(self.p[which], self.q[which])
 
 
 @final
 @dataclass(frozen=True)
-class Touched:
+class TouchSession:
     """A whole session.
 
     dome   the tip anywhere on the dome, the tool tilted in all directions; it may have been lifted now and then

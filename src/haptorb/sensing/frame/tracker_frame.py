@@ -13,10 +13,10 @@ import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.devices.state import rotation_to_axis
-from haptorb.errors import CalibrationError, shown
+from haptorb.errors import CalibrationError, quote
 from haptorb.files.json_file import document, numbers
 from haptorb.numerics.arrays import Array, rotation
-from haptorb.numerics.quaternions import product, quaternion, turned
+from haptorb.numerics.quaternions import product, quaternion, rotate
 from haptorb.sensing.frame.frame_registration import FrameRegistration
 
 __all__ = ["FORMAT", "TrackerFrame"]
@@ -68,21 +68,21 @@ class TrackerFrame:
             found.direction,
         )  # fmt: skip
 
-    def known_for(self, device: Device, tracker: str) -> TrackerFrame:
+    def check_for(self, device: Device, tracker: str) -> TrackerFrame:
         """Itself; CalibrationError if it is that of another device or tracker."""
         if self.digest != device.digest:
             raise CalibrationError(
-                f"the tracker's frame is that of device {shown(self.device)} with file {shown(self.digest[:12])}, not "
+                f"the tracker's frame is that of device {quote(self.device)} with file {quote(self.digest[:12])}, not "
                 f"of '{device.name}' with file {device.digest[:12]}; register again with `haptorb frame {device.name}`"
             )
         if self.tracker != tracker:  # safety: frame-tracker
             raise CalibrationError(
-                f"the frame is that of tracker {shown(self.tracker)}, not of '{tracker}': name that one, or register "
+                f"the frame is that of tracker {quote(self.tracker)}, not of '{tracker}': name that one, or register "
                 f"this one with `haptorb frame {device.name} --tracker {tracker}`"
             )
         return self
 
-    def placed(self, p: Sequence[float], q: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    def transform_pose(self, p: Sequence[float], q: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """(p (3,) [m], q (4,)) of the tool's magnet, stator frame, for a body at p (3,), q (4,) in the tracker's.
 
         What cannot be a pose stays as it is, and a quaternion keeps its length: somebody judges them after this.
@@ -90,7 +90,7 @@ class TrackerFrame:
         length = hypot(*q)
         if len(p) != 3 or len(q) != 4 or not hypot(*p) < _FAR or not 0.5 < length < 2.0:
             return tuple(p), tuple(q)
-        place = self.R @ (np.array(p) + turned(np.array(q) / length, self.magnet)) + self.t
+        place = self.R @ (np.array(p) + rotate(np.array(q) / length, self.magnet)) + self.t
         before, after = self._quaternions
         turn = product(product(before, np.array(q)), after)
         return tuple(place.tolist()), tuple(turn.tolist())
@@ -126,9 +126,9 @@ class TrackerFrame:
         raw = document(text, name, "tracker's frame", FORMAT, _KEYS, "register again with `haptorb frame`")
         for key in ("device", "digest", "tracker"):
             if not isinstance(raw[key], str):
-                raise CalibrationError(f"{name}: {key} must be a text; got {shown(raw[key])}")
+                raise CalibrationError(f"{name}: {key} must be a text; got {quote(raw[key])}")
         if not isinstance(raw["simulated"], bool):
-            raise CalibrationError(f"{name}: simulated must be true or false; got {shown(raw['simulated'])}")
+            raise CalibrationError(f"{name}: simulated must be true or false; got {quote(raw['simulated'])}")
         arrays = {key: numbers(raw, key, name, shape) for key, shape in _VECTORS.items()}
         grades = [float(numbers(raw, key, name, ())) for key in _NUMBERS]
         try:

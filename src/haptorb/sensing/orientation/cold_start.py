@@ -10,12 +10,12 @@ from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 from haptorb.numerics.rotations import rotation_from_euler
-from haptorb.sensing.orientation.field_model import opened
-from haptorb.sensing.orientation.gauss_newton import explained
+from haptorb.sensing.orientation.field_model import unpack
+from haptorb.sensing.orientation.gauss_newton import fit_orientation
 from haptorb.sensing.orientation.readings import believable
 from haptorb.sensing.orientation.spin_ambiguity import spin_period
 
-__all__ = ["ColdStart", "Found"]
+__all__ = ["ColdStart", "OrientationFix"]
 
 _STEP = np.radians(4.0)  #: between the nodes: Gauss–Newton finds the way from half of that
 _BEYOND = np.radians(4.0)  #: the grid reaches further than the workspace
@@ -25,7 +25,7 @@ _POOR = 0.1  #: residual over field that no orientation of the rotor explains
 _FEWEST = 8  #: sensors without which several orientations may look alike
 
 
-class Found(NamedTuple):
+class OrientationFix(NamedTuple):
     """Where the rotor is, but for the branch of its spin."""
 
     R_SR: Array
@@ -50,8 +50,10 @@ class ColdStart:
         self._largest = float(np.sqrt((field**2).sum(axis=2).max()))
         self._fields = np.ascontiguousarray(field.reshape(len(field), -1))
 
-    def search(self, field: Array, usable: Array, floor: float, trusted: Array, covariance: Array) -> Found | None:
-        """The orientation that explains `field` (k, 3) [T], or None; arguments as for `explained`."""
+    def search(
+        self, field: Array, usable: Array, floor: float, trusted: Array, covariance: Array
+    ) -> OrientationFix | None:
+        """The orientation that explains `field` (k, 3) [T], or None; arguments as for `fit_orientation`."""
         trusted[:] = usable
         count = int(usable.sum())
         if count < _FEWEST:
@@ -66,12 +68,12 @@ class ColdStart:
                 continue
             tried.append(R.copy())
             trusted[:] = usable
-            converged, strength, residual, _, outliers = _explained(
+            converged, strength, residual, _, outliers = _try_node(
                 self._model, field, usable, count, floor, 1e-6, 25, R, 1.0, trusted, covariance,
                 self._slopes, self._taken,
             )  # fmt: skip
             if converged and residual <= _POOR * rms and 2 * outliers <= count:  # safety: start-explained
-                return Found(R, strength, outliers)
+                return OrientationFix(R, strength, outliers)
             if len(tried) == _CANDIDATES:
                 break
         trusted[:] = usable
@@ -79,12 +81,12 @@ class ColdStart:
 
 
 @kernel
-def _explained(
+def _try_node(
     model: Array, field: Array, usable: Array, count: int, floor: float, tolerance: float, most: int, R: Array,
     strength: float, trusted: Array, covariance: Array, slopes: Array, taken: Array,
 ) -> tuple[bool, float, float, float, int]:  # fmt: skip
-    return explained(
-        opened(model), field, usable, count, floor, tolerance, most, R, strength, trusted, covariance, slopes, taken
+    return fit_orientation(
+        unpack(model), field, usable, count, floor, tolerance, most, R, strength, trusted, covariance, slopes, taken
     )  # fmt: skip
 
 

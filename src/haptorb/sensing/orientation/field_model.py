@@ -11,9 +11,9 @@ from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.devices.tables.table_kernels import torque_characteristic
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
-from haptorb.numerics.packed import packed, part
+from haptorb.numerics.packing import pack, part
 
-__all__ = ["FieldModel", "field_model", "opened", "torque_per_ampere"]
+__all__ = ["FieldModel", "field_model", "torque_per_ampere", "unpack"]
 
 
 class FieldModel(NamedTuple):
@@ -34,10 +34,10 @@ class FieldModel(NamedTuple):
 
 
 def field_model(motor: SphericalMotor) -> Array:
-    """(n,) all of FieldModel, [T] and [N·m/A] from the motor's pair tables; `opened` takes it apart."""
+    """(n,) all of FieldModel, [T] and [N·m/A] from the motor's pair tables; `unpack` takes it apart."""
     field, torque = motor.tables.field_pair, motor.tables.torque_pair
     coefficients, least = motor.leaning
-    return packed(
+    return pack(
         (field.scale, torque.scale, least),
         field.cells,
         torque.cells,
@@ -52,7 +52,7 @@ def field_model(motor: SphericalMotor) -> Array:
 
 
 @kernel
-def opened(model: Array) -> FieldModel:
+def unpack(model: Array) -> FieldModel:
     """What `field_model` made, its parts in their own units."""
     one = part(model, 0)
     return FieldModel(

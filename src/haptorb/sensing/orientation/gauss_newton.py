@@ -22,7 +22,7 @@ from haptorb.numerics.compiled import kernel
 from haptorb.numerics.so3 import turn_by
 from haptorb.sensing.orientation.field_model import FieldModel
 
-__all__ = ["explained"]
+__all__ = ["fit_orientation"]
 
 _OUTLYING = 6.0  #: a residual so many times the middle one is no accident
 _LONGEST = 0.06  #: longest turn of one step [rad]: the field changes over a few millimetres of 62
@@ -86,7 +86,7 @@ def _normal(field: Array, B: Array, J: Array, trusted: Array, strength: float, N
 
 
 @kernel
-def _solved(N: Array, step: Array) -> bool:
+def _solve(N: Array, step: Array) -> bool:
     """N becomes its inverse, step the solution; False, and no step, where there is none."""
     if not _inverse(N):
         return False
@@ -122,7 +122,7 @@ def _threshold(squares: Array, usable: Array, count: int, floor: float) -> float
 
 
 @kernel
-def _judged(
+def _judge_sensors(
     field: Array, B: Array, J: Array, usable: Array, count: int, floor: float, strength: float, step: Array,
     squares: Array, trusted: Array,
 ) -> tuple[bool, int, float]:  # fmt: skip
@@ -156,7 +156,7 @@ def _away(A: Array, B: Array) -> float:
 
 
 @kernel
-def explained(
+def fit_orientation(
     model: FieldModel, field: Array, usable: Array, count: int, floor: float, tolerance: float, most: int,
     R: Array, strength: float, trusted: Array, covariance: Array, slopes: Array, taken: Array,
 ) -> tuple[bool, float, float, float, int]:  # fmt: skip
@@ -190,9 +190,9 @@ def explained(
         kept, total = 0, 0.0
         for _again in range(4):
             _normal(field, B[0], slopes, trusted, strength, N, step)
-            if not _solved(N, step):
+            if not _solve(N, step):
                 return False, strength, rms, length, out_count
-            changed, kept, total = _judged(
+            changed, kept, total = _judge_sensors(
                 field, B[0], slopes, usable, count, floor, strength, step, squares, trusted
             )  # fmt: skip
             out_count = count - kept

@@ -10,11 +10,11 @@ from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, rotation
 from haptorb.numerics.compiled import kernel
-from haptorb.numerics.so3 import corrected, turn_by
+from haptorb.numerics.so3 import correct_rotation, turn_by
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.orientation.cold_start import ColdStart
-from haptorb.sensing.orientation.field_model import field_model, opened, torque_per_ampere
-from haptorb.sensing.orientation.gauss_newton import explained
+from haptorb.sensing.orientation.field_model import field_model, torque_per_ampere, unpack
+from haptorb.sensing.orientation.gauss_newton import fit_orientation
 from haptorb.sensing.orientation.readings import magnet_field
 from haptorb.sensing.orientation.spin_ambiguity import nearest_branch, spin_period
 from haptorb.sensing.sample import Estimate, Pose, Sample
@@ -100,7 +100,7 @@ class LeastSquaresOrientation(Estimator):
         seen = np.empty((7, 3))  # R, its covariance, w
         R, covariance = seen[:3], seen[3:6]
         K, passive = np.empty((6, self._motor.channels)), np.empty(6)
-        found, strength, disbelieved = _tracked(
+        found, strength, disbelieved = _track_orientation(
             self._model, sample.field, sample.currents, self._numbers, dt, self._strength if self._found else 0.0,
             self.field, self.usable, self.trusted, self._motion, self._slopes, seen, K, passive,
         )  # fmt: skip
@@ -115,7 +115,7 @@ class LeastSquaresOrientation(Estimator):
                 )  # fmt: skip
             strength, disbelieved = again.strength, self._motor.sensors - int(self.usable.sum()) + again.outliers
             R[:] = nearest_branch(again.R_SR, self._near, self._period)
-            _drawn(self._model, R, strength, K, passive)
+            _fill_wrench_map(self._model, R, strength, K, passive)
             self._motion[:3] = R
             self._motion[3] = seen[6] = 0.0
         self._found, self._t, self._strength, self._near = True, t, strength, R
@@ -127,12 +127,12 @@ class LeastSquaresOrientation(Estimator):
 
 
 @kernel
-def _drawn(model: Array, R: Array, strength: float, matrix: Array, passive: Array) -> None:
-    torque_per_ampere(opened(model), R, strength, matrix, passive)
+def _fill_wrench_map(model: Array, R: Array, strength: float, matrix: Array, passive: Array) -> None:
+    torque_per_ampere(unpack(model), R, strength, matrix, passive)
 
 
 @kernel
-def _tracked(
+def _track_orientation(
     packed: Array, read: Array, currents: Array, numbers: Array, dt: float, strength: float, field: Array,
     usable: Array, trusted: Array, motion: Array, slopes: Array, seen: Array, matrix: Array, passive: Array,
 ) -> tuple[bool, float, int]:  # fmt: skip
@@ -143,7 +143,7 @@ def _tracked(
     the slopes were taken) and slopes (k, 3, 3) are kept between ticks; seen (7, 3) becomes R, its covariance [rad²] and
     w; matrix (6, m) and passive (6,) what coils and weight do there. Returns (found, strength, sensors left out).
     """
-    model = opened(packed)
+    model = unpack(packed)
     limit, floor, tau = numbers[0], numbers[1], numbers[2]
     places = field.shape[0]
     count = magnet_field(read, currents, model.per_ampere, limit, field, usable)
@@ -158,14 +158,14 @@ def _tracked(
     for i in range(3):
         for j in range(3):
             R[i, j] = predicted[i, j]
-    found, new, rms, _, outliers = explained(
+    found, new, rms, _, outliers = fit_orientation(
         model, field, usable, count, floor, _TOLERANCE, _STEPS, R, strength, trusted, seen[3:6], slopes, motion[4:7]
     )  # fmt: skip
     # safety: field-explained
     if not found or 2 * outliers > count or not rms * rms <= _POOR * _POOR * square / (3.0 * count):
         return False, strength, places - count + outliers
     if dt > 0.0:
-        corrected(predicted, R, w, dt, tau, motion[:3])
+        correct_rotation(predicted, R, w, dt, tau, motion[:3])
     else:
         for i in range(3):
             for j in range(3):

@@ -22,7 +22,7 @@ from haptorb.devices.electromagnet.ring_tool import axis_frame
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["carried", "corrected", "memory", "noise_share", "predicted"]
+__all__ = ["correct_pose", "extrapolate_pose", "memory", "noise_share", "predict"]
 
 
 @kernel
@@ -63,7 +63,7 @@ def noise_share(bandwidth: float = 100.0, rate: float = 1000.0) -> float:
 
 
 @kernel
-def predicted(belief: Array, dt: float, p: Array, R: Array) -> None:
+def predict(belief: Array, dt: float, p: Array, R: Array) -> None:
     """Where place and axis should be `dt` [s] after `belief` (4, 3): place, axis, and their rates."""
     axis = np.empty(3)
     size = 0.0
@@ -83,20 +83,20 @@ def _turning(n: Array, rate: Array, w: Array) -> None:
 
 
 @kernel
-def carried(belief: Array, dt: float, p: Array, R: Array, v: Array, w: Array) -> None:
+def extrapolate_pose(belief: Array, dt: float, p: Array, R: Array, v: Array, w: Array) -> None:
     """What is told `dt` [s] after `belief` (4, 3) where nothing measured goes in: p [m], R, v [m/s] and w [rad/s]."""
-    predicted(belief, dt, p, R)
+    predict(belief, dt, p, R)
     v[:] = belief[2]
     _turning(belief[1], belief[3], w)
 
 
 @kernel
-def corrected(
+def correct_pose(
     belief: Array, spread: Array, dt: float, bandwidth: float, p: Array, R: Array, v: Array, w: Array
 ) -> None:
     """One step of the filter; p [m] and R go in as measured and come out as told, v [m/s] and w [rad/s] come out.
 
-    belief (4, 3) as `predicted` has it; spread (3,) what white noise of variance 1 makes of the belief: variance of the
+    belief (4, 3) as `predict` has it; spread (3,) what white noise of variance 1 makes of the belief: variance of the
     place, covariance of place and rate [1/s], variance of the rate [1/s²]. dt ≤ 0: begin anew.
     """
     alpha, slope = 1.0, 0.0

@@ -20,7 +20,7 @@ from haptorb.numerics.compiled import kernel
 from haptorb.numerics.so3 import turn_by
 from haptorb.sensing.tool.tool_field import ToolModel, tool_field
 
-__all__ = ["fitted", "moment_weight"]
+__all__ = ["fit_tool", "moment_weight"]
 
 _LONGEST = 15e-3  #: longest way of one step [m]: a fifth of the distance to the sensors
 _WIDEST = 0.35  #: widest turn of one step [rad]
@@ -116,7 +116,7 @@ def _normal(
 
 
 @kernel
-def fitted(
+def fit_tool(
     model: ToolModel, field: Array, ages: Array, rates: Array, U: Array, G: Array, near: float, turn: float, most: int,
     p: Array, R: Array, covariance: Array,
 ) -> tuple[bool, float]:  # fmt: skip

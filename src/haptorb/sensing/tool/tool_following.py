@@ -17,14 +17,34 @@ import numpy as np
 
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
-from haptorb.sensing.tool.place_filter import carried, corrected, predicted
+from haptorb.sensing.tool.place_filter import correct_pose, extrapolate_pose, predict
 from haptorb.sensing.tool.tool_field import ToolModel
-from haptorb.sensing.tool.tool_fit import fitted, moment_weight
+from haptorb.sensing.tool.tool_fit import fit_tool, moment_weight
 
 __all__ = [
-    "AGES", "BANDWIDTH", "CORE", "FIELD", "FURTHEST", "LIMIT", "LOST", "LOWEST", "MISFIT", "NEAREST", "NOISE",
-    "RESIDUAL", "REVERSED", "SEEN", "SHARE", "SWING", "UNEXPLAINED", "UNREAD", "VAGUE", "explained", "followed",
-    "subtracted", "told",
+    "AGES",
+    "BANDWIDTH",
+    "CORE",
+    "FIELD",
+    "FURTHEST",
+    "LIMIT",
+    "LOST",
+    "LOWEST",
+    "MISFIT",
+    "NEAREST",
+    "NOISE",
+    "RESIDUAL",
+    "REVERSED",
+    "SEEN",
+    "SHARE",
+    "SWING",
+    "UNEXPLAINED",
+    "UNREAD",
+    "VAGUE",
+    "filter_fit",
+    "follow_tool",
+    "is_explained",
+    "subtract_coils",
 ]  # fmt: skip
 
 NOISE, BANDWIDTH, NEAREST, FURTHEST, LOWEST, CORE, SWING, LIMIT, RESIDUAL, MISFIT, SHARE = range(11)
@@ -51,7 +71,7 @@ _OUTWARD = -0.2  #: a tool whose axis points inwards by more than this cosine ha
 
 
 @kernel
-def subtracted(
+def subtract_coils(
     read: Array, currents: Array, per_ampere: Array, offsets: Array, UU: Array, measured: Array, columns: Array,
     taken: float, t: float, numbers: Array, readings: Array, G: Array,
 ) -> bool:  # fmt: skip
@@ -87,7 +107,7 @@ def subtracted(
 
 
 @kernel
-def _moved(belief: Array, R: Array, rates: Array) -> None:
+def _fill_rates(belief: Array, R: Array, rates: Array) -> None:
     """rates (5,) of the place [m/s] and of the turns about R's x and y [rad/s], from `belief` (4, 3)."""
     n, r = belief[1], belief[3]
     wx, wy, wz = n[1] * r[2] - n[2] * r[1], n[2] * r[0] - n[0] * r[2], n[0] * r[1] - n[1] * r[0]
@@ -98,13 +118,13 @@ def _moved(belief: Array, R: Array, rates: Array) -> None:
 
 
 @kernel
-def explained(misfit: float, readings: int, limit: float) -> bool:
+def is_explained(misfit: float, readings: int, limit: float) -> bool:
     """Whether a misfit [T²] over so many readings may be noise and errors of the calibration."""
     return misfit <= (readings - 5) * limit * limit
 
 
 @kernel
-def _kept(numbers: Array, spread: Array) -> float:
+def _variance_share(numbers: Array, spread: Array) -> float:
     """Share of one set of readings' variance that the filter keeps; a reading that is used twice is no second."""
     return float(min(spread[0] / numbers[SHARE], 1.0))
 
@@ -124,7 +144,7 @@ def _doubt(numbers: Array, covariance: Array, kept: float, p: Array, R: Array) -
 
 
 @kernel
-def told(
+def filter_fit(
     numbers: Array, belief: Array, spread: Array, covariance: Array, misfit: float, readings: int, dt: float, p: Array,
     R: Array, motion: Array,
 ) -> int:  # fmt: skip
@@ -139,15 +159,15 @@ def told(
         return LOST
     numbers[MISFIT] += (1.0 if anew else numbers[SHARE]) * (square - numbers[MISFIT])
     covariance *= max(numbers[NOISE] * numbers[NOISE], numbers[MISFIT])
-    why = _doubt(numbers, covariance, 1.0 if anew else _kept(numbers, spread), p, R)
+    why = _doubt(numbers, covariance, 1.0 if anew else _variance_share(numbers, spread), p, R)
     if why == SEEN:
-        corrected(belief, spread, dt, numbers[BANDWIDTH], p, R, motion[0], motion[1])
-        covariance *= _kept(numbers, spread)
+        correct_pose(belief, spread, dt, numbers[BANDWIDTH], p, R, motion[0], motion[1])
+        covariance *= _variance_share(numbers, spread)
     return why
 
 
 @kernel
-def followed(
+def follow_tool(
     read: Array, currents: Array, per_ampere: Array, offsets: Array, UU: Array, measured: Array, columns: Array,
     rows: Array, sensors: Array, response: Array, U: Array, taken: float, t: float, dt: float, numbers: Array,
     readings: Array, belief: Array, spread: Array, G: Array, covariance: Array, p: Array, R: Array, motion: Array,
@@ -155,19 +175,19 @@ def followed(
     """From what was read (k, 3) [T] to place, rotation and motion, starting where the tool should be after `dt` [s];
     for VAGUE they are what the filter alone expects.
 
-    Arguments as in `subtracted`, `fitted` and `told`; rows, sensors and response are a `ToolModel`'s.
+    Arguments as in `subtract_coils`, `fit_tool` and `filter_fit`; rows, sensors and response are a `ToolModel`'s.
     """
-    if not subtracted(
+    if not subtract_coils(
         read, currents, per_ampere, offsets, UU, measured, columns, taken, t, numbers, readings, G
     ):  # fmt: skip
         return UNREAD
     model, rates, field = ToolModel(rows, sensors, numbers[CORE], response), np.empty(5), readings[FIELD]
-    predicted(belief, dt, p, R)
-    _moved(belief, R, rates)
-    found, misfit = fitted(model, field, readings[AGES], rates, U, G, _NEAR, _TURN, _MOST, p, R, covariance)
-    if not found or not explained(misfit, field.size, numbers[LIMIT]):
+    predict(belief, dt, p, R)
+    _fill_rates(belief, R, rates)
+    found, misfit = fit_tool(model, field, readings[AGES], rates, U, G, _NEAR, _TURN, _MOST, p, R, covariance)
+    if not found or not is_explained(misfit, field.size, numbers[LIMIT]):
         return UNEXPLAINED
-    why = told(numbers, belief, spread, covariance, misfit, field.size, dt, p, R, motion)
+    why = filter_fit(numbers, belief, spread, covariance, misfit, field.size, dt, p, R, motion)
     if why == VAGUE:
-        carried(belief, dt, p, R, motion[0], motion[1])
+        extrapolate_pose(belief, dt, p, R, motion[0], motion[1])
     return why

@@ -32,7 +32,7 @@ from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.sample import Estimate, Sample
 from haptorb.sensing.tool.current_history import CurrentHistory
 from haptorb.sensing.tool.tool_field import ToolModel, coil_field, moment_field, tool_field
-from haptorb.sensing.tool.tool_fit import fitted
+from haptorb.sensing.tool.tool_fit import fit_tool
 from haptorb.sensing.tool.tool_following import (
     AGES,
     BANDWIDTH,
@@ -52,10 +52,10 @@ from haptorb.sensing.tool.tool_following import (
     UNEXPLAINED,
     UNREAD,
     VAGUE,
-    explained,
-    followed,
-    subtracted,
-    told,
+    filter_fit,
+    follow_tool,
+    is_explained,
+    subtract_coils,
 )
 
 __all__ = ["IN_TURNS", "HallTracker"]
@@ -111,7 +111,7 @@ class HallTracker(Estimator):
         if self._offsets.shape != (device.sensors, 3):
             raise InputError(f"offsets must have shape ({device.sensors}, 3); got {self._offsets.shape}")
         self._device = device
-        self._level = device.known_level(level or device.levels[0])
+        self._level = device.check_level(level or device.levels[0])
         self._model = ToolModel.of(device)
         self._per_ampere = coil_field(device)
         self.bandwidth: Final = float(bandwidth)
@@ -149,7 +149,7 @@ class HallTracker(Estimator):
             )
         currents, taken = sample.currents, sample.t - sample.field_age
         if sample.currents_age != sample.field_age:  # a board's; a simulated device's are of one moment
-            read, currents, taken = self._waited(sample)
+            read, currents, taken = self._match_currents(sample)
         pose = np.empty((6, 3))
         R, p, motion = pose[:3], pose[3], pose[4:]
         if self._found:
@@ -157,13 +157,13 @@ class HallTracker(Estimator):
             if not 0.0 <= dt <= _PAUSE:
                 self._belief[2:] = 0.0
                 dt = 0.0
-            code = followed(
+            code = follow_tool(
                 read, currents, self._per_ampere, self._offsets, self._per_moment2, self._measured,
                 self._columns, model.rows, model.sensors, model.response, self._per_moment, taken, sample.t, dt,
                 self._numbers, self._readings, self._belief, self._spread, self._weight, self.covariance, p, R, motion,
             )  # fmt: skip
         else:
-            code = self._looked(read, currents, taken, sample.t)
+            code = self._subtract_coils(read, currents, taken, sample.t)
         if code == UNEXPLAINED:
             self._found = False
             if sample.t - self._searched < _WAIT:
@@ -186,15 +186,15 @@ class HallTracker(Estimator):
         self._last = Estimate(state, wrench_map, True, sample.t - self._t)
         return self._last
 
-    def _looked(self, read: Array, currents: Array, taken: float, t: float) -> int:
+    def _subtract_coils(self, read: Array, currents: Array, taken: float, t: float) -> int:
         """What is left of the readings without the coils; the place is still to be searched."""
-        told_all = subtracted(
+        told_all = subtract_coils(
             read, currents, self._per_ampere, self._offsets, self._per_moment2, self._measured, self._columns, taken,
             t, self._numbers, self._readings, self._weight,
         )  # fmt: skip
         return UNEXPLAINED if told_all else UNREAD
 
-    def _waited(self, sample: Sample) -> tuple[Array, Array, float]:
+    def _match_currents(self, sample: Sample) -> tuple[Array, Array, float]:
         """The field (k, 3) [T] that waited for these currents, the currents (m,) [A] at its time, and that time [s];
         numbers[SWING] is the field that they may be wrong by [T]."""
         history = self._history
@@ -217,7 +217,7 @@ class HallTracker(Estimator):
         best, limit, covariance = math.inf, float(self._numbers[LIMIT]), np.empty((5, 5))
         for at in _apart(self._grid, np.argsort(misfits).tolist(), 4):
             q, Q = self._grid[at].copy(), rotation_to_axis(math.copysign(1.0, cross[at]) * self._grid[at])
-            good, misfit = fitted(
+            good, misfit = fit_tool(
                 self._model, field, ages, _AT_REST, self._per_moment, self._weight, _EXACT, _EXACT, _COLD, q, Q,
                 covariance,
             )  # fmt: skip
@@ -225,12 +225,12 @@ class HallTracker(Estimator):
                 best = misfit
                 p[:], R[:] = q, Q
                 self.covariance[:] = covariance
-            if explained(best, field.size, 0.5 * limit):
+            if is_explained(best, field.size, 0.5 * limit):
                 break
-        if not explained(best, field.size, limit):
+        if not is_explained(best, field.size, limit):
             self._numbers[RESIDUAL] = math.sqrt(best / max(field.size - 5, 1))
             return LOST
-        return told(
+        return filter_fit(
             self._numbers, self._belief, self._spread, self.covariance, best, field.size, -1.0, p, R, motion
         )  # fmt: skip
 

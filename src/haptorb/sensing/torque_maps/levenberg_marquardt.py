@@ -22,7 +22,7 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, finite
 from haptorb.sensing.torque_maps.perceptron import Perceptron, Scaling
 
-__all__ = ["Trained", "fitted", "trained"]
+__all__ = ["TrainingResult", "fit_weights", "train_network"]
 
 _MOST = 1e12  #: damping beyond which no step helps any more
 
@@ -30,7 +30,7 @@ Report = Callable[[float], None]  #: called with the share that is done, 0 … 1
 
 
 @dataclass(frozen=True)
-class Trained:
+class TrainingResult:
     """A network, and how it came about."""
 
     network: Perceptron
@@ -40,7 +40,7 @@ class Trained:
     starts: Array  #: (starts,) rms of every start when the best was chosen
 
 
-def trained(
+def train_network(
     x: Array,
     y: Array,
     nodes: int = 10,
@@ -49,14 +49,14 @@ def trained(
     iterations: int = 60,
     seed: int = 0,
     report: Report | None = None,
-) -> Trained:
+) -> TrainingResult:
     """The network with `nodes` hidden nodes for y (samples, m) at x (samples, n), the best of several starts.
 
     Every start runs on every eighth sample, the best goes on with all of them: results of single starts differ by a
     factor of two. Raises InputError for a training set that cannot determine the weights.
 
     >>> x = np.linspace(-2, 2, 400)[:, None]
-    >>> result = trained(x, np.sin(2 * x), nodes=6)
+    >>> result = train_network(x, np.sin(2 * x), nodes=6)
     >>> bool(np.abs(result.network(x) - np.sin(2 * x)).max() < 1e-2)
     True
     """
@@ -79,7 +79,7 @@ def trained(
     share = 0.3
     for start in range(starts):
         first = _start(rng, u.shape[1], v.shape[1], nodes)
-        runs.append(fitted(u[::thin], v[::thin], *first, iterations=scouting))
+        runs.append(fit_weights(u[::thin], v[::thin], *first, iterations=scouting))
         if report is not None:
             report(share * (start + 1) / starts)
     best = min(runs, key=lambda run: run[2][-1])
@@ -88,8 +88,8 @@ def trained(
         if report is not None:
             report(share + (1 - share) * done)
 
-    hidden, output, course = fitted(u, v, best[0], best[1], iterations=iterations, report=rest)
-    return Trained(
+    hidden, output, course = fit_weights(u, v, best[0], best[1], iterations=iterations, report=rest)
+    return TrainingResult(
         Perceptron(hidden, output, inputs, outputs),
         float(course[-1]),
         len(course) - 1,
@@ -104,7 +104,7 @@ def _start(rng: np.random.Generator, n: int, m: int, nodes: int) -> tuple[Array,
     return hidden, rng.normal(0.0, 0.3, (m, nodes + 1))
 
 
-def fitted(
+def fit_weights(
     x: Array, y: Array, hidden: Array, output: Array, *, iterations: int, report: Report | None = None
 ) -> tuple[Array, Array, Array]:
     """(hidden, output, course): weights after at most `iterations` steps from the given ones, and the rms on the way.
@@ -123,7 +123,7 @@ def fitted(
         normal, downhill = _normal_equations(x1, h1, output, residual)
         diagonal = np.diag(normal).copy()
         while damping < _MOST:
-            new_hidden, new_output = _moved(normal, diagonal, downhill, damping, hidden, output)
+            new_hidden, new_output = _step_weights(normal, diagonal, downhill, damping, hidden, output)
             new_h1 = np.concatenate([np.tanh(x1 @ new_hidden.T), ones], axis=1)
             new_residual = y - new_h1 @ new_output.T
             new_error = float((new_residual**2).mean())
@@ -145,7 +145,7 @@ def fitted(
     return hidden, output, np.array(course)
 
 
-def _moved(
+def _step_weights(
     normal: Array, diagonal: Array, downhill: Array, damping: float, hidden: Array, output: Array
 ) -> tuple[Array, Array]:
     damped = normal.copy()

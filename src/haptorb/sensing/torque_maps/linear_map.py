@@ -64,7 +64,7 @@ class LinearTorque(TorqueMap):
         np.subtract(field.ravel(), self._mean, out=self._completed)
         if missing.size:
             self._complete(missing)
-        _mapped(self._map, self._offset, self._completed, out.reshape(-1))
+        _map_readings(self._map, self._offset, self._completed, out.reshape(-1))
         known[:] = 1.0
 
     def _complete(self, missing: Numbers) -> None:
@@ -76,7 +76,7 @@ class LinearTorque(TorqueMap):
 
 
 @kernel
-def _mapped(M: Array, offset: Array, x: Array, out: Array) -> None:
+def _map_readings(M: Array, offset: Array, x: Array, out: Array) -> None:
     for i in range(M.shape[0]):
         total = offset[i]
         for j in range(M.shape[1]):

@@ -65,13 +65,13 @@ def neighbourhoods(motor: SphericalMotor, reach: float = REACH) -> tuple[Neighbo
             )
         for turn in (np.eye(3), _HALF_TURN):
             own = frame @ turn
-            order, pattern = _ordered(motor.sensor_layout.directions[near] @ own)
+            order, pattern = _sort_directions(motor.sensor_layout.directions[near] @ own)
             match = next((i for i, (known, _) in enumerate(found) if _alike(known, pattern)), None)
             if match is not None:
                 found[match][1].append((coil, own, near[order]))
                 break
         else:
-            order, pattern = _ordered(motor.sensor_layout.directions[near] @ frame)
+            order, pattern = _sort_directions(motor.sensor_layout.directions[near] @ frame)
             found.append((pattern, [(coil, frame, near[order])]))
     return tuple(
         Neighbourhood(
@@ -83,7 +83,7 @@ def neighbourhoods(motor: SphericalMotor, reach: float = REACH) -> tuple[Neighbo
     )
 
 
-def _ordered(pattern: Array) -> tuple[Numbers, Array]:
+def _sort_directions(pattern: Array) -> tuple[Numbers, Array]:
     """A canonical order of the directions (s, 3), and the directions in it."""
     order = np.lexsort(np.round(pattern, 6).T + 0.0)
     return order, pattern[order]

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from haptorb.devices.motor.spherical_motor import SphericalMotor
-from haptorb.errors import InputError, shown
+from haptorb.errors import InputError, quote
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
-from haptorb.sensing.torque_maps.levenberg_marquardt import trained
+from haptorb.sensing.torque_maps.levenberg_marquardt import train_network
 from haptorb.sensing.torque_maps.neighbourhood import REACH, Neighbourhood, Numbers, neighbourhoods
 from haptorb.sensing.torque_maps.perceptron import Perceptron
 from haptorb.sensing.torque_maps.tanh import squash
@@ -43,7 +43,7 @@ class TrainedNetworks:
         """The neighbourhoods of `motor` in the networks' order; InputError if they were trained for another device."""
         if self.digest != motor.digest:  # safety: network-device
             raise InputError(
-                f"these networks were trained for device {shown(self.device)} (digest {shown(self.digest[:12])}), not "
+                f"these networks were trained for device {quote(self.device)} (digest {quote(self.digest[:12])}), not "
                 f"for '{motor.name}' ({motor.digest[:12]}): its magnetics differ; run `haptorb train {motor.name}`"
             )
         found = neighbourhoods(motor, self.reach)
@@ -86,7 +86,7 @@ def train(
             if report is not None:
                 report((number + done) / len(groups))
 
-        result = trained(
+        result = train_network(
             x[mixed], y[mixed], nodes, starts=starts, iterations=iterations, seed=seed, report=share
         )  # fmt: skip
         networks.append(result.network)
@@ -122,7 +122,7 @@ class NetworkTorque(TorqueMap):
         self._output = np.zeros((len(groups), 2, nodes + 1))
         batches = []
         for number, (near, network) in enumerate(zip(groups, networks.networks, strict=True)):
-            hidden, output = network.folded()
+            hidden, output = network.fold_scalings()
             many, some = near.sensors.shape[1], network.nodes
             self._sensors[near.coils, :many] = near.sensors
             self._frames[near.coils] = near.frames

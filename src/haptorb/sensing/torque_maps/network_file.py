@@ -23,7 +23,7 @@ from haptorb.numerics.compiled import cache_folder
 from haptorb.sensing.torque_maps.network import TrainedNetworks
 from haptorb.sensing.torque_maps.perceptron import Perceptron, Scaling
 
-__all__ = ["known_networks", "networks_path", "read_networks", "write_networks"]
+__all__ = ["check_networks", "networks_path", "read_networks", "write_networks"]
 
 _KIND = "haptorb networks 1"
 _MOST = 64 * 1024 * 1024  #: bytes
@@ -34,7 +34,7 @@ def networks_path(motor: SphericalMotor) -> Path:
     return cache_folder() / "networks" / f"{motor.name}-{motor.digest[:16]}.network"
 
 
-def known_networks(motor: SphericalMotor) -> TrainedNetworks:
+def check_networks(motor: SphericalMotor) -> TrainedNetworks:
     """The networks of `motor` from there; InputError saying how to train them if there are none."""
     path = networks_path(motor)
     if not path.is_file():

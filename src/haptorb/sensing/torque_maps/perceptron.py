@@ -77,7 +77,7 @@ class Perceptron:
         h = np.tanh(self.inputs.to_standard(finite(x, "inputs")) @ self.hidden[:, :-1].T + self.hidden[:, -1])
         return self.outputs.from_standard(h @ self.output[:, :-1].T + self.output[:, -1])
 
-    def folded(self) -> tuple[Array, Array]:
+    def fold_scalings(self) -> tuple[Array, Array]:
         """(hidden, output) that take inputs and give outputs in their own units: both scalings multiplied in.
 
         Weights are standardised numbers over the inputs' units.

@@ -103,11 +103,11 @@ class FieldToTorque(Estimator):
         """(6, m) per channel, and whether enough channels are known."""
         matrix = np.empty((6, self._groups.shape[1]))
         self._map.torque(field, usable, self._single, self._known)
-        return matrix, _grouped(self._single, self._known, self._groups, matrix) >= self._enough
+        return matrix, _group_torques(self._single, self._known, self._groups, matrix) >= self._enough
 
 
 @kernel
-def _grouped(single: Array, known: Array, groups: Array, out: Array) -> int:
+def _group_torques(single: Array, known: Array, groups: Array, out: Array) -> int:
     """out (6, m): no force, and torque per ampere of every channel, zero where one of its coils is not known; returns
     how many are."""
     count = 0

@@ -23,11 +23,11 @@ from haptorb.physics.sources.soft_sphere import SoftSphere
 from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.sample import Pose, Sample
 from haptorb.simulation.electromagnet.electromagnet_kernels import advance
-from haptorb.simulation.electromagnet.sensors import Magnets, Senses, sense
+from haptorb.simulation.electromagnet.sensors import Magnets, SensorNoise, sense
 from haptorb.simulation.parts.coils import BODY, CURRENT, WINDING, chop, cold, wires
 from haptorb.simulation.parts.hand import LETTING_GO, Grip
-from haptorb.simulation.parts.noise import seeded
-from haptorb.simulation.parts.tool import GRAVITY, Body, Dome, matrix
+from haptorb.simulation.parts.noise import seed_noise
+from haptorb.simulation.parts.tool import GRAVITY, Body, DomeSurface, matrix
 from haptorb.simulation.simulation import Simulation
 
 __all__ = ["SimulatedElectromagnet"]
@@ -69,7 +69,9 @@ class SimulatedElectromagnet(Simulation):
             tip=float(tool.tip_distance),
             tail=float(tool.length / 2),
         )
-        self._dome = Dome(float(device.dome_radius), float(dome.stiffness), float(dome.damping), float(dome.friction))
+        self._dome = DomeSurface(
+            float(device.dome_radius), float(dome.stiffness), float(dome.damping), float(dome.friction)
+        )
         self._longest = min(float(step), _longest_step(self._body, self._dome, device.name))
         self._grip = LETTING_GO
         if held:
@@ -91,7 +93,7 @@ class SimulatedElectromagnet(Simulation):
         positions = np.array(hall.positions, dtype=np.float64, order="C").reshape(-1, 3)
         self._positions = positions
         supply = device.supply
-        senses = Senses(
+        senses = SensorNoise(
             float(hall.noise),
             float(hall.step),
             float(supply.current_noise),
@@ -120,7 +122,7 @@ class SimulatedElectromagnet(Simulation):
 
     def reset(self, seed: int = 0) -> None:
         """Cold coils without currents, the tool at rest 12 mm above the dome's summit, noise from `seed`."""
-        self._noise = seeded(seed)
+        self._noise = seed_noise(seed)
         self._coils = cold(self._wires)
         self._tool = np.zeros(13)
         self._truth[:] = 0.0
@@ -144,7 +146,7 @@ class SimulatedElectromagnet(Simulation):
         self._tool[7:] = 0.0
         self._goal[:3], self._goal[3:] = at, self._tool[3:7]
 
-    def quantised(self, duties: Array) -> Array:
+    def quantise(self, duties: Array) -> Array:
         """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
         out = np.empty(self.device.channels)
         chop(np.ascontiguousarray(duties, dtype=np.float64), self._steps_of_duty, out)
@@ -233,7 +235,7 @@ class SimulatedElectromagnet(Simulation):
         return float(0.5 * body.mass * (tool[7:10] @ tool[7:10]) + 0.5 * (inertia @ w**2))
 
 
-def _longest_step(body: Body, dome: Dome, name: str) -> float:
+def _longest_step(body: Body, dome: DomeSurface, name: str) -> float:
     """The step [s] that still follows the tool on the dome's spring: half a radian of its fastest oscillation."""
     arm = max(body.tip, body.tail)
     yielding = 1 / body.mass + arm * arm / min(body.inertia_x, body.inertia_y)

@@ -9,9 +9,9 @@ from haptorb.devices.electromagnet.ring_tool import per_ampere
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.charged_ring import dipole_on_charges
-from haptorb.simulation.parts.coils import Wires, coil_step
+from haptorb.simulation.parts.coils import CoilConstants, coil_step
 from haptorb.simulation.parts.hand import Grip, rotation_left
-from haptorb.simulation.parts.tool import Body, Dome, contact, matrix, move
+from haptorb.simulation.parts.tool import Body, DomeSurface, contact, matrix, move
 
 __all__ = ["advance"]
 
@@ -45,9 +45,9 @@ def advance(
     _want(wish_p, wish_q, goal)
     goal_p, goal_q = goal[:3], goal[3:]
     n = numbers
-    wires = Wires(resistance, inductance, n[0], n[1], n[2], n[3])
+    wires = CoilConstants(resistance, inductance, n[0], n[1], n[2], n[3])
     body = Body(n[4], n[5], n[6], n[7], n[8], n[9], n[10])
-    dome = Dome(n[11], n[12], n[13], n[14])
+    dome = DomeSurface(n[11], n[12], n[13], n[14])
     grip = Grip(n[15], n[16], n[17], n[18])
     nearest = n[19]
     count = duties.shape[0]

@@ -13,12 +13,12 @@ import numpy as np
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.charged_ring import charge_field
-from haptorb.physics.sources.soft_sphere import induced_field
+from haptorb.physics.sources.soft_sphere import add_induced_field
 from haptorb.simulation.parts.coils import BODY, CURRENT
-from haptorb.simulation.parts.noise import Noise, fill_normal, stepped
+from haptorb.simulation.parts.noise import Noise, fill_normal, quantise
 from haptorb.simulation.parts.tool import matrix
 
-__all__ = ["Magnets", "Senses", "field_at", "sense"]
+__all__ = ["Magnets", "SensorNoise", "field_at", "sense"]
 
 
 class Magnets(NamedTuple):
@@ -31,7 +31,7 @@ class Magnets(NamedTuple):
     per_ampere: Array  #: (3 k, m) field of the electromagnet at the sensors [T/A]
 
 
-class Senses(NamedTuple):
+class SensorNoise(NamedTuple):
     """How good the sensors are: standard deviation and step of each kind."""
 
     field_noise: float  #: [T]
@@ -43,7 +43,7 @@ class Senses(NamedTuple):
 
 
 @kernel
-def _placed(rows: Array, R: Array, p: Array, out: Array) -> None:
+def _place_charges(rows: Array, R: Array, p: Array, out: Array) -> None:
     for n in range(rows.shape[1]):
         for i in range(3):
             out[i, n] = p[i] + R[i, 0] * rows[0, n] + R[i, 1] * rows[1, n] + R[i, 2] * rows[2, n]
@@ -54,8 +54,8 @@ def _placed(rows: Array, R: Array, p: Array, out: Array) -> None:
 def field_at(magnets: Magnets, positions: Array, currents: Array, R: Array, p: Array, out: Array) -> None:
     """out (k, 3) [T]: the field at the sensors with `currents` (m,) [A] and the tool at R (3, 3), p (3,)."""
     ring, coarse = np.empty_like(magnets.ring), np.empty_like(magnets.coarse)
-    _placed(magnets.ring, R, p, ring)
-    _placed(magnets.coarse, R, p, coarse)
+    _place_charges(magnets.ring, R, p, ring)
+    _place_charges(magnets.coarse, R, p, coarse)
     for k in range(positions.shape[0]):
         for i in range(3):
             total = 0.0
@@ -64,7 +64,7 @@ def field_at(magnets: Magnets, positions: Array, currents: Array, R: Array, p: A
             out[k, i] = total
         x, y, z = positions[k, 0], positions[k, 1], positions[k, 2]
         charge_field(ring, x, y, z, out[k])
-        induced_field(coarse, magnets.core_radius, magnets.response, x, y, z, out[k])
+        add_induced_field(coarse, magnets.core_radius, magnets.response, x, y, z, out[k])
 
 
 @kernel
@@ -75,7 +75,7 @@ def sense(
     """One reading of each sensor, and the tool's true pose; False, and nothing read, if the tool is nowhere.
 
     pose (6, 3) becomes R, p, v and w; read (2 m,) currents [A], then temperatures [K]; field (k, 3) [T] at positions.
-    The other arguments are `Magnets` and, in numbers (7,), `Senses` and the core's radius: tuples would take longer.
+    The other arguments are `Magnets` and, in numbers (7,), `SensorNoise` and the core's radius: tuples are slower.
     """
     total = 0.0
     for i in range(tool.shape[0]):
@@ -83,7 +83,7 @@ def sense(
     if not np.isfinite(total):
         return False
     n = numbers
-    senses = Senses(n[0], n[1], n[2], n[3], n[4], n[5])
+    senses = SensorNoise(n[0], n[1], n[2], n[3], n[4], n[5])
     magnets = Magnets(ring, coarse, n[6], response, per_ampere)
     matrix(tool[3:7], pose[:3])
     for i in range(3):
@@ -93,10 +93,10 @@ def sense(
     fill_normal(noise, draws)
     field_at(magnets, positions, coils[CURRENT], pose[:3], pose[3], field)
     for k in range(count):
-        read[k] = stepped(coils[CURRENT, k] + senses.current_noise * draws[k], senses.current_step)
-        read[count + k] = stepped(coils[BODY, k] + senses.heat_noise * draws[count + k], senses.heat_step)
+        read[k] = quantise(coils[CURRENT, k] + senses.current_noise * draws[k], senses.current_step)
+        read[count + k] = quantise(coils[BODY, k] + senses.heat_noise * draws[count + k], senses.heat_step)
     for k in range(places):
         for i in range(3):
             reading = field[k, i] + senses.field_noise * draws[2 * count + 3 * k + i]
-            field[k, i] = stepped(reading, senses.field_step)
+            field[k, i] = quantise(reading, senses.field_step)
     return True

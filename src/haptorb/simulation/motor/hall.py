@@ -13,15 +13,15 @@ import numpy as np
 from haptorb.devices.motor.handle import HallQuality
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
-from haptorb.simulation.parts.noise import Noise, fill_normal, stepped
+from haptorb.simulation.parts.noise import Noise, fill_normal, quantise
 
-__all__ = ["FAILURES", "HallFaults", "Halls", "halls", "read_halls"]
+__all__ = ["FAILURES", "HallArray", "HallFaults", "halls", "read_halls"]
 
 #: how a sensor can fail, and the number that stands for it
 FAILURES = {"none": 0, "dead": 1, "stuck": 2, "saturated": 3}
 
 
-class Halls(NamedTuple):
+class HallArray(NamedTuple):
     """The sensors of one device, for compiled code."""
 
     frames: Array  #: (k, 3, 3) columns ϑ̂, φ̂, r̂
@@ -39,14 +39,14 @@ class HallFaults(NamedTuple):
     held: Array  #: (k, 3) last good reading, own axes [T]
 
 
-def halls(frames: Array, quality: HallQuality, noise: float, step: float, seed: int) -> Halls:
+def halls(frames: Array, quality: HallQuality, noise: float, step: float, seed: int) -> HallArray:
     """Sensors with `frames` (k, 3, 3) whose lasting errors are those of `seed`. Fields in [T]."""
     count = len(frames)
     draw = np.random.Generator(np.random.PCG64(seed))
     errors = draw.standard_normal((count, 3, 3))
     scale = np.where(np.eye(3, dtype=bool), quality.gain, quality.cross)
     reach = 32767 * step if step > 0 else np.inf  # 16 bits
-    return Halls(
+    return HallArray(
         np.ascontiguousarray(frames),
         np.eye(3) + errors * scale,
         quality.offset * draw.standard_normal((count, 3)),
@@ -57,12 +57,12 @@ def halls(frames: Array, quality: HallQuality, noise: float, step: float, seed: 
 
 
 @kernel
-def _converted(value: float, reach: float, step: float) -> float:
-    return stepped(min(max(value, -reach), reach), step)
+def _convert(value: float, reach: float, step: float) -> float:
+    return quantise(min(max(value, -reach), reach), step)
 
 
 @kernel
-def _failed(kind: float, held: float, own: float, quiet: float, reach: float) -> float:
+def _fault_value(kind: float, held: float, own: float, quiet: float, reach: float) -> float:
     """What an axis of a sensor that fails says: held, its greatest, or nothing but offset and noise (`quiet`) [T]."""
     if kind == 2.0:
         return held
@@ -72,7 +72,7 @@ def _failed(kind: float, held: float, own: float, quiet: float, reach: float) ->
 
 
 @kernel
-def read_halls(halls: Halls, faults: HallFaults, noise: Noise, field: Array) -> None:
+def read_halls(halls: HallArray, faults: HallFaults, noise: Noise, field: Array) -> None:
     """Turn the true `field` (k, 3) [T], stator frame, into what is read of it, in place."""
     count = field.shape[0]
     draws = np.empty(3 * count)
@@ -89,14 +89,14 @@ def read_halls(halls: Halls, faults: HallFaults, noise: Noise, field: Array) -> 
         v = offset[k, 1] + sigma * draws[3 * k + 1]
         w = offset[k, 2] + sigma * draws[3 * k + 2]
         if kind == 0.0:
-            u = _converted(u + (M[k, 0, 0] * a + M[k, 0, 1] * b + M[k, 0, 2] * c), reach, step)
-            v = _converted(v + (M[k, 1, 0] * a + M[k, 1, 1] * b + M[k, 1, 2] * c), reach, step)
-            w = _converted(w + (M[k, 2, 0] * a + M[k, 2, 1] * b + M[k, 2, 2] * c), reach, step)
+            u = _convert(u + (M[k, 0, 0] * a + M[k, 0, 1] * b + M[k, 0, 2] * c), reach, step)
+            v = _convert(v + (M[k, 1, 0] * a + M[k, 1, 1] * b + M[k, 1, 2] * c), reach, step)
+            w = _convert(w + (M[k, 2, 0] * a + M[k, 2, 1] * b + M[k, 2, 2] * c), reach, step)
             held[k, 0], held[k, 1], held[k, 2] = u, v, w
         else:
-            u = _converted(_failed(kind, held[k, 0], a, u, reach), reach, step)
-            v = _converted(_failed(kind, held[k, 1], b, v, reach), reach, step)
-            w = _converted(_failed(kind, held[k, 2], c, w, reach), reach, step)
+            u = _convert(_fault_value(kind, held[k, 0], a, u, reach), reach, step)
+            v = _convert(_fault_value(kind, held[k, 1], b, v, reach), reach, step)
+            w = _convert(_fault_value(kind, held[k, 2], c, w, reach), reach, step)
         field[k, 0] = F[k, 0, 0] * u + F[k, 0, 1] * v + F[k, 0, 2] * w
         field[k, 1] = F[k, 1, 0] * u + F[k, 1, 1] * v + F[k, 1, 2] * w
         field[k, 2] = F[k, 2, 0] * u + F[k, 2, 1] * v + F[k, 2, 2] * w

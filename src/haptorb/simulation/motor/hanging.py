@@ -13,7 +13,7 @@ from haptorb.numerics.arrays import Array
 from haptorb.simulation.motor.rotor import Joint
 from haptorb.simulation.parts.tool import matrix
 
-__all__ = ["joint_of", "raised", "within"]
+__all__ = ["joint_of", "potential_energy", "within"]
 
 
 def joint_of(device: SphericalMotor, grasp: Grasp) -> Joint:
@@ -34,7 +34,7 @@ def joint_of(device: SphericalMotor, grasp: Grasp) -> Joint:
     )
 
 
-def raised(joint: Joint, cosine: float) -> float:
+def potential_energy(joint: Joint, cosine: float) -> float:
     """Potential of weight and regulator [J]: dU/d(cos) = −(torque over sin)."""
     least = joint.least
 

@@ -28,11 +28,11 @@ from haptorb.simulation.motor.hall import (
     HallFaults,
     halls,
 )
-from haptorb.simulation.motor.hanging import joint_of, raised, within
-from haptorb.simulation.motor.motor_kernels import Meters, Parts, advance, sense
+from haptorb.simulation.motor.hanging import joint_of, potential_energy, within
+from haptorb.simulation.motor.motor_kernels import MeterNoise, Parts, advance, sense
 from haptorb.simulation.motor.rotor import ANGULAR, Joint, angular_velocity
 from haptorb.simulation.parts.coils import CURRENT, WINDING, chop, cold, wires
-from haptorb.simulation.parts.noise import seeded
+from haptorb.simulation.parts.noise import seed_noise
 from haptorb.simulation.parts.tool import matrix
 from haptorb.simulation.simulation import Simulation
 
@@ -97,7 +97,7 @@ class SimulatedMotor(Simulation):
         )
         supply = device.supply
         heat_meter = float(device.thermometer_noise), float(device.thermometer_step)
-        self._meters = Meters(float(supply.current_noise), float(supply.current_step), *heat_meter)
+        self._meters = MeterNoise(float(supply.current_noise), float(supply.current_step), *heat_meter)
         self._hang(joint_of(device, self.grasp))
         self._steps_of_duty = float(2**supply.duty_bits)
         self._torque = np.zeros(3)
@@ -113,7 +113,7 @@ class SimulatedMotor(Simulation):
 
     def reset(self, seed: int = 0) -> None:
         """Cold coils without currents, the rotor upright and at rest, noise and lasting errors from `seed`."""
-        self._noise = seeded(seed)
+        self._noise = seed_noise(seed)
         hall = self.device.hall
         self._halls = halls(self.device.sensor_layout.frames, self._quality, float(hall.noise), float(hall.step), seed)
         draw = np.random.Generator(np.random.PCG64([seed, 1]))
@@ -161,7 +161,7 @@ class SimulatedMotor(Simulation):
                 raise InputError(f"sensor {number} does not exist; there are 0 to {self.device.sensors - 1}")
             self._faults.kind[number] = FAILURES[kind]
 
-    def quantised(self, duties: Array) -> Array:
+    def quantise(self, duties: Array) -> Array:
         """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
         out = np.empty(self.device.channels)
         chop(np.ascontiguousarray(duties, dtype=np.float64), self._steps_of_duty, out)
@@ -259,5 +259,5 @@ class SimulatedMotor(Simulation):
             kinetic
             + 0.5 * joint.grip * float(left @ left)
             + 0.5 * joint.stop * float(over) ** 2
-            + raised(joint, cosine)
+            + potential_energy(joint, cosine)
         )

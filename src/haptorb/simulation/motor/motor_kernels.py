@@ -10,13 +10,13 @@ import numpy as np
 from haptorb.devices.tables.table_kernels import sensor_field, torque_characteristic
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
-from haptorb.simulation.motor.hall import HallFaults, Halls, read_halls
+from haptorb.simulation.motor.hall import HallArray, HallFaults, read_halls
 from haptorb.simulation.motor.rotor import Joint, angular_velocity, kick, turn
-from haptorb.simulation.parts.coils import BODY, CURRENT, Wires, coil_step
-from haptorb.simulation.parts.noise import Noise, fill_normal, stepped
+from haptorb.simulation.parts.coils import BODY, CURRENT, CoilConstants, coil_step
+from haptorb.simulation.parts.noise import Noise, fill_normal, quantise
 from haptorb.simulation.parts.tool import matrix
 
-__all__ = ["STRIDE", "Meters", "Parts", "advance", "sense"]
+__all__ = ["STRIDE", "MeterNoise", "Parts", "advance", "sense"]
 
 STRIDE = 5e-3  #: turn [rad] over which one torque characteristic holds: K changes over tenths of a radian
 
@@ -36,7 +36,7 @@ class Parts(NamedTuple):
     coil_field: Array  #: (m, 3 k) field of the coils at the sensors [T/A]
 
 
-class Meters(NamedTuple):
+class MeterNoise(NamedTuple):
     """Current and heat sensors: standard deviation and step."""
 
     current_noise: float
@@ -60,7 +60,7 @@ def advance(
     number of wires, joint and parts; a call with tuples takes twice as long.
     """
     n = numbers
-    wires = Wires(resistance, inductance, n[0], n[1], n[2], n[3])
+    wires = CoilConstants(resistance, inductance, n[0], n[1], n[2], n[3])
     joint = Joint(inertia, damping, n[4], n[5], lean, n[6], n[7], n[8], n[9])
     channels = duties.shape[0]
     R, w, K = np.empty((3, 3)), np.empty(3), np.empty((3, channels))
@@ -141,16 +141,16 @@ def sense(
     if not np.isfinite(total):
         return False
     n = numbers
-    meters = Meters(n[0], n[1], n[2], n[3])
-    halls = Halls(frames, mixing, offset, n[4], n[5], n[6])
+    meters = MeterNoise(n[0], n[1], n[2], n[3])
+    halls = HallArray(frames, mixing, offset, n[4], n[5], n[6])
     matrix(state[:4], pose[:3])
     angular_velocity(state, inertia, pose[:3], pose[3])
     channels = coils.shape[1]
     draws = np.empty(2 * channels)
     fill_normal(noise, draws)
     for k in range(channels):
-        read[k] = stepped(coils[CURRENT, k] + meters.current_noise * draws[k], meters.current_step)
-        read[channels + k] = stepped(coils[BODY, k] + meters.heat_noise * draws[channels + k], meters.heat_step)
+        read[k] = quantise(coils[CURRENT, k] + meters.current_noise * draws[k], meters.current_step)
+        read[channels + k] = quantise(coils[BODY, k] + meters.heat_noise * draws[channels + k], meters.heat_step)
     sensor_field(field_cells, n[7], magnets, strength, sensors, pose[:3].reshape(1, 3, 3), field.reshape(1, -1, 3))
     total_field = field.reshape(-1)
     for j in range(channels):

@@ -16,13 +16,13 @@ from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.thermal import heat_step
 
-__all__ = ["BODY", "CURRENT", "WINDING", "Wires", "chop", "coil_step", "cold", "wires"]
+__all__ = ["BODY", "CURRENT", "WINDING", "CoilConstants", "chop", "coil_step", "cold", "wires"]
 
 #: rows of a coil state, shape (3, m): current [A], winding and body temperature [K]
 CURRENT, WINDING, BODY = 0, 1, 2
 
 
-class Wires(NamedTuple):
+class CoilConstants(NamedTuple):
     """What does not change about the coils."""
 
     resistance: Array  #: (m,) at the reference temperature [Ω]
@@ -33,10 +33,10 @@ class Wires(NamedTuple):
     ambient: float  #: [K]
 
 
-def wires(device: Device) -> Wires:
+def wires(device: Device) -> CoilConstants:
     """The coils of `device`, copied into arrays that compiled code may keep."""
     coils = device.coils
-    return Wires(
+    return CoilConstants(
         np.array(coils.resistance, dtype=np.float64),
         np.array(coils.inductance, dtype=np.float64),
         float(device.supply.voltage),
@@ -46,7 +46,7 @@ def wires(device: Device) -> Wires:
     )
 
 
-def cold(wires: Wires) -> Array:
+def cold(wires: CoilConstants) -> Array:
     """(3, m) a coil state with no current, everything at the ambient temperature.
 
     Rows: current [A], winding [K], body [K].
@@ -67,7 +67,9 @@ def chop(duties: Array, steps: float, out: Array) -> None:
 
 
 @kernel
-def coil_step(state: Array, wires: Wires, heat: Array, duties: Array, emf: Array, dt: float, mean: Array) -> None:
+def coil_step(
+    state: Array, wires: CoilConstants, heat: Array, duties: Array, emf: Array, dt: float, mean: Array
+) -> None:
     """Advance `state` (3, m) by `dt` [s]; `mean` (m,) [A] becomes the mean current in it.
 
     emf (m,) [V] is what the moving tool induces against the current; heat (2, 3) is `TwoNode.step(dt)`.

@@ -12,7 +12,7 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["Noise", "fill_normal", "seeded", "stepped"]
+__all__ = ["Noise", "fill_normal", "quantise", "seed_noise"]
 
 Noise: TypeAlias = NDArray[np.uint64]
 
@@ -21,12 +21,12 @@ _LN2 = math.log(2.0)
 _U17, _U19, _U23, _U41, _U45, _U11 = (np.uint64(n) for n in (17, 19, 23, 41, 45, 11))
 
 
-def seeded(seed: int) -> Noise:
+def seed_noise(seed: int) -> Noise:
     """(4,) a generator's state for `seed`, any integer from 0 on.
 
     Raises InputError for what is none.
 
-    >>> bool((seeded(1) == seeded(1)).all() and (seeded(1) != seeded(2)).any())
+    >>> bool((seed_noise(1) == seed_noise(1)).all() and (seed_noise(1) != seed_noise(2)).any())
     True
     """
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
@@ -83,7 +83,7 @@ def _radii(u: Array) -> None:
 
 
 @kernel
-def _turned(turns: Array, radius: Array, across: Array) -> None:
+def _fill_cos_sin(turns: Array, radius: Array, across: Array) -> None:
     """radius (n,) becomes radius · cos, across (n,) radius · sin of 2π `turns` (n,), from 0 to 1: Taylor over ±45°."""
     for i in range(turns.shape[0]):
         quarter = np.rint(4.0 * turns[i])
@@ -120,7 +120,7 @@ def fill_normal(s: Noise, out: Array) -> None:
     radius, turns, across = np.empty(pairs), np.empty(pairs), np.empty(pairs)
     _fill_uniform(s, radius, turns)
     _radii(radius)
-    _turned(turns, radius, across)
+    _fill_cos_sin(turns, radius, across)
     for i in range(out.shape[0] // 2):
         out[2 * i] = radius[i]
         out[2 * i + 1] = across[i]
@@ -129,6 +129,6 @@ def fill_normal(s: Noise, out: Array) -> None:
 
 
 @kernel
-def stepped(value: float, step: float) -> float:
+def quantise(value: float, step: float) -> float:
     """`value` as a converter with quantum `step` tells it; step 0: an ideal one."""
     return np.rint(value / step) * step if step > 0.0 else value

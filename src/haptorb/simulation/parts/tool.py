@@ -14,7 +14,7 @@ from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 from haptorb.simulation.parts.hand import Grip
 
-__all__ = ["GRAVITY", "Body", "Dome", "contact", "matrix", "move"]
+__all__ = ["GRAVITY", "Body", "DomeSurface", "contact", "matrix", "move"]
 
 GRAVITY = 9.80665  #: [m/s²], along −z of the stator
 
@@ -31,7 +31,7 @@ class Body(NamedTuple):
     tail: float  #: how far behind the magnet's centre the shaft can touch, along +z [m]
 
 
-class Dome(NamedTuple):
+class DomeSurface(NamedTuple):
     """The sphere under the tip."""
 
     radius: float  #: [m]
@@ -61,7 +61,7 @@ def _yielding(body: Body, R: Array, rx: float, ry: float, rz: float, ux: float, 
 
 
 @kernel
-def contact(state: Array, R: Array, body: Body, dome: Dome, dt: float, out: Array) -> float:
+def contact(state: Array, R: Array, body: Body, dome: DomeSurface, dt: float, out: Array) -> float:
     """Add to out (6,) the dome's push on the tool: force [N] and torque about p [N·m]; returns the depth [m].
 
     The shaft is a line from the tip to behind the magnet; its point nearest to the centre touches. So a tool lying on

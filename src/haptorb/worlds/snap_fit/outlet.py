@@ -33,7 +33,7 @@ from haptorb.physics.beams import Model, appendix_b, compliance
 from haptorb.physics.hook import TABLE_3, Hook
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.snap_fit.sliding import sliding_push
-from haptorb.worlds.snap_fit.snap_fit import Contact
+from haptorb.worlds.snap_fit.snap_fit import HookContact
 from haptorb.worlds.world import World
 
 __all__ = ["Outlet", "PublishedOutlet"]
@@ -220,10 +220,10 @@ class Outlet(World):
         _outlet(one(state.p), one(state.R_SR), one(state.v), one(state.w), self._numbers, wrench, hooks)
         return wrench, hooks
 
-    def contacts(self, state: State) -> tuple[Contact, ...]:
+    def contacts(self, state: State) -> tuple[HookContact, ...]:
         """What each hook does, first the one at +Y'; always on its top."""
         return tuple(
-            Contact("top" if bent > 0 else "", np.array(rest[:3]), np.array(rest[3:]), bent, place)
+            HookContact("top" if bent > 0 else "", np.array(rest[:3]), np.array(rest[3:]), bent, place)
             for bent, place, *rest in self.touching(state)[1].tolist()
         )
 

@@ -34,10 +34,10 @@ from haptorb.worlds.world import World
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-__all__ = ["Contact", "SnapFit"]
+__all__ = ["HookContact", "SnapFit"]
 
 
-class Contact(NamedTuple):
+class HookContact(NamedTuple):
     """What one hook does now, for those who draw it."""
 
     face: str  #: "rear", "top" or "front", "" where nothing touches
@@ -48,7 +48,7 @@ class Contact(NamedTuple):
 
 
 @kernel
-def _rounded(u: float, edge: float) -> tuple[float, float]:
+def _round_corner(u: float, edge: float) -> tuple[float, float]:
     """max(u, 0) with the corner rounded over ±edge, and its slope."""
     if u >= edge:
         return u, 1.0
@@ -61,9 +61,9 @@ def _rounded(u: float, edge: float) -> tuple[float, float]:
 def _wedge(x: float, shape: Array) -> tuple[float, float]:
     """Height of the wedge over the base beam at x, and its slope; the front runs on over the tip's end."""
     foot, top, peak, rear, front, edge = shape[0], shape[1], shape[2], shape[3], shape[4], shape[5]
-    a, da = _rounded(x - foot, edge)
-    b, db = _rounded(x - top, edge)
-    c, dc = _rounded(x - peak, edge)
+    a, da = _round_corner(x - foot, edge)
+    b, db = _round_corner(x - top, edge)
+    c, dc = _round_corner(x - peak, edge)
     return rear * (a - b) - front * c, rear * (da - db) - front * dc
 
 
@@ -85,7 +85,7 @@ def _stiffness(x: float, start: float, step: float, spline: Array) -> tuple[floa
 
 
 @kernel
-def _touched(X: float, Y: float, recoil: float, shape: Array) -> float:
+def _find_contact(X: float, Y: float, recoil: float, shape: Array) -> float:
     """The place x on the hook that an edge at (X, Y) touches: x + κ δ(x) = X with δ = max(0, height(x) + Y)."""
     high = X
     low = X - recoil * max(0.0, shape[6] + Y)
@@ -136,7 +136,7 @@ def _snap_fit(
         rx, ry, rz = R[0, 1] * side * half, R[1, 1] * side * half, R[2, 1] * side * half
         X = shape[0] + p[0] + rx
         Y = side * (p[1] + ry) - half - clearance
-        x = _touched(X, Y, recoil, shape)
+        x = _find_contact(X, Y, recoil, shape)
         H, dH = _wedge(x, shape)
         bent = max(0.0, H + Y)
         gx, gy, gz = 0.0, 0.0, 0.0
@@ -273,12 +273,12 @@ class SnapFit(World):
         )  # fmt: skip
         return wrench, hooks
 
-    def contacts(self, state: State) -> tuple[Contact, ...]:
+    def contacts(self, state: State) -> tuple[HookContact, ...]:
         """What each hook does, first the one at +Y'."""
         found = []
         for bent, place, *rest in self.touching(state)[1][: self.hooks].tolist():
             face = "" if bent == 0.0 else "rear" if place < self.hook.ramp_end else "top"
             if bent > 0.0 and place > self.hook.peak:
                 face = "front"
-            found.append(Contact(face, np.array(rest[:3]), np.array(rest[3:]), bent, place))
+            found.append(HookContact(face, np.array(rest[:3]), np.array(rest[3:]), bent, place))
         return tuple(found)

@@ -14,12 +14,12 @@ from scipy.special import ndtr
 from scipy.stats import binom
 
 from haptorb.apps.asking.prompt import Answer
-from haptorb.apps.study.analysis.analysis import analysed
+from haptorb.apps.study.analysis.analysis import analyse
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import page, write_report
 from haptorb.apps.study.analysis.statistics import above_chance, bootstrap, psychometric_fit, sign_flip, wilson
 from haptorb.apps.study.model.study_file import Study, study_of
-from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.columns import COLUMNS, tidy
 from haptorb.apps.study.store.database import database
 from haptorb.apps.study.store.export import write_bids, write_csv, write_parquet
@@ -32,7 +32,7 @@ def sat(study: Study, place: Path, answers: dict[int, int], codes: tuple[str, ..
     """Participants who answer every set-point as `answers` tells."""
     engine = database(place)
     for code in codes:
-        with Sitting(engine, study, code) as sitting:
+        with StoredSession(engine, study, code) as sitting:
             while (prompt := sitting.prompt) is not None:
                 value = answers[prompt.set_point]
                 sitting.answer(Answer(value, WAYS[value], 1.0))
@@ -127,7 +127,7 @@ def test_wrong_answers_become_an_arrow(identify: Study, tmp_path: Path) -> None:
 def test_participants_count_alike_however_much_they_answered(identify: Study, tmp_path: Path) -> None:
     sat(identify, tmp_path / "s.db", {1: 1, 2: 2, 3: 3}, ("P01",))
     engine = database(tmp_path / "s.db")
-    with Sitting(engine, identify, "P02") as sitting:  # stops after practice and one wrong answer
+    with StoredSession(engine, identify, "P02") as sitting:  # stops after practice and one wrong answer
         for _ in range(2):
             prompt = sitting.prompt
             assert prompt is not None
@@ -180,11 +180,11 @@ def test_a_database_without_answers_is_told(identify: Study, tmp_path: Path) -> 
     engine = database(tmp_path / "s.db")
     with pytest.raises(InputError, match="no study was run"):
         analysis_of(tmp_path / "s.db")
-    with Sitting(engine, identify, "P01") as sitting:
+    with StoredSession(engine, identify, "P01") as sitting:
         pass
     with pytest.raises(RecordingError, match="no answered trials"):
         analysis_of(tmp_path / "s.db")
-    with Sitting(engine, identify, "P01") as sitting:
+    with StoredSession(engine, identify, "P01") as sitting:
         sitting.answer(Answer(1, WAYS[1]))
     with pytest.raises(InputError, match="practice trials only"):
         analysis_of(tmp_path / "s.db")
@@ -199,11 +199,11 @@ def test_conditions_are_compared_person_by_person(tmp_path: Path) -> None:
     )
     engine = database(tmp_path / "s.db")
     for code in ("P01", "P02", "P03"):
-        with Sitting(engine, study, code) as sitting:
+        with StoredSession(engine, study, code) as sitting:
             while (prompt := sitting.prompt) is not None:
                 right = prompt.condition == "a"
                 sitting.answer(Answer(prompt.set_point if right else 3 - prompt.set_point, WAYS[1]))
-    found = analysed(study, tidy(engine, study))
+    found = analyse(study, tidy(engine, study))
     accuracy = found.comparisons[0]
     assert (accuracy.what, accuracy.difference, accuracy.people) == ("accuracy", 1.0, 3)
     assert accuracy.p == pytest.approx(0.25)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ndtr
 
-from haptorb.apps.asking.procedure import InTurn, Listed
+from haptorb.apps.asking.procedure import FixedOrder, ProcedureSequence
 from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.model.bayesian import Bayesian
 from haptorb.apps.study.model.staircase import Staircase
@@ -23,15 +23,15 @@ def stairs(intervals: tuple[int, ...], **more: object) -> Staircase:
 @given(st.lists(st.integers(1, 2), max_size=80), st.integers(0, 40), st.integers(0, 10))
 def test_procedures_end_and_refuse_to_go_on(answers: list[int], trials: int, practice: int) -> None:
     rng = np.random.default_rng(trials)
-    warm = Listed((Prompt(phase="practice", low=1, high=2),) * practice)
-    procedure = InTurn((warm, stairs(tuple(rng.integers(1, 3, trials).tolist()))))
+    warm = FixedOrder((Prompt(phase="practice", low=1, high=2),) * practice)
+    procedure = ProcedureSequence((warm, stairs(tuple(rng.integers(1, 3, trials).tolist()))))
     for value in answers:
         if procedure.prompt is None:
             with pytest.raises(InputError, match="over"):
-                procedure.answered(Answer(value))
+                procedure.record_answer(Answer(value))
             break
         before = procedure.expected
-        procedure = procedure.answered(Answer(value))
+        procedure = procedure.record_answer(Answer(value))
         assert procedure.expected <= before - 1
 
 
@@ -43,21 +43,21 @@ def test_a_staircase_stays_within_its_limits_and_replays_alike(right: list[bool]
         if procedure.prompt is None:
             break
         seen.append(procedure.prompt.level)
-        procedure = procedure.answered(Answer(1 if one else 2))
+        procedure = procedure.record_answer(Answer(1 if one else 2))
     assert all(1.05 - 1e-12 <= level <= 1.5 + 1e-12 for level in seen)
     again, replayed = stairs((1,) * 60, least=0.05, most=0.5), []
     for one in right[: len(seen)]:
         replayed.append(again.prompt.level)
-        again = again.answered(Answer(1 if one else 2))
+        again = again.record_answer(Answer(1 if one else 2))
     assert replayed == seen
     assert again == procedure
 
 
 def test_two_right_make_it_harder_one_wrong_easier() -> None:
     one = stairs((1,) * 20)
-    assert one.answered(Answer(1)).difference == one.difference
-    assert one.answered(Answer(1)).answered(Answer(1)).difference == pytest.approx(0.4 / 1.5)
-    assert one.answered(Answer(2)).difference == pytest.approx(0.6)
+    assert one.record_answer(Answer(1)).difference == one.difference
+    assert one.record_answer(Answer(1)).record_answer(Answer(1)).difference == pytest.approx(0.4 / 1.5)
+    assert one.record_answer(Answer(2)).difference == pytest.approx(0.6)
 
 
 @pytest.mark.parametrize("sigma", [0.05, 0.2])
@@ -69,7 +69,7 @@ def test_a_staircase_settles_where_the_known_observer_is_right_in_70_7_percent(s
         procedure = stairs((1,) * 400, reversals=24, step=1.4)
         while procedure.prompt is not None:
             right = rng.random() < ndtr(procedure.difference / sigma)
-            procedure = procedure.answered(Answer(1 if right else 2))
+            procedure = procedure.record_answer(Answer(1 if right else 2))
         share.append(np.log(procedure.threshold))
     assert ndtr(np.exp(np.mean(share)) / sigma) == pytest.approx(0.707, abs=0.02)
 
@@ -83,7 +83,7 @@ def test_the_adaptive_procedure_finds_a_known_threshold() -> None:
             prompt = procedure.prompt
             p = 0.5 + 0.48 * ndtr(2.0 * np.log2((prompt.level - 1.0) / 0.15))
             right = rng.random() < p
-            procedure = procedure.answered(Answer(prompt.interval if right else 3 - prompt.interval))
+            procedure = procedure.record_answer(Answer(prompt.interval if right else 3 - prompt.interval))
         low, high = procedure.interval_95
         inside += low <= 0.15 <= high
         errors.append(np.log(procedure.threshold / 0.15))
@@ -96,7 +96,7 @@ def test_the_adaptive_procedure_finds_a_known_threshold() -> None:
 def test_the_posterior_is_a_probability(right: list[bool]) -> None:
     procedure = Bayesian(1.0, 0.01, 1.0, (1,) * 12)
     for one in right:
-        procedure = procedure.answered(Answer(1 if one else 2))
+        procedure = procedure.record_answer(Answer(1 if one else 2))
     assert procedure.posterior.sum() == pytest.approx(1.0)
     low, high = procedure.interval_95
     assert low <= high
@@ -116,7 +116,7 @@ def test_the_posterior_is_a_probability(right: list[bool]) -> None:
 )
 def test_an_answer_outside_the_list_is_refused(prompt: Prompt, answer: Answer, says: str) -> None:
     with pytest.raises(InputError, match=says):
-        Listed((prompt,)).answered(answer)
+        FixedOrder((prompt,)).record_answer(answer)
 
 
 def test_answers_that_are_no_numbers_are_refused() -> None:

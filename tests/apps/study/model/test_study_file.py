@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import pytest
 
-from haptorb.apps.study.model.order import balanced, plan, procedure_of
-from haptorb.apps.study.model.set_points import published
+from haptorb.apps.study.model.order import balance_conditions, plan, procedure_of
+from haptorb.apps.study.model.set_points import list_published
 from haptorb.apps.study.model.study_file import Study, read_study, study_of
 from haptorb.apps.study.simulated.forecast import forecast, overlap
 from haptorb.errors import InputError
@@ -68,7 +68,7 @@ def test_the_order_is_the_seeds_and_every_persons_own() -> None:
 
 @pytest.mark.parametrize("n", [2, 3, 4, 5, 6])
 def test_counter_balancing_puts_every_condition_after_every_other_equally_often(n: int) -> None:
-    rows = [balanced(n, k) for k in range(2 * n)]
+    rows = [balance_conditions(n, k) for k in range(2 * n)]
     assert all(sorted(row) == list(range(n)) for row in rows)
     follows = [(a, b) for row in rows for a, b in pairwise(row)]
     counts = {follows.count((a, b)) for a in range(n) for b in range(n) if a != b}
@@ -102,6 +102,6 @@ def test_a_hot_study_is_foretold_and_more_pause_holds_it() -> None:
 
 
 def test_the_built_in_set_points_are_distinct_and_counted() -> None:
-    points = published()
+    points = list_published()
     assert [p.number for p in points] == list(range(1, 26))
     assert len({p.direction for p in points}) == 25

@@ -12,10 +12,10 @@ from sqlalchemy import Connection, inspect
 
 from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.model.study_file import Study, study_of
-from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store import migrations
-from haptorb.apps.study.store.claim import Claim
-from haptorb.apps.study.store.columns import COLUMNS, replied, studied, tidy
+from haptorb.apps.study.store.claim import SessionLock
+from haptorb.apps.study.store.columns import COLUMNS, read_replies, read_study, tidy
 from haptorb.apps.study.store.database import SCHEMA, database
 from haptorb.apps.study.store.export import write_bids, write_replies
 from haptorb.errors import InputError, RecordingError
@@ -36,10 +36,10 @@ def killed(folder: Path, kills: int, *, forked: bool = False) -> dict[str, Any]:
 
 def test_a_session_is_answered_to_its_end_and_read_back(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    with Sitting(engine, identify, "P01") as sitting:
+    with StoredSession(engine, identify, "P01") as sitting:
         while sitting.prompt is not None:
             sitting.answer(Answer(1, HERE, 1.5), safety=[{"code": "OVERHEATED"}] if sitting.number == 2 else ())
-    columns = tidy(engine, studied(engine))
+    columns = tidy(engine, read_study(engine))
     assert list(columns) == list(COLUMNS)
     assert columns["trial"].tolist() == list(range(7))
     assert columns["safety"].tolist().count("OVERHEATED") == 1
@@ -52,20 +52,20 @@ def test_a_session_is_answered_to_its_end_and_read_back(identify: Study, tmp_pat
 
 def test_a_code_that_has_finished_is_refused(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    with Sitting(engine, identify, "P01") as sitting:
+    with StoredSession(engine, identify, "P01") as sitting:
         while sitting.prompt is not None:
             sitting.answer(Answer(1, HERE))
     with pytest.raises(RecordingError, match="another code"):
-        Sitting(engine, identify, "P01")
+        StoredSession(engine, identify, "P01")
 
 
 def test_an_aborted_session_keeps_its_answers_and_is_over(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    with Sitting(engine, identify, "P01") as sitting:
+    with StoredSession(engine, identify, "P01") as sitting:
         sitting.answer(Answer(1, HERE))
         sitting.abort("tired")
     with pytest.raises(RecordingError, match="aborted"):
-        Sitting(engine, identify, "P01")
+        StoredSession(engine, identify, "P01")
     assert len(tidy(engine, identify)["trial"]) == 1
 
 
@@ -73,29 +73,29 @@ def test_names_are_no_codes(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
     for code in ("Anna", "anna01", "P1", "", "P01; DROP TABLE trials", "P01\n"):
         with pytest.raises(InputError, match="never a name"):
-            Sitting(engine, identify, code)
+            StoredSession(engine, identify, code)
 
 
 def test_simulated_and_real_do_not_share_a_code(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    Sitting(engine, identify, "SIM01", simulated=True).close()
+    StoredSession(engine, identify, "SIM01", simulated=True).close()
     with pytest.raises(RecordingError, match="simulated"):
-        Sitting(engine, identify, "SIM01")
+        StoredSession(engine, identify, "SIM01")
 
 
 def test_two_experimenters_cannot_run_one_session(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    with Sitting(engine, identify, "P01") as first:
+    with StoredSession(engine, identify, "P01") as first:
         first.answer(Answer(1, HERE))
         with pytest.raises(RecordingError, match="another experimenter"):
-            Sitting(database(tmp_path / "s.db"), identify, "P01")
-    with Sitting(engine, identify, "P01") as second:
+            StoredSession(database(tmp_path / "s.db"), identify, "P01")
+    with StoredSession(engine, identify, "P01") as second:
         assert second.number == 1
 
 
 def test_a_refused_answer_leaves_nothing_behind(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    with Sitting(engine, identify, "P01") as sitting:
+    with StoredSession(engine, identify, "P01") as sitting:
         with pytest.raises(InputError, match="1 to 3"):
             sitting.answer(Answer(9, HERE))
         assert sitting.number == 0
@@ -105,27 +105,27 @@ def test_a_refused_answer_leaves_nothing_behind(identify: Study, tmp_path: Path)
 
 def test_a_trial_that_somebody_else_wrote_is_not_written_twice(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    with Sitting(engine, identify, "P01") as sitting:
+    with StoredSession(engine, identify, "P01") as sitting:
         claim, sitting._claim = sitting._claim, None  # as if the lock had failed
         claim.release()
-        with Sitting(engine, identify, "P01") as other:
+        with StoredSession(engine, identify, "P01") as other:
             other.answer(Answer(1, HERE))
             with pytest.raises(RecordingError, match="answered before"):
                 sitting.answer(Answer(2, HERE))
-        sitting._claim = Claim(engine, sitting.id)
+        sitting._claim = SessionLock(engine, sitting.id)
     assert tidy(engine, identify)["answer"].tolist() == [1]
 
 
 def test_changed_data_are_noticed_on_resuming(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    with Sitting(engine, identify, "P01") as sitting:
+    with StoredSession(engine, identify, "P01") as sitting:
         sitting.answer(Answer(1, HERE))
         sitting.answer(Answer(1, HERE))
     with sqlite3.connect(tmp_path / "s.db") as raw:
         raw.execute("DELETE FROM trials WHERE number = 0")
     raw.close()
     with pytest.raises(RecordingError, match="data were changed"):
-        Sitting(engine, identify, "P01")
+        StoredSession(engine, identify, "P01")
 
 
 def test_a_newer_schema_is_refused_and_left_alone(identify: Study, tmp_path: Path) -> None:
@@ -169,7 +169,7 @@ def test_an_older_schema_is_brought_forward_and_its_session_goes_on(identify: St
     with sqlite3.connect(tmp_path / "s.db") as raw:
         assert raw.execute("SELECT version FROM haptorb_schema").fetchall() == [(SCHEMA,)]
     raw.close()
-    with Sitting(engine, identify, "P01") as sitting:
+    with StoredSession(engine, identify, "P01") as sitting:
         assert (sitting.number, sitting.question) == (3, None)
         while sitting.prompt is not None:
             sitting.answer(Answer(1, HERE))
@@ -235,7 +235,7 @@ text = "Anything else?"
 def test_questions_are_asked_before_and_after_and_kept(tmp_path: Path) -> None:
     study = study_of(QUESTIONS)
     engine = database(tmp_path / "s.db")
-    with Sitting(engine, study, "P01") as sitting:
+    with StoredSession(engine, study, "P01") as sitting:
         asked = sitting.question
         assert asked is not None
         assert asked.name == "hand"
@@ -245,7 +245,7 @@ def test_questions_are_asked_before_and_after_and_kept(tmp_path: Path) -> None:
         assert sitting.question is None
         sitting.answer(Answer(1, HERE))
         assert not sitting.over
-    with Sitting(engine, study, "P01") as sitting:  # cut off between trials and questions: goes on there
+    with StoredSession(engine, study, "P01") as sitting:  # cut off between trials and questions: goes on there
         asked = sitting.question
         assert asked is not None
         for wrong in ("11", "ten", "", "-1", "5.0"):
@@ -256,19 +256,19 @@ def test_questions_are_asked_before_and_after_and_kept(tmp_path: Path) -> None:
         assert sitting.question is not None
         sitting.reply(sitting.question, "no")
         assert sitting.over
-    assert replied(engine, study) == {"P01": {"hand": "right", "tired": "3", "remarks": "no"}}
-    path = write_replies(study, replied(engine, study), tmp_path / "q.csv")
+    assert read_replies(engine, study) == {"P01": {"hand": "right", "tired": "3", "remarks": "no"}}
+    path = write_replies(study, read_replies(engine, study), tmp_path / "q.csv")
     assert path.read_text(encoding="utf-8").splitlines()[2] == 'P01,tired,"How tired are you, 0 to 10?",3'
-    folder = write_bids(study, tidy(engine, study), tmp_path / "bids", replies=replied(engine, study))
+    folder = write_bids(study, tidy(engine, study), tmp_path / "bids", replies=read_replies(engine, study))
     lines = (folder / "participants.tsv").read_text(encoding="utf-8").splitlines()
     assert lines == ["participant_id\tsimulated\thand\ttired\tremarks", "sub-P01\tfalse\tright\t3\tno"]
     assert "How tired" in (folder / "participants.json").read_text(encoding="utf-8")
     with pytest.raises(RecordingError, match="another code"):
-        Sitting(engine, study, "P01")
+        StoredSession(engine, study, "P01")
 
 
 def test_simulated_participants_are_asked_nothing_in_words(tmp_path: Path) -> None:
-    with Sitting(database(tmp_path / "s.db"), study_of(QUESTIONS), "SIM01", simulated=True) as sitting:
+    with StoredSession(database(tmp_path / "s.db"), study_of(QUESTIONS), "SIM01", simulated=True) as sitting:
         sitting.answer(Answer(1, HERE))
         assert sitting.over
 

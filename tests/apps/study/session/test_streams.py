@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.session.stored_session import Sitting
-from haptorb.apps.study.session.streams import Streams, opened
-from haptorb.apps.study.session.trial_device import Stage
-from haptorb.apps.study.session.trial_runner import Conduct
+from haptorb.apps.study.session.stored_session import StoredSession
+from haptorb.apps.study.session.streams import Streams, open_streams
+from haptorb.apps.study.session.trial_device import TrialDevice
+from haptorb.apps.study.session.trial_runner import TrialRunner
 from haptorb.apps.study.store.database import database
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
@@ -82,8 +82,8 @@ def test_markers_tell_a_session_in_its_order(identify: Study, tmp_path: Path) ->
     spec.loader.exec_module(module)
     servo, markers, now = module.FakeServo(), Kept(), [0.0]
     streams = Streams(markers, Kept(), offset=0.0)
-    with Sitting(database(tmp_path / "s.db"), identify, "P01") as sitting:
-        conduct = Conduct(sitting, Stage(identify, servo), None, streams.mark, clock=lambda: now[0])
+    with StoredSession(database(tmp_path / "s.db"), identify, "P01") as sitting:
+        conduct = TrialRunner(sitting, TrialDevice(identify, servo), None, streams.mark, clock=lambda: now[0])
         servo.trip(module.Trip.OVERHEATED)
         conduct.tick()
         conduct.engage()
@@ -105,13 +105,13 @@ def test_markers_tell_a_session_in_its_order(identify: Study, tmp_path: Path) ->
 
 def test_an_unknown_reach_is_refused() -> None:
     with pytest.raises(InputError, match="'computer' or 'network'"):
-        opened("everywhere")
+        open_streams("everywhere")
 
 
 def test_without_the_library_nothing_is_started(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pylsl", None)
     with pytest.raises(InputError, match="pip install pylsl"):
-        opened("computer")
+        open_streams("computer")
 
 
 #: its own process: the library reads its configuration once

@@ -16,9 +16,9 @@ from sqlalchemy import text
 
 from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.session.keys import END, Keys
-from haptorb.apps.study.session.stored_session import Sitting
-from haptorb.apps.study.session.terminal_session import Runner, View
-from haptorb.apps.study.session.trial_device import Stage
+from haptorb.apps.study.session.stored_session import StoredSession
+from haptorb.apps.study.session.terminal_session import TerminalSession, View
+from haptorb.apps.study.session.trial_device import TrialDevice
 from haptorb.apps.study.store.columns import tidy
 from haptorb.apps.study.store.database import database
 from haptorb.control.protection.trip import Trip
@@ -51,7 +51,7 @@ class Script(Keys):
     def __init__(self, *keys: Any) -> None:
         self._keys = list(keys)
 
-    def pressed(self, wait: float) -> str | None:
+    def next_key(self, wait: float) -> str | None:
         key = self._keys.pop(0) if self._keys else END
         return key() if callable(key) else key
 
@@ -67,9 +67,9 @@ def run(study: Study, place: Path, *keys: Any, servo: Any = None) -> SimpleNames
     def show(view: View) -> None:
         views.append((view.state, view.typed, view.message))
 
-    with Sitting(database(place), study, "P01") as sitting:
+    with StoredSession(database(place), study, "P01") as sitting:
         asked = [sitting.prompt]
-        how = Runner(sitting, Stage(study, servo), Script(*keys), show, "run.mcap").run()  # type: ignore[arg-type]
+        how = TerminalSession(sitting, TrialDevice(study, servo), Script(*keys), show, "run.mcap").run()  # type: ignore[arg-type]
     return SimpleNamespace(how=how, servo=servo, views=views, first=asked[0])
 
 

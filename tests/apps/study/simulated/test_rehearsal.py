@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from haptorb.apps.asking.prompt import Answer, Prompt
-from haptorb.apps.study.analysis.analysis import Ring
+from haptorb.apps.study.analysis.analysis import LatitudeError
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import page
 from haptorb.apps.study.model.study_file import Study, study_of
-from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.simulated.participant import PUBLISHED_ERRORS, Participant
 from haptorb.apps.study.simulated.rehearsal import rehearse, sit
 from haptorb.apps.study.store.columns import tidy
@@ -36,11 +36,11 @@ def test_an_interrupted_rehearsal_goes_on_as_if_it_had_not_been(identify: Study,
     whole, parts = database(tmp_path / "whole.db"), database(tmp_path / "parts.db")
     rehearse(whole, identify, 1, seed=3)
     person = Participant(identify, (3, 1))
-    with Sitting(parts, identify, "SIM01", simulated=True) as sitting:
+    with StoredSession(parts, identify, "SIM01", simulated=True) as sitting:
         for _ in range(3):
             assert sitting.prompt is not None
             sitting.answer(person.answer(sitting.prompt, sitting.number))
-    with Sitting(parts, identify, "SIM01", simulated=True) as sitting:
+    with StoredSession(parts, identify, "SIM01", simulated=True) as sitting:
         assert sitting.resumed
         assert sit(sitting, Participant(identify, (3, 1))) == 4
     one, two = tidy(whole, identify), tidy(parts, identify)
@@ -77,7 +77,7 @@ def test_rehearsals_that_cannot_be_are_refused(
         rehearse(database(tmp_path / "s.db"), identify, people, seed=seed, first=first)
 
 
-def rings(tmp_path: Path, people: int, seed: int) -> tuple[Ring, ...]:
+def rings(tmp_path: Path, people: int, seed: int) -> tuple[LatitudeError, ...]:
     study = study_of(PUBLISHED)
     place = tmp_path / f"{people}-{seed}.db"
     rehearse(database(place), study, people, seed=seed)
@@ -114,4 +114,4 @@ def test_every_procedure_can_be_rehearsed_and_analysed(procedure: str, tmp_path:
     assert "SIMULATED" in page(found)
     if procedure == "localisation":
         with pytest.raises(InputError, match="not a number"):
-            Prompt().checked(Answer(3, (0.0, 0.0, 0.05)))
+            Prompt().check_answer(Answer(3, (0.0, 0.0, 0.05)))

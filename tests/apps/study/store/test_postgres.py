@@ -19,7 +19,7 @@ from sqlalchemy import text
 
 from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.model.study_file import Study, study_of
-from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.columns import tidy
 from haptorb.apps.study.store.database import SCHEMA, database
 from haptorb.errors import RecordingError
@@ -168,11 +168,11 @@ def test_two_stations_2000_trials_consistent_ordered_none_lost(fresh: str, tmp_p
 
 def test_two_experimenters_cannot_run_one_session(fresh: str, identify: Study) -> None:
     engine, other = database(fresh), database(fresh)
-    with Sitting(engine, identify, "P01") as first:
+    with StoredSession(engine, identify, "P01") as first:
         first.answer(Answer(1, (0.0, 0.0, 0.05)))
         with pytest.raises(RecordingError, match="another experimenter"):
-            Sitting(other, identify, "P01")
-    with Sitting(other, identify, "P01") as second:
+            StoredSession(other, identify, "P01")
+    with StoredSession(other, identify, "P01") as second:
         assert second.number == 1
     engine.dispose()
     other.dispose()
@@ -180,7 +180,7 @@ def test_two_experimenters_cannot_run_one_session(fresh: str, identify: Study) -
 
 def test_an_older_schema_is_brought_forward(fresh: str, identify: Study) -> None:
     engine = database(fresh)
-    with Sitting(engine, identify, "P01") as sitting:
+    with StoredSession(engine, identify, "P01") as sitting:
         sitting.answer(Answer(1, (0.0, 0.0, 0.05)))
     with engine.begin() as connection:
         connection.execute(text("DROP TABLE replies"))
@@ -190,7 +190,7 @@ def test_an_older_schema_is_brought_forward(fresh: str, identify: Study) -> None
     with engine.connect() as connection:
         assert connection.execute(text("SELECT version FROM haptorb_schema")).scalar_one() == SCHEMA
         assert connection.execute(text("SELECT count(*) FROM replies")).scalar_one() == 0
-    with Sitting(engine, identify, "P01") as sitting:
+    with StoredSession(engine, identify, "P01") as sitting:
         assert sitting.number == 1
     engine.dispose()
 

@@ -15,7 +15,7 @@ from haptorb.devices.loader import load
 from haptorb.errors import DriverError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.i2c.i2c_bus import I2cBus
-from haptorb.runtime.drivers.i2c.i2c_chips import Port, Watcher
+from haptorb.runtime.drivers.i2c.i2c_chips import Port, Watchdog
 from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
 from haptorb.runtime.drivers.i2c.i2c_guardian import watch
 from haptorb.runtime.drivers.i2c.w1_thermometers import W1Thermometers
@@ -179,7 +179,7 @@ class Watched(Port):
     def open(self) -> I2cBus:
         return self.bus
 
-    def watcher(self) -> Watcher:
+    def watcher(self) -> Watchdog:
         self.guardians.append(Warned())
         return self.guardians[-1]
 

@@ -8,8 +8,8 @@ import struct
 import threading
 import tty
 
-from haptorb.runtime.drivers.serial.codes import Reason, Refusal, Standing
-from haptorb.runtime.drivers.serial.frames import Frame, FrameParser, encoded
+from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, Refusal
+from haptorb.runtime.drivers.serial.frames import Frame, FrameParser, encode
 from haptorb.runtime.drivers.serial.protocol import PROTOCOL_VERSION, READING, STATE, Command
 
 
@@ -18,7 +18,7 @@ class PretendBoard:
 
     def __init__(self, hall_axes: int = 3) -> None:
         self.hall_axes, self.missing, self.mute = hall_axes, 0, False
-        self.standing, self.reason, self.refusal = Standing.OFF, Reason.NONE, Refusal.ACCEPTED
+        self.standing, self.reason, self.refusal = BoardMode.OFF, Reason.NONE, Refusal.ACCEPTED
         self.payload: bytes | None = None  #: instead of a reading's
         self.calibration, self.writing = bytes(16), 0  #: what is kept; how often it says that it is still writing
         self.late = 0.0  #: [s] from a question to its answer
@@ -40,7 +40,7 @@ class PretendBoard:
             for frame in parser.feed(os.read(self._device, 256)):
                 self.heard.append(frame)
                 if not self.mute:
-                    self._say(encoded(self._answer(frame)))
+                    self._say(encode(self._answer(frame)))
 
     def _say(self, line: bytes) -> None:
         if self.late:
@@ -59,13 +59,13 @@ class PretendBoard:
             limits = struct.pack("<7Hh2H", 4095, 21000, 4095, 21000, 15, 5300, 4300, 1360, 4095, 1000)
             return Frame(0x80 | Command.LIMITS, frame.sequence, limits)
         if frame.type in (Command.SET, Command.READ):
-            if frame.type == Command.SET and self.standing == Standing.ENGAGED:
+            if frame.type == Command.SET and self.standing == BoardMode.ENGAGED:
                 self.duties = list(struct.unpack("<3h", frame.payload))
             return Frame(READING, frame.sequence, self._reading() if self.payload is None else self.payload)
         if frame.type == Command.ENGAGE and self.refusal is Refusal.ACCEPTED:
-            self.standing = Standing.ENGAGED
+            self.standing = BoardMode.ENGAGED
         if frame.type == Command.OFF:
-            self.standing, self.duties = Standing.OFF, [0, 0, 0]
+            self.standing, self.duties = BoardMode.OFF, [0, 0, 0]
         refusal = self.refusal if frame.type in (Command.ENGAGE, Command.STORE) else Refusal.ACCEPTED
         if frame.type == Command.STORE and refusal is Refusal.ACCEPTED:
             if self.writing:

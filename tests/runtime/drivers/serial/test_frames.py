@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptorb.errors import InputError
-from haptorb.runtime.drivers.serial.frames import PAYLOAD_MAX, SYNC, Frame, FrameParser, crc16, encoded, found
+from haptorb.runtime.drivers.serial.frames import PAYLOAD_MAX, SYNC, Frame, FrameParser, crc16, encode, find_frame
 
 VECTORS = Path(__file__).resolve().parents[4] / "firmware" / "vectors" / "frames.txt"
 
@@ -27,7 +27,7 @@ def vectors() -> list[tuple[str, Frame, bytes]]:
 
 @pytest.mark.parametrize(("name", "frame", "whole"), vectors(), ids=[row[0] for row in vectors()])
 def test_the_firmwares_frames_are_the_hosts(name: str, frame: Frame, whole: bytes) -> None:
-    assert encoded(frame) == whole
+    assert encode(frame) == whole
     assert FrameParser().feed(whole) == [frame]
 
 
@@ -37,7 +37,7 @@ def test_check_sum_is_ccitt_false() -> None:
 
 @given(st.lists(frames, max_size=5), st.lists(st.integers(1, 7), min_size=1, max_size=20))
 def test_frames_arrive_whole_however_they_are_cut(sent: list[Frame], cuts: list[int]) -> None:
-    line = b"".join(encoded(frame) for frame in sent)
+    line = b"".join(encode(frame) for frame in sent)
     parser, heard, at = FrameParser(), [], 0
     while at < len(line):
         step = cuts[at % len(cuts)]
@@ -49,19 +49,19 @@ def test_frames_arrive_whole_however_they_are_cut(sent: list[Frame], cuts: list[
 
 @given(frames, st.binary(max_size=60).filter(lambda noise: SYNC[0] not in noise))
 def test_a_frame_is_found_behind_noise(frame: Frame, noise: bytes) -> None:
-    assert FrameParser().feed(noise + encoded(frame)) == [frame]
+    assert FrameParser().feed(noise + encode(frame)) == [frame]
 
 
 @given(frames, frames)
 def test_a_damaged_frame_does_not_take_the_next_one_with_it(first: Frame, second: Frame) -> None:
-    line = bytearray(encoded(first))
+    line = bytearray(encode(first))
     line[-1] ^= 0x40
-    assert second in FrameParser().feed(bytes(line) + encoded(second) + bytes(PAYLOAD_MAX + 7))
+    assert second in FrameParser().feed(bytes(line) + encode(second) + bytes(PAYLOAD_MAX + 7))
 
 
 @given(frames, st.data())
 def test_up_to_three_flipped_bits_are_noticed(frame: Frame, data: st.DataObject) -> None:
-    line = bytearray(encoded(frame))
+    line = bytearray(encode(frame))
     places = st.lists(st.integers(24, 8 * len(line) - 1), min_size=1, max_size=3, unique=True)
     for bit in data.draw(places):
         line[bit // 8] ^= 1 << bit % 8
@@ -70,9 +70,9 @@ def test_up_to_three_flipped_bits_are_noticed(frame: Frame, data: st.DataObject)
 
 def test_what_is_no_frame_cannot_be_encoded() -> None:
     with pytest.raises(InputError, match="at most 40 bytes"):
-        encoded(Frame(1, 1, bytes(41)))
+        encode(Frame(1, 1, bytes(41)))
     with pytest.raises(InputError, match="are bytes"):
-        encoded(Frame(256, 0, b""))
+        encode(Frame(256, 0, b""))
 
 
 def test_ten_million_random_bytes_are_no_frame_and_do_not_stop_the_parser() -> None:
@@ -89,7 +89,7 @@ def test_ten_million_random_bytes_are_no_frame_and_do_not_stop_the_parser() -> N
         assert parser.held[1] - parser.held[0] <= PAYLOAD_MAX + 7
     assert heard == []
     assert parser.damaged > 1000
-    assert true in parser.feed(encoded(true) + bytes(PAYLOAD_MAX + 7))
+    assert true in parser.feed(encode(true) + bytes(PAYLOAD_MAX + 7))
 
 
 def test_the_test_above_can_fail(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,7 +97,7 @@ def test_the_test_above_can_fail(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "haptorb.runtime.drivers.serial.frames._check", lambda line, first, last: line[last] | line[last + 1] << 8
     )
-    monkeypatch.setattr("haptorb.runtime.drivers.serial.frames.found", found.py_func)
+    monkeypatch.setattr("haptorb.runtime.drivers.serial.frames.find_frame", find_frame.py_func)
     noise = bytearray(random.Random(1).randbytes(2_000))
     for at in range(0, len(noise) - 20, 20):
         noise[at : at + 3] = SYNC + b"\x02"

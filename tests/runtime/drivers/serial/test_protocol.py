@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptorb.errors import DriverError, InputError
-from haptorb.runtime.drivers.serial.codes import Reason, Refusal, Standing, missing_chips
+from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, Refusal, missing_chips
 from haptorb.runtime.drivers.serial.protocol import Command, counts, engage, set_duties
 from haptorb.runtime.drivers.serial.reading import READING_BYTES, Reading
 from haptorb.runtime.drivers.serial.replies import BoardLimits, BoardState, Identity
@@ -28,7 +28,7 @@ def reading(**changes: int) -> bytes:
 
 def test_a_reading_is_told_in_si() -> None:
     said = Reading.parse(reading())
-    assert said.standing is Standing.ENGAGED
+    assert said.standing is BoardMode.ENGAGED
     assert said.applied == pytest.approx([4095 / 4096, -4095 / 4096, 1 / 4096])
     assert said.currents == pytest.approx([19.0, -19.0, 0.005])
     assert said.hall == pytest.approx(np.array([2048, 0, 4095, 1, 2]) / 4095)
@@ -72,8 +72,8 @@ def test_a_state_that_nobody_knows_counts_as_tripped(payload: bytes) -> None:
         said = Reading.parse(payload)
     except DriverError:
         return
-    assert said.standing in Standing
-    assert payload[0] in (0, 1, 2) or said.standing is Standing.TRIPPED
+    assert said.standing in BoardMode
+    assert payload[0] in (0, 1, 2) or said.standing is BoardMode.TRIPPED
 
 
 def test_another_protocol_is_told_with_both_versions() -> None:
@@ -94,7 +94,7 @@ def test_identity_and_limits() -> None:
 
 def test_a_refusal_is_named() -> None:
     said = BoardState.parse(struct.pack("<BBHB", 2, 3, 0x20, 2))
-    assert (said.standing, said.reason, said.refusal) == (Standing.TRIPPED, Reason.OVER_CURRENT, Refusal.TRIPPED)
+    assert (said.standing, said.reason, said.refusal) == (BoardMode.TRIPPED, Reason.OVER_CURRENT, Refusal.TRIPPED)
     assert missing_chips(said.missing) == ("thermometer DS18B20 of coil x on D5",)
 
 

@@ -14,7 +14,7 @@ import pytest
 from haptorb.errors import DriverError
 from haptorb.runtime.drivers.serial import serial_port
 from haptorb.runtime.drivers.serial.board import Board
-from haptorb.runtime.drivers.serial.frames import Frame, FrameParser, encoded
+from haptorb.runtime.drivers.serial.frames import Frame, FrameParser, encode
 from haptorb.runtime.drivers.serial.protocol import PROTOCOL_VERSION, Command
 
 
@@ -79,7 +79,7 @@ def identity(protocol: int = PROTOCOL_VERSION, name: bytes = b"haptorb") -> Call
         for frame in parser.feed(data):
             if frame.type == Command.IDENTIFY:
                 payload = struct.pack("<9B8s16s", protocol, 1, 0, 1, 3, 9, 3, 3, 16, name, bytes(16))
-                said += encoded(Frame(0x80 | Command.IDENTIFY, frame.sequence, payload))
+                said += encode(Frame(0x80 | Command.IDENTIFY, frame.sequence, payload))
         return said
 
     return answer

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import quad
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Drawing, Report
 from haptorb.physics.beams import appendix_b, compliance
 from haptorb.physics.hook import TABLE_3
 
 __all__ = ["items"]
 
-_AT = Place("bai2012", "b", "App. B")
+_AT = Citation("bai2012", "b", "App. B")
 _H0, _LB, _LM, _TAN = 0.6e-3, 9.0, 16.0, math.tan(math.radians(58.8))
 _CLOSED = "closed form against quadrature; the print has no digits of its own"
 
@@ -73,7 +73,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
                  erratum="E28", corrected=4.0, where="eq. (12)"),
     )  # fmt: skip
     report(1.0)
-    return found, _drawn
+    return found, _draw_figure
 
 
 def _h(x: float) -> float:
@@ -81,7 +81,7 @@ def _h(x: float) -> float:
     return float(TABLE_3.section(x * _H0)) / _H0
 
 
-def _drawn(path: Path) -> Path:
+def _draw_figure(path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

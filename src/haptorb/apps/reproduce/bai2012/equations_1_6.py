@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Report
 from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
 from haptorb.control.clutch.modes import Clutch, Gains, Mode, TwoModes
@@ -19,7 +19,7 @@ from haptorb.physics.sources.charged_ring import ChargedRing
 
 __all__ = ["items"]
 
-_AT = Place("bai2012", "eq", "eqs. (1)–(6)")
+_AT = Citation("bai2012", "eq", "eqs. (1)–(6)")
 _GAINS = Gains(  # all different, so that no two can be taken for each other
     translate=(0.02, 0.03, 0.05),
     rotate=(0.3, 0.5, 0.7),
@@ -93,7 +93,7 @@ def _state(t: float, psi: float = 0.0, lam: float = 0.0, phi: float = 0.0) -> St
     return State(t, rotation_from_euler(psi, lam, phi), np.zeros(3), np.zeros(3), np.zeros(3))
 
 
-def _held(modes: TwoModes, mode: Mode) -> Clutch:
+def _engage(modes: TwoModes, mode: Mode) -> Clutch:
     """A clutch that has taken hold of the upright rotor in `mode`."""
     clutch = modes.start(_state(0.0), mode=mode)
     for k in range(1, 9):
@@ -101,10 +101,10 @@ def _held(modes: TwoModes, mode: Mode) -> Clutch:
     return clutch
 
 
-def _moved(mode: Mode, axis: int) -> Array:
+def _target_motion(mode: Mode, axis: int) -> Array:
     """(6,) motion of the target, X'Y'Z'ψ'λ'φ', per radian of ψ, λ or φ (axis 0, 1, 2)."""
     modes = TwoModes(_GAINS)
-    clutch = _held(modes, mode)
+    clutch = _engage(modes, mode)
     angles = [0.0, 0.0, 0.0]
     angles[axis] = _TURN
     after = modes.advance(clutch, _state(clutch.t + 0.001, *angles))
@@ -122,7 +122,7 @@ def _motions() -> list[Item]:
         ("6a-z", "translate", phi, 2, "ζ̂₃ of Z' = ζ̂₃ φ [m/rad]", 0.05),
     )  # fmt: skip
     return [
-        _AT.says(name, f"{what}, set and found by turning the rotor", gain, _moved(mode, axis)[row], "1", 1e-9,
+        _AT.says(name, f"{what}, set and found by turning the rotor", gain, _target_motion(mode, axis)[row], "1", 1e-9,
                  where=f"eq. ({name[:2]})")
         for name, mode, axis, row, what, gain in rows
     ]  # fmt: skip
@@ -139,7 +139,7 @@ def _torques() -> list[Item]:
         ("6b-phi", "translate", 2, 2, "η̂₃ of T_φ = η̂₃ F_Z' [m]", 0.017),
     )  # fmt: skip
     return [
-        _AT.says(name, f"{what}, set and felt", gain, modes.torque(_held(modes, mode), np.eye(6)[component])[axis],
+        _AT.says(name, f"{what}, set and felt", gain, modes.torque(_engage(modes, mode), np.eye(6)[component])[axis],
                  "1", 1e-9, where=f"eq. ({name[:2]})", erratum="E6" if name[:2] == "6b" and axis < 2 else "")
         for name, mode, component, axis, what, gain in rows
     ]  # fmt: skip
@@ -148,7 +148,7 @@ def _torques() -> list[Item]:
 def _imbalance() -> float:
     """Greatest |T·q̇ − F·v'| over |F·v'| with gains that the library calls power-consistent, upright rotor."""
     modes = TwoModes(Gains(translate=(0.4, 0.7, 0.2)))
-    clutch = _held(modes, "translate")
+    clutch = _engage(modes, "translate")
     rng, worst = np.random.default_rng(6), 0.0
     for force, rates in zip(rng.normal(size=(20, 3)), rng.normal(size=(20, 3)), strict=True):
         torque = modes.torque(clutch, np.concatenate([force, np.zeros(3)]))
@@ -158,4 +158,6 @@ def _imbalance() -> float:
 
 
 def _freedom() -> int:
-    return int(np.linalg.matrix_rank([_moved(mode, axis) for mode in ("translate", "rotate") for axis in range(3)]))
+    return int(
+        np.linalg.matrix_rank([_target_motion(mode, axis) for mode in ("translate", "rotate") for axis in range(3)])
+    )

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Report
 from haptorb.devices.loader import load
 from haptorb.devices.motor.api import motor, torque_characteristic
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.rotations import rotation_from_euler
-from haptorb.physics.published_multipoles import MAGNET_RADIUS, published
+from haptorb.physics.published_multipoles import MAGNET_RADIUS, load_published
 from haptorb.physics.sources.dipole import MU0
 
 __all__ = ["items"]
 
-_AT = Place("bai2012", "dmp", "eqs. (7)–(9)")
+_AT = Citation("bai2012", "dmp", "eqs. (7)–(9)")
 EM17 = 16
 
 
@@ -33,7 +33,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     scale, shape = _scale_and_shape(device)
     report(0.7)
     other, _ = _scale_and_shape(motor(load("pmsm-thick-coils", override=True)))
-    pm, em = published("bai2012-pm").model, published("bai2012-em").model
+    pm, em = load_published("bai2012-pm").model, load_published("bai2012-em").model
     small = "printed strengths have three digits"
     found = [
         *(

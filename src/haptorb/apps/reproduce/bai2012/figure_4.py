@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from haptorb.apps.estimators import compare, plotted
+from haptorb.apps.estimators import compare, plot_comparison
 from haptorb.apps.reproduce.item import Item
 from haptorb.devices.motor.api import motor
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import InputError
 from haptorb.sensing.torque_maps.network import TrainedNetworks, train
-from haptorb.sensing.torque_maps.network_file import known_networks, networks_path, write_networks
+from haptorb.sensing.torque_maps.network_file import check_networks, networks_path, write_networks
 
 __all__ = ["items"]
 
@@ -64,7 +64,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
     )  # fmt: skip
 
     def draw(path: Path) -> Path:
-        plotted(result, path)
+        plot_comparison(result, path)
         return path
 
     return found, draw
@@ -73,7 +73,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
 def _networks(device: SphericalMotor, report: Callable[[float], None]) -> TrainedNetworks:
     """Those of the cache, if they are the usual ones; else trained now, and kept where the cache had none."""
     try:
-        known = known_networks(device)
+        known = check_networks(device)
         known.fitting(device)
         if known.networks[-1].nodes == 10:
             return known

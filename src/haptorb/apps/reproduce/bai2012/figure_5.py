@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Drawing, Report
 from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
 from haptorb.devices.motor.api import motor
@@ -19,7 +19,7 @@ from haptorb.numerics.rotations import rotation_from_euler
 
 __all__ = ["items"]
 
-_AT = Place("bai2012", "fig5", "Fig. 5(b), §3")
+_AT = Citation("bai2012", "fig5", "Fig. 5(b), §3")
 
 
 def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
@@ -31,7 +31,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     report(0.5)
     R = rotation_from_euler(0.2, -0.1, 0.7)
     wanted = np.array([0, 0, 0, 0.05, 0.02, -0.03])
-    state = State.turned(R)
+    state = State.from_rotation(R)
     known = device.wrench_map(state, "table")
     given = MinimumPowerAllocator(device.coils.current_limit, compensate_passive=True).allocate(known, wanted)
     left = known.matrix @ given.currents + known.passive - wanted
@@ -48,10 +48,10 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.ours("saved", "share of it that the regulator carries", 1 - held[-1] / alone[-1], "1"),
         _AT.ours("saved-upright", "the same at 5° of tilt", 1 - np.interp(0.0873, tilts, held)
                  / np.interp(0.0873, tilts, alone), "1", "more than all of it: the rest rights the rotor"),
-        _AT.unchecked("loop", "the loop of design, feeling and choosing", "a procedure, not a number; `haptorb feel` "
+        _AT.exempt("loop", "the loop of design, feeling and choosing", "a procedure, not a number; `haptorb feel` "
                       "runs it: candidates are felt, rated, and the choice is recorded", "Fig. 5(a)"),
-        _AT.unchecked("photo", "the prototype", "a photograph"),
-    ), lambda path: _drawn(tilts, alone, held, path)  # fmt: skip
+        _AT.exempt("photo", "the prototype", "a photograph"),
+    ), lambda path: _draw_figure(tilts, alone, held, path)  # fmt: skip
 
 
 def _righting(device: SphericalMotor, tilts: Array) -> Array:
@@ -59,7 +59,7 @@ def _righting(device: SphericalMotor, tilts: Array) -> Array:
     return np.array([-device.passive(rotation_from_euler(tilt, 0.0, 0.0))[3] for tilt in tilts])
 
 
-def _drawn(tilts: Array, alone: Array, held: Array, path: Path) -> Path:
+def _draw_figure(tilts: Array, alone: Array, held: Array, path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -6,15 +6,15 @@ import math
 
 from scipy.integrate import quad
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Report
-from haptorb.physics.beams import appendix_b, bent_shape, compliance, force_ratio
+from haptorb.physics.beams import appendix_b, compliance, compute_bent_shape, force_ratio
 from haptorb.physics.hook import TABLE_3
 
 __all__ = ["items"]
 
-_AT = Place("bai2012", "fig6", "Fig. 6, eqs. (10)–(11)")
+_AT = Citation("bai2012", "fig6", "Fig. 6, eqs. (10)–(11)")
 _FRICTION = 0.134
 
 
@@ -44,7 +44,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.says("slope", "(11): turn of the face at the peak per deflection: δ/x as printed, and the beam's slope",
                  chord, slope, "rad/m", 0.05, "difference of the bent shape, against a quadrature", erratum="E27",
                  corrected=_turn()),
-        _AT.unchecked("alpha", "front angle α and tip ℓ_t", f"no value is printed; α = {math.degrees(hook.front):.0f}° "
+        _AT.exempt("alpha", "front angle α and tip ℓ_t", f"no value is printed; α = {math.degrees(hook.front):.0f}° "
                       f"(ℓ_t = {hook.tip * mm:.1f} mm) is assumed, and the outlet never touches that face"),
     )  # fmt: skip
     report(1.0)
@@ -87,6 +87,6 @@ def _turn() -> float:
 def _slopes() -> tuple[float, float]:
     """Turn of the hook at its peak per deflection [rad/m]: the chord that (11) takes, and the beam's own slope."""
     hook = TABLE_3
-    shape = bent_shape(hook, hook.peak, 1e-3, points=4001)
+    shape = compute_bent_shape(hook, hook.peak, 1e-3, points=4001)
     beyond = shape[shape[:, 0] > hook.peak]
     return 1 / hook.peak, float((beyond[-1, 1] - beyond[0, 1]) / (beyond[-1, 0] - beyond[0, 0]) / 1e-3)

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Report
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
@@ -19,7 +19,7 @@ from haptorb.worlds.world import World
 
 __all__ = ["items"]
 
-_AT = Place("bai2012", "fig7", "Fig. 7, eqs. (14)–(18)")
+_AT = Citation("bai2012", "fig7", "Fig. 7, eqs. (14)–(18)")
 _TILT, _ARM, _FRICTION = math.radians(2.0), 16e-3, 0.134  #: h is assumed
 _WP, _WS = 6.3e-3, 4.8e-3
 _X0 = 0.5 * _WP * math.sin(_TILT)
@@ -81,9 +81,9 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.says("felt-curl", "the same of the outlet that is to be felt", 0.0,
                  _curl(Outlet(friction=0.0, beam="paper")), "1", 1e-3, "finite differences", erratum="E24",
                  where="eq. (17)"),
-        _AT.unchecked("drawing", "CAD model, contact forces, kinematics", "drawings; equations (14) to (16) say so too",
+        _AT.exempt("drawing", "CAD model, contact forces, kinematics", "drawings; equations (14) to (16) say so too",
                       "Fig. 7(a), (b)"),
-        _AT.unchecked("h", "h, from the plug's end to the hooks", "no value is printed; 16 mm is assumed, the length "
+        _AT.exempt("h", "h, from the plug's end to the hooks", "no value is printed; 16 mm is assumed, the length "
                       "of a flat plug's blade"),
     )  # fmt: skip
     report(1.0)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.reproduce.bai2012.two_phases import ARM, FORCE_SCALE, X_0, Course, two_phases
+from haptorb.apps.reproduce.bai2012.two_phases import ARM, FORCE_SCALE, X_0, PhaseRecord, two_phases
 from haptorb.apps.reproduce.item import Item
 from haptorb.devices.motor.api import motor
 from haptorb.numerics.arrays import Array
@@ -75,28 +75,28 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
         one("given", "torque on the rotor against the torque asked for, both phases, rms over rms", 0.0,
             _departure(pull, right), "1", 0.02),
         one("sum", "currents of the parts summed against those that were wanted, greatest difference", 0.0,
-            max(_unexplained(pull), _unexplained(right)), "A", 5e-3),
+            max(_explanation_error(pull), _explanation_error(right)), "A", 5e-3),
         one("torque", "greatest torque asked of the motor", None, torque.max(), "N·m", None),
     )  # fmt: skip
     if trained:  # by `haptorb train`: the paper's own way from the field to the torque per ampere
         other = two_phases(estimator="network", report=lambda done: report(0.5 + 0.5 * done))
         what = "the same with the network in place of least squares"
         found += (one("given-network", what, None, _departure(*other), "1", None),)
-    return found, lambda path: _drawn(pull, right, path)
+    return found, lambda path: _draw_figure(pull, right, path)
 
 
-def _departure(*courses: Course) -> float:
+def _departure(*courses: PhaseRecord) -> float:
     asked = np.concatenate([course["asked"][:, 3:] for course in courses])
     given = np.concatenate([course["given"][:, 3:] for course in courses])
     return float(np.sqrt(((given - asked) ** 2).sum() / (asked**2).sum()))
 
 
-def _unexplained(course: Course) -> float:
+def _explanation_error(course: PhaseRecord) -> float:
     parts = course.psi + course.lam + course.phi + course.rest
     return float(np.abs(parts - course["wanted"]).max())
 
 
-def _drawn(pull: Course, right: Course, path: Path) -> Path:
+def _draw_figure(pull: PhaseRecord, right: PhaseRecord, path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

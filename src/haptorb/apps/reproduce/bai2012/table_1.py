@@ -6,18 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Drawing, Report
 from haptorb.devices.motor.api import motor
 from haptorb.numerics.arrays import Array
 from haptorb.physics.multipole_fit import residual, shell_region
-from haptorb.physics.published_multipoles import COIL_STRENGTHS, MAGNET_STRENGTHS, published
+from haptorb.physics.published_multipoles import COIL_STRENGTHS, MAGNET_STRENGTHS, load_published
 from haptorb.physics.sources.source import Source
 
 __all__ = ["BY_COIL", "BY_MAGNET", "items"]
 
-_AT = Place("bai2012", "t1", "Table 1")
+_AT = Citation("bai2012", "t1", "Table 1")
 _INCH = 25.4
 R_PM, R_EM = 67.9e-3, 56.8e-3  #: [m]
 #: where the coils are, as one magnet sees them, and where the magnets are, as one coil sees them
@@ -28,8 +28,8 @@ BY_COIL = shell_region(R_EM, 65.36e-3, 70.44e-3, 1.2)
 def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     """Every entry as the device has it, moments against strengths, and the models' field in the gap."""
     device = motor("pmsm")
-    pm, em = published("bai2012-pm"), published("bai2012-em")
-    printed, aspect = published("bai2012-pm-printed"), published("bai2012-em-aspect")
+    pm, em = load_published("bai2012-pm"), load_published("bai2012-em")
+    printed, aspect = load_published("bai2012-pm-printed"), load_published("bai2012-em-aspect")
     once, often = MAGNET_STRENGTHS[0] + 10 * sum(MAGNET_STRENGTHS[1:]), 10 * sum(MAGNET_STRENGTHS)
     per_metre = pm.body.moment[2] / pm.body.length
     coil = device.electromagnet
@@ -72,12 +72,12 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.says("em-strengths", "EM: number of strengths, k + 1", 7, len(COIL_STRENGTHS)),
     )  # fmt: skip
     report(1.0)
-    return found, lambda path: _drawn(
+    return found, lambda path: _draw_figure(
         ((pm.body, pm.model, R_PM - 60.61e-3), (em.body, em.model, 65.36e-3 - R_EM)), path
     )
 
 
-def _drawn(bodies: tuple[tuple[Source, Source, float], ...], path: Path) -> Path:
+def _draw_figure(bodies: tuple[tuple[Source, Source, float], ...], path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

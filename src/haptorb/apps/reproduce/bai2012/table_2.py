@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Report
 from haptorb.devices.motor.api import motor, torque_characteristic
 from haptorb.devices.motor.validation import workspace_sample
@@ -13,7 +13,7 @@ from haptorb.numerics.arrays import Array
 
 __all__ = ["PAIRS", "items"]
 
-_AT = Place("bai2012", "t2", "Table 2")
+_AT = Citation("bai2012", "t2", "Table 2")
 #: as printed, u_1 … u_12
 PAIRS = ((1, 13), (2, 14), (3, 15), (4, 16), (5, 9), (6, 10), (7, 11), (8, 12), (17, 21), (18, 22), (19, 23), (20, 24))
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.integrate import quad
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Report
 from haptorb.devices.state import State
 from haptorb.errors import GeometryError
@@ -19,7 +19,7 @@ from haptorb.worlds.snap_fit.outlet import Outlet, PublishedOutlet
 
 __all__ = ["items"]
 
-_AT = Place("bai2012", "t3", "Table 3")
+_AT = Citation("bai2012", "t3", "Table 3")
 _AS = "rounding; as the world has it"
 
 
@@ -49,12 +49,12 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  0.05, "the same", erratum="E8", corrected=23.2),
         _AT.says("ramp-end", "where the ramp of β reaches h_b, over h₀", 16.0, hook.ramp_end / hook.thickness, "1",
                  0.005, "the closed forms of appendix B end it there", erratum="E8", corrected=10.82),
-        _AT.says("ramp-refused", "1 if a hook with these sizes and no flat top is refused", 1.0, float(_refused()), "1",
+        _AT.says("ramp-refused", "1 if a hook with these sizes and no flat top is refused", 1.0, float(_refuses()), "1",
                  0.0, "what cannot be built must not be felt", erratum="E8"),
-        _AT.says("delta", "δ of each hook with the plug in, (w_p − w_s)/2", 0.75, 1e3 * _bent(), "mm", 1e-6,
+        _AT.says("delta", "δ of each hook with the plug in, (w_p − w_s)/2", 0.75, 1e3 * _bend_hook(), "mm", 1e-6,
                  "found by the outlet's contact"),
-        _AT.unchecked("e-plug", "E of brass, 0.93 GPa (93: E7), and its ν = 0.35", "the plug is rigid throughout"),
-        _AT.unchecked("thickness", "thickness of the plug, 1.5 mm", "it enters no equation; with w_p it names the plug "
+        _AT.exempt("e-plug", "E of brass, 0.93 GPa (93: E7), and its ν = 0.35", "the plug is rigid throughout"),
+        _AT.exempt("thickness", "thickness of the plug, 1.5 mm", "it enters no equation; with w_p it names the plug "
                       "whose length h is assumed after"),
     ]  # fmt: skip
     report(1.0)
@@ -72,7 +72,7 @@ def _shear_coefficient() -> float:
     return float(quad(lambda y: (12 * 0.5 * (0.25 - y * y)) ** 2, -0.5, 0.5)[0])  # I = 1/12, Q = (1/4 − y²)/2
 
 
-def _refused() -> bool:
+def _refuses() -> bool:
     try:
         replace(TABLE_3, flat_top=False)
     except GeometryError:
@@ -80,6 +80,6 @@ def _refused() -> bool:
     return False
 
 
-def _bent() -> float:
+def _bend_hook() -> float:
     contacts = Outlet().contacts(State(0.0, np.eye(3), np.array([1e-3, 0, 0]), np.zeros(3), np.zeros(3)))
     return contacts[0].deflection

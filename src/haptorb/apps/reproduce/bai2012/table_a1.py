@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Drawing, Report
 from haptorb.devices.loader import load
 from haptorb.devices.motor.api import motor
@@ -17,7 +17,7 @@ from haptorb.numerics.arrays import Array
 
 __all__ = ["items"]
 
-_AT = Place("bai2012", "ta1", "Table A.1")
+_AT = Citation("bai2012", "ta1", "Table A.1")
 #: id, parts, first and last j, ϑ, first φ, step, first φ as corrected, erratum
 _COLUMNS = (
     ("sensor-1", "sensors", 1, 16, -26, 0, 22.5, None, ""), ("sensor-17", "sensors", 17, 32, 26, 0, 22.5, None, ""),
@@ -66,7 +66,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.ours("em-nearest", "nearest EMs apart", _nearest(u.directions), "°"),
         _AT.ours("em-printed", "the same as printed", _nearest(printed.electromagnets.directions), "°",
                  "each spans 31.2°: coils overlap (E3)"),
-        _AT.says("printed-refused", "1 if the loader refuses the table to the letter", 1.0, float(_refused()), "1", 0.0,
+        _AT.says("printed-refused", "1 if the loader refuses the table to the letter", 1.0, float(_refuses()), "1", 0.0,
                  "validation must find what the print hides", erratum="E3"),
         _AT.says("gap", "1 if sensors lie between the coils' outer and the magnets' inner faces", 1.0,
                  float(_in_the_gap(device)), "1", 0.0, "60.61 mm < 62.4 mm < 65.36 mm with lengths in inches",
@@ -76,7 +76,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
                  where="App. A"),
     ]  # fmt: skip
     report(1.0)
-    return tuple(found), lambda path: _drawn(device, printed, path)
+    return tuple(found), lambda path: _draw_figure(device, printed, path)
 
 
 def _angles(u: Array) -> tuple[Array, Array]:
@@ -103,7 +103,7 @@ def _colatitude(u: Array) -> Array:
     return np.column_stack([np.cos(lon) * np.sin(lat), np.sin(lon) * np.sin(lat), np.cos(lat)])
 
 
-def _refused() -> bool:
+def _refuses() -> bool:
     try:
         load("pmsm-printed-table")
     except DeviceError:
@@ -123,7 +123,7 @@ def _opposite(device: SphericalMotor) -> float:
     return float(np.mean(device.polarity[i] * device.polarity[j] < 0))
 
 
-def _drawn(device: SphericalMotor, printed: SphericalMotor, path: Path) -> Path:
+def _draw_figure(device: SphericalMotor, printed: SphericalMotor, path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Report
 from haptorb.devices.motor.api import motor, torque_characteristic
 from haptorb.devices.motor.validation import workspace_sample
 
 __all__ = ["items"]
 
-_AT = Place("bai2012", "text", "§1")
+_AT = Citation("bai2012", "text", "§1")
 
 
 def items(report: Report) -> tuple[tuple[Item, ...], None]:
@@ -32,17 +32,17 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  "('singularity-free')", 1.0, np.mean(least > 1e-3), "1", 0.0, "all of them"),
         _AT.ours("weakest", "smallest singular value of the 3 × 12 torque characteristic over them", least.min(),
                  "N·m/A"),
-        _AT.unchecked("figure-1", "CAD model of the spherical motor", "a drawing; its sizes are those of Table A.1",
+        _AT.exempt("figure-1", "CAD model of the spherical motor", "a drawing; its sizes are those of Table A.1",
                       "Fig. 1"),
-        _AT.unchecked("figure-2", "frames, and position and torque commands", "a drawing; equations (1), (5) and (6) "
+        _AT.exempt("figure-2", "frames, and position and torque commands", "a drawing; equations (1), (5) and (6) "
                       "say the same and are checked", "Fig. 2"),
-        _AT.unchecked("nonmagnetic", "coils without iron, and nothing magnetic but the magnets",
+        _AT.exempt("nonmagnetic", "coils without iron, and nothing magnetic but the magnets",
                       "a property of the prototype; the model takes it as given", "§2"),
-        _AT.unchecked("rate", "field-based estimation 'greatly improves the sampling rate and reduces error "
+        _AT.exempt("rate", "field-based estimation 'greatly improves the sampling rate and reduces error "
                       "accumulation'", "no rate and no error is printed; `haptorb bench estimation` measures ours",
                       "§1, §4"),
-        _AT.unchecked("feel", "'offers an intuitive haptic feeling' more than serial mechanisms do",
+        _AT.exempt("feel", "'offers an intuitive haptic feeling' more than serial mechanisms do",
                       "a statement about people, without a study", "§1, §4"),
-        _AT.unchecked("sensors-order", "sensor axes (ϑ, φ, r) measure (B_φ, B_θ, B_r)",
+        _AT.exempt("sensors-order", "sensor axes (ϑ, φ, r) measure (B_φ, B_θ, B_r)",
                       "one of the two orders is a slip of the pen (E28); ours is ϑ, φ, r for both", "§2"),
     ), None  # fmt: skip

@@ -21,8 +21,8 @@ from haptorb.devices.motor.api import motor
 from haptorb.devices.motor.handle import Grasp
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.drivers.simulated import SimDriver
-from haptorb.runtime.pointer.guided_handle import turned
+from haptorb.runtime.drivers.sim_driver import SimDriver
+from haptorb.runtime.pointer.guided_handle import handle_quaternion
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.tick.assembly import allocator_of, estimator_of
 from haptorb.runtime.tick.tick import Tick
@@ -32,7 +32,7 @@ from haptorb.sensing.sample import Estimate, Sample
 from haptorb.simulation.motor.motor import SimulatedMotor
 from haptorb.worlds.snap_fit.outlet import PublishedOutlet
 
-__all__ = ["ARM", "FORCE_SCALE", "TILT", "X_0", "Course", "two_phases"]
+__all__ = ["ARM", "FORCE_SCALE", "TILT", "X_0", "PhaseRecord", "two_phases"]
 
 TILT = math.radians(2.0)  #: ε_z at the start
 _WORLD = PublishedOutlet(creep=1e-4)  #: sliding friction from 0.1 mm/s on, as (15) has it at any speed
@@ -49,7 +49,7 @@ _STEEL = Grasp(mass=0.3, stiffness=1e5, damping=500.0, radius=0.04)
 
 
 @dataclass(frozen=True)
-class Course:
+class PhaseRecord:
     """Rows of one phase, one per tick.
 
     rows        (n, width) as recorded, by `layout`
@@ -78,7 +78,7 @@ class Course:
 
 
 @final
-class _Overheard(Estimator):
+class _RecordingEstimator(Estimator):
     """An estimator whose last word is kept: what the currents were allocated with."""
 
     def __init__(self, inner: Estimator) -> None:
@@ -98,20 +98,20 @@ def _smooth(s: float) -> float:
 
 def two_phases(
     device: str = "pmsm", estimator: str = "least-squares", seed: int = 0, report: Callable[[float], None] | None = None
-) -> tuple[Course, Course]:
+) -> tuple[PhaseRecord, PhaseRecord]:
     """Phase 1 and phase 2 on `device` with the named estimator; `report` is told the share that is done."""
     known = motor(device)
-    gains = Gains().scaled(FORCE_SCALE)
+    gains = Gains().scale(FORCE_SCALE)
     spin = TILT / gains.rotate[2]  # of the handle: 8°
     starts = (0.0, _READY, _READY + _PHASE_1, _READY + _PHASE_1 + _SWITCH)
 
     def hand(now: float) -> Goal:
         lam = _FROM + _PULL * min(max((now - starts[1]) / _PHASE_1, 0.0), 1.0)
         phi = spin * _smooth((now - starts[3]) / _PHASE_2)
-        return Goal(np.zeros(3), turned(0.0, lam, phi), now, False)
+        return Goal(np.zeros(3), handle_quaternion(0.0, lam, phi), now, False)
 
     driver = SimDriver(SimulatedMotor(known, seed, grasp=_STEEL), _DT, hand, seed=seed)
-    overheard = _Overheard(estimator_of(known, estimator, None))
+    overheard = _RecordingEstimator(estimator_of(known, estimator, None))
     linkage = ModedLinkage(TwoModes(gains), position=(X_0, 0.0, 0.0), attitude=(0.0, 0.0, -TILT))
     tick = Tick(known, _WORLD, driver, overheard, allocator_of(known), _DT, linkage)
     parts = MinimumPowerAllocator(known.coils.current_limit, resistance=known.coils.resistance)
@@ -135,9 +135,9 @@ def two_phases(
                 report(n / total)
     every, currents = np.array(rows), np.array(split)
 
-    def course(begin: float, end: float) -> Course:
+    def course(begin: float, end: float) -> PhaseRecord:
         keep = slice(round(begin / _DT), round(end / _DT))
-        return Course(layout, every[keep], *(currents[keep, part] for part in range(4)))
+        return PhaseRecord(layout, every[keep], *(currents[keep, part] for part in range(4)))
 
     # The hand takes a moment to get under way; the phases are what follows.
     return course(starts[1] + 0.1, starts[2]), course(starts[3], starts[3] + _PHASE_2 + 0.1)

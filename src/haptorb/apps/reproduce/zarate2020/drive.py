@@ -104,10 +104,10 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
         Item("drive-uncompensated", "zarate2020", "eq. (3)", "the same without the resistance estimate, least", None,
              without, "%", None),
     )  # fmt: skip
-    return found, lambda path: _drawn(course, path)
+    return found, lambda path: _draw_figure(course, path)
 
 
-def _drawn(course: DriveCourse, path: Path) -> Path:
+def _draw_figure(course: DriveCourse, path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

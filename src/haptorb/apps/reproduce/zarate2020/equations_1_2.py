@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Drawing, Report
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
@@ -21,7 +21,7 @@ from haptorb.physics.sources.dipole import MU0
 
 __all__ = ["items"]
 
-_AT = Place("zarate2020", "model", "§II.A")
+_AT = Citation("zarate2020", "model", "§II.A")
 _ME = 2.5  #: [A·m²] of the electromagnet, for the formulas
 
 
@@ -80,7 +80,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
                  (pull[50][1] / pull[50][0] - 1) / FORCE_JND, "1"),
     ]  # fmt: skip
     report(1.0)
-    return tuple(found), lambda path: _drawn(device, path)
+    return tuple(found), lambda path: _draw_figure(device, path)
 
 
 def _by_energy(alpha: float, d: float, m_p: float) -> Array:
@@ -125,7 +125,7 @@ def _flip() -> float:
     return float(degrees(angles[int(np.argmax(radial))] - angles[int(np.argmin(radial))]))
 
 
-def _drawn(device: SphericalElectromagnet, path: Path) -> Path:
+def _draw_figure(device: SphericalElectromagnet, path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Report
 from haptorb.apps.reproduce.zarate2020.drive import Drive, drive_course
 from haptorb.devices.electromagnet.api import electromagnet
@@ -18,7 +18,7 @@ from haptorb.sensing.calibration.magnetic_calibration import excitation, magneti
 
 __all__ = ["items"]
 
-_AT = Place("zarate2020", "drive", "§II.C")
+_AT = Citation("zarate2020", "drive", "§II.C")
 
 
 def items(report: Report) -> tuple[tuple[Item, ...], None]:
@@ -26,7 +26,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     device = electromagnet(load("omni"))
     cold = device.coils.resistance_at(np.full(3, device.coils.heat.ambient))
     field = float(dipole.field((0, 0, 2.82), (0, 0, 0.055))[2])
-    found_m = _calibrated(device)
+    found_m = _calibrate(device)
     truth = device.moment_per_current
     report(0.5)
     course = drive_course(device)
@@ -55,7 +55,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.says("6-resistance", "(6): resistance of a coil 60 K warmer, estimated over the true one, after 0.2 s", 1.0,
                  (course.estimate[late] / course.resistance[late]).mean(), "1", 0.01, "noise of the current sensor",
                  where="eq. (6)"),
-        _AT.unchecked("5-five", "calibration 'with the help of five hall sensors'", "which five is not said; ours "
+        _AT.exempt("5-five", "calibration 'with the help of five hall sensors'", "which five is not said; ours "
                       "takes all nine", "eq. (5)"),
     )  # fmt: skip
     report(1.0)
@@ -70,7 +70,7 @@ def _duty(device: SphericalElectromagnet, ampere: float) -> float:
     return float(drive.duties(wish, none, none)[0])
 
 
-def _calibrated(device: SphericalElectromagnet) -> Array:
+def _calibrate(device: SphericalElectromagnet) -> Array:
     rng = np.random.default_rng(5)
     wanted = excitation(device)
     currents = wanted + device.supply.current_noise * rng.normal(size=wanted.shape)

@@ -26,7 +26,7 @@ from haptorb.worlds.maps.dome import Dome
 from haptorb.worlds.maps.terrain import Terrain
 from haptorb.worlds.world import World
 
-__all__ = ["felt_map", "given_course", "items", "radial_zero"]
+__all__ = ["compute_given_forces", "items", "radial_zero", "tilt_force_map"]
 
 _NARROW, _CUT = 18.0, 54.0  #: θ1 = π/10 and θ2 = 3π/10 [°]
 _EVERY = 4  #: along the meridian, what is given is computed at every fourth angle
@@ -43,7 +43,7 @@ def course(world: World, angles: Array, distance: float) -> Array:
     return np.array(found)
 
 
-def given_course(device: SphericalElectromagnet, world: World, angles: Array) -> Array:
+def compute_given_forces(device: SphericalElectromagnet, world: World, angles: Array) -> Array:
     """(n, 2) [N] the same, as the exact inverse's currents really give it to the tool in contact."""
     allocator = LeastSquaresAllocator.force(device.coils.current_limit, compensate_passive=True)
     found = []
@@ -69,7 +69,7 @@ def radial_zero(world: World, distance: float, top: float = np.pi) -> float:
     return float(brentq(lambda a: course(world, np.array([a]), distance)[0, 0], low, high))
 
 
-def felt_map(world: World, distance: float, half: float, size: int) -> tuple[Array, Array, Array]:
+def tilt_force_map(world: World, distance: float, half: float, size: int) -> tuple[Array, Array, Array]:
     """Tilt east and north (size,) [rad], radial force (size, size) [N], and force aside (size, size, 2) [N], seen from
     above with tilt as distance from the middle; NaN beyond `half` [rad]."""
     axis = np.linspace(-half, half, size)
@@ -101,7 +101,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
     plain = Dome(half_width_deg=90.0, cut_off_deg=180.0, moment=_MOMENT).for_device(device)
     sharp = Dome(half_width_deg=_NARROW, cut_off_deg=_CUT, moment=_MOMENT).for_device(device)
     angles = np.radians(np.linspace(0.5, 60.0, 60))
-    asked, given = course(sharp, angles, d), given_course(device, sharp, angles[::_EVERY])
+    asked, given = course(sharp, angles, d), compute_given_forces(device, sharp, angles[::_EVERY])
     report(0.4)
     ends = course(plain, np.array([1e-6, np.pi - 1e-6]), d)[:, 0]
     edge = _edge(sharp, d)
@@ -125,9 +125,9 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
     )  # fmt: skip
     surface = Terrain().for_device(device)
     report(0.6)
-    maps = [felt_map(world, d, np.radians(60.0), 41) for world in (plain, sharp, surface)]
+    maps = [tilt_force_map(world, d, np.radians(60.0), 41) for world in (plain, sharp, surface)]
     report(1.0)
-    return found, lambda path: _drawn(maps, angles, asked, given, surface, path)
+    return found, lambda path: _draw_figure(maps, angles, asked, given, surface, path)
 
 
 def _angle(name: str, what: str, published: float, computed: float, erratum: str, corrected: float | None) -> Item:
@@ -155,7 +155,7 @@ def _against_dipoles(device: SphericalElectromagnet, plain: World) -> float:
     return worst
 
 
-def _drawn(maps: list[Any], angles: Array, asked: Array, given: Array, surface: Terrain, path: Path) -> Path:
+def _draw_figure(maps: list[Any], angles: Array, asked: Array, given: Array, surface: Terrain, path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import quad
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Drawing, Report
 from haptorb.control.allocation.least_squares import LeastSquaresAllocator
 from haptorb.devices.electromagnet.api import electromagnet
@@ -22,7 +22,7 @@ from haptorb.worlds.maps.dome import Dome
 
 __all__ = ["items"]
 
-_AT = Place("zarate2020", "fig3", "Fig. 3")
+_AT = Citation("zarate2020", "fig3", "Fig. 3")
 _EXACT = "floating point"
 
 
@@ -35,36 +35,36 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     theta_1, d = radians(18.0), dome.contact_distance
     printed = 2 * theta_1 / pi
     found = [
-        _AT.says("summit", "F_r at the summit over F₀: 2", 2.0, _felt(dome, 0.0, d)[0] / F0, "1", 1e-12, _EXACT),
+        _AT.says("summit", "F_r at the summit over F₀: 2", 2.0, _force(dome, 0.0, d)[0] / F0, "1", 1e-12, _EXACT),
         _AT.says("first-zero", "angle where the printed F_r vanishes first, and where the map's does", 450.0,
                  _first_zero(dome), "°", 1e-6, _EXACT, erratum="E13", corrected=18.0),
         _AT.says("at-18", "F_r at θ₁ = 18° over the summit's", cos(printed * theta_1),
-                 _felt(dome, 18.0, d)[0] / (2 * F0), "1", 1e-12, _EXACT, erratum="E13", corrected=0.0),
+                 _force(dome, 18.0, d)[0] / (2 * F0), "1", 1e-12, _EXACT, erratum="E13", corrected=0.0),
         _AT.says("at-36", "F_r at 36° over the summit's: the valley around the hill", cos(printed * 2 * theta_1),
-                 _felt(dome, 36.0, d)[0] / (2 * F0), "1", 1e-12, _EXACT, erratum="E13", corrected=-1.0),
-        _AT.says("tangent-18", "F_t at 18° over F₀", sin(printed * theta_1), _felt(dome, 18.0, d)[1] / F0, "1", 1e-12,
+                 _force(dome, 36.0, d)[0] / (2 * F0), "1", 1e-12, _EXACT, erratum="E13", corrected=-1.0),
+        _AT.says("tangent-18", "F_t at 18° over F₀", sin(printed * theta_1), _force(dome, 18.0, d)[1] / F0, "1", 1e-12,
                  _EXACT, erratum="E13", corrected=1.0),
-        _AT.says("cut-off", "force at 54.01°, from where the potential is zero", 0.0, np.hypot(*_felt(dome, 54.01, d)),
+        _AT.says("cut-off", "force at 54.01°, from where the potential is zero", 0.0, np.hypot(*_force(dome, 54.01, d)),
                  "N", 1e-12, _EXACT),
         _AT.item("before-cut-off", "angle θ₂ where it ends, found in the map", 54.0, _end(dome), "°", 0.02,
                  "bisection"),
-        _AT.says("reach", "force at d_max, 70 mm", 0.0, np.hypot(*_felt(dome, 0.0, 0.07)), "N", 1e-12, _EXACT),
+        _AT.says("reach", "force at d_max, 70 mm", 0.0, np.hypot(*_force(dome, 0.0, 0.07)), "N", 1e-12, _EXACT),
         _AT.says("fall", "F_r at 60 mm over that at contact: (|r₀|/|r_p|)⁴", (5 / 6) ** 4,
-                 _felt(dome, 0.0, 0.06)[0] / _felt(dome, 0.0, d)[0], "1", 1e-9, _EXACT),
+                 _force(dome, 0.0, 0.06)[0] / _force(dome, 0.0, d)[0], "1", 1e-9, _EXACT),
         _AT.says("plain", "θ₁ = π/2: greatest difference to the force of two magnets, over F₀", 0.0,
                  _from_magnets(plain) / F0, "1", 1e-9, "'we recover a permanent magnet'", erratum="E12"),
         _AT.item("theta-1", "θ₁ = π/10 of Fig. 2, in degrees", 18.0, degrees(pi / 10), "°", 1e-9, where="Fig. 2"),
         _AT.item("theta-2", "θ₂ = 3π/10 of Fig. 2, in degrees", 54.0, degrees(3 * pi / 10), "°", 1e-9, where="Fig. 2"),
         *_inverse(device.tool.moment),
         _AT.says("inverse-currents", "force of the allocator's currents against the one asked, relative", 0.0,
-                 _allocated(), "1", 1e-9, "any direction, dipole level"),
+                 _allocation_error(), "1", 1e-9, "any direction, dipole level"),
         _AT.says("cycle", "work given per round out over the summit, aside, in and back", 0.0, _round_trip(18.0), "mJ",
                  0.01, "quadrature; a potential would give none", erratum="E19", corrected=4.11, where="§II.A"),
         _AT.says("cycle-60", "the same at θ₁ = 60°, k = 1.5, the one map that is a gradient", 0.0, _round_trip(60.0),
                  "mJ", 1e-6, "quadrature", where="§II.A"),
     ]  # fmt: skip
     report(1.0)
-    return tuple(found), lambda path: _drawn(dome, F0, path)
+    return tuple(found), lambda path: _draw_figure(dome, F0, path)
 
 
 def _radial(alpha: float, d: float) -> tuple[Array, Array, Array]:
@@ -72,7 +72,7 @@ def _radial(alpha: float, d: float) -> tuple[Array, Array, Array]:
     return d * out, out, np.array([cos(alpha), 0.0, -sin(alpha)])
 
 
-def _felt(dome: Dome, alpha_deg: float, d: float) -> tuple[float, float]:
+def _force(dome: Dome, alpha_deg: float, d: float) -> tuple[float, float]:
     """F_r and F_t [N] at an angle from the summit and a distance."""
     p, out, away = _radial(radians(alpha_deg), d)
     force = dome.wrench(State.at(p))[:3]
@@ -82,14 +82,14 @@ def _felt(dome: Dome, alpha_deg: float, d: float) -> tuple[float, float]:
 def _first_zero(dome: Dome) -> float:
     from scipy.optimize import brentq
 
-    return float(brentq(lambda a: _felt(dome, a, dome.contact_distance)[0], 1.0, 30.0, xtol=1e-10))
+    return float(brentq(lambda a: _force(dome, a, dome.contact_distance)[0], 1.0, 30.0, xtol=1e-10))
 
 
 def _end(dome: Dome) -> float:
     low, high = 50.0, 58.0
     while high - low > 1e-3:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if np.hypot(*_felt(dome, middle, dome.contact_distance)) else (low, middle)
+        low, high = (middle, high) if np.hypot(*_force(dome, middle, dome.contact_distance)) else (low, middle)
     return 0.5 * (low + high)
 
 
@@ -120,7 +120,7 @@ def _inverse(m_p: float) -> list[Item]:
     return rows
 
 
-def _allocated() -> float:
+def _allocation_error() -> float:
     device = electromagnet(load("omni"))
     allocator = LeastSquaresAllocator.force(1e3 * device.coils.current_limit)
     worst, rng = 0.0, np.random.default_rng(3)
@@ -137,12 +137,12 @@ def _round_trip(theta_1: float) -> float:
     """[mJ] out over the summit to 70 mm, down the far side, in, and back up the near side."""
     dome = Dome(half_width_deg=theta_1, cut_off_deg=180, moment=2.4, reach=1.0)
     near, far, edge = 0.05, 0.07, min(theta_1, 54.0)
-    out = quad(lambda d: _felt(dome, 0.0, d)[0] - _felt(dome, edge, d)[0], near, far)[0]
-    down, up = (quad(lambda a, d=d: _felt(dome, degrees(a), d)[1] * d, 0, radians(edge))[0] for d in (far, near))
+    out = quad(lambda d: _force(dome, 0.0, d)[0] - _force(dome, edge, d)[0], near, far)[0]
+    down, up = (quad(lambda a, d=d: _force(dome, degrees(a), d)[1] * d, 0, radians(edge))[0] for d in (far, near))
     return 1e3 * float(out + down - up)
 
 
-def _drawn(dome: Dome, F0: float, path: Path) -> Path:
+def _draw_figure(dome: Dome, F0: float, path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -150,7 +150,7 @@ def _drawn(dome: Dome, F0: float, path: Path) -> Path:
     FigureCanvasAgg(figure)
     panel = figure.subplots()
     alpha = np.linspace(0, 60, 500)
-    used = np.array([_felt(dome, a, dome.contact_distance) for a in alpha]) / F0
+    used = np.array([_force(dome, a, dome.contact_distance) for a in alpha]) / F0
     panel.plot(alpha, used[:, 0], "C0", label="F_r, argument α π/(2θ₁)")
     panel.plot(alpha, used[:, 1], "C2", label="F_t, the same")
     panel.plot(alpha, np.where(alpha < 54, 2 * np.cos(np.radians(alpha) * 0.2), 0), "C0--", label="F_r as printed")

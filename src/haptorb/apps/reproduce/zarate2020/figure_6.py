@@ -44,7 +44,7 @@ class ThermalCourse:
     body: Array  #: the true one [K]
     ambient: float  #: [K]
 
-    def identified(self) -> ThermalIdentification:
+    def identify(self) -> ThermalIdentification:
         """Two nodes from the record."""
         return thermal_identification(self.t, self.power, self.inside, self.outside, self.ambient)
 
@@ -98,7 +98,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
     device = electromagnet(load("omni"))
     course = heating_course(device)
     report(0.5)
-    found = course.identified()
+    found = course.identify()
     rise = device.coils.heat.derate - device.coils.heat.ambient
     model = found.model
     sustained = rise / (1 / model.winding_to_body + 1 / model.body_to_air)
@@ -116,10 +116,10 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
         one("half", "seconds at half duty from cold, from the record", 60.0, found.endurance(rise, 60.0), "s"),
         Item("fig6-peak", "zarate2020", "Fig. 6", "winding after 3 min at 30 % duty", None,
              float(np.nanmax(course.inside)) - 273.15, "°C", None),
-    ), lambda path: _drawn(course, found, path)  # fmt: skip
+    ), lambda path: _draw_figure(course, found, path)  # fmt: skip
 
 
-def _drawn(course: ThermalCourse, found: ThermalIdentification, path: Path) -> Path:
+def _draw_figure(course: ThermalCourse, found: ThermalIdentification, path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

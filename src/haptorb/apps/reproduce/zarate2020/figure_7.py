@@ -19,7 +19,7 @@ from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources import dipole
-from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.trackers.tracker import Goal
 from haptorb.sensing.calibration.magnetic_calibration import MagneticCalibration, excitation, magnetic_calibration
 
@@ -93,10 +93,10 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
              None, why="the simulated device knows its own map; a real one does not"),
     ]  # fmt: skip
     report(1.0)
-    return tuple(found), lambda path: _drawn(course, names, path)
+    return tuple(found), lambda path: _draw_figure(course, names, path)
 
 
-def _drawn(course: MomentCourse, names: tuple[str, ...], path: Path) -> Path:
+def _draw_figure(course: MomentCourse, names: tuple[str, ...], path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -6,8 +6,8 @@ from math import log10, pi, sqrt
 
 import numpy as np
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Report
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.loader import load
@@ -17,7 +17,7 @@ from haptorb.physics.thermal import TwoNode, single_time_constant
 
 __all__ = ["items"]
 
-_AT = Place("zarate2020", "power", "§III")
+_AT = Citation("zarate2020", "power", "§III")
 
 
 def items(report: Report) -> tuple[tuple[Item, ...], None]:
@@ -79,7 +79,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.item("force-rank", "independent force components at contact: 'three'", 3, fmap, where="§V"),
         _AT.says("torque-rank", "independent torque components: 'a specific torque map'", 2, rank, "1", 0.0,
                  "a moment feels no torque about itself, so a torque map has two components, not three", where="§V"),
-        _AT.unchecked("stronger", "more force with a larger magnet, less angular resolution, more weight",
+        _AT.exempt("stronger", "more force with a larger magnet, less angular resolution, more weight",
                       "a direction without numbers"),
     )  # fmt: skip
     report(1.0)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.zarate2020.hall_trial import shell_places, tried
+from haptorb.apps.reproduce.zarate2020.hall_trial import shell_places, try_hall_tracker
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.numerics.arrays import Array
@@ -89,7 +89,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
         for noise in _NOISES:
             maps[name, noise, amperes] = position_map(placed, distances, angles, noise=noise, amperes=amperes)
         best = np.sqrt(weights @ bound(placed, places, amperes) ** 2)
-        reached = tried(placed, places, amperes / _FULL, calibration=_CALIBRATED if amperes else 0.0)
+        reached = try_hall_tracker(placed, places, amperes / _FULL, calibration=_CALIBRATED if amperes else 0.0)
         rms = np.sqrt(weights @ reached[:, :2] ** 2)
         where = f"{name}, {'all coils at 20 A' if amperes else 'currents off'}, 0.02 mT, 100 Hz"
         key = f"hall-{name.replace(' ', '-')}-{amperes:.0f}"
@@ -102,10 +102,10 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
         found.append(Item(f"{key}-found", "zarate2020", "§VI", f"share of ticks in which the tool is found: {where}",
                           None, float(weights @ reached[:, 2]), "1", None))  # fmt: skip
         report((n + 1) / len(cases))
-    return tuple(found), lambda path: _drawn(maps, list(placements(device)), distances, angles, path)
+    return tuple(found), lambda path: _draw_figure(maps, list(placements(device)), distances, angles, path)
 
 
-def _drawn(
+def _draw_figure(
     maps: dict[tuple[str, float, float], Array], names: list[str], distances: Array, angles: Array, path: Path
 ) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg

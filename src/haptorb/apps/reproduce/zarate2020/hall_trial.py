@@ -17,7 +17,7 @@ from haptorb.numerics.arrays import Array
 from haptorb.sensing.tool.tool_position import HallTracker
 from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
 
-__all__ = ["clamped", "shell_places", "tried"]
+__all__ = ["clamp_tool", "shell_places", "try_hall_tracker"]
 
 _SETTLED = 40  #: ticks after which currents and filter are what they stay
 
@@ -40,7 +40,7 @@ def shell_places(device: SphericalElectromagnet, count: int = 4) -> tuple[Array,
     return places, weights
 
 
-def tried(
+def try_hall_tracker(
     device: SphericalElectromagnet, places: Array, duty: float, *, calibration: float = 0.0, ticks: int = 120,
     bandwidth: float = 100.0, seed: int = 0,
 ) -> Array:  # fmt: skip
@@ -50,7 +50,7 @@ def tried(
     duty [1] on every coil; calibration: standard deviation of each entry of the moment map that the tracker believes,
     as a share of its column, drawn anew for each place.
     """
-    rng, still = np.random.default_rng(seed), clamped(device)
+    rng, still = np.random.default_rng(seed), clamp_tool(device)
     out = np.empty((len(places), 3))
     duties = np.full(device.channels, duty)
     for row, p in zip(out, places, strict=True):
@@ -75,7 +75,7 @@ def tried(
     return out
 
 
-def clamped(device: SphericalElectromagnet) -> SphericalElectromagnet:
+def clamp_tool(device: SphericalElectromagnet) -> SphericalElectromagnet:
     """`device` with its tool in a vice instead of a hand: full currents would push it off its place."""
     hand = device.hand
     vice = Hand(1e3, hand.damping, hand.stiffness, hand.turn_damping, hand.turn_stiffness)

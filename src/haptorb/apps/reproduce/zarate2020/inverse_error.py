@@ -87,10 +87,10 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
              "greatest error of the dipole inverse, magnet's length and core's pull together", None, 1e3 * worst,
              "mN", None)
     )  # fmt: skip
-    return tuple(found), lambda path: _drawn(maps, distances, angles, path)
+    return tuple(found), lambda path: _draw_figure(maps, distances, angles, path)
 
 
-def _drawn(maps: dict[str, list[Array]], distances: Array, angles: Array, path: Path) -> Path:
+def _draw_figure(maps: dict[str, list[Array]], distances: Array, angles: Array, path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

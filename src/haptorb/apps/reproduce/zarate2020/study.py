@@ -9,22 +9,22 @@ from typing import Any
 
 import numpy as np
 
+from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.place import Place
 from haptorb.apps.reproduce.registry import Drawing, Report
 from haptorb.apps.study.model.order import plan
-from haptorb.apps.study.model.set_points import directions, published
+from haptorb.apps.study.model.set_points import directions, list_published
 from haptorb.apps.study.model.study_file import study_of
 
 __all__ = ["items"]
 
-_AT = Place("zarate2020", "study", "§IV")
+_AT = Citation("zarate2020", "study", "§IV")
 _PEOPLE = "answers of people; `haptorb study run` runs the same procedure and computes the same figures"
 
 
 def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     """Set-points, order and counts of the study as the kit runs it."""
-    points = published()
+    points = list_published()
     u = directions(points)
     apart = np.degrees(np.arccos(np.clip(u @ u.T, -1, 1))) + 360 * np.eye(len(points))
     rings = sorted({point.theta_deg for point in points})
@@ -34,7 +34,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
                for one in plans]  # fmt: skip
     numbers = [[prompt["set_point"] for prompt in one] for one in prompts]
     report(0.7)
-    world = study.rendered(study.conditions[0].name, points[0].number)
+    world = study.make_world(study.conditions[0].name, points[0].number)
     cap = (1 - cos(radians(54 + 9))) / (1 - cos(radians(9)))
     found = (
         _AT.item("points", "set-points", 25, len(points)),
@@ -55,28 +55,28 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.item("theta-2", "θ₂ of it", 54.0, getattr(world, "cut_off_deg", float("nan")), "°", 1e-9),
         _AT.says("repulsive", "sign of its moment: 'only repulsive forces'", 1.0,
                  np.sign(getattr(world, "moment", float("nan"))), "1", 0.0, "a direction"),
-        _AT.unchecked("confusion", "confusion matrix of 25 set-points, answers drawn to the neighbour higher up",
+        _AT.exempt("confusion", "confusion matrix of 25 set-points, answers drawn to the neighbour higher up",
                       _PEOPLE, "Fig. 8"),
         *(
-            _AT.unchecked(f"error-{theta}", f"error at θ = {theta}°: {text} mm", _PEOPLE, "Fig. 9")
+            _AT.exempt(f"error-{theta}", f"error at θ = {theta}°: {text} mm", _PEOPLE, "Fig. 9")
             for theta, text in ((0, "2.5 ± 1.4"), (18, "5.7 ± 4.6"), (36, "6.5 ± 5.2"), (54, "7.2 ± 5.1"))
         ),
-        _AT.unchecked("grows", "error grows with θ, gravity as a reason", _PEOPLE, "Fig. 9"),
-        _AT.unchecked("arrows", "arrows where a third of the wrong answers went to one point", _PEOPLE, "Fig. 8"),
-        _AT.unchecked("discern", "'users can discern at least 25 locations'", _PEOPLE, "Abstract"),
+        _AT.exempt("grows", "error grows with θ, gravity as a reason", _PEOPLE, "Fig. 9"),
+        _AT.exempt("arrows", "arrows where a third of the wrong answers went to one point", _PEOPLE, "Fig. 8"),
+        _AT.exempt("discern", "'users can discern at least 25 locations'", _PEOPLE, "Abstract"),
     )  # fmt: skip
     report(1.0)
-    return found, _drawn
+    return found, _draw_figure
 
 
-def _drawn(path: Path) -> Path:
+def _draw_figure(path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5, 5), layout="constrained")
     FigureCanvasAgg(figure)
     panel = figure.subplots()
-    for point in published():
+    for point in list_published():
         x, y = point.theta_deg * cos(radians(point.phi_deg)), point.theta_deg * np.sin(radians(point.phi_deg))
         panel.plot(x, y, "o", ms=22, mfc="C0", mec="none", alpha=0.25)
         panel.text(x, y, str(point.number), ha="center", va="center", fontsize=9)

@@ -19,7 +19,7 @@ from haptorb.apps.study.store.columns import Columns
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 
-__all__ = ["Analysis", "Arrow", "Comparison", "Confusion", "Ring", "analysed"]
+__all__ = ["Analysis", "Arrow", "ConditionComparison", "Confusion", "LatitudeError", "analyse"]
 
 WANDERED = 1 / 3  #: an arrow is drawn where this share of the wrong answers, or more, went to one set-point
 
@@ -51,7 +51,7 @@ class Arrow:
 
 
 @dataclass(frozen=True)
-class Ring:
+class LatitudeError:
     """Error of the set-points at one θ."""
 
     theta_deg: float
@@ -63,7 +63,7 @@ class Ring:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ConditionComparison:
     """Two conditions, participants as pairs: sign-flip test of the mean difference a − b."""
 
     what: str
@@ -86,12 +86,12 @@ class Analysis:
     trips: int  #: trials in which the device tripped
     confusion: Confusion | None = None
     arrows: tuple[Arrow, ...] = ()
-    rings: tuple[Ring, ...] = ()
+    rings: tuple[LatitudeError, ...] = ()
     curves: dict[str, tuple[Array, Array, Array, Curve]] = field(default_factory=dict)  #: (levels, yes, of, fit)
     thresholds: dict[str, dict[str, float]] = field(default_factory=dict)  #: condition → participant → threshold
     scores: dict[str, tuple[float, float, int]] = field(default_factory=dict)  #: condition → (mean, sd, ratings)
     chosen: dict[tuple[str, str], tuple[int, int, tuple[float, float]]] = field(default_factory=dict)
-    comparisons: tuple[Comparison, ...] = ()
+    comparisons: tuple[ConditionComparison, ...] = ()
 
     @property
     def origin(self) -> str:
@@ -147,7 +147,7 @@ class Analysis:
         return found
 
 
-def analysed(study: Study, columns: Columns, procedures: dict[str, Procedure] | None = None) -> Analysis:
+def analyse(study: Study, columns: Columns, procedures: dict[str, Procedure] | None = None) -> Analysis:
     """The analysis of `study` from its tidy `columns`; `procedures` by participant code give adaptive thresholds."""
     practice = columns["phase"] == "practice"
     main = {name: values[~practice] for name, values in columns.items()}
@@ -168,7 +168,7 @@ def analysed(study: Study, columns: Columns, procedures: dict[str, Procedure] | 
     if study.procedure == "rating":
         parts["scores"] = {str(n): _scores(main, str(n)) for n in dict.fromkeys(main["condition"].tolist())}
     if study.procedure == "forced-choice":
-        parts["chosen"] = _chosen(main)
+        parts["chosen"] = _pair_choices(main)
     return Analysis(
         study, len(people), len(main["trial"]), int(practice.sum()), len(simulated),
         int(np.count_nonzero(main["safety"] != "")), comparisons=_comparisons(study, main, people), **parts,
@@ -211,7 +211,7 @@ def _arrows(confusion: Confusion) -> tuple[Arrow, ...]:
     return tuple(found)
 
 
-def _rings(main: Columns, index: np.ndarray[Any, Any], people: int) -> tuple[Ring, ...]:
+def _rings(main: Columns, index: np.ndarray[Any, Any], people: int) -> tuple[LatitudeError, ...]:
     found = []
     for theta in np.unique(main["theta_deg"][np.isfinite(main["theta_deg"])]):
         here = (main["theta_deg"] == theta) & np.isfinite(main["distance_mm"])
@@ -223,7 +223,7 @@ def _rings(main: Columns, index: np.ndarray[Any, Any], people: int) -> tuple[Rin
             own = np.bincount(index[here], error, people) / counts
         low, high = bootstrap(own)
         sd = float(error.std(ddof=1)) if len(error) > 1 else math.nan
-        found.append(Ring(float(theta), len(error), float(error.mean()), sd, float(low), float(high)))
+        found.append(LatitudeError(float(theta), len(error), float(error.mean()), sd, float(low), float(high)))
     return tuple(found)
 
 
@@ -256,7 +256,7 @@ def _scores(main: Columns, name: str) -> tuple[float, float, int]:
     return float(given.mean()), float(given.std(ddof=1)) if len(given) > 1 else math.nan, len(given)
 
 
-def _chosen(main: Columns) -> dict[tuple[str, str], tuple[int, int, tuple[float, float]]]:
+def _pair_choices(main: Columns) -> dict[tuple[str, str], tuple[int, int, tuple[float, float]]]:
     found = {}
     for a, b in dict.fromkeys(zip(main["condition"].tolist(), main["other"].tolist(), strict=True)):
         here = (main["condition"] == a) & (main["other"] == b)
@@ -265,7 +265,7 @@ def _chosen(main: Columns) -> dict[tuple[str, str], tuple[int, int, tuple[float,
     return found
 
 
-def _comparisons(study: Study, main: Columns, people: np.ndarray[Any, Any]) -> tuple[Comparison, ...]:
+def _comparisons(study: Study, main: Columns, people: np.ndarray[Any, Any]) -> tuple[ConditionComparison, ...]:
     """Pairs of conditions by accuracy, error and rating, where both were met by at least two participants."""
     measures = {
         "identification": [("accuracy", "correct"), ("error [mm]", "distance_mm")],
@@ -283,7 +283,7 @@ def _comparisons(study: Study, main: Columns, people: np.ndarray[Any, Any]) -> t
                 if len(one) and len(two):
                     pairs.append(float(one.mean() - two.mean()))
             if len(pairs) > 1:
-                found.append(Comparison(what, a, b, float(np.mean(pairs)), len(pairs), sign_flip(pairs)))
+                found.append(ConditionComparison(what, a, b, float(np.mean(pairs)), len(pairs), sign_flip(pairs)))
     return tuple(found)
 
 

@@ -28,7 +28,7 @@ def figures(analysis: Analysis) -> dict[str, Figure]:
     return found
 
 
-def _begun(analysis: Analysis, title: str, size: tuple[float, float]) -> Figure:
+def _new_figure(analysis: Analysis, title: str, size: tuple[float, float]) -> Figure:
     figure = Figure(figsize=size, layout="constrained")
     figure.suptitle(title, x=0.01, ha="left", fontweight="bold", color=_INK)
     figure.supxlabel(analysis.origin, x=0.01, ha="left", fontsize=8, color=_RED if analysis.simulated else _INK)
@@ -38,7 +38,7 @@ def _begun(analysis: Analysis, title: str, size: tuple[float, float]) -> Figure:
 def _confusion(analysis: Analysis) -> Figure:
     c = analysis.confusion
     assert c is not None
-    figure = _begun(analysis, "Answered against prompted set-point, averaged over participants", (7.2, 6.6))
+    figure = _new_figure(analysis, "Answered against prompted set-point, averaged over participants", (7.2, 6.6))
     axes = figure.subplots()
     shown = axes.imshow(c.matrix, cmap=_SHADE, vmin=0, vmax=1)
     ticks = range(len(c.numbers))
@@ -57,7 +57,7 @@ def _confusion(analysis: Analysis) -> Figure:
 def _answers(analysis: Analysis) -> Figure:
     c = analysis.confusion
     assert c is not None
-    figure = _begun(analysis, "Identified, and where a third or more of the wrong answers went", (6.8, 6.6))
+    figure = _new_figure(analysis, "Identified, and where a third or more of the wrong answers went", (6.8, 6.6))
     axes = figure.subplots(subplot_kw={"projection": "polar"})
     assert isinstance(axes, PolarAxes)
     places = {
@@ -89,7 +89,7 @@ def _answers(analysis: Analysis) -> Figure:
 
 
 def _error(analysis: Analysis) -> Figure:
-    figure = _begun(analysis, "Distance between answered and true place", (6.4, 4.4))
+    figure = _new_figure(analysis, "Distance between answered and true place", (6.4, 4.4))
     axes = figure.subplots()
     theta = [ring.theta_deg for ring in analysis.rings]
     axes.errorbar(
@@ -114,7 +114,7 @@ def _curves(analysis: Analysis) -> Figure:
     import numpy as np
 
     levels = analysis.study.levels
-    figure = _begun(analysis, "How often the comparison was called the stronger", (6.4, 4.4))
+    figure = _new_figure(analysis, "How often the comparison was called the stronger", (6.4, 4.4))
     axes = figure.subplots()
     for n, (name, (x, yes, of, fit)) in enumerate(analysis.curves.items()):
         axes.plot(x, yes / of, "o", color=f"C{n}")

@@ -11,10 +11,10 @@ from sqlalchemy.engine import Engine
 
 from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.asking.prompt import Answer
-from haptorb.apps.study.analysis.analysis import Analysis, analysed
+from haptorb.apps.study.analysis.analysis import Analysis, analyse
 from haptorb.apps.study.model.order import procedure_of
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.store.columns import Columns, studied, tidy
+from haptorb.apps.study.store.columns import Columns, read_study, tidy
 from haptorb.apps.study.store.database import database, participants, sessions
 
 __all__ = ["analysis_of"]
@@ -23,10 +23,10 @@ __all__ = ["analysis_of"]
 def analysis_of(place: str | Path, name: str | None = None) -> Analysis:
     """The analysis of the study called `name` (the only one, if there is one) in the database at `place`."""
     engine = database(place, make=False)
-    study = studied(engine, name)
+    study = read_study(engine, name)
     columns = tidy(engine, study)
     adaptive = study.procedure in ("staircase", "bayesian")
-    return analysed(study, columns, _procedures(engine, study, columns) if adaptive else None)
+    return analyse(study, columns, _procedures(engine, study, columns) if adaptive else None)
 
 
 def _procedures(engine: Engine, study: Study, columns: Columns) -> dict[str, Procedure]:
@@ -42,6 +42,6 @@ def _procedures(engine: Engine, study: Study, columns: Columns) -> dict[str, Pro
     for code, stored in rows:
         procedure: Procedure = procedure_of(study, json.loads(stored))
         for value in columns["answer"][columns["participant"] == code]:
-            procedure = procedure.answered(Answer(None if np.isnan(value) else int(value)))
+            procedure = procedure.record_answer(Answer(None if np.isnan(value) else int(value)))
         found[code] = procedure
     return found

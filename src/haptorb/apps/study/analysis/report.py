@@ -28,7 +28,7 @@ pre{white-space:pre-wrap;background:#f4f7f9;padding:1rem;font-size:13px}.quiet{c
 
 def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
     """The report as HTML, self-contained; `images` are its figures as PNG or SVG, drawn here if they are not given."""
-    drawn = {name: _image(data, name) for name, data in (images or _drawn(analysis, "png")).items()}
+    drawn = {name: _image(data, name) for name, data in (images or _draw_figures(analysis, "png")).items()}
     body = [
         f"<h1>{escape(analysis.study.name)}</h1>",
         f"<p class='{'simulated' if analysis.simulated else 'quiet'}'>{escape(analysis.origin)}</p>",
@@ -121,7 +121,7 @@ def write_report(analysis: Analysis, folder: str | Path, *, kind: str = "svg") -
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        images = _drawn(analysis, kind)
+        images = _draw_figures(analysis, kind)
         for name, data in images.items():
             (folder / f"{name}.{kind}").write_bytes(data)
         numbers = json.dumps(analysis.numbers(), indent=2, ensure_ascii=False)
@@ -132,7 +132,7 @@ def write_report(analysis: Analysis, folder: str | Path, *, kind: str = "svg") -
     return folder / "report.html"
 
 
-def _drawn(analysis: Analysis, kind: str) -> dict[str, bytes]:
+def _draw_figures(analysis: Analysis, kind: str) -> dict[str, bytes]:
     """Name → figure as a file; drawing is what takes time, so it is done once."""
     found = {}
     for name, figure in figures(analysis).items():

@@ -110,16 +110,18 @@ def psychometric_fit(
     if len(set(x.tolist())) < 2 or not (x.shape == k.shape == n.shape) or (k > n).any() or (n <= 0).any():
         raise InputError("a psychometric fit needs at least two different levels, each with 0 ≤ yes ≤ of and of ≥ 1")
     low = lapse if guess == 0.0 else guess
-    middle, spread = _fitted(x, k, n, low, lapse)
+    middle, spread = _fit_grid(x, k, n, low, lapse)
     curve = Curve(middle, spread, low, lapse, (middle, middle), (spread, spread))
     draw = np.random.default_rng(seed)
     p = curve(x)
-    again = np.array([_fitted(x, draw.binomial(n.astype(int), p).astype(float), n, low, lapse) for _ in range(samples)])
+    again = np.array(
+        [_fit_grid(x, draw.binomial(n.astype(int), p).astype(float), n, low, lapse) for _ in range(samples)]
+    )
     (a, c), (b, d) = np.percentile(again, (2.5, 97.5), axis=0)
     return Curve(middle, spread, low, lapse, (float(a), float(b)), (float(c), float(d)))
 
 
-def _fitted(x: Array, k: Array, n: Array, low: float, lapse: float) -> tuple[float, float]:
+def _fit_grid(x: Array, k: Array, n: Array, low: float, lapse: float) -> tuple[float, float]:
     """Best (middle, spread) on a grid that is refined about its best point: no start to choose, no failure to meet."""
     from scipy.special import ndtr
 

@@ -6,10 +6,10 @@ from rich.console import Console
 
 from haptorb.apps.study.analysis.analysis import Analysis
 
-__all__ = ["shown"]
+__all__ = ["print_summary"]
 
 
-def shown(analysis: Analysis, console: Console | None = None) -> None:
+def print_summary(analysis: Analysis, console: Console | None = None) -> None:
     """Print it for people."""
     out = console or Console(highlight=False)
     out.print(f"{analysis.study.name}: {analysis.trials} trials. [{'bold red' if analysis.simulated else 'dim'}]"

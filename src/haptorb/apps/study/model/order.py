@@ -8,20 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.asking.procedure import InTurn, Listed
+from haptorb.apps.asking.procedure import FixedOrder, ProcedureSequence
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.asking.rating import rating
 from haptorb.apps.study.model.bayesian import Bayesian
 from haptorb.apps.study.model.staircase import Staircase
 from haptorb.apps.study.model.study_file import Study
 
-__all__ = ["balanced", "plan", "procedure_of"]
+__all__ = ["balance_conditions", "plan", "procedure_of"]
 
 
-def balanced(conditions: int, participant: int) -> list[int]:
+def balance_conditions(conditions: int, participant: int) -> list[int]:
     """Order of `conditions` for the participant-th person: a Williams square, so that first-order carry-over evens out.
 
-    >>> [balanced(4, n) for n in range(4)]
+    >>> [balance_conditions(4, n) for n in range(4)]
     [[0, 1, 3, 2], [1, 2, 0, 3], [2, 3, 1, 0], [3, 0, 2, 1]]
     """
     first = [0]
@@ -41,16 +41,16 @@ def plan(study: Study, participant: int) -> dict[str, Any]:
     draw = np.random.default_rng([study.trials.seed, participant])
     names = [condition.name for condition in study.conditions]
     if study.trials.order == "counter-balanced":
-        names = [names[n] for n in balanced(len(names), participant)]
+        names = [names[n] for n in balance_conditions(len(names), participant)]
     parts: list[dict[str, Any]] = []
     if study.procedure in ("staircase", "bayesian"):
         for name in names:
             intervals = draw.integers(1, 3, study.levels.trials if study.levels else 0)
             parts.append({"kind": study.procedure, "condition": name, "intervals": intervals.tolist()})
     else:
-        main = [prompt for name in names for prompt in _shuffled(_prompts(study, name, draw), draw)]
+        main = [prompt for name in names for prompt in _shuffle(_prompts(study, name, draw), draw)]
         if study.trials.order == "random":
-            main = _shuffled(main, draw)
+            main = _shuffle(main, draw)
         every = study.trials.break_every
         main = [
             replace(prompt, pause=study.trials.break_seconds) if every and n and n % every == 0 else prompt
@@ -63,13 +63,13 @@ def plan(study: Study, participant: int) -> dict[str, Any]:
     return {"participant": participant, "seed": [study.trials.seed, participant], "parts": parts}
 
 
-def procedure_of(study: Study, stored: dict[str, Any]) -> InTurn:
+def procedure_of(study: Study, stored: dict[str, Any]) -> ProcedureSequence:
     """The procedure at its start, from a stored plan."""
-    parts: list[Listed | Staircase | Bayesian] = []
+    parts: list[FixedOrder | Staircase | Bayesian] = []
     for part in stored["parts"]:
         levels = study.levels
         if part["kind"] == "listed" or levels is None:
-            parts.append(Listed(tuple(Prompt.read(prompt) for prompt in part["prompts"])))
+            parts.append(FixedOrder(tuple(Prompt.read(prompt) for prompt in part["prompts"])))
             continue
         least, most = float(levels.least or 0), float(levels.most or 0)
         intervals = tuple(part["intervals"])
@@ -82,7 +82,7 @@ def procedure_of(study: Study, stored: dict[str, Any]) -> InTurn:
             )
         else:
             parts.append(Bayesian(levels.reference, least, most, intervals, part["condition"]))
-    return InTurn(tuple(parts))
+    return ProcedureSequence(tuple(parts))
 
 
 def _practice(study: Study) -> int:
@@ -117,5 +117,5 @@ def _prompts(study: Study, name: str, draw: np.random.Generator) -> list[Prompt]
     return [rating(name, (scale.low, scale.high), top)] * repetitions
 
 
-def _shuffled(prompts: list[Prompt], draw: np.random.Generator) -> list[Prompt]:
+def _shuffle(prompts: list[Prompt], draw: np.random.Generator) -> list[Prompt]:
     return [prompts[int(n)] for n in draw.permutation(len(prompts))]

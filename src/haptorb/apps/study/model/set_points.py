@@ -10,7 +10,7 @@ import numpy as np
 
 from haptorb.numerics.arrays import Array
 
-__all__ = ["SetPoint", "angles_between", "directions", "nearest", "published"]
+__all__ = ["SetPoint", "angles_between", "directions", "list_published", "nearest"]
 
 
 @dataclass(frozen=True)
@@ -29,13 +29,13 @@ class SetPoint:
 
 
 @cache
-def published() -> tuple[SetPoint, ...]:
+def list_published() -> tuple[SetPoint, ...]:
     """The 25 of Zárate 2020 Fig. 8: one on top, eight each at θ = 18, 36 and 54 deg.
 
     "25 evenly separated by 18°" and the four rings of Fig. 9 agree only so (erratum E17); which number belongs where
     the figure alone tells, so they are counted from the top, ring by ring.
 
-    >>> [sum(p.theta_deg == ring for p in published()) for ring in (0, 18, 36, 54)]
+    >>> [sum(p.theta_deg == ring for p in list_published()) for ring in (0, 18, 36, 54)]
     [1, 8, 8, 8]
     """
     rings = [(theta, 45.0 * k) for theta in (18.0, 36.0, 54.0) for k in range(8)]
@@ -57,7 +57,7 @@ def angles_between(a: Array, b: Array) -> Array:
 def nearest(points: tuple[SetPoint, ...], position: Array) -> int:
     """Number of the set-point in whose direction `position` (3,) lies most nearly.
 
-    >>> nearest(published(), np.array([0.1, 0.0, 1.0]))
+    >>> nearest(list_published(), np.array([0.1, 0.0, 1.0]))
     1
     """
     return points[int(np.argmax(directions(points) @ position))].number

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from haptorb import worlds
-from haptorb.apps.study.model.set_points import SetPoint, published
+from haptorb.apps.study.model.set_points import SetPoint, list_published
 from haptorb.apps.study.model.study_parts import (
     Condition,
     Levels,
@@ -18,16 +18,16 @@ from haptorb.apps.study.model.study_parts import (
     Part,
     Places,
     Question,
-    Rating,
+    RatingScale,
     Trials,
     Value,
 )
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
-from haptorb.errors import InputError, shown
+from haptorb.errors import InputError, quote
 from haptorb.files.text_file import read_text, toml_of
-from haptorb.worlds.parameter import checked_names, parameters
+from haptorb.worlds.parameter import check_names, parameters
 from haptorb.worlds.world import World
 
 __all__ = ["PROCEDURES", "Study", "read_study", "study_of"]
@@ -55,7 +55,7 @@ class Study(Part):
     trials: Trials = Trials()
     conditions: Annotated[tuple[Condition, ...], Field(max_length=100)] = (Condition(name="base"),)
     levels: Levels | None = None
-    rating: Rating = Rating()
+    rating: RatingScale = RatingScale()
     mask: Mask | None = None
     questions: Annotated[tuple[Question, ...], Field(max_length=200)] = ()
     _text: str = PrivateAttr("")
@@ -95,7 +95,7 @@ class Study(Part):
     def points(self) -> tuple[SetPoint, ...]:
         """The set-points, built in or its own."""
         if self.set_points.layout:
-            return published()
+            return list_published()
         return tuple(SetPoint(p.number, p.theta_deg, p.phi_deg) for p in self.set_points.points)
 
     def point(self, number: int) -> SetPoint:
@@ -112,11 +112,11 @@ class Study(Part):
             values[self.levels.parameter] = level
         return values
 
-    def rendered(self, condition: str, number: int = 0, level: float | None = None) -> World:
+    def make_world(self, condition: str, number: int = 0, level: float | None = None) -> World:
         """The world of one trial."""
-        return worlds.named(self.world)().changed(**self.values(condition, number, level))
+        return worlds.find_world(self.world)().replace(**self.values(condition, number, level))
 
-    def loaded_device(self) -> SphericalElectromagnet:
+    def load_device(self) -> SphericalElectromagnet:
         """The device; InputError if it has no dome to find places on."""
         return electromagnet(load(self.device), "a study, whose set-points lie on a dome,")
 
@@ -135,7 +135,7 @@ def study_of(text: str, where: str = "study") -> Study:
     try:
         study = Study.model_validate(raw)
         study._text = text
-        _checked(study)
+        _check_study(study)
     except ValidationError as cause:
         told = [f"{_place(e['loc'])}: {e['msg']}" for e in cause.errors()[:_MISTAKES]]
         more = cause.error_count() - len(told)
@@ -147,7 +147,7 @@ def study_of(text: str, where: str = "study") -> Study:
 
 
 def _place(path: tuple[int | str, ...]) -> str:
-    return ".".join(shown(part)[1:-1] if isinstance(part, str) else str(part) for part in path) or "the whole"
+    return ".".join(quote(part)[1:-1] if isinstance(part, str) else str(part) for part in path) or "the whole"
 
 
 def _levels(study: Study) -> None:
@@ -163,15 +163,15 @@ def _levels(study: Study) -> None:
         raise ValueError("a staircase needs levels.start between levels.least and levels.most")
 
 
-def _checked(study: Study) -> None:
-    kind = worlds.named(study.world)
+def _check_study(study: Study) -> None:
+    kind = worlds.find_world(study.world)
     for condition in study.conditions:
-        checked_names(kind, {**study.parameters, **condition.parameters})
+        check_names(kind, {**study.parameters, **condition.parameters})
         if "summit" in {**study.parameters, **condition.parameters}:
             raise InputError("parameters.summit is where the set-points go; leave it away")
     if "summit" not in parameters(kind):
         raise InputError(f"world '{study.world}' has no summit to put at a set-point; a study needs one that has: dome")
-    device = study.loaded_device()
+    device = study.load_device()
     limit = device.workspace_half_angle * 180 / 3.141592653589793
     for point in study.points:
         if point.theta_deg > limit + 1e-9:
@@ -182,9 +182,9 @@ def _checked(study: Study) -> None:
     shown: list[float | None] = [None]
     if study.levels is not None:
         if study.levels.parameter not in parameters(kind):
-            checked_names(kind, {study.levels.parameter: 0.0})
+            check_names(kind, {study.levels.parameter: 0.0})
         more = [level for level in (study.levels.least, study.levels.most, study.levels.start) if level is not None]
         shown = [study.levels.reference, *study.levels.values, *(study.levels.reference + m for m in more)]
     for condition in study.conditions:
         for level in shown:
-            study.rendered(condition.name, study.points[0].number, level).for_device(device)
+            study.make_world(condition.name, study.points[0].number, level).for_device(device)

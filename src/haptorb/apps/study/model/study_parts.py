@@ -18,7 +18,7 @@ __all__ = [
     "Place",
     "Places",
     "Question",
-    "Rating",
+    "RatingScale",
     "Real",
     "Trials",
     "Value",
@@ -100,7 +100,7 @@ class Levels(Part):
     trials: Annotated[Whole, Field(ge=4, le=2000)] = 60
 
 
-class Rating(Part):
+class RatingScale(Part):
     """The scale of a rating."""
 
     question: str = "How well does this feel?"
@@ -108,7 +108,7 @@ class Rating(Part):
     high: Annotated[Whole, Field(ge=1, le=100)] = SCALE[1]
 
     @model_validator(mode="after")
-    def _ordered(self) -> Self:
+    def _check_order(self) -> Self:
         if self.high <= self.low:
             raise ValueError(f"high must be greater than low; got {self.low} and {self.high}")
         return self
@@ -143,7 +143,7 @@ class Question(Part):
             raise ValueError("choices must differ")
         return self
 
-    def checked(self, reply: str) -> str:
+    def check_reply(self, reply: str) -> str:
         """`reply` without spaces about it; InputError if it does not answer this question."""
         told = reply.strip()
         if not told:

@@ -13,9 +13,9 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 
-from haptorb.apps.study.pages.room import Room
-from haptorb.apps.web.files import answered, page_files
-from haptorb.apps.web.gate import Doors
+from haptorb.apps.study.pages.socket_hub import StudySocketHub
+from haptorb.apps.web.access import AccessGate
+from haptorb.apps.web.files import page_files, respond
 from haptorb.errors import InputError
 
 __all__ = ["STATIC", "application"]
@@ -24,7 +24,7 @@ __all__ = ["STATIC", "application"]
 STATIC = Path(__file__).parent / "static"
 
 
-def application(room: Room) -> Starlette:
+def application(room: StudySocketHub) -> Starlette:
     """The ASGI application; InputError if the pages have not been built."""
     files = page_files(STATIC)
     if not {"participant.html", "experimenter.html"} <= set(files):
@@ -33,13 +33,13 @@ def application(room: Room) -> Starlette:
         )
 
     async def participant(request: Request) -> Response:
-        return answered(files, "participant.html")
+        return respond(files, "participant.html")
 
     async def experimenter(request: Request) -> Response:
-        return answered(files, "experimenter.html")
+        return respond(files, "experimenter.html")
 
     async def file(request: Request) -> Response:
-        return answered(files, request.path_params["name"])
+        return respond(files, request.path_params["name"])
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -59,6 +59,6 @@ def application(room: Room) -> Starlette:
             WebSocketRoute("/ws/participant", room.join_participant),
             WebSocketRoute("/ws/experimenter", room.join_experimenter),
         ],
-        middleware=[Middleware(Doors)],
+        middleware=[Middleware(AccessGate)],
         lifespan=lifespan,
     )

@@ -9,8 +9,8 @@ import numpy as np
 
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.pages.reception import Reception
-from haptorb.apps.study.session.trial_device import Stage
+from haptorb.apps.study.pages.session_manager import SessionManager
+from haptorb.apps.study.session.trial_device import TrialDevice
 
 __all__ = ["about", "for_experimenter", "for_participant", "pen", "places"]
 
@@ -29,7 +29,7 @@ def about(study: Study, simulated: bool) -> dict[str, Any]:
         "consent": study.consent,
         "simulated": simulated,
         "places": places(study) if study.procedure == "identification" else [],
-        "limit": study.loaded_device().workspace_half_angle * 180 / np.pi,
+        "limit": study.load_device().workspace_half_angle * 180 / np.pi,
         "mask": study.mask.model_dump() if study.mask is not None else None,
     }
 
@@ -39,7 +39,7 @@ def places(study: Study) -> list[dict[str, float]]:
     return [{"number": p.number, "theta": p.theta_deg, "phi": p.phi_deg} for p in study.points]
 
 
-def for_participant(reception: Reception) -> dict[str, Any]:
+def for_participant(reception: SessionManager) -> dict[str, Any]:
     """State, task, progress; never what is prompted, nor which interval holds what.
 
     stopped      who stopped, "" if nobody did or somebody has resumed since
@@ -76,7 +76,7 @@ def for_participant(reception: Reception) -> dict[str, Any]:
     return view
 
 
-def for_experimenter(reception: Reception, pages: int, draft: Any) -> dict[str, Any]:
+def for_experimenter(reception: SessionManager, pages: int, draft: Any) -> dict[str, Any]:
     """Everything: what is prompted, what is being answered, what the device did."""
     view = for_participant(reception) | {
         "trouble": reception.trouble or ("the study's program has failed and ends" if reception.dead else ""),
@@ -96,7 +96,7 @@ def for_experimenter(reception: Reception, pages: int, draft: Any) -> dict[str, 
     return view
 
 
-def pen(stage: Stage) -> dict[str, Any] | None:
+def pen(stage: TrialDevice) -> dict[str, Any] | None:
     """Where the tool is, seen from above [deg], and the force on it [N]: outwards, and sideways towards +x and +y."""
     position, force = stage.position, stage.force
     if position is None:

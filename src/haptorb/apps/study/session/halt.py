@@ -16,13 +16,13 @@ from haptorb.errors import InputError
 if TYPE_CHECKING:
     from haptorb.runtime.servo.servo import Servo
 
-__all__ = ["Asked", "Halt", "Stopped"]
+__all__ = ["StopCount", "StopEvent", "StopSwitch"]
 
 _KEPT = 100  #: Stops that nobody has recorded yet, at most
 
 
 @dataclass(frozen=True)
-class Asked:
+class StopCount:
     """How often Stop had been given when a person asked for something: taken when the request arrives."""
 
     number: int  #: of the last Stop
@@ -31,7 +31,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Stopped:
+class StopEvent:
     """A Stop that is to be recorded."""
 
     number: int
@@ -40,7 +40,7 @@ class Stopped:
 
 
 @final
-class Halt:
+class StopSwitch:
     """Holds the servo of a session, if there is one, so that Stop reaches it at any moment, also while it starts."""
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class Halt:
         self._numbers = count(1)
         self._last = 0  # number of the last Stop
         self._cleared = 0  # number of the last Stop after which somebody switched on again
-        self._unrecorded: deque[Stopped] = deque(maxlen=_KEPT)
+        self._unrecorded: deque[StopEvent] = deque(maxlen=_KEPT)
 
     @property
     def stands(self) -> bool:
@@ -67,14 +67,14 @@ class Halt:
         if not stood:
             self.why = why or ""
             if why is not None:
-                self._unrecorded.append(Stopped(number, why, now()))
+                self._unrecorded.append(StopEvent(number, why, now()))
 
-    def ask(self) -> Asked:
+    def ask(self) -> StopCount:
         """What is to travel with a request from the moment at which it arrives."""
         servo = self._servo
-        return Asked(self._last, servo, 0 if servo is None else servo.stops)
+        return StopCount(self._last, servo, 0 if servo is None else servo.stops)
 
-    def attach(self, servo: Servo, asked: Asked) -> None:
+    def attach(self, servo: Servo, asked: StopCount) -> None:
         """From now on Stop reaches `servo`, which need not be open yet. A Stop after `asked` holds for it already."""
         self._cleared = asked.number
         self._servo = servo
@@ -87,7 +87,7 @@ class Halt:
         """The session is over: there is nothing to stop any more."""
         self._servo = None
 
-    def engage(self, asked: Asked) -> None:
+    def engage(self, asked: StopCount) -> None:
         """Coils on again, from zero, as was asked for at `asked`; InputError if Stop was given since.
 
         The servo looks once more, so that a Stop which comes while this runs holds as well.
@@ -100,7 +100,7 @@ class Halt:
         servo.engage(asked.stops)  # safety: study-stop-engaging
         self._cleared = asked.number
 
-    def take(self) -> list[Stopped]:
+    def take(self) -> list[StopEvent]:
         """The Stops that are to be recorded, oldest first; each is given once."""
         return [self._unrecorded.popleft() for _ in range(len(self._unrecorded))]
 

@@ -18,9 +18,9 @@ from queue import Empty, SimpleQueue
 from types import TracebackType
 from typing import Any, Self, final
 
-from haptorb.apps.study.session.halt import Asked, Halt
+from haptorb.apps.study.session.halt import StopCount, StopSwitch
 
-__all__ = ["END", "Keyboard", "Keys", "named"]
+__all__ = ["END", "Keyboard", "Keys", "name_keys"]
 
 END = "end"  #: nobody will press a key any more: the pipe or the terminal is closed
 
@@ -32,10 +32,10 @@ _NAMES = {
 _KEY = re.compile(r"\x1b\[[0-?]*[ -/]*[@-~]|\x1bO.|.", re.DOTALL)
 
 
-def named(typed: str) -> list[str]:
+def name_keys(typed: str) -> list[str]:
     """The keys in what a terminal sent; keys that nobody uses are left out.
 
-    >>> named("1\\x1b[A \\x1b[3~")
+    >>> name_keys("1\\x1b[A \\x1b[3~")
     ['1', 'up', 'space']
     """
     found = (_NAMES.get(key, key) for key in _KEY.findall(typed))
@@ -45,10 +45,10 @@ def named(typed: str) -> list[str]:
 class Keys(ABC):
     """Where keys come from. `asked`: what was known of Stops when the last key was pressed; None: it was just now."""
 
-    asked: Asked | None = None
+    asked: StopCount | None = None
 
     @abstractmethod
-    def pressed(self, wait: float) -> str | None:
+    def next_key(self, wait: float) -> str | None:
         """The next key, or None if there was none within `wait` [s]; special ones by name: up, enter, tab, END ..."""
 
 
@@ -60,13 +60,13 @@ class Keyboard(Keys):
              anything else is done with the key
     """
 
-    def __init__(self, halt: Halt, writing: Callable[[], bool] = lambda: False) -> None:
+    def __init__(self, halt: StopSwitch, writing: Callable[[], bool] = lambda: False) -> None:
         self.writing = writing
         self._halt = halt
         self._descriptor = sys.stdin.fileno()
         self._terminal = os.isatty(self._descriptor)
         self._before: list[Any] | None = None
-        self._keys: SimpleQueue[tuple[str, Asked]] = SimpleQueue()
+        self._keys: SimpleQueue[tuple[str, StopCount]] = SimpleQueue()
         self._thread = threading.Thread(target=self._read, name="keys", daemon=True)
         self._end, self._ends = -1, -1
         self._signalled, self._signal, self._signal_before = -1, -1, -1
@@ -99,8 +99,8 @@ class Keyboard(Keys):
 
             termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
 
-    def pressed(self, wait: float) -> str | None:
-        """See `Keys.pressed`."""
+    def next_key(self, wait: float) -> str | None:
+        """See `Keys.next_key`."""
         try:
             key, self.asked = self._keys.get(timeout=wait)
         except Empty:
@@ -118,7 +118,7 @@ class Keyboard(Keys):
                 return
             if self._descriptor in ready:
                 data = os.read(self._descriptor, 64)
-                for key in named(decoder.decode(data)) if data else [END]:
+                for key in name_keys(decoder.decode(data)) if data else [END]:
                     if self._stops(key):
                         self._halt.stop("at the terminal")  # safety: terminal-stop
                     self._keys.put((key, self._halt.ask()))

@@ -16,7 +16,7 @@ from rich.panel import Panel
 from rich.text import Text
 
 from haptorb.apps.study.session.terminal_session import View
-from haptorb.apps.study.session.trial_device import Stage
+from haptorb.apps.study.session.trial_device import TrialDevice
 
 __all__ = ["Screen"]
 
@@ -29,7 +29,7 @@ _KEYS = "space or Esc STOP · Enter answer · r again · e switch on · q leave 
 class Screen:
     """Draws at most ten times a second into `live`."""
 
-    def __init__(self, stage: Stage, live: Live) -> None:
+    def __init__(self, stage: TrialDevice, live: Live) -> None:
         self._stage, self._live = stage, live
         self._next = 0.0
 
@@ -37,9 +37,9 @@ class Screen:
         """Draw `view`, if it is time."""
         if monotonic() >= self._next:
             self._next = monotonic() + 0.1
-            self._live.update(self.drawn(view))
+            self._live.update(self.draw(view))
 
-    def drawn(self, view: View) -> RenderableType:
+    def draw(self, view: View) -> RenderableType:
         """The whole screen."""
         prompt, stage = view.prompt, self._stage
         head = f"trial {view.number}{', practice' if prompt.phase == 'practice' else ''} · {view.left} to come"

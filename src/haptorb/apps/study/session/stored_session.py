@@ -20,21 +20,21 @@ from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.model.study_parts import Question
 from haptorb.apps.study.session.halt import now
-from haptorb.apps.study.store.claim import Claim
+from haptorb.apps.study.store.claim import SessionLock
 from haptorb.apps.study.store.database import alone, events, impatient, participants, replies, sessions, studies, trials
 from haptorb.errors import InputError, RecordingError
 from haptorb.version import __version__
 
-__all__ = ["Sitting", "known_code"]
+__all__ = ["StoredSession", "check_code"]
 
 _AGAIN = 1.0  #: until the database is offered again what it did not take [s]
 _CODE = re.compile(r"[A-Z]{1,4}[0-9]{2,6}")
 
 
-def known_code(code: str) -> str:
+def check_code(code: str) -> str:
     """`code` itself, or InputError: capital letters and digits, so that no name slips in.
 
-    >>> known_code("P01")
+    >>> check_code("P01")
     'P01'
     """
     if not _CODE.fullmatch(code):
@@ -45,7 +45,7 @@ def known_code(code: str) -> str:
 
 
 @final
-class Sitting:
+class StoredSession:
     """Begins a session, or resumes one that was interrupted; use it in a `with` block.
 
     The procedure is rebuilt from the stored plan and the stored answers, so a resumed session asks exactly what the
@@ -54,23 +54,23 @@ class Sitting:
     """
 
     def __init__(self, engine: Engine, study: Study, code: str, *, simulated: bool = False) -> None:
-        self.engine, self.study, self.code = engine, study, known_code(code)
+        self.engine, self.study, self.code = engine, study, check_code(code)
         self.simulated = simulated
         self._late: list[dict[str, Any]] = []  # events that the database would not take yet
         self._again = 0.0  # when to offer them again
         try:
-            self.id, stored = self._found_or_made()
-            self._claim = Claim(engine, self.id)
+            self.id, stored = self._find_or_create()
+            self._claim = SessionLock(engine, self.id)
         except SQLAlchemyError as cause:
-            raise _failed(cause) from cause
+            raise _storage_error(cause) from cause
         try:
-            self.procedure, self.number = self._replayed(procedure_of(study, stored))
-            self._replied = self._said()
+            self.procedure, self.number = self._replay(procedure_of(study, stored))
+            self._replied = self._list_answered()
             self.resumed = self.number > 0
             self.note("resume" if self.resumed else "begin")
         except SQLAlchemyError as cause:
             self._claim.release()
-            raise _failed(cause) from cause
+            raise _storage_error(cause) from cause
         except BaseException:
             self._claim.release()
             raise
@@ -95,7 +95,7 @@ class Sitting:
 
     def reply(self, question: Question, told: str) -> None:
         """Keep what was `told` to `question`; InputError, and nothing kept, if it is no answer to it."""
-        reply = question.checked(told)
+        reply = question.check_reply(told)
         last = self.prompt is None and not self._questions_after(question)
         try:
             with self.engine.begin() as connection:
@@ -105,14 +105,14 @@ class Sitting:
                 if last:
                     connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=now()))
         except SQLAlchemyError as cause:
-            raise _failed(cause) from cause
+            raise _storage_error(cause) from cause
         self._late.clear()
         self._replied.add(question.name)
 
     def answer(self, answer: Answer, *, safety: Sequence[dict[str, Any]] = (), recording: str | None = None) -> None:
         """Keep `answer`: on the disk when this returns. InputError, and nothing kept, if it may not be answered so."""
         prompt = self.prompt
-        after = self.procedure.answered(answer)
+        after = self.procedure.record_answer(answer)
         assert prompt is not None
         x, y, z = answer.position or (None, None, None)
         row = {
@@ -139,7 +139,7 @@ class Sitting:
                 f"trial {self.number} of session {self.id} was answered before; start again"
             ) from cause
         except SQLAlchemyError as cause:
-            raise _failed(cause) from cause
+            raise _storage_error(cause) from cause
         self._late.clear()
         self.procedure, self.number = after, self.number + 1
 
@@ -158,7 +158,7 @@ class Sitting:
             if later:
                 return
             self._late.pop()
-            raise _failed(cause) from cause
+            raise _storage_error(cause) from cause
         self._late.clear()
 
     def keep_late(self) -> None:
@@ -179,7 +179,7 @@ class Sitting:
                 done = {"ended": now(), "aborted": True}
                 connection.execute(sessions.update().where(sessions.c.id == self.id).values(**done))
         except SQLAlchemyError as cause:
-            raise _failed(cause) from cause
+            raise _storage_error(cause) from cause
 
     def close(self) -> None:
         """Let somebody else have the session; may be called twice."""
@@ -206,7 +206,7 @@ class Sitting:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
 
-    def _found_or_made(self) -> tuple[int, dict[str, Any]]:
+    def _find_or_create(self) -> tuple[int, dict[str, Any]]:
         """(id, plan) of the session of this code in this study."""
         study = self.study
         with self.engine.begin() as connection:
@@ -218,7 +218,7 @@ class Sitting:
             )
             known = connection.execute(mine).scalar_one_or_none()
             if known is not None:
-                return self._unfinished(connection, known)
+                return self._resume(connection, known)
             ordinals = select(func.count()).select_from(participants).where(participants.c.study == study.digest)
             ordinal = connection.execute(ordinals).scalar_one()
             drawn = plan(study, ordinal)
@@ -237,7 +237,7 @@ class Sitting:
             assert made is not None
             return int(made[0]), drawn
 
-    def _unfinished(self, connection: Connection, person: int) -> tuple[int, dict[str, Any]]:
+    def _resume(self, connection: Connection, person: int) -> tuple[int, dict[str, Any]]:
         row = connection.execute(select(sessions).where(sessions.c.participant == person)).one()
         if row.ended is not None:
             how = "aborted" if row.aborted else "finished"
@@ -253,13 +253,13 @@ class Sitting:
         """Names of the questions that are still unanswered, but for one."""
         return [q.name for q in self.study.questions if q.name not in self._replied and q != but]
 
-    def _said(self) -> set[str]:
+    def _list_answered(self) -> set[str]:
         """Names of the questions that were answered."""
         query = select(replies.c.question).where(replies.c.session == self.id)
         with self.engine.connect() as connection:
             return set(connection.execute(query).scalars())
 
-    def _replayed(self, procedure: Procedure) -> tuple[Procedure, int]:
+    def _replay(self, procedure: Procedure) -> tuple[Procedure, int]:
         """The procedure after all stored answers, and the number of the next trial."""
         query = select(trials).where(trials.c.session == self.id).order_by(trials.c.number)
         with self.engine.connect() as connection:
@@ -271,10 +271,10 @@ class Sitting:
                     f"session {self.id}: trial {row.number} is not what the plan asks; data were changed"
                 )
             place = None if row.x is None else (row.x, row.y, row.z)
-            procedure = procedure.answered(Answer(row.answer, place, row.seconds))
+            procedure = procedure.record_answer(Answer(row.answer, place, row.seconds))
         return procedure, len(rows)
 
 
-def _failed(cause: SQLAlchemyError) -> RecordingError:
+def _storage_error(cause: SQLAlchemyError) -> RecordingError:
     told = str(getattr(cause, "orig", None) or cause).splitlines()[0]
     return RecordingError(f"the answer could not be kept: {told}; nothing was half written, resume when it is mended")

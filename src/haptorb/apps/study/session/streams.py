@@ -22,7 +22,7 @@ from haptorb.runtime.trackers.lsl_feed import THIS_COMPUTER
 if TYPE_CHECKING:
     from haptorb.runtime.servo.servo import Servo
 
-__all__ = ["MARKERS", "POSE", "REACHES", "Outlet", "Streams", "opened"]
+__all__ = ["MARKERS", "POSE", "REACHES", "StreamOutlet", "Streams", "open_streams"]
 
 MARKERS, POSE = "haptorb-markers", "haptorb-pose"
 REACHES = ("computer", "network")  #: who may see the streams
@@ -30,7 +30,7 @@ _CHANNELS = ("x", "y", "z", "qx", "qy", "qz", "qw", "valid")
 _UNITS = ("m", "m", "m", "1", "1", "1", "1", "1")
 
 
-class Outlet(Protocol):
+class StreamOutlet(Protocol):
     """What is needed of an outlet of the layer."""
 
     def push_sample(self, x: Sequence[str], timestamp: float = ...) -> None:
@@ -46,7 +46,7 @@ class Outlet(Protocol):
 class Streams:
     """Both streams. `offset` leads from this computer's monotonic clock to the layer's [s]."""
 
-    def __init__(self, markers: Outlet, pose: Outlet, offset: float = 0.0) -> None:
+    def __init__(self, markers: StreamOutlet, pose: StreamOutlet, offset: float = 0.0) -> None:
         self._markers, self._pose, self._offset = markers, pose, offset
         self._servo: Servo | None = None
         self._cursor = 0
@@ -71,7 +71,7 @@ class Streams:
         self._pose.push_chunk(samples, (rows[:, layout["wall"]][:, 0] + self._offset).tolist())
 
 
-def opened(reach: str, rate: float = 1000.0) -> Streams:
+def open_streams(reach: str, rate: float = 1000.0) -> Streams:
     """Both streams, to be found at once on this "computer" only, or on the "network" that it is connected to.
 
     Raises InputError if that is neither, or if the layer's library is not installed.

@@ -10,26 +10,26 @@ from rich.console import Console
 from rich.live import Live
 from rich.panel import Panel
 
-from haptorb.apps.study.session.halt import Halt
+from haptorb.apps.study.session.halt import StopSwitch
 from haptorb.apps.study.session.keys import END, Keyboard
 from haptorb.apps.study.session.screen import Screen
-from haptorb.apps.study.session.stored_session import Sitting
-from haptorb.apps.study.session.terminal_session import Runner
-from haptorb.apps.study.session.trial_device import Stage
+from haptorb.apps.study.session.stored_session import StoredSession
+from haptorb.apps.study.session.terminal_session import TerminalSession
+from haptorb.apps.study.session.trial_device import TrialDevice
 from haptorb.runtime.servo.servo import Servo
 
 __all__ = ["hold"]
 
 
-def hold(sitting: Sitting, start: Callable[[Path | None], Servo], recording: Path | None) -> str:
+def hold(sitting: StoredSession, start: Callable[[Path | None], Servo], recording: Path | None) -> str:
     """'done', 'left' or 'aborted'; coils are off afterwards. `start` makes a servo that records to that file."""
-    study, console, halt = sitting.study, Console(stderr=True), Halt()
+    study, console, halt = sitting.study, Console(stderr=True), StopSwitch()
     with Keyboard(halt) as keys:
         console.print(Panel(f"{study.instructions}\n\n{study.consent}".strip(), title=study.name))
         console.print(
             "Enter begins and, where something is asked above, says yes. q leaves. Space or Esc stops at any time."
         )
-        while (key := keys.pressed(1.0)) != "enter":
+        while (key := keys.next_key(1.0)) != "enter":
             if key in ("q", END):
                 sitting.note("leave")
                 return "left"
@@ -37,7 +37,7 @@ def hold(sitting: Sitting, start: Callable[[Path | None], Servo], recording: Pat
         servo = start(recording)
         halt.attach(servo, keys.asked or halt.ask())  # before it is open: Stop reaches it from here on
         with servo, Live(console=console, auto_refresh=False, screen=sys.stderr.isatty()) as live:
-            stage = Stage(study, servo)
+            stage = TrialDevice(study, servo)
             drawn = Screen(stage, live)
 
             def show(view: object) -> None:
@@ -45,6 +45,6 @@ def hold(sitting: Sitting, start: Callable[[Path | None], Servo], recording: Pat
                 if sys.stderr.isatty():
                     live.refresh()
 
-            runner = Runner(sitting, stage, keys, show, str(recording) if recording else None, halt)
+            runner = TerminalSession(sitting, stage, keys, show, str(recording) if recording else None, halt)
             keys.writing = lambda: runner.writing
             return runner.run()

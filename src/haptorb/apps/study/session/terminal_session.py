@@ -6,14 +6,14 @@ from collections.abc import Callable
 from typing import final
 
 from haptorb.apps.asking.prompt import Prompt
-from haptorb.apps.study.session.halt import Halt
+from haptorb.apps.study.session.halt import StopSwitch
 from haptorb.apps.study.session.keys import END, Keys
-from haptorb.apps.study.session.stored_session import Sitting
-from haptorb.apps.study.session.trial_device import Stage
-from haptorb.apps.study.session.trial_runner import OVER, Conduct
+from haptorb.apps.study.session.stored_session import StoredSession
+from haptorb.apps.study.session.trial_device import TrialDevice
+from haptorb.apps.study.session.trial_runner import OVER, TrialRunner
 from haptorb.errors import InputError
 
-__all__ = ["Runner", "View"]
+__all__ = ["TerminalSession", "View"]
 
 _TICK = 0.02  #: the pen's place is said anew so often [s]; a device forgets it after some 50 ms
 _STEP = 3.0  #: an arrow key moves the pen by so much [deg]
@@ -25,7 +25,7 @@ _TYPED = 4  #: digits of a number at most; words may be longer
 class View:
     """What the participant sees now."""
 
-    def __init__(self, conduct: Conduct, typed: str, message: str, abort: bool) -> None:
+    def __init__(self, conduct: TrialRunner, typed: str, message: str, abort: bool) -> None:
         sitting = conduct.sitting
         self.number, self.left = sitting.number + 1, sitting.procedure.expected
         self.prompt = conduct.prompt or Prompt()
@@ -37,18 +37,18 @@ class View:
 
 
 @final
-class Runner:
+class TerminalSession:
     """Runs `sitting` to its end, or until somebody leaves; `show` draws a view, some ten times a second.
 
     `halt` knows the stage's servo, and which Stop stands; None: nobody but the keys stops.
     """
 
     def __init__(
-        self, sitting: Sitting, stage: Stage, keys: Keys, show: Callable[[View], None], recording: str | None = None,
-        halt: Halt | None = None,
+        self, sitting: StoredSession, stage: TrialDevice, keys: Keys, show: Callable[[View], None],
+        recording: str | None = None, halt: StopSwitch | None = None,
     ) -> None:  # fmt: skip
         self._stage, self._keys, self._show = stage, keys, show
-        self._conduct = Conduct(sitting, stage, recording, halt=halt)
+        self._conduct = TrialRunner(sitting, stage, recording, halt=halt)
         self._typed, self._message, self._abort = "", "", False
 
     @property
@@ -62,16 +62,16 @@ class Runner:
         while conduct.state not in OVER:
             self._stage.refresh()
             conduct.tick()
-            self._show(View(conduct, self._typed, self._message or self._told(), self._abort))
-            key = self._keys.pressed(_TICK)
+            self._show(View(conduct, self._typed, self._message or self._describe_state(), self._abort))
+            key = self._keys.next_key(_TICK)
             if key is not None:
                 try:
-                    self._pressed(key)
+                    self._handle_key(key)
                 except InputError as mistake:
                     self._typed, self._message = "", str(mistake)
         return conduct.state
 
-    def _told(self) -> str:
+    def _describe_state(self) -> str:
         """What there is to say of the present state."""
         match self._conduct.state:
             case "pause" | "break":
@@ -84,7 +84,7 @@ class Runner:
                 return "the device is off: press e to switch it on again"
         return ""
 
-    def _pressed(self, key: str) -> None:
+    def _handle_key(self, key: str) -> None:
         conduct = self._conduct
         if self._abort:
             self._abort = False
@@ -93,7 +93,7 @@ class Runner:
         elif key == "escape":
             conduct.pause("at the terminal")
         elif conduct.state == "question" and key != END:
-            self._worded(key)
+            self._handle_text_key(key)
         elif key in ("q", END):
             conduct.leave()
         elif key == "A":
@@ -129,7 +129,7 @@ class Runner:
             self._typed += key
             self._message = ""
 
-    def _worded(self, key: str) -> None:
+    def _handle_text_key(self, key: str) -> None:
         """A key while a question is answered in words; choices may be given by their number."""
         if key == "enter":
             question = self._conduct.question

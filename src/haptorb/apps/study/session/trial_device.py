@@ -17,11 +17,11 @@ from haptorb.numerics.arrays import Array
 if TYPE_CHECKING:
     from haptorb.runtime.servo.servo import Servo
 
-__all__ = ["Stage"]
+__all__ = ["TrialDevice"]
 
 
 @final
-class Stage:
+class TrialDevice:
     """A running servo, as a trial needs it. With the pointer as tracker the pen is steered from the keyboard."""
 
     def __init__(self, study: Study, servo: Servo) -> None:

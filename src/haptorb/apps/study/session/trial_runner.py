@@ -11,12 +11,12 @@ from typing import Any, final
 
 from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.model.study_parts import Question
-from haptorb.apps.study.session.halt import Asked, Halt
-from haptorb.apps.study.session.stored_session import Sitting
-from haptorb.apps.study.session.trial_device import Stage
+from haptorb.apps.study.session.halt import StopCount, StopSwitch
+from haptorb.apps.study.session.stored_session import StoredSession
+from haptorb.apps.study.session.trial_device import TrialDevice
 from haptorb.errors import InputError
 
-__all__ = ["OVER", "Conduct"]
+__all__ = ["OVER", "TrialRunner"]
 
 OVER = ("done", "left", "aborted")  #: states after which nothing comes
 _TRIAL = ("running", "time is up")
@@ -27,7 +27,7 @@ def _nobody(kind: str, facts: dict[str, Any]) -> None:
 
 
 @final
-class Conduct:
+class TrialRunner:
     """Runs `sitting` on `stage`. `tick` is to be called some fifty times a second.
 
     A Stop is carried out by `halt`, at once; here it becomes the state "paused", whatever the state was, and a record.
@@ -39,13 +39,13 @@ class Conduct:
     """
 
     def __init__(
-        self, sitting: Sitting, stage: Stage, recording: str | None = None,
+        self, sitting: StoredSession, stage: TrialDevice, recording: str | None = None,
         mark: Callable[[str, dict[str, Any]], None] = _nobody, clock: Callable[[], float] = monotonic,
-        halt: Halt | None = None,
+        halt: StopSwitch | None = None,
     ) -> None:  # fmt: skip
         self.sitting, self.stage = sitting, stage
         if halt is None:
-            halt = Halt()
+            halt = StopSwitch()
             halt.attach(stage.servo, halt.ask())
         self.halt = halt
         self.which = 1  #: interval that is felt
@@ -155,7 +155,7 @@ class Conduct:
                 self.halt.stop(why)  # safety: study-pause
             self.heed()
 
-    def resume(self, asked: Asked | None = None) -> None:
+    def resume(self, asked: StopCount | None = None) -> None:
         """Go on where `pause` was; the coils come back from zero.
 
         InputError, and nothing changes, if Stop was given after `asked`; None: it is asked for now.
@@ -179,7 +179,7 @@ class Conduct:
         self.stage.interval(prompt, 1)
         self._note("repeat")
 
-    def engage(self, asked: Asked | None = None) -> None:
+    def engage(self, asked: StopCount | None = None) -> None:
         """After a trip: coils on again, unless the guard refuses, or Stop was given after `asked`; None: now."""
         self.heed()
         if self.state == "paused":

@@ -10,19 +10,19 @@ from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
 from haptorb.worlds.world import World
 
-__all__ = ["Delivered"]
+__all__ = ["DeliveredForce"]
 
 
 @final
-class Delivered:
+class DeliveredForce:
     """Force on a radial tool, current limits and model errors included; at rest, cold.
 
-    The same chain as `haptorb.felt_map`, as a vector and one place at a time.
+    The same chain as `haptorb.force_map`, as a vector and one place at a time.
     """
 
     def __init__(self, device: SphericalElectromagnet, world: World, level: str | None = None) -> None:
         self._device, self._world = device, world.for_device(device)
-        self._level = device.known_level(level or device.levels[0])
+        self._level = device.check_level(level or device.levels[0])
         self._allocator = LeastSquaresAllocator.force(device.coils.current_limit, compensate_passive=True)
 
     def force(self, direction: Array) -> Array:

@@ -85,9 +85,9 @@ class Overlap:
 
 def overlap(study: Study) -> Overlap | None:
     """The overlap of the domes of all set-points in the widest condition; None where there is none."""
-    device, found = study.loaded_device(), []
+    device, found = study.load_device(), []
     for condition in study.conditions:
-        domes = [study.rendered(condition.name, point.number).for_device(device) for point in study.points]
+        domes = [study.make_world(condition.name, point.number).for_device(device) for point in study.points]
         pairs = overlaps([dome for dome in domes if isinstance(dome, Dome)])
         if pairs:
             i, j, worst = max(pairs, key=lambda pair: pair[2])
@@ -98,7 +98,7 @@ def overlap(study: Study) -> Overlap | None:
 def load_squared(device: SphericalElectromagnet, study: Study, prompt: Prompt) -> Array:
     """(m,) mean square current [A²] while the tool is within the map of `prompt`, in contact."""
     point = study.point(prompt.set_point or study.points[0].number)
-    world = study.rendered(prompt.condition, point.number, prompt.level or None).for_device(device)
+    world = study.make_world(prompt.condition, point.number, prompt.level or None).for_device(device)
     cut_off = world.cut_off_deg if isinstance(world, Dome) else 54.0
     allocator = LeastSquaresAllocator.force(device.coils.current_limit, compensate_passive=True)
     turn = rotation_to_axis(point.direction)
@@ -117,7 +117,7 @@ def load_squared(device: SphericalElectromagnet, study: Study, prompt: Prompt) -
 
 def forecast(study: Study, participant: int = 0) -> Forecast:
     """Duration and heat of one session, as the `participant`-th person would have it."""
-    device = study.loaded_device()
+    device = study.load_device()
     prompts = _foreseen(study, participant)
     known: dict[tuple[str, int, float], Array] = {}
     loads = []

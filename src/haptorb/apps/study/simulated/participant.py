@@ -25,7 +25,7 @@ import numpy as np
 from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.model.set_points import directions, nearest
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.simulated.delivered_force import Delivered
+from haptorb.apps.study.simulated.delivered_force import DeliveredForce
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.numerics.arrays import Array
 from haptorb.simulation.parts.tool import GRAVITY
@@ -70,9 +70,9 @@ class Participant:
 
     def __init__(self, study: Study, seed: tuple[int, ...], traits: Traits | None = None) -> None:
         self._study, self._seed = study, seed
-        self._device: SphericalElectromagnet = study.loaded_device()
+        self._device: SphericalElectromagnet = study.load_device()
         self.traits = (traits or Traits()).somebody(np.random.default_rng([*seed, 0]))
-        self._felt: dict[tuple[str, int, float], Delivered] = {}
+        self._felt: dict[tuple[str, int, float], DeliveredForce] = {}
         self._ways = directions(study.points)
         self._coarse: dict[tuple[str, int, float], Array] = {}
 
@@ -80,28 +80,28 @@ class Participant:
         """What is answered to trial `number`; it draws from a stream of its own, so a resumed session goes on alike."""
         draw = np.random.default_rng([*self._seed, 1, number])
         if prompt.interval:
-            return Answer(self._compared(prompt, draw), None, 2.0 + float(draw.exponential(1.5)))
+            return Answer(self._compare_intervals(prompt, draw), None, 2.0 + float(draw.exponential(1.5)))
         if prompt.high:
-            return Answer(self._rated(prompt, draw), None, 2.0 + float(draw.exponential(1.5)))
-        position = self._found(prompt, draw)
+            return Answer(self._rate(prompt, draw), None, 2.0 + float(draw.exponential(1.5)))
+        position = self._draw_position(prompt, draw)
         seconds = 4.0 + float(draw.gamma(4.0, 1.5))
         value = nearest(self._study.points, position) if prompt.wants_number else None
         x, y, z = position.tolist()
         return Answer(value, (x, y, z), seconds)
 
-    def _found(self, prompt: Prompt, draw: np.random.Generator) -> Array:
+    def _draw_position(self, prompt: Prompt, draw: np.random.Generator) -> Array:
         """(3,) where the tool's magnet is when the answer is given [m]."""
         traits, contact = self.traits, self._device.contact_distance
         sharpness = self._sharpness(prompt)
         guess = self._ways[
-            int(np.argmax(self._swept(prompt) * (1 + self._noise * draw.standard_normal(len(self._ways)))))
+            int(np.argmax(self._sweep_dome(prompt) * (1 + self._noise * draw.standard_normal(len(self._ways)))))
         ]
         # How much of the pen's weight is taken out differs from trial to trial, by as much as is left on average.
         left = traits.gravity_left * (1 + float(draw.standard_normal()))
         weight = left * self._device.tool.mass * GRAVITY
         for n in range(traits.probes):
-            at = _moved(guess, np.radians(4.0) * draw.standard_normal(2))
-            felt = self._sensed(prompt, at, weight, draw)
+            at = _move_on_sphere(guess, np.radians(4.0) * draw.standard_normal(2))
+            felt = self._sense_force(prompt, at, weight, draw)
             away, out = felt - (felt @ at) * at, float(felt @ at)
             sideways = float(np.linalg.norm(away))
             if np.hypot(sideways, out) < traits.detection:
@@ -116,7 +116,7 @@ class Participant:
         recall = traits.recall * (1 - np.exp(-((theta / traits.recall_reach_deg) ** 2)))
         recall *= np.exp(traits.recall_spread * draw.standard_normal())
         spread = np.sqrt(recall**2 + traits.motor_noise**2 + traits.tremor**2)
-        place = _moved(guess, spread / contact * draw.standard_normal(2))
+        place = _move_on_sphere(guess, spread / contact * draw.standard_normal(2))
         limit = self._device.workspace_half_angle + np.radians(10.0)
         position: Array = contact * _within(place, float(limit))
         return position
@@ -126,36 +126,36 @@ class Participant:
         return self.traits.force_jnd * _ONE_SIGMA
 
     def _sharpness(self, prompt: Prompt) -> float:
-        world = self._study.rendered(prompt.condition, prompt.set_point, prompt.level or None)
+        world = self._study.make_world(prompt.condition, prompt.set_point, prompt.level or None)
         return 90.0 / float(world.half_width_deg) if isinstance(world, Dome) else 1.0
 
-    def _delivered(self, prompt: Prompt) -> Delivered:
+    def _force_model(self, prompt: Prompt) -> DeliveredForce:
         key = (prompt.condition, prompt.set_point or self._study.points[0].number, prompt.level)
         if key not in self._felt:
-            world = self._study.rendered(key[0], key[1], prompt.level or None)
-            self._felt[key] = Delivered(self._device, world)
+            world = self._study.make_world(key[0], key[1], prompt.level or None)
+            self._felt[key] = DeliveredForce(self._device, world)
         return self._felt[key]
 
-    def _swept(self, prompt: Prompt) -> Array:
+    def _sweep_dome(self, prompt: Prompt) -> Array:
         """(n,) push [N] at every set-point, as a pen that goes over the dome meets it."""
         key = (prompt.condition, prompt.set_point, prompt.level)
         if key not in self._coarse:
-            felt = self._delivered(prompt)
+            felt = self._force_model(prompt)
             self._coarse[key] = np.array([felt.force(way) @ way for way in self._ways])
         return self._coarse[key]
 
-    def _sensed(self, prompt: Prompt, at: Array, weight: float, draw: np.random.Generator) -> Array:
+    def _sense_force(self, prompt: Prompt, at: Array, weight: float, draw: np.random.Generator) -> Array:
         """(3,) force as felt [N] at `at`, a unit vector, `weight` [N] of the pen mistaken for it."""
         traits = self.traits
-        force: Array = self._delivered(prompt).force(at) - np.array([0.0, 0.0, weight])
+        force: Array = self._force_model(prompt).force(at) - np.array([0.0, 0.0, weight])
         size = float(np.linalg.norm(force))
         if size < 1e-9:
             return force
         tilt = np.radians(traits.direction_jnd_deg) * _ONE_SIGMA * draw.standard_normal(2)
-        felt: Array = size * (1 + self._noise * float(draw.standard_normal())) * _moved(force / size, tilt)
+        felt: Array = size * (1 + self._noise * float(draw.standard_normal())) * _move_on_sphere(force / size, tilt)
         return felt
 
-    def _compared(self, prompt: Prompt, draw: np.random.Generator) -> int:
+    def _compare_intervals(self, prompt: Prompt, draw: np.random.Generator) -> int:
         """Interval, 1 or 2, that felt stronger."""
         if draw.random() < self.traits.lapse:
             return int(draw.integers(1, 3))
@@ -169,15 +169,15 @@ class Participant:
 
     def _strength(self, prompt: Prompt) -> float:
         way = np.array(self._study.point(prompt.set_point or self._study.points[0].number).direction)
-        return float(np.linalg.norm(self._delivered(prompt).force(way)))
+        return float(np.linalg.norm(self._force_model(prompt).force(way)))
 
-    def _rated(self, prompt: Prompt, draw: np.random.Generator) -> int:
+    def _rate(self, prompt: Prompt, draw: np.random.Generator) -> int:
         """The stronger, the better: all that a simulated participant can have an opinion on. 1 N is the best."""
         liking = min(1.0, self._strength(prompt)) + 0.1 * float(draw.standard_normal())
         return int(np.clip(round(prompt.low + liking * (prompt.high - prompt.low)), prompt.low, prompt.high))
 
 
-def _moved(way: Array, step: Array) -> Array:
+def _move_on_sphere(way: Array, step: Array) -> Array:
     """`way` (3,), a unit vector, moved over the sphere by `step` (2,) [rad]."""
     other = np.array([0.0, 1.0, 0.0]) if abs(way[1]) < 0.9 else np.array([1.0, 0.0, 0.0])
     one = np.cross(other, way)

@@ -158,7 +158,7 @@ def differences(study: Study, seed: tuple[int, ...], ordinal: int, a: str, b: st
     kept: list[tuple[Prompt, Answer]] = []
     while (prompt := procedure.prompt) is not None:
         answer = somebody.answer(prompt, len(kept))
-        procedure = procedure.answered(answer)
+        procedure = procedure.record_answer(answer)
         kept.append((prompt, answer))
     if measure == "threshold":
         one, two = (_threshold(getattr(procedure, "parts", ()), name) for name in (a, b))
@@ -168,15 +168,15 @@ def differences(study: Study, seed: tuple[int, ...], ordinal: int, a: str, b: st
         pairs = [(p, x) for p, x in kept if {p.condition, p.other} == {a, b}]
         chosen = [(x.value == p.interval) == (p.condition == a) for p, x in pairs]
         return float(np.mean(chosen)) - 0.5 if chosen else float("nan")
-    contact = study.loaded_device().contact_distance
+    contact = study.load_device().contact_distance
     values: dict[str, list[float]] = {a: [], b: []}
     for prompt, answer in kept:
         if prompt.phase != "practice" and prompt.condition in values:
-            values[prompt.condition].append(_measured(study, prompt, answer, measure, contact))
+            values[prompt.condition].append(_measure_answer(study, prompt, answer, measure, contact))
     return float(np.mean(values[a]) - np.mean(values[b])) if values[a] and values[b] else float("nan")
 
 
-def _measured(study: Study, prompt: Prompt, answer: Answer, measure: str, contact: float) -> float:
+def _measure_answer(study: Study, prompt: Prompt, answer: Answer, measure: str, contact: float) -> float:
     if measure == "accuracy":
         return float(answer.value == prompt.set_point)
     if measure == "rating":

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from sqlalchemy.engine import Engine
 
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.simulated.participant import Participant, Traits
 from haptorb.errors import InputError
 
@@ -32,18 +32,18 @@ def rehearse(
         raise InputError(f"people must be 1 to 10000, seed 0 or more, first 1 or more; got {people}, {seed}, {first}")
     answered = 0
     for n in range(first, first + people):
-        with Sitting(engine, study, f"SIM{n:02d}", simulated=True) as sitting:
+        with StoredSession(engine, study, f"SIM{n:02d}", simulated=True) as sitting:
             done, left = answered, sitting.procedure.expected
 
-            def told(k: int, done: int = done, left: int = left) -> None:
+            def report_trials(k: int, done: int = done, left: int = left) -> None:
                 if progress is not None:
                     progress(done + k, people * left)
 
-            answered += sit(sitting, Participant(study, (seed, n), traits), told)
+            answered += sit(sitting, Participant(study, (seed, n), traits), report_trials)
     return answered
 
 
-def sit(sitting: Sitting, participant: Participant, told: Callable[[int], None] | None = None) -> int:
+def sit(sitting: StoredSession, participant: Participant, told: Callable[[int], None] | None = None) -> int:
     """Answer everything that is left of `sitting`; returns how many trials that were."""
     answered = 0
     while (prompt := sitting.prompt) is not None:

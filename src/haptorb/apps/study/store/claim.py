@@ -14,11 +14,11 @@ from sqlalchemy.engine import Connection, Engine
 from haptorb.apps.study.store.database import FAMILY
 from haptorb.errors import RecordingError
 
-__all__ = ["Claim"]
+__all__ = ["SessionLock"]
 
 
 @final
-class Claim:
+class SessionLock:
     """Held in a `with` block, or until `release`; RecordingError if somebody else holds it.
 
     A killed process loses it at once, so that the session can be resumed without waiting for anything.

@@ -16,7 +16,7 @@ from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.store.database import participants, replies, sessions, studies, trials
 from haptorb.errors import InputError, RecordingError
 
-__all__ = ["COLUMNS", "Columns", "replied", "studied", "tidy"]
+__all__ = ["COLUMNS", "Columns", "read_replies", "read_study", "tidy"]
 
 #: column → what it is; the data dictionary of every export
 COLUMNS = {
@@ -48,7 +48,7 @@ COLUMNS = {
 Columns = dict[str, NDArray[Any]]
 
 
-def studied(engine: Engine, name: str | None = None) -> Study:
+def read_study(engine: Engine, name: str | None = None) -> Study:
     """The study in the database; if there are several, the one called `name`. InputError if that does not tell."""
     with engine.connect() as connection:
         rows = connection.execute(select(studies.c.name, studies.c.text)).all()
@@ -109,7 +109,7 @@ def tidy(engine: Engine, study: Study) -> Columns:
         "x_m": position[:, 0],
         "y_m": position[:, 1],
         "z_m": position[:, 2],
-        "distance_mm": 1e3 * np.linalg.norm(position - study.loaded_device().contact_distance * ways, axis=1),
+        "distance_mm": 1e3 * np.linalg.norm(position - study.load_device().contact_distance * ways, axis=1),
         "angle_deg": angles_between(position, ways),
         "seconds": np.array([row.seconds for row in rows]),
         "safety": np.array([reasons[row.safety] for row in rows]),
@@ -118,7 +118,7 @@ def tidy(engine: Engine, study: Study) -> Columns:
     }
 
 
-def replied(engine: Engine, study: Study) -> dict[str, dict[str, str]]:
+def read_replies(engine: Engine, study: Study) -> dict[str, dict[str, str]]:
     """Participant's code → question's name → what was answered in words."""
     query = (
         select(participants.c.code, replies.c.question, replies.c.reply)

@@ -36,8 +36,18 @@ from haptorb.apps.study.store.migrations import STEPS, migrate
 from haptorb.errors import RecordingError
 
 __all__ = [
-    "FAMILY", "SCHEMA", "alone", "database", "events", "participants", "replies", "sessions", "shown", "studies",
-    "trials", "url_of",
+    "FAMILY",
+    "SCHEMA",
+    "alone",
+    "database",
+    "events",
+    "mask_password",
+    "participants",
+    "replies",
+    "sessions",
+    "studies",
+    "trials",
+    "url_of",
 ]  # fmt: skip
 
 SCHEMA = 1 + len(STEPS)  #: of this version; a database of a newer one is refused
@@ -157,7 +167,9 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
     except SQLAlchemyError as cause:
         engine.dispose()
         told = str(getattr(cause, "orig", None) or cause).splitlines()[0]
-        raise RecordingError(f"database {shown(place)} cannot be opened, and nothing was started: {told}") from cause
+        raise RecordingError(
+            f"database {mask_password(place)} cannot be opened, and nothing was started: {told}"
+        ) from cause
     except RecordingError:
         engine.dispose()
         raise
@@ -178,11 +190,11 @@ def _version(connection: Connection, place: str | Path) -> int | None:
     if not known:
         return None
     if versions.name not in known:
-        raise RecordingError(f"database {shown(place)} holds other tables, not a study's; choose another")
+        raise RecordingError(f"database {mask_password(place)} holds other tables, not a study's; choose another")
     version = int(connection.execute(select(versions.c.version)).scalar_one())
     if version > SCHEMA:
         raise RecordingError(
-            f"database {shown(place)} has schema {version}; this haptorb knows up to {SCHEMA}: update haptorb"
+            f"database {mask_password(place)} has schema {version}; this haptorb knows up to {SCHEMA}: update haptorb"
         )
     return version
 
@@ -209,7 +221,7 @@ def impatient(engine: Engine) -> Iterator[Connection]:
                 connection.exec_driver_sql(f"PRAGMA busy_timeout = {_BUSY}")
 
 
-def shown(place: str | Path) -> str:
+def mask_password(place: str | Path) -> str:
     """`place` without the password that a URL may hold."""
     return make_url(url_of(place)).render_as_string() if "://" in str(place) else str(place)
 

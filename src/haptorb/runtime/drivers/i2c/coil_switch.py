@@ -8,7 +8,7 @@ from typing import final
 
 from haptorb.control.protection.trip import CoilState
 from haptorb.errors import DriverError
-from haptorb.runtime.drivers.i2c.i2c_chips import Port, Watcher
+from haptorb.runtime.drivers.i2c.i2c_chips import Port, Watchdog
 from haptorb.runtime.drivers.i2c.pca9685 import Pca9685
 
 __all__ = ["CoilSwitch"]
@@ -34,7 +34,7 @@ class CoilSwitch:
         self._pwm = pwm
         self._port = port
         self._clock = clock
-        self._watcher: Watcher | None = None
+        self._watcher: Watchdog | None = None
         self._leaving = False
         self._started = float("-inf")
 
@@ -90,12 +90,12 @@ class CoilSwitch:
         again, so that a person who engages need not wait for it. Never waits."""
         if self.state is not CoilState.OFF:  # safety: i2c-reading-off
             self.off()
-        elif self._gone() and self._clock() - self._started > _ANEW:
+        elif self._is_guardian_gone() and self._clock() - self._started > _ANEW:
             self._started = self._clock()
             with suppress(OSError):
                 self._watcher, self._leaving = self._port.watcher(), False
 
-    def _gone(self, patience: float = 0.0) -> bool:
+    def _is_guardian_gone(self, patience: float = 0.0) -> bool:
         """Whether there is no guardian any more. One that still tries need not, for off is confirmed."""
         if self._watcher is not None and (self._leaving or self._watcher.ended) and self._watcher.end(patience):
             self._watcher = None
@@ -108,7 +108,9 @@ class CoilSwitch:
                 "coil state unknown: the PWM chip has not confirmed that the coils are off. Check the bus and the "
                 "supply, then engage again"
             )
-        if (self._leaving or (self._watcher is not None and self._watcher.ended)) and not self._gone(_LEAVING):
+        if (self._leaving or (self._watcher is not None and self._watcher.ended)) and not self._is_guardian_gone(
+            _LEAVING
+        ):
             raise DriverError("the guardian of the I²C bus is still trying to switch off. Engage again in a moment")
         self.start()
 

@@ -54,7 +54,7 @@ class LinuxBus:
         try:
             self._bus = smbus2.SMBus(number)
         except OSError as cause:
-            raise _explained(number, cause) from cause
+            raise _explain_bus_error(number, cause) from cause
         # A transfer that hangs must not hang for the second that the kernel gives it by itself: every try to switch
         # off waits for it. Controllers that do not know the setting keep theirs.
         with suppress(OSError, TypeError):
@@ -73,7 +73,7 @@ class LinuxBus:
             self._bus.close()
 
 
-def _explained(number: int, cause: OSError) -> DriverError:
+def _explain_bus_error(number: int, cause: OSError) -> DriverError:
     path = f"/dev/i2c-{number}"
     if cause.errno in (errno.EACCES, errno.EPERM):
         return DriverError(

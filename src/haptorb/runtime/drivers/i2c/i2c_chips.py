@@ -12,10 +12,10 @@ from haptorb.runtime.drivers.i2c.i2c_guardian import Guardian
 from haptorb.runtime.drivers.i2c.i2c_lock import BusLock
 from haptorb.runtime.drivers.i2c.pca9685 import ADDRESS
 
-__all__ = ["LinuxPort", "Port", "UnwatchedPort", "Watcher", "device_number", "pwm_lock"]
+__all__ = ["LinuxPort", "Port", "UnwatchedPort", "Watchdog", "device_number", "pwm_lock"]
 
 
-class Watcher(Protocol):
+class Watchdog(Protocol):
     """Whoever switches off when this process does not beat."""
 
     @property
@@ -45,7 +45,7 @@ class Port(ABC):
         """The bus. Raises DriverError if it is not there or somebody else drives it."""
 
     @abstractmethod
-    def watcher(self) -> Watcher | None:
+    def watcher(self) -> Watchdog | None:
         """A new one, not ready yet; None where nobody watches. OSError if it cannot be started."""
 
     @abstractmethod
@@ -83,7 +83,7 @@ class LinuxPort(Port):
             raise
         return self._bus
 
-    def watcher(self) -> Watcher:
+    def watcher(self) -> Watchdog:
         """A guardian process, which shares the lock."""
         command = [sys.executable, "-m", "haptorb.runtime.drivers.i2c.i2c_guardian", str(self._number), str(ADDRESS)]
         if self._lock is None:

@@ -24,7 +24,7 @@ from haptorb.runtime.drivers.i2c.pca9685 import Pca9685
 from haptorb.runtime.drivers.i2c.tca9534 import HallSelect
 from haptorb.runtime.drivers.i2c.w1_thermometers import W1Thermometers
 from haptorb.runtime.drivers.serial.protocol import CHANNELS, DUTY_STEPS, HALL_SENSORS, counts
-from haptorb.runtime.drivers.serial.serial_driver import untracked
+from haptorb.runtime.drivers.serial.serial_driver import invalid_pose
 from haptorb.sensing.sample import Pose, Sample
 
 __all__ = ["I2cDriver", "Thermometers"]
@@ -77,7 +77,7 @@ class I2cDriver(Driver):
         self,
         device: Device,
         bus: int | I2cBus | Port,
-        pose: Callable[[float], Pose] = untracked,
+        pose: Callable[[float], Pose] = invalid_pose,
         *,
         thermometers: Callable[[], Thermometers] = W1Thermometers,
         shunt: float = 0.01,
@@ -222,15 +222,15 @@ class I2cDriver(Driver):
             if self._watchdog:  # safety: i2c-monostable-bridged
                 output_enable.ready(self._select, self._clock)
         except DriverError as cause:
-            raise self._failed(str(cause)) from cause
+            raise self._fail(str(cause)) from cause
         except OSError as cause:
-            raise self._failed(f"the I²C bus fails: {cause}") from cause
+            raise self._fail(f"the I²C bus fails: {cause}") from cause
         self._fault = ""
         self._armed = True
         self._fails = 0
         self._over[:] = 0
 
-    def _failed(self, why: str) -> DriverError:
+    def _fail(self, why: str) -> DriverError:
         """Coils off, and off they stay until `engage`."""
         self._engaged = self._armed = False
         self._applied = np.zeros(CHANNELS)
@@ -263,7 +263,7 @@ class I2cDriver(Driver):
         except OSError as cause:
             self._fails += 1
             if self._fails >= _FAILS_IN_A_ROW:
-                raise self._failed(f"a chip on the I²C bus does not answer: {cause}") from cause
+                raise self._fail(f"a chip on the I²C bus does not answer: {cause}") from cause
         else:
             self._fails = 0
             # the middle of either's reading; a bus takes its time, and the tick's `now` is when it began
@@ -272,7 +272,7 @@ class I2cDriver(Driver):
         self._over = np.where(np.abs(self._currents) > self._limit, self._over + 1, 0)
         if (self._over >= _OVER_IN_A_ROW).any():
             coil = "xyz"[int(np.argmax(self._over))]
-            raise self._failed(f"the current of coil {coil} was above its limit; look for a short before going on")
+            raise self._fail(f"the current of coil {coil} was above its limit; look for a short before going on")
         field, self._field = self._field, self._hall_sensors.nothing()
         return Sample(
             now, self._currents.copy(), self._thermometers.read(), field, self._pose(now),
@@ -305,20 +305,20 @@ class I2cDriver(Driver):
         try:
             # safety: i2c-zero-off
             if not some and self._clock() - self._idle > _IDLE:  # type: ignore[operator]
-                return self._rested(switch)
+                return self._resume_after_rest(switch)
             self._engaged, self._armed = True, False
             switch.beat(True)
             if self._watchdog:
                 self._select.trigger()
             switch.write(steps)
         except OSError as cause:
-            raise self._failed(f"the PWM chip does not answer: {cause}") from cause
+            raise self._fail(f"the PWM chip does not answer: {cause}") from cause
         except DriverError as cause:
-            raise self._failed(str(cause)) from cause
+            raise self._fail(str(cause)) from cause
         self._applied = np.array(steps) / DUTY_STEPS
         return self._applied.copy()
 
-    def _rested(self, switch: CoilSwitch) -> Array:
+    def _resume_after_rest(self, switch: CoilSwitch) -> Array:
         """Nothing was wanted for a while: off, confirmed. The next duties engage again, for nothing failed."""
         self._idle = None
         if not switch.off():

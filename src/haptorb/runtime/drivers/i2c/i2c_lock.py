@@ -35,13 +35,13 @@ class BusLock:
         if not places:
             raise DriverError(f"{name} cannot be locked: neither {_FOLDERS[0]} nor {_FOLDERS[1]} is a folder")
         self._path = places[0] / f"haptorb-i2c-{os.major(bus)}-{os.minor(bus)}-{address:02x}.lock"
-        self.descriptor = self._held()
+        self.descriptor = self._lock()
         self.tell()
 
-    def _held(self) -> int:
+    def _lock(self) -> int:
         for _ in range(_TRIES):
             try:
-                descriptor = _opened(self._path)
+                descriptor = _open_file(self._path)
             except OSError as cause:
                 raise DriverError(f"{self._name} cannot be locked: {self._path}: {cause.strerror}") from cause
             try:
@@ -70,7 +70,7 @@ class BusLock:
             os.close(descriptor)
 
 
-def _opened(path: Path) -> int:
+def _open_file(path: Path) -> int:
     """The file, made if it is not there. Made without O_CREAT where it is: the kernel may refuse that in a folder that
     everybody may write to when the file is another user's."""
     flags = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK

@@ -35,7 +35,7 @@ def pulse(select: HallSelect, clock: Callable[[], float]) -> float:
     while (now := clock()) < end:
         select.trigger()
         while clock() < now + _EVERY:
-            if not select.enabled():
+            if not select.is_enabled():
                 raise DriverError(f"OE of the PCA9685 does not stay low while its monostable is triggered: {_WIRE}")
     select.trigger()
     lasted = _lasts(select, clock)
@@ -55,14 +55,14 @@ def ready(select: HallSelect, clock: Callable[[], float]) -> None:
     if _lasts(select, clock) is None:
         raise DriverError(f"OE of the PCA9685 is low although nothing triggers a monostable: {_WIRE}")
     select.trigger()
-    if not select.enabled():
+    if not select.is_enabled():
         raise DriverError(f"OE of the PCA9685 does not fall when its monostable is triggered: {_WIRE}")
 
 
 def _lasts(select: HallSelect, clock: Callable[[], float]) -> float | None:
     """How long OE is still low [s]; None if longer than LONGEST."""
     start = clock()
-    while select.enabled():
+    while select.is_enabled():
         if clock() - start > LONGEST:
             return None
     return clock() - start

@@ -58,7 +58,7 @@ class HallSelect:
         fall_and_rise = (_OUTPUT, axis, axis | _TRIGGER)  # safety: i2c-trigger-edge
         self._bus.transfer([(self._address, bytes(fall_and_rise))])
 
-    def enabled(self) -> bool:
+    def is_enabled(self) -> bool:
         """Whether OE is low now."""
         (pins,) = self._bus.transfer([(self._address, bytes((_INPUT,))), (self._address, 1)])
         return not pins[0] & _SENSE

@@ -10,11 +10,11 @@ import numpy as np
 
 from haptorb.errors import DriverError
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.drivers.serial.codes import Refusal, Standing
-from haptorb.runtime.drivers.serial.frames import Frame, FrameParser, Numbers, encoded
+from haptorb.runtime.drivers.serial.codes import BoardMode, Refusal
+from haptorb.runtime.drivers.serial.frames import Frame, FrameParser, Numbers, encode
 from haptorb.runtime.drivers.serial.messages import refusal
 from haptorb.runtime.drivers.serial.protocol import READING, SET_BYTES, STATE, Command, counts, engage, set_line
-from haptorb.runtime.drivers.serial.reading import Answer, Reading, answered, reading_row
+from haptorb.runtime.drivers.serial.reading import Reading, Reply, find_answer, reading_row
 from haptorb.runtime.drivers.serial.replies import BoardLimits, BoardState, Identity
 from haptorb.runtime.drivers.serial.serial_port import SerialPort
 
@@ -55,11 +55,11 @@ class Board:
         self._said = self._out.data
         self._row = reading_row()
         set_line(self._out, 0, np.array(counts(np.zeros(3)), np.int64))
-        answered(self._parser.line, self._parser.held, 0, 0, self._row, self._at)
+        find_answer(self._parser.line, self._parser.held, 0, 0, self._row, self._at)
         self._port = SerialPort(path)
         try:
-            self.identity = self._met(patience)
-            self.limits = BoardLimits.parse(self._asked(Command.LIMITS, b"", 0x80 | Command.LIMITS).payload)
+            self.identity = self._identify(patience)
+            self.limits = BoardLimits.parse(self._ask(Command.LIMITS, b"", 0x80 | Command.LIMITS).payload)
             self.off()
         except BaseException:
             self._port.close()
@@ -75,12 +75,14 @@ class Board:
         """Frames from the firmware whose check sum was wrong."""
         return self._parser.damaged
 
-    def _met(self, patience: float) -> Identity:
+    def _identify(self, patience: float) -> Identity:
         end = monotonic() + patience
         heard = 0
         while True:
             self._send(Frame(Command.IDENTIFY, self._next(), b""))
-            frame, count = self._awaited(0x80 | Command.IDENTIFY, self._sequence, min(max(0.1, self._answer), _AGAIN))
+            frame, count = self._await_frame(
+                0x80 | Command.IDENTIFY, self._sequence, min(max(0.1, self._answer), _AGAIN)
+            )
             heard += count
             if frame is not None:
                 identity = Identity.parse(frame.payload)
@@ -100,33 +102,33 @@ class Board:
         return self._sequence
 
     def _send(self, frame: Frame) -> None:
-        self._port.send(encoded(frame))
+        self._port.send(encode(frame))
 
-    def _awaited(self, kind: int, sequence: int, patience: float) -> tuple[Frame | None, int]:
+    def _await_frame(self, kind: int, sequence: int, patience: float) -> tuple[Frame | None, int]:
         """The frame of this kind and number, or None; and how many bytes came."""
         end = monotonic() + patience
         heard = 0
         while True:
-            heard += self._received(end)
+            heard += self._receive(end)
             while (frame := self._parser.next()) is not None:
                 if frame.sequence == sequence and frame.type == kind:
                     return frame, heard
                 if frame.sequence == sequence and frame.type == STATE:
-                    raise _refused(kind, frame)
+                    raise _refusal_error(kind, frame)
             if monotonic() >= end:
                 return None, heard
 
-    def _received(self, end: float) -> int:
+    def _receive(self, end: float) -> int:
         """How many bytes came, waiting until `end` [s] at the latest."""
         count = self._port.receive(self._parser.room, end - monotonic())
         self._parser.took(count)
         return count
 
-    def _asked(self, command: Command, payload: bytes, kind: int) -> Frame:
+    def _ask(self, command: Command, payload: bytes, kind: int) -> Frame:
         for _ in range(_TRIES):
             sequence = self._next()
             self._send(Frame(command, sequence, payload))
-            frame, _ = self._awaited(kind, sequence, self._answer)
+            frame, _ = self._await_frame(kind, sequence, self._answer)
             if frame is not None:
                 return frame
         raise DriverError(f"the firmware at {self.path} does not answer; check the cable and the device's supply")
@@ -135,7 +137,7 @@ class Board:
         for _ in range(_TRIES):
             sequence = self._next()
             self._send(make(sequence))
-            frame, _ = self._awaited(STATE, sequence, self._answer)
+            frame, _ = self._await_frame(STATE, sequence, self._answer)
             if frame is not None:
                 return BoardState.parse(frame.payload)
         raise DriverError(f"the firmware at {self.path} does not answer; check the cable and the device's supply")
@@ -172,7 +174,7 @@ class Board:
 
     def identify(self) -> Identity:
         """Who answers, asked once more: what was stored shows here."""
-        self.identity = Identity.parse(self._asked(Command.IDENTIFY, b"", 0x80 | Command.IDENTIFY).payload)
+        self.identity = Identity.parse(self._ask(Command.IDENTIFY, b"", 0x80 | Command.IDENTIFY).payload)
         return self.identity
 
     def read(self) -> Reading:
@@ -228,14 +230,14 @@ class Board:
         last, self._waiting = self._waiting, None
         parser, end = self._parser, monotonic() + patience
         while True:
-            self._received(end)
-            answer = answered(parser.line, parser.held, self._first, last, self._row, self._at)
-            if answer == Answer.READING:
+            self._receive(end)
+            answer = find_answer(parser.line, parser.held, self._first, last, self._row, self._at)
+            if answer == Reply.READING:
                 self.asked = self._asked_at[parser.line[self._at[0] + 4]]
                 return self._row
-            if answer == Answer.OTHER:
-                raise _refused(READING, parser.frame(int(self._at[0])))
-            if answer == Answer.BENT:
+            if answer == Reply.OTHER:
+                raise _refusal_error(READING, parser.frame(int(self._at[0])))
+            if answer == Reply.BENT:
                 Reading.parse(parser.frame(int(self._at[0])).payload)  # says what is wrong with it
             if monotonic() >= end:
                 return None
@@ -245,14 +247,14 @@ class Board:
         twice."""
         try:
             self._send(Frame(Command.OFF, self._next(), b""))
-            frame, _ = self._awaited(STATE, self._sequence, self._answer)
-            return frame is not None and BoardState.parse(frame.payload).standing is not Standing.ENGAGED
+            frame, _ = self._await_frame(STATE, self._sequence, self._answer)
+            return frame is not None and BoardState.parse(frame.payload).standing is not BoardMode.ENGAGED
         except DriverError:
             return False  # the line is dead: the firmware's own watchdog has switched off
         finally:
             self._port.close()
 
 
-def _refused(kind: int, frame: Frame) -> DriverError:
+def _refusal_error(kind: int, frame: Frame) -> DriverError:
     state = BoardState.parse(frame.payload)
     return DriverError(f"the firmware did not take the command {kind & 0x7F}: {state.refusal.name}")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-__all__ = ["Reason", "Refusal", "Standing", "missing_chips"]
+__all__ = ["BoardMode", "Reason", "Refusal", "missing_chips"]
 
 
-class Standing(IntEnum):
+class BoardMode(IntEnum):
     """What the firmware lets the coils do."""
 
     OFF = 0

@@ -27,7 +27,7 @@ from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.hall_sensor import HallSensors
 from haptorb.runtime.realtime.kernel_requests import urgent
 from haptorb.sensing.sample import Pose
-from haptorb.simulation.registry import simulated
+from haptorb.simulation.registry import simulate
 
 __all__ = ["EmulatedDevice", "Emulator"]
 
@@ -54,7 +54,7 @@ class EmulatedDevice:
         hall_axes: int = 3,
     ) -> None:
         self.path = path
-        self.simulation = simulated(device, seed)
+        self.simulation = simulate(device, seed)
         self._goal = goal
         self._hall = HallSensors(device.hall.positions, hall_axes)
         self._shares = np.full((3, device.sensors), 0.5)
@@ -147,7 +147,7 @@ class Emulator:
         self._lines: Queue[str] = Queue()
         self._listener = threading.Thread(target=self._listen, name="emulator", daemon=True)
         self._listener.start()
-        self.heard("@ready")
+        self.expect_line("@ready")
 
     def _listen(self) -> None:
         assert self._process.stdout is not None
@@ -156,7 +156,7 @@ class Emulator:
                 if line.startswith("@"):  # the library talks, too
                     self._lines.put(line.strip())
 
-    def heard(self, start: str, patience: float = 20.0) -> str:
+    def expect_line(self, start: str, patience: float = 20.0) -> str:
         """The next line that begins so; others before it are dropped. DriverError if none comes in `patience` [s]."""
         end = time.monotonic() + patience
         while True:
@@ -214,13 +214,15 @@ class Emulator:
     def status(self) -> dict[str, str]:
         """Counters and state, by name."""
         self.say("status")
-        words = dict(re.findall(r"(\w+)=(\S+)", self.heard("@status")))
-        self.heard("@done")
+        words = dict(re.findall(r"(\w+)=(\S+)", self.expect_line("@status")))
+        self.expect_line("@done")
         return words
 
     def off(self, patience: float = 20.0) -> dict[str, float]:
         """When the coils go off next: firmware time, and milliseconds since the last byte and the last mark."""
-        return {name: float(value) for name, value in re.findall(r"(\w+)=([-\d.]+)", self.heard("@off", patience))}
+        return {
+            name: float(value) for name, value in re.findall(r"(\w+)=([-\d.]+)", self.expect_line("@off", patience))
+        }
 
     @property
     def pid(self) -> int:

@@ -24,9 +24,9 @@ __all__ = [
     "Numbers",
     "Octets",
     "crc16",
-    "encoded",
-    "found",
-    "sealed",
+    "encode",
+    "find_frame",
+    "seal_frame",
 ]
 
 SYNC = b"\xa5\x5a"
@@ -61,7 +61,7 @@ def _check(line: Octets, first: int, last: int) -> int:
 
 
 @kernel
-def sealed(line: Octets, kind: int, sequence: int, length: int) -> int:
+def seal_frame(line: Octets, kind: int, sequence: int, length: int) -> int:
     """Head and check sum around a payload of `length` bytes that is in `line` from HEAD on; the frame's length."""
     line[0], line[1], line[2], line[3], line[4] = 0xA5, 0x5A, length, kind, sequence
     end = HEAD + length
@@ -71,7 +71,7 @@ def sealed(line: Octets, kind: int, sequence: int, length: int) -> int:
 
 
 @kernel
-def found(line: Octets, held: Numbers) -> int:
+def find_frame(line: Octets, held: Numbers) -> int:
     """Where the next whole frame begins in `line`; −1: nowhere, and what may be the beginning of one is in front.
 
     held (3,): the first byte that has not been looked at, one past the last, damaged frames so far.
@@ -113,10 +113,10 @@ def crc16(data: bytes) -> int:
     return int(_check(np.frombuffer(data, np.uint8), 0, len(data)))
 
 
-def encoded(frame: Frame) -> bytes:
+def encode(frame: Frame) -> bytes:
     """The bytes of `frame` on the line; InputError if its payload is too long or a number is no byte.
 
-    >>> encoded(Frame(0x06, 6, b"")).hex(" ")
+    >>> encode(Frame(0x06, 6, b"")).hex(" ")
     'a5 5a 00 06 06 fc 06'
     """
     length = len(frame.payload)
@@ -126,7 +126,7 @@ def encoded(frame: Frame) -> bytes:
         raise InputError(f"a frame's type and sequence are bytes; got {frame.type} and {frame.sequence}")
     line = np.empty(_FRAME_MAX, np.uint8)
     line[HEAD : HEAD + length] = np.frombuffer(frame.payload, np.uint8)
-    return line[: sealed(line, frame.type, frame.sequence, length)].tobytes()
+    return line[: seal_frame(line, frame.type, frame.sequence, length)].tobytes()
 
 
 @final
@@ -134,14 +134,14 @@ class FrameParser:
     """Finds frames in a stream of bytes. After a damaged one it looks again from the byte behind its sync.
 
     Never holds more than one frame's bytes. For those who read the line themselves: bytes go into `room`, and `took`
-    says how many; `line` and `held` are as `found` takes them.
+    says how many; `line` and `held` are as `find_frame` takes them.
     """
 
     def __init__(self) -> None:
         self.line = np.zeros(_FRAME_MAX + _CHUNK, np.uint8)
         self.held = np.zeros(3, np.int64)
         self._all = self.line.data
-        found(self.line, self.held)  # compiled before anybody waits
+        find_frame(self.line, self.held)  # compiled before anybody waits
 
     @property
     def damaged(self) -> int:
@@ -163,20 +163,20 @@ class FrameParser:
         self.held[1] += count
 
     def frame(self, at: int) -> Frame:
-        """The frame that `found` found."""
+        """The frame that `find_frame` found."""
         whole = self.line[at : at + HEAD + int(self.line[at + 2])].tobytes()
         return Frame(whole[3], whole[4], whole[HEAD:])
 
     def next(self) -> Frame | None:
         """The next whole frame of what has come."""
-        at = found(self.line, self.held)
+        at = find_frame(self.line, self.held)
         return None if at < 0 else self.frame(at)
 
     def feed(self, data: bytes) -> list[Frame]:
         """The frames that are complete after `data`.
 
         >>> parser = FrameParser()
-        >>> parser.feed(b"noise" + encoded(Frame(1, 2, b"x"))[:6]), parser.feed(encoded(Frame(1, 2, b"x"))[6:])
+        >>> parser.feed(b"noise" + encode(Frame(1, 2, b"x"))[:6]), parser.feed(encode(Frame(1, 2, b"x"))[6:])
         ([], [Frame(type=1, sequence=2, payload=b'x')])
         """
         frames = []

@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-from haptorb.runtime.drivers.serial.codes import Reason, Refusal, Standing, missing_chips
+from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, Refusal, missing_chips
 from haptorb.runtime.drivers.serial.reading import Reading
 from haptorb.runtime.drivers.serial.replies import BoardState
 
-__all__ = ["refusal", "switched_off"]
+__all__ = ["explain_off", "refusal"]
 
 _WARM = 0xE0  #: bits of the thermometers
 _NEEDED = 0x0F  #: bits of the parts without which nothing is driven
 
 
-def switched_off(reading: Reading, engaged: bool) -> str:
+def explain_off(reading: Reading, engaged: bool) -> str:
     """A trip, or a restart that nobody asked for while the host believed it `engaged`; empty if all is as it should be.
 
     >>> from haptorb.runtime.drivers.serial.reading import reading_row
-    >>> switched_off(Reading.of(reading_row()), engaged=True)
+    >>> explain_off(Reading.of(reading_row()), engaged=True)
     'the firmware is off by itself: no reason'
     """
-    if reading.standing is Standing.TRIPPED:
+    if reading.standing is BoardMode.TRIPPED:
         parts = missing_chips(reading.missing & _NEEDED) if reading.reason is Reason.CHIP else ()
         detail = f": {', '.join(parts)}" if parts else ""
         return f"the firmware switched the coils off: {reading.reason.text}{detail}"
-    if engaged and reading.standing is Standing.OFF:  # safety: firmware-restarted
+    if engaged and reading.standing is BoardMode.OFF:  # safety: firmware-restarted
         return f"the firmware is off by itself: {reading.reason.text}"
     return ""
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, finite
 from haptorb.numerics.compiled import kernel
-from haptorb.runtime.drivers.serial.frames import HEAD, Frame, Numbers, Octets, sealed
+from haptorb.runtime.drivers.serial.frames import HEAD, Frame, Numbers, Octets, seal_frame
 
 __all__ = [
     "CHANNELS",
@@ -31,9 +31,9 @@ __all__ = [
     "Command",
     "counts",
     "engage",
+    "quantise_duties",
     "set_duties",
     "set_line",
-    "stepped",
 ]
 
 PROTOCOL_VERSION = 3
@@ -63,7 +63,7 @@ SET_BYTES = 13  #: of the frame with three duties
 
 
 @kernel
-def stepped(duties: Array, steps: Numbers) -> bool:
+def quantise_duties(duties: Array, steps: Numbers) -> bool:
     """Fill `steps` (3,), signed PWM steps, with duties (3,) in −1…1 [1], clipped, zero for what is no number; any?"""
     some = False
     for i in range(CHANNELS):
@@ -85,7 +85,7 @@ def counts(duties: ArrayLike) -> list[int]:
     if asked.shape != (CHANNELS,):
         raise InputError(f"duties must have one entry per coil, shape ({CHANNELS},); got shape {asked.shape}")
     steps = np.empty(CHANNELS, np.int64)
-    stepped(asked, steps)
+    quantise_duties(asked, steps)
     return [int(one) for one in steps]
 
 
@@ -98,7 +98,7 @@ def set_line(line: Octets, sequence: int, steps: Numbers) -> int:
     """Write the frame that sets the coils' duties, in signed steps (3,), to the front of `line`; its length."""
     for i in range(CHANNELS):
         line[HEAD + 2 * i], line[HEAD + 2 * i + 1] = steps[i] & 0xFF, steps[i] >> 8 & 0xFF
-    return sealed(line, _SET, sequence, 2 * CHANNELS)
+    return seal_frame(line, _SET, sequence, 2 * CHANNELS)
 
 
 def set_duties(sequence: int, steps: list[int]) -> Frame:

@@ -13,8 +13,8 @@ import numpy as np
 from haptorb.errors import DriverError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
-from haptorb.runtime.drivers.serial.codes import Reason, Standing
-from haptorb.runtime.drivers.serial.frames import HEAD, Numbers, Octets, found
+from haptorb.runtime.drivers.serial.codes import BoardMode, Reason
+from haptorb.runtime.drivers.serial.frames import HEAD, Numbers, Octets, find_frame
 from haptorb.runtime.drivers.serial.protocol import (
     DUTY_STEPS,
     HALL_SENSORS,
@@ -25,7 +25,7 @@ from haptorb.runtime.drivers.serial.protocol import (
 )
 from haptorb.runtime.drivers.serial.replies import reason, standing
 
-__all__ = ["BLOCKS", "READING_BYTES", "Answer", "At", "Reading", "answered", "reading_row"]
+__all__ = ["BLOCKS", "READING_BYTES", "At", "Reading", "Reply", "find_answer", "reading_row"]
 
 #: first sensors and one past the last of what is read together: an axis of these
 BLOCKS = ((0, 5), (5, HALL_SENSORS))
@@ -68,7 +68,7 @@ _STANDING, _REASON, _MISSING, _APPLIED, _CURRENTS, _AXIS, _FIRST, _COUNT, _HALL,
 _THERMOMETER, _TEMPERATURE, _AGE, _ERRORS, _ROUNDS = (int(one) for one in list(At)[11:])
 
 
-class Answer(IntEnum):
+class Reply(IntEnum):
     """What was found on the line."""
 
     NOTHING = 0  #: not yet
@@ -83,47 +83,47 @@ def reading_row() -> Array:
 
 
 @kernel
-def _unsigned(line: Octets, at: int) -> int:
+def _read_unsigned(line: Octets, at: int) -> int:
     return int(line[at]) | int(line[at + 1]) << 8
 
 
 @kernel
-def _signed(line: Octets, at: int) -> int:
-    value = _unsigned(line, at)
+def _read_signed(line: Octets, at: int) -> int:
+    value = _read_unsigned(line, at)
     return value - 65536 if value >= 32768 else value
 
 
 @kernel
-def _told(line: Octets, at: int, row: Array) -> bool:
+def _fill_reading(line: Octets, at: int, row: Array) -> bool:
     """Fill `row` (24,) from the payload at `at`; False if it names what there is not."""
     group, thermometer = int(line[at + 16]), int(line[at + 27])
     axis, block = (group & (_TOLD - 1)) // 2, group & 1
     if axis >= _AXES or thermometer >= THERMOMETERS:
         return False
-    row[_STANDING], row[_REASON], row[_MISSING] = line[at], line[at + 1], _unsigned(line, at + 2)
+    row[_STANDING], row[_REASON], row[_MISSING] = line[at], line[at + 1], _read_unsigned(line, at + 2)
     for i in range(3):
-        row[_APPLIED + i] = _signed(line, at + 4 + 2 * i) / DUTY_STEPS
-        row[_CURRENTS + i] = _signed(line, at + 10 + 2 * i) * 1e-3
+        row[_APPLIED + i] = _read_signed(line, at + 4 + 2 * i) / DUTY_STEPS
+        row[_CURRENTS + i] = _read_signed(line, at + 10 + 2 * i) * 1e-3
     row[_AXIS], row[_NEWS] = axis, group < _TOLD
     row[_FIRST], row[_COUNT] = (0, _SECOND) if block == 0 else (_SECOND, HALL_SENSORS - _SECOND)
     for i in range(_SECOND):
-        code = _unsigned(line, at + 17 + 2 * i)
+        code = _read_unsigned(line, at + 17 + 2 * i)
         row[_HALL + i] = np.nan if code == _NO_HALL else code / 4095.0
-    heat = _signed(line, at + 28)
+    heat = _read_signed(line, at + 28)
     row[_THERMOMETER], row[_TEMPERATURE] = thermometer, np.nan if heat == _NO_TEMPERATURE else heat / 16 + 273.15
-    row[_AGE], row[_HALL_AGE] = _unsigned(line, at + 30) * 1e-6, _unsigned(line, at + 32) * 1e-6
+    row[_AGE], row[_HALL_AGE] = _read_unsigned(line, at + 30) * 1e-6, _read_unsigned(line, at + 32) * 1e-6
     row[_ERRORS], row[_ROUNDS] = line[at + 34], line[at + 35]
     return True
 
 
 @kernel
-def answered(line: Octets, held: Numbers, first: int, last: int, row: Array, at: Numbers) -> int:
-    """Look on the line for the answer to a SET or READ numbered `first` to `last`; a reading fills `row`. An `Answer`.
+def find_answer(line: Octets, held: Numbers, first: int, last: int, row: Array, at: Numbers) -> int:
+    """Look on the line for the answer to a SET or READ numbered `first` to `last`; a reading fills `row`. A `Reply`.
 
-    Numbers begin again after 255. line, held as `frames.found` takes them; at (1,): where the frame is that was found.
+    Numbers begin again after 255. line, held as `frames.find_frame` takes them; at (1,): where the frame was found.
     """
     while True:
-        begin = found(line, held)
+        begin = find_frame(line, held)
         at[0] = begin
         if begin < 0:
             return 0
@@ -132,7 +132,7 @@ def answered(line: Octets, held: Numbers, first: int, last: int, row: Array, at:
         if line[begin + 3] == STATE:
             return 2
         if line[begin + 3] == READING:
-            return 1 if line[begin + 2] == READING_BYTES and _told(line, begin + HEAD, row) else 3
+            return 1 if line[begin + 2] == READING_BYTES and _fill_reading(line, begin + HEAD, row) else 3
 
 
 class Reading(NamedTuple):
@@ -151,7 +151,7 @@ class Reading(NamedTuple):
     rounds        of the I²C bus, wraps at 256
     """
 
-    standing: Standing
+    standing: BoardMode
     reason: Reason
     missing: int
     applied: tuple[float, ...]
@@ -188,6 +188,6 @@ class Reading(NamedTuple):
                 f"{READING_BYTES}; flash the firmware that came with this version"
             )
         row = reading_row()
-        if not _told(np.frombuffer(payload, np.uint8), 0, row):
+        if not _fill_reading(np.frombuffer(payload, np.uint8), 0, row):
             raise DriverError(f"the firmware's reading names Hall group {payload[16]} and thermometer {payload[27]}")
         return cls.of(row)

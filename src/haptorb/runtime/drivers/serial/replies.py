@@ -7,13 +7,13 @@ from struct import Struct
 from struct import error as StructError
 
 from haptorb.errors import DriverError
-from haptorb.runtime.drivers.serial.codes import Reason, Refusal, Standing
+from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, Refusal
 from haptorb.runtime.drivers.serial.protocol import DUTY_STEPS, PROTOCOL_VERSION
 
-__all__ = ["BoardLimits", "BoardState", "Identity", "reason", "standing", "unpacked"]
+__all__ = ["BoardLimits", "BoardState", "Identity", "reason", "standing", "unpack_payload"]
 
 
-def unpacked(layout: Struct, payload: bytes, what: str) -> tuple[int, ...]:
+def unpack_payload(layout: Struct, payload: bytes, what: str) -> tuple[int, ...]:
     """The numbers in the `payload` of a firmware's `what`; DriverError if that has another length."""
     try:
         return layout.unpack(payload)
@@ -25,7 +25,7 @@ def unpacked(layout: Struct, payload: bytes, what: str) -> tuple[int, ...]:
 
 
 _REASONS = {int(one): one for one in Reason}
-_STANDINGS = {int(one): one for one in Standing}
+_STANDINGS = {int(one): one for one in BoardMode}
 _REFUSALS = {int(one): one for one in Refusal}
 
 
@@ -34,9 +34,9 @@ def reason(value: int) -> Reason:
     return _REASONS.get(value, Reason.NONE)
 
 
-def standing(value: int) -> Standing:
+def standing(value: int) -> BoardMode:
     """The state `value`; one that nobody knows is one in which nothing may be asked."""
-    return _STANDINGS.get(value, Standing.TRIPPED)
+    return _STANDINGS.get(value, BoardMode.TRIPPED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class Identity:
                 f"the firmware speaks protocol version {other}, this program version {PROTOCOL_VERSION}; "
                 "flash the firmware that came with this version (`make firmware`)"
             )
-        unpacked(cls._LAYOUT, payload, "identity")
+        unpack_payload(cls._LAYOUT, payload, "identity")
         p, major, minor, board, channels, halls, axes, thermometers, reset, *texts = cls._LAYOUT.unpack(payload)
         name, calibration = texts
         boards = {1: "ATmega328P", 2: "ATmega2560"}
@@ -102,7 +102,7 @@ class BoardLimits:
     @classmethod
     def parse(cls, payload: bytes) -> BoardLimits:
         """From the answer to LIMITS; DriverError if that has another length."""
-        duty, current, s_duty, s_current, silence, sustained, heat, hot, _, step = unpacked(
+        duty, current, s_duty, s_current, silence, sustained, heat, hot, _, step = unpack_payload(
             cls._LAYOUT, payload, "limits"
         )
         return cls(
@@ -122,7 +122,7 @@ class BoardLimits:
 class BoardState:
     """The answer to ENGAGE, OFF and STORE."""
 
-    standing: Standing
+    standing: BoardMode
     reason: Reason
     missing: int
     refusal: Refusal
@@ -132,5 +132,5 @@ class BoardState:
     @classmethod
     def parse(cls, payload: bytes) -> BoardState:
         """From its payload; DriverError if that has another length."""
-        state, why, missing, refusal = unpacked(cls._LAYOUT, payload, "state")
+        state, why, missing, refusal = unpack_payload(cls._LAYOUT, payload, "state")
         return cls(standing(state), reason(why), missing, _REFUSALS.get(refusal, Refusal.FRAME))

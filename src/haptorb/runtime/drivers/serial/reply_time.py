@@ -28,14 +28,14 @@ class BoardTime:
         """The tick at `now` [s] has begun."""
         self._before, self._here = self._here, (now, self._clock())
 
-    def answered(self, asked: float) -> float:
+    def time_of_answer(self, asked: float) -> float:
         """When the board answered what it was asked at `asked` [s by `clock`], by the loop's clock [s].
 
         >>> time = iter([10.0, 11.5])
         >>> board = BoardTime(lambda: next(time))
         >>> board.tick(0.0)
         >>> board.tick(1.0)                         # half a second late
-        >>> round(board.answered(10.25), 5)         # asked a quarter of a second after the first began
+        >>> round(board.time_of_answer(10.25), 5)         # asked a quarter of a second after the first began
         0.25025
         """
         at, begun = self._here if asked >= self._here[1] else self._before

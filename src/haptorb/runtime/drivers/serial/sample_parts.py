@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
-from haptorb.runtime.drivers.hall_sensor import HallSensors, placed
+from haptorb.runtime.drivers.hall_sensor import HallSensors, fill_field
 from haptorb.runtime.drivers.serial.protocol import CHANNELS
 from haptorb.runtime.drivers.serial.reading import BLOCKS, At, reading_row
 from haptorb.sensing.sample import Pose, Sample
@@ -27,7 +27,7 @@ _SCANNED = 0.15e-3
 
 
 @kernel
-def _taken(
+def _split_reading(
     row: Array,
     radial: Array,
     axes: int,
@@ -45,7 +45,7 @@ def _taken(
     if row[_NEWS] == 0.0 or row[_HALL] != row[_HALL]:
         return
     axis, first = int(row[_AXIS]), int(row[_FIRST])
-    placed(field, radial, axes, span, axis, first, row[_HALL : _HALL + int(row[_COUNT])])
+    fill_field(field, radial, axes, span, axis, first, row[_HALL : _HALL + int(row[_COUNT])])
     heard[axis, 0 if first == 0 else 1] = True
 
 
@@ -66,7 +66,7 @@ class BoardSample:
     def take(self, row: Array, sent: float) -> None:
         """A reading's row (24,), in SI, and when the firmware sent it [s], on the clock of `sample`."""
         hall = self.hall
-        _taken(
+        _split_reading(
             row, hall.radial, hall.axes, hall.span, self._currents, self._temperatures, self._field, self._heard
         )  # fmt: skip
         self._currents_at = sent - float(row[At.AGE]) - _CONVERTED

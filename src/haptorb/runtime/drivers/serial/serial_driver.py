@@ -15,16 +15,16 @@ from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.drivers.hall_sensor import HallSensors
 from haptorb.runtime.drivers.serial.board import Board
-from haptorb.runtime.drivers.serial.codes import Reason, Standing, missing_chips
-from haptorb.runtime.drivers.serial.messages import refusal, switched_off
-from haptorb.runtime.drivers.serial.protocol import CHANNELS, DUTY_STEPS, HALL_SENSORS, stepped
+from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, missing_chips
+from haptorb.runtime.drivers.serial.messages import explain_off, refusal
+from haptorb.runtime.drivers.serial.protocol import CHANNELS, DUTY_STEPS, HALL_SENSORS, quantise_duties
 from haptorb.runtime.drivers.serial.reading import At, Reading
 from haptorb.runtime.drivers.serial.replies import Identity
 from haptorb.runtime.drivers.serial.reply_time import BoardTime
 from haptorb.runtime.drivers.serial.sample_parts import BoardSample
 from haptorb.sensing.sample import Pose, Sample
 
-__all__ = ["SerialDriver", "untracked"]
+__all__ = ["SerialDriver", "invalid_pose"]
 
 _LOST_IN_A_ROW = 3  #: readings repeated before the device counts as silent, with current in its coils
 _LOST_AT_REST = 20  #: the same while it is not engaged: a busy computer is no danger then
@@ -39,7 +39,7 @@ _UPRIGHT, _STILL = np.eye(3), np.zeros(3)
 _UPRIGHT.flags.writeable = _STILL.flags.writeable = False
 
 
-def untracked(now: float) -> Pose:
+def invalid_pose(now: float) -> Pose:
     """The word of a tracker that is not there: not valid."""
     return Pose(now, _UPRIGHT, _STILL, _STILL, _STILL, valid=False)
 
@@ -72,7 +72,7 @@ class SerialDriver(Driver):
         self,
         device: Device,
         path: str,
-        pose: Callable[[float], Pose] = untracked,
+        pose: Callable[[float], Pose] = invalid_pose,
         *,
         patience: float = 5e-3,
         duty_limit: float = 1.0,
@@ -112,7 +112,7 @@ class SerialDriver(Driver):
         self._opened = False
         self._applied = np.zeros(CHANNELS)
         self._steps = np.zeros(CHANNELS, np.int64)
-        stepped(self._applied, self._steps)  # compiled before anybody waits
+        quantise_duties(self._applied, self._steps)  # compiled before anybody waits
         self._told = BoardSample(HallSensors(self._positions))
         self._time = BoardTime(self._clock)
 
@@ -139,7 +139,7 @@ class SerialDriver(Driver):
             self._board.collect(self._patience)
         self._engaged = False
         self._applied = np.zeros(CHANNELS)
-        self._told_standing(self._board.off().standing)
+        self._apply_mode(self._board.off().standing)
         self._board.keep(calibration)
         return True
 
@@ -153,8 +153,8 @@ class SerialDriver(Driver):
         """As the firmware said last; UNKNOWN from the moment at which it does not answer until it does."""
         return self._coils
 
-    def _told_standing(self, standing: float) -> None:
-        self._coils = CoilState.ON if standing == Standing.ENGAGED else CoilState.OFF
+    def _apply_mode(self, standing: float) -> None:
+        self._coils = CoilState.ON if standing == BoardMode.ENGAGED else CoilState.OFF
 
     def open(self) -> None:
         """Connect; wait until every sensor has been read once. Raises DriverError naming what is missing."""
@@ -181,7 +181,7 @@ class SerialDriver(Driver):
         end = monotonic() + self._warm_up_time
         while True:
             row = board.row()
-            self._told_standing(row[At.STANDING])
+            self._apply_mode(row[At.STANDING])
             self._told.take(row, 0.0)
             missing = int(row[At.MISSING])
             if self._told.whole and not missing & _REQUIRED:
@@ -209,11 +209,11 @@ class SerialDriver(Driver):
             try:
                 if self._board.posted:
                     self._board.collect(self._patience)
-                self._told_standing(self._board.off().standing)
+                self._apply_mode(self._board.off().standing)
             except DriverError as cause:
-                raise self._failed(str(cause), gone=True) from cause
+                raise self._fail(str(cause), gone=True) from cause
 
-    def _failed(self, why: str, *, gone: bool = False, as_: type[DriverError] = DriverError) -> DriverError:
+    def _fail(self, why: str, *, gone: bool = False, as_: type[DriverError] = DriverError) -> DriverError:
         """No current from now on, until `engage`."""
         self._armed = self._engaged = False  # safety: firmware-trip
         self._applied = np.zeros(CHANNELS)
@@ -226,7 +226,7 @@ class SerialDriver(Driver):
                 self._coils = CoilState.OFF
         return as_(why)
 
-    def _reconnected(self) -> Board:
+    def _reconnect(self) -> Board:
         if monotonic() < self._next_try:
             raise DriverError(self._fault)
         self._next_try = monotonic() + _RETRY
@@ -242,29 +242,29 @@ class SerialDriver(Driver):
         if not self._opened:
             raise DriverError(f"the device at {self._path} is not open; use it in a `with` block or call open() first")
         self._time.tick(now)
-        board = self._board or self._reconnected()
+        board = self._board or self._reconnect()
         try:
             if not board.posted:
                 board.post(None)
-            row = self._collected(board)
+            row = self._collect_reply(board)
         except DriverError as cause:
-            raise self._failed(str(cause), gone=True) from cause
+            raise self._fail(str(cause), gone=True) from cause
         if row is None:
             self._lost += 1
             if self._lost >= (_LOST_IN_A_ROW if self._engaged else _LOST_AT_REST):
-                raise self._failed(f"no answer from the firmware at {self._path}; check cable and supply", gone=True)
+                raise self._fail(f"no answer from the firmware at {self._path}; check cable and supply", gone=True)
         else:
             self._lost = 0
-            self._told_standing(row[At.STANDING])
-            self._told.take(row, self._time.answered(board.asked))
-            if row[At.STANDING] != Standing.ENGAGED:
-                why = switched_off(Reading.of(row), self._engaged)
+            self._apply_mode(row[At.STANDING])
+            self._told.take(row, self._time.time_of_answer(board.asked))
+            if row[At.STANDING] != BoardMode.ENGAGED:
+                why = explain_off(Reading.of(row), self._engaged)
                 if why:
                     silent = row[At.REASON] == Reason.SILENCE
-                    raise self._failed(why, as_=HostSilent if silent else DriverError)
+                    raise self._fail(why, as_=HostSilent if silent else DriverError)
         return self._told.sample(now, self._pose(now))
 
-    def _collected(self, board: Board) -> Array | None:
+    def _collect_reply(self, board: Board) -> Array | None:
         """The answer to the last question; meanwhile the same is asked again, and any of the answers will do."""
         end, pause = monotonic() + self._patience, max(_SAY_AGAIN, self._patience / _TIMES)
         while True:
@@ -278,7 +278,7 @@ class SerialDriver(Driver):
         """Send `duties` (3,); returns (3,) what was applied: in the PWM's steps, zeros while the coils are off."""
         if duties.shape != (CHANNELS,):
             raise InputError(f"duties must have one entry per coil, shape ({CHANNELS},); got shape {duties.shape}")
-        some = stepped(duties, self._steps)
+        some = quantise_duties(duties, self._steps)
         board = self._board
         if board is None or not self._opened:
             return np.zeros(CHANNELS)
@@ -292,9 +292,9 @@ class SerialDriver(Driver):
             if not why:
                 board.post(self._steps)
         except DriverError as cause:
-            raise self._failed(str(cause), gone=True) from cause
+            raise self._fail(str(cause), gone=True) from cause
         if why:
-            raise self._failed(f"the firmware refused to engage: {why}")
+            raise self._fail(f"the firmware refused to engage: {why}")
         self._engaged = True
         self._applied = self._steps / DUTY_STEPS
         return self._applied.copy()
@@ -306,7 +306,7 @@ class SerialDriver(Driver):
         self._armed = False
         self._coils = CoilState.ON  # from here on it may be
         state = board.engage(*self._session)
-        self._told_standing(state.standing)
+        self._apply_mode(state.standing)
         return refusal(state)
 
     def truth(self) -> Array:

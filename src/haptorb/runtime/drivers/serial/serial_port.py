@@ -34,7 +34,7 @@ def port_list() -> list[tuple[str, str]]:
     return [(path, about) for path, about, usb in sorted(found, key=lambda one: (not one[2], one[0])) if usb]
 
 
-def _explained(path: str, cause: OSError) -> DriverError:
+def _explain_port_error(path: str, cause: OSError) -> DriverError:
     number = cause.errno
     text = str(cause)
     if number in (errno.EACCES, errno.EPERM):
@@ -61,7 +61,7 @@ class SerialPort:
         try:
             self._port = serial(path, BAUD, timeout=0, write_timeout=0, exclusive=True)
         except OSError as cause:  # pyserial's own error is one
-            raise _explained(path, cause) from cause
+            raise _explain_port_error(path, cause) from cause
         except ValueError as cause:
             raise DriverError(f"{path} is no serial port at {BAUD} baud: {cause}") from cause
         with suppress(OSError, ValueError, NotImplementedError, AttributeError):
@@ -73,7 +73,7 @@ class SerialPort:
         with suppress(OSError):
             self._port.close()
 
-    def _gone(self, cause: Exception | None) -> DriverError:
+    def _lose_port(self, cause: Exception | None) -> DriverError:
         self.close()
         why = f": {cause}" if cause else ""
         return DriverError(f"{self.path} has gone{why}; check the cable")
@@ -82,9 +82,9 @@ class SerialPort:
         """All of `data`; what the line does not take is an error, because half a frame is worth nothing."""
         try:
             if os.write(self._number, data) != len(data):
-                raise self._gone(None)
+                raise self._lose_port(None)
         except (OSError, ValueError) as cause:
-            raise self._gone(cause) from cause
+            raise self._lose_port(cause) from cause
 
     def receive(self, room: memoryview, patience: float) -> int:
         """How many bytes have come into `room`, waiting at most `patience` [s]; 0 if none did."""
@@ -95,7 +95,7 @@ class SerialPort:
         except BlockingIOError:
             pass
         except (OSError, ValueError) as cause:
-            raise self._gone(cause) from cause
+            raise self._lose_port(cause) from cause
         try:
             ready, _, _ = select.select((self._number,), (), (), max(patience, 0.0))
             if not ready:
@@ -104,7 +104,7 @@ class SerialPort:
         except BlockingIOError:
             return 0
         except (OSError, ValueError) as cause:
-            raise self._gone(cause) from cause
+            raise self._lose_port(cause) from cause
         if not count:  # readable and empty: the other end was closed
-            raise self._gone(None)
+            raise self._lose_port(None)
         return count

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from haptorb.apps.bench import BENCHMARKS, Gathered, Row, gathered, stored
+from haptorb.apps.bench import BENCHMARKS, BenchResult, Metric, load_result, run_benchmarks
 from haptorb.apps.bench import outside as programs
 from haptorb.apps.cli import main
 from haptorb.errors import InputError, UnknownName
@@ -19,7 +19,7 @@ SHORT = 0.02
 def quick():
     told = []
     names = ("allocation", "estimation", "tick", "start", "recording")
-    found = gathered(names, SHORT, "haptorb bench --effort 0.02", lambda name, what: told.append(name))
+    found = run_benchmarks(names, SHORT, "haptorb bench --effort 0.02", lambda name, what: told.append(name))
     assert set(told) == set(names)
     return found
 
@@ -41,7 +41,7 @@ def test_daqp_answers_the_same_problems_alike(quick):
 
 
 def test_scipy_trains_the_same_network():
-    (row, other) = gathered(["training"], SHORT, "", lambda name, what: None).rows
+    (row, other) = run_benchmarks(["training"], SHORT, "", lambda name, what: None).rows
     assert row.value == other.value > 0
     assert {row.peer, other.peer} == {"SciPy L-BFGS-B", "SciPy least_squares trf"}
     for one in (row, other):  # either it got there, or it is said how far it came
@@ -57,35 +57,35 @@ def test_a_recording_keeps_up_and_is_smaller_than_plain_numbers(quick):
 @pytest.mark.parametrize(
     ("row", "ratio", "kept"),
     [
-        (Row("a", "b", 2.0, "µs", "c", 9.0, limit=3.0), 4.5, True),
-        (Row("a", "b", 4.0, "µs", limit=3.0), None, False),
-        (Row("a", "b", 4.0, "1/s", "c", 8.0, limit=3.0, at_least=True), 0.5, True),
-        (Row("a", "b", None, "µs", limit=3.0, note="no browser"), None, None),
-        (Row("a", "b", 1.0, "µs"), None, None),
+        (Metric("a", "b", 2.0, "µs", "c", 9.0, limit=3.0), 4.5, True),
+        (Metric("a", "b", 4.0, "µs", limit=3.0), None, False),
+        (Metric("a", "b", 4.0, "1/s", "c", 8.0, limit=3.0, at_least=True), 0.5, True),
+        (Metric("a", "b", None, "µs", limit=3.0, note="no browser"), None, None),
+        (Metric("a", "b", 1.0, "µs"), None, None),
     ],
 )
 def test_ratio_and_limit(row, ratio, kept):
     assert row.ratio == ratio
     assert row.kept is kept
-    assert Row.read(json.loads(json.dumps(row.numbers()))) == row
+    assert Metric.read(json.loads(json.dumps(row.numbers()))) == row
 
 
 def test_what_is_stored_comes_back_and_is_told(tmp_path):
     rows = (
-        Row("tick", "fast", 2.0, "µs", "peer", 9000.0, limit=3.0),
-        Row("loop", "slow", 4.0, "µs", limit=3.0),
-        Row("loop", "absent", None, "ms", note="needs a browser"),
+        Metric("tick", "fast", 2.0, "µs", "peer", 9000.0, limit=3.0),
+        Metric("loop", "slow", 4.0, "µs", limit=3.0),
+        Metric("loop", "absent", None, "ms", note="needs a browser"),
     )
-    found = Gathered({"processor": "one", "cores": "2"}, "haptorb bench", "2026-01-01", rows)
+    found = BenchResult({"processor": "one", "cores": "2"}, "haptorb bench", "2026-01-01", rows)
     found.store(tmp_path / "b.json")
-    assert stored(tmp_path / "b.json") == found
+    assert load_result(tmp_path / "b.json") == found
     told = found.markdown()
     for said in ("`haptorb bench`", "4,500 ×", "≤ 3 µs (missed)", "not measured", "needs a browser"):
         assert said in told
     assert "9.00 ms" in told
     assert "slow" not in found.markdown(["tick"])
     assert "absent" in found.markdown()
-    assert "other" not in Gathered({}, "", "", (Row("tick", "other", 1.0, "µs"),)).markdown(short=True)
+    assert "other" not in BenchResult({}, "", "", (Metric("tick", "other", 1.0, "µs"),)).markdown(short=True)
     console = Console(file=io.StringIO(), width=160)
     found.show(console)
     assert "needs a browser" in console.file.getvalue()
@@ -95,15 +95,15 @@ def test_what_is_stored_comes_back_and_is_told(tmp_path):
 def test_a_file_that_holds_no_benchmarks_is_refused(tmp_path, text):
     (tmp_path / "b.json").write_text(text)
     with pytest.raises(InputError, match="haptorb bench --store"):
-        stored(tmp_path / "b.json")
+        load_result(tmp_path / "b.json")
 
 
 def test_unknown_names_and_efforts():
     with pytest.raises(UnknownName, match="tick"):
-        gathered(["tic"], 1.0, "", lambda name, what: None)
+        run_benchmarks(["tic"], 1.0, "", lambda name, what: None)
     for effort in (0.0, -1.0, float("nan"), 11.0):
         with pytest.raises(InputError, match="effort"):
-            gathered(["tick"], effort, "", lambda name, what: None)
+            run_benchmarks(["tick"], effort, "", lambda name, what: None)
 
 
 def test_a_program_that_fails_is_a_row_that_says_so(monkeypatch, tmp_path):

@@ -13,7 +13,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from haptorb.apps.web.token import knows
 
-__all__ = ["LOOPBACK", "Doors"]
+__all__ = ["LOOPBACK", "AccessGate"]
 
 #: the names of this computer for itself
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
@@ -40,7 +40,7 @@ def _host(authority: str) -> str:
     return host.lower().rstrip(".")
 
 
-class Doors:
+class AccessGate:
     """ASGI middleware: checks Host, Origin and token on the way in, and adds the content policy on the way out.
 
     token   empty: none is needed
@@ -88,7 +88,7 @@ class Doors:
 def _with_policy(send: Send) -> Send:
     """`send`, with the content policy on every answer."""
 
-    async def guarded(message: Message) -> None:
+    async def send_with_policy(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)
             headers["content-security-policy"] = POLICY
@@ -99,4 +99,4 @@ def _with_policy(send: Send) -> Send:
             headers["cache-control"] = "no-cache"
         await send(message)
 
-    return guarded
+    return send_with_policy

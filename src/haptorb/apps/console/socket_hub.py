@@ -10,21 +10,21 @@ from typing import Any, final
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from haptorb.apps.console.force_map import Painter
+from haptorb.apps.console.force_map import ForceMapWorker
 from haptorb.apps.console.health import Health
-from haptorb.apps.console.page import Page, plain
-from haptorb.apps.console.pointer_relay import Hand
-from haptorb.apps.console.recent import Recent
-from haptorb.apps.console.running_servo import Servant
+from haptorb.apps.console.page import ConsolePage, plain
+from haptorb.apps.console.pointer_relay import PointerRelay
+from haptorb.apps.console.recent import RecentRows
+from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.target import prepare, target_scene
-from haptorb.apps.console.wire import Columns, felt_frame, mesh_frame, pointer, rows_frame
+from haptorb.apps.console.wire import Columns, encode_force_frame, mesh_frame, pointer, rows_frame
 from haptorb.apps.web.command import asks_to_stop
 from haptorb.apps.web.command import command as read_command
 from haptorb.apps.web.token import PROTOCOL
 from haptorb.errors import HaptorbError, InputError
 from haptorb.runtime.trackers.pose_filter import REASONS
 
-__all__ = ["MOST", "Room"]
+__all__ = ["MOST", "ConsoleSocketHub"]
 
 MOST = 16  #: pages at the same time
 FRAME = 1 / 60  #: between two frames [s]
@@ -40,16 +40,16 @@ _VALUES = 64  #: of a world
 
 
 @final
-class Room:
+class ConsoleSocketHub:
     """Joins pages to one servo, which must run before the first page comes."""
 
-    def __init__(self, servo: Servant, painter: Painter | None) -> None:
+    def __init__(self, servo: RunningServo, painter: ForceMapWorker | None) -> None:
         self._servo = servo
         self._painter = painter
-        self._pages: list[Page] = []  # the first has the control
-        self._hand = Hand(servo)
+        self._pages: list[ConsolePage] = []  # the first has the control
+        self._hand = PointerRelay(servo)
         self._health = Health(servo)
-        self._recent = Recent(servo)
+        self._recent = RecentRows(servo)
         columns = Columns(servo.layout, bool(servo.modes))
         self._index = columns.index
         layout = servo.layout
@@ -59,7 +59,7 @@ class Room:
             prepare()
         self._world: tuple[str, dict[str, Any]] = ("", {})
         self._version = 0
-        self._asked: tuple[Page, str, dict[str, Any]] | None = None
+        self._asked: tuple[ConsolePage, str, dict[str, Any]] | None = None
         self._trouble = ""  # why there is no map of this world
         self._asking: asyncio.Task[None] | None = None
         self._refused = dict.fromkeys(_TELLING, 0)
@@ -73,12 +73,12 @@ class Room:
             if time.monotonic() >= next_look:
                 next_look = time.monotonic() + LOOK
                 if self._pages:
-                    self._tell_all("health", **self._told_health())
+                    self._tell_all("health", **self._describe_health())
                 self._notice_world()
                 self._notice_refused()
             await asyncio.sleep(REFRESH)
 
-    def _told_health(self) -> dict[str, Any]:
+    def _describe_health(self) -> dict[str, Any]:
         """Numbers of `Health`, whether the loop runs, and two texts that are empty while all is well."""
         servo = self._servo
         texts = {"recording_trouble": servo.recording_trouble, "warning": servo.warning}
@@ -90,7 +90,7 @@ class Room:
         if len(self._pages) >= MOST:
             await socket.close(_FULL, f"{MOST} pages are open already: close one of them")
             return
-        page = Page(socket)
+        page = ConsolePage(socket)
         self._pages.append(page)
         try:
             self._notice_world()
@@ -106,10 +106,10 @@ class Room:
             self._pages.remove(page)
             if had_control:
                 self._do_not_engage()
-                self._hand.gone()
+                self._hand.release()
             self._tell_roles()
 
-    async def _listen(self, page: Page) -> None:
+    async def _listen(self, page: ConsolePage) -> None:
         while True:
             message = await page.socket.receive()
             if message["type"] == "websocket.disconnect":
@@ -117,7 +117,7 @@ class Room:
             self._hear(page, message)
             await asyncio.sleep(0)  # however much one page says, the others have their turn
 
-    def _hear(self, page: Page, message: Mapping[str, Any]) -> None:
+    def _hear(self, page: ConsolePage, message: Mapping[str, Any]) -> None:
         """One message of a page: its pointer, or a command; a stop before all else, whoever says it and however."""
         try:
             if (text := message.get("text")) is not None:
@@ -136,7 +136,7 @@ class Room:
         self._do_not_engage()  # safety: console-stop-cancels
         self._tell_all("stopped", by="you" if len(self._pages) == 1 else "a page")
 
-    def _obey(self, page: Page, command: dict[str, Any]) -> None:
+    def _obey(self, page: ConsolePage, command: dict[str, Any]) -> None:
         """One command; only the page that has the control may do more than stop."""
         match command["do"]:
             case "stop":  # in letters that `asks_to_stop` does not read
@@ -164,7 +164,7 @@ class Room:
             case other:
                 raise InputError(f"unknown command {other!r} (known: stop, engage, home, mode, clutch, world)")
 
-    def _engage(self, page: Page, stops: int) -> None:
+    def _engage(self, page: ConsolePage, stops: int) -> None:
         self._engaging = None
         try:
             self._servo.engage(stops)
@@ -197,7 +197,7 @@ class Room:
         self._version += 1
         self._tell_all("world", **self._world_event())
         if self._painter is not None:
-            self._painter.want(name, dict(values), self._version, self._painted, self._not_painted)
+            self._painter.want(name, dict(values), self._version, self._send_map, self._not_painted)
 
     def _notice_refused(self) -> None:
         """Tell everyone when somebody else speaks to the tracker, or it jumps: nothing else would show it."""
@@ -212,7 +212,7 @@ class Room:
         name, values = self._world
         return {"name": name, "values": values, "scene": target_scene(name, values) if self._servo.modes else None}
 
-    def _painted(self) -> None:
+    def _send_map(self) -> None:
         self._trouble = ""
         for page in self._pages:
             page.soon.set()
@@ -229,7 +229,7 @@ class Room:
         for place, page in enumerate(self._pages):
             page.tell("role", control=place == 0, watchers=len(self._pages) - 1)
 
-    async def _send(self, page: Page) -> None:
+    async def _send(self, page: ConsolePage) -> None:
         """Frames to one page, sixty times a second; at once when they answer its pointer or tell of an event."""
         sent = looked = self._recent.look()
         if self._painter is not None:
@@ -239,7 +239,7 @@ class Room:
             await page.send_events()
             if self._painter is not None and self._painter.version > page.felt:
                 page.felt = self._painter.version
-                await page.send(felt_frame(self._painter.force, self._painter.saturated, page.felt))
+                await page.send(encode_force_frame(self._painter.force, self._painter.saturated, page.felt))
             end = self._recent.look()
             echo = math.nan
             if end > looked and page is self._pages[0]:
@@ -255,7 +255,7 @@ class Room:
                 due = now + FRAME
             await self._pause(page, max(due - time.monotonic(), 0.0) if end == sent or due > now else 0.0)
 
-    async def _pause(self, page: Page, rest: float) -> None:
+    async def _pause(self, page: ConsolePage, rest: float) -> None:
         """Wait until the next frame is due, or until there is something to say sooner."""
         if page is self._pages[0] and self._hand.waiting:
             await asyncio.sleep(min(rest, SOON))

@@ -12,17 +12,17 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, rotation, vectors
 from haptorb.physics.sources.source import Source
 
-__all__ = ["Placed", "Together"]
+__all__ = ["PlacedSource", "SourceSum"]
 
 
 @final
-class Placed(Source):
+class PlacedSource(Source):
     """`source` with its centre at `position` (3,) [m], turned by `turn` (3, 3) (body vectors to common ones).
 
     Raises InputError for other shapes.
 
     >>> from haptorb.physics.sources.dipole import Dipole
-    >>> turned = Placed(Dipole((0, 0, 1.0)), (0, 0, 0.1), [[0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+    >>> turned = PlacedSource(Dipole((0, 0, 1.0)), (0, 0, 0.1), [[0, 0, 1], [0, 1, 0], [-1, 0, 0]])
     >>> turned.moment.tolist()
     [1.0, 0.0, 0.0]
     """
@@ -60,7 +60,7 @@ class Placed(Source):
 
 
 @final
-class Together(Source):
+class SourceSum(Source):
     """Several sources at once: fields and moments add (there is no soft iron here)."""
 
     def __init__(self, sources: Sequence[Source]) -> None:

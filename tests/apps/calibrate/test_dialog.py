@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptorb.apps.calibrate.door import door
-from haptorb.apps.calibrate.guided import Guide, guided, known_steps
-from haptorb.apps.calibrate.heating import Course
+from haptorb.apps.calibrate.dialog import Dialog, check_steps, guide_calibration
+from haptorb.apps.calibrate.driver import door
+from haptorb.apps.calibrate.heating import HeatingSchedule
 from haptorb.apps.calibrate.progress_file import ProgressFile
 from haptorb.apps.cli import main
 from haptorb.devices.loader import load
@@ -25,7 +25,7 @@ from haptorb.sensing.calibration.magnetic_calibration import excitation, magneti
 from haptorb.sensing.calibration_file import read_calibration
 
 OMNI = load("omni")
-QUICK = known_steps(["rest", "currents", "magnetic", "tool"])
+QUICK = check_steps(["rest", "currents", "magnetic", "tool"])
 EFFORT: dict[str, Any] = {"levels": 2, "repeats": 2}
 
 
@@ -71,8 +71,8 @@ class Bench(Driver):
 @pytest.fixture
 def held(monkeypatch: pytest.MonkeyPatch) -> None:
     """The simulated hand behind a bench is held by the same words."""
-    from haptorb.apps.calibrate import door as doors
-    from haptorb.apps.calibrate import guided as guides
+    from haptorb.apps.calibrate import dialog as guides
+    from haptorb.apps.calibrate import driver as doors
 
     def hold(driver: Any, device: Any, *, near: bool) -> None:
         doors.hold_tool(getattr(driver, "inner", driver), device, near=near)
@@ -81,15 +81,15 @@ def held(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def through(bench: Bench, out: Path, **wants: Any) -> Any:
-    return guided(OMNI, bench, out, pace=bench.pace, **{"steps": QUICK, **EFFORT, **wants})
+    return guide_calibration(OMNI, bench, out, pace=bench.pace, **{"steps": QUICK, **EFFORT, **wants})
 
 
 def test_all_steps_make_one_file_and_its_id_is_kept_by_the_device(tmp_path: Path) -> None:
     said: list[str] = []
     out = tmp_path / "omni.json"
     inner, pace = door("sim", OMNI, 3)
-    course = Course(heating=90.0, cooling=60.0)
-    found = guided(OMNI, inner, out, pace=pace, guide=Guide(said.append), course=course)
+    course = HeatingSchedule(heating=90.0, cooling=60.0)
+    found = guide_calibration(OMNI, inner, out, pace=pace, guide=Dialog(said.append), course=course)
     assert found is not None
     assert read_calibration(out).text() == found.text()
     assert found.heat is not None
@@ -118,7 +118,7 @@ def test_a_step_that_fails_is_named_and_nothing_after_it_is_taken(tmp_path: Path
     assert not out.exists()
     assert wrong.opened == 2  # rest, currents, and not again
     mended, said = Bench(), []
-    assert through(mended, out, guide=Guide(said.append)) is not None
+    assert through(mended, out, guide=Dialog(said.append)) is not None
     assert "rest" in said[0]
     assert not any("1/4" in line for line in said)
     assert out.exists()
@@ -161,11 +161,11 @@ def test_who_stops_goes_on_later(tmp_path: Path) -> None:
         return step.name != "magnetic"
 
     bench = Bench()
-    assert through(bench, out, guide=Guide(ask=until_magnetic)) is None
+    assert through(bench, out, guide=Dialog(ask=until_magnetic)) is None
     assert asked == ["rest", "currents", "magnetic"]
     assert not out.exists()
     asked.clear()
-    assert through(Bench(), out, guide=Guide(ask=lambda step: bool(asked.append(step.name) or True))) is not None
+    assert through(Bench(), out, guide=Dialog(ask=lambda step: bool(asked.append(step.name) or True))) is not None
     assert asked == ["magnetic", "tool"]
 
 
@@ -189,7 +189,7 @@ def test_an_interruption_keeps_what_was_measured_and_leaves_the_coils_off(tmp_pa
 @pytest.mark.usefixtures("held")
 def test_restart_forgets(tmp_path: Path) -> None:
     out = tmp_path / "omni.json"
-    through(Bench(), out, steps=known_steps(["rest", "currents"]))
+    through(Bench(), out, steps=check_steps(["rest", "currents"]))
     bench = Bench()
     through(bench, out, restart=True)
     assert bench.opened == 5  # all four steps, and once for the id
@@ -215,11 +215,11 @@ def test_a_state_that_is_not_ours_is_not_taken_up(tmp_path: Path) -> None:
 
 
 def test_steps_have_names_and_an_order(tmp_path: Path) -> None:
-    assert [step.name for step in known_steps(["magnetic", "rest"])] == ["rest", "magnetic"]
+    assert [step.name for step in check_steps(["magnetic", "rest"])] == ["rest", "magnetic"]
     with pytest.raises(UnknownName, match=r"step 'magnetics'.*did you mean 'magnetic'"):
-        known_steps(["magnetics"])
+        check_steps(["magnetics"])
     with pytest.raises(InputError, match="'tool' needs the steps before it: rest, magnetic"):
-        through(Bench(), tmp_path / "omni.json", steps=known_steps(["tool"]))
+        through(Bench(), tmp_path / "omni.json", steps=check_steps(["tool"]))
 
 
 def test_sensors_of_one_axis_are_enough() -> None:
@@ -268,7 +268,7 @@ def fake_bench(monkeypatch: pytest.MonkeyPatch) -> Any:
 
     import cloudpickle
 
-    from haptorb.runtime.drivers.simulated import SimDriver
+    from haptorb.runtime.drivers.sim_driver import SimDriver
     from haptorb.runtime.servo import servo as servo_module
     from haptorb.runtime.tick.assembly import assemble
 
@@ -340,13 +340,13 @@ def test_the_i2c_driver_is_calibrated_by_the_same_steps(factor: float, complaint
             chip.pass_time(2e-3, 20.0 * factor * float(duty))
 
     driver = I2cDriver(OMNI, Reopening(bus), thermometers=Warm, clock=lambda: bus.now)
-    steps, out, said = known_steps(["rest", "currents"]), tmp_path / "omni.json", []
-    wants: dict[str, Any] = {"steps": steps, "pace": Pace(lambda: now[0], wait), "guide": Guide(said.append)}
+    steps, out, said = check_steps(["rest", "currents"]), tmp_path / "omni.json", []
+    wants: dict[str, Any] = {"steps": steps, "pace": Pace(lambda: now[0], wait), "guide": Dialog(said.append)}
     if complaint:
         with pytest.raises(CalibrationError, match=complaint):
-            guided(OMNI, driver, out, **wants)
+            guide_calibration(OMNI, driver, out, **wants)
     else:
-        assert guided(OMNI, driver, out, **wants) is None
+        assert guide_calibration(OMNI, driver, out, **wants) is None
         kept = json.loads((tmp_path / "omni.json.steps").read_text())["steps"]
         assert kept["currents"]["resistance_ohm"] == pytest.approx([0.6] * 3, rel=0.01)
         assert "needs magnetic as well" in said[-1]

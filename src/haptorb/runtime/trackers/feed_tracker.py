@@ -9,11 +9,11 @@ import numpy as np
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
-from haptorb.runtime.memory.pose_block import TrackedBlock
+from haptorb.runtime.memory.pose_block import PoseBlock
 from haptorb.runtime.trackers.tracker import Goal, Tracker
 from haptorb.sensing.sample import Pose
 
-__all__ = ["FARTHEST", "PREDICTION", "FedTracker", "known_prediction"]
+__all__ = ["FARTHEST", "PREDICTION", "FeedTracker", "check_prediction"]
 
 PREDICTION = 0.004  #: how far a pose is carried forward at most, unless told otherwise [s]
 FARTHEST = 0.020  #: nobody knows a hand's way further ahead than this [s]
@@ -21,7 +21,7 @@ FARTHEST = 0.020  #: nobody knows a hand's way further ahead than this [s]
 _NOWHERE = float("-inf")
 
 
-def known_prediction(seconds: float) -> float:
+def check_prediction(seconds: float) -> float:
     """`seconds` itself; InputError if a pose may not be carried forward by so much."""
     if not 0.0 <= seconds <= FARTHEST:
         raise InputError(f"prediction must be from 0 to {1e3 * FARTHEST:g} ms; got {1e3 * seconds:g} ms")
@@ -29,7 +29,7 @@ def known_prediction(seconds: float) -> float:
 
 
 @kernel
-def _carried(p: Array, q: Array, v: Array, w: Array, ahead: float, out_p: Array, out_q: Array, R: Array) -> None:
+def _extrapolate(p: Array, q: Array, v: Array, w: Array, ahead: float, out_p: Array, out_q: Array, R: Array) -> None:
     """Constant velocity for `ahead` [s]; the turn by the exact exponential of w·ahead, stator frame."""
     for i in range(3):
         out_p[i] = p[i] + v[i] * ahead
@@ -48,7 +48,7 @@ def _carried(p: Array, q: Array, v: Array, w: Array, ahead: float, out_p: Array,
 
 
 @final
-class FedTracker(Tracker):
+class FeedTracker(Tracker):
     """What a tracker's own process wrote into `block`.
 
     A valid pose is carried forward with its own velocity to the present, by at most `prediction` [s]; it keeps the time
@@ -56,18 +56,18 @@ class FedTracker(Tracker):
     stays where it was last and is not valid. `rest` is where a simulated hand waits for the first pose.
     """
 
-    def __init__(self, block: TrackedBlock, prediction: float = PREDICTION, *, rest: Array | None = None) -> None:
+    def __init__(self, block: PoseBlock, prediction: float = PREDICTION, *, rest: Array | None = None) -> None:
         self._block = block
-        self._prediction = known_prediction(prediction)
+        self._prediction = check_prediction(prediction)
         self._p = np.array([0.0, 0.0, 0.062]) if rest is None else np.array(rest, dtype=np.float64)
         self._q = np.array([0.0, 0.0, 0.0, 1.0])
         self._R = np.eye(3)
         self._v = self._w = np.zeros(3)
-        self._told(0.0)  # compiled now, and not in the first tick
+        self._read_pose(0.0)  # compiled now, and not in the first tick
 
-    def _told(self, now: float) -> float:
+    def _read_pose(self, now: float) -> float:
         """Bring p, q, R, v and w to `now`; returns the pose's time on the loop's clock, −inf if nobody knows it."""
-        told = self._block.tracked()
+        told = self._block.read_pose()
         stamp = told.stamp - self.origin
         age = now - stamp
         if not (told.valid and age < float("inf")):  # not a number is no age, either
@@ -76,17 +76,17 @@ class FedTracker(Tracker):
             return _NOWHERE
         self._p, self._q, self._R = np.empty(3), np.empty(4), np.empty((3, 3))
         ahead = min(max(age, 0.0), self._prediction)  # safety: prediction-end
-        _carried(told.p, told.q, told.v, told.w, ahead, self._p, self._q, self._R)
+        _extrapolate(told.p, told.q, told.v, told.w, ahead, self._p, self._q, self._R)
         self._v, self._w = told.v, told.w
         return min(stamp, now)  # safety: prediction-age
 
     def goal(self, now: float) -> Goal:
         """Where the hand wants the mover; a simulated hand waits at its last goal while the tracker knows nothing."""
-        stamp = self._told(now)
+        stamp = self._read_pose(now)
         return Goal(self._p, self._q, stamp, True)
 
     def pose(self, now: float) -> Pose:
         """Where the tool is; not valid before the tracker's first pose and after it lost the tool."""
-        stamp = self._told(now)
+        stamp = self._read_pose(now)
         valid = stamp != _NOWHERE
         return Pose(stamp if valid else now, self._R, self._p, self._w, self._v, valid)

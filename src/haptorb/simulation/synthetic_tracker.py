@@ -17,9 +17,9 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
-from haptorb.sensing.frame.touches import Touched, Touches
+from haptorb.sensing.frame.touches import Touches, TouchSession
 
-__all__ = ["MadeUpTracker", "Person"]
+__all__ = ["SimulatedPerson", "SyntheticTracker"]
 
 _TILT = np.deg2rad(32.0)  #: of the tool from the dome's normal, in the marks too [rad]
 _LIFTED = 0.05  #: share of the way over the dome on which the tip is off it
@@ -29,7 +29,7 @@ _SWAY = np.deg2rad(0.2)  #: of the tool in its bore [rad]
 
 @final
 @dataclass(frozen=True)
-class MadeUpTracker:
+class SyntheticTracker:
     """A frame, a body and noise.
 
     R, t    (3, 3), (3,) [m] tracker into stator: x_S = R x_T + t
@@ -45,7 +45,7 @@ class MadeUpTracker:
     turning: float = float(np.deg2rad(0.05))
 
     @classmethod
-    def drawn(cls, seed: int, noise: float = 1e-4, turning: float = float(np.deg2rad(0.05))) -> MadeUpTracker:
+    def draw(cls, seed: int, noise: float = 1e-4, turning: float = float(np.deg2rad(0.05))) -> SyntheticTracker:
         """Any frame within 2 m, a body up to 15 cm from the tip and turned anyhow."""
         rng = np.random.default_rng(seed)
         frame, body = Rotation.random(2, random_state=rng).as_matrix()
@@ -53,7 +53,7 @@ class MadeUpTracker:
         tip = body @ np.array([*aside, -along])
         return cls(frame, rng.uniform(-1.2, 1.2, 3), tip, body[:, 2], noise, turning)
 
-    def seen(self, tips: Array, turns: Array, rng: np.random.Generator) -> Touches:
+    def observe(self, tips: Array, turns: Array, rng: np.random.Generator) -> Touches:
         """Where it sees the body while the tip is at tips (n, 3) [m] and turns (n, 3, 3) turn tool into stator."""
         body = turns @ rotation_to_axis(self.axis).T  # the tool's z is the body's axis
         places = (tips - body @ self.tip - self.t) @ self.R
@@ -64,11 +64,11 @@ class MadeUpTracker:
 
 @final
 @dataclass
-class Person:
+class SimulatedPerson:
     """One who holds the tool of `device` under `tracker`; every stroke begins where the one before ended."""
 
     device: SphericalElectromagnet
-    tracker: MadeUpTracker
+    tracker: SyntheticTracker
     seed: int = 0
     reach: float = 1.0  #: share of the workspace's half angle that is gone over
     tilt: float = float(_TILT)  #: of the tool [rad]
@@ -86,7 +86,7 @@ class Person:
         normals = np.column_stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
         up = np.maximum(np.sin(2 * np.pi * 5 * s) - np.cos(np.pi * _LIFTED), 0.0)
         up *= _HEIGHT / max(float(up.max()), 1e-12)
-        return self._held((self.device.dome_radius + up)[:, None] * normals, normals, s)
+        return self._hold((self.device.dome_radius + up)[:, None] * normals, normals, s)
 
     def mark(self, name: str, n: int) -> Touches:
         """The tip in the mark `name`, n poses, tilted to all sides. Raises InputError for a name that is none."""
@@ -95,7 +95,7 @@ class Person:
             raise InputError(f"device '{self.device.name}' has no mark '{name}'")
         place = marks.positions[marks.names.index(name)]
         normals = np.tile(place / np.linalg.norm(place), (n, 1))
-        return self._held(np.tile(place, (n, 1)), normals, (np.arange(n) + 0.5) / n)
+        return self._hold(np.tile(place, (n, 1)), normals, (np.arange(n) + 0.5) / n)
 
     def roll(self, n: int) -> Touches:
         """The tool upright in a bore beside the device, n poses, turned about itself."""
@@ -103,16 +103,16 @@ class Person:
         sway = _SWAY * np.column_stack([np.cos(9 * s), np.sin(7 * s), np.zeros(n)])
         spin = np.outer(2 * np.pi * self.turn * s, (0.0, 0.0, 1.0))
         turns = (Rotation.from_rotvec(sway) * Rotation.from_rotvec(spin)).as_matrix()
-        return self.tracker.seen(np.tile([0.12, 0.05, -0.03], (n, 1)), turns, self._rng)
+        return self.tracker.observe(np.tile([0.12, 0.05, -0.03], (n, 1)), turns, self._rng)
 
-    def session(self, dome: int = 240, mark: int = 60, roll: int = 60) -> Touched:
+    def session(self, dome: int = 240, mark: int = 60, roll: int = 60) -> TouchSession:
         """All of it, with so many poses each. Raises InputError for a device without marks."""
         if self.device.marks is None:
             raise InputError(f"device '{self.device.name}' has no marks")
         stands = {name: self.mark(name, mark) for name in self.device.marks.names}
-        return Touched(self.dome(dome), stands, self.roll(roll))
+        return TouchSession(self.dome(dome), stands, self.roll(roll))
 
-    def _held(self, tips: Array, normals: Array, s: Array) -> Touches:
+    def _hold(self, tips: Array, normals: Array, s: Array) -> Touches:
         """Tilted about the normals, to all sides in turn, and rolled a little as hands do."""
         turned = 2 * np.pi * 11 * s + self._rng.uniform(0, 2 * np.pi)
         much = self.tilt * (0.55 + 0.45 * np.cos(2 * np.pi * 4 * s))
@@ -120,4 +120,4 @@ class Person:
         lean = np.column_stack([much * np.cos(turned), much * np.sin(turned), np.zeros(len(s))])
         rolled = np.outer(0.6 * np.sin(2 * np.pi * 3 * s), (0.0, 0.0, 1.0))
         turns = upright @ (Rotation.from_rotvec(lean) * Rotation.from_rotvec(rolled)).as_matrix()
-        return self.tracker.seen(tips, turns, self._rng)
+        return self.tracker.observe(tips, turns, self._rng)

@@ -10,11 +10,11 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from haptorb.apps.calibrate.door import hold_tool
-from haptorb.apps.calibrate.heating import HEATING, Course
-from haptorb.apps.calibrate.measure import Pace, Session
+from haptorb.apps.calibrate.driver import hold_tool
+from haptorb.apps.calibrate.heating import HEATING, HeatingSchedule
+from haptorb.apps.calibrate.measure import DriverSession, Pace
 from haptorb.apps.calibrate.progress_file import ProgressFile
-from haptorb.apps.calibrate.steps import STEPS, Bench, Step, calibration_of, schedule_of
+from haptorb.apps.calibrate.steps import STEPS, Step, StepContext, calibration_of, schedule_of
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, DriverError, InputError, UnknownName
 from haptorb.physics.thermal import TwoNode
@@ -22,7 +22,7 @@ from haptorb.runtime.drivers.driver import Driver
 from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.sensing.calibration_file import write_calibration
 
-__all__ = ["Guide", "guided", "known_steps"]
+__all__ = ["Dialog", "check_steps", "guide_calibration"]
 
 NEEDED = ("rest", "currents", "magnetic")  #: without these there is no file
 
@@ -44,7 +44,7 @@ def _no_bar(step: Step, seconds: float) -> AbstractContextManager[Callable[[floa
 
 
 @dataclass(frozen=True)
-class Guide:
+class Dialog:
     """Who talks to the person.
 
     say   a line
@@ -57,7 +57,7 @@ class Guide:
     bar: Bar = _no_bar
 
 
-def known_steps(names: Sequence[str] | None, skip: Sequence[str] = ()) -> tuple[Step, ...]:
+def check_steps(names: Sequence[str] | None, skip: Sequence[str] = ()) -> tuple[Step, ...]:
     """The steps `names` in the order in which they are taken; all but `skip` for None. UnknownName for others."""
     known = {step.name: step for step in STEPS}
     for name in names or ():
@@ -66,7 +66,7 @@ def known_steps(names: Sequence[str] | None, skip: Sequence[str] = ()) -> tuple[
     return tuple(step for step in STEPS if (step.name in names if names is not None else step.name not in skip))
 
 
-def guided(
+def guide_calibration(
     device: SphericalElectromagnet,
     driver: Driver,
     out: Path,
@@ -74,19 +74,19 @@ def guided(
     steps: Sequence[Step] = STEPS,
     heat: TwoNode | None = None,
     pace: Pace | None = None,
-    guide: Guide | None = None,
+    guide: Dialog | None = None,
     restart: bool = False,
     overwrite: bool = False,
     levels: int = 5,
     repeats: int = 4,
-    course: Course = HEATING,
+    course: HeatingSchedule = HEATING,
 ) -> Calibration | None:
     """Take `steps` that were not taken yet, and write `out`; None if the person stopped, or if steps are still missing.
 
     Raises CalibrationError at the first step that fails: what was measured before it is kept beside `out`, and the same
     call goes on there. The id of what was written is stored in the device, if it can keep one.
     """
-    pace, guide = pace or Pace(), guide or Guide()
+    pace, guide = pace or Pace(), guide or Dialog()
     progress = ProgressFile(out, device, driver.name)
     if restart:
         progress.forget()
@@ -106,12 +106,12 @@ def guided(
             guide.say(f"stopped before '{step.name}'; the same command goes on here")
             return None
         try:
-            progress.keep(step.name, _taken(step, device, driver, pace, guide, progress, (levels, repeats), course))
+            progress.keep(step.name, _take_step(step, device, driver, pace, guide, progress, (levels, repeats), course))
         except (CalibrationError, DriverError) as cause:
             raise type(cause)(
                 f"step '{step.name}': {cause}. Then run the same command: it goes on at this step"
             ) from cause
-        guide.say(f"    {step.told(device, progress.results[step.name])}")
+        guide.say(f"    {step.describe(device, progress.results[step.name])}")
     absent = [name for name in NEEDED if name not in progress.results]
     if absent:
         guide.say(f"kept in {progress.path}; a calibration needs {', '.join(absent)} as well")
@@ -125,21 +125,21 @@ def guided(
     return calibration
 
 
-def _taken(
+def _take_step(
     step: Step,
     device: SphericalElectromagnet,
     driver: Driver,
     pace: Pace,
-    guide: Guide,
+    guide: Dialog,
     progress: ProgressFile,
     effort: tuple[int, int],
-    course: Course,
+    course: HeatingSchedule,
 ) -> dict[str, object]:
     hold_tool(driver, device, near=step.near)
     schedule = schedule_of(device, *effort)
     with driver:
-        blank = Bench(device, Session(device, driver, pace), driver.field_axes, schedule, course)
+        blank = StepContext(device, DriverSession(device, driver, pace), driver.field_axes, schedule, course)
         with guide.bar(step, step.seconds(blank)) as passed:
-            session = Session(device, driver, pace, passed)
-            bench = Bench(device, session, driver.field_axes, schedule, course)
-            return step.measured(bench, progress.results)
+            session = DriverSession(device, driver, pace, passed)
+            bench = StepContext(device, session, driver.field_axes, schedule, course)
+            return step.measure(bench, progress.results)

@@ -16,11 +16,11 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from haptorb.apps.bench.contest import spelled
-from haptorb.apps.bench.row import Row
+from haptorb.apps.bench.contest import spell_time
+from haptorb.apps.bench.row import Metric
 from haptorb.errors import InputError, UnknownName
 
-__all__ = ["BENCHMARKS", "Gathered", "gathered", "stored"]
+__all__ = ["BENCHMARKS", "BenchResult", "load_result", "run_benchmarks"]
 
 #: name → module beside this one and its function; a benchmark of your own is one line here
 BENCHMARKS = {
@@ -41,7 +41,7 @@ _PACKAGES = ("haptorb", "numpy", "numba", "scipy", "magpylib", "cfsem", "daqp")
 
 
 @dataclass(frozen=True)
-class Gathered:
+class BenchResult:
     """What one run of `haptorb bench` found.
 
     machine   processor, cores, load before the run, system, versions
@@ -53,7 +53,7 @@ class Gathered:
     machine: dict[str, str]
     command: str
     day: str
-    rows: tuple[Row, ...]
+    rows: tuple[Metric, ...]
 
     def numbers(self) -> dict[str, Any]:
         """Everything as plain JSON types."""
@@ -106,7 +106,7 @@ class Gathered:
         return "\n".join(lines) + "\n"
 
 
-def gathered(names: Iterable[str], effort: float, command: str, tell: Callable[[str, str], None]) -> Gathered:
+def run_benchmarks(names: Iterable[str], effort: float, command: str, tell: Callable[[str, str], None]) -> BenchResult:
     """Run the benchmarks `names`, one after the other; `tell(name, what)` is told what is running.
 
     `effort` 1 is the full length of each, less is shorter and noisier. Raises UnknownName, InputError.
@@ -118,20 +118,20 @@ def gathered(names: Iterable[str], effort: float, command: str, tell: Callable[[
     if not 0.0 < effort <= 10.0:
         raise InputError(f"--effort must be above 0 and at most 10; got {effort:g}")
     facts = machine()
-    rows: list[Row] = []
+    rows: list[Metric] = []
     for name in chosen:
         module, function = BENCHMARKS[name]
         run = getattr(import_module(f"haptorb.apps.bench.{module}"), function)
         rows += run(effort, lambda what, name=name: tell(name, what))
-    return Gathered(facts, command, date.today().isoformat(), tuple(rows))
+    return BenchResult(facts, command, date.today().isoformat(), tuple(rows))
 
 
-def stored(path: Path) -> Gathered:
-    """What `Gathered.store` wrote. Raises InputError for a file that is none."""
+def load_result(path: Path) -> BenchResult:
+    """What `BenchResult.store` wrote. Raises InputError for a file that is none."""
     try:
         numbers = json.loads(path.read_text(encoding="utf-8"))
-        rows = tuple(Row.read(row) for row in numbers["rows"])
-        return Gathered(numbers["machine"], numbers["command"], numbers["day"], rows)
+        rows = tuple(Metric.read(row) for row in numbers["rows"])
+        return BenchResult(numbers["machine"], numbers["command"], numbers["day"], rows)
     except (OSError, ValueError, KeyError, TypeError) as cause:
         raise InputError(f"{path} holds no benchmarks; `haptorb bench --store {path}` writes them") from cause
 
@@ -155,7 +155,7 @@ def machine() -> dict[str, str]:
     return facts
 
 
-def _cells(row: Row) -> tuple[str, str, str, str, str, str, str]:
+def _cells(row: Metric) -> tuple[str, str, str, str, str, str, str]:
     """What, here, limit, against, there, ratio, note."""
     sign = "≥" if row.at_least else "≤"
     limit = "" if row.limit is None else f"{sign} {_figure(row, row.limit)}"
@@ -163,20 +163,20 @@ def _cells(row: Row) -> tuple[str, str, str, str, str, str, str]:
         limit += " (missed)"
     here = "not measured" if row.value is None else _figure(row, row.value)
     there = "" if row.peer_value is None else _figure(row, row.peer_value)
-    ratio = "" if row.ratio is None else f"{spelled_number(row.ratio)} ×"
+    ratio = "" if row.ratio is None else f"{spell_number(row.ratio)} ×"
     return row.what, here, limit, row.peer, there, ratio, row.note
 
 
-def _figure(row: Row, value: float) -> str:
+def _figure(row: Metric, value: float) -> str:
     if row.unit == "µs" and value >= 1000:
-        return spelled(1e-6 * value)
-    return spelled_number(value) + ("" if row.unit == "1" else f" {row.unit}")
+        return spell_time(1e-6 * value)
+    return spell_number(value) + ("" if row.unit == "1" else f" {row.unit}")
 
 
-def spelled_number(value: float) -> str:
+def spell_number(value: float) -> str:
     """Three digits, thousands apart, no exponent where people would not want one.
 
-    >>> [spelled_number(x) for x in (12345.6, 0.99953, 21.44, 0.0312)]
+    >>> [spell_number(x) for x in (12345.6, 0.99953, 21.44, 0.0312)]
     ['12,346', '0.9995', '21.4', '0.0312']
     """
     if abs(value) >= 1000:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
-from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.simulation.simulation import Simulation
 
 OMNI = load("omni")
@@ -48,8 +48,8 @@ class Counting(Simulation):
     def state(self):
         return self.inner.state()
 
-    def quantised(self, duties):
-        return self.inner.quantised(duties)
+    def quantise(self, duties):
+        return self.inner.quantise(duties)
 
     def place(self, p, q):
         self.inner.place(p, q)

@@ -11,15 +11,15 @@ from numpy.typing import ArrayLike
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["packed", "part"]
+__all__ = ["pack", "part"]
 
 _HEAD = 3  #: numbers told about each: where it begins, rows, columns
 
 
-def packed(*parts: ArrayLike) -> Array:
+def pack(*parts: ArrayLike) -> Array:
     """(n,) all `parts` (…, columns), each as rows of its last axis, behind a table of where they are. Units are kept.
 
-    >>> part(packed([1.0, 2.0], [[3.0], [4.0]]), 1).tolist()
+    >>> part(pack([1.0, 2.0], [[3.0], [4.0]]), 1).tolist()
     [[3.0], [4.0]]
     """
     arrays = [np.atleast_2d(np.asarray(item, dtype=np.float64)) for item in parts]
@@ -31,7 +31,7 @@ def packed(*parts: ArrayLike) -> Array:
 
 @kernel
 def part(blob: Array, number: int) -> Array:
-    """(rows, columns) part `number` of what `packed` made: a view, in the part's own unit."""
+    """(rows, columns) part `number` of what `pack` made: a view, in the part's own unit."""
     start, rows, columns = int(blob[3 * number]), int(blob[3 * number + 1]), int(blob[3 * number + 2])
     view: Array = blob[start : start + rows * columns].reshape((rows, columns))
     return view

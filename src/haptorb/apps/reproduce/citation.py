@@ -7,35 +7,35 @@ from dataclasses import dataclass, replace
 from functools import wraps
 from typing import ParamSpec, SupportsFloat
 
-from haptorb.apps.reproduce.item import Item, unchecked
+from haptorb.apps.reproduce.item import Item, exempt
 
-__all__ = ["ROUNDING", "Place"]
+__all__ = ["ROUNDING", "Citation"]
 
 ROUNDING = "rounding"  #: a reason for a tolerance: the number is kept as it is printed
 
 Said = ParamSpec("Said")
 
 
-def _implied(printed: Callable[Said, Item]) -> Callable[Said, Item]:
+def _mark_implied(printed: Callable[Said, Item]) -> Callable[Said, Item]:
     """As `printed`, of a number that the paper does not print, but that follows from what it does or says."""
 
     @wraps(printed)
     def says(*words: Said.args, **more: Said.kwargs) -> Item:
         return replace(printed(*words, **more), implied=True)
 
-    says.__doc__ = _implied.__doc__
+    says.__doc__ = _mark_implied.__doc__
     return says
 
 
 @dataclass(frozen=True)
-class Place:
+class Citation:
     """A place in a paper.
 
     paper    key in references.bib
     prefix   of the items' ids
     where    figure, table, equation or section
 
-    >>> table = Place("bai2012", "t1", "Table 1")
+    >>> table = Citation("bai2012", "t1", "Table 1")
     >>> table.item("a", "radius", 15.875, 15.875, "mm", 1e-9).id
     't1-a'
     >>> table.says("u1", "opposite", 180.0, 180.0, "°").implied
@@ -66,7 +66,7 @@ class Place:
             float(tolerance), erratum, None if corrected is None else float(corrected), why,
         )  # fmt: skip
 
-    says = _implied(item)
+    says = _mark_implied(item)
 
     def ours(
         self, name: str, what: str, computed: SupportsFloat, unit: str = "1", why: str = "", where: str = ""
@@ -76,6 +76,6 @@ class Place:
             f"{self.prefix}-{name}", self.paper, where or self.where, what, None, float(computed), unit, None, why=why
         )
 
-    def unchecked(self, name: str, what: str, why: str, where: str = "") -> Item:
+    def exempt(self, name: str, what: str, why: str, where: str = "") -> Item:
         """A statement that no computation can check, and why."""
-        return unchecked(f"{self.prefix}-{name}", self.paper, where or self.where, what, why)
+        return exempt(f"{self.prefix}-{name}", self.paper, where or self.where, what, why)

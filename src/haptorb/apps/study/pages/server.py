@@ -9,14 +9,14 @@ from collections.abc import Mapping
 from types import TracebackType
 from typing import Any, Self, final
 
-from haptorb.apps.study.pages.reception import Reception
-from haptorb.apps.study.pages.room import Room
+from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.pages.site import application
+from haptorb.apps.study.pages.socket_hub import StudySocketHub
 from haptorb.apps.study.pages.views import about, places
-from haptorb.apps.web.server import HOST, bound, hurry, server, signals
+from haptorb.apps.web.server import HOST, bind_socket, hurry, server, signals
 from haptorb.errors import ServoError
 
-__all__ = ["PORT", "Host"]
+__all__ = ["PORT", "StudyServer"]
 
 PORT = 8766  #: unless told otherwise; the console's is another
 _LOOK = 0.05  #: between two looks whether the reception is well [s]
@@ -25,7 +25,7 @@ _LAST_WORDS = 0.5  #: for the pages to show that it is not [s]
 
 
 @final
-class Host:
+class StudyServer:
     """Serves `reception` at `participant` and, to whoever knows the token in it, at `experimenter`.
 
     port   0 takes any free one
@@ -34,9 +34,14 @@ class Host:
     """
 
     def __init__(
-        self, reception: Reception, port: int = PORT, *, simulated: bool = True, more: Mapping[str, Any] | None = None
+        self,
+        reception: SessionManager,
+        port: int = PORT,
+        *,
+        simulated: bool = True,
+        more: Mapping[str, Any] | None = None,
     ) -> None:
-        self._socket = bound(port)
+        self._socket = bind_socket(port)
         self._reception = reception
         token = secrets.token_urlsafe(16)
         self.port = int(self._socket.getsockname()[1])
@@ -45,7 +50,7 @@ class Host:
         self.experimenter = f"http://{HOST}:{self.port}/experimenter#{token}"
         try:
             everything = {"places": places(reception.study), **(more or {})}
-            room = Room(reception, token, about(reception.study, simulated), everything)
+            room = StudySocketHub(reception, token, about(reception.study, simulated), everything)
             self._server = server(application(room))
         except BaseException:
             self._socket.close()

@@ -1,7 +1,7 @@
 """Runs sessions one after another in a thread of its own: commands of the pages in, one state out.
 
 The thread may wait for the disk, a database far away, or a device that starts; the pages, the pen and Stop do not:
-Stop goes through `Reception.halt`, which asks nobody.
+Stop goes through `SessionManager.halt`, which asks nobody.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from typing import Any, final
 from sqlalchemy.engine import Engine
 
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.session.halt import Asked, Halt
-from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.session.halt import StopCount, StopSwitch
+from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.session.streams import Streams
-from haptorb.apps.study.session.trial_device import Stage
-from haptorb.apps.study.session.trial_runner import OVER, Conduct
+from haptorb.apps.study.session.trial_device import TrialDevice
+from haptorb.apps.study.session.trial_runner import OVER, TrialRunner
 from haptorb.errors import HaptorbError, InputError, ServoError
 from haptorb.runtime.servo.servo import Servo
 
-__all__ = ["Reception"]
+__all__ = ["SessionManager"]
 
 _TICK = 0.02  #: between two looks at the device [s]
 _WAITING = 100  #: commands that may wait at most: who sends more is no person
@@ -35,10 +35,10 @@ Told = Callable[[str], None]
 
 
 @final
-class Reception:
+class SessionManager:
     """One study, one participant at a time.
 
-    state   waiting (for a participant), starting (the device), consent, ready, then those of `Conduct`, or failed
+    state   waiting (for a participant), starting (the device), consent, ready, then those of `TrialRunner`, or failed
     start   makes the servo of a session, recording to the given file; not yet open
     beside  file for the recording of session number so-and-so; None: no recording
     sit     opens the session of a participant's code in the database
@@ -47,20 +47,20 @@ class Reception:
     def __init__(
         self, engine: Engine, study: Study, start: Callable[[Path | None], Servo],
         beside: Callable[[int], Path | None] = lambda session: None, streams: Streams | None = None,
-        sit: Callable[[Engine, Study, str], Sitting] = Sitting,
+        sit: Callable[[Engine, Study, str], StoredSession] = StoredSession,
     ) -> None:  # fmt: skip
         self.engine, self.study = engine, study
         self._start, self._beside, self._streams, self._sit = start, beside, streams, sit
-        self.halt = Halt()  #: Stop, for every page and thread
+        self.halt = StopSwitch()  #: Stop, for every page and thread
         self.state = "waiting"
         self.trouble = ""  #: why the last session ended as it did
-        self.sitting: Sitting | None = None
-        self.conduct: Conduct | None = None
-        self.stage: Stage | None = None
+        self.sitting: StoredSession | None = None
+        self.conduct: TrialRunner | None = None
+        self.stage: TrialDevice | None = None
         self.log: list[dict[str, Any]] = []  #: answered trials of this session, newest last
         self._recording: Path | None = None
         self._servo: Servo | None = None
-        self._inbox: SimpleQueue[tuple[dict[str, Any], Asked, Told]] = SimpleQueue()
+        self._inbox: SimpleQueue[tuple[dict[str, Any], StopCount, Told]] = SimpleQueue()
         self._ended = threading.Event()
         self._died = ""  # why the thread ended by itself
         self._next = 0.0  # look at the device
@@ -123,7 +123,7 @@ class Reception:
             while not self._ended.is_set():
                 self.step(_TICK)
         except BaseException as fault:
-            self._died = f"its thread ended: {_explained(fault)}"
+            self._died = f"its thread ended: {_explain_fault(fault)}"
         finally:
             self.halt.stop(None)
             conduct = self.conduct
@@ -145,7 +145,9 @@ class Reception:
         except BaseException as fault:  # safety: study-fault
             # Nobody foresaw it, so nobody knows what the session is in: off, and it can be resumed.
             self.halt.stop(None)
-            text = f"a fault in haptorb, please report it: {_explained(fault)}. Coils off; the session can be resumed"
+            text = (
+                f"a fault in haptorb, please report it: {_explain_fault(fault)}. Coils off; the session can be resumed"
+            )
             if told is not None:
                 told(text)
             self._end(text)
@@ -163,13 +165,13 @@ class Reception:
                 self._end("", self.conduct.state)
 
     def _heed(self) -> None:
-        """Keep the Stops of the time before the first trial; `Conduct` keeps the later ones."""
+        """Keep the Stops of the time before the first trial; `TrialRunner` keeps the later ones."""
         if self.conduct is None and self.sitting is not None:
             for stopped in self.halt.take():
                 self.sitting.note("pause", stopped.why, at=stopped.at, later=True)
             self.sitting.keep_late()
 
-    def _obey(self, command: dict[str, Any], asked: Asked) -> None:
+    def _obey(self, command: dict[str, Any], asked: StopCount) -> None:
         self._heed()
         do = command["do"]
         if do == "begin":
@@ -209,7 +211,7 @@ class Reception:
         if conduct.state in OVER:
             self._end("", conduct.state)
 
-    def _begin(self, code: str, asked: Asked) -> None:
+    def _begin(self, code: str, asked: StopCount) -> None:
         """Take a participant in: session claimed, device started, nothing felt yet."""
         if self.sitting is not None:
             raise InputError(f"participant {self.sitting.code} is here: end that session first")
@@ -223,7 +225,7 @@ class Reception:
             self._servo = servo = self._start(self._recording)
             self.halt.attach(servo, asked)  # before it is open: Stop reaches it from here on
             servo.open()
-            stage = Stage(self.study, servo)
+            stage = TrialDevice(self.study, servo)
             stage.hold()  # the first time loads kernels; afterwards the pen must never be silent that long
             self.stage = stage
             self._mark("session", {"session": sitting.id, "participant": sitting.code})
@@ -244,9 +246,9 @@ class Reception:
             raise InputError("the session is stopped: the experimenter must resume it first")
         self.sitting.note("consent")
         recording = self._recording.name if self._recording is not None else None
-        self.conduct = Conduct(self.sitting, self.stage, recording, self._mark, halt=self.halt)
+        self.conduct = TrialRunner(self.sitting, self.stage, recording, self._mark, halt=self.halt)
 
-    def _before_trials(self, do: str, asked: Asked) -> None:
+    def _before_trials(self, do: str, asked: StopCount) -> None:
         """What may be asked for while the participant is asked for consent."""
         assert self.sitting is not None
         if do == "resume":
@@ -259,7 +261,7 @@ class Reception:
             self.sitting.abort("by the experimenter")
             self._end("", "aborted")
 
-    def _answer(self, conduct: Conduct, value: Any) -> None:
+    def _answer(self, conduct: TrialRunner, value: Any) -> None:
         prompt, number, seconds = conduct.prompt, conduct.sitting.number, conduct.seconds
         if value is not None and (isinstance(value, bool) or not isinstance(value, int)):
             raise InputError(f"an answer is a whole number; got {value!r}")
@@ -310,7 +312,7 @@ def _text(command: dict[str, Any], name: str) -> str:
     return value
 
 
-def _explained(fault: BaseException) -> str:
+def _explain_fault(fault: BaseException) -> str:
     """What it was, and where."""
     frames = traceback.extract_tb(fault.__traceback__)
     where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""

@@ -15,13 +15,13 @@ from typing import Any, final
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from haptorb.apps.study.pages.reception import Reception
+from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.pages.views import for_experimenter, for_participant, pen
 from haptorb.apps.web.command import asks_to_stop
 from haptorb.apps.web.command import command as read_command
 from haptorb.errors import HaptorbError, InputError
 
-__all__ = ["Room"]
+__all__ = ["StudySocketHub"]
 
 REFRESH = 1 / 100  #: between two refreshes of a pen that is steered from here [s]
 FRAME = 1 / 25  #: between two looks at what there is to tell [s]
@@ -37,7 +37,7 @@ _LARGEST = 10**6  #: draft of an answer
 
 
 @final
-class Page:
+class StudyPage:
     """One connected page. `told`: what it knows, by kind of event."""
 
     def __init__(self, socket: WebSocket, participant: bool) -> None:
@@ -51,14 +51,16 @@ class Page:
 
 
 @final
-class Room:
+class StudySocketHub:
     """Joins pages to the reception."""
 
-    def __init__(self, reception: Reception, token: str, about: Mapping[str, Any], more: Mapping[str, Any]) -> None:
+    def __init__(
+        self, reception: SessionManager, token: str, about: Mapping[str, Any], more: Mapping[str, Any]
+    ) -> None:
         self._reception, self._token = reception, token
         self._about, self._more = dict(about), dict(more)
-        self._participants: list[Page] = []  # the first has the pen and answers, the others only look on
-        self._experimenters: list[Page] = []
+        self._participants: list[StudyPage] = []  # the first has the pen and answers, the others only look on
+        self._experimenters: list[StudyPage] = []
         self._draft: Any = None
         self._draft_of = -1
 
@@ -74,7 +76,7 @@ class Room:
     async def join_participant(self, socket: WebSocket) -> None:
         """Serve a participant's page until it goes away."""
         await socket.accept()
-        page = Page(socket, participant=True)
+        page = StudyPage(socket, participant=True)
         self.enter(page)
         try:
             await self._serve(page, self._about)
@@ -93,24 +95,24 @@ class Room:
             with suppress(RuntimeError):
                 await socket.close(1008, "this page needs the address that the terminal printed")
             return
-        page = Page(socket, participant=False)
+        page = StudyPage(socket, participant=False)
         self.enter(page)
         try:
             await self._serve(page, self._about | self._more)
         finally:
             self.part(page)
 
-    def enter(self, page: Page) -> None:
+    def enter(self, page: StudyPage) -> None:
         """`page` is there."""
         (self._participants if page.participant else self._experimenters).append(page)
 
-    def part(self, page: Page) -> None:
+    def part(self, page: StudyPage) -> None:
         """`page` went away. If it was the participant's, the coils go off, and stay off until somebody resumes."""
         if page.participant and self._participants[0] is page:  # safety: participant-gone
             self._reception.halt.stop("the participant's page was closed")
         (self._participants if page.participant else self._experimenters).remove(page)
 
-    def hear(self, page: Page, text: str) -> None:
+    def hear(self, page: StudyPage, text: str) -> None:
         """One message of `page`: Stop before anything else. Nothing that it may hold is raised, `page` is told."""
         try:
             if page.participant:
@@ -133,7 +135,7 @@ class Room:
         except Exception as fault:  # whatever it holds, the page's next Stop must be heard
             page.tell(f"this message cannot be obeyed: {type(fault).__name__}")
 
-    async def _serve(self, page: Page, about: Mapping[str, Any]) -> None:
+    async def _serve(self, page: StudyPage, about: Mapping[str, Any]) -> None:
         sending = asyncio.create_task(self._send(page, about))
         try:
             while True:
@@ -147,7 +149,7 @@ class Room:
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
 
-    def _hear_participant(self, page: Page, do: str, command: dict[str, Any]) -> None:
+    def _hear_participant(self, page: StudyPage, do: str, command: dict[str, Any]) -> None:
         if do == "stop":
             return  # `hear` has done it
         if page is not self._participants[0]:
@@ -167,7 +169,7 @@ class Room:
         else:
             raise InputError(f"a participant's page may not do {do[:40]!r}")
 
-    def _hear_experimenter(self, page: Page, do: str, command: dict[str, Any]) -> None:
+    def _hear_experimenter(self, page: StudyPage, do: str, command: dict[str, Any]) -> None:
         if do not in _EXPERIMENTER:
             known = ", ".join(sorted(_EXPERIMENTER))
             raise InputError(f"unknown command {do[:40]!r} (known: {known})")
@@ -176,7 +178,7 @@ class Room:
         if do not in ("stop", "pause"):
             self._reception.ask(command, page.tell)
 
-    async def _send(self, page: Page, about: Mapping[str, Any]) -> None:
+    async def _send(self, page: StudyPage, about: Mapping[str, Any]) -> None:
         """Whatever is new to `page`, some 25 times a second."""
         await page.socket.send_text(json.dumps({"event": "about", **about}))
         while True:
@@ -186,7 +188,7 @@ class Room:
                 await page.socket.send_text(json.dumps({"event": "mistake", "text": page.mistakes.pop(0)}))
             await asyncio.sleep(FRAME)
 
-    def _news(self, page: Page) -> list[str]:
+    def _news(self, page: StudyPage) -> list[str]:
         """Messages with what is new to `page`; a fault in one of them does not keep it from the next ones."""
         news = []
         try:
@@ -201,7 +203,7 @@ class Room:
                 page.tell(text)
         return news
 
-    def _events(self, page: Page) -> dict[str, Any]:
+    def _events(self, page: StudyPage) -> dict[str, Any]:
         """What `page` is to know now, by kind of event."""
         reception = self._reception
         events: dict[str, Any] = {}

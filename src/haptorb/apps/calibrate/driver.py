@@ -19,7 +19,7 @@ _PATIENCE = 0.05  #: for an answer: six minutes of heat should not end with a mo
 
 
 @dataclass(frozen=True)
-class _Held:
+class _ClampedHand:
     """A hand that holds the tool still, upright."""
 
     p: Array
@@ -32,20 +32,20 @@ def door(name: str, device: SphericalElectromagnet, seed: int = 0, *, watchdog: 
     """The driver `name` of `device`, not open yet, and its pace; UnknownName or InputError if there is no such."""
     if is_real(name):
         return real_driver(name, device, patience=_PATIENCE, watchdog=watchdog), Pace()
-    from haptorb.runtime.drivers.simulated import SimDriver
-    from haptorb.runtime.tick.assembly import known_driver
+    from haptorb.runtime.drivers.sim_driver import SimDriver
+    from haptorb.runtime.tick.assembly import check_driver
 
-    known_driver(name)
+    check_driver(name)
     driver = SimDriver.of(device, _STEP, seed=seed)
     hold_tool(driver, device, near=False)
-    return driver, Pace.simulated()
+    return driver, Pace.for_simulation()
 
 
 def hold_tool(driver: Driver, device: SphericalElectromagnet, *, near: bool) -> None:
     """Let a simulated hand hold the tool on the summit, or half a metre above it; with a real device a person does."""
-    from haptorb.runtime.drivers.simulated import SimDriver
+    from haptorb.runtime.drivers.sim_driver import SimDriver
 
     if isinstance(driver, SimDriver):
         height = device.contact_distance if near else 0.5
-        held = _Held(np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 0.0, 1.0]))
+        held = _ClampedHand(np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 0.0, 1.0]))
         driver.goal = lambda now: held

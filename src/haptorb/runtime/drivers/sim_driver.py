@@ -16,16 +16,16 @@ from haptorb.numerics.arrays import Array
 from haptorb.numerics.quaternions import quaternion
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.sensing.sample import Sample
-from haptorb.simulation.registry import simulated
+from haptorb.simulation.registry import simulate
 from haptorb.simulation.simulation import Simulation
 
-__all__ = ["SimDriver", "Wish"]
+__all__ = ["HandTarget", "SimDriver"]
 
 _LEAD = 150e-6  #: twice what a simulated device takes to move on by one tick, and to read its sensors [s]
 _CATCH_UP = 0.1  #: a longer pause of the loop is a pause of the simulated world too [s]
 
 
-class Wish(Protocol):
+class HandTarget(Protocol):
     """Where the simulated hand wants the mover; what a pointer says."""
 
     @property
@@ -65,7 +65,7 @@ class SimDriver(Driver):
     lead = _LEAD
 
     def __init__(
-        self, simulation: Simulation, period: float, goal: Callable[[float], Wish] | None = None, *, seed: int = 0
+        self, simulation: Simulation, period: float, goal: Callable[[float], HandTarget] | None = None, *, seed: int = 0
     ) -> None:
         if not (np.isfinite(period) and 0.0 < period <= _CATCH_UP):
             raise InputError(f"period of the servo must be above 0 and at most {_CATCH_UP} s; got {period} s")
@@ -78,7 +78,9 @@ class SimDriver(Driver):
         self._start()
 
     @classmethod
-    def of(cls, device: Device, period: float, goal: Callable[[float], Wish] | None = None, seed: int = 0) -> SimDriver:
+    def of(
+        cls, device: Device, period: float, goal: Callable[[float], HandTarget] | None = None, seed: int = 0
+    ) -> SimDriver:
         """The driver of a simulated `device`; DeviceError if its kind cannot be simulated.
 
         >>> from haptorb.devices.loader import load
@@ -87,7 +89,7 @@ class SimDriver(Driver):
         >>> first.pose.valid, driver.write(np.ones(3)).tolist()       # closed: the coils stay off
         (True, [0.0, 0.0, 0.0])
         """
-        return cls(simulated(device, seed), period, goal, seed=seed)
+        return cls(simulate(device, seed), period, goal, seed=seed)
 
     def _start(self) -> None:
         channels = self.simulation.device.channels
@@ -113,7 +115,7 @@ class SimDriver(Driver):
         """Let time pass until `now` [s] and read the sensors, once. Raises DriverError as `read` does."""
         if self._ready is None or self._ready.t != now:
             self._ready = None
-            self._ready = self._sampled(now)
+            self._ready = self._sample(now)
 
     def read(self, now: float) -> Sample:
         """The sample at `now` [s]; `now` may stand still but never go back. Raises DriverError if it does, if it is not
@@ -121,9 +123,9 @@ class SimDriver(Driver):
         ready, self._ready = self._ready, None
         if ready is not None and ready.t == now:
             return ready
-        return self._sampled(now)
+        return self._sample(now)
 
-    def _sampled(self, now: float) -> Sample:
+    def _sample(self, now: float) -> Sample:
         if not self._open:
             raise DriverError("the simulated device is not open; use it in a `with` block or call open() first")
         if not now - now == 0.0:
@@ -158,7 +160,7 @@ class SimDriver(Driver):
     def write(self, duties: Array) -> Array:
         """Chop `duties` (m,) and hold them until the next; returns (m,) what was applied, zeros when not open."""
         if self._open:
-            self._duties = self.simulation.quantised(duties)
+            self._duties = self.simulation.quantise(duties)
         return self._duties.copy()
 
     @property

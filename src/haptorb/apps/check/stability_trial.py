@@ -17,7 +17,7 @@ from haptorb.control.stability.hand_grip import HandGrip
 from haptorb.devices.electromagnet.electromagnet import Hand, SphericalElectromagnet
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.drivers.simulated import SimDriver
+from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.tick.assembly import allocator_of, estimator_of
 from haptorb.runtime.tick.tick import Tick
 from haptorb.runtime.trackers.tracker import Goal
