@@ -54,7 +54,16 @@ if TYPE_CHECKING:
     from haptorb.simulation.force_map import force_map
 
 
+#: earlier public name → today's
+_EARLIER = {"felt_map": "force_map"}
+
+
 def __getattr__(name: str) -> object:
+    if name in _EARLIER:
+        from warnings import warn
+
+        warn(f"haptorb.{name} is now called haptorb.{_EARLIER[name]}", DeprecationWarning, stacklevel=2)
+        name = _EARLIER[name]
     if name not in _HOME:
         raise AttributeError(f"module 'haptorb' has no attribute '{name}'")
     return getattr(import_module(_HOME[name]), name)

@@ -1,0 +1,130 @@
+"""How things are called: a function is a verb, a class has a name of its own. See CONTRIBUTING, Names."""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import haptorb
+
+Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
+
+#: participles that do not end in -ed, but not those that are the imperative too: put, set, read, run, cut, split
+IRREGULAR = (
+    " begun bent born borne bought broken brought built cast caught chosen come done drawn driven eaten fallen "
+    " fed felt flown foretold forgotten found frozen given gone gotten grown heard held hidden hung kept known "
+    " laid lain led left lent lit lost made meant met mistaken overheard paid ridden risen said seen sent sewn "
+    " shaken shown shrunk slept slid sold sought spent spoken spun stolen stood struck stuck sung sunk swept "
+    " sworn swung taken taught thought thrown told torn understood undone unread unset withdrawn withheld "
+    " woken won worn wound woven written "
+)
+#: words that end in -ed and are no participles
+VERBS = frozenset({"feed", "need", "speed", "seed", "embed", "exceed", "proceed", "succeed", "heed", "shed"})
+#: qualified name → why it may stay
+ALLOWED: dict[str, str] = {}
+
+
+def is_participle(name: str) -> bool:
+    """Whether the first word of a function's name says what was done instead of what to do."""
+    word = name.strip("_").split("_")[0].lower()
+    return f" {word} " in IRREGULAR or (word.endswith("ed") and word not in VERBS)
+
+
+def is_value(function: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
+    """A property is read like a value: `trip.confirmed` is an adjective, and right."""
+    for decorator in function.decorator_list:
+        name = ast.unparse(decorator)
+        if name in {"property", "cached_property", "functools.cached_property"} or name.endswith(
+            (".setter", ".deleter")
+        ):
+            return True
+    return False
+
+
+def named(body: list[ast.stmt], where: str) -> Iterator[tuple[str, Definition]]:
+    """(qualified name, node) of every class and function, inner ones too."""
+    for node in body:
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+            yield f"{where}.{node.name}", node
+            yield from named(node.body, f"{where}.{node.name}")
+        else:
+            for field in ("body", "orelse", "finalbody", "handlers"):
+                yield from named(getattr(node, field, []), where)
+
+
+def names(source: str, where: str) -> list[tuple[str, Definition]]:
+    return list(named(ast.parse(source).body, where))
+
+
+@pytest.fixture(scope="module")
+def ours(root: Path) -> list[tuple[str, Definition]]:
+    found = []
+    for path in sorted((root / "src").rglob("*.py")):
+        module = ".".join(path.relative_to(root / "src").with_suffix("").parts)
+        found += names(path.read_text(), module)
+    return found
+
+
+def past(found: list[tuple[str, Definition]]) -> list[str]:
+    return [
+        name
+        for name, node in found
+        if not isinstance(node, ast.ClassDef)
+        and not is_value(node)
+        and is_participle(node.name)
+        and name not in ALLOWED
+    ]
+
+
+def twice(found: list[tuple[str, Definition]]) -> dict[str, list[str]]:
+    places = defaultdict(list)
+    for name, node in found:
+        if isinstance(node, ast.ClassDef):
+            places[node.name].append(name)
+    return {name: where for name, where in places.items() if len(where) > 1}
+
+
+def test_no_function_is_a_past_participle(ours):
+    assert past(ours) == [], "what does something is called by a verb in the imperative: CONTRIBUTING, Names"
+
+
+def test_no_class_name_is_used_twice(ours):
+    assert twice(ours) == {}, "each class has a name of its own, so that a search finds it"
+
+
+def test_what_is_allowed_is_there(ours):
+    there = {name for name, _ in ours}
+    assert [name for name, why in ALLOWED.items() if name not in there or not why] == []
+
+
+@pytest.mark.parametrize(
+    "name", ["told", "_summed", "kept", "known_rate", "felt_map", "cached_torque_table", "shown", "answered", "driven"]
+)
+def test_the_old_names_would_be_found(name: str) -> None:
+    assert past(names(f"def {name}(): ...", "m")) == [f"m.{name}"]
+    assert past(names(f"class A:\n    async def {name}(self): ...", "m")) == [f"m.A.{name}"]
+
+
+@pytest.mark.parametrize("name", ["fill_row", "check_rate", "feed", "read", "put", "seed_noise", "set_gains", "redraw"])
+def test_verbs_are_let_be(name: str) -> None:
+    assert past(names(f"def {name}(): ...", "m")) == []
+
+
+def test_a_property_may_be_an_adjective() -> None:
+    assert past(names("class A:\n    @property\n    def confirmed(self): ...", "m")) == []
+
+
+def test_doubled_classes_would_be_found() -> None:
+    assert twice(names("class Course: ...\nclass A:\n    class Course: ...", "m")) == {
+        "Course": ["m.Course", "m.A.Course"]
+    }
+
+
+def test_an_earlier_public_name_still_works_and_says_what_it_is_called_now() -> None:
+    with pytest.warns(DeprecationWarning, match=r"haptorb\.force_map"):
+        assert haptorb.felt_map is haptorb.force_map
+    assert "felt_map" not in haptorb.__all__
