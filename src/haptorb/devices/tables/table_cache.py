@@ -29,6 +29,7 @@ from haptorb.physics.sources import (
     cylinder,
     dipole,
     elliptic,
+    placement,
     ring,
     round_body,
     winding_field,
