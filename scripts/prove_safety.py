@@ -23,8 +23,8 @@ from safety_markers import Marked, MarkerError, break_code, find_marked
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src" / "haptorb"
 
-GUIDED_TESTS = "tests/apps/calibrate/test_guided.py"
-CONSOLE_TESTS, PAGES_TESTS = "tests/apps/console/test_room.py", "tests/apps/study/test_pages.py"
+GUIDED_TESTS = "tests/apps/calibrate/test_dialog.py"
+CONSOLE_TESTS, PAGES_TESTS = "tests/apps/console/test_socket_hub.py", "tests/apps/study/test_pages.py"
 STOP_TESTS = "tests/apps/study/test_stop.py"
 HOSTILE, TRACKER_TESTS = "tests/contracts/test_hostile_files.py", "tests/contracts/test_trackers.py"
 DRIVE_TESTS, GUARD_TESTS = "tests/control/protection/test_drive.py", "tests/control/protection/test_guard.py"
@@ -98,7 +98,7 @@ RULES = [
         "prepared-dropped",
         "what was prepared is not handed over once the driver is closed",
         "drop",
-        "tests/runtime/drivers/test_simulated.py",
+        "tests/runtime/drivers/test_sim_driver.py",
     ),
     ("dead-sensors", "dead sensors are no weak magnets", "never", ORIENTATION_TESTS),
     ("readings-possible", "readings that cannot be are left out", "always", MAP_TESTS),
