@@ -1,0 +1,126 @@
+"""What a program can see of a running servo: rows, report, trips, the recording, and whether it still lives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from haptorb.devices.device import Device
+from haptorb.errors import ServoError
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.exchange.black_box import BlackBox, TripRecord
+from haptorb.runtime.exchange.commands import Commands
+from haptorb.runtime.exchange.report import loop_report, tracker_facts
+from haptorb.runtime.exchange.shared_memory import SharedMemory
+from haptorb.runtime.recording.run_recording import RunRecording
+from haptorb.runtime.servo.process_group import ProcessGroup
+
+if TYPE_CHECKING:
+    from haptorb.runtime.recording.recording import Recording
+
+__all__ = ["ServoObserver"]
+
+
+class ServoObserver(Commands):
+    """Base of `Servo`: commands go to the loop, and this comes back."""
+
+    device: Device
+    driver: str
+    tracker: str
+    estimator: str
+    rate: float
+    seed: int
+    _recording: RunRecording
+    _black_box: BlackBox | None
+    _shared: SharedMemory | None
+    _children: ProcessGroup | None
+
+    @property
+    def alive(self) -> bool:
+        """Whether the loop runs."""
+        return self._children is not None and self._children.alive
+
+    @property
+    def servo_pid(self) -> int:
+        """Process id of the loop; 0 before the start."""
+        return self._children.servo_pid if self._children is not None else 0
+
+    @property
+    def recording_trouble(self) -> str:
+        """Why the recording ended before the servo did, or stands still; empty while all is well."""
+        return self._children.recorder_trouble if self._children is not None else ""
+
+    @property
+    def warning(self) -> str:
+        """What a person should know of the device that answered and of the servo's memory; empty if nothing."""
+        if self._shared is None or self._children is None:
+            return ""
+        return "; ".join(filter(None, (self._shared.warning.read()[1], self._children.memory.warning)))
+
+    def check(self) -> None:
+        """Raise ServoError with the servo's own reason if the loop no longer runs, RecordingError if the recorder
+        does not."""
+        if self._children is None:
+            raise ServoError("the servo was not started: use `with haptorb.Servo(...) as servo:`")
+        self._children.check()
+
+    def rows(self, cursor: int = 0) -> tuple[int, Array]:
+        """(new cursor, rows (n, width)): what the loop published after the first `cursor` rows, oldest first.
+
+        The last 8191 rows are kept; (new cursor − cursor − n) rows were lost to a slower reader.
+        """
+        return self._memory.ring.since(cursor)
+
+    def latest(self) -> Array | None:
+        """(width,) the newest row; None before the first."""
+        return self._memory.ring.latest()
+
+    def report(self) -> dict[str, Any]:
+        """What the run was like so far, as plain JSON types: see `loop_report`."""
+        world, values = self.world
+        loop, children = loop_report(self._memory), self._children
+        assert children is not None
+        troubles = {"recording_trouble": children.recorder_trouble, "tracker_trouble": children.tracker_trouble}
+        return {
+            "device": self.device.name,
+            "world": world,
+            "world_values": values,
+            "driver": self.driver,
+            "tracker": self.tracker,
+            "estimator": self.estimator,
+            "rate_hz": self.rate,
+            "seed": self.seed,
+            "recording": self._recording.named,
+            **loop,
+            "recorded": children.recorded,
+            "memory_mb": children.memory.facts(),
+            "warning": self.warning,
+            **{name: trouble for name, trouble in troubles.items() if trouble},
+        }
+
+    @property
+    def tracker_refused(self) -> dict[str, int]:
+        """How many messages the tracker's process has refused so far, by the reasons of `runtime.reception`."""
+        shared = self._attached
+        return dict(tracker_facts(shared).get("refused", {})) if shared is not None else {}
+
+    @property
+    def trips(self) -> tuple[TripRecord, ...]:
+        """The first 64 trips, each with the last 100 ticks up to it."""
+        if self._black_box is None:
+            return ()
+        self._black_box.look()
+        return tuple(self._black_box.trips)
+
+    @property
+    def trip_files(self) -> tuple[Path, ...]:
+        """The recordings in the `black_box` folder so far."""
+        return () if self._black_box is None else tuple(file for file in self._black_box.files if file is not None)
+
+    @property
+    def recording(self) -> Recording:
+        """What was recorded up to now. While the loop runs, and after a crash, it is marked as truncated.
+
+        Raises RecordingError if nothing was, or if the file cannot be read.
+        """
+        return self._recording.read()
