@@ -12,7 +12,7 @@ from numba.core.dispatcher import Dispatcher
 from haptorb import worlds
 from haptorb.control.protection.trip import Trip
 from haptorb.errors import HaptorbError
-from haptorb.runtime import servo_process
+from haptorb.runtime.processes import servo_process
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.servo.servo import Servo
 from haptorb.runtime.exchange.shared_memory import Shared
