@@ -14,8 +14,9 @@ from haptorb.control.protection.trip import GuardState
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.runtime.drivers.driver import Driver
+from haptorb.runtime.drivers.electronics import invalid_pose
 from haptorb.runtime.drivers.serial.emulator import EmulatedDevice, Emulator
-from haptorb.runtime.drivers.serial.serial_driver import SerialDriver, invalid_pose
+from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.tick.assembly import estimator_of
 from haptorb.runtime.tick.tick import Tick

@@ -70,7 +70,7 @@ def line(sample: Sample, state: CoilState = CoilState.OFF) -> str:
     """One line for people: time, currents, temperatures, and the field's size at every sensor; and the coils' `state`,
     if they are not off.
 
-    >>> from haptorb.runtime.drivers.serial.serial_driver import invalid_pose
+    >>> from haptorb.runtime.drivers.electronics import invalid_pose
     >>> line(Sample(1.5, np.array([1.0, -2, 0]), np.full(3, 300.0), np.eye(3) * 1e-3, invalid_pose(0.0)))
     '   1.50 s   +1.000  -2.000  +0.000 A    26.9  26.9  26.9 °C   1.00 1.00 1.00 mT'
     """

@@ -16,6 +16,8 @@ __all__ = ["Driver"]
 
 _UNKNOWN = np.full(7, np.nan)
 
+_NO_WRENCH = np.full(6, np.nan)
+
 
 class Driver(ABC):
     """What every driver answers. Coils are off before `open`, after `close`, and after leaving `with` in any way."""
@@ -73,10 +75,10 @@ class Driver(ABC):
         here; nothing flows before the next `write`. Raises DriverError if that cannot be."""
         return
 
-    @abstractmethod
     def truth(self) -> Array:
         """(6,) the wrench [N, N·m] that the coils and the core really put on the mover in the last tick, if the driver
         can know it (a simulated one can); NaN where it cannot."""
+        return _NO_WRENCH
 
     def target(self) -> Array:
         """(7,) where the hand wants the mover, position [m] then quaternion (x, y, z, w), if the driver can know it (a

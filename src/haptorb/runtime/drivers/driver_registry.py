@@ -7,7 +7,7 @@ from collections.abc import Callable
 from haptorb.devices.device import Device
 from haptorb.errors import InputError
 from haptorb.runtime.drivers.driver import Driver
-from haptorb.runtime.drivers.serial.serial_driver import invalid_pose
+from haptorb.runtime.drivers.electronics import invalid_pose
 from haptorb.sensing.sample import Pose
 
 __all__ = ["is_real", "real_driver"]

@@ -7,7 +7,6 @@ Stop goes through `SessionManager.halt`, which asks nobody.
 from __future__ import annotations
 
 import threading
-import traceback
 from collections.abc import Callable
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -17,6 +16,7 @@ from typing import Any, final
 from sqlalchemy.engine import Engine
 
 from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.pages.faults import check_text, explain_fault, try_quietly
 from haptorb.apps.study.session.halt import StopCount, StopSwitch
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.session.streams import Streams
@@ -123,12 +123,12 @@ class SessionManager:
             while not self._ended.is_set():
                 self.step(_TICK)
         except BaseException as fault:
-            self._died = f"its thread ended: {_explain_fault(fault)}"
+            self._died = f"its thread ended: {explain_fault(fault)}"
         finally:
             self.halt.stop(None)
             conduct = self.conduct
             if conduct is not None and conduct.state not in OVER:
-                self._quietly(conduct.leave)
+                try_quietly(conduct.leave)
             self._end(self._died, "failed" if self._died else "left")
             if self._died:
                 self.state, self.trouble = "failed", self._died
@@ -146,7 +146,7 @@ class SessionManager:
             # Nobody foresaw it, so nobody knows what the session is in: off, and it can be resumed.
             self.halt.stop(None)
             text = (
-                f"a fault in haptorb, please report it: {_explain_fault(fault)}. Coils off; the session can be resumed"
+                f"a fault in haptorb, please report it: {explain_fault(fault)}. Coils off; the session can be resumed"
             )
             if told is not None:
                 told(text)
@@ -193,7 +193,7 @@ class SessionManager:
                     self._answer(conduct, command.get("value"))
             case "reply":
                 if conduct.question is not None and command.get("question") == conduct.question.name:
-                    conduct.reply(_text(command, "reply"))
+                    conduct.reply(check_text(command, "reply"))
             case "skip":
                 conduct.skip()
             case "interval":
@@ -285,35 +285,13 @@ class SessionManager:
         self._servo = None
         if servo is not None:
             if state == "failed":
-                self._quietly(servo.stop)  # `close` may itself be what fails
-            self._quietly(servo.close)
+                try_quietly(servo.stop)  # `close` may itself be what fails
+            try_quietly(servo.close)
         self.halt.detach()
         if sitting is not None:
             if trouble and state == "failed":
-                self._quietly(lambda: sitting.note("failed", trouble, later=True))
-            self._quietly(lambda: self._mark("end", {"state": state}))
-            self._quietly(sitting.close)
+                try_quietly(lambda: sitting.note("failed", trouble, later=True))
+            try_quietly(lambda: self._mark("end", {"state": state}))
+            try_quietly(sitting.close)
             self.state, self.trouble = state, trouble
         self.sitting = self.conduct = self.stage = None
-
-    @staticmethod
-    def _quietly(do: Callable[[], object]) -> None:
-        """On the way out one failure, foreseen or not, must not keep the next step from being taken."""
-        try:
-            do()
-        except Exception:
-            return
-
-
-def _text(command: dict[str, Any], name: str) -> str:
-    value = command.get(name, "")
-    if not isinstance(value, str):
-        raise InputError(f"{name} must be a text; got {type(value).__name__}")
-    return value
-
-
-def _explain_fault(fault: BaseException) -> str:
-    """What it was, and where."""
-    frames = traceback.extract_tb(fault.__traceback__)
-    where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-    return f"{type(fault).__name__}: {fault}{where}"

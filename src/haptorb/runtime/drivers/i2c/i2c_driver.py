@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from time import monotonic
-from typing import Protocol, final
+from typing import final
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from haptorb.devices.device import Device
 from haptorb.errors import DriverError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
+from haptorb.runtime.drivers.electronics import check_electronics, invalid_pose
 from haptorb.runtime.drivers.hall_sensor import SPAN_3V3, HallSensors
 from haptorb.runtime.drivers.i2c import ina219, max11616, output_enable, tca9534
 from haptorb.runtime.drivers.i2c.coil_switch import CoilSwitch
@@ -22,12 +23,11 @@ from haptorb.runtime.drivers.i2c.ina219 import Ina219
 from haptorb.runtime.drivers.i2c.max11616 import HallAdc
 from haptorb.runtime.drivers.i2c.pca9685 import Pca9685
 from haptorb.runtime.drivers.i2c.tca9534 import HallSelect
-from haptorb.runtime.drivers.i2c.w1_thermometers import W1Thermometers
-from haptorb.runtime.drivers.serial.protocol import CHANNELS, DUTY_STEPS, HALL_SENSORS, counts
-from haptorb.runtime.drivers.serial.serial_driver import invalid_pose
+from haptorb.runtime.drivers.i2c.w1_thermometers import Thermometers, W1Thermometers
+from haptorb.runtime.drivers.serial.protocol import CHANNELS, DUTY_STEPS, counts
 from haptorb.sensing.sample import Pose, Sample
 
-__all__ = ["I2cDriver", "Thermometers"]
+__all__ = ["I2cDriver"]
 
 _FAILS_IN_A_ROW = 3
 _OVER_IN_A_ROW = 2
@@ -35,21 +35,6 @@ _WARM_UP = 5.0
 _IDLE = 0.02  #: of zero duties, after which the chip is switched off and confirms it [s]
 
 _CONVERTED = 0.53e-3  #: before a current sensor is read, the middle of what it tells, on average [s]
-
-_NOTHING_KNOWN = np.full(6, np.nan)
-
-
-class Thermometers(Protocol):
-    """Whoever knows the temperatures at the coils' boundaries."""
-
-    def ready(self, patience: float) -> bool:
-        """Wait for the first reading [s]."""
-
-    def read(self) -> Array:
-        """(m,) [K]."""
-
-    def close(self) -> None:
-        """May be called twice."""
 
 
 @final
@@ -85,11 +70,7 @@ class I2cDriver(Driver):
         watchdog: bool = True,
         clock: Callable[[], float] = monotonic,
     ) -> None:
-        if device.channels != CHANNELS:
-            raise DriverError(f"the I²C driver serves {CHANNELS} coils; device '{device.name}' has {device.channels}")
-        positions = getattr(getattr(device, "hall", None), "positions", None)
-        if positions is None or len(positions) != HALL_SENSORS:
-            raise DriverError(f"the I²C driver reads {HALL_SENSORS} Hall sensors; device '{device.name}' has others")
+        positions = check_electronics(device, "the I²C driver", "the I²C driver")
         self._port = bus if isinstance(bus, Port) else LinuxPort(bus) if isinstance(bus, int) else UnwatchedPort(bus)
         self.name = self._port.name
         self._limit = device.coils.current_limit * 1.05
@@ -153,7 +134,7 @@ class I2cDriver(Driver):
             axes = 3 if self._select.present() else 1
             needed = 3 if self._watchdog else self._hall_axes  # the TCA9534 triggers the monostable, too
             if axes < needed:  # safety: chip-axes
-                raise DriverError(self._without_select())
+                raise DriverError(tca9534.explain_absence(self.name, self._hall_axes))
             self._hall_sensors = HallSensors(self._positions, axes, SPAN_3V3)
             if axes > 1:
                 self._select.setup()
@@ -177,17 +158,6 @@ class I2cDriver(Driver):
         except BaseException:
             self.close()
             raise
-
-    def _without_select(self) -> str:
-        text = f"nobody answers at {tca9534.ADDRESS:#04x} on {self.name}: without a TCA9534 "
-        if self._hall_axes > 1:
-            return (
-                text + f"and multiplexers the Hall sensors have 1 axis, and the tracker 'hall' needs {self._hall_axes}"
-            )
-        return text + (
-            "nothing can trigger the monostable on OE of the PCA9685, which switches off when this computer stops; "
-            "wire both (docs: hardware), or take the risk with --no-watchdog"
-        )
 
     def close(self) -> None:
         """Coils off, then let go of the bus. May be called twice. DriverError if the PWM chip did not confirm within a
@@ -221,10 +191,8 @@ class I2cDriver(Driver):
                 self._select.setup()
             if self._watchdog:  # safety: i2c-monostable-bridged
                 output_enable.ready(self._select, self._clock)
-        except DriverError as cause:
-            raise self._fail(str(cause)) from cause
-        except OSError as cause:
-            raise self._fail(f"the I²C bus fails: {cause}") from cause
+        except (DriverError, OSError) as cause:
+            raise self._fail(_explain(cause, "the I²C bus fails")) from cause
         self._fault = ""
         self._armed = True
         self._fails = 0
@@ -311,10 +279,8 @@ class I2cDriver(Driver):
             if self._watchdog:
                 self._select.trigger()
             switch.write(steps)
-        except OSError as cause:
-            raise self._fail(f"the PWM chip does not answer: {cause}") from cause
-        except DriverError as cause:
-            raise self._fail(str(cause)) from cause
+        except (DriverError, OSError) as cause:
+            raise self._fail(_explain(cause, "the PWM chip does not answer")) from cause
         self._applied = np.array(steps) / DUTY_STEPS
         return self._applied.copy()
 
@@ -328,6 +294,6 @@ class I2cDriver(Driver):
         self._applied = np.zeros(CHANNELS)
         return np.zeros(CHANNELS)
 
-    def truth(self) -> Array:
-        """(6,) NaN for the wrench [N, N·m]: nobody can know it on a real device."""
-        return _NOTHING_KNOWN
+
+def _explain(cause: DriverError | OSError, what: str) -> str:
+    return str(cause) if isinstance(cause, DriverError) else f"{what}: {cause}"

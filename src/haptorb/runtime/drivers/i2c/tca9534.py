@@ -8,7 +8,7 @@ from typing import final
 from haptorb.errors import DriverError
 from haptorb.runtime.drivers.i2c.i2c_bus import I2cBus
 
-__all__ = ["ADDRESS", "HallSelect"]
+__all__ = ["ADDRESS", "HallSelect", "explain_absence"]
 
 ADDRESS = 0x20
 
@@ -16,6 +16,17 @@ _INPUT, _OUTPUT, _CONFIGURATION = 0x00, 0x01, 0x03
 _TRIGGER = 0x04  #: P2, the monostable's trigger: it begins its pulse anew when this rises
 _SENSE = 0x08  #: P3, the PWM chip's OE pin: low lets current flow
 _PINS = 0x07  #: P0, P1 (axis) and P2 are driven; the other five stay inputs
+
+
+def explain_absence(bus: str, hall_axes: int) -> str:
+    """What cannot be done where nobody answers on `bus`, although `hall_axes` axes are needed, and what to do."""
+    text = f"nobody answers at {ADDRESS:#04x} on {bus}: without a TCA9534 "
+    if hall_axes > 1:
+        return text + f"and multiplexers the Hall sensors have 1 axis, and the tracker 'hall' needs {hall_axes}"
+    return text + (
+        "nothing can trigger the monostable on OE of the PCA9685, which switches off when this computer stops; "
+        "wire both (docs: hardware), or take the risk with --no-watchdog"
+    )
 
 
 @final

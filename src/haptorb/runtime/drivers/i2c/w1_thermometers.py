@@ -4,16 +4,29 @@ from __future__ import annotations
 
 import threading
 from pathlib import Path
-from typing import final
+from typing import Protocol, final
 
 import numpy as np
 
 from haptorb.errors import DriverError
 from haptorb.numerics.arrays import Array
 
-__all__ = ["W1Thermometers"]
+__all__ = ["Thermometers", "W1Thermometers"]
 
 _FOLDER = Path("/sys/bus/w1/devices")
+
+
+class Thermometers(Protocol):
+    """Whoever knows the temperatures at the coils' boundaries."""
+
+    def ready(self, patience: float) -> bool:
+        """Wait for the first reading [s]."""
+
+    def read(self) -> Array:
+        """(m,) [K]."""
+
+    def close(self) -> None:
+        """May be called twice."""
 
 
 @final

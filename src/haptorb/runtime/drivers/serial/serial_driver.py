@@ -13,18 +13,19 @@ from haptorb.devices.device import Device
 from haptorb.errors import DriverError, HostSilent, InputError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
+from haptorb.runtime.drivers.electronics import check_electronics, invalid_pose
 from haptorb.runtime.drivers.hall_sensor import HallSensors
 from haptorb.runtime.drivers.serial.board import Board
 from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, missing_chips
 from haptorb.runtime.drivers.serial.messages import explain_off, refusal
-from haptorb.runtime.drivers.serial.protocol import CHANNELS, DUTY_STEPS, HALL_SENSORS, quantise_duties
+from haptorb.runtime.drivers.serial.protocol import CHANNELS, DUTY_STEPS, quantise_duties
 from haptorb.runtime.drivers.serial.reading import At, Reading
 from haptorb.runtime.drivers.serial.replies import Identity
 from haptorb.runtime.drivers.serial.reply_time import BoardTime
 from haptorb.runtime.drivers.serial.sample_parts import BoardSample
 from haptorb.sensing.sample import Pose, Sample
 
-__all__ = ["SerialDriver", "invalid_pose"]
+__all__ = ["SerialDriver"]
 
 _LOST_IN_A_ROW = 3  #: readings repeated before the device counts as silent, with current in its coils
 _LOST_AT_REST = 20  #: the same while it is not engaged: a busy computer is no danger then
@@ -33,15 +34,6 @@ _TIMES = 10  #: at most, in all of the patience: who has much of it has an emula
 _RETRY = 0.25  #: between two attempts to reach a port that has gone [s]
 _MEETING = 0.2  #: for an answer when the port is back [s]; no Arduino restarts in the middle of a loop
 _REQUIRED = 0xFF  #: every part
-
-_NOTHING_KNOWN = np.full(6, np.nan)
-_UPRIGHT, _STILL = np.eye(3), np.zeros(3)
-_UPRIGHT.flags.writeable = _STILL.flags.writeable = False
-
-
-def invalid_pose(now: float) -> Pose:
-    """The word of a tracker that is not there: not valid."""
-    return Pose(now, _UPRIGHT, _STILL, _STILL, _STILL, valid=False)
 
 
 @final
@@ -81,10 +73,7 @@ class SerialDriver(Driver):
         hall_axes: int = 1,
         clock: Callable[[], float] = monotonic,
     ) -> None:
-        if device.channels != CHANNELS:
-            raise DriverError(
-                f"the serial protocol serves {CHANNELS} coils; device '{device.name}' has {device.channels}"
-            )
+        self._positions = check_electronics(device, "the serial protocol", "the firmware")
         self.name = f"serial:{path}"
         self._path = path
         self._pose = pose
@@ -95,10 +84,7 @@ class SerialDriver(Driver):
         self._clock = clock
         self._answer = 10 * patience
         self._warm_up_time = warm_up
-        positions = getattr(getattr(device, "hall", None), "positions", None)
-        if positions is None or len(positions) != HALL_SENSORS:
-            raise DriverError(f"the firmware reads {HALL_SENSORS} Hall sensors; device '{device.name}' has others")
-        self._positions, self._hall_axes = positions, hall_axes
+        self._hall_axes = hall_axes
         self._board: Board | None = None
         self._next_try = 0.0
         self._coils = CoilState.UNKNOWN
@@ -308,7 +294,3 @@ class SerialDriver(Driver):
         state = board.engage(*self._session)
         self._apply_mode(state.standing)
         return refusal(state)
-
-    def truth(self) -> Array:
-        """(6,) NaN for the wrench [N, N·m]: nobody can know it on a real device."""
-        return _NOTHING_KNOWN
