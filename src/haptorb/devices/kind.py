@@ -54,7 +54,7 @@ class DeviceKind:
     world: str
     allocator: Part
     estimators: Part = "haptorb.sensing.estimator:tracker_only"
-    linkage: Part = "haptorb.control.clutch.linkage:direct"
+    linkage: Part = "haptorb.control.clutch.linkage:make_direct_linkage"
     modes: tuple[str, ...] = ()
     simulation: Part | None = None
     guide: Part = "haptorb.runtime.pointer.guide:AtRest"
@@ -71,7 +71,7 @@ class DeviceKind:
         part = getattr(self, name)
         return None if part is None else load_part(part)
 
-    def needed(self, name: str, device: str, what: str) -> Any:
+    def require_part(self, name: str, device: str, what: str) -> Any:
         """The callable of part `name`; InputError, saying for which kinds `what` works, where this kind has none."""
         found = self.part(name)
         if found is None:

@@ -67,7 +67,7 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
     if not isinstance(kind, str) or kind not in kind_names():
         raise DeviceError(f"device '{name}': kind must be one of {', '.join(kind_names())}; got {quote(kind)}")
     assumed: dict[str, str] = {}
-    file_class = kind_of_name(kind).needed("file", name, "a device file")
+    file_class = kind_of_name(kind).require_part("file", name, "a device file")
     try:
         # sizes that overflow, or divide by nothing, are refused here and not carried on as NaN
         with np.errstate(over="raise", invalid="raise", divide="raise"):

@@ -44,7 +44,7 @@ class Workspace:
 
 def workspace(device: Device) -> Workspace:
     """The workspace of `device`; InputError where its kind does not say it."""
-    found: Workspace = device.kind.needed("workspace", device.name, "`haptorb check --world`")(device)
+    found: Workspace = device.kind.require_part("workspace", device.name, "`haptorb check --world`")(device)
     return found
 
 

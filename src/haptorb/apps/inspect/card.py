@@ -32,7 +32,7 @@ class Card(ABC):
 
 def card(device: Device) -> Card:
     """The card of `device`; InputError where its kind has none."""
-    made: Card = device.kind.needed("card", device.name, "`haptorb inspect`")(device)
+    made: Card = device.kind.require_part("card", device.name, "`haptorb inspect`")(device)
     return made
 
 

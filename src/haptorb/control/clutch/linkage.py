@@ -32,8 +32,8 @@ __all__ = [
     "ModedLinkage",
     "RenderedWrench",
     "WrenchSource",
-    "direct",
-    "moded",
+    "make_direct_linkage",
+    "make_moded_linkage",
 ]  # fmt: skip
 
 #: 40° of handle, which a hand can sweep within the workspace, pull the plug all the way out; else the defaults
@@ -223,13 +223,13 @@ class ModedLinkage(Linkage):
         self._memory = None
 
 
-def direct(device: Device, gains: Gains | None) -> Direct:
+def make_direct_linkage(device: Device, gains: Gains | None) -> Direct:
     """The linkage of a device whose mover is the thing itself. Raises InputError for gains: it has no modes."""
     if gains is not None:
         raise InputError(f"gains are those of two modes; a {device.kind.title} such as '{device.name}' has none")
     return Direct()
 
 
-def moded(device: SphericalMotor, gains: Gains | None) -> ModedLinkage:
+def make_moded_linkage(device: SphericalMotor, gains: Gains | None) -> ModedLinkage:
     """The linkage of a motor, whose handle moves a target through two modes; with MOTOR_GAINS if not told others."""
     return ModedLinkage(TwoModes(gains or MOTOR_GAINS), arm=device.rotor.handle_length)
