@@ -1,0 +1,42 @@
+"""Files that an older haptorb wrote go on being read: recording, calibration, study and device."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from haptorb.apps.study.model.study_file import read_study
+from haptorb.devices.loader import load
+from haptorb.runtime.recording.recording import Recording
+from haptorb.runtime.row import RowLayout
+from haptorb.sensing.calibration_file import read_calibration
+
+OLDER = Path(__file__).with_name("older")
+
+
+def test_a_recording_opens_and_its_fields_are_found_by_name(tmp_path: Path) -> None:
+    recording = Recording(OLDER / "omni.mcap")
+    assert not recording.truncated
+    assert (np.diff(recording.t) >= 0).all()
+    assert recording["p"].shape == (len(recording), 3)
+    assert set(recording["guard"]) <= {0, 1, 2, 3, 4}
+    assert {field.name for field in recording.fields} <= {field.name for field in RowLayout(3, 9).fields}
+    recording.plot(tmp_path / "figure.svg")
+    recording.to_csv(tmp_path / "rows.csv")
+
+
+def test_a_calibration_is_believed_of_its_device() -> None:
+    calibration = read_calibration(OLDER / "omni.calibration.json")
+    assert calibration.apply(load("omni")).channels == 3
+
+
+def test_a_device_file_describes_the_same_device() -> None:
+    older, today = load(OLDER / "omni.toml"), load("omni")
+    assert (older.coils.current_limit == today.coils.current_limit).all()
+    assert older.limits == today.limits
+
+
+def test_a_study_file_asks_the_same() -> None:
+    study = read_study(OLDER / "study.toml")
+    assert study.trials.repetitions == 2
