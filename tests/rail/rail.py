@@ -139,7 +139,7 @@ class RailFile(CommonFile):
     kind: Literal["rail"]
     rail: RailSection
 
-    def built(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> Rail:
+    def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> Rail:
         return Rail(**self.common(), **self.rail.model_dump(), assumed=assumed, digest=digest)
 
 
