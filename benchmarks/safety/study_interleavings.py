@@ -284,13 +284,13 @@ class Paper:
 
     def reply(self, question: Any, told: str) -> None:
         """Keep it."""
-        question.checked(told)
+        question.check_reply(told)
         self._kept()
         self._asked = False
 
     def answer(self, answer: Answer, **more: Any) -> None:
         """Keep it."""
-        after = self.procedure.answered(answer)
+        after = self.procedure.record_answer(answer)
         self._kept()
         self.procedure, self.number = after, self.number + 1
 

@@ -28,7 +28,7 @@ import os, sys
 from sqlalchemy import select, func
 from haptorb.apps.study.store.database import database, sessions
 from haptorb.apps.study.simulated.participant import Participant
-from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.model.study_file import study_of
 points = ", ".join(f"{{ number = {n}, theta_deg = {9 * n} }}" for n in range(1, 6))
 study = study_of(f'name = "killed"\\n[set_points]\\npoints = [{points}]\\n[trials]\\nrepetitions = 10')
@@ -38,7 +38,7 @@ def work(told):
         ended = connection.execute(select(func.count()).select_from(sessions).where(sessions.c.ended.is_not(None)))
         person = 1 + ended.scalar_one()
     while True:
-        with Sitting(engine, study, f"SIM{person:03d}", simulated=True) as sitting:
+        with StoredSession(engine, study, f"SIM{person:03d}", simulated=True) as sitting:
             somebody = Participant(study, (0, person))
             somebody.answer(sitting.prompt, sitting.number)  # loads the kernels; the same answer comes again below
             print("asked", sitting.id, sitting.number, file=told, flush=True)
@@ -49,7 +49,7 @@ def work(told):
 if len(sys.argv) == 2:
     work(sys.stdout)
 engine = database(sys.argv[2])
-with Sitting(engine, study, "SIM001", simulated=True) as sitting:
+with StoredSession(engine, study, "SIM001", simulated=True) as sitting:
     Participant(study, (0, 1)).answer(sitting.prompt, 0)
 engine.dispose()
 for place in map(str.strip, sys.stdin):  # a pipe of its own for each: no line of another's end is in it

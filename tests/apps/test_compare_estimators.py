@@ -82,7 +82,7 @@ def test_train_keeps_networks_with_their_record_and_never_overwrites_unasked(tmp
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["train", "omni"], "spherical motor is needed"),
+        (["train", "omni"], "works for spherical motors"),
         (["train", "pmsm", "--nodes", "0"], "1 to 200 nodes"),
         (["train", "pmsm", "--starts", "0"], "starts must be"),
         (["train", "pmsm", "--out", "/nowhere/at/all.network"], "does not exist"),

@@ -77,8 +77,8 @@ def test_a_line_cut_short_costs_only_itself(tmp_path: Path) -> None:
 
 def test_what_was_rated_survives_a_killed_process(tmp_path: Path) -> None:
     code = (
-        "import sys\nfrom haptorb.apps.feel import Session, load_designs\n"
-        "session = Session(sys.argv[2], load_designs(sys.argv[1]))\n"
+        "import sys\nfrom haptorb.apps.feel import FeelSession, load_designs\n"
+        "session = FeelSession(sys.argv[2], load_designs(sys.argv[1]))\n"
         "for score in range(1, 8):\n    session.rate('plain', score)\n    print(score, flush=True)\nsys.stdin.read()\n"
     )
     process = subprocess.Popen(

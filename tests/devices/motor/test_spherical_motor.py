@@ -239,7 +239,7 @@ def test_other_doors_are_checked(pmsm):
         haptorb.torque_characteristic(pmsm, np.eye(3), level="tabel")
     with pytest.raises(UnknownName):
         haptorb.sensor_field(pmsm, np.eye(3), level="fem")
-    with pytest.raises(InputError, match="spherical motor is needed"):
+    with pytest.raises(InputError, match="works for spherical motors"):
         haptorb.torque_characteristic("omni", np.eye(3))
     with pytest.raises(InputError, match=r"points must have shape \(p, 3\)"):
         haptorb.field(pmsm, np.eye(3), (0.0, 0, 0))

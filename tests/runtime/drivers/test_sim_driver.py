@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from haptorb.devices.kind import DeviceKind
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
 from haptorb.runtime.drivers.sim_driver import SimDriver
@@ -208,7 +209,11 @@ def test_bad_use_is_refused():
             SimDriver.of(OMNI, period)
 
     class Unknown:
-        name, channels = "unknown", 1
+        name, channels, kind = (
+            "unknown",
+            1,
+            DeviceKind(name="unknown", title="device of an unknown kind", world="nothing", allocator=object),
+        )
 
     with pytest.raises(DeviceError):
         SimDriver.of(Unknown(), PERIOD)

@@ -157,10 +157,10 @@ def test_a_host_compiles_nothing_when_it_points():
 import numpy as np
 from numba.core import event
 from haptorb.runtime.servo.servo import Servo
-from haptorb.runtime.exchange.shared_memory import Shared
+from haptorb.runtime.exchange.shared_memory import SharedMemory
 
 servo = Servo("omni", record=False)
-servo._shared = Shared.create(servo.layout)
+servo._shared = SharedMemory.create(servo.layout)
 with event.install_recorder("numba:compile") as compiled:
     servo.point((0.0, 0.01, 0.05))
 servo._shared.unlink()

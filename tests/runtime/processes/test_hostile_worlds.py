@@ -157,8 +157,8 @@ def test_a_servo_that_hangs_does_not_outlive_its_host(
 
 _ENDS = """
 import ctypes, signal
-from haptorb.runtime.realtime.kill_timer import EndTimer
-timer = EndTimer()
+from haptorb.runtime.realtime.kill_timer import KillTimer
+timer = KillTimer()
 for _ in range(3):
     timer.set(0.3)
 signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())

@@ -93,8 +93,8 @@ def test_it_may_die_before_it_is_needed(folders: Path) -> None:
 
 WAITS = """
 import sys, time
-from haptorb.runtime.processes.prestart import Standby
-standby = Standby()
+from haptorb.runtime.processes.prestart import PrestartedProcess
+standby = PrestartedProcess()
 print(standby.process.pid, standby.folder, flush=True)
 time.sleep(60)
 """

@@ -34,12 +34,13 @@ import sys, time
 import tempfile
 tempfile.tempdir = sys.argv[1]
 from pathlib import Path
-from haptorb.runtime import recording_file, shared
+from haptorb.runtime.exchange import shared_memory
+from haptorb.runtime.recording import recording_file
 from haptorb.runtime.row import RowLayout
-from haptorb.runtime.processes.prestart import _made
+from haptorb.runtime.processes.prestart import _create_folder
 from haptorb.devices.loader import load
-shared.folders = lambda: [Path(sys.argv[1])]
-held = _made(), shared.Shared.create(RowLayout.of(load("omni"))), recording_file.temporary()
+shared_memory.folders = lambda: [Path(sys.argv[1])]
+held = _create_folder(), shared_memory.SharedMemory.create(RowLayout.of(load("omni"))), recording_file.temporary()
 (held[0][0] / "plan").write_text("")
 print("made", flush=True)
 time.sleep(100)
@@ -100,8 +101,8 @@ _CRASHES = """
 import sys, tempfile
 from pathlib import Path
 tempfile.tempdir = sys.argv[1]
-from haptorb.runtime import shared
-shared.folders = lambda: [Path(sys.argv[1])]
+from haptorb.runtime.exchange import shared_memory
+shared_memory.folders = lambda: [Path(sys.argv[1])]
 import haptorb
 with haptorb.Servo("omni", "nothing") as servo:
     print(servo.servo_pid, servo._children.recorder_pid, flush=True)

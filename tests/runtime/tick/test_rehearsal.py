@@ -15,10 +15,10 @@ from haptorb.errors import HaptorbError
 from haptorb.runtime.processes import servo_process
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.servo.servo import Servo
-from haptorb.runtime.exchange.shared_memory import Shared
+from haptorb.runtime.exchange.shared_memory import SharedMemory
 
 servo = Servo(sys.argv[1], sys.argv[2], record=False)
-shared = Shared.create(servo.layout)
+shared = SharedMemory.create(servo.layout)
 try:
     servo_process._rehearse(servo._plan, shared)
     chain, row = servo._plan.assemble(PointerTracker(shared.pointer)), shared.layout.empty()

@@ -8,6 +8,6 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 __all__ = ["electromagnet"]
 
 
-def electromagnet(device: Device, what: str = "what is asked for") -> SphericalElectromagnet:
+def electromagnet(device: Device, what: str = "this function") -> SphericalElectromagnet:
     """`device`, if it is a spherical electromagnet; InputError, which calls the program `what`, if not."""
     return require(device, SphericalElectromagnet, what)

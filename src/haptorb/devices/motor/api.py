@@ -18,7 +18,7 @@ __all__ = ["field", "motor", "sensor_field", "torque_characteristic"]
 def motor(device: Device | str) -> SphericalMotor:
     """`device`, loaded if it is a name, or InputError if it is not a spherical motor."""
     known = load(device) if isinstance(device, str) else device
-    return require(known, SphericalMotor, "what is asked for")
+    return require(known, SphericalMotor, "this function")
 
 
 def torque_characteristic(

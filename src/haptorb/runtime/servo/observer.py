@@ -67,12 +67,14 @@ class ServoObserver(Commands):
     def rows(self, cursor: int = 0) -> tuple[int, Array]:
         """(new cursor, rows (n, width)): what the loop published after the first `cursor` rows, oldest first.
 
+        In the units [..] of `layout`.
+
         The last 8191 rows are kept; (new cursor − cursor − n) rows were lost to a slower reader.
         """
         return self._memory.ring.since(cursor)
 
     def latest(self) -> Array | None:
-        """(width,) the newest row; None before the first."""
+        """(width,) the newest row; None before the first. In the units [..] of `layout`."""
         return self._memory.ring.latest()
 
     def report(self) -> dict[str, Any]:

@@ -119,11 +119,11 @@ INLET = """
 import json
 import numpy as np
 import pylsl
-from haptorb.apps.study.session.streams import MARKERS, POSE, opened
+from haptorb.apps.study.session.streams import MARKERS, POSE, open_streams
 from haptorb.devices.loader import load
 from haptorb.runtime.row import RowLayout
 
-streams = opened("computer")
+streams = open_streams("computer")
 inlets = []
 for name in (MARKERS, POSE):
     found = pylsl.resolve_byprop("name", name, timeout=20)

@@ -94,12 +94,12 @@ STATION = """
 import json, sys
 from haptorb.apps.study.store.database import database
 from haptorb.apps.asking.prompt import Answer
-from haptorb.apps.study.session.stored_session import Sitting
+from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.model.study_file import study_of
 url, first, each, text = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4]
 engine, study = database(url), study_of(text)
 for person in range(each):
-    with Sitting(engine, study, f"S{first + person:03d}") as sitting:
+    with StoredSession(engine, study, f"S{first + person:03d}") as sitting:
         kept = []
         while (prompt := sitting.prompt) is not None:
             value = 1 + (7 * sitting.number + person) % 25
