@@ -132,7 +132,7 @@ def test_the_steps_are_the_devices_marks() -> None:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["pmsm", "--rehearse"], "no tool before a dome"),
+        (["pmsm", "--rehearse"], "works for spherical electromagnets"),
         (["omni", "--tracker", "pointer"], "speaks the stator's frame already"),
         (["omni", "--tracker", "replay:run.mcap"], "speaks the stator's frame already"),
         (["omni", "--tracker", "osk:9000"], "unknown tracker"),
