@@ -4,9 +4,9 @@
 
 A servo renders with the pointer led over the dome by this program, which says the pose 60 times a second, while N
 processes compute. Nothing is broken, and the hand never stops, so a trip is false unless its reason was really so, which
-is judged from numbers that the guard does not use: OVERRUN by the deadlines that the recorded ticks missed in the 0.2 s
-before it (a virtual machine's host may take the core away: its "steal" is printed too), POSE_EXPIRED by how long
-this program itself was held up.
+is judged from numbers that the guard does not use: OVERRUN by the deadlines that the recorded ticks missed in the last
+0.2 s (a virtual machine's host may take the core away: its "steal" is printed), POSE_EXPIRED by how long this program
+itself was held up.
 """
 
 from __future__ import annotations
@@ -95,8 +95,8 @@ def main() -> int:
     print(
         f"{arguments.minutes:g} minutes of {arguments.device} beside {arguments.busy} busy processes, "
         f"{report['scheduler'].get('policy', '?')}: {report['ticks']} ticks, "
-        f"{100 * report['success_rate']:.3f} % in time, {len(trips)} trips, {len(false)} of them false; this program was held up for "
-        f"{1e3 * held_up:.0f} ms at most"
+        f"{100 * report['success_rate']:.3f} % in time, {len(trips)} trips, {len(false)} of them false; "
+        f"this program was held up for {1e3 * held_up:.0f} ms at most"
     )
     print("kept: no false trip" if not false else "NOT kept")
     return 1 if false else 0
