@@ -3,7 +3,7 @@
     python benchmarks/false_trips.py [--minutes M] [--busy N] [--device omni]
 
 A servo renders with the pointer led over the dome by this program, which says the pose 60 times a second, while N
-processes compute. Nothing is broken, and the hand never stops, so a trip is false unless its reason was really so, which
+processes compute. Nothing is broken, and the hand never stops, so a trip is false unless its reason was so, which
 is judged from numbers that the guard does not use: OVERRUN by the deadlines that the recorded ticks missed in the last
 0.2 s (a virtual machine's host may take the core away: its "steal" is printed), POSE_EXPIRED by how long this program
 itself was held up.
