@@ -3,7 +3,10 @@
     python benchmarks/safety/false_trips.py [--minutes M] [--busy N] [--device omni]
 
 A servo renders with the pointer led over the dome by this program, which says the pose 60 times a second, while N
-processes compute. Every trip is false: nothing is broken, and the hand never stops.
+processes compute. Nothing is broken, and the hand never stops, so a trip is false unless its reason was so, which
+is judged from numbers that the guard does not use: OVERRUN by the deadlines that the recorded ticks missed in the last
+0.2 s (a virtual machine's host may take the core away: its "steal" is printed), POSE_EXPIRED by how long this program
+itself was held up.
 """
 
 from __future__ import annotations
@@ -17,7 +20,13 @@ from time import monotonic, sleep
 
 import numpy as np
 
+<<<<<<< HEAD:benchmarks/safety/false_trips.py
 from haptorb.runtime.servo.servo import Servo
+=======
+from haptorb.control.trip import Trip
+from haptorb.runtime.black_box import Tripped
+from haptorb.runtime.servo import Servo
+>>>>>>> main:benchmarks/false_trips.py
 
 
 def compute() -> None:
@@ -33,8 +42,21 @@ def place(t: float, distance: float) -> np.ndarray:
     return distance * np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
 
 
+def steal() -> float:
+    """What the host of a virtual machine took from all of its cores since it started [s]."""
+    with open("/proc/stat", encoding="ascii") as file:
+        return int(file.readline().split()[8]) / os.sysconf("SC_CLK_TCK")
+
+
+def missed(trip: TripRecord, servo: Servo) -> float:
+    """Share of the deadlines of the last 0.2 s before `trip` that were missed."""
+    wall = trip.rows[:, servo.layout["wall"]][:, 0]
+    begun = wall[wall >= wall[-1] - 0.2]
+    return 1.0 - (len(begun) - 1) / (servo.rate * (wall[-1] - wall[0] if len(begun) == len(wall) else 0.2))
+
+
 def main() -> int:
-    """Exit code 1 if it tripped."""
+    """Exit code 1 if it tripped without a reason."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--busy", type=int, default=1)
@@ -44,18 +66,30 @@ def main() -> int:
     for process in busy:
         process.start()
     trips: list[str] = []
+    false: list[str] = []
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, -10)  # as the console's server does: it stands for a hand
     try:
         with Servo(arguments.device, record=False) as servo:
             distance = getattr(servo.device, "contact_distance", 0.05)
-            begun = monotonic()
+            begun = last = monotonic()
+            taken, held_up, pauses = steal(), 0.0, [0.0] * 30
             while (t := monotonic() - begun) < 60.0 * arguments.minutes:
                 servo.point(place(t, distance))
                 servo.check()
+                pauses = [*pauses[1:], monotonic() - last]
+                last, held_up = monotonic(), max(held_up, pauses[-1])
                 for tripped in servo.trips[len(trips) :]:
-                    trips.append(f"{tripped.t:.1f} s {tripped.trip.name}")
-                    print(f"tripped: {trips[-1]}", flush=True)
+                    share = missed(tripped, servo)
+                    so = {Trip.OVERRUN: share > 0.2, Trip.POSE_EXPIRED: max(pauses) > 0.05}
+                    really = so.get(tripped.trip, False)
+                    trips.append(
+                        f"{tripped.t:.1f} s {tripped.trip.name}: {100 * share:.0f} % of the deadlines missed, this "
+                        f"program held up for {1e3 * max(pauses):.0f} ms, steal {steal() - taken:.2f} s since the last"
+                    )
+                    taken = steal()
+                    false += [] if really else [trips[-1]]
+                    print(f"{'really so' if really else 'FALSE'}: {trips[-1]}", flush=True)
                     servo.engage()
                 sleep(1 / 60)
             report = servo.report()
@@ -65,10 +99,11 @@ def main() -> int:
     print(
         f"{arguments.minutes:g} minutes of {arguments.device} beside {arguments.busy} busy processes, "
         f"{report['scheduler'].get('policy', '?')}: {report['ticks']} ticks, "
-        f"{100 * report['success_rate']:.3f} % in time, {len(trips)} trips"
+        f"{100 * report['success_rate']:.3f} % in time, {len(trips)} trips, {len(false)} of them false; "
+        f"this program was held up for {1e3 * held_up:.0f} ms at most"
     )
-    print("kept: no trip" if not trips else f"NOT kept: {', '.join(trips[:10])}")
-    return 1 if trips else 0
+    print("kept: no false trip" if not false else "NOT kept")
+    return 1 if false else 0
 
 
 if __name__ == "__main__":
