@@ -20,13 +20,9 @@ from time import monotonic, sleep
 
 import numpy as np
 
-<<<<<<< HEAD:benchmarks/safety/false_trips.py
+from haptorb.control.protection.trip import Trip
+from haptorb.runtime.exchange.black_box import TripRecord
 from haptorb.runtime.servo.servo import Servo
-=======
-from haptorb.control.trip import Trip
-from haptorb.runtime.black_box import Tripped
-from haptorb.runtime.servo import Servo
->>>>>>> main:benchmarks/false_trips.py
 
 
 def compute() -> None:
