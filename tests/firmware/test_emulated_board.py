@@ -15,7 +15,7 @@ import pytest
 
 from haptorb.apps.hardware.emulate import emulate
 from haptorb.devices.loader import load
-from haptorb.errors import DeviceError, DriverError, InputError
+from haptorb.errors import DriverError, InputError
 from haptorb.runtime.drivers.serial.board import Board
 from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, Refusal
 from haptorb.runtime.drivers.serial.emulator import Emulator
@@ -285,7 +285,7 @@ def test_anybody_can_start_an_emulated_device(built: Path, tmp_path: Path) -> No
     seen[0].close()
     with pytest.raises(InputError, match="the dome, to 2000 mm"):
         emulate(load("omni"), built, tmp_path / "port", height=0.01)
-    with pytest.raises(DeviceError, match="another kind"):
+    with pytest.raises(InputError, match="works for spherical electromagnets"):
         emulate(load("pmsm"), built, tmp_path / "port")
     with pytest.raises(DriverError, match="make firmware"):
         emulate(load("omni"), tmp_path, tmp_path / "port")
