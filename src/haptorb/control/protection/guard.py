@@ -84,9 +84,10 @@ def _fade(g: Record) -> None:
 
 
 @kernel
-def limit_wrench(g: Record, wrench: Array) -> None:
-    """g.asked becomes the part of `wrench` (6,) [N, N·m] that may be asked now: clamped, faded; zero when it is off."""
+def limit_wrench(g: Record) -> None:
+    """g.asked, a wrench (6,) [N, N·m], becomes its part that may be asked now: clamped, faded; zero when it is off."""
     _fade(g)
+    wrench = g.asked
     force, torque = 0.0, 0.0
     for i in range(3):
         force += wrench[i] * wrench[i]
@@ -95,13 +96,13 @@ def limit_wrench(g: Record, wrench: Array) -> None:
     if not np.isfinite(force + torque):  # safety: nan-wrench-trips
         if g.state != _OFF:
             trip(g, _WORLD)
-        g.asked[:] = 0.0
+        wrench[:] = 0.0
         return
     f = g.gain if force <= g.force else g.gain * g.force / force  # safety: force-is-clamped
     t = g.gain if torque <= g.torque else g.gain * g.torque / torque  # safety: torque-is-clamped
     for i in range(3):
-        g.asked[i] = f * wrench[i]
-        g.asked[3 + i] = t * wrench[3 + i]
+        wrench[i] *= f
+        wrench[3 + i] *= t
 
 
 @kernel

@@ -5,8 +5,6 @@ They string the rules together: passivity control and guard; then current check,
 
 from __future__ import annotations
 
-import numpy as np
-
 from haptorb.control.protection.current_check import check_currents
 from haptorb.control.protection.drive import choose_duties, rest_coils
 from haptorb.control.protection.guard import (
@@ -40,10 +38,9 @@ def protect_wrench(
     _keep_estimate(e, p, R, v, w)
     e.age, e.valid = age, valid
     begin_tick(s.clock, g, now)
-    damped = np.empty(6)
-    damp_wrench(s.passivity, e, wrench, now, g.gain, damped)
+    damp_wrench(s.passivity, e, wrench, now, g.gain, g.asked)
     check_estimate(g, valid, age, reversed)
-    limit_wrench(g, damped)
+    limit_wrench(g)
 
 
 @kernel
