@@ -11,7 +11,9 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
-ROOMS = ("errors", "physics", "devices", "sensing", "control", "worlds", "simulation", "runtime", "apps")
+import haptorb
+
+ROOMS = sorted(found.name for found in pkgutil.iter_modules(haptorb.__path__) if found.name != "version")
 
 
 def modules(room: str) -> list[ModuleType]:
@@ -24,8 +26,6 @@ def modules(room: str) -> list[ModuleType]:
 
 def package() -> list[str]:
     """The page of what `import haptorb` offers: each name, and the module that describes it."""
-    import haptorb
-
     lines = [
         ".. _package:",
         "",
