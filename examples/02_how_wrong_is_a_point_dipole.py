@@ -14,10 +14,10 @@ import haptorb
 omni = haptorb.load("omni")
 distance = np.linspace(0.045, 0.12, 76)
 force = {
-    level: np.array([haptorb.wrench_map(omni, haptorb.State.at((0, 0, d)), level=level).matrix[2, 2] for d in distance])
-    for level in ("dipole", "exact")
+    model: np.array([haptorb.wrench_map(omni, haptorb.State.at((0, 0, d)), model=model).matrix[2, 2] for d in distance])
+    for model in ("published", "exact")
 }
-excess = force["exact"] / force["dipole"] - 1
+excess = force["exact"] / force["published"] - 1
 
 figure, axes = plt.subplots(figsize=(7, 4))
 axes.plot(1e3 * distance, 100 * excess)

@@ -13,12 +13,12 @@ import haptorb
 
 omni = haptorb.load("omni")
 distance = np.linspace(0.05, 0.08, 61)
-pull = np.array([-haptorb.wrench_map(omni, haptorb.State.at((0, 0, d)), level="exact").passive[2] for d in distance])
+pull = np.array([-haptorb.wrench_map(omni, haptorb.State.at((0, 0, d)), model="exact").passive[2] for d in distance])
 
 tilt = np.radians(np.linspace(0.0, 60.0, 61))
 axis = np.stack([np.sin(tilt), np.zeros_like(tilt), np.cos(tilt)], axis=-1)
 contact = (0.0, 0.0, omni.contact_distance)
-tilted = np.array([haptorb.wrench_map(omni, haptorb.State.at(contact, axis=a), level="exact").passive for a in axis])
+tilted = np.array([haptorb.wrench_map(omni, haptorb.State.at(contact, axis=a), model="exact").passive for a in axis])
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6))
 left.semilogy(1e3 * distance, 1e3 * pull)

@@ -14,23 +14,23 @@ import haptorb
 t = np.linspace(0.0, 2 * np.pi, 121)
 R = haptorb.rotation_from_euler(np.radians(10) * np.sin(t), np.radians(5) * np.sin(t), np.radians(5) + 0 * t)
 K = {
-    level: haptorb.torque_characteristic("pmsm", R, level=level)[:, :, 16] for level in ("table", "multipole", "dipole")
+    model: haptorb.torque_characteristic("pmsm", R, model=model)[:, :, 16] for model in ("table", "published", "dipole")
 }
 
 figure, axes = plt.subplots(1, 2, figsize=(9, 3.8), sharex=True)
 for axis, part, name in zip(axes, (1, 2), "YZ", strict=True):
-    for level, style in (("table", "-"), ("multipole", "--"), ("dipole", ":")):
-        axis.plot(t, K[level][:, part], style, label="exact" if level == "table" else level)
+    for model, style in (("table", "-"), ("published", "--"), ("dipole", ":")):
+        axis.plot(t, K[model][:, part], style, label="exact" if model == "table" else model)
     axis.set(xlabel="t", ylabel=f"K₁₇ about {name} [N·m/A]")
 axes[0].legend()
 figure.tight_layout()
 
 # %%
-# The table holds the exact level to a millionth. The published multipole model is some 4 % too strong. A pair of
+# The table holds the exact model to a millionth. The published multipole model is some 4 % too strong. A pair of
 # dipoles does not do at all: magnets and coils are 11 mm apart and 32 mm wide.
 peak = np.abs(K["table"]).max(axis=0)
 print(f"peak {peak[1]:.5f} N·m/A about Y, {peak[2]:.5f} about Z")
-ratio = float((K["multipole"] * K["table"]).sum() / (K["table"] ** 2).sum())
+ratio = float((K["published"] * K["table"]).sum() / (K["table"] ** 2).sum())
 print(f"multipole / exact = {ratio:.3f}")
 assert abs(peak[1] - 0.21063) < 1e-5
 assert abs(peak[2] - 0.02601) < 1e-5

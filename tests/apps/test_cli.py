@@ -94,7 +94,7 @@ def test_the_card_as_a_picture(capsys, tmp_path, name):
         (["run", "--headless", "--duration", "-1"], "--duration"),
         (["run", "--headless", "--duration", "nan"], "--duration"),
         (["run", "--headless", "--driver", "simm"], "did you mean 'sim'"),
-        (["run", "--headless", "--level", "dipol"], "did you mean 'dipole'"),
+        (["run", "--headless", "--model", "publishd"], "did you mean 'published'"),
         (["run", "--headless", "--seed", "-3"], "seed"),
         (["run", "--headless", "--estimator", "network"], "estimator of device 'omni'"),
         (["run", "pmsm", "--headless", "--estimator", "least-square"], "did you mean 'least-squares'"),

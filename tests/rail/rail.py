@@ -41,7 +41,7 @@ class Rail(Device):
     friction: float  #: dry [N]
     hand_stiffness: float  #: [N/m]
     hand_damping: float  #: [N·s/m]
-    levels: tuple[str, ...] = ("ring",)
+    models: tuple[str, ...] = ("ring",)
 
     def per_ampere(self, x: float) -> np.ndarray:
         """(2,) force along x per ampere in each coil, with the magnet at `x` [m]."""
@@ -49,8 +49,8 @@ class Rail(Device):
         slope = -1.5 * MU0 * self.turns * self.radius**2 * away / (self.radius**2 + away**2) ** 2.5
         return self.moment * slope
 
-    def wrench_map(self, state: State, level: str) -> WrenchMap:
-        self.check_level(level)
+    def wrench_map(self, state: State, model: str) -> WrenchMap:
+        self.check_model(model)
         matrix = np.zeros((6, 2))
         matrix[0] = self.per_ampere(float(state.p[0]))
         return WrenchMap(matrix, np.zeros(6))

@@ -88,6 +88,9 @@ class FakeChain:
         self.world = world
         self._changes += 1
 
+    def change_model(self, number: int) -> None:
+        self.model = number
+
     def prepare(self, now: float) -> None:
         pass
 
@@ -142,7 +145,7 @@ def _making(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[
             driver: str,
             rate: float,
             seed: int,
-            level: str | None,
+            model: str | None,
             tracker: Any,
             **others: Any,
         ) -> FakeChain:

@@ -1,4 +1,4 @@
-"""What is asked is given: the inverse on both levels against an independent, finer truth."""
+"""What is asked is given: the inverse on both models against an independent, finer truth."""
 
 import numpy as np
 import pytest
@@ -22,10 +22,10 @@ def poses(count, seed, tilt=30.0):
         yield State.at((0.05 + 0.02 * rng.random()) * u, axis), rng.normal(size=3)
 
 
-def departure(level, state, force, compensate=True):
+def departure(model, state, force, compensate=True):
     """Force delivered against `force` (3,) asked, over its size, unsaturated."""
     allocator = LeastSquaresAllocator.force(1e3 * OMNI.coils.current_limit, compensate_passive=compensate)
-    allocation = allocator.allocate(OMNI.wrench_map(state, level), np.concatenate([force, np.zeros(3)]))
+    allocation = allocator.allocate(OMNI.wrench_map(state, model), np.concatenate([force, np.zeros(3)]))
     given = true_wrench(OMNI, state, allocation.currents)[:3]
     return np.linalg.norm(given - force) / np.linalg.norm(force)
 
@@ -48,7 +48,7 @@ def test_without_compensation_the_core_is_felt():
 def test_the_dipole_inverse_errs_by_the_magnets_length(distance, percent):
     """Erratum E16, on the axis: what the coils give beyond what the dipole model asks them for."""
     state = State.at((0, 0, distance))
-    currents = np.linalg.solve(OMNI.wrench_map(state, "dipole").force, (0, 0, 0.3))
+    currents = np.linalg.solve(OMNI.wrench_map(state, "published").force, (0, 0, 0.3))
     given = true_wrench(OMNI, state, currents) - true_wrench(OMNI, state, np.zeros(3))
     assert 100 * (given[2] / 0.3 - 1) == pytest.approx(percent, abs=0.05)
 

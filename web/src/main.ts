@@ -8,6 +8,7 @@ import { at, write } from "./panels/dom";
 import { Header, type Health } from "./panels/header";
 import { Legend } from "./panels/legend";
 import { cover, full, UNKNOWN, UNREACHED } from "./panels/lock";
+import { ModelPanel } from "./panels/model";
 import { ModePanel } from "./panels/modes";
 import { Plots } from "./panels/plots";
 import { WorldPanel } from "./panels/world";
@@ -48,6 +49,7 @@ class Console {
   private readonly world: WorldPanel;
   private readonly readouts: Readings;
   private readonly legend: Legend;
+  private readonly model: ModelPanel;
   private readonly modes: ModePanel | null = null;
   private readonly target: TargetPane | null = null;
   readonly plots: Plots;
@@ -90,6 +92,8 @@ class Console {
     this.header = new Header(session, () => this.command({ do: "engage" }));
     this.world = new WorldPanel(session, (name, values) => this.command({ do: "world", name, values }));
     this.readouts = this.scene.readings(session);
+    this.model = new ModelPanel(session.models, (command) => this.command(command));
+    this.model.show(session.world.model);
     if (session.modes.length) {
       this.modes = new ModePanel((command) => this.command(command));
       this.target = new TargetPane(session.world.scene, this.governor.best);
@@ -178,6 +182,7 @@ class Console {
     this.readouts.show(this.sample);
     this.legend.show(this.sample);
     this.modes?.show(this.sample);
+    this.model.enable(false);
     this.modes?.enable(false);
     this.target?.forget();
     this.plots.freeze(true);
@@ -194,6 +199,7 @@ class Console {
     this.subject.live();
     at("view").classList.remove("dead");
     this.world.enable(this.control);
+    this.model.enable(this.control);
     this.modes?.enable(this.control);
     this.target?.live();
   }
@@ -225,10 +231,12 @@ class Console {
         at("watching").title = "Another page has the control. This one may still stop.";
         this.grasp.enabled = this.control && this.session.steered;
         this.world.enable(this.control);
+        this.model.enable(this.control);
         this.modes?.enable(this.control);
         break;
       case "world":
         this.world.show(event["name"] as string, event["values"] as Values);
+        this.model.show(event["model"] as string);
         this.target?.build((event["scene"] ?? null) as TargetScene | null);
         break;
       case "health":

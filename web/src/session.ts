@@ -87,6 +87,8 @@ export interface Session {
   scene: Scene;
   /** how the mover can move a target; empty where the world acts on it directly */
   modes: string[];
+  /** the models of coils and magnets that the controller can invert, the default first */
+  models: string[];
   columns: Column[];
   coils: string[];
   limits: {
@@ -99,7 +101,7 @@ export interface Session {
     stop: number;
   };
   worlds: World[];
-  world: { name: string; values: Values; scene: TargetScene | null };
+  world: { name: string; values: Values; model: string; scene: TargetScene | null };
   /** the guard's reasons by code: a word, and what happened and what to do */
   trips: Record<string, { word: string; text: string }>;
 }

@@ -17,7 +17,7 @@ _DRAWN = 0.5  #: of the time that is told between two pictures of a bar [s]
 
 
 def build_tables(device: Device) -> None:
-    """Build the tables of `device` if it has any, with a bar on standard error while the exact level is asked.
+    """Build the tables of `device` if it has any, with a bar on standard error while the exact model is asked.
 
     Nothing is drawn where the tables come from the cache, or where standard error is not a terminal.
     """

@@ -1,4 +1,4 @@
-"""The public doors of this room: what a device's coils do, asked by name of device and level."""
+"""The public doors of this room: what a device's coils do, asked by name of device and model."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from haptorb.devices.wrench_map import WrenchMap
 __all__ = ["wrench_map"]
 
 
-def wrench_map(device: Device | str, state: State, level: str | None = None) -> WrenchMap:
+def wrench_map(device: Device | str, state: State, model: str | None = None) -> WrenchMap:
     """What the coils of `device` (a Device or its name) do at `state`: `.matrix` (6, m) [N/A, N·m/A], `.passive` (6,).
 
-    `level` is one of `device.levels`, the first of them where none is given. Stator frame, torque about the mover's
-    origin. Raises UnknownName for a level that the device does not know.
+    `model` is one of `device.models`, the first of them where none is given. Stator frame, torque about the mover's
+    origin. Raises UnknownName for a model that the device does not know.
 
-    >>> per_ampere = wrench_map("omni", State.at((0, 0, 0.05)), level="dipole").matrix
+    >>> per_ampere = wrench_map("omni", State.at((0, 0, 0.05)), model="published").matrix
     >>> round(float(-1e3 * per_ampere[2, 2]), 1)        # pull of the z coil [mN/A]
     50.5
     """
     known = load(device) if isinstance(device, str) else device
-    return known.wrench_map(state, level or known.levels[0])
+    return known.wrench_map(state, model or known.models[0])

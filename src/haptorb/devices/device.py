@@ -97,8 +97,13 @@ class Device(ABC):
     assumed: Mapping[str, str]  #: value → why it is believed, for what the source does not give
     digest: str  #: of everything in the file: recordings and calibrations name their device by it
 
-    #: the fidelity levels that `wrench_map` knows, the default first
-    levels: tuple[str, ...] = ()
+    #: the models of coils and magnets that `wrench_map` knows, the default first
+    models: tuple[str, ...] = ()
+
+    @property
+    def tick_models(self) -> tuple[str, ...]:
+        """Those of `models` that a servo can invert: they take a part of a tick only. By default the first."""
+        return self.models[:1]
 
     @property
     def channels(self) -> int:
@@ -121,14 +126,14 @@ class Device(ABC):
         return np.zeros(3)
 
     @abstractmethod
-    def wrench_map(self, state: State, level: str) -> WrenchMap:
-        """What the coils do to the mover at `state`, at one of `levels`."""
+    def wrench_map(self, state: State, model: str) -> WrenchMap:
+        """What the coils do to the mover at `state`, by one of `models`."""
 
-    def check_level(self, level: str) -> str:
-        """`level` itself, or UnknownName with what this device knows."""
-        if level not in self.levels:
-            raise UnknownName(f"level of device '{self.name}'", level, self.levels)
-        return level
+    def check_model(self, model: str) -> str:
+        """`model` itself, or UnknownName with what this device knows."""
+        if model not in self.models:
+            raise UnknownName(f"model of device '{self.name}'", model, self.models)
+        return model
 
     @property
     def sustained_current(self) -> Array:

@@ -79,6 +79,7 @@ class RowLayout:
             Field("winding", m, "K", "temperature of each winding, observed by the guard's thermal model"),
             Field("remaining", 1, "s", "time until a winding reaches its derating temperature at the present load"),
             Field("saturated", 1, "1", "1 if the currents could not give the asked wrench"),
+            Field("model", 1, "1", "which of the device's models the controller inverts, from 0; NaN: none of them"),
             Field("field", 3 * k, "T", "field sensors, x y z each"),
             Field("mode", 1, "1", "how the mover moves the object: 0 directly, 1 translate, 2 rotate"),
             Field("engaged", 1, "1", "1 if the hand wants to move the object, 0 if it let go to reach further"),

@@ -12,9 +12,10 @@ import numpy as np
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
-from haptorb.errors import GeometryError
+from haptorb.errors import GeometryError, InputError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
+from haptorb.sensing.controller_model import ControllerModel
 from haptorb.sensing.sample import Estimate, Sample
 
 __all__ = ["Estimator", "EstimatorChoice", "EstimatorSettings", "TrackedPose", "tracker_only"]
@@ -37,18 +38,26 @@ class Estimator(ABC):
     def update(self, sample: Sample) -> Estimate:
         """The estimate after `sample`."""
 
+    @property
+    def model(self) -> str:
+        """Which of the device's models the wrench maps are from; empty: from none of them."""
+        return ""
+
+    def change_model(self, name: str) -> None:
+        """Go over to the device's model `name` in the wrench maps, without a step; by default there is only one."""
+        raise InputError(f"this estimator has one model only; it cannot go over to '{name}'")
+
 
 class TrackedPose(Estimator):
-    """Believes the tracker: state as tracked, wrench map by the device's model at `level`.
+    """Believes the tracker: state as tracked, wrench map by the device's `model`, the first where none is given.
 
     A pose that is older than the guard's expiry is still passed on, with its age: what to do then is the guard's
     decision. A pose that cannot be (not finite, or inside the device) is not believed; what was last believed stands in
     its place, marked as not valid.
     """
 
-    def __init__(self, device: Device, level: str | None = None) -> None:
-        self._device = device
-        self._level = device.check_level(level or device.levels[0])
+    def __init__(self, device: Device, model: str | None = None) -> None:
+        self._model = ControllerModel(device, model)
         nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
         self._last = Estimate(nowhere, WrenchMap(np.zeros((6, device.channels)), np.zeros(6)), False, np.inf)
 
@@ -60,18 +69,27 @@ class TrackedPose(Estimator):
             return Estimate(last.state, last.wrench_map, False, sample.t - pose.t)
         state = State(sample.t, pose.R_SR, pose.p, pose.w, pose.v)
         try:
-            wrench_map = self._device.wrench_map(state, self._level)
+            wrench_map = self._model.wrench_map(state)
         except GeometryError:
             return Estimate(last.state, last.wrench_map, False, sample.t - pose.t)
         self._last = Estimate(state, wrench_map, pose.valid, sample.t - pose.t)
         return self._last
+
+    @property
+    def model(self) -> str:
+        """The device's model that is inverted."""
+        return self._model.name
+
+    def change_model(self, name: str) -> None:
+        """Go over to the device's model `name`, without a step."""
+        self._model.change(name)
 
 
 @dataclass(frozen=True)
 class EstimatorSettings:
     """What the chain says to an estimator of its kind's choice."""
 
-    level: str | None = None  #: of the device's model; None: the device's first
+    model: str | None = None  #: of the device's model; None: the device's first
     offsets: Array | None = None  #: (k, 3) of the field sensors, where calibration found them [T]
     in_turns: bool = False  #: whether the driver reads a part of the field sensors in each tick
 
@@ -92,4 +110,4 @@ def tracker_only(device: Device) -> dict[str, EstimatorChoice]:
     >>> list(tracker_only(load("omni")))
     ['tracker']
     """
-    return {"tracker": EstimatorChoice(lambda device, settings: TrackedPose(device, settings.level))}
+    return {"tracker": EstimatorChoice(lambda device, settings: TrackedPose(device, settings.model))}

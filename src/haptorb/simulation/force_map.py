@@ -25,18 +25,18 @@ def force_map(
     world: World,
     points: ArrayLike,
     *,
-    level: str | None = None,
+    model: str | None = None,
     allocator: Allocator | None = None,
 ) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
     """Radial force (n,) [N], outward positive, and where currents saturate (n,); radial tool at `points` (n, 3) [m].
 
-    `level` is the model that the controller inverts (the device's default where none is given); what is given follows
-    from the device's exact level. At rest: no inductance, no heat.
+    `model` is what the controller inverts (None: the device's first model), by default with the core's pull compensated
+    as far as the model knows it; what is given follows from the device's exact model. At rest: no inductance, no heat.
     """
     at = vectors(points, "points").reshape(-1, 3)
     fitted = world.for_device(device)
-    allocate = (allocator or LeastSquaresAllocator(device.coils.current_limit)).allocate
-    inverted = device.check_level(level or device.levels[0])
+    allocate = (allocator or LeastSquaresAllocator.force(device.coils.current_limit, compensate_passive=True)).allocate
+    inverted = device.check_model(model or device.models[0])
     radial = np.empty(len(at))
     saturated = np.empty(len(at), dtype=np.bool_)
     for n, p in enumerate(at):

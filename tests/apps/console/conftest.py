@@ -26,7 +26,7 @@ def _fake() -> ModuleType:
 FAKE = _fake()
 
 
-def flat(name, values, points):
+def flat(name, values, model, points):
     """A felt map that costs nothing: one newton of push everywhere."""
     return np.ones(len(points)), np.zeros(len(points), dtype=bool)
 

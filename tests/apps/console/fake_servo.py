@@ -14,7 +14,7 @@ import numpy as np
 from haptorb.control.protection.trip import CoilState, GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
-from haptorb.errors import InputError
+from haptorb.errors import InputError, UnknownName
 from haptorb.runtime.pointer.guided_motion import upright
 from haptorb.runtime.row import RowLayout
 from haptorb.worlds import find_world
@@ -29,6 +29,8 @@ class FakeServo:
     driver = "sim"
     tracker = "pointer"
     modes: tuple[str, ...] = ()
+    models: tuple[str, ...] = ("exact", "published")
+    model = "exact"
 
     def __init__(self, device: str = "omni", world: str = "dome") -> None:
         self.tracker_refused: dict[str, int] = {}
@@ -94,6 +96,12 @@ class FakeServo:
 
     def set_mode(self, mode: str) -> None:
         self.calls.append(("mode", mode))
+
+    def set_model(self, name: str) -> None:
+        self.calls.append(("model", name))
+        if name not in self.models:
+            raise UnknownName("model of device 'omni'", name, self.models)
+        self.model = name
 
     def clutch(self, engaged: bool) -> None:
         self.calls.append(("clutch", engaged))

@@ -22,7 +22,7 @@ from haptorb.errors import InputError
 BUDGET = 200_000  #: bytes of the whole page, compressed
 
 
-def flat(name, values, points):
+def flat(name, values, model, points):
     return np.ones(len(points)), np.zeros(len(points), dtype=bool)
 
 

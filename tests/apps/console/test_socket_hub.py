@@ -219,6 +219,8 @@ def test_of_many_changes_the_last_one_stands(client, servo):
         '{"do": "world", "name": "' + "dome" * 5000 + '"}',
         '{"do": "\\ud800"}',
         '{"do": "clutch", "engaged": 1}',
+        '{"do": "model", "model": "publishd"}',
+        '{"do": "model", "model": ["published"]}',
     ],
 )
 def test_nonsense_is_refused_and_the_page_lives_on(client, nonsense):
@@ -226,6 +228,17 @@ def test_nonsense_is_refused_and_the_page_lives_on(client, nonsense):
     assert client.event("mistake")["text"]
     seen = len(client.rows)
     client.until(lambda: len(client.rows) > seen + 3)
+
+
+def test_another_model_is_told_to_every_page_and_painted(client, servo):
+    client.event("role", control=True)
+    assert client.event("world")["model"] == "exact"
+    client.until(lambda: client.felt)
+    painted = len(client.felt)
+    client.do(do="model", model="published")
+    assert client.event("world", model="published")["name"] == "dome"
+    assert servo.calls[-1] == ("model", "published")
+    client.until(lambda: len(client.felt) > painted)
 
 
 def test_a_stop_after_an_engage_is_the_last_word(client, servo):
@@ -373,7 +386,7 @@ def test_a_map_that_cannot_be_painted_is_said(servo):
 
     from haptorb.apps.console import Console
 
-    def broken(name, values, points):
+    def broken(name, values, model, points):
         raise ValueError("no such force")
 
     with Console(servo, 0, felt=broken) as console:

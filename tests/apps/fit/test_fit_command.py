@@ -33,8 +33,8 @@ def test_the_stored_fit_gives_torque_to_half_a_percent(pmsm):
     rng = np.random.default_rng(5)
     R = haptorb.rotation_from_euler(*rng.uniform(-0.39, 0.39, (2, 20)), rng.uniform(0, 6.28, 20))
     exact = haptorb.torque_characteristic(pmsm, R)
-    fitted = haptorb.torque_characteristic("pmsm-fitted", R, level="multipole")
-    published = haptorb.torque_characteristic(pmsm, R, level="multipole")
+    fitted = haptorb.torque_characteristic("pmsm-fitted", R, model="published")
+    published = haptorb.torque_characteristic(pmsm, R, model="published")
     error = np.abs(fitted - exact).max() / np.abs(exact).max()
     assert error < 0.005
     assert np.abs(published - exact).max() / np.abs(exact).max() > 10 * error

@@ -65,8 +65,8 @@ def test_no_torque_about_the_tools_own_axis():
 
 
 def test_the_published_peak_lies_between_the_levels_corners():
-    """959 mN at 20 A in one coil (erratum E15): z alone at the summit, dipole level."""
-    able = feasible_wrench(OMNI, State.at((0, 0, 0.05)), "dipole")
+    """959 mN at 20 A in one coil (erratum E15): z alone at the summit, dipole model."""
+    able = feasible_wrench(OMNI, State.at((0, 0, 0.05)), "published")
     up = able.force[np.argmax(able.force[:, 2])]
     assert up[2] == pytest.approx(0.959, rel=0.08)  # coil z is 5 % stronger than the mean of the three
     assert able.force.sum(axis=0) == pytest.approx(np.zeros(3), abs=1e-12)

@@ -1,4 +1,4 @@
-"""The PMSM: published and independent numbers, symmetries, levels against each other, and its variants."""
+"""The PMSM: published and independent numbers, symmetries, models against each other, and its variants."""
 
 from dataclasses import replace
 
@@ -35,13 +35,13 @@ def random_rotations(count, seed, tilt=np.radians(22.5)):
 
 @pytest.fixture(scope="module")
 def tilted(pmsm):
-    """Level → K (3, 24) at TILTED; the exact level takes seconds."""
-    return {level: haptorb.torque_characteristic(pmsm, TILTED, level=level) for level in pmsm.levels}
+    """Level → K (3, 24) at TILTED; the exact model takes seconds."""
+    return {model: haptorb.torque_characteristic(pmsm, TILTED, model=model) for model in pmsm.models}
 
 
-@pytest.mark.parametrize("level", ["table", "exact"])
-def test_torque_characteristic_is_that_of_an_independent_computation(tilted, level):
-    K = tilted[level]
+@pytest.mark.parametrize("model", ["table", "exact"])
+def test_torque_characteristic_is_that_of_an_independent_computation(tilted, model):
+    K = tilted[model]
     assert K.shape == (3, 24)
     for coil, expected in INDEPENDENT.items():
         np.testing.assert_allclose(K[:, coil - 1], expected, atol=1e-6)
@@ -57,14 +57,14 @@ def test_peaks_on_the_trajectory_of_figure_4(pmsm):
 def test_table_equals_exact(pmsm, tilted):
     assert np.abs(tilted["table"] - tilted["exact"]).max() < 1e-7 * np.abs(tilted["exact"]).max()
     R = random_rotations(40, 2)
-    table, exact = (haptorb.sensor_field(pmsm, R, level=level) for level in ("table", "exact"))
+    table, exact = (haptorb.sensor_field(pmsm, R, model=model) for model in ("table", "exact"))
     assert table.shape == (40, 48, 3)
     assert np.abs(table - exact).max() < 1e-6 * np.abs(exact).max()
 
 
 def test_published_multipole_model_against_exact(pmsm):
     R = random_rotations(40, 3)
-    exact, model = (haptorb.torque_characteristic(pmsm, R, level=level) for level in ("table", "multipole"))
+    exact, model = (haptorb.torque_characteristic(pmsm, R, model=model) for model in ("table", "published"))
     scale = (exact * model).sum() / (exact**2).sum()
     shape = np.sqrt(((model - scale * exact) ** 2).mean()) / np.abs(exact).max()
     assert 1.03 < scale < 1.06  # about +4 %
@@ -74,28 +74,28 @@ def test_published_multipole_model_against_exact(pmsm):
 def test_other_lengths_of_the_coils_disagree_with_the_published_model_by_a_quarter():
     R = random_rotations(20, 4)
     device = haptorb.load("pmsm-thick-coils", override=True)
-    exact, model = (haptorb.torque_characteristic(device, R, level=level) for level in ("table", "multipole"))
+    exact, model = (haptorb.torque_characteristic(device, R, model=model) for model in ("table", "published"))
     scale = (exact * model).sum() / (exact**2).sum()
     assert abs(scale - 1) > 0.2
 
 
 def test_dipoles_are_the_right_order_of_magnitude_and_no_better(pmsm):
     R = random_rotations(20, 5)
-    exact, far = (haptorb.torque_characteristic(pmsm, R, level=level) for level in ("table", "dipole"))
+    exact, far = (haptorb.torque_characteristic(pmsm, R, model=model) for model in ("table", "dipole"))
     cosine = (exact * far).sum() / np.linalg.norm(exact) / np.linalg.norm(far)
     assert 0.4 < cosine < 0.9
 
 
-@pytest.mark.parametrize("level", ["table", "dipole", "multipole"])
+@pytest.mark.parametrize("model", ["table", "dipole", "published"])
 @given(psi=st.floats(-0.39, 0.39), lam=st.floats(-0.39, 0.39), phi=st.floats(0, 6.28))
 @settings(max_examples=8, deadline=None)
-def test_spin_by_60_degrees_changes_nothing_and_by_30_the_sign(pmsm, level, psi, lam, phi):
+def test_spin_by_60_degrees_changes_nothing_and_by_30_the_sign(pmsm, model, psi, lam, phi):
     here, by_60, by_30 = (
-        haptorb.torque_characteristic(pmsm, rotation_from_euler(psi, lam, phi + np.radians(turn)), level=level)
+        haptorb.torque_characteristic(pmsm, rotation_from_euler(psi, lam, phi + np.radians(turn)), model=model)
         for turn in (0, 60, 30)
     )
     # a published multipole loop has ten dipoles: it is not quite round, and 30° does not map it onto itself
-    tolerance = 2e-3 if level == "multipole" else 1e-9
+    tolerance = 2e-3 if model == "published" else 1e-9
     np.testing.assert_allclose(by_60, here, atol=tolerance)
     np.testing.assert_allclose(by_30, -here, atol=tolerance)
 
@@ -110,11 +110,11 @@ def test_field_at_the_sensors_has_the_same_periods(pmsm, psi, lam, phi):
     np.testing.assert_allclose(by_30, -here, atol=1e-9)
 
 
-@pytest.mark.parametrize("level", ["table", "exact", "dipole", "multipole"])
-def test_no_torque_about_a_coils_own_axis(pmsm, tilted, level):
-    own = np.einsum("ij,ji->j", tilted[level], pmsm.electromagnets.directions)
+@pytest.mark.parametrize("model", ["table", "exact", "dipole", "published"])
+def test_no_torque_about_a_coils_own_axis(pmsm, tilted, model):
+    own = np.einsum("ij,ji->j", tilted[model], pmsm.electromagnets.directions)
     # coils of sixteen dipoles a loop are not quite round
-    assert np.abs(own).max() < (1e-3 if level == "multipole" else 1e-9)
+    assert np.abs(own).max() < (1e-3 if model == "published" else 1e-9)
 
 
 def test_torque_is_the_slope_of_flux_linkage(pmsm):
@@ -181,7 +181,7 @@ def test_batches_and_single_orientations_agree(pmsm):
 def test_field_is_that_of_the_sensors_and_currents_add(pmsm):
     at = pmsm.hall.positions
     magnets = haptorb.field(pmsm, TILTED, at)
-    np.testing.assert_allclose(magnets, haptorb.sensor_field(pmsm, TILTED, level="exact"), atol=1e-12)
+    np.testing.assert_allclose(magnets, haptorb.sensor_field(pmsm, TILTED, model="exact"), atol=1e-12)
     currents = np.zeros(12)
     currents[8] = 0.5  # EM 17 and 21, the second wound the other way: on the X axis both push along +X
     with_coils = haptorb.field(pmsm, TILTED, at, currents) - magnets
@@ -236,9 +236,9 @@ def test_what_is_not_a_rotation_is_refused(pmsm, bad):
 
 def test_other_doors_are_checked(pmsm):
     with pytest.raises(UnknownName, match="did you mean 'table'"):
-        haptorb.torque_characteristic(pmsm, np.eye(3), level="tabel")
+        haptorb.torque_characteristic(pmsm, np.eye(3), model="tabel")
     with pytest.raises(UnknownName):
-        haptorb.sensor_field(pmsm, np.eye(3), level="fem")
+        haptorb.sensor_field(pmsm, np.eye(3), model="fem")
     with pytest.raises(InputError, match="works for spherical motors"):
         haptorb.torque_characteristic("omni", np.eye(3))
     with pytest.raises(InputError, match=r"points must have shape \(p, 3\)"):
@@ -251,4 +251,4 @@ def test_other_doors_are_checked(pmsm):
 
 def test_the_multipole_level_needs_its_model(pmsm):
     with pytest.raises(DeviceError, match=r"magnets\.multipole"):
-        haptorb.torque_characteristic(replace(pmsm, magnet_model=None), np.eye(3), level="multipole")
+        haptorb.torque_characteristic(replace(pmsm, magnet_model=None), np.eye(3), model="published")

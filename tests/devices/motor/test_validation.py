@@ -55,7 +55,7 @@ def test_the_printed_layout_is_refused_naming_overlaps_and_pairs():
 def test_the_override_loads_it_and_keeps_what_was_found():
     device = haptorb.load("pmsm-printed", override=True)
     assert len(device.findings) == 2
-    assert haptorb.torque_characteristic(device, np.eye(3), level="dipole").shape == (3, 24)
+    assert haptorb.torque_characteristic(device, np.eye(3), model="dipole").shape == (3, 24)
 
 
 def test_the_table_to_the_letter_contradicts_the_text_too():

@@ -1,4 +1,4 @@
-"""Pair tables against the exact level they come from, their kernels, and their file on disk."""
+"""Pair tables against the exact model they come from, their kernels, and their file on disk."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def field() -> PairTable:
 
 
 def rotor(R: np.ndarray) -> SourceSum:
-    """All magnets in the stator frame, at the exact level."""
+    """All magnets in the stator frame, at the exact model."""
     return SourceSum(
         [
             PlacedSource(CylinderMagnet(15.875e-3, 5.08e-3, 1.31 * s), R_PM * (R @ u), rotation_to_axis(R @ u))

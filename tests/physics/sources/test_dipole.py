@@ -90,7 +90,7 @@ def radial_per_ampere(omni, d):
     total = 0.0
     for coil in range(3):
         axis = omni.moment_per_current[:, coil] / np.linalg.norm(omni.moment_per_current[:, coil])
-        total += abs(omni.wrench_map(State.at(d * axis), "dipole").force[:, coil] @ axis)
+        total += abs(omni.wrench_map(State.at(d * axis), "published").force[:, coil] @ axis)
     return total / 3
 
 
@@ -110,7 +110,7 @@ def test_the_wrench_map_door():
     assert haptorb.wrench_map("omni", state).matrix.shape == (6, 3)
     tilted = haptorb.State.at((0.01, 0.0, 0.05), axis=(0, 1, 1))
     assert not np.allclose(haptorb.wrench_map("omni", state).matrix, haptorb.wrench_map("omni", tilted).matrix)
-    with pytest.raises(UnknownName, match="did you mean 'dipole'"):
-        haptorb.wrench_map("omni", state, level="dipol")
+    with pytest.raises(UnknownName, match="did you mean 'published'"):
+        haptorb.wrench_map("omni", state, model="publishd")
     with pytest.raises(GeometryError, match="inside"):
         haptorb.wrench_map("omni", haptorb.State.at((0, 0, 0.02)))

@@ -9,6 +9,7 @@ import pytest
 
 from haptorb.control.protection.trip import GuardState
 from haptorb.devices.loader import load
+from haptorb.errors import UnknownName
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.exchange.commands import Commands
 from haptorb.runtime.exchange.shared_memory import SharedMemory, Word
@@ -64,7 +65,7 @@ class Host(Commands):
     """What a host says, into memory that a loop reads."""
 
     def __init__(self, shared: SharedMemory) -> None:
-        self.device, self.modes = load("omni"), ()
+        self.device, self.modes, self.models, self._model = load("omni"), (), ("exact", "published"), "exact"
         super().__init__(find_world("nothing")())
         self._shared = shared
 
@@ -112,6 +113,26 @@ def test_an_engage_that_was_asked_for_before_a_stop_is_void() -> None:
     )
     assert states[:5] == [RUNNING, TRIPPED, TRIPPED, TRIPPED, TRIPPED]
     assert states[5] in (RAMPING, RUNNING)
+
+
+def test_another_model_is_inverted_from_the_next_tick_on() -> None:
+    seen: list[float] = []
+
+    def see(host: Host) -> None:
+        latest = host._attached.ring.latest()
+        assert latest is not None
+        seen.append(latest[host._attached.layout["model"]][0])
+
+    def choose(host: Host) -> None:
+        see(host)
+        with pytest.raises(UnknownName, match="did you mean 'published'"):
+            host.set_model("publishd")
+        assert host.model == "exact"
+        host.set_model("published")
+
+    states = states_after(choose, see, lambda host: host.set_model("exact"), see)
+    assert seen == [0.0, 1.0, 0.0]
+    assert set(states) == {RUNNING}
 
 
 def test_stop_and_engage_in_one_tick_are_taken_in_their_order() -> None:

@@ -169,7 +169,7 @@ def test_rate_out_of_range(rate: Any) -> None:
         ({"world": "dme"}, "did you mean 'dome'"),
         ({"driver": "sym"}, "did you mean 'sim'"),
         ({"tracker": "pointr"}, "did you mean 'pointer'"),
-        ({"level": "dipol"}, "did you mean 'dipole'"),
+        ({"model": "publishd"}, "did you mean 'published'"),
     ],
 )
 def test_unknown_names(arguments: dict[str, Any], says: str) -> None:

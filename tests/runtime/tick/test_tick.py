@@ -75,10 +75,10 @@ class Faulty(Driver):
 class Rig:
     """A tick over a faulty driver, a clock that it keeps itself, and its last row."""
 
-    def __init__(self, world=None, position=(0.0, 0.0, 0.0495), level="dipole"):
+    def __init__(self, world=None, position=(0.0, 0.0, 0.0495), model="published"):
         self.driver = Faulty(SimDriver.of(OMNI, DT, hand(position)))
         allocator = LeastSquaresAllocator.force(OMNI.coils.current_limit, compensate_passive=True)
-        self.tick = Tick(OMNI, world or worlds.Dome(), self.driver, TrackedPose(OMNI, level), allocator, DT)
+        self.tick = Tick(OMNI, world or worlds.Dome(), self.driver, TrackedPose(OMNI, model), allocator, DT)
         self.row = self.tick.layout.empty()
         self.n = 0
         self.driver.open()
@@ -124,6 +124,24 @@ def test_currents_follow_what_is_wanted():
     rig = Rig().go(1500)
     assert np.abs(rig["currents"] - rig["wanted"]).max() < 0.05
     assert np.abs(rig["wanted"]).max() > 5
+
+
+def test_another_model_takes_over_while_the_loop_runs_without_a_step_of_the_force():
+    rig = Rig(position=(0, 0, 0.048), model="exact").go(1500)
+    assert rig["model"][0] == 0
+    force, models = [], []
+    for n in range(400):
+        if n == 100:
+            rig.tick.change_model(OMNI.models.index("published"))
+        rig.go(1)
+        force.append(np.linalg.norm(rig["given"][:3]))
+        models.append(rig["model"][0])
+    force, noise = np.array(force), np.abs(np.diff(force[:100])).max()
+    assert models == [0.0] * 100 + [1.0] * 300
+    change = force[-50:].mean() - force[:100].mean()
+    assert change > 0.01
+    assert np.abs(np.diff(force)).max() < 2 * noise + 3 * change / 50
+    assert force[100:].max() < force[-50:].mean() + 3 * noise
 
 
 def test_the_dipole_inverse_gives_sixteen_percent_too_much_and_the_core_pulls():

@@ -212,7 +212,7 @@ def test_what_cannot_track_is_refused():
         HallTracker(OMNI, bandwidth=0.0)
     with pytest.raises(InputError, match="offsets"):
         HallTracker(OMNI, offsets=np.zeros((8, 3)))
-    with pytest.raises(UnknownName, match="level"):
+    with pytest.raises(UnknownName, match="model"):
         HallTracker(OMNI, "exakt")
     with pytest.raises(InputError, match="9 field sensors"):
         HallTracker(OMNI).update(replace(sample(OMNI, np.zeros((9, 3)), np.zeros(3)), field=np.zeros((8, 3))))

@@ -42,7 +42,7 @@ def test_the_dipole_inverse_gives_too_much_and_the_core_pulls(distance, excess, 
     assert -1e3 * passive[2] == pytest.approx(pull, rel=0.02)
     state = omni.state()
     asked = np.array([0.0, 0.0, 0.1])
-    matrix = OMNI.wrench_map(state, "dipole").matrix[:3]
+    matrix = OMNI.wrench_map(state, "published").matrix[:3]
     currents = np.linalg.solve(matrix, asked)
     duties = currents * OMNI.coils.resistance_at(omni.winding) / OMNI.supply.voltage
     given = settled(omni, duties, p)

@@ -89,7 +89,7 @@ def test_the_printed_inverse_with_its_tool_moment_gives_the_dipole_force_back():
         force = dome.wrench(State.at(rp))[:3]
         moment = printed_moment(rp, force, omni.tool.moment)
         currents = np.linalg.solve(omni.moment_per_current, moment)
-        assert np.allclose(omni.wrench_map(State.at(rp), "dipole").force @ currents, force, atol=1e-9)
+        assert np.allclose(omni.wrench_map(State.at(rp), "published").force @ currents, force, atol=1e-9)
 
 
 def at(alpha_deg, d=0.05):
@@ -118,7 +118,7 @@ def test_a_right_angle_is_a_permanent_magnet():
     dome = Dome(half_width_deg=90, cut_off_deg=180, moment=-2.0).for_device(omni)
     for alpha in (5, 40, 85, 120, 175):
         state = at(alpha)
-        direct = omni.wrench_map(state, "dipole").force @ np.linalg.solve(omni.moment_per_current, (0, 0, 2.0))
+        direct = omni.wrench_map(state, "published").force @ np.linalg.solve(omni.moment_per_current, (0, 0, 2.0))
         assert np.allclose(dome.wrench(state)[:3], direct, atol=1e-9)
 
 
@@ -154,8 +154,8 @@ def test_a_sharpened_map_is_no_potential():
             for k, m in enumerate(middle):
                 state = at(a0 + m * (a1 - a0), d0 + m * (d1 - d0))
                 wrench = dome.wrench(state)
-                currents = np.linalg.solve(omni.wrench_map(state, "dipole").force, wrench[:3])
-                given = omni.wrench_map(state, "dipole").wrench(currents)
+                currents = np.linalg.solve(omni.wrench_map(state, "published").force, wrench[:3])
+                given = omni.wrench_map(state, "published").wrench(currents)
                 step = (
                     at(a0 + s[k + 1] * (a1 - a0), d0 + s[k + 1] * (d1 - d0)).p
                     - at(a0 + s[k] * (a1 - a0), d0 + s[k] * (d1 - d0)).p

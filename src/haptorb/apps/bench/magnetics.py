@@ -1,6 +1,6 @@
 """`haptorb bench magnetics`: all coils' torque and all sensors' field of the spherical motor, by all who can.
 
-The reference is an independent closed form (magpylib.core) over a much finer winding, else this library's exact level.
+The reference is an independent closed form (magpylib.core) over a much finer winding, else this library's exact model.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from haptorb.apps.bench.contest import Contest, Result, fastest
 from haptorb.apps.bench.row import Metric
 from haptorb.devices.loader import load
 from haptorb.devices.motor.api import motor, sensor_field, torque_characteristic
-from haptorb.devices.motor.levels import exact_field, exact_torque
+from haptorb.devices.motor.models import exact_field, exact_torque
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.rotations import rotation_from_euler
 
@@ -72,7 +72,7 @@ def magnetics(device: str = "pmsm", budget: float = 0.5, report: Callable[[str],
         lambda: winding.torque(lambda at: exact_field(known, R[None], at)[0]),
         torque,
     )
-    run(task, "haptorb", "published multipoles", lambda: torque_characteristic(known, R, "multipole"), torque)
+    run(task, "haptorb", "published multipoles", lambda: torque_characteristic(known, R, "published"), torque)
     core = peers.core_field(known, R) if with_magpylib else None
     run(task, "magpylib", "core in blocks", None if core is None else lambda: winding.torque(core), torque)
     run(

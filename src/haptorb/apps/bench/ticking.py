@@ -46,9 +46,8 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
 def _time_ticks(device: Device, estimator: str, ticks: int) -> tuple[list[float], list[float]]:
     """[µs] of each tick, and of its stages without reading and writing."""
     driver = SimDriver(simulate(device, 0), _DT, seed=0)
-    level = "exact" if device.name == "omni" else None
     tick = Tick(
-        device, worlds.CATALOGUE[default_world(device)](), driver, estimator_of(device, estimator, level),
+        device, worlds.CATALOGUE[default_world(device)](), driver, estimator_of(device, estimator, None),
         allocator_of(device), _DT, linkage_of(device),
     )  # fmt: skip
     row = tick.layout.empty()

@@ -77,9 +77,8 @@ def grows(
 
     dt = 1 / rate
     inner = SimDriver(SimulatedElectromagnet(held, step=_STEP), dt, goal)
-    level = "exact" if "exact" in device.levels else None
     driver = inner if hall else LateTracker(inner, tracker_rate, latency)
-    estimator = estimator_of(held, "hall" if hall else "tracker", level)
+    estimator = estimator_of(held, "hall" if hall else "tracker", None)
     tick = Tick(held, _Spring(stiffness), driver, estimator, allocator_of(held), dt)
     row = tick.layout.empty()
     window = _CYCLES * 4 * pushed_for

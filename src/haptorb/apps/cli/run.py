@@ -56,7 +56,10 @@ def run(
     frame: Annotated[
         Path | None, typer.Option(help="A file of `haptorb frame`: the tracker speaks a frame of its own.")
     ] = None,
-    level: Annotated[str | None, typer.Option(help="Fidelity of the controller's model, dipole or exact.")] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(help="Model of coils and magnets that the controller inverts: exact, or published (the paper's)."),
+    ] = None,
     rate: Annotated[float, typer.Option(help="Of the loop [Hz], 50 to 4000.")] = 1000.0,
     seed: Annotated[int, typer.Option(help="Of the simulation's noise.")] = 0,
     record: Annotated[Path | None, typer.Option(help="Record to this MCAP file.")] = None,
@@ -91,7 +94,7 @@ def run(
         build_tables(found)
         servo = Servo(
             device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction, frame=frame,
-            rate=rate, seed=seed, level=level, record=record or False,
+            rate=rate, seed=seed, model=model, record=record or False,
             overwrite=force, estimator=estimator, calibration=calibration, black_box=state_folder() / "trips",
             watchdog=not no_watchdog,
         )  # fmt: skip

@@ -18,8 +18,8 @@ __all__ = ["FeltMap", "Flags", "ForceMapWorker"]
 #: shape (n,)
 Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
-#: (name and values of the world, points (n, 3) [m]) → radial force (n,) [N] and whether the device is at its limit
-FeltMap = Callable[[str, Mapping[str, Any], Array], tuple[Array, Flags]]
+#: (name and values of the world, model that is inverted, points (n, 3) [m]) → radial force (n,) [N] and whether the device is at its limit
+FeltMap = Callable[[str, Mapping[str, Any], str, Array], tuple[Array, Flags]]
 
 
 @final
@@ -32,7 +32,7 @@ class ForceMapWorker:
         self.directions, self.triangles = shell()
         self._points = self.directions * device.shell.contact_distance
         self._felt = felt
-        self._wanted: tuple[str, Mapping[str, Any], int] | None = None
+        self._wanted: tuple[str, Mapping[str, Any], str, int] | None = None
         self._task: asyncio.Task[None] | None = None
         self.force = np.zeros(len(self.directions))
         self.saturated: Flags = np.zeros(len(self.directions), dtype=np.bool_)
@@ -42,20 +42,21 @@ class ForceMapWorker:
         self,
         name: str,
         values: Mapping[str, Any],
+        model: str,
         version: int,
         painted: Callable[[], None],
         failed: Callable[[str], None],
     ) -> None:
-        """Paint this world next; `painted` or `failed` is called in the event loop when that is done."""
-        self._wanted = (name, values, version)
+        """Paint this world next, as the controller gives it that inverts `model`; `painted` or `failed` is called in the event loop when that is done."""
+        self._wanted = (name, values, model, version)
         if self._task is None or self._task.done():
             self._task = asyncio.get_running_loop().create_task(self._paint(painted, failed))
 
     async def _paint(self, painted: Callable[[], None], failed: Callable[[str], None]) -> None:
         while self._wanted is not None:
-            (name, values, version), self._wanted = self._wanted, None
+            (name, values, model, version), self._wanted = self._wanted, None
             try:
-                self.force, self.saturated = await asyncio.to_thread(self._felt, name, values, self._points)
+                self.force, self.saturated = await asyncio.to_thread(self._felt, name, values, model, self._points)
             except Exception as mistake:  # whatever a world's own code raises: the page says it, the loop goes on
                 failed(f"the felt map of '{name}' cannot be painted: {mistake}")
             else:

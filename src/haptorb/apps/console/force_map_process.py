@@ -27,7 +27,7 @@ _PATIENCE = 1.0  #: for the process to end by itself [s]
 
 @final
 class ForceMapProcess:
-    """Call it like a function: (name and values of a world, points (n, 3) [m]) → radial force (n,) [N], saturated (n,).
+    """Call it like a function: (name and values of a world, model, points (n, 3) [m]) → radial force (n,) [N], saturated (n,).
 
     Started by `start` or the first call, and again if it died; a call blocks until the answer is there.
     """
@@ -37,13 +37,13 @@ class ForceMapProcess:
         self._process: subprocess.Popen[bytes] | None = None
         self._one_at_a_time = threading.Lock()
 
-    def __call__(self, name: str, values: Mapping[str, Any], points: Array) -> tuple[Array, Flags]:
+    def __call__(self, name: str, values: Mapping[str, Any], model: str, points: Array) -> tuple[Array, Flags]:
         with self._one_at_a_time:
             process = self._running()
             assert process.stdin is not None
             assert process.stdout is not None
             try:
-                pickle.dump((name, dict(values), points), process.stdin)
+                pickle.dump((name, dict(values), model, points), process.stdin)
                 process.stdin.flush()
                 answer = pickle.load(process.stdout)
             except (OSError, EOFError, pickle.UnpicklingError, ValueError) as cause:
@@ -96,7 +96,7 @@ class ForceMapProcess:
 
 
 def main() -> None:
-    """Answer until the console closes the pipe: a device, then any number of (name, values, points)."""
+    """Answer until the console closes the pipe: a device, then any number of (name, values, model, points)."""
     os.nice(10)
     questions, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a world prints is not an answer
@@ -107,12 +107,12 @@ def main() -> None:
     force_map(device, find_world("nothing")(), [[0.0, 0.0, device.contact_distance]])  # loads what is compiled
     while True:
         try:
-            name, values, points = pickle.load(questions)
+            name, values, model, points = pickle.load(questions)
         except EOFError:
             return
         answer: object
         try:
-            answer = force_map(device, find_world(name)(**values), points)
+            answer = force_map(device, find_world(name)(**values), points, model=model)
         except Exception as mistake:  # whatever a world's own code raises is the answer
             answer = f"{type(mistake).__name__}: {mistake}"
         try:

@@ -33,6 +33,16 @@ class RunningServo(Protocol):
         ...
 
     @property
+    def models(self) -> tuple[str, ...]:
+        """The models of the device that its controller can invert, the default first."""
+        ...
+
+    @property
+    def model(self) -> str:
+        """The one that it inverts now."""
+        ...
+
+    @property
     def world(self) -> tuple[str, Mapping[str, Any]]:
         """Name and values of what is felt now."""
         ...
@@ -95,6 +105,9 @@ class RunningServo(Protocol):
     def set_mode(self, mode: str) -> None:
         """Go over to `mode` without a step; UnknownName for one that there is not."""
         ...
+
+    def set_model(self, name: str) -> None:
+        """Invert the device's model `name`, without a step of the force."""
 
     def clutch(self, engaged: bool) -> None:
         """Let the target go, or take hold of it again; InputError where there is no clutch."""

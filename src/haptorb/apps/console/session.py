@@ -77,6 +77,7 @@ def session(servo: RunningServo, started: str) -> dict[str, Any]:
         "device": {"name": device.name, "title": device.title, "source": device.source},
         "scene": _scene(device),
         "modes": list(servo.modes),
+        "models": list(servo.models),
         "columns": Columns(servo.layout, bool(servo.modes)).describe(),
         "coils": list(device.coils.names),
         "limits": {
@@ -98,10 +99,10 @@ def session(servo: RunningServo, started: str) -> dict[str, Any]:
 
 
 def world_now(servo: RunningServo) -> dict[str, Any]:
-    """Name and values of the world that is felt now, and what there is to draw of it."""
+    """Name and values of the world that is felt now, the model that is inverted, and what there is to draw of it."""
     name, values = servo.world
     plain = {key: _plain(value) for key, value in values.items()}
-    return {"name": name, "values": plain, "scene": target_scene(name, values) if servo.modes else None}
+    return {"name": name, "values": plain, "model": servo.model, "scene": target_scene(name, values) if servo.modes else None}
 
 
 def _plain(value: Any) -> Any:

@@ -57,7 +57,7 @@ class ConsoleSocketHub:
         self._turn = layout["target_q"]
         if servo.modes:
             prepare()
-        self._world: tuple[str, dict[str, Any]] = ("", {})
+        self._world: tuple[str, dict[str, Any], str] = ("", {}, "")
         self._version = 0
         self._asked: tuple[ConsolePage, str, dict[str, Any]] | None = None
         self._trouble = ""  # why there is no map of this world
@@ -153,6 +153,9 @@ class ConsoleSocketHub:
                 self._hand.home()
             case "mode":
                 self._servo.set_mode(str(command.get("mode"))[:_NAME])
+            case "model":
+                self._servo.set_model(str(command.get("model"))[:_NAME])
+                self._notice_world()
             case "clutch":
                 if not isinstance(command.get("engaged"), bool):
                     raise InputError("the clutch is set by `engaged`, true or false")
@@ -162,7 +165,7 @@ class ConsoleSocketHub:
                 if self._asking is None or self._asking.done():
                     self._asking = asyncio.create_task(self._ask())
             case other:
-                raise InputError(f"unknown command {other!r} (known: stop, engage, home, mode, clutch, world)")
+                raise InputError(f"unknown command {other!r} (known: stop, engage, home, mode, model, clutch, world)")
 
     def _engage(self, page: ConsolePage, stops: int) -> None:
         self._engaging = None
@@ -188,16 +191,16 @@ class ConsoleSocketHub:
             self._notice_world()
 
     def _notice_world(self) -> None:
-        """Tell everyone, and repaint, if the world is another one than before."""
+        """Tell everyone, and repaint, if the world or the model that is inverted is another one than before."""
         name, values = self._servo.world
-        now = (name, {key: plain(value) for key, value in values.items()})
+        now = (name, {key: plain(value) for key, value in values.items()}, self._servo.model)
         if now == self._world:
             return
         self._world = now
         self._version += 1
         self._tell_all("world", **self._world_event())
         if self._painter is not None:
-            self._painter.want(name, dict(values), self._version, self._send_map, self._not_painted)
+            self._painter.want(name, dict(values), now[2], self._version, self._send_map, self._not_painted)
 
     def _notice_refused(self) -> None:
         """Tell everyone when somebody else speaks to the tracker, or it jumps: nothing else would show it."""
@@ -209,8 +212,9 @@ class ConsoleSocketHub:
             self._tell_all("mistake", text=f"tracker {self._servo.tracker}: refused {', '.join(news)}")
 
     def _world_event(self) -> dict[str, Any]:
-        name, values = self._world
-        return {"name": name, "values": values, "scene": target_scene(name, values) if self._servo.modes else None}
+        name, values, model = self._world
+        scene = target_scene(name, values) if self._servo.modes else None
+        return {"name": name, "values": values, "model": model, "scene": scene}
 
     def _send_map(self) -> None:
         self._trouble = ""

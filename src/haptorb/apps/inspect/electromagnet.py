@@ -23,7 +23,7 @@ __all__ = ["ElectromagnetCard"]
 
 @final
 class ElectromagnetCard(Card):
-    """Forces are the least over the workspace, by the exact level, for a tool held radially."""
+    """Forces are the least over the workspace, by the exact model, for a tool held radially."""
 
     def __init__(self, device: SphericalElectromagnet) -> None:
         self._device = device

@@ -25,7 +25,7 @@ _AXES = ("X", "Y", "Z")
 
 @final
 class MotorCard(Card):
-    """Torques are about the stator's axes, each alone, by the table of the exact level."""
+    """Torques are about the stator's axes, each alone, by the table of the exact model."""
 
     def __init__(self, device: SphericalMotor) -> None:
         self._device = device

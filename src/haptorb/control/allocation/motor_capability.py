@@ -41,14 +41,14 @@ class MotorCapability:
     shares: Array
 
 
-def motor_capability(motor: SphericalMotor, tilts: int = 9, spins: int = 40, level: str = "table") -> MotorCapability:
-    """The capability of `motor` over its workspace, at `level`. Raises DeviceError if it cannot turn everywhere."""
+def motor_capability(motor: SphericalMotor, tilts: int = 9, spins: int = 40, model: str = "table") -> MotorCapability:
+    """The capability of `motor` over its workspace, at `model`. Raises DeviceError if it cannot turn everywhere."""
     if tilts < 2 or spins < 1:
         raise InputError(f"at least 2 tilts and 1 spin are needed; got {tilts} and {spins}")
     edge = np.linspace(-motor.workspace_tilt, motor.workspace_tilt, tilts)
     psi, lam, phi = np.meshgrid(edge, edge, 2 * np.pi * np.arange(spins) / spins, indexing="ij")
     R = rotation_from_euler(psi.ravel(), lam.ravel(), phi.ravel())
-    single = motor.torque_characteristic(R, level)
+    single = motor.torque_characteristic(R, model)
     K = single @ motor.groups
     values = np.linalg.svd(K, compute_uv=False)
     if not (values[:, 2] > 1e-6 * np.abs(single).max()).all():

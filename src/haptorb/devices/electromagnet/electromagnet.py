@@ -70,8 +70,8 @@ class DomeContact:
 class SphericalElectromagnet(Device):
     """Three coils about one soft sphere, and a magnet in a tool that moves over a dome.
 
-    Levels: "dipole" is Zárate 2020's model (two point dipoles); "exact" has the tool's magnet at its size and the pull
-    of the core on it. In both, the electromagnet is the point dipole that calibration measured outside the dome.
+    Models: "exact" has the tool's magnet at its size and the pull of the core on it; "published" is Zárate 2020's, two
+    point dipoles. In both, the electromagnet is the point dipole that calibration measured outside the dome.
     """
 
     kind: ClassVar[DeviceKind] = ELECTROMAGNET
@@ -91,7 +91,12 @@ class SphericalElectromagnet(Device):
     windings: Windings | None = None  #: the coils' sizes, where somebody gave or assumed them
     marks: Marks | None = None  #: places to touch with the tip, where there are any
 
-    levels: tuple[str, ...] = ("dipole", "exact")
+    models: tuple[str, ...] = ("exact", "published")
+
+    @property
+    def tick_models(self) -> tuple[str, ...]:
+        """Both: each takes microseconds."""
+        return self.models
 
     @property
     def contact_distance(self) -> float:
@@ -134,7 +139,7 @@ class SphericalElectromagnet(Device):
             return None
         return self.windings.moment_per_current(SoftSphere(self.core_radius, self.core_permeability))
 
-    def wrench_map(self, state: State, level: str) -> WrenchMap:
+    def wrench_map(self, state: State, model: str) -> WrenchMap:
         """(6, 3) per ampere and (6,) passive, torque about the tool's magnet; GeometryError inside the dome's core."""
         x, y, z = state.p.tolist()
         if x * x + y * y + z * z < self._inside:
@@ -144,10 +149,10 @@ class SphericalElectromagnet(Device):
             )
         matrix, passive = np.empty((6, self.channels)), np.zeros(6)
         p, R = np.ascontiguousarray(state.p), np.ascontiguousarray(state.R_SR)
-        if level == "exact":
+        if model == "exact":
             ring_per_ampere(*self._ring, p, R, matrix, passive)
         else:
-            self.check_level(level)
+            self.check_model(model)
             dipole_per_ampere(*self._dipole, p, R, matrix)
         return WrenchMap(matrix, passive)
 

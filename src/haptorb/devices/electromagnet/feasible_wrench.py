@@ -39,7 +39,7 @@ class FeasibleWrench:
     guaranteed_torque: float
 
 
-def feasible_wrench(device: SphericalElectromagnet, state: State, level: str = "exact") -> FeasibleWrench:
+def feasible_wrench(device: SphericalElectromagnet, state: State, model: str = "exact") -> FeasibleWrench:
     """The polytopes of `device` at `state` within its current limits; GeometryError inside the core.
 
     >>> from haptorb.devices.loader import load
@@ -47,7 +47,7 @@ def feasible_wrench(device: SphericalElectromagnet, state: State, level: str = "
     >>> able.force.shape, len(able.torque), (able.unreachable.round(6) + 0.0).tolist()
     ((8, 3), 6, [0.0, 0.0, 1.0])
     """
-    known = device.wrench_map(state, level)
+    known = device.wrench_map(state, model)
     limit = device.coils.current_limit
     corners = np.array(list(product((-1.0, 1.0), repeat=device.channels))) * limit
     force = corners @ known.force.T + known.passive[:3]

@@ -18,7 +18,7 @@ FORCE_JND = 0.07  #: just-noticeable difference of a force, lower end of the pub
 
 @dataclass(frozen=True)
 class Layer:
-    """Forces on a radial tool at one distance, least over the workspace [N]; exact level."""
+    """Forces on a radial tool at one distance, least over the workspace [N]; exact model."""
 
     distance: float  #: of the tool's magnet from the centre [m]
     peak_radial: float
@@ -26,11 +26,11 @@ class Layer:
     lasting_radial: float
     lasting_tangential: float
     passive_pull: float  #: towards the centre, with all currents off
-    dipole_error: float  #: greatest relative error of the dipole level's force
+    dipole_error: float  #: greatest relative error of the dipole model's force
 
     @property
     def dipole_error_jnd(self) -> float:
-        """The dipole level's error in just-noticeable differences of force."""
+        """The dipole model's error in just-noticeable differences of force."""
         return self.dipole_error / FORCE_JND
 
 
@@ -67,7 +67,7 @@ def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -
     for direction in directions:
         state = State.at(distance * direction)
         exact = device.wrench_map(state, "exact")
-        dipole = device.wrench_map(state, "dipole")
+        dipole = device.wrench_map(state, "published")
         per_newton = np.linalg.inv(exact.force)
         ways = state.R_SR.T  # rows: two tangents and the radial direction
         amperes = np.abs(ways @ per_newton.T)  # (3, m) for one newton each way

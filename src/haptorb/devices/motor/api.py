@@ -22,13 +22,13 @@ def motor(device: Device | str) -> SphericalMotor:
 
 
 def torque_characteristic(
-    device: Device | str, R_SR: ArrayLike, level: str = "table", *, grouped: bool = False
+    device: Device | str, R_SR: ArrayLike, model: str = "table", *, grouped: bool = False
 ) -> Array:
     """K (3, m), or (n, 3, m) for a batch: torque on the rotor per ampere [N·m/A], stator frame; Bai 2012 eqs. (2)–(3).
 
     R_SR (3, 3) or (n, 3, 3) turns rotor vectors into stator vectors. m is the number of coils, or with `grouped` the
-    number of channels (coils wired in series). `level` is "table", "exact", "multipole" or "dipole". Raises InputError
-    for what is not a rotation, and UnknownName for another level.
+    number of channels (coils wired in series). `model` is "table", "exact", "published" or "dipole". Raises InputError
+    for what is not a rotation, and UnknownName for another model.
 
     >>> from haptorb.numerics.rotations import rotation_from_euler
     >>> K = torque_characteristic("pmsm", rotation_from_euler(*np.radians((10, 5, 5))))
@@ -37,13 +37,13 @@ def torque_characteristic(
     """
     known = motor(device)
     R, single = _orientations(R_SR)
-    K = known.torque_characteristic(R, level)
+    K = known.torque_characteristic(R, model)
     if grouped:
         K = K @ known.groups
     return K[0] if single else K
 
 
-def sensor_field(device: Device | str, R_SR: ArrayLike, level: str = "table") -> Array:
+def sensor_field(device: Device | str, R_SR: ArrayLike, model: str = "table") -> Array:
     """(k, 3), or (n, k, 3) for a batch: flux density [T] of the rotor's magnets at the sensors, stator frame.
 
     A sensor's own axes (ϑ̂, φ̂, r̂) are the columns of `device.sensor_layout.frames`. Arguments and errors are those of
@@ -54,12 +54,12 @@ def sensor_field(device: Device | str, R_SR: ArrayLike, level: str = "table") ->
     """
     known = motor(device)
     R, single = _orientations(R_SR)
-    B = known.sensor_field(R, level)
+    B = known.sensor_field(R, model)
     return B[0] if single else B
 
 
 def field(device: Device | str, R_SR: ArrayLike, points: ArrayLike, currents: ArrayLike | None = None) -> Array:
-    """(p, 3), or (n, p, 3) for a batch: flux density [T] at `points` (p, 3) [m], stator frame, exact level.
+    """(p, 3), or (n, p, 3) for a batch: flux density [T] at `points` (p, 3) [m], stator frame, exact model.
 
     Of the rotor's magnets, and of the coils too where `currents` (channels,) [A] are given. Inside a magnet it is B
     (not H). Raises GeometryError on an edge, where the field is infinite.

@@ -1,4 +1,4 @@
-"""The parts of a spherical motor that make field and torque, as every level of its model takes them."""
+"""The parts of a spherical motor that make field and torque, as every model takes them."""
 
 from __future__ import annotations
 

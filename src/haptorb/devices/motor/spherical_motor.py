@@ -14,7 +14,7 @@ from haptorb.devices.kind import DeviceKind
 from haptorb.devices.motor.handle import EndStop, Grasp, HallQuality
 from haptorb.devices.motor.kind import MOTOR
 from haptorb.devices.motor.layouts import Layout
-from haptorb.devices.motor.levels import (
+from haptorb.devices.motor.models import (
     coils_field,
     dipole_field,
     dipole_torque,
@@ -57,9 +57,9 @@ class Rotor:
 class SphericalMotor(Device):
     """Round magnets on a rotor, round air-cored coils and field sensors on a stator, all axes through one centre.
 
-    The channels are the groups of coils that are wired in series; `groups` says how. Levels: "table" looks the exact
-    level up (servo speed), "exact" integrates the magnets' closed-form fields over the windings, "multipole" is the
-    published distributed multipole model (Bai 2012 eqs. 7–9, corrected), "dipole" its far field.
+    The channels are the groups of coils that are wired in series; `groups` says how. Models: "table" looks the exact
+    one up (servo speed), "exact" integrates the magnets' closed-form fields over the windings, "published" is the
+    distributed multipole model of Bai 2012 eqs. 7–9, corrected, "dipole" its far field.
     """
 
     kind: ClassVar[DeviceKind] = MOTOR
@@ -84,7 +84,7 @@ class SphericalMotor(Device):
     regulator: Regulator | None
     findings: tuple[str, ...] = ()  #: what validation objected to, where it was overridden
 
-    levels: tuple[str, ...] = ("table", "exact", "multipole", "dipole")
+    models: tuple[str, ...] = ("table", "exact", "published", "dipole")
 
     @property
     def sensors(self) -> int:
@@ -96,26 +96,26 @@ class SphericalMotor(Device):
         """Torque and field of one pair of parts; built at first use (seconds), afterwards read from the cache."""
         return motor_tables(self)
 
-    def torque_characteristic(self, R: Array, level: str) -> Array:
+    def torque_characteristic(self, R: Array, model: str) -> Array:
         """(n, 3, coils) torque on the rotor per ampere in every single coil [N·m/A], for R (n, 3, 3)."""
-        match self.check_level(level):
+        match self.check_model(model):
             case "table":
                 return self.tables.torque(self, R)
             case "exact":
                 return exact_torque(self, R)
-            case "multipole":
+            case "published":
                 return multipole_torque(self, R)
             case _:
                 return dipole_torque(self, R)
 
-    def sensor_field(self, R: Array, level: str) -> Array:
+    def sensor_field(self, R: Array, model: str) -> Array:
         """(n, sensors, 3) flux density of the magnets at the sensors [T], stator frame, for R (n, 3, 3)."""
-        match self.check_level(level):
+        match self.check_model(model):
             case "table":
                 return self.tables.field(self, R)
             case "exact":
                 return exact_field(self, R, self.sensor_layout.positions)
-            case "multipole":
+            case "published":
                 return multipole_field(self, R, self.sensor_layout.positions)
             case _:
                 return dipole_field(self, R, self.sensor_layout.positions)
@@ -131,13 +131,13 @@ class SphericalMotor(Device):
         return np.stack([self.coil_field(places, one).ravel() for one in np.eye(self.channels)])
 
     def field(self, R: Array, points: Array) -> Array:
-        """(n, p, 3) flux density of the rotor's magnets [T] at `points` (p, 3) [m], stator frame, exact level."""
+        """(n, p, 3) flux density of the rotor's magnets [T] at `points` (p, 3) [m], stator frame, exact model."""
         return exact_field(self, R, points)
 
-    def wrench_map(self, state: State, level: str) -> WrenchMap:
+    def wrench_map(self, state: State, model: str) -> WrenchMap:
         """(6, m) per channel: torque only, as the bearing carries every force; passive: regulator and gravity."""
         matrix = np.zeros((6, self.channels))
-        matrix[3:] = self.torque_characteristic(state.R_SR[None], level)[0] @ self.groups
+        matrix[3:] = self.torque_characteristic(state.R_SR[None], model)[0] @ self.groups
         return WrenchMap(matrix, self.passive(state.R_SR))
 
     @cached_property

@@ -47,7 +47,7 @@ class MotorTables:
 
 
 def motor_tables(motor: MotorParts, progress: Progress | None = None) -> MotorTables:
-    """Built from the exact level, or read from the cache; PrecisionError if the parts are too close for a table."""
+    """Built from the exact model, or read from the cache; PrecisionError if the parts are too close for a table."""
     magnet, out = motor.magnet, motor.magnets.distance
     return MotorTables(
         load_torque_table(magnet, out, motor.electromagnet, motor.electromagnets.distance, progress=progress),

@@ -132,7 +132,7 @@ def workspace_sample(tilt: float, tilts: int, spins: int) -> Array:
 
 
 def _weakness(motor: SphericalMotor, groups: Sequence[Sequence[int]]) -> list[str]:
-    """Rank and condition of the grouped torque characteristic, at the dipole level: symmetry shows there as well."""
+    """Rank and condition of the grouped torque characteristic, at the dipole model: symmetry shows there as well."""
     R = workspace_sample(motor.workspace_tilt, 5, 48)
     single = motor.torque_characteristic(R, "dipole")
     grouped = single @ motor.groups

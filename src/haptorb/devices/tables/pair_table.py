@@ -1,9 +1,9 @@
-"""One magnet with one coil, or with one sensor, as functions of a single angle: tabulated from the exact level.
+"""One magnet with one coil, or with one sensor, as functions of a single angle: tabulated from the exact model.
 
 Where magnets and coils are bodies of revolution and every axis, the sensors' too, goes through the device's centre,
 symmetry leaves three functions of one cosine: the torque of a magnet with axis u and a coil with axis c, per ampere,
 is k(u·c) u × c on the magnet, and the magnet's field at a sensor in direction s is f(u·s) u + g(u·s) s. Each is
-expanded in cosines of the angle (the exact level is asked a few hundred times, the series' tail is the error), then
+expanded in cosines of the angle (the exact model is asked a few hundred times, the series' tail is the error), then
 laid out as quintic pieces over the chord |u − c| from 0 to 2, twice continuously differentiable, for `table_kernels`.
 """
 
@@ -24,7 +24,7 @@ from haptorb.physics.sources.round_body import RoundBody
 
 __all__ = ["PairTable", "Progress", "field_table", "torque_table"]
 
-Progress = Callable[[int, int], None]  #: called with (done, total) evaluations of the exact level
+Progress = Callable[[int, int], None]  #: called with (done, total) evaluations of the exact model
 
 _FIRST, _LAST = 96, 3072  #: angles asked: first try, and the most that are tried
 _FEWEST, _MOST = 256, 8192  #: cells of a table
@@ -153,7 +153,7 @@ def _tabulate(
     cells, gap = _cells(series, _FEWEST)
     while gap > 0.5 * precision and len(cells) <= _MOST:
         cells, gap = _cells(series, 2 * (len(cells) - 1))
-    bound = tail + gap + 0.1 * precision  # what the exact level itself may be off
+    bound = tail + gap + 0.1 * precision  # what the exact model itself may be off
     if bound > 2 * precision:
         raise PrecisionError(
             f"a table to {precision:.1e} relative was asked for; {bound:.1e} is what {_MOST} cells give"

@@ -29,13 +29,15 @@ _ANSWER = 2.0  #: longest wait for the servo's answer [s]
 
 
 class Commands(ABC):
-    """Words for `device` with its `modes`, written into memory that the loop reads in every tick.
+    """Words for `device` with its `modes` and `models`, written into memory that the loop reads in every tick.
 
     `first` is the world that is felt until another is set.
     """
 
     device: Device
     modes: tuple[str, ...]
+    models: tuple[str, ...]
+    _model: str  # that is inverted until another is set
 
     def __init__(self, first: World) -> None:
         self._first = first
@@ -132,6 +134,25 @@ class Commands(ABC):
         if not self.modes:
             raise InputError(f"device '{self.device.name}' acts directly; it has no clutch")
         self._memory.words[Word.CLUTCH] = 1 if engaged else 2
+
+    @property
+    def model(self) -> str:
+        """The model of the device that the controller inverts now, or goes over to."""
+        shared = self._attached
+        number = 0 if shared is None else int(shared.words[Word.MODEL])
+        return self.device.models[number - 1] if number else self._model
+
+    def set_model(self, name: str) -> None:
+        """Invert the device's model `name`, without a step of the force: the currents go over within 50 ms.
+
+        Raises UnknownName for a model that this servo cannot invert.
+        """
+        self._memory.words[Word.MODEL] = 1 + self.device.models.index(self._check_model(name))
+
+    def _check_model(self, name: str) -> str:
+        if name not in self.models:
+            raise UnknownName(f"model of device '{self.device.name}'", str(name), self.models)
+        return name
 
     @property
     def world(self) -> tuple[str, dict[str, Any]]:

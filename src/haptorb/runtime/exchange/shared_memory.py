@@ -65,6 +65,7 @@ class Word(IntEnum):
     QUIT = 19  #: 1: end
     MODE = 20  #: 0: as it is, else number of the mode from 1 on
     CLUTCH = 21  #: 0: as it is, 1: engaged, 2: let go
+    MODEL = 22  #: 0: as it is, else number of the device's model from 1 on
     POINTER = 24  #: and the nine after it
     # servo → host
     PID = 40

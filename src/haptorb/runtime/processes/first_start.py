@@ -35,7 +35,7 @@ _AMBIENT = 298.15  #: [K]
 
 
 def compiling(
-    device: Device, world: World, estimator: str, level: str | None = None, gains: Gains | None = None
+    device: Device, world: World, estimator: str, model: str | None = None, gains: Gains | None = None
 ) -> Iterator[None]:
     """Compile part after part, as it is iterated: what controls `device`, then the catalogue's worlds.
 
@@ -43,7 +43,7 @@ def compiling(
     """
     with suppress(HaptorbError):
         tick = Tick(
-            device, world, _IdleDriver(device), estimator_of(device, estimator, level), allocator_of(device), 1e-3,
+            device, world, _IdleDriver(device), estimator_of(device, estimator, model), allocator_of(device), 1e-3,
             linkage_of(device, gains),
         )  # fmt: skip
         row = tick.layout.empty()

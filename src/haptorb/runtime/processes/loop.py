@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from time import monotonic_ns
 from typing import final
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from haptorb.control.clutch.modes import MODES
 from haptorb.control.protection.trip import GuardState, Trip
-from haptorb.errors import HaptorbError
+from haptorb.errors import HaptorbError, InputError
 from haptorb.numerics.arrays import Array, Records
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word, engage_stops
 from haptorb.runtime.exchange.world_change import answer, change_world, description, name_of, parse_request
@@ -62,7 +63,7 @@ class Loop:
         # safety: start-stop
         self._stopped = 0  # a stop that was given while the servo started counts in the first tick
         self._engaged = shared.words[Word.ENGAGE]
-        self._mode, self._clutch = 0, 0
+        self._mode, self._clutch, self._model = 0, 0, 0
         self._asked = shared.request.version
         self._guard = shared.layout["guard"].start
         self._places = shared.layout.places
@@ -156,6 +157,10 @@ class Loop:
         if words[Word.MODE] != self._mode:
             self._mode = words[Word.MODE]
             self._chain.linkage.set_mode(MODES[self._mode - 1])
+        if words[Word.MODEL] != self._model:
+            self._model = words[Word.MODEL]
+            with suppress(InputError):  # the host asks only for what the device has
+                self._chain.change_model(self._model - 1)
         if words[Word.CLUTCH] != self._clutch:
             self._clutch = words[Word.CLUTCH]
             self._chain.linkage.set_clutch(self._clutch == 1)

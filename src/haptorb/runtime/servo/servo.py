@@ -76,7 +76,7 @@ class Servo(ServoObserver):
     record     file to record to (MCAP); None: a temporary one, deleted at exit; False: no recording
     overwrite  whether `record` may replace a file
     seed       of the simulation's noise
-    level      fidelity of the device's model in the controller; None: the device's first
+    model      of coils and magnets that the controller inverts, one of the device's `tick_models`; None: the first
     estimator  how the mover's state is known; None: the device's default
     gains      of a motor's two modes; None: `linkage.MOTOR_GAINS`
     calibration  file of `haptorb calibrate` (or a Calibration) whose values the controller believes; must be this
@@ -107,7 +107,7 @@ class Servo(ServoObserver):
         record: str | Path | Literal[False] | None = None,
         overwrite: bool = False,
         seed: int = 0,
-        level: str | None = None,
+        model: str | None = None,
         estimator: str | None = None,
         gains: Gains | None = None,
         calibration: str | Path | Calibration | None = None,
@@ -122,9 +122,9 @@ class Servo(ServoObserver):
         self.tracker_token = ""  #: what senders on other computers must say first; known once the servo is open
         self.rate = check_rate(rate)
         self.seed = _check_seed(seed)
-        if level is not None:
-            self.device.check_level(level)
         self.estimator = check_estimator(self.device, "hall" if tracker == "hall" and estimator is None else estimator)
+        self.models = self.device.tick_models  #: that `set_model` knows
+        self._model = self._check_model(model or self.models[0])
         self.calibration = (
             read_calibration(calibration) if isinstance(calibration, str | Path) else calibration
         )  #: what the controller believes of the device beside its file
@@ -140,7 +140,7 @@ class Servo(ServoObserver):
         # Compiling in the first tick would be a silence at which a real device's firmware switches off.
         chain, practice = (
             partial(
-                assemble, self.device, first, through, self.rate, self.seed, level,
+                assemble, self.device, first, through, self.rate, self.seed, self._model,
                 estimator=self.estimator, gains=gains, calibration=self.calibration, watchdog=watchdog,
             )
             for through in (self.driver, "sim")
@@ -152,7 +152,7 @@ class Servo(ServoObserver):
         self._plan = plans.Plan(
             first, self.rate, chain, practice, self._ahead if has_feed(self.tracker) else None,
             None if self.calibration is None else self.calibration.id,
-            partial(compiling, self.device, first, self.estimator, level, gains),
+            partial(compiling, self.device, first, self.estimator, self._model, gains),
         )  # fmt: skip
         self._recording = RunRecording(record, overwrite=overwrite)
         self._trips_folder = None if black_box is None else Path(black_box).expanduser().absolute()
@@ -264,6 +264,8 @@ class Servo(ServoObserver):
             "prediction_s": repr(self._ahead) if has_feed(self.tracker) else "",
             "frame": "" if self.frame is None else self.frame.text(),
             "estimator": self.estimator,
+            "model": self._model,
+            "models": " ".join(self.device.models),
             "calibration": "" if self.calibration is None else self.calibration.text(),
             "seed": str(self.seed),
             "rate_hz": repr(self.rate),

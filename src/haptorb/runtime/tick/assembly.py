@@ -80,9 +80,9 @@ def check_estimator(device: Device, name: str | None) -> str:
 
 
 def estimator_of(
-    device: Device, name: str, level: str | None, offsets: Array | None = None, *, in_turns: bool = False
+    device: Device, name: str, model: str | None, offsets: Array | None = None, *, in_turns: bool = False
 ) -> Estimator:
-    """The estimator `name` of `device`, its model at `level`; `offsets` (k, 3) [T] of its field sensors, if known.
+    """The estimator `name` of `device`, by its `model`; `offsets` (k, 3) [T] of its field sensors, if known.
 
     in_turns: the driver reads a part of the field sensors in each tick. Raises UnknownName for an estimator that it
     cannot have.
@@ -90,7 +90,7 @@ def estimator_of(
     known = _choices(device)
     if name not in known:
         raise UnknownName(f"estimator of device '{device.name}'", name, known)
-    return known[name].make(device, EstimatorSettings(level, offsets, in_turns))
+    return known[name].make(device, EstimatorSettings(model, offsets, in_turns))
 
 
 def allocator_of(device: Device) -> Allocator:
@@ -111,7 +111,7 @@ def assemble(
     driver: str,
     rate: float,
     seed: int,
-    level: str | None,
+    model: str | None,
     tracker: Tracker,
     *,
     estimator: str | None = None,
@@ -141,7 +141,7 @@ def assemble(
         real_driver(driver, device, tracker.pose, hall_axes=axes, watchdog=watchdog)
         if real
         else SimDriver.of(device, dt, tracker.goal, seed),
-        estimator_of(believed, known, level, offsets, in_turns=real),
+        estimator_of(believed, known, model, offsets, in_turns=real),
         allocator_of(device),
         dt,
         linkage_of(device, gains),

@@ -48,5 +48,9 @@ class Chain(Protocol):
     def engage(self) -> bool:
         """After a stop or a trip: begin again, from zero; False while the reason is still there."""
 
+    def change_model(self, number: int) -> None:
+        """Invert another of the device's models, counted from 0, from the next step on; the force goes over smoothly.
+        Raises InputError if the estimator cannot."""
+
     def change_world(self, world: World) -> None:
         """Render `world` from the next step on. Raises InputError if the device cannot."""

@@ -66,6 +66,8 @@ class Tick:
         self._no_currents = Allocation(self._zeros, self._nothing, False, 0.0)
         self._stages = np.zeros(len(STAGES))
         self._ahead = 0.0  # spent in `prepare` [s]
+        model = estimator.model
+        self._model: float = device.models.index(model) if model else np.nan
         self._rendered, self._on_thing = np.zeros(6), np.zeros(6)
         self._places = self.layout.places
         self._start = {field.name: self.layout[field.name].start for field in self.layout.fields}
@@ -81,6 +83,11 @@ class Tick:
         self.world = fitted
         self.protection.change_world(passive=fitted.passive and self.linkage.passive)
         self.world_changes += 1
+
+    def change_model(self, number: int) -> None:
+        """Invert another of the device's models, counted from 0, without a step. InputError if the estimator cannot."""
+        self.estimator.change_model(self._device.models[number])
+        self._model = number
 
     def stop(self) -> None:
         """A person stopped: coils off, and off until a person engages."""
@@ -150,6 +157,7 @@ class Tick:
         cells[start["world"]] = self.world_changes
         cells[start["coil_state"]] = self.driver.coil_state
         cells[start["saturated"]] = allocation.saturated
+        cells[start["model"]] = self._model
         cells[start["mode"]] = felt.mode
         cells[start["engaged"]] = felt.engaged
         stages[6] = perf_counter() - t6

@@ -82,6 +82,11 @@ class LeastSquaresOrientation(Estimator):
             self.update(Sample(t, np.zeros(self._motor.channels), np.zeros(self._motor.channels), upright, pose))
         self._forget(near)
 
+    @property
+    def model(self) -> str:
+        """The tables: the fit and the torque per ampere come from them."""
+        return "table"
+
     def update(self, sample: Sample) -> Estimate:
         """The estimate after `sample`; its `pose` is not looked at.
 

@@ -18,7 +18,7 @@ def tool_estimators(device: SphericalElectromagnet) -> dict[str, EstimatorChoice
 
 
 def _hall(device: SphericalElectromagnet, settings: EstimatorSettings) -> Estimator:
-    level, offsets = settings.level, settings.offsets
+    model, offsets = settings.model, settings.offsets
     if settings.in_turns:
-        return HallTracker(device, level, offsets=offsets, bandwidth=IN_TURNS)
-    return HallTracker(device, level, offsets=offsets)
+        return HallTracker(device, model, offsets=offsets, bandwidth=IN_TURNS)
+    return HallTracker(device, model, offsets=offsets)

@@ -28,6 +28,7 @@ from haptorb.devices.state import State, rotation_to_axis
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import GeometryError, InputError
 from haptorb.numerics.arrays import Array, finite
+from haptorb.sensing.controller_model import ControllerModel
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.sample import Estimate, Sample
 from haptorb.sensing.tool.current_history import CurrentHistory
@@ -75,7 +76,7 @@ class HallTracker(Estimator):
     """Believes the field sensors; the sample's `pose` is not looked at.
 
     device     a spherical electromagnet with at least two field sensors
-    level      of its wrench map
+    model      of the device, for the wrench map; None: its first
     offsets    (k, 3) [T] of the sensors at zero current without a tool, as calibration found them
     bandwidth  of place and axis [Hz]
 
@@ -95,7 +96,7 @@ class HallTracker(Estimator):
     def __init__(
         self,
         device: SphericalElectromagnet,
-        level: str | None = None,
+        model: str | None = None,
         *,
         offsets: ArrayLike | None = None,
         bandwidth: float = 100.0,
@@ -111,7 +112,7 @@ class HallTracker(Estimator):
         if self._offsets.shape != (device.sensors, 3):
             raise InputError(f"offsets must have shape ({device.sensors}, 3); got {self._offsets.shape}")
         self._device = device
-        self._level = device.check_level(level or device.levels[0])
+        self._controller_model = ControllerModel(device, model)
         self._model = ToolModel.of(device)
         self._per_ampere = coil_field(device)
         self.bandwidth: Final = float(bandwidth)
@@ -176,7 +177,7 @@ class HallTracker(Estimator):
             return self._unknown(sample.t, self.REVERSED if code == REVERSED else self.LOST)
         state = State(sample.t, R, p, motion[1], motion[0])
         try:
-            wrench_map = self._device.wrench_map(state, self._level)
+            wrench_map = self._controller_model.wrench_map(state)
         except GeometryError:
             self._found = False
             return self._unknown(sample.t, self.LOST)
@@ -185,6 +186,15 @@ class HallTracker(Estimator):
         self._found, self.verdict = True, ""
         self._last = Estimate(state, wrench_map, True, sample.t - self._t)
         return self._last
+
+    @property
+    def model(self) -> str:
+        """The device's model that is inverted."""
+        return self._controller_model.name
+
+    def change_model(self, name: str) -> None:
+        """Go over to the device's model `name` in the wrench map, without a step."""
+        self._controller_model.change(name)
 
     def _subtract_coils(self, read: Array, currents: Array, taken: float, t: float) -> int:
         """What is left of the readings without the coils; the place is still to be searched."""

@@ -25,10 +25,10 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     """Loops, field, and eq. (9) against virtual work, as printed, and against exact bodies over the workspace."""
     device = motor("pmsm")
     R = rotation_from_euler(*np.radians((10.0, 5.0, 5.0)))
-    by_model = torque_characteristic(device, R, "multipole")[:, EM17]
+    by_model = torque_characteristic(device, R, "published")[:, EM17]
     work = _virtual_work(device, R)
     printed = _as_printed(device, R)
-    exact = torque_characteristic(device, R, "table")[:, EM17]  # the exact level to 1e-7
+    exact = torque_characteristic(device, R, "table")[:, EM17]  # the exact model to 1e-7
     report(0.3)
     scale, shape = _scale_and_shape(device)
     report(0.7)
@@ -137,6 +137,6 @@ def _scale_and_shape(device: SphericalMotor, count: int = 12) -> tuple[float, fl
     rng = np.random.default_rng(12)
     psi, lam = rng.uniform(-device.workspace_tilt, device.workspace_tilt, (2, count))
     R = rotation_from_euler(psi, lam, rng.uniform(0, 2 * np.pi, count))
-    model, true = (torque_characteristic(device, R, level) for level in ("multipole", "table"))
+    model, true = (torque_characteristic(device, R, model) for model in ("published", "table"))
     scale = float((model * true).sum() / (true * true).sum())
     return scale, float(np.linalg.norm(model - scale * true) / np.linalg.norm(scale * true))

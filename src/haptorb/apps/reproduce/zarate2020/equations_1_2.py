@@ -95,9 +95,9 @@ def _by_energy(alpha: float, d: float, m_p: float) -> Array:
 
 
 def _axial(device: SphericalElectromagnet, d: float) -> tuple[float, float]:
-    """Force per ampere of the z coil on an upright tool above the summit, by both levels [N/A]."""
+    """Force per ampere of the z coil on an upright tool above the summit, by both models [N/A]."""
     state = State.at((0, 0, d))
-    dipole_, exact = (float(device.wrench_map(state, level).matrix[2, 2]) for level in ("dipole", "exact"))
+    dipole_, exact = (float(device.wrench_map(state, model).matrix[2, 2]) for model in ("published", "exact"))
     return dipole_, exact
 
 
@@ -107,7 +107,7 @@ def _evenness(device: SphericalElectromagnet) -> float:
     for theta in np.radians(np.arange(0, 61, 15)):
         for phi in np.arange(0, 2 * pi, pi / 4):
             u = np.array([sin(theta) * cos(phi), sin(theta) * sin(phi), cos(theta)])
-            matrix = device.wrench_map(State.at(device.contact_distance * u), "dipole").force
+            matrix = device.wrench_map(State.at(device.contact_distance * u), "published").force
             need.append(np.linalg.norm(device.moment_per_current @ np.linalg.solve(matrix, u)))
     return float(max(need) / min(need))
 
@@ -115,7 +115,7 @@ def _evenness(device: SphericalElectromagnet) -> float:
 def _exponent(device: SphericalElectromagnet, row: int) -> float:
     """d log |row of the wrench map| / d log d, upright tool above the summit."""
     places = [State.at((0, 0, 0.06 * f)) for f in (0.995, 1.005)]
-    sizes = [float(np.linalg.norm(device.wrench_map(at, "dipole").matrix[row])) for at in places]
+    sizes = [float(np.linalg.norm(device.wrench_map(at, "published").matrix[row])) for at in places]
     return float(np.log(sizes[1] / sizes[0]) / np.log(1.005 / 0.995))
 
 

@@ -57,7 +57,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.item("theta-2", "θ₂ = 3π/10 of Fig. 2, in degrees", 54.0, degrees(3 * pi / 10), "°", 1e-9, where="Fig. 2"),
         *_inverse(device.tool.moment),
         _AT.says("inverse-currents", "force of the allocator's currents against the one asked, relative", 0.0,
-                 _allocation_error(), "1", 1e-9, "any direction, dipole level"),
+                 _allocation_error(), "1", 1e-9, "any direction, dipole model"),
         _AT.says("cycle", "work given per round out over the summit, aside, in and back", 0.0, _round_trip(18.0), "mJ",
                  0.01, "quadrature; a potential would give none", erratum="E19", corrected=4.11, where="§II.A"),
         _AT.says("cycle-60", "the same at θ₁ = 60°, k = 1.5, the one map that is a gradient", 0.0, _round_trip(60.0),
@@ -127,7 +127,7 @@ def _allocation_error() -> float:
     for wanted in 0.2 * rng.normal(size=(20, 3)):
         u = rng.normal(size=3)
         u[2] = abs(u[2])
-        known = device.wrench_map(State.at(0.055 * u / np.linalg.norm(u)), "dipole")
+        known = device.wrench_map(State.at(0.055 * u / np.linalg.norm(u)), "published")
         given = known.force @ allocator.allocate(known, np.concatenate([wanted, np.zeros(3)])).currents
         worst = max(worst, float(np.linalg.norm(given - wanted) / np.linalg.norm(wanted)))
     return worst

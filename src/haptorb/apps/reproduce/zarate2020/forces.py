@@ -36,8 +36,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     volume = pi * (tool.outer_radius**2 - tool.inner_radius**2) * tool.length
     remanence = MU0 * 0.048 / (per_moment * mean) / volume
     one_constant = [single_time_constant(p, t, 17.0) for p, t in ((230.0, 5.0), (57.5, 60.0))]
-    rank = np.linalg.matrix_rank(device.wrench_map(contact, "dipole").torque, tol=1e-9)
-    fmap = np.linalg.matrix_rank(device.wrench_map(contact, "dipole").force, tol=1e-9)
+    rank = np.linalg.matrix_rank(device.wrench_map(contact, "published").torque, tol=1e-9)
+    fmap = np.linalg.matrix_rank(device.wrench_map(contact, "published").force, tol=1e-9)
     found = (
         _AT.item("outside", "outside diameter of the tool's ring", 12.0, 2e3 * tool.outer_radius, "mm"),
         _AT.item("inside", "inside diameter", 5.0, 2e3 * tool.inner_radius, "mm"),

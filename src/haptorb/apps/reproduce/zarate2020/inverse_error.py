@@ -30,7 +30,7 @@ _PRINTED = ((50, 15.6), (60, 10.7), (70, 7.8))  #: mm, %
 
 
 def error_map(
-    device: SphericalElectromagnet, level: str, tilt: float, distances: Array, angles: Array, asked: float = _ASKED
+    device: SphericalElectromagnet, model: str, tilt: float, distances: Array, angles: Array, asked: float = _ASKED
 ) -> Array:
     """(distances, angles) [N] of force error at polar `angles` [rad] and `tilt` [rad], the worst of four ways to tilt
     and of `asked` [N] outwards and inwards."""
@@ -44,7 +44,7 @@ def error_map(
             for way in ways:
                 axis = np.cos(tilt) * u + np.sin(tilt) * (np.cos(way) * e + np.sin(way) * f)
                 state = State.at(distance * u, axis)
-                believed = device.wrench_map(state, level)
+                believed = device.wrench_map(state, model)
                 for force in (asked * u, -asked * u):
                     currents = allocator.allocate(believed, np.concatenate([force, np.zeros(3)])).currents
                     given = true_wrench(device, state, currents, radial=2, azimuth=12)
@@ -59,15 +59,15 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
     device = electromagnet(load("omni"))
     distances = device.contact_distance + np.linspace(0, device.shell_thickness, 6)
     angles = np.linspace(0, device.workspace_half_angle, 7)
-    maps: dict[str, list[Array]] = {"dipole": [], "exact": []}
+    maps: dict[str, list[Array]] = {"published": [], "exact": []}
     for n, tilt in enumerate(_TILTS):
-        for m, level in enumerate(maps):
-            maps[level].append(error_map(device, level, np.radians(tilt), distances, angles))
+        for m, model in enumerate(maps):
+            maps[model].append(error_map(device, model, np.radians(tilt), distances, angles))
             report((2 * n + m + 1) / (2 * len(_TILTS)))
     found = []
     for millimetres, printed in _PRINTED:
         state = State.at((0, 0, 1e-3 * millimetres))
-        currents = np.linalg.solve(device.wrench_map(state, "dipole").force, (0.0, 0.0, _ASKED))
+        currents = np.linalg.solve(device.wrench_map(state, "published").force, (0.0, 0.0, _ASKED))
         given = true_wrench(device, state, currents) - true_wrench(device, state, np.zeros(3))
         found.append(
             Item(f"inverse-dipole-{millimetres}", "zarate2020", "eq. (1)",
@@ -81,7 +81,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
              "greatest error of the exact inverse over shell and tilts to 30°, of the asked force", 0.0,
              100 * worst / _ASKED, "%", 1.0, why="a seventh of a just-noticeable difference", implied=True)
     )  # fmt: skip
-    worst = max(float(errors.max()) for errors in maps["dipole"])
+    worst = max(float(errors.max()) for errors in maps["published"])
     found.append(
         Item("inverse-dipole", "zarate2020", "eq. (1)",
              "greatest error of the dipole inverse, magnet's length and core's pull together", None, 1e3 * worst,
@@ -98,13 +98,13 @@ def _draw_figure(maps: dict[str, list[Array]], distances: Array, angles: Array, 
     FigureCanvasAgg(figure)
     top = 1e3 * max(float(one.max()) for errors in maps.values() for one in errors)
     panels = figure.subplots(2, len(_TILTS), sharex=True, sharey=True)
-    for row, (level, errors) in zip(panels, maps.items(), strict=True):
+    for row, (model, errors) in zip(panels, maps.items(), strict=True):
         for panel, one, tilt in zip(row, errors, _TILTS, strict=True):
             shown = panel.pcolormesh(
                 np.degrees(angles), 1e3 * distances, 1e3 * one, vmin=0, vmax=top, shading="gouraud", cmap="viridis"
             )
             most = f"at most {1e3 * float(one.max()):.2g} mN"
-            panel.set_title(f"{level} inverse, tool tilted {tilt:.0f}°: {most}", loc="left", fontsize=9)
+            panel.set_title(f"{model} inverse, tool tilted {tilt:.0f}°: {most}", loc="left", fontsize=9)
         bar = figure.colorbar(shown, ax=row, label="error of the force [mN]")
         second = bar.ax.secondary_yaxis("left", functions=(_jnds, _millinewtons))
         second.set_ylabel("JND of 300 mN")

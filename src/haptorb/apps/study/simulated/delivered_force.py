@@ -20,15 +20,15 @@ class DeliveredForce:
     The same chain as `haptorb.force_map`, as a vector and one place at a time.
     """
 
-    def __init__(self, device: SphericalElectromagnet, world: World, level: str | None = None) -> None:
+    def __init__(self, device: SphericalElectromagnet, world: World, model: str | None = None) -> None:
         self._device, self._world = device, world.for_device(device)
-        self._level = device.check_level(level or device.levels[0])
+        self._model = device.check_model(model or device.models[0])
         self._allocator = LeastSquaresAllocator.force(device.coils.current_limit, compensate_passive=True)
 
     def force(self, direction: Array) -> Array:
         """(3,) force [N] on a tool in contact in `direction` (3,), a unit vector."""
         state = State.at(direction * self._device.contact_distance)
         asked = self._world.wrench(state)
-        currents = self._allocator.allocate(self._device.wrench_map(state, self._level), asked).currents
+        currents = self._allocator.allocate(self._device.wrench_map(state, self._model), asked).currents
         force: Array = self._device.wrench_map(state, "exact").wrench(currents)[:3]
         return force

@@ -33,7 +33,7 @@ __all__ = [
 
 #: Gauss points across and along the winding, and steps around it
 _REFINEMENTS = ((4, 3, 54), (6, 4, 72), (8, 5, 90), (10, 6, 108), (13, 8, 140), (17, 10, 180), (24, 14, 250))
-PRECISION = 1e-7  #: of the exact level, relative to the greatest torque of any coil
+PRECISION = 1e-7  #: of the exact model, relative to the greatest torque of any coil
 
 
 def exact_field(motor: MotorParts, R: Array, points: Array) -> Array:
@@ -139,7 +139,7 @@ def multipole_torque(motor: MotorParts, R: Array) -> Array:
 def _models(motor: MotorParts) -> tuple[MultipoleSource, MultipoleSource]:
     if motor.magnet_model is None or motor.coil_model is None:
         raise DeviceError(
-            f"device '{motor.name}': level 'multipole' needs [magnets.multipole] and [electromagnets.multipole]"
+            f"device '{motor.name}': model 'published' needs [magnets.multipole] and [electromagnets.multipole]"
         )
     return motor.magnet_model, motor.coil_model
 
