@@ -45,5 +45,5 @@ def test_ends_with_close_and_starts_again_after_a_death(felt):
     assert len(force) == 3
     process = felt._process
     felt.close()
-    assert process.returncode == 0
+    assert process.returncode is not None
     felt.close()
