@@ -38,7 +38,7 @@ def package() -> list[str]:
     for public in haptorb.__all__:
         thing = getattr(haptorb, public)
         if inspect.ismodule(thing):
-            lines += [f"``haptorb.{public}``", f"   The room :ref:`room-{public}`.", ""]
+            lines += [f"``haptorb.{public}``", f"   The package :ref:`room-{public}`.", ""]
             continue
         first = (inspect.getdoc(thing) or "").splitlines()[0].replace("`", "``").replace("*", "\\*").replace("|", "\\|")
         lines += [f":any:`haptorb.{public} <{thing.__module__}.{thing.__qualname__}>`", f"   {first}", ""]

@@ -38,7 +38,7 @@ def trip_table() -> str:
     """States and reasons, with their codes."""
     states = table(("code", "state"), [(state.value, state.name.lower()) for state in GuardState])
     reasons = [(trip.value, trip.name.lower().replace("_", " "), trip.text) for trip in Trip]
-    return states + "\n" + table(("code", "reason", "what it says"), reasons)
+    return states + "\n" + table(("code", "reason", "message"), reasons)
 
 
 def world_table() -> str:
