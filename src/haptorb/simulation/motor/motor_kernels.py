@@ -82,7 +82,7 @@ def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, d
     m, parts = motor[0], _unpack_magnetics(magnetics)
     rotor, truth, dt, steps, channels = m.rotor, m.torque, m.dt, m.steps, coils.size
     R, w, K = np.empty((3, 3)), np.empty(3), np.empty((3, channels))
-    passive, given = np.empty(3), np.empty(3)
+    passive, given, mean = np.empty(3), np.empty(3), np.empty(channels)
     size = wish[0] * wish[0] + wish[1] * wish[1] + wish[2] * wish[2] + wish[3] * wish[3]
     if 0.0 < size < 1e12:  # false for NaN as well
         for i in range(4):
@@ -103,10 +103,12 @@ def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, d
         for k in range(channels):  # the power that leaves the coil's circuit is the power that the rotor gets
             coils[k].emf = K[0, k] * w[0] + K[1, k] * w[1] + K[2, k] * w[2]
         coil_step(coils, m.heat, dt)
+        for k in range(channels):
+            mean[k] = coils[k].mean
         for i in range(3):
             given[i] = 0.0
             for k in range(channels):
-                given[i] += K[i, k] * coils[k].mean
+                given[i] += K[i, k] * mean[k]
         m.pressed = kick(rotor, parts.leaning, R, passive, given, dt)
         for i in range(3):
             truth[i] += (given[i] + passive[i]) / steps
