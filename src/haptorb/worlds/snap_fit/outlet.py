@@ -70,7 +70,8 @@ def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Arra
     """Fill wrench (6,) on the plug about o', and rows (2, 8): δ, place along the hook, contact (3), force on the plug
     (3). plugs is (1,) _PLUG."""
     plug = plugs[0]
-    arm = plug.arm
+    arm, opening, seat, stiffness = plug.arm, plug.opening, plug.seat, plug.stiffness
+    recoil, friction, creep = plug.recoil, plug.friction, plug.creep
     for i in range(6):
         wrench[i] = 0.0
     for hook in range(2):
@@ -94,17 +95,17 @@ def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Arra
         rx = R[0, 0] * a + R[0, 1] * b
         ry = R[1, 0] * a + R[1, 1] * b
         rz = R[2, 0] * a + R[2, 1] * b
-        bent = side * (p[1] + ry) - 0.5 * plug.opening  # Eq. (15a): what the face leaves of the opening
+        bent = side * (p[1] + ry) - 0.5 * opening  # Eq. (15a): what the face leaves of the opening
         gx, gy, gz = 0.0, 0.0, 0.0
         if bent > 0.0:
             tx = R[0, 0] + R[0, 1] * side * slope  # along the face, in the X'Y' plane
             ty = R[1, 0] + R[1, 1] * side * slope
-            fy = plug.stiffness * bent  # in the direction that opens this hook
+            fy = stiffness * bent  # in the direction that opens this hook
             fx = -side * fy * ty / tx  # the face pushes at right angles to itself
             vx = v[0] + w[1] * rz - w[2] * ry
             vy = side * (v[1] + w[2] * rx - w[0] * rz)
             vz = v[2] + w[0] * ry - w[1] * rx
-            gx, gy, gz = sliding_push(fx, fy, plug.recoil, vx, vy, vz, plug.friction, plug.creep)
+            gx, gy, gz = sliding_push(fx, fy, recoil, vx, vy, vz, friction, creep)
         fx, fy, fz = -gx, -side * gy, -gz
         wrench[0] += fx
         wrench[1] += fy
@@ -120,7 +121,7 @@ def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Arra
         cx, cy, cz = R[0, 1] * side * tip, R[1, 1] * side * tip, R[2, 1] * side * tip
         below = -(p[0] + cx)
         if below > 0.0:
-            push = plug.seat * below
+            push = seat * below
             wrench[0] += push
             wrench[4] += cz * push
             wrench[5] -= cy * push

@@ -137,7 +137,8 @@ def _snap_fit(
     snaps is (1,) _SNAP, spline the table of the hook's stiffness.
     """
     snap = snaps[0]
-    half, recoil = snap.half, snap.recoil
+    half, clearance, foot, seat = snap.half, snap.clearance, snap.foot, snap.seat
+    recoil, friction, creep = snap.recoil, snap.friction, snap.creep
     for i in range(6):
         wrench[i] = 0.0
     for hook in range(2):
@@ -147,8 +148,8 @@ def _snap_fit(
         side = 1.0 if hook == 0 else -1.0
         # the edge sits at (0, ±half, 0) of the part
         rx, ry, rz = R[0, 1] * side * half, R[1, 1] * side * half, R[2, 1] * side * half
-        X = snap.foot + p[0] + rx
-        Y = side * (p[1] + ry) - half - snap.clearance
+        X = foot + p[0] + rx
+        Y = side * (p[1] + ry) - half - clearance
         x = _find_contact(X, Y, snap)
         H, dH = _wedge(x, snap)
         bent = max(0.0, H + Y)
@@ -163,10 +164,10 @@ def _snap_fit(
             vx = v[0] + w[1] * rz - w[2] * ry
             vy = side * (v[1] + w[2] * rx - w[0] * rz)
             vz = v[2] + w[0] * ry - w[1] * rx
-            gx, gy, gz = sliding_push(fx, fy, along, vx, vy, vz, snap.friction, snap.creep)
-        below = snap.foot - X
+            gx, gy, gz = sliding_push(fx, fy, along, vx, vy, vz, friction, creep)
+        below = foot - X
         if below > 0.0:  # the seat
-            gx -= snap.seat * below
+            gx -= seat * below
         fx, fy, fz = -gx, -side * gy, -gz
         wrench[0] += fx
         wrench[1] += fy
