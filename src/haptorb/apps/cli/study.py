@@ -99,7 +99,7 @@ def run(
     else:
         from haptorb.apps.study.pages.session_manager import SessionManager
 
-        def beside(session: str) -> Path | None:
+        def beside(session: int) -> Path | None:
             return _beside(db, session) if record else None
 
         _in_browser(SessionManager(engine, known, start, beside, streams), known, participant, db, driver, port)

@@ -59,7 +59,8 @@ def _yielding(tool: Record, R: Array, rx: float, ry: float, rz: float, ux: float
     by = R[0, 1] * cx + R[1, 1] * cy + R[2, 1] * cz
     bz = R[0, 2] * cx + R[1, 2] * cy + R[2, 2] * cz
     turning: float = bx * bx / tool.inertia[0] + by * by / tool.inertia[1] + bz * bz / tool.inertia[2]
-    return 1.0 / tool.mass + turning
+    yielding: float = 1.0 / tool.mass + turning
+    return yielding
 
 
 @kernel

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -97,7 +98,10 @@ def test_the_test_above_can_fail(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "haptorb.runtime.drivers.serial.frames._check", lambda line, first, last: line[last] | line[last + 1] << 8
     )
-    monkeypatch.setattr("haptorb.runtime.drivers.serial.frames.find_frame", find_frame.py_func)
+    monkeypatch.setattr(
+        "haptorb.runtime.drivers.serial.frames.find_frame",
+        lambda line, held: find_frame.py_func(line, held.view(np.recarray)),
+    )
     noise = bytearray(random.Random(1).randbytes(2_000))
     for at in range(0, len(noise) - 20, 20):
         noise[at : at + 3] = SYNC + b"\x02"
