@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sqlalchemy.engine import Engine
 
     from haptorb.apps.study.model.study_file import Study
-    from haptorb.apps.study.session.streams import Streams
+    from haptorb.apps.study.pages.session_manager import SessionManager
     from haptorb.runtime.servo.servo import Servo
 
 __all__ = ["register"]
@@ -97,7 +97,12 @@ def run(
         again = join(["haptorb", "study", "run", str(file), "--terminal", "-p", str(participant), "--db", db, *more])
         _at_terminal(known, engine, str(participant), start, db, again, record)
     else:
-        _in_browser(known, engine, participant, start, db, driver, record, streams, port)
+        from haptorb.apps.study.pages.session_manager import SessionManager
+
+        def beside(session: int) -> Path | None:
+            return _beside(db, session) if record else None
+
+        _in_browser(SessionManager(engine, known, start, beside, streams), known, participant, db, driver, port)
 
 
 def _at_terminal(
@@ -119,23 +124,18 @@ def _at_terminal(
 
 
 def _in_browser(
-    known: Study, engine: Engine, participant: str | None, start: Callable[[Path | None], Servo], db: str, driver: str,
-    record: bool, streams: Streams | None, port: int,
-) -> None:  # fmt: skip
+    sessions: SessionManager, known: Study, participant: str | None, db: str, driver: str, port: int
+) -> None:
     from haptorb.apps.study.pages.server import StudyServer
-    from haptorb.apps.study.pages.session_manager import SessionManager
     from haptorb.apps.study.simulated.forecast import forecast
     from haptorb.apps.study.store.database import mask_password
 
-    reception = SessionManager(
-        engine, known, start, (lambda session: _beside(db, session)) if record else (lambda session: None), streams
-    )
     more = {"database": mask_password(db), "foretold": forecast(known).sentence, "code": participant or ""}
-    with StudyServer(reception, port, simulated=driver == "sim", more=more) as host:
+    with StudyServer(sessions, port, simulated=driver == "sim", more=more) as host:
         nature = "SIMULATED DEVICE" if driver == "sim" else f"driver {driver}"
         _say(f"participant:  {host.participant}\nexperimenter: {host.experimenter}\n{nature}. Ctrl-C ends.")
         if participant is not None:
-            reception.ask({"do": "begin", "code": participant}, _say)
+            sessions.ask({"do": "begin", "code": participant}, _say)
         number = host.serve()
     if number:
         _say("ended: a session that was running can be resumed with the same command")
