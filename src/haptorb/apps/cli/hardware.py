@@ -7,9 +7,11 @@ from typing import Annotated
 
 import typer
 
+from haptorb.apps.terminal.help_text import CommandLine
+
 __all__ = ["register"]
 
-hardware = typer.Typer(help="Bring a real device up: what answers, what it reads, one coil moved gently.")
+hardware = CommandLine(help="Bring a real device up: what answers, what it reads, one coil moved gently.")
 
 DriverOption = Annotated[str, typer.Option("--driver", help="serial:PORT or i2c:BUS, as `probe` says.")]
 DeviceArgument = Annotated[str, typer.Argument(help="A device of the catalogue, or a file.")]
@@ -17,7 +19,7 @@ DeviceArgument = Annotated[str, typer.Argument(help="A device of the catalogue, 
 
 def register(app: typer.Typer) -> None:
     """Add the commands to `app`."""
-    app.add_typer(hardware, name="hardware", no_args_is_help=True)
+    app.add_typer(hardware, name="hardware")
 
 
 @hardware.command()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from haptorb.apps.terminal.help_text import CommandLine
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["register"]
 
-study = typer.Typer(help="Perceptual studies: run one, rehearse it, analyse and export what was answered.")
+study = CommandLine(help="Perceptual studies: run one, rehearse it, analyse and export what was answered.")
 
 FileArgument = Annotated[Path, typer.Argument(help="The study file (TOML).")]
 DatabaseArgument = Annotated[str, typer.Argument(help="The study's database: a file, or postgresql://host/name.")]
@@ -31,7 +32,7 @@ NameOption = Annotated[str | None, typer.Option("--study", help="Which, where th
 
 def register(app: typer.Typer) -> None:
     """Add the commands to `app`."""
-    app.add_typer(study, name="study", no_args_is_help=True)
+    app.add_typer(study, name="study")
 
 
 @study.command()
