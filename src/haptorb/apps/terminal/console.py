@@ -5,20 +5,23 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from rich.cells import cell_len
-from rich.console import Console
-from rich.text import Text
 
 from haptorb.apps.terminal.spelling import fit_encoding
 
-__all__ = ["make_console", "print_json", "print_text", "say", "tell", "wrap"]
+if TYPE_CHECKING:  # which costs a program that prints two lines 50 ms
+    from rich.console import Console
+
+__all__ = ["find_width", "make_console", "print_json", "print_text", "say", "tell", "wrap"]
 
 _HARD = "\N{NO-BREAK SPACE}"
 _TOGETHER = re.compile(
-    r"\[(?:default|required)[^]]*\]|[\d.] (?:%|×|±|°C?|[nµmkMG]?(?:N|m|s|A|V|W|Ω|Hz|T|g|K|J|B)(?:[·/][\w·/²]+)?)(?![\w])"
+    r"\[(?:default|required)[^]]*\]"
+    r"|[\d.] (?:%|×|±|°C?|[nµmkMG]?(?:N|m|s|A|V|W|Ω|Hz|T|g|K|J|B)[²³]?(?:[·/][\w·/²]+)?)(?![\w])"
 )
 
 
@@ -27,9 +30,15 @@ def make_console(*, error: bool = False) -> Console:
 
     Prose is wrapped at the width of a terminal, or at COLUMNS; into a pipe or a file it goes as it is.
     """
-    stream = sys.stderr if error else sys.stdout
-    wraps = stream.isatty() or "COLUMNS" in os.environ
+    from rich.console import Console
+
+    wraps = _wraps(sys.stderr if error else sys.stdout)
     return Console(stderr=error, markup=False, emoji=False, highlight=False, soft_wrap=not wraps)
+
+
+def find_width() -> int:
+    """Columns of the terminal, or COLUMNS; 80 where there is neither."""
+    return shutil.get_terminal_size().columns
 
 
 def wrap(text: str, width: int, indent: str = "") -> str:
@@ -62,23 +71,34 @@ def print_text(console: Console, text: str = "", style: str = "", indent: str = 
 
     `style` is one of rich's; `indent` begins the later lines of a paragraph.
     """
+    from rich.text import Text
+
     text = fit_encoding(text, console.encoding)
     if not console.soft_wrap:
         text = wrap(text, console.width, indent)
     console.print(Text(text, style=style), soft_wrap=True)
 
 
-def print_json(numbers: Any) -> None:
-    """Print plain JSON types to standard output; escaped where it could not carry them."""
+def print_json(numbers: Any, *, line: bool = False) -> None:
+    """Print plain JSON types to standard output, escaped where it could not carry them; `line`: on one line."""
     plain = not (sys.stdout.encoding or "utf-8").lower().startswith("utf")
-    print(json.dumps(numbers, indent=2, ensure_ascii=plain), flush=True)
+    print(json.dumps(numbers, indent=None if line else 2, ensure_ascii=plain), flush=True)
 
 
-def say(text: str) -> None:
+def say(text: str, indent: str = "") -> None:
     """Tell people something beside the result, on standard error."""
-    print_text(make_console(error=True), text)
+    _print(sys.stderr, text, indent)
 
 
 def tell(text: str, indent: str = "") -> None:
     """Tell the result, or a part of it, on standard output."""
-    print_text(make_console(), text, indent=indent)
+    _print(sys.stdout, text, indent)
+
+
+def _print(stream: TextIO, text: str, indent: str) -> None:
+    text = fit_encoding(text, stream.encoding or "utf-8")
+    print(wrap(text, find_width(), indent) if _wraps(stream) else text, file=stream, flush=True)
+
+
+def _wraps(stream: TextIO) -> bool:
+    return stream.isatty() or "COLUMNS" in os.environ

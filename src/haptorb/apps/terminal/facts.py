@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
-from rich.console import Console
 
 from haptorb.apps.terminal.console import print_text, wrap
 from haptorb.apps.terminal.spelling import fit_encoding
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 __all__ = ["format_facts", "print_facts"]
 
@@ -41,8 +44,6 @@ def format_facts(facts: Iterable[tuple[str, str]], width: int, margin: str = "")
 
 def print_facts(console: Console, facts: Iterable[tuple[str, str]]) -> None:
     """Print names and their texts side by side, or under each other where the terminal is narrow."""
-    spelled = [
-        (fit_encoding(name, console.encoding), fit_encoding(text, console.encoding)) for name, text in facts
-    ]
+    spelled = [(fit_encoding(name, console.encoding), fit_encoding(text, console.encoding)) for name, text in facts]
     for line in format_facts(spelled, console.width):
         print_text(console, line)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import inspect
+import sys
 from typing import Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from haptorb.apps.terminal.console import make_console, wrap
+from haptorb.apps.terminal.console import find_width, wrap
 from haptorb.apps.terminal.facts import format_facts
 from haptorb.apps.terminal.spelling import fit_encoding
 
@@ -53,8 +54,7 @@ class HelpGroup(TyperGroup):
 
 
 def _compose_help(command: Any, ctx: Any, commands: list[tuple[str, str]] | None = None) -> str:
-    console = make_console()
-    width = min(console.width, _WIDEST)
+    width = min(find_width(), _WIDEST)
     usage = " ".join(["Usage:", ctx.command_path, *command.collect_usage_pieces(ctx)])
     text = inspect.cleandoc(command.help or "")
     paragraphs = [" ".join(paragraph.split("\n")) for paragraph in text.split("\n\n") if paragraph]
@@ -68,4 +68,4 @@ def _compose_help(command: Any, ctx: Any, commands: list[tuple[str, str]] | None
     for title, pairs in records.items():
         if pairs:
             lines += [f"\n{title}:", *format_facts(pairs, width, "  ")]
-    return "\n".join(fit_encoding(line, console.encoding) for line in lines) + "\n"
+    return "\n".join(fit_encoding(line, sys.stdout.encoding or "utf-8") for line in lines) + "\n"

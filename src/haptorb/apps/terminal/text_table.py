@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from rich.box import Box
 from rich.cells import cell_len
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from haptorb.apps.terminal.console import print_text, wrap
 from haptorb.apps.terminal.spelling import fit_encoding
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 __all__ = ["Column", "TextTable", "print_table"]
 
 _GAP = 2  #: between columns
 _NARROW = 22  #: least width of a text that is wrapped beside numbers
-
-_RULE = Box("    \n    \n ── \n    \n    \n    \n    \n    \n")
-_ASCII_RULE = Box("    \n    \n -- \n    \n    \n    \n    \n    \n", ascii=True)
 
 
 @dataclass(frozen=True)
@@ -29,8 +26,9 @@ class Column:
 
     head  what stands in it
     unit  of its numbers; printed behind the head in brackets
-    kind  "number": to the right, never wrapped; "text": to the left, wrapped where there is no room; "note": a text
-          that goes under the row's first cell where there is no room; "key": to the left, on every page
+    kind  "number": to the right, never wrapped; "text": to the left, wrapped where there is no room; "short": to the
+          left, never wrapped; "note": a text that goes under the row's first cell where there is no room; "key": to
+          the left, never wrapped, on every page
     """
 
     head: str
@@ -88,7 +86,13 @@ def print_table(console: Console, table: TextTable) -> None:
 
 def _pages(table: TextTable, width: int) -> list[TextTable | None]:
     """What is printed one under the other; None: the rows, each as a list of names and values."""
-    for layout in (table, _wrap_heads(table), _wrap_texts(table, width), _wrap_texts(_fold_notes(table), width)):
+    for layout in (
+        table,
+        _wrap_heads(table, 12),
+        _wrap_heads(table),
+        _wrap_texts(table, width),
+        _wrap_texts(_fold_notes(table), width),
+    ):
         if layout is not None and _width(layout) <= width:
             return [layout]
     keys = [n for n, column in enumerate(table.columns) if column.kind == "key"]
@@ -128,11 +132,12 @@ def _widest(cell: str) -> int:
     return max(map(cell_len, cell.split("\n")))
 
 
-def _wrap_heads(table: TextTable) -> TextTable:
-    """Heads no wider than their longest word, or their cells."""
+def _wrap_heads(table: TextTable, least: int = 0) -> TextTable:
+    """Heads no wider than their longest word, their cells or `least`."""
     columns = []
     for n, column in enumerate(table.columns):
-        room = max([cell_len(word) for word in column.title.split()] + [_widest(row[n]) for row in table.rows], default=0)
+        words = map(cell_len, column.title.split())
+        room = max([least, *words, *(_widest(row[n]) for row in table.rows)])
         columns.append(Column(wrap(column.title, room), kind=column.kind))
     return TextTable(tuple(columns), rows=table.rows, ends=table.ends)
 
@@ -185,8 +190,14 @@ def _fold_notes(table: TextTable) -> TextTable | None:
 
 
 def _print_grid(console: Console, table: TextTable) -> None:
-    rule = _RULE if console.encoding.startswith("utf") else _ASCII_RULE
-    grid = Table(box=rule, padding=(0, _GAP - 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
+    from rich.box import Box
+    from rich.table import Table
+    from rich.text import Text
+
+    ascii_only = not console.encoding.startswith("utf")
+    rule = " -- " if ascii_only else " ── "
+    box = Box("\n".join(["    ", "    ", rule, *["    "] * 5]), ascii=ascii_only)
+    grid = Table(box=box, padding=(0, _GAP - 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
     for column in table.columns:
         grid.add_column(Text(column.title), justify="right" if column.kind == "number" else "left", no_wrap=True,
                         vertical="top")  # fmt: skip
