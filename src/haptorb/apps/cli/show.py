@@ -54,7 +54,7 @@ def worlds(
                        Column("meaning", kind="text")))  # fmt: skip
     for item in known:
         default = item.default if isinstance(item.default, tuple) else (item.default,)
-        unit = f" {item.unit}" if item.unit else ""
+        unit = f" {item.unit}" if item.unit != "1" else ""
         table.add_row(
             item.name, ", ".join(f"{x:g}" for x in default) + unit, f"{item.low:g} … {item.high:g}{unit}", item.about
         )

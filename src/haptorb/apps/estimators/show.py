@@ -36,7 +36,7 @@ def print_comparison(comparison: EstimatorComparison, console: Console) -> None:
     print_table(console, table)
     print_text(
         console,
-        "\nNRMSE: rms error over the greatest magnitude. Torque error: rms of what is delivered when 60 mN·m are "
+        "\nNRMSE: rms error over rms. Torque error: rms of what is delivered when 60 mN·m are "
         "asked; JND: its 95th percentile over 12.7 %, the just-noticeable difference.",
     )
     for name, times in comparison.latency.items():

@@ -17,6 +17,7 @@ __all__ = ["format_facts", "print_facts"]
 
 _NARROW = 24  #: least width of what is said; below it, it goes under the name
 _LONGEST = 26  #: of the names beside which something is said
+_ENDLESS = 100_000  #: lines in a pipe or a file are not wrapped
 
 
 def format_facts(facts: Iterable[tuple[str, str]], width: int, margin: str = "") -> list[str]:
@@ -43,7 +44,10 @@ def format_facts(facts: Iterable[tuple[str, str]], width: int, margin: str = "")
 
 
 def print_facts(console: Console, facts: Iterable[tuple[str, str]]) -> None:
-    """Print names and their texts side by side, or under each other where the terminal is narrow."""
+    """Print names and their texts side by side, or under each other where the terminal is narrow.
+
+    Into a pipe or a file: one line each.
+    """
     spelled = [(fit_encoding(name, console.encoding), fit_encoding(text, console.encoding)) for name, text in facts]
-    for line in format_facts(spelled, console.width):
+    for line in format_facts(spelled, _ENDLESS if console.soft_wrap else console.width):
         print_text(console, line)

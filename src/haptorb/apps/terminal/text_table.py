@@ -66,12 +66,13 @@ class TextTable:
 
 
 def print_table(console: Console, table: TextTable) -> None:
-    """Print `table` within the console's width: no head, unit or number is cut."""
+    """Print `table` within the console's width: no head, unit or number is cut. Empty columns are left out."""
     encoding = console.encoding
     columns = tuple(Column(fit_encoding(c.head, encoding), fit_encoding(c.unit, encoding), c.kind)
                     for c in table.columns)  # fmt: skip
     rows = [tuple(fit_encoding(cell, encoding) for cell in row) for row in table.rows]
     spelled = TextTable(columns, table.title, rows, table.ends)
+    spelled = _choose(spelled, [n for n in range(len(columns)) if any(row[n] for row in rows)])
     if table.title:
         print_text(console, table.title, "bold")
     pages = _pages(spelled, console.width)
@@ -216,8 +217,9 @@ def _print_stack(console: Console, table: TextTable) -> None:
         last = [cell or before if c.kind == "key" else cell
                 for cell, before, c in zip(row, last, table.columns, strict=True)]  # fmt: skip
         first, *others = zip(table.columns, last, strict=True)
-        print_text(console, f"{first[0].title} {first[1]}".strip() if first[0].unit else first[1], "bold", "  ")
+        title = f"{first[0].title} {first[1]}" if first[0].unit else first[1]
+        print_text(console, wrap(title, console.width, "  "), "bold")
         for column, cell in others:
             if cell:
                 told = f"{column.title}: {cell}" if column.title else cell
-                print_text(console, _wrap_cell(f"  {told}", console.width), indent="    ")
+                print_text(console, wrap(f"  {told}", console.width, "    "))
