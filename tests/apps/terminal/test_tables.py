@@ -101,7 +101,15 @@ def fit():
     body = SimpleNamespace(length=0.0127)
     one = MultipoleFit(model, 0.01234, 0.0345)
     made = FitComparison("pmsm", "magnet", body, one, one, (0.0, 0.01))
-    return made.show, ["[%]", "1.234", "3.450", "0.504", "[magnets.multipole]", "strengths = [0.25, 1.5]", "in the file"]
+    return made.show, [
+        "[%]",
+        "1.234",
+        "3.450",
+        "0.504",
+        "[magnets.multipole]",
+        "strengths = [0.25, 1.5]",
+        "in the file",
+    ]
 
 
 def train():
@@ -120,8 +128,9 @@ def train():
 def fitness():
     from haptorb.apps.check.show import print_fitness
 
-    report = {"device": "omni", "rate_hz": 1000.0, "ticks": 30000, "missed": 3, "ahead_us": {"p50": 5.0, "p99": 9.0},
-              "lateness_us": {"p50": 12.0, "p99": 153.0, "p999": None}, "compute_us": {"a": 59.0, "b": 149.0, "c": 310.0},
+    report = {"device": "omni", "rate_hz": 1000.0, "ticks": 30000, "missed": 3,
+              "ahead_us": {"p50": 5.0, "p99": 9.0}, "lateness_us": {"p50": 12.0, "p99": 153.0, "p999": None},
+              "compute_us": {"a": 59.0, "b": 149.0, "c": 310.0},
               "scheduler": {"policy": "SCHED_FIFO:[80]"}}  # fmt: skip
     verdicts = (SimpleNamespace(what="lateness, 99 %", measured="153 µs", wanted="at most 150 µs", fit=False),)
     made = SimpleNamespace(
@@ -141,7 +150,8 @@ def world():
         device="omni", world="dome", passive=False, verdict="outside", margin=0.5, largest=812.5,
         setting=SimpleNamespace(tracker_rate=240.0, bandwidth=None, rate=1000.0, latency=0.004, grip="light",
                                 hand=SimpleNamespace(mass=0.1, damping=2.0, stiffness=50.0)),
-        loop=SimpleNamespace(period=0.001, lateness=0.0052, delay_bound=lambda b: 345.6, passive_bound=lambda b: 4000.0),
+        loop=SimpleNamespace(period=0.001, lateness=0.0052, delay_bound=lambda b: 345.6,
+                             passive_bound=lambda b: 4000.0),
         steep=SimpleNamespace(stiffness=1625.0, away=12.5, damping=0.75, jump=0.05),
         hand=SimpleNamespace(damping=2.0), place=SimpleNamespace(force="N", length="m"),
         advice=("Use a tracker [of] 480 Hz.",),
@@ -167,8 +177,8 @@ def identification():
 
     points = "".join(f"{{ number = {n}, theta_deg = {6 * n}, phi_deg = 45 }}," for n in range(1, 10))
     square = np.full((9, 9), 0.1)
-    confusion = Confusion(tuple(range(1, 10)), 8 * square, square + 0.613 * np.eye(9), 0.8 * square, 1.2 * square, 0.713,
-                          (0.652, 0.771), (0.66, 0.76), 1 / 9, 3e-12)  # fmt: skip
+    confusion = Confusion(tuple(range(1, 10)), 8 * square, square + 0.613 * np.eye(9), 0.8 * square, 1.2 * square,
+                          0.713, (0.652, 0.771), (0.66, 0.76), 1 / 9, 3e-12)  # fmt: skip
     show = study(
         f'name = "places"\n[set_points]\npoints = [{points}]\n[trials]\nrepetitions = 2\n',
         confusion=confusion, arrows=(Arrow(3, 4, 12, 0.58), Arrow(3, 5, 12, 0.42)),

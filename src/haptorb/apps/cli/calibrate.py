@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptorb.apps.terminal import Column, TextTable, make_console, print_table, say, tell
+from haptorb.apps.terminal import Column, TextTable, make_console, print_json, print_table, say, tell
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
@@ -76,7 +76,9 @@ def calibrate(
     if result is None:
         raise typer.Exit(1)
     if json:
-        print(result.text(), end="")
+        from json import loads
+
+        print_json(loads(result.text()))
         return
     columns = (Column("axis", kind="key"), *(Column(f"coil {name}", "m²") for name in found.coils.names))
     table = TextTable(columns, "Moment per ampere, ± standard deviation")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptorb.apps.terminal import say, tell
+from haptorb.apps.terminal import print_json, say, tell
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
@@ -77,7 +77,9 @@ def frame(
     written = TrackerFrame.of(result, found, found.tool.tip_distance, tracker, simulated=rehearse)
     write_frame(written, path, overwrite=force)
     if json:
-        print(written.text(), end="")
+        from json import loads
+
+        print_json(loads(written.text()))
         return
     left_out = f"; {result.excluded} left out, the tip was off the dome" if result.excluded else ""
     tell(f"{result.used} touches missed by {1e3 * result.residual:.2f} mm (rms){left_out}; condition "
