@@ -92,7 +92,7 @@ class ElectromagnetCard(Card):
             (
                 Column("distance", "mm", "key"), Column("peak radial", "mN"), Column("peak tangential", "mN"),
                 Column("continuous radial", "mN"), Column("continuous tangential", "mN"),
-                Column("core's own pull", "mN"), Column("dipole model's error", "%"), Column("the same", "JND"),
+                Column("core's own pull", "mN"), Column("dipole error", "%"), Column("dipole error", "JND"),
             ),
             "Force on a radial tool in the weakest place and direction of the workspace",
         )  # fmt: skip
@@ -106,7 +106,12 @@ class ElectromagnetCard(Card):
                 f"{layer.dipole_error_jnd:.1f}",
             )
         print_table(console, forces)
-        print_text(console, f"JND: just-noticeable difference, {100 * FORCE_JND:.0f} % of force\n", "dim")
+        print_text(
+            console,
+            f"dipole error: greatest, of the dipole model's force. JND: just-noticeable difference, "
+            f"{100 * FORCE_JND:.0f} % of force\n",
+            "dim",
+        )
         able_table = TextTable(
             (
                 Column("distance", "mm", "key"), Column("from the summit", "°", "key"), Column("force", "mN"),
