@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptorb.apps.terminal import make_progress, print_json
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
@@ -62,9 +63,7 @@ def check(
 
     result = measure_fitness(duration, rate=rate, device=device, dragging=not alone)
     if json:
-        from json import dumps
-
-        print(dumps(result.numbers(), indent=2))
+        print_json(result.numbers())
     else:
         print_fitness(result)
     if not result.fit:
@@ -96,9 +95,7 @@ def _judge(device: Device, world: str, settings: list[str], setting: Setting, pl
     felt = worlds.find_world(world)().replace(**values_of(settings))
     verdict = judge_world(device, felt, setting, world)
     if json:
-        from json import dumps
-
-        print(dumps(verdict.numbers(), indent=2, ensure_ascii=False))
+        print_json(verdict.numbers())
     else:
         print_world(verdict)
     if plot is not None:
@@ -131,17 +128,15 @@ def _try_hands(device: Device, verdict: WorldVerdict) -> list[tuple[float, float
     """(damping, largest stiffness) of the whole simulated chain for a few hands; none where its kind has none."""
     from dataclasses import replace
 
-    from rich.console import Console
-    from rich.progress import track
-
     boundary = device.kind.part("boundary")
     if boundary is None:
         return []
     setting, found = verdict.setting, []
-    for damping in track((0.5, 1.0, 2.0, 5.0, 10.0), "trying springs", console=Console(stderr=True), transient=True):
-        hand = replace(setting.hand, damping=damping)
-        expected = verdict.loop.largest(verdict.place.holding(hand))
-        hall = setting.bandwidth is not None
-        largest = boundary(device, hand, expected, setting.rate, setting.tracker_rate, setting.latency, hall=hall)
-        found.append((damping, largest))
+    with make_progress() as bar:
+        for damping in bar.track((0.5, 1.0, 2.0, 5.0, 10.0), description="trying springs"):
+            hand = replace(setting.hand, damping=damping)
+            expected = verdict.loop.largest(verdict.place.holding(hand))
+            hall = setting.bandwidth is not None
+            largest = boundary(device, hand, expected, setting.rate, setting.tracker_rate, setting.latency, hall=hall)
+            found.append((damping, largest))
     return found
