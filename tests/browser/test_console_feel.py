@@ -82,7 +82,8 @@ def test_feel_the_dome_and_stop(live):
     screen.until("haptorb.value('model')[0] === 1")
     screen.settled()
     expect_law(screen, device, dome)
-    assert abs(radial(screen.value("given"), screen.value("p")) - radial(screen.value("asked"), screen.value("p"))) > 0.02
+    asked, given, p = (screen.value(name) for name in ("asked", "given", "p"))
+    assert abs(radial(given, p) - radial(asked, p)) > 0.02
 
     # The pointer's goal and the stylus are two things: the hand is a spring, the gap is the force.
     gap = np.subtract(screen.value("target"), screen.value("p"))
