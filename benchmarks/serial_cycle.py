@@ -25,7 +25,7 @@ from haptorb.runtime.drivers.serial.codes import BoardMode
 from haptorb.runtime.drivers.serial.emulator import Emulator
 from haptorb.runtime.drivers.serial.frames import Frame, encode
 from haptorb.runtime.drivers.serial.protocol import READING, set_duties
-from haptorb.runtime.drivers.serial.reading import READING_BYTES, At
+from haptorb.runtime.drivers.serial.reading import READING_BYTES
 from haptorb.runtime.drivers.serial.serial_port import BAUD
 
 BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"
@@ -54,15 +54,15 @@ def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
         for k in range(cycles):  # as the driver does: collect the answer to the last frame, send the next
             deadline = max(deadline + 1e-3 / pace, time.perf_counter() - 1e-3 / pace)
             time.sleep(max(0.0, deadline - time.perf_counter()))
-            row = device.collect(1.0)
+            reading = device.collect(1.0)
             steps[0] = (800 if k % 40 < 20 else -800) + k % 7
             device.post(steps)
-            if row is None:
+            if reading is None:
                 continue
-            now = int(row[At.ROUNDS])
+            now = int(reading["rounds"][0])
             rounds += (now - before) & 0xFF
             before = now
-            if row[At.STANDING] != BoardMode.ENGAGED:
+            if reading["standing"][0] != BoardMode.ENGAGED:
                 trips += 1
                 device.collect(1.0)
                 device.off()

@@ -9,6 +9,7 @@ imagined servo of the tests: a healthy device shows few of them. The study is th
 from __future__ import annotations
 
 import importlib.util
+import io
 import re
 import shutil
 import signal
@@ -16,11 +17,13 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 from haptorb.apps.console import Console
@@ -140,6 +143,34 @@ def take(wanted: list[tuple[str, str, str, Path]]) -> None:
         browser.close()
 
 
+def take_film(path: Path) -> None:
+    """The console while the stylus goes round and over the dome's summit, as an animated WebP."""
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    servo, frames = fake_servo(), []
+    with sync_playwright() as play, Console(servo, 0) as console:
+        browser = play.chromium.launch(executable_path=chromium, args=FLAGS)
+        serving = threading.Thread(target=console.serve)
+        serving.start()
+        page = browser.new_page(viewport={"width": 1280, "height": 800}, color_scheme="light")
+        page.goto(f"{console.origin}/?detail=full#{console.token}")
+        _until(page, "!document.getElementById('legend').hidden")
+        page.evaluate("document.getElementById('hint').remove()")
+        begun = time.monotonic()
+        for k in range(60):
+            turn = 2 * np.pi * k / 60
+            servo.target = servo.at(20 + 18 * np.sin(turn), -60 + 75 * np.sin(2 * turn), 0.0475)
+            servo.winding = servo.winding + 0.1
+            page.wait_for_timeout(50)
+            picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+            frames.append(picture.resize((960, 600), Image.Resampling.LANCZOS))
+        pause = int(1e3 * (time.monotonic() - begun) / len(frames))
+        browser.close()
+        console.close()
+        serving.join()
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=pause, loop=0, quality=45, method=6)
+    print(path, flush=True)
+
+
 #: what the documentation shows of a study: file → (whose page, when, theme)
 STUDY = {
     "study-participant.png": ("participant", "trial", "light"),
@@ -234,6 +265,7 @@ def main() -> None:
     else:
         wanted = [(*what, ROOT / "docs" / "images" / name) for name, what in CHOSEN.items()]
         study = [(*what, ROOT / "docs" / "images" / name) for name, what in STUDY.items()]
+        take_film(ROOT / "docs" / "images" / "console.webp")
     take(wanted)
     take_study(study)
 

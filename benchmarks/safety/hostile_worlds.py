@@ -305,7 +305,7 @@ def main() -> int:
                   f"{times[-1]:.0f} ms; {late} later than {1e3 * STOPPED:.0f} ms")  # fmt: skip
         if options.busy:
             said = busy(folder, options.busy, tally)
-            # The computer is too busy on purpose: a loop that misses its deadlines says so. A host is not silent for it.
+            # The computer is too busy on purpose: a loop that misses its deadlines says so.
             tally.failed += bool(said) and "OVERRUN" not in said
             print(f"host computing for {options.busy:g} s beside busy processes: told {said or 'nothing'}")
         with running(folder, "raises"):

@@ -46,10 +46,10 @@ def test_a_world_shows_its_parameters(capsys):
 def test_the_card_of_omni_in_numbers(capsys):
     card = json.loads(told(capsys, "inspect", "omni", "--json")[1])
     contact = card["layers"][0]
-    assert contact["distance"] == pytest.approx(0.050)
+    assert contact["distance_m"] == pytest.approx(0.050)
     assert contact["dipole_error"] == pytest.approx(0.156, abs=5e-4)  # E16
-    assert contact["passive_pull"] == pytest.approx(0.0529, abs=5e-5)  # E18
-    assert contact["lasting_radial"] < contact["peak_radial"]
+    assert contact["passive_pull_n"] == pytest.approx(0.0529, abs=5e-5)  # E18
+    assert contact["continuous_radial_n"] < contact["peak_radial_n"]
     assert card["actuated_dof"] == 3
     assert card["endurance"][0]["seconds"] < card["endurance"][-1]["seconds"]
 
@@ -58,12 +58,12 @@ def test_the_card_of_omni_for_people(capsys):
     code, out, _ = told(capsys, "inspect", "omni")
     assert code == 0
     assert "assumed: " in out
-    assert "15.6 %" in out
+    assert "15.6" in out
 
 
 def test_what_is_assumed_is_listed_with_reasons(capsys):
     _, out, _ = told(capsys, "inspect", "omni", "--assumed")
-    assert "tool.mass: " in out
+    assert "tool.mass " in out
 
 
 @pytest.mark.parametrize("name", ["card.png", "card.svg"])

@@ -6,8 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from rich.console import Console
-
+from haptorb.apps.terminal import make_progress
 from haptorb.devices.device import Device
 
 __all__ = ["build_tables", "time_bar"]
@@ -24,11 +23,8 @@ def build_tables(device: Device) -> None:
     compute = device.kind.part("tables")
     if compute is None or "tables" in vars(device):
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("exact torque and field"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("tables", total=None, visible=False)
+    with make_progress() as bar:
+        task = bar.add_task("exact torque and field", total=None, visible=False)
 
         def report(done: int, total: int) -> None:
             bar.update(task, completed=done, total=total, visible=True)

@@ -9,13 +9,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptorb.errors import InputError, quote
 
-__all__ = ["Array", "Record", "Records", "finite", "rotation", "vectors"]
+__all__ = ["Array", "Record", "Records", "fields", "finite", "rotation", "vectors"]
 
 Array: TypeAlias = NDArray[np.float64]
 #: a structured array: records with named fields, what compiled code remembers
 Records: TypeAlias = NDArray[Any]
 #: one record of it; compiled code hands it on, Python should not (that is slow)
 Record: TypeAlias = Any
+
+
+def fields(*named: tuple[Any, ...]) -> np.dtype[Any]:
+    """The dtype of a record with these fields, (name, type) or (name, type, shape), laid out as compiled code likes it.
+
+    >>> fields(("valid", "?"), ("place", "f8", (3,))).names
+    ('valid', 'place')
+    """
+    return np.dtype(list(named), align=True)
 
 
 def finite(value: ArrayLike, what: str) -> Array:

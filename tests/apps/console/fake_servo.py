@@ -136,7 +136,9 @@ class FakeServo:
         p = self.target / np.linalg.norm(self.target) * distance
         asked = self._world.for_device(self.device).wrench(State.at(p)) if on else np.zeros(6)
         p = p + 0.002 * asked[:3]
-        passive = -0.053 * p / np.linalg.norm(p)
+        given = asked
+        if self.model == "published":  # the magnet's length, and the core's pull
+            given = np.concatenate([1.156 * asked[:3] - 0.053 * p / np.linalg.norm(p), np.zeros(3)])
         for name, value in {
             "lateness": 4e-6,
             "missed": 0.0,
@@ -156,7 +158,7 @@ class FakeServo:
             "target_q": upright(self.target),
             "asked": asked,
             "modelled": asked,
-            "given": np.concatenate([1.1 * asked[:3] + passive, np.zeros(3)]),
+            "given": given,
             "wanted": 9 * asked[:3],
             "currents": 9 * asked[:3] + 1e-3,
             "duties": 0.3,
@@ -165,6 +167,7 @@ class FakeServo:
             "winding": self.winding,
             "remaining": 42.0,
             "saturated": 0.0,
+            "model": self.models.index(self.model),
             "field": 0.0,
         }.items():
             row[at[name]] = value

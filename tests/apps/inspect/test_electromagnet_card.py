@@ -30,4 +30,4 @@ def test_people_see_both_and_the_difference(made):
     predicted = np.diag(OMNI.predict_moments())
     for k in range(3):
         assert f"{predicted[k]:+.4f}" in told
-        assert f"{100 * (predicted[k] / OMNI.moment_per_current[k, k] - 1):+.1f} %" in told
+        assert f"{100 * (predicted[k] / OMNI.moment_per_current[k, k] - 1):+.1f}" in told

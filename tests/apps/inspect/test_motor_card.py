@@ -31,7 +31,7 @@ def test_text_names_axes_channels_and_coils(made):
     console = Console(file=io.StringIO(), width=100)
     made.show(console)
     text = console.file.getvalue()
-    for part in ("peak", "for ever", "condition", "u12", "+EM1 −EM13", "assumed"):
+    for part in ("peak", "continuous", "condition", "u12", "+EM1 −EM13", "assumed"):
         assert part in text
 
 

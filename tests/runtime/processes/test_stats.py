@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from haptorb.runtime.exchange.shared_memory import Word
+from haptorb.runtime.exchange.shared_memory import COUNTS, Word
 from haptorb.runtime.memory.histogram import BINS, Histogram
 from haptorb.runtime.processes.stats import count_tick, publish_row
 from haptorb.runtime.row import RowLayout
@@ -15,7 +15,7 @@ FILLED = ("tick", "wall", "lateness", "missed")
 
 
 def page() -> np.ndarray:
-    return np.zeros(512)
+    return np.zeros(1, COUNTS)
 
 
 def test_a_row_is_completed_and_copied() -> None:
@@ -42,22 +42,24 @@ def test_the_greatest_force_is_that_given_or_else_that_modelled() -> None:
         row = LAYOUT.empty()
         row[LAYOUT["given"]], row[LAYOUT["modelled"]] = given_, modelled
         publish_row(row, row.copy(), LAYOUT.places, words, 0, 0, 0, 0)
-        assert words[Word.PEAK] == force
-        assert words[Word.PEAK_TORQUE] == torque
+        floats = words.view(np.float64)
+        assert floats[Word.PEAK] == force
+        assert floats[Word.PEAK_TORQUE] == torque
 
 
 @example([(400_000, 600_000), (400_000, 600_001)])  # just fits into the period, and just does not
 @given(st.lists(st.tuples(st.integers(-(10**6), 10**11), st.integers(0, 10**11)), max_size=30))
 def test_every_tick_is_counted_as_a_histogram_counts(ticks: list[tuple[int, int]]) -> None:
-    words = page().view(np.int64)
+    counts = page()
     late, computed = np.zeros(BINS, np.int64), np.zeros(BINS, np.int64)
     wanted = Histogram(), Histogram()
     for number, (lateness, took) in enumerate(ticks, 1):
-        count_tick(words, late, computed, number, 2 * number, lateness, took, 1_000_000)
+        count_tick(counts, late, computed, number, 2 * number, lateness, took, 1_000_000)
         wanted[0].add(lateness)
         wanted[1].add(took)
     np.testing.assert_array_equal(late, wanted[0].counts)
     np.testing.assert_array_equal(computed, wanted[1].counts)
+    words = counts.view(np.int64)
     assert words[Word.TICKS] == len(ticks)
     assert words[Word.MISSED] == 2 * len(ticks)
     assert words[Word.ON_TIME] == sum(lateness + took <= 1_000_000 for lateness, took in ticks)

@@ -3,12 +3,19 @@
 import numpy as np
 import pytest
 
-from haptorb.sensing.tool.place_filter import correct_pose, extrapolate_pose, memory, noise_share, predict
+from haptorb.sensing.tool.place_filter import (
+    FILTER,
+    correct_pose,
+    extrapolate_pose,
+    memory,
+    noise_share,
+    predict,
+)
 
 
 def told(places, rate, bandwidth=100.0):
-    """(n, 3) places and velocities from `places` (n, 3) [m] measured at `rate` [Hz], and the last spread."""
-    belief, spread = np.zeros((4, 3)), np.zeros(3)
+    """(n, 3) places and velocities from `places` (n, 3) [m] measured at `rate` [Hz], and the filter."""
+    belief = np.zeros(1, FILTER)[0]
     out, rates = np.empty_like(places), np.empty_like(places)
     for n, one in enumerate(places):
         p, R, v, w = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(3)
@@ -16,9 +23,9 @@ def told(places, rate, bandwidth=100.0):
         if n:
             predict(belief, dt, p, R)
         p[:], R[:] = one, np.eye(3)
-        correct_pose(belief, spread, dt, bandwidth, p, R, v, w)
+        correct_pose(belief, dt, bandwidth, p, R, v, w)
         out[n], rates[n] = p, v
-    return out, rates, spread
+    return out, rates, belief
 
 
 @pytest.mark.parametrize("rate", [250.0, 500.0, 1000.0, 2000.0, 4000.0])
@@ -56,10 +63,10 @@ def test_a_steady_motion_is_not_late_and_a_step_is_overshot_by_a_seventh():
 @pytest.mark.parametrize(("rate", "bandwidth"), [(1000.0, 100.0), (4000.0, 100.0), (1000.0, 30.0)])
 def test_noise_is_averaged_as_the_formula_and_the_spread_say(rate, bandwidth):
     places = np.random.default_rng(1).normal(size=(20_000, 3))
-    out, rates, spread = told(places, rate, bandwidth)
+    out, rates, belief = told(places, rate, bandwidth)
     assert np.std(out[200:]) == pytest.approx(noise_share(bandwidth, rate), rel=0.03)
-    assert np.sqrt(spread[0]) == pytest.approx(noise_share(bandwidth, rate), rel=1e-6)
-    assert np.std(rates[200:]) == pytest.approx(np.sqrt(spread[2]), rel=0.03)
+    assert np.sqrt(belief["variance"]) == pytest.approx(noise_share(bandwidth, rate), rel=1e-6)
+    assert np.std(rates[200:]) == pytest.approx(np.sqrt(belief["rate_variance"]), rel=0.03)
 
 
 def test_memory_grows_with_the_rate():
@@ -70,7 +77,9 @@ def test_memory_grows_with_the_rate():
 
 def test_what_is_carried_goes_on_as_it_went():
     """Without anything measured: straight on, the axis turning at its rate, and the belief as it was."""
-    belief = np.array([[0.01, 0.0, 0.05], [0.0, 0.0, 1.0], [0.1, -0.2, 0.0], [0.5, 0.0, 0.0]])
+    belief = np.zeros(1, FILTER)[0]
+    belief["place"], belief["axis"] = (0.01, 0.0, 0.05), (0.0, 0.0, 1.0)
+    belief["velocity"], belief["axis_rate"] = (0.1, -0.2, 0.0), (0.5, 0.0, 0.0)
     before, p, R, v, w = belief.copy(), np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(3)
     extrapolate_pose(belief, 4e-3, p, R, v, w)
     assert p == pytest.approx([0.0104, -0.0008, 0.05])
@@ -78,4 +87,4 @@ def test_what_is_carried_goes_on_as_it_went():
     np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
     assert v == pytest.approx([0.1, -0.2, 0.0])
     assert w == pytest.approx([0.0, 0.5, 0.0])
-    assert (belief == before).all()
+    assert belief == before

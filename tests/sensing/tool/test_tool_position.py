@@ -16,7 +16,7 @@ from haptorb.physics.sources.soft_sphere import SoftSphere
 from haptorb.sensing.sample import Pose, Sample
 from haptorb.sensing.tool.place_filter import noise_share
 from haptorb.sensing.tool.position_accuracy import better_sensors, position_accuracy, with_sensors
-from haptorb.sensing.tool.tool_field import ToolModel, coil_field, tool_field
+from haptorb.sensing.tool.tool_field import ToolModel, coil_field, tool_field, unpack_model
 from haptorb.sensing.tool.tool_position import IN_TURNS, HallTracker
 
 OMNI = load("omni")
@@ -127,7 +127,7 @@ def test_a_wrong_calibration_is_weighed_by_what_it_can_do():
         reading = sample(ringed, field_of(ringed, p, axis), FULL)
         for weighed, seen in far.items():
             tracker = HallTracker(wrong)
-            tracker._columns *= weighed
+            unpack_model(tracker._model).columns[:] *= weighed
             found = tracker.update(reading)
             assert found.valid
             seen.append(np.linalg.norm(found.state.p - p))

@@ -16,6 +16,7 @@ from haptorb.devices.motor.handle import HALL_IDEAL, HANDLE_LOOSE, HallQuality
 from haptorb.devices.motor.regulator import leaning
 from haptorb.errors import InputError, UnknownName
 from haptorb.simulation.motor.motor import SimulatedMotor
+from haptorb.simulation.motor.motor_kernels import pack_magnetics
 from haptorb.simulation.registry import simulate
 
 PMSM = load("pmsm")
@@ -32,8 +33,16 @@ def tilted(psi=0.0, lam=0.0, phi=0.0):
 def frictionless(**changes):
     """No hand, nothing that rubs, magnets that no coil feels."""
     motor = SimulatedMotor(PMSM, grasp=HANDLE_LOOSE)
-    motor._hang(motor._joint._replace(damping=np.zeros(3), friction=0.0, stop_damping=0.0, **changes))
-    motor._parts = motor._parts._replace(strength=np.zeros_like(motor._parts.strength))
+    for name, value in {"damping": 0.0, "friction": 0.0, "stop_damping": 0.0, **changes}.items():
+        motor._rotor[name] = value
+    motor._strength[:] = 0.0
+    return motor
+
+
+def weightless(motor):
+    """Neither weight nor regulator."""
+    motor._parts = motor._parts._replace(leaning=np.zeros(2))
+    motor._magnetics = pack_magnetics(motor._parts)
     return motor
 
 
@@ -66,9 +75,9 @@ def test_a_free_rotor_keeps_energy_and_spin(w, angles):
 
 
 def test_a_free_rotor_moves_as_eulers_equations_say():
-    motor = frictionless(leaning=np.zeros(2), stop=0.0, inertia=np.array([3e-3, 4e-3, 6e-3]))
+    motor = weightless(frictionless(stop=0.0, inertia=(3e-3, 4e-3, 6e-3)))
     motor.spin((2.0, 1.0, 5.0))
-    inertia = motor._joint.inertia
+    inertia = motor._rotor["inertia"][0]
 
     def rates(t, s):
         w = s[4:]
@@ -100,8 +109,7 @@ def test_it_rests_where_nothing_pushes_it_and_falls_where_no_regulator_holds_it(
 def test_dry_friction_holds_what_is_too_weak():
     """Tilted so far that weight and regulator give half of what the bearing holds."""
     motor = SimulatedMotor(PMSM, grasp=HANDLE_LOOSE)
-    joint = motor._joint
-    back = leaning(1.0, joint.leaning, joint.least)
+    back = leaning(1.0, *PMSM.leaning)
     small = np.degrees(0.5 * PMSM.rotor.dry_friction / abs(back))
     motor.place(NOWHERE, tilted(lam=float(small)))
     before = motor.state().R_SR
@@ -161,7 +169,8 @@ def test_one_look_up_of_the_characteristic_serves_a_tick(speed):
 def test_the_coils_pay_for_what_the_rotor_gets():
     """Energy from the supply = heat + field + motion: checked over a swing under constant duty, no friction."""
     motor = SimulatedMotor(PMSM, grasp=HANDLE_LOOSE)
-    motor._hang(motor._joint._replace(damping=np.zeros(3), friction=0.0, stop=0.0, stop_damping=0.0))
+    for name in ("damping", "friction", "stop", "stop_damping"):
+        motor._rotor[name] = 0.0
     motor.place(NOWHERE, tilted(3, -4, 10))
     duties = np.where(np.arange(12) % 3 == 0, 0.08, -0.05)
     start = motor.energy

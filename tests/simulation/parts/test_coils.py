@@ -9,36 +9,35 @@ from scipy.integrate import solve_ivp
 
 from haptorb.devices.loader import load
 from haptorb.physics.thermal import TwoNode
-from haptorb.simulation.parts.coils import BODY, CURRENT, WINDING, chop, coil_step, cold, wires
+from haptorb.simulation.parts.coils import chop, coil_step, cold_coils
 
 OMNI = load("omni")
-WIRES = wires(OMNI)
 _H = OMNI.coils.heat
 HEAT = TwoNode(_H.winding_capacity, _H.body_capacity, _H.winding_to_body, _H.body_to_air)
 REST = np.zeros(3)
 
 
-def run(state, duties, dt, steps, emf=REST, wires=WIRES):
-    mean, heat = np.empty(3), HEAT.step(dt)
+def run(state, duties, dt, steps, emf=REST):
+    state["duty"], state["emf"], heat = duties, emf, HEAT.step(dt)
     for _ in range(steps):
-        coil_step(state, wires, heat, duties, emf, dt, mean)
-    return mean
+        coil_step(state, heat, dt)
+    return state["mean"].copy()
 
 
 def test_step_response_has_the_time_constant_l_over_r():
-    state, duties = cold(WIRES), np.array([0.01, -0.02, 0.03])  # small: no heating to speak of
-    resistance = OMNI.coils.resistance_at(state[WINDING])
+    state, duties = cold_coils(OMNI), np.array([0.01, -0.02, 0.03])  # small: no heating to speak of
+    resistance = OMNI.coils.resistance_at(state["winding"])
     tau = OMNI.coils.inductance / resistance
     end = duties * OMNI.supply.voltage / resistance
     for n in range(1, 9):
         run(state, duties, 2.5e-4, 1)
-        assert np.allclose(state[CURRENT], end * (1 - np.exp(-n * 2.5e-4 / tau)), rtol=1e-4)
+        assert np.allclose(state["current"], end * (1 - np.exp(-n * 2.5e-4 / tau)), rtol=1e-4)
 
 
 @pytest.mark.parametrize("duty", [0.3, 1.0])
 def test_seconds_of_load_are_those_of_the_equations(duty):
     """Current, winding and body after 4 s at constant duty, against a general-purpose integrator."""
-    state = cold(WIRES)
+    state = cold_coils(OMNI)
     run(state, np.full(3, duty), 2.5e-4, 16_000)
     coils = OMNI.coils
 
@@ -54,54 +53,55 @@ def test_seconds_of_load_are_those_of_the_equations(duty):
 
     start = [0.0, _H.ambient, _H.ambient]
     truth = solve_ivp(rate, (0, 4.0), start, method="LSODA", rtol=1e-9, atol=1e-9).y[:, -1]
-    assert state[CURRENT, 0] == pytest.approx(truth[0], rel=1e-5)
-    assert state[WINDING, 0] - _H.ambient == pytest.approx(truth[1] - _H.ambient, rel=1e-5)
-    assert state[BODY, 0] - _H.ambient == pytest.approx(truth[2] - _H.ambient, rel=1e-4)
+    assert state["current"][0] == pytest.approx(truth[0], rel=1e-5)
+    assert state["winding"][0] - _H.ambient == pytest.approx(truth[1] - _H.ambient, rel=1e-5)
+    assert state["body"][0] - _H.ambient == pytest.approx(truth[2] - _H.ambient, rel=1e-4)
 
 
 def test_mean_current_is_the_mean_of_many_small_steps():
-    coarse, fine, duties = cold(WIRES), cold(WIRES), np.array([0.9, -0.4, 0.1])
-    coarse[CURRENT] = fine[CURRENT] = (-5.0, 3.0, 0.0)
+    coarse, fine, duties = cold_coils(OMNI), cold_coils(OMNI), np.array([0.9, -0.4, 0.1])
+    coarse["current"] = fine["current"] = (-5.0, 3.0, 0.0)
     mean = run(coarse, duties, 1e-3, 1)
-    means = [run(fine, duties, 1e-5, 1).copy() for _ in range(100)]
+    means = [run(fine, duties, 1e-5, 1) for _ in range(100)]
     assert np.allclose(mean, np.mean(means, axis=0), rtol=1e-4)
-    assert np.allclose(coarse[CURRENT], fine[CURRENT], rtol=1e-3)
-    assert np.allclose(coarse[WINDING] - _H.ambient, fine[WINDING] - _H.ambient, rtol=1e-3)
+    assert np.allclose(coarse["current"], fine["current"], rtol=1e-3)
+    assert np.allclose(coarse["winding"] - _H.ambient, fine["winding"] - _H.ambient, rtol=1e-3)
 
 
 def test_a_hot_winding_takes_less_current():
-    state = cold(WIRES)
-    state[WINDING] += 60.0
+    state = cold_coils(OMNI)
+    state["winding"] += 60.0
     run(state, np.full(3, 0.05), 2.5e-4, 100)
-    cold_state = cold(WIRES)
+    cold_state = cold_coils(OMNI)
     run(cold_state, np.full(3, 0.05), 2.5e-4, 100)
     alpha, reference = OMNI.coils.temperature_coefficient, OMNI.coils.reference_temperature
     expected = (1 + alpha * (_H.ambient - reference)) / (1 + alpha * (_H.ambient + 60 - reference))
-    assert np.allclose(state[CURRENT] / cold_state[CURRENT], expected, rtol=1e-3)
+    assert np.allclose(state["current"] / cold_state["current"], expected, rtol=1e-3)
     assert expected < 0.85  # an uncompensated drive errs by more than 15 %
 
 
 def test_full_power_reaches_the_limit_in_about_five_seconds_and_a_little():
     """240 W cold; the warming wire takes less, so it lasts somewhat longer than the printed 5 s."""
-    state, seconds = cold(WIRES), 0
-    while state[WINDING, 0] < _H.derate and seconds < 20:
+    state, seconds = cold_coils(OMNI), 0
+    while state["winding"][0] < _H.derate and seconds < 20:
         run(state, np.ones(3), 2.5e-4, 400)
         seconds += 0.1
     assert 5.0 < seconds < 7.0
 
 
 def test_a_coil_without_inductance_obeys_ohm_at_once():
-    ohmic, state = WIRES._replace(inductance=np.zeros(3)), cold(WIRES)
-    mean = run(state, np.full(3, 0.1), 2.5e-4, 1, wires=ohmic)
-    assert np.allclose(mean, state[CURRENT])
+    state = cold_coils(OMNI)
+    state["inductance"] = 0.0
+    mean = run(state, np.full(3, 0.1), 2.5e-4, 1)
+    assert np.allclose(mean, state["current"])
     assert np.allclose(mean, 1.2 / OMNI.coils.resistance_at(np.full(3, _H.ambient)), rtol=1e-6)
 
 
 def test_induced_voltage_opposes():
-    state = cold(WIRES)
+    state = cold_coils(OMNI)
     run(state, np.full(3, 0.1), 2.5e-4, 200, emf=np.array([1.2, 0.0, -1.2]))
-    assert abs(state[CURRENT, 0]) < 1e-9
-    assert state[CURRENT, 2] == pytest.approx(2 * state[CURRENT, 1], rel=1e-3)
+    assert abs(state["current"][0]) < 1e-9
+    assert state["current"][2] == pytest.approx(2 * state["current"][1], rel=1e-3)
 
 
 @given(arrays(float, 3, elements=st.floats(allow_nan=True, allow_infinity=True)), st.sampled_from([8, 10, 12, 16]))

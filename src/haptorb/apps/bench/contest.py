@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
+
+from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 
 __all__ = ["Contest", "Result", "fastest"]
 
@@ -58,13 +58,17 @@ class Contest:
 
     def show(self, console: Console) -> None:
         """Print it for people."""
-        console.print(f"[bold]{self.title}[/]")
-        console.print("[dim]" + ", ".join(f"{key} {value}" for key, value in self.machine.items()) + "[/]")
+        print_text(console, self.title, "bold")
+        print_text(console, ", ".join(f"{key} {value}" for key, value in self.machine.items()), "dim")
         ratios = self.ratios()
         for task in dict.fromkeys(result.task for result in self.results):
-            table = Table(box=SIMPLE_HEAD, title=task, title_justify="left", title_style="bold")
-            for heading in ("", "", "time", "error", "times slower"):
-                table.add_column(heading, justify="left" if not heading else "right")
+            table = TextTable(
+                (
+                    Column("who", kind="key"), Column("how", kind="text"), Column("time"),
+                    Column("error"), Column("times slower"),
+                ),
+                f"\n{task}",
+            )  # fmt: skip
             for row in (result for result in self.results if result.task == task):
                 if row.seconds is None:
                     table.add_row(row.who, row.how, "not installed", "", "")
@@ -74,7 +78,7 @@ class Contest:
                 table.add_row(
                     row.who, row.how, spell_time(row.seconds), error, "" if ratio is None else f"{ratio:,.0f}"
                 )
-            console.print(table)
+            print_table(console, table)
 
     def plot(self, path: Path) -> None:
         """Draw the times as bars, logarithmic, the errors beside them, into the PNG or SVG file at `path`."""

@@ -12,12 +12,11 @@ from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 
 from haptorb.apps.bench.contest import spell_time
 from haptorb.apps.bench.row import Metric
+from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 from haptorb.errors import InputError, UnknownName
 
 __all__ = ["BENCHMARKS", "BenchResult", "load_result", "run_benchmarks"]
@@ -72,15 +71,18 @@ class BenchResult:
 
     def show(self, console: Console) -> None:
         """Print the table for people."""
-        console.print("[dim]" + ", ".join(f"{key} {value}" for key, value in self.machine.items()) + "[/]")
+        print_text(console, ", ".join(f"{key} {value}" for key, value in self.machine.items()), "dim")
         for name in dict.fromkeys(row.benchmark for row in self.rows):
-            table = Table(box=SIMPLE_HEAD, title=name, title_justify="left", title_style="bold")
-            for n, heading in enumerate(("", "here", "limit", "against", "there", "ratio", "")):
-                table.add_column(heading, justify="right" if n in (1, 2, 4, 5) else "left")
+            columns = (
+                Column("quantity", kind="text"), Column("here"), Column("limit"), Column("ratio"),
+                Column("against", kind="note"), Column("note", kind="note"),
+            )  # fmt: skip
+            table = TextTable(columns, f"\n{name}")
             for row in self.rows:
                 if row.benchmark == name:
-                    table.add_row(*_cells(row))
-            console.print(table)
+                    what, here, limit, against, there, ratio, note = _cells(row)
+                    table.add_row(what, here, limit, ratio, f"{against} {there}".strip(), note)
+            print_table(console, table)
 
     def markdown(self, benchmarks: Iterable[str] = BENCHMARKS, *, short: bool = False) -> str:
         """The table of some benchmarks as Markdown, with command and machine above it.

@@ -9,6 +9,7 @@ import numpy as np
 
 from haptorb.apps.check.fitness import Fitness
 from haptorb.apps.check.machine import StolenTimeCounter, this_machine
+from haptorb.apps.terminal import make_progress
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.servo.servo import Servo
@@ -27,12 +28,8 @@ def measure_fitness(
     """
     if not (math.isfinite(duration) and duration >= 0.5):
         raise InputError(f"duration must be at least 0.5 s; got {duration!r}")
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
     with (
-        Progress(*columns, console=Console(stderr=True), transient=True, disable=not progress) as bar,
+        make_progress(show=progress) as bar,
         Servo(device, rate=rate, record=False) as servo,
     ):
         task = bar.add_task("measuring the loop", total=duration)

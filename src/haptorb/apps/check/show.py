@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from haptorb.apps.terminal import Column, TextTable, make_console, print_table, print_text
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -14,46 +16,40 @@ __all__ = ["print_fitness"]
 
 def print_fitness(fitness: Fitness, console: Console | None = None) -> None:
     """Print verdicts, times, the machine and what to do about it."""
-    from rich.console import Console
-    from rich.table import Table
-
-    console = console or Console()
+    console = console or make_console()
     report, machine, took = fitness.report, fitness.machine, fitness.took
     client = "with a client dragging at 60 Hz" if fitness.dragging else "alone"
-    console.print(
+    print_text(
+        console,
         f"{report['device']} (simulated), {report['rate_hz']:g} Hz, {fitness.duration:g} s {client}: "
-        f"{report['ticks']} ticks, {report['missed']} deadlines skipped"
+        f"{report['ticks']} ticks, {report['missed']} deadlines skipped\n",
     )
-    verdicts = Table(box=None, pad_edge=False)
-    for heading in ("", "measured", "wanted", ""):
-        verdicts.add_column(heading)
+    verdicts = TextTable((Column("criterion", kind="key"), Column("measured", kind="text"),
+                          Column("wanted", kind="text"), Column("verdict", kind="short")))  # fmt: skip
     for verdict in fitness.verdicts:
-        word = "[green]good[/]" if verdict.fit else "[red]not good[/]"
-        verdicts.add_row(verdict.what, verdict.measured, verdict.wanted, word)
-    console.print(verdicts)
-    times = Table(box=None, pad_edge=False)
-    for heading in ("µs", "50 %", "99 %", "99.9 %"):
-        times.add_column(heading, justify="right" if heading != "µs" else "left")
+        verdicts.add_row(verdict.what, verdict.measured, verdict.wanted, "good" if verdict.fit else "NOT GOOD")
+    print_table(console, verdicts)
+    print_text(console)
+    times = TextTable((Column("time", kind="key"), *(Column(share, "µs") for share in ("50 %", "99 %", "99.9 %"))))
     for name in ("lateness", "compute"):
         values = report[f"{name}_us"].values()
         times.add_row(name, *("–" if value is None else f"{value:.0f}" for value in values))
     ahead = report["ahead_us"]
     if ahead:
         times.add_row("simulated device, before", f"{ahead['p50']:.0f}", f"{ahead['p99']:.0f}", "")
-    console.print(times)
+    print_table(console, times)
     scheduler = report["scheduler"]
-    console.print(
-        f"{machine.processor}, {machine.cores} cores{', virtual' if machine.virtual else ''}; kernel {machine.kernel}; "
-        f"scheduler {scheduler.get('policy', 'unknown')}"
+    print_text(
+        console,
+        f"\n{machine.processor}, {machine.cores} cores{', virtual' if machine.virtual else ''}; kernel "
+        f"{machine.kernel}; scheduler {scheduler.get('policy', 'unknown')}"
         f"{', memory locked' if scheduler.get('memory_locked') else ', memory not locked'}"
         f"{', core kept awake' if scheduler.get('awake') else ''}; "
         f"{took.others:.1f} cores busy, {100 * took.stolen:.1f} % stolen by a host, preempted {took.preempted} times",
-        highlight=False,
-        soft_wrap=True,
     )
     if fitness.fit:
-        console.print("[bold green]This computer is fit.[/]")
+        print_text(console, "This computer is fit.", "bold green")
     else:
-        console.print("[bold red]This computer is not fit as it is.[/]")
+        print_text(console, "This computer is not fit as it is.", "bold red")
         for advice in fitness.advice:
-            console.print(f"• {advice}", highlight=False, soft_wrap=True)
+            print_text(console, f"• {advice}", indent="  ")

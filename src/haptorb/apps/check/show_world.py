@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from haptorb.apps.terminal import Column, TextTable, make_console, print_table, print_text
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -17,35 +19,31 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_world", "print_world"]
 
-_WORDS = {"inside": "[bold green]Inside:", "close": "[bold yellow]Close to the edge:", "outside": "[bold red]Outside:"}
+#: verdict → words and colour
+_WORDS = {"inside": ("Inside", "green"), "close": ("Close to the edge", "yellow"), "outside": ("Outside", "red")}
 
 
 def print_world(verdict: WorldVerdict, console: Console | None = None) -> None:
     """Print what the world asks, what the loop stands, and what to do."""
-    from rich.console import Console
-    from rich.table import Table
-
-    console = console or Console()
+    console = console or make_console()
     setting, loop, steep = verdict.setting, verdict.loop, verdict.steep
     unit = f"{verdict.place.force}/{verdict.place.length}"
     tracker = "a pose in every tick" if setting.tracker_rate is None else f"tracker {setting.tracker_rate:g} Hz"
     if setting.bandwidth is not None:
         tracker = f"field sensors, filtered to {setting.bandwidth:g} Hz"
-    console.print(
+    print_text(
+        console,
         f"{verdict.device}, world '{verdict.world}': servo {setting.rate:g} Hz, {tracker}, "
         f"{1e3 * setting.latency:g} ms old; grip {setting.grip} ({setting.hand.mass:g} kg, {setting.hand.damping:g} "
         f"N·s/m, {setting.hand.stiffness:g} N/m)",
-        highlight=False,
-        soft_wrap=True,
     )
-    console.print(
-        f"[dim]a force holds {1e3 * loop.period:.2f} ms and is {1e3 * loop.lateness:.2f} ms late, the current's rise "
-        "included[/]",
-        highlight=False,
+    print_text(
+        console,
+        f"a force holds {1e3 * loop.period:.2f} ms and is {1e3 * loop.lateness:.2f} ms late, the current's rise "
+        "included\n",
+        "dim",
     )
-    table = Table(box=None, pad_edge=False)
-    table.add_column("")
-    table.add_column(f"[{unit}]".replace("[", r"\["), justify="right")
+    table = TextTable((Column("stiffness", kind="text"), Column("", unit)))
     b = verdict.hand.damping
     table.add_row("steepest spring of this world", f"{steep.stiffness:.4g}")
     table.add_row("largest that is stable, this hand: exact", _value(verdict.largest))
@@ -53,20 +51,26 @@ def print_world(verdict: WorldVerdict, console: Console | None = None) -> None:
     table.add_row("passive with any hand, if nothing were late: 2b/T", f"{loop.passive_bound(b):.4g}")
     if steep.away > 0.0:
         table.add_row("pushes away by up to (the tool slips off; no fault)", f"{steep.away:.4g}")
-    console.print(table)
+    print_table(console, table)
+    print_text(console)
     if steep.damping > 0.0:
-        console.print(f"damping of the world: up to {steep.damping:.3g} {verdict.place.force}·s/{verdict.place.length}")
+        damper = f"{verdict.place.force}·s/{verdict.place.length}"
+        print_text(console, f"damping of the world: up to {steep.damping:.3g} {damper}")
     if steep.jump > 0.0:
-        console.print(
+        print_text(
+            console,
             f"It jumps by up to {1e3 * steep.jump:.0f} m{verdict.place.force}: no slope, so no margin there; a hand "
-            "that rests on the edge may feel it chatter."
+            "that rests on the edge may feel it chatter.",
         )
     if not verdict.passive:
-        console.print("Declared active: it can give energy by design, so the run-time passivity control only watches.")
+        print_text(
+            console, "Declared active: it can give energy by design, so the run-time passivity control only watches."
+        )
     margin = "nothing in it can oscillate" if math.isinf(verdict.margin) else _margin(verdict.margin)
-    console.print(f"{_WORDS[verdict.verdict]} {margin}.[/]")
+    words, colour = _WORDS[verdict.verdict]
+    print_text(console, f"{words}: {margin}.", f"bold {colour}")
     for advice in verdict.advice:
-        console.print(f"• {advice}", highlight=False, soft_wrap=True)
+        print_text(console, f"• {advice}", indent="  ")
 
 
 def _margin(margin: float) -> str:

@@ -138,6 +138,8 @@ class WorldVerdict:
             "verdict": self.verdict,
             "margin": _number(self.margin),
             "unit": f"{self.place.force}/{self.place.length}",
+            "force_unit": self.place.force,
+            "damping_unit": f"{self.place.force}·s/{self.place.length}",
             "steepest": self.steep.stiffness,
             "pushes_away": self.steep.away,
             "damping": self.steep.damping,

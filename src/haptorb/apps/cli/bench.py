@@ -31,30 +31,27 @@ def bench(
     import os
 
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from rich.console import Console
-
     if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
         raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
     if store is not None and not store.parent.is_dir():
         raise InputError(f"--store: the folder '{store.parent}' does not exist")
     from haptorb.apps.bench import BENCHMARKS, magnetics, run_benchmarks
+    from haptorb.apps.terminal import make_console, print_json, show_status
 
     if plot is not None:
         if names not in (None, [], ["magnetics"]):
             raise InputError("--plot draws the contest of magnetics: haptorb bench magnetics --plot FILE")
-        with Console(stderr=True).status("magnetics") as status:
+        with show_status("magnetics") as status:
             magnetics(device, 0.5 * effort, lambda text: status.update(text)).plot(plot)
         return
     command = " ".join(["haptorb bench", *(names or []), *([f"--effort {effort:g}"] if effort != 1.0 else [])])
-    with Console(stderr=True).status("compiling") as status:
+    with show_status("compiling") as status:
         found = run_benchmarks(
             names or BENCHMARKS, effort, command, lambda name, what: status.update(f"{name}: {what}")
         )
     if store is not None:
         found.store(store)
     if json:
-        from json import dumps
-
-        print(dumps(found.numbers(), indent=1, ensure_ascii=False))
+        print_json(found.numbers())
     else:
-        found.show(Console())
+        found.show(make_console())

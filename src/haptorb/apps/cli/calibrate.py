@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptorb.apps.terminal import Column, TextTable, make_console, print_json, print_table, say, tell
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
@@ -70,29 +71,30 @@ def calibrate(
         steady()  # a firmware switches off after 15 ms of silence, however busy this computer is
     result = guide_calibration(
         found, through, path, steps=chosen, heat=heat, pace=pace, restart=restart, overwrite=force,
-        guide=Dialog(_say, _ask if asks else lambda step: True, lambda step, seconds: time_bar(step.title, seconds)),
+        guide=Dialog(say, _ask if asks else lambda step: True, lambda step, seconds: time_bar(step.title, seconds)),
     )  # fmt: skip
     if result is None:
         raise typer.Exit(1)
     if json:
-        print(result.text(), end="")
+        from json import loads
+
+        print_json(loads(result.text()))
         return
-    print(f"m_e per ampere [m²], ± standard deviation; rms left {result.residual * 1e6:.1f} µT, "
-          f"condition {result.condition:.1f}, repeatable to {100 * result.repeatability:.2f} %")  # fmt: skip
-    for row, spread in zip(result.moment_per_current, result.uncertainty, strict=True):
-        print("  " + "  ".join(f"{value:+.5f} ± {s:.5f}" for value, s in zip(row, spread, strict=True)))
-    print("coils: " + ", ".join(f"{name} {r:.4f} Ω" for name, r in zip(found.coils.names, result.resistance,
-                                                                      strict=True)))  # fmt: skip
+    columns = (Column("axis", kind="key"), *(Column(f"coil {name}", "m²") for name in found.coils.names))
+    table = TextTable(columns, "Moment per ampere, ± standard deviation")
+    for axis, row, spread in zip("xyz", result.moment_per_current, result.uncertainty, strict=True):
+        table.add_row(axis, *(f"{value:+.5f} ± {s:.5f}" for value, s in zip(row, spread, strict=True)))
+    print_table(make_console(), table)
+    tell(f"rms left {result.residual * 1e6:.1f} µT, condition {result.condition:.1f}, repeatable to "
+         f"{100 * result.repeatability:.2f} %")  # fmt: skip
+    tell("coils: " + ", ".join(f"{name} {r:.4f} Ω" for name, r in zip(found.coils.names, result.resistance,
+                                                                     strict=True)))  # fmt: skip
     if result.heat is not None:
         model, rise = result.heat, found.coils.heat.derate - found.coils.heat.ambient
         hot, half = model.time_to(rise, 240.0), model.time_to(rise, 60.0)
         sustained = rise / (1 / model.winding_to_body + 1 / model.body_to_air)
-        print(f"heat: {sustained:.1f} W for ever, 240 W for {hot:.1f} s, 60 W for {half:.0f} s")
-    print(f"written: {path}{' (of a simulation)' if result.simulated else ''}, id {result.id.hex()}")
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+        tell(f"heat: {sustained:.1f} W continuous, 240 W for {hot:.1f} s, 60 W for {half:.0f} s")
+    tell(f"written: {path}{' (of a simulation)' if result.simulated else ''}, id {result.id.hex()}")
 
 
 def _ask(step: Step) -> bool:

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptorb.apps.terminal import make_progress, print_json
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
-    from haptorb.apps.check import WorldVerdict
+    from haptorb.apps.check import Setting, WorldVerdict
     from haptorb.devices.device import Device
 
 __all__ = ["register"]
@@ -47,7 +48,12 @@ def check(
 ) -> None:
     """Is this computer fit? Or, with --world: is that world inside what your loop can render? Exit code 1 for no."""
     if world is not None:
-        _world(device, world, settings or [], rate, tracker, tracker_rate, latency, grip, plot, json)
+        if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
+            raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
+        from haptorb.devices.loader import load
+
+        found = load(device)
+        _judge(found, world, settings or [], _setting(found, rate, tracker, tracker_rate, latency, grip), plot, json)
         return
     if plot is not None or settings or tracker is not None or tracker_rate is not None or latency:
         raise InputError(
@@ -57,48 +63,43 @@ def check(
 
     result = measure_fitness(duration, rate=rate, device=device, dragging=not alone)
     if json:
-        from json import dumps
-
-        print(dumps(result.numbers(), indent=2))
+        print_json(result.numbers())
     else:
         print_fitness(result)
     if not result.fit:
         raise typer.Exit(1)
 
 
-def _world(
-    device: str, world: str, settings: list[str], rate: float, tracker: str | None, tracker_rate: float | None,
-    latency: float, grip: str, plot: Path | None, json: bool,
-) -> None:  # fmt: skip
+def _setting(
+    device: Device, rate: float, tracker: str | None, tracker_rate: float | None, latency: float, grip: str
+) -> Setting:
     from math import isfinite
 
-    from haptorb import worlds
-    from haptorb.apps.check import Setting, draw_world, judge_world, print_world
-    from haptorb.apps.cli.run import values_of
+    from haptorb.apps.check import Setting
     from haptorb.control.stability.hand_grip import check_grip
-    from haptorb.devices.loader import load
     from haptorb.runtime.realtime.schedule import check_rate
 
     if not (isfinite(latency) and latency >= 0):
         raise InputError(f"--latency must be at least 0 ms; got {latency:g}")
     if tracker_rate is not None and not (isfinite(tracker_rate) and tracker_rate > 0):
         raise InputError(f"--tracker-rate must be above 0 Hz; got {tracker_rate:g}")
-    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
-    found = load(device)
-    setting = Setting(
-        check_rate(rate), tracker_rate, 1e-3 * latency, grip, check_grip(grip), _bandwidth(found, tracker, tracker_rate)
-    )
-    felt = worlds.find_world(world)().replace(**values_of(settings))
-    verdict = judge_world(found, felt, setting, world)
-    if json:
-        from json import dumps
+    bandwidth = _bandwidth(device, tracker, tracker_rate)
+    return Setting(check_rate(rate), tracker_rate, 1e-3 * latency, grip, check_grip(grip), bandwidth)
 
-        print(dumps(verdict.numbers(), indent=2, ensure_ascii=False))
+
+def _judge(device: Device, world: str, settings: list[str], setting: Setting, plot: Path | None, json: bool) -> None:
+    from haptorb import worlds
+    from haptorb.apps.check import draw_world, judge_world, print_world
+    from haptorb.apps.cli.run import values_of
+
+    felt = worlds.find_world(world)().replace(**values_of(settings))
+    verdict = judge_world(device, felt, setting, world)
+    if json:
+        print_json(verdict.numbers())
     else:
         print_world(verdict)
     if plot is not None:
-        draw_world(verdict, plot, _try_hands(found, verdict))
+        draw_world(verdict, plot, _try_hands(device, verdict))
     if not verdict.fit:
         raise typer.Exit(1)
 
@@ -127,17 +128,15 @@ def _try_hands(device: Device, verdict: WorldVerdict) -> list[tuple[float, float
     """(damping, largest stiffness) of the whole simulated chain for a few hands; none where its kind has none."""
     from dataclasses import replace
 
-    from rich.console import Console
-    from rich.progress import track
-
     boundary = device.kind.part("boundary")
     if boundary is None:
         return []
     setting, found = verdict.setting, []
-    for damping in track((0.5, 1.0, 2.0, 5.0, 10.0), "trying springs", console=Console(stderr=True), transient=True):
-        hand = replace(setting.hand, damping=damping)
-        expected = verdict.loop.largest(verdict.place.holding(hand))
-        hall = setting.bandwidth is not None
-        largest = boundary(device, hand, expected, setting.rate, setting.tracker_rate, setting.latency, hall=hall)
-        found.append((damping, largest))
+    with make_progress() as bar:
+        for damping in bar.track((0.5, 1.0, 2.0, 5.0, 10.0), description="trying springs"):
+            hand = replace(setting.hand, damping=damping)
+            expected = verdict.loop.largest(verdict.place.holding(hand))
+            hall = setting.bandwidth is not None
+            largest = boundary(device, hand, expected, setting.rate, setting.tracker_rate, setting.latency, hall=hall)
+            found.append((damping, largest))
     return found

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from haptorb.apps.terminal import make_console, make_progress, print_json
 from haptorb.errors import InputError
 
 __all__ = ["register"]
@@ -32,9 +33,6 @@ def estimators(
     if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
         raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices; a second thread would only wait in a loop
-    from rich.console import Console
-    from rich.progress import Progress
-
     from haptorb.apps.estimators import compare, plot_comparison, print_comparison
     from haptorb.apps.progress import build_tables
     from haptorb.devices.motor.api import motor
@@ -43,16 +41,14 @@ def estimators(
     known = motor(device)
     build_tables(known)
     trained = check_networks(known) if networks is None else read_networks(networks)
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    with make_progress() as bar:
         task = bar.add_task("comparing", total=1.0)
         result = compare(
             known, trained, orientations=orientations, seed=seed, report=lambda done: bar.update(task, completed=done)
         )
     if json:
-        from json import dumps
-
-        print(dumps(result.numbers(), indent=2, ensure_ascii=False))
+        print_json(result.numbers())
     else:
-        print_comparison(result, Console())
+        print_comparison(result, make_console())
     if plot is not None:
         plot_comparison(result, plot)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptorb.apps.terminal import Column, TextTable, make_console, print_json, print_table, say
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def feel(
     kept = FeelSession(session or designs.with_name(f"{designs.stem}-session"), candidates)
     for design in wanted:
         for remark in design.remarks:
-            _say(f"{design.name}: {remark}")
+            say(f"{design.name}: {remark}")
         servo = _servo(device, design, candidates)
         answer = _alone(servo, seconds) if headless else _at_the_console(servo, design, port)
         trace = _trace(servo.recording, design)
@@ -63,7 +63,7 @@ def feel(
         score = scores.get(design.name, _score(answer))
         if score is not None:
             kept.rate(design.name, score, person=person, trace=name)
-        _say(f"{design.title}: felt for {len(trace.rows) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
+        say(f"{design.title}: felt for {len(trace.rows) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
     if choose is not None:
         kept.choose(choose, person=person)
     _compare(candidates, kept, plot, json)
@@ -97,7 +97,7 @@ def _at_the_console(servo: Servo, design: Candidate, port: int) -> str:
         done.set()
 
     with Console(servo, port) as console, servo:
-        _say(f"Open {console.url} in a browser. Ctrl-C ends.")
+        say(f"Open {console.url} in a browser. Ctrl-C ends.")
         Thread(target=ask, daemon=True).start()
         number = console.serve(open_browser=False, until=done.is_set)
         servo.check()
@@ -157,29 +157,21 @@ def _compare(candidates: Candidates, session: FeelSession, plot: Path | None, js
     table = comparison(candidates, session)
     if plot is not None:
         plot_comparison(candidates, plot, session)
-        _say(f"drawn: {plot}")
+        say(f"drawn: {plot}")
     if json:
-        from json import dumps
-
         tidy = {
             name: {key: None if value != value else value for key, value in row.items()} for name, row in table.items()
         }
-        print(dumps(tidy, indent=2, ensure_ascii=False))
+        print_json(tidy)
         return
-    from rich.console import Console
-    from rich.table import Table
-
-    shown = Table(box=None)
-    for column in ("design", "insert N", "pull out N", "strain %", "ratings", "score", ""):
-        shown.add_column(column)
+    shown = TextTable(
+        (Column("design", kind="key"), Column("insert", "N"), Column("pull out", "N"), Column("strain", "%"),
+         Column("ratings"), Column("score", "1 to 7"), Column("choice")),
+    )  # fmt: skip
     for name, row in table.items():
         shown.add_row(
             name, f"{row['insertion_force_n']:.1f}", f"{row['pull_out_force_n']:.1f}",
             f"{1e2 * row['root_strain']:.2f}",
             str(row["ratings"]), f"{row['score']:.1f}" if row["ratings"] else "", "chosen" if row["chosen"] else "",
         )  # fmt: skip
-    Console().print(shown)
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+    print_table(make_console(), shown)

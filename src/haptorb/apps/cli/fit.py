@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from haptorb.apps.terminal import make_console, make_progress, print_json
 from haptorb.errors import InputError
 
 __all__ = ["register"]
@@ -29,21 +30,16 @@ def fit_multipole(
         raise InputError(f"--dipoles must be between 1 and 2000; got {dipoles}")
     if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
         raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
-    from rich.console import Console
-    from rich.progress import Progress
-
     from haptorb.apps.fit import compare
     from haptorb.devices.motor.api import motor
 
     known = motor(device)
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    with make_progress() as bar:
         task = bar.add_task("fitting", total=None)
         made = compare(known, part, dipoles, lambda done, total: bar.update(task, completed=done, total=total))
     if json:
-        from json import dumps
-
-        print(dumps(made.numbers(), indent=2, ensure_ascii=False))
+        print_json(made.numbers())
     else:
-        made.show(Console())
+        made.show(make_console())
     if plot is not None:
         made.plot(plot)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptorb.apps.terminal import print_json, say, tell
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
@@ -66,30 +67,28 @@ def frame(
 
     with opened, doing:
         if preparation.token:
-            _say(f"Whoever sends poses from another computer must say this token first: {preparation.token}")
+            say(f"Whoever sends poses from another computer must say this token first: {preparation.token}")
         feed = feed_of(preparation.spec, preparation.descriptor, lambda: 0.0)
         preparation.descriptor = -1  # the feed's now
         opened.callback(feed.close)
-        result = register_frame(found, feed, ask=ask, say=_say, bar=time_bar, pace=PACE if rehearse else 1.0)
+        result = register_frame(found, feed, ask=ask, say=say, bar=time_bar, pace=PACE if rehearse else 1.0)
     if result is None:
         raise typer.Exit(1)
     written = TrackerFrame.of(result, found, found.tool.tip_distance, tracker, simulated=rehearse)
     write_frame(written, path, overwrite=force)
     if json:
-        print(written.text(), end="")
+        from json import loads
+
+        print_json(loads(written.text()))
         return
     left_out = f"; {result.excluded} left out, the tip was off the dome" if result.excluded else ""
-    print(f"{result.used} touches missed by {1e3 * result.residual:.2f} mm (rms){left_out}; condition "
-          f"{result.condition:.1f}")  # fmt: skip
-    print(f"the tool is known to {1e3 * result.position:.2f} mm and {math.degrees(result.direction):.2f}°; the dome by "
-          f"itself: {1e3 * result.radius:.2f} mm (file: {1e3 * found.dome_radius:g} mm); the axis wobbled "
-          f"{math.degrees(result.wobble):.2f}°")  # fmt: skip
+    tell(f"{result.used} touches missed by {1e3 * result.residual:.2f} mm (rms){left_out}; condition "
+         f"{result.condition:.1f}")  # fmt: skip
+    tell(f"the tool is known to {1e3 * result.position:.2f} mm and {math.degrees(result.direction):.2f}°; the dome by "
+         f"itself: {1e3 * result.radius:.2f} mm (file: {1e3 * found.dome_radius:g} mm); the axis wobbled "
+         f"{math.degrees(result.wobble):.2f}°")  # fmt: skip
     if rehearsal is not None:
         place, turn = measure_miss(result, rehearsal.tracker, found)
-        print(f"the made-up truth is missed by {1e3 * place:.2f} mm (rms) and {math.degrees(turn):.2f}° (greatest)")
-    print(f"written: {path}{' (of a rehearsal)' if rehearse else ''}; use it with: "
-          f"haptorb run {device} --tracker {tracker} --frame {path}")  # fmt: skip
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+        tell(f"the made-up truth is missed by {1e3 * place:.2f} mm (rms) and {math.degrees(turn):.2f}° (greatest)")
+    tell(f"written: {path}{' (of a rehearsal)' if rehearse else ''}; use it with: "
+         f"haptorb run {device} --tracker {tracker} --frame {path}")  # fmt: skip

@@ -7,38 +7,50 @@ from typing import Annotated
 
 import typer
 
+from haptorb.apps.terminal import print_json, say, tell
+from haptorb.apps.terminal.help_text import CommandLine
+
 __all__ = ["register"]
 
-hardware = typer.Typer(help="Bring a real device up: what answers, what it reads, one coil moved gently.")
+hardware = CommandLine(help="Bring a real device up: what answers, what it reads, one coil moved gently.")
 
 DriverOption = Annotated[str, typer.Option("--driver", help="serial:PORT or i2c:BUS, as `probe` says.")]
 DeviceArgument = Annotated[str, typer.Argument(help="A device of the catalogue, or a file.")]
 
+JsonOption = Annotated[bool, typer.Option("--json", help="As JSON.")]
+
 
 def register(app: typer.Typer) -> None:
     """Add the commands to `app`."""
-    app.add_typer(hardware, name="hardware", no_args_is_help=True)
+    app.add_typer(hardware, name="hardware")
 
 
 @hardware.command()
 def probe(
     port: Annotated[list[str] | None, typer.Option("--port", help="Only these serial ports.")] = None,
     bus: Annotated[list[int] | None, typer.Option("--bus", help="Only these I²C buses.")] = None,
+    json: JsonOption = False,
 ) -> None:
     """What is connected, and what answers. Nothing is switched on."""
     from haptorb.apps.hardware.probe import probe as findings
 
     only = bool(port or bus)
     answered = False
+    found = []
     for one in findings(port or ([] if only else None), bus or ([] if only else None)):
         answered |= bool(one.driver)
-        print(f"{one.place}: {'answers' if one.answers else 'no answer'}")
+        found.append({**vars(one), "about": list(one.about)})
+        if json:
+            continue
+        tell(f"{one.place}: {'answers' if one.answers else 'no answer'}")
         for sentence in one.about:
-            print(f"  {sentence}")
+            tell(f"  {sentence}", indent="    ")
         if one.driver:
-            print(f"  use it with --driver {one.driver}")
+            tell(f"  use it with --driver {one.driver}", indent="    ")
+    if json:
+        print_json(found)
     if not answered:
-        print("no device found: check power and cable, or name a port with --port")
+        (say if json else tell)("no device found: check power and cable, or name a port with --port")
         raise typer.Exit(1)
 
 
@@ -48,16 +60,20 @@ def monitor(
     device: DeviceArgument = "omni",
     rate: Annotated[float, typer.Option(help="Lines per second [Hz].")] = 5.0,
     duration: Annotated[float, typer.Option(help="Seconds; without it until interrupted.")] = float("inf"),
+    json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
 ) -> None:
     """Currents, temperatures and fields, live, coils off."""
-    from haptorb.apps.hardware.monitor import line
+    from haptorb.apps.hardware.monitor import line, numbers
     from haptorb.apps.hardware.monitor import monitor as samples
     from haptorb.devices.loader import load
     from haptorb.runtime.drivers.driver_registry import real_driver
 
     through = real_driver(driver, load(device), watchdog=False)  # which nothing needs that switches nothing on
     for sample in samples(through, rate, duration):
-        print(line(sample, through.coil_state), flush=True)
+        if json:
+            print_json(numbers(sample, through.coil_state), line=True)
+        else:
+            tell(line(sample, through.coil_state), indent="            ")
 
 
 @hardware.command()
@@ -71,6 +87,7 @@ def jog(
     no_watchdog: Annotated[
         bool, typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; nobody may touch it.")
     ] = False,
+    json: JsonOption = False,
 ) -> None:
     """Move one coil gently and say whether its current fits. Keep the tool away from the dome."""
     from haptorb.apps.hardware.jog import GENTLE_DUTY
@@ -88,11 +105,18 @@ def jog(
     try:
         seen = moved(it, through, coil, duty, seconds, current)
     finally:
-        print(f"coils: {state_words(through.coil_state)}")
+        (say if json else tell)(f"coils: {state_words(through.coil_state)}")
+    if json:
+        print_json({"coil": seen.coil, "duty": seen.duty, "currents_a": list(seen.currents),
+                    "resistance_ohm": seen.resistance if seen.resistance == seen.resistance else None,
+                    "verdict": list(seen.verdict), "coil_state": through.coil_state.name.lower()})  # fmt: skip
+        if seen.verdict:
+            raise typer.Exit(1)
+        return
     told = ", ".join(f"{name} {one:+.3f} A" for name, one in zip(it.coils.names, seen.currents, strict=True))
-    print(f"coil {seen.coil}: duty {seen.duty:+.4f}, currents {told}, resistance {seen.resistance:.3f} Ω")
+    tell(f"coil {seen.coil}: duty {seen.duty:+.4f}, currents {told}, resistance {seen.resistance:.3f} Ω")
     for sentence in seen.verdict:
-        print(f"  {sentence}")
+        tell(f"  {sentence}", indent="    ")
     if seen.verdict:
         raise typer.Exit(1)
 
@@ -113,5 +137,5 @@ def emulate(
     from haptorb.apps.hardware.emulate import emulate as run
     from haptorb.devices.loader import load
 
-    print(f"an emulated device is coming up: use it with --driver serial:{port}. Ctrl-C ends.", flush=True)
+    tell(f"an emulated device is coming up: use it with --driver serial:{port}. Ctrl-C ends.")
     run(load(device), build, port, board, duration, height=None if height is None else 1e-3 * height)

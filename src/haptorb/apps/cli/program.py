@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import sys
 
-import typer
-
 from haptorb.apps.cli import (
     bench,
     calibrate,
@@ -24,16 +22,16 @@ from haptorb.apps.cli import (
     study,
     train,
 )
+from haptorb.apps.terminal import say
+from haptorb.apps.terminal.help_text import CommandLine
+from haptorb.apps.terminal.spelling import use_ascii_fallback
 from haptorb.errors import HaptorbError
 
 __all__ = ["app", "main"]
 
-app = typer.Typer(
+app = CommandLine(
     name="haptorb",
     help="Design, simulate and run spherical electromagnetic haptic devices.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 for module in (run, show, check, study, calibrate, frame, fit, train, estimators, bench, hardware, reproduce, feel):
@@ -42,10 +40,11 @@ for module in (run, show, check, study, calibrate, frame, fit, train, estimators
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; a user's mistake is one message, never a traceback."""
+    use_ascii_fallback()
     try:
         app(args=arguments)
     except HaptorbError as mistake:
-        print(f"haptorb: {mistake}", file=sys.stderr)
+        say(f"haptorb: {mistake}")
         return 2
     except KeyboardInterrupt:
         return 130

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptorb.apps.terminal import Column, TextTable, make_console, make_progress, print_json, print_table, tell
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def reproduce(
         part.write_text(text, encoding="utf-8")
         part.replace(path)
     if json:
-        print(numbers)
+        print_json([item.numbers() for item in every])
     else:
         _show(made, paths)
     if any(item.verdict == "differs" for item in every):
@@ -77,16 +78,12 @@ def _choose(
 
 
 def _make(chosen: tuple[Reproduction, ...]) -> list[ReproductionResult]:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
     from haptorb.apps.reproduce import ReproductionResult
 
     # The slow ones take about as long as thirty others each; so the bar moves evenly.
     weights = [30.0 if one.slow else 1.0 for one in chosen]
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     made = []
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with make_progress() as bar:
         task = bar.add_task("", total=sum(weights))
         for n, one in enumerate(chosen):
             bar.update(task, description=f"{one.paper}, {one.name}", completed=sum(weights[:n]))
@@ -99,22 +96,17 @@ def _make(chosen: tuple[Reproduction, ...]) -> list[ReproductionResult]:
 
 
 def _show(made: list[ReproductionResult], paths: list[Path]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
     from haptorb.apps.reproduce import summary
 
-    table = Table(box=None)
-    for column in ("", "published", "here", "", "verdict"):
-        table.add_column(column)
+    table = TextTable((Column("statement", kind="text"), Column("published"), Column("here"),
+                       Column("unit", kind="short"), Column("verdict", kind="note")))  # fmt: skip
     for item in (item for one in made for item in one.items):
         numbers = ["" if value is None else f"{value:.5g}" for value in (item.published, item.computed)]
         if item.implied:  # no number in print
             numbers[0] = f"({numbers[0]})"
-        table.add_row(f"{item.where}: {item.what}", *numbers, item.unit, item.verdict)
-    console = Console()
-    console.print(table)
+        table.add_row(f"{item.where}: {item.what}", *numbers, "" if item.unit == "1" else item.unit, item.verdict)
+    print_table(make_console(), table)
     counts = summary(item for one in made for item in one.items)
-    console.print(", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
+    tell("\n" + ", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
     for path in paths:
-        console.print(f"written: {path}", highlight=False)
+        tell(f"written: {path}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from haptorb.apps.terminal import print_json, say
 from haptorb.errors import InputError, quote
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def run(
                 else _with_console(servo, standby, duration, port, browser, json)
             )
             for file in servo.trip_files:
-                _say(f"the last ticks before that trip: {file}")
+                say(f"the last ticks before that trip: {file}")
         except _Terminated:  # while it was still starting
             number = int(signal.SIGTERM)
         finally:
@@ -118,7 +118,7 @@ def run(
 def _alone(servo: Servo, standby: PrestartedProcess, duration: float | None, json: bool) -> int:
     with _open_servo(servo, standby):
         if not json:
-            _say(f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_nature(servo)}. Ctrl-C ends.")
+            say(f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_nature(servo)}. Ctrl-C ends.")
         try:
             servo.run(duration if duration is not None else 1e9)
             number = 0
@@ -138,7 +138,7 @@ def _with_console(
     from haptorb.apps.console import Console
 
     with Console(servo, port) as console, _open_servo(servo, standby):
-        _say(f"Open {console.url} in a browser: {servo.device.name}, {_nature(servo)}. Ctrl-C ends.")
+        say(f"Open {console.url} in a browser: {servo.device.name}, {_nature(servo)}. Ctrl-C ends.")
         end = float("inf") if duration is None else monotonic() + duration
         number = console.serve(open_browser=browser, until=lambda: monotonic() > end)
         servo.check()  # a servo that died says why, and the exit code says that it did
@@ -149,7 +149,7 @@ def _with_console(
 @contextmanager
 def _open_servo(servo: Servo, standby: PrestartedProcess) -> Iterator[None]:
     """`servo` running, and closed on the way out; people are told why when the start takes long."""
-    hint = Timer(3.0, _say, ["Starting ... The first start after an installation compiles for about half a minute."])
+    hint = Timer(3.0, say, ["Starting ... The first start after an installation compiles for about half a minute."])
     hint.daemon = True
     hint.start()
     try:
@@ -158,34 +158,28 @@ def _open_servo(servo: Servo, standby: PrestartedProcess) -> Iterator[None]:
         hint.cancel()
     try:
         if servo.warning:
-            _say(f"Warning: {servo.warning}")
+            say(f"Warning: {servo.warning}")
         if servo.tracker_token:
-            _say(f"Whoever sends poses from another computer must say this token first: {servo.tracker_token}")
+            say(f"Whoever sends poses from another computer must say this token first: {servo.tracker_token}")
         yield
     finally:
         servo.close()
         if servo.report()["coil_state"] == "unknown":
-            _say("COIL STATE UNKNOWN: the device did not confirm that its coils are off. Switch its supply off.")
+            say("COIL STATE UNKNOWN: the device did not confirm that its coils are off. Switch its supply off.")
 
 
 def _nature(servo: Servo) -> str:
     return "SIMULATED" if servo.driver == "sim" else f"driver {servo.driver}"
 
 
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
-
-
 def _report(servo: Servo, json: bool) -> None:
     report: dict[str, Any] = servo.report()
     if json:
-        from json import dumps
-
-        print(dumps(report, ensure_ascii=False))
+        print_json(report, line=True)
         return
     rate, late = report["success_rate"], report["lateness_us"]["p99"]
     if rate is not None and late is not None:
-        _say(
+        say(
             f"{report['ticks']} ticks, {100 * rate:.2f} % in time, p99 lateness {late:.0f} µs, "
             + (
                 f"peak torque {report['peak_torque_nm']:.2f} N·m"
@@ -194,9 +188,9 @@ def _report(servo: Servo, json: bool) -> None:
             )
         )
     if "rate_hz" in (poses := report["tracking"]):
-        _say(_describe_tracking(servo.tracker, poses))
+        say(_describe_tracking(servo.tracker, poses))
     for trip in report["trips"]:
-        _say(f"tripped at {trip['t']:.2f} s: {trip['reason']}")
+        say(f"tripped at {trip['t']:.2f} s: {trip['reason']}")
 
 
 def _describe_tracking(name: str, poses: dict[str, Any]) -> str:

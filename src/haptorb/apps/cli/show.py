@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from haptorb.apps.terminal import Column, TextTable, make_console, print_facts, print_json, print_table, print_text
 from haptorb.errors import InputError
 
 __all__ = ["register"]
@@ -37,32 +38,27 @@ def worlds(
     if name is None:
         _list({key: (world.__doc__ or "").splitlines()[0] for key, world in CATALOGUE.items()}, json)
         return
-    from rich.console import Console
-    from rich.table import Table
-
     known = parameters(find_world(name)).values()
     if json:
-        from json import dumps
-
         fields = ("name", "unit", "low", "high", "default", "about")
-        print(dumps([{field: getattr(item, field) for field in fields} for item in known], indent=2))
+        print_json([{field: getattr(item, field) for field in fields} for item in known])
         return
-    console = Console()
+    console = make_console()
     world = find_world(name)
-    console.print(f"[bold]{name}[/]: {(world.__doc__ or '').splitlines()[0]}")
-    console.print(f"[dim]{_nature(world.passive, world.continuous)}[/]")
+    print_text(console, f"{name}: {(world.__doc__ or '').splitlines()[0]}", "bold")
+    print_text(console, _nature(world.passive, world.continuous), "dim")
     if not known:
         return
-    table = Table(box=None)
-    for column in ("parameter", "default", "range", ""):
-        table.add_column(column)
+    print_text(console)
+    table = TextTable((Column("parameter", kind="key"), Column("default", kind="short"), Column("range", kind="short"),
+                       Column("meaning", kind="text")))  # fmt: skip
     for item in known:
         default = item.default if isinstance(item.default, tuple) else (item.default,)
-        unit = f" {item.unit}" if item.unit else ""
+        unit = f" {item.unit}" if item.unit != "1" else ""
         table.add_row(
             item.name, ", ".join(f"{x:g}" for x in default) + unit, f"{item.low:g} … {item.high:g}{unit}", item.about
         )
-    console.print(table)
+    print_table(console, table)
 
 
 def _nature(passive: bool, continuous: bool) -> str:
@@ -78,14 +74,11 @@ def inspect(
     override: Annotated[bool, typer.Option("--override", help="Study a device that validation refuses.")] = False,
 ) -> None:
     """The capability card of a device: what it can do, sense and endure, and what its models get wrong."""
-    from rich.console import Console
-
     from haptorb.devices.loader import load
 
     found = load(device, override=override)
     if assumed:
-        for key, reason in found.assumed.items():
-            print(f"{key}: {reason}")
+        _list(dict(found.assumed), json)
         return
     if plot is not None and plot.suffix not in (".png", ".svg"):
         raise InputError(f"--plot must name a .png or .svg file; got '{plot}'")
@@ -97,21 +90,15 @@ def inspect(
     build_tables(found)
     made = card(found)
     if json:
-        from json import dumps
-
-        print(dumps(made.numbers(), indent=2, ensure_ascii=False))
+        print_json(made.numbers())
     else:
-        made.show(Console())
+        made.show(make_console())
     if plot is not None:
         made.plot(plot)
 
 
 def _list(lines: dict[str, str], json: bool) -> None:
     if json:
-        from json import dumps
-
-        print(dumps(lines, indent=2, ensure_ascii=False))
-        return
-    width = max(map(len, lines), default=0)
-    for name, text in lines.items():
-        print(f"{name:<{width}}  {text}")
+        print_json(lines)
+    else:
+        print_facts(make_console(), lines.items())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from shlex import join
@@ -10,18 +9,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from haptorb.apps.terminal import Column, TextTable, make_console, make_progress, print_json, print_table, say, tell
+from haptorb.apps.terminal.help_text import CommandLine
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
     from sqlalchemy.engine import Engine
 
     from haptorb.apps.study.model.study_file import Study
-    from haptorb.apps.study.session.streams import Streams
+    from haptorb.apps.study.pages.session_manager import SessionManager
     from haptorb.runtime.servo.servo import Servo
 
 __all__ = ["register"]
 
-study = typer.Typer(help="Perceptual studies: run one, rehearse it, analyse and export what was answered.")
+study = CommandLine(help="Perceptual studies: run one, rehearse it, analyse and export what was answered.")
 
 FileArgument = Annotated[Path, typer.Argument(help="The study file (TOML).")]
 DatabaseArgument = Annotated[str, typer.Argument(help="The study's database: a file, or postgresql://host/name.")]
@@ -31,16 +32,25 @@ NameOption = Annotated[str | None, typer.Option("--study", help="Which, where th
 
 def register(app: typer.Typer) -> None:
     """Add the commands to `app`."""
-    app.add_typer(study, name="study", no_args_is_help=True)
+    app.add_typer(study, name="study")
 
 
 @study.command()
-def check(file: FileArgument) -> None:
+def check(file: FileArgument, json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
     """Is the study file right; how long will it take, do the coils stay cool, do maps overlap?"""
     from haptorb.apps.study.model.study_file import read_study
 
     known = read_study(file)
-    print(f"{known.name}: {known.procedure} on '{known.device}', {len(known.points)} set-points")
+    if json:
+        from haptorb.apps.study.simulated.forecast import forecast, overlap
+
+        told, reach = forecast(known), overlap(known)
+        about = {"study": known.name, "procedure": known.procedure, "device": known.device}
+        print_json({**about, "set_points": len(known.points), **told.numbers(), "overlap": reach and reach.numbers()})
+        if not told.holds:
+            raise typer.Exit(1)
+        return
+    tell(f"{known.name}: {known.procedure} on '{known.device}', {len(known.points)} set-points")
     if not _print_forecast(known):
         raise typer.Exit(1)
 
@@ -97,7 +107,12 @@ def run(
         again = join(["haptorb", "study", "run", str(file), "--terminal", "-p", str(participant), "--db", db, *more])
         _at_terminal(known, engine, str(participant), start, db, again, record)
     else:
-        _in_browser(known, engine, participant, start, db, driver, record, streams, port)
+        from haptorb.apps.study.pages.session_manager import SessionManager
+
+        def beside(session: int) -> Path | None:
+            return _beside(db, session) if record else None
+
+        _in_browser(SessionManager(engine, known, start, beside, streams), known, participant, db, driver, port)
 
 
 def _at_terminal(
@@ -108,37 +123,32 @@ def _at_terminal(
 
     with StoredSession(engine, known, participant, simulated=False) as sitting:
         if sitting.resumed:
-            _say(f"resuming session {sitting.id} of {participant} at trial {sitting.number + 1}")
+            say(f"resuming session {sitting.id} of {participant} at trial {sitting.number + 1}")
         if sitting.over:
             raise InputError(f"participant '{participant}' has answered everything already")
         from haptorb.apps.study.session.terminal import hold
 
         how = hold(sitting, start, _beside(db, sitting.id) if record else None)
     words = {"done": "done: thank you", "aborted": "aborted: what was answered is kept"}
-    _say(words.get(how, f"left: `{again}` resumes at trial {sitting.number + 1}"))
+    say(words.get(how, f"left: `{again}` resumes at trial {sitting.number + 1}"))
 
 
 def _in_browser(
-    known: Study, engine: Engine, participant: str | None, start: Callable[[Path | None], Servo], db: str, driver: str,
-    record: bool, streams: Streams | None, port: int,
-) -> None:  # fmt: skip
+    sessions: SessionManager, known: Study, participant: str | None, db: str, driver: str, port: int
+) -> None:
     from haptorb.apps.study.pages.server import StudyServer
-    from haptorb.apps.study.pages.session_manager import SessionManager
     from haptorb.apps.study.simulated.forecast import forecast
     from haptorb.apps.study.store.database import mask_password
 
-    reception = SessionManager(
-        engine, known, start, (lambda session: _beside(db, session)) if record else (lambda session: None), streams
-    )
     more = {"database": mask_password(db), "foretold": forecast(known).sentence, "code": participant or ""}
-    with StudyServer(reception, port, simulated=driver == "sim", more=more) as host:
+    with StudyServer(sessions, port, simulated=driver == "sim", more=more) as host:
         nature = "SIMULATED DEVICE" if driver == "sim" else f"driver {driver}"
-        _say(f"participant:  {host.participant}\nexperimenter: {host.experimenter}\n{nature}. Ctrl-C ends.")
+        say(f"participant:  {host.participant}\nexperimenter: {host.experimenter}\n{nature}. Ctrl-C ends.")
         if participant is not None:
-            reception.ask({"do": "begin", "code": participant}, _say)
+            sessions.ask({"do": "begin", "code": participant}, say)
         number = host.serve()
     if number:
-        _say("ended: a session that was running can be resumed with the same command")
+        say("ended: a session that was running can be resumed with the same command")
 
 
 @study.command()
@@ -150,21 +160,18 @@ def simulate(
     seed: Annotated[int, typer.Option(help="Of the participants' senses and hands.")] = 0,
 ) -> None:
     """Let SIMULATED participants sit the study: a rehearsal, or how many people it needs. No evidence about people."""
-    from rich.console import Console
-    from rich.progress import Progress
-
     from haptorb.apps.study.model.study_file import read_study
     from haptorb.apps.study.simulated.rehearsal import rehearse
     from haptorb.apps.study.store.database import database
 
     known = read_study(file)
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    with make_progress() as bar:
         task = bar.add_task("SIMULATED trials", total=None)
         answered = rehearse(
             database(db), known, participants, seed=seed, first=first,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )  # fmt: skip
-    print(f"{answered} SIMULATED trials in {db}; `haptorb study analyse {db}` shows them")
+    tell(f"{answered} SIMULATED trials in {db}; `haptorb study analyse {db}` shows them")
 
 
 @study.command()
@@ -184,33 +191,25 @@ def power(
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
     """How many participants see a difference between two conditions? Foretold with SIMULATED ones."""
-    from rich.console import Console
-    from rich.progress import Progress
-    from rich.table import Table
-
     from haptorb.apps.study.model.study_file import read_study
     from haptorb.apps.study.simulated.power import PEOPLE
     from haptorb.apps.study.simulated.power import power as foretold
 
     known = read_study(file)
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    with make_progress() as bar:
         task = bar.add_task("SIMULATED participants", total=None)
         found = foretold(
             known, between, measure, pool=pool, people=people or PEOPLE, alpha=alpha, wanted=wanted, seed=seed,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )  # fmt: skip
     if json:
-        from json import dumps
-
-        print(dumps(found.numbers(), indent=2, ensure_ascii=False))
+        print_json(found.numbers())
         return
-    table = Table(box=None)
-    for column in ("participants", "power", "95 %"):
-        table.add_column(column, justify="right")
+    table = TextTable((Column("participants"), Column("power"), Column("95 %")))
     for n, share, low, high in zip(found.people, found.power, found.low, found.high, strict=True):
         table.add_row(str(n), f"{share:.2f}", f"{low:.2f} to {high:.2f}")
-    Console().print(table)
-    print(found.sentence)
+    print_table(make_console(), table)
+    tell(found.sentence)
 
 
 @study.command()
@@ -228,16 +227,14 @@ def analyse(
         raise InputError(f"--figures must be svg or png; got '{figures}'")
     done = analysis_of(db, name)
     if json:
-        from json import dumps
-
-        print(dumps(done.numbers(), indent=2, ensure_ascii=False))
+        print_json(done.numbers())
         return
     from haptorb.apps.study.analysis.report import write_report
     from haptorb.apps.study.analysis.summary import print_summary
 
-    print_summary(done)
+    print_summary(done, make_console())
     path = write_report(done, out or Path(f"{done.study.name}-report"), kind=figures)
-    print(f"report: {path}")
+    tell(f"report: {path}")
 
 
 @study.command()
@@ -260,12 +257,12 @@ def export(
         write[path.suffix](columns, path, overwrite=force)
         if replies:
             words = out.write_replies(known, replies, path.with_name(f"{path.stem}-questions.csv"), overwrite=force)
-            print(f"answers to questions: {words}")
+            tell(f"answers to questions: {words}")
     elif path.suffix:
         raise InputError(f"export to NAME.csv, NAME.parquet or a folder; got '{path}'")
     else:
         out.write_bids(known, columns, path, overwrite=force, replies=replies)
-    print(f"{len(columns['trial'])} trials: {path}")
+    tell(f"{len(columns['trial'])} trials: {path}")
 
 
 def _print_forecast(known: Study) -> bool:
@@ -273,10 +270,10 @@ def _print_forecast(known: Study) -> bool:
     from haptorb.apps.study.simulated.forecast import forecast, overlap
 
     told = forecast(known)
-    _say(("" if told.holds else "warning: ") + told.sentence)
+    say(("" if told.holds else "warning: ") + told.sentence)
     reach = overlap(known)
     if reach is not None:
-        _say("note: " + reach.sentence)
+        say("note: " + reach.sentence)
     return told.holds
 
 
@@ -288,7 +285,3 @@ def _beside(db: str, session: int) -> Path:
     folder = Path(url.removeprefix("sqlite:///")).parent if url.startswith("sqlite:///") else Path()
     number = 1 + len(list(folder.glob(f"session-{session}-*.mcap")))
     return folder / f"session-{session}-{number}.mcap"
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

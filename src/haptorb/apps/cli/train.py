@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from haptorb.apps.terminal import make_console, make_progress, print_json
+
 __all__ = ["register"]
 
 
@@ -30,16 +32,12 @@ def train(
     # Matrices this small gain nothing from a second thread, which on a busy machine spends its time waiting in a loop;
     # the library looks when it is loaded, which is below.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
     from haptorb.apps.progress import build_tables
     from haptorb.apps.train import train_networks
     from haptorb.devices.motor.api import motor
 
     build_tables(motor(device))
-    columns = (TextColumn("training"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with make_progress() as bar:
         task = bar.add_task("training", total=1.0)
         result = train_networks(
             device,
@@ -52,8 +50,6 @@ def train(
             report=lambda done: bar.update(task, completed=done),
         )
     if json:
-        from json import dumps
-
-        print(dumps(result.numbers(), indent=2, ensure_ascii=False))
+        print_json(result.numbers())
     else:
-        result.show(Console())
+        result.show(make_console())

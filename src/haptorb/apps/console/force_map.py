@@ -18,7 +18,8 @@ __all__ = ["FeltMap", "Flags", "ForceMapWorker"]
 #: shape (n,)
 Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
-#: (name and values of the world, model that is inverted, points (n, 3) [m]) → radial force (n,) [N] and whether the device is at its limit
+#: (name and values of the world, model that is inverted, points (n, 3) [m]) → radial force (n,) [N] and whether the
+#: device is at its limit
 FeltMap = Callable[[str, Mapping[str, Any], str, Array], tuple[Array, Flags]]
 
 
@@ -47,7 +48,10 @@ class ForceMapWorker:
         painted: Callable[[], None],
         failed: Callable[[str], None],
     ) -> None:
-        """Paint this world next, as the controller gives it that inverts `model`; `painted` or `failed` is called in the event loop when that is done."""
+        """Paint this world next, as a controller gives it that inverts `model`.
+
+        `painted` or `failed` is called in the event loop when that is done.
+        """
         self._wanted = (name, values, model, version)
         if self._task is None or self._task.done():
             self._task = asyncio.get_running_loop().create_task(self._paint(painted, failed))

@@ -27,7 +27,8 @@ _PATIENCE = 1.0  #: for the process to end by itself [s]
 
 @final
 class ForceMapProcess:
-    """Call it like a function: (name and values of a world, model, points (n, 3) [m]) → radial force (n,) [N], saturated (n,).
+    """Call it like a function: (name and values of a world, model, points (n, 3) [m]) → radial force (n,) [N] and
+    saturated (n,).
 
     Started by `start` or the first call, and again if it died; a call blocks until the answer is there.
     """

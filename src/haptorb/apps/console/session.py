@@ -102,7 +102,12 @@ def world_now(servo: RunningServo) -> dict[str, Any]:
     """Name and values of the world that is felt now, the model that is inverted, and what there is to draw of it."""
     name, values = servo.world
     plain = {key: _plain(value) for key, value in values.items()}
-    return {"name": name, "values": plain, "model": servo.model, "scene": target_scene(name, values) if servo.modes else None}
+    return {
+        "name": name,
+        "values": plain,
+        "model": servo.model,
+        "scene": target_scene(name, values) if servo.modes else None,
+    }
 
 
 def _plain(value: Any) -> Any:

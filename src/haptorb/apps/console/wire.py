@@ -110,16 +110,14 @@ def pointer(message: bytes) -> Pointer:
     """The pointer in `message`; InputError if it is not one, not finite, or out of reach."""
     if len(message) != _POINTER.size:
         raise InputError(f"a pointer message has {_POINTER.size} bytes; got {len(message)}")
-    numbers = _POINTER.unpack(message)
-    p = np.array(numbers[1:4])
-    if not math.hypot(*numbers[1:4]) <= REACH:
+    stamp, x, y, z, *turned, held = _POINTER.unpack(message)
+    p, q = np.array((x, y, z)), np.array(turned)
+    if not math.hypot(x, y, z) <= REACH:
         raise InputError(f"a pointer's position must be finite and within {REACH:g} m; got {p.tolist()}")
-    stamp = numbers[0]
     if math.isinf(stamp):
         raise InputError("a pointer's time stamp must be finite, or NaN for none")
-    q = np.array(numbers[4:8])
     if np.isnan(q).all():
-        return Pointer(stamp, p, None, numbers[8] == 1.0)
-    if not abs(math.hypot(*numbers[4:8]) - 1) <= 1e-3:
-        raise InputError(f"a pointer's orientation must be a unit quaternion; got {list(numbers[4:8])}")
-    return Pointer(stamp, p, q, numbers[8] == 1.0)
+        return Pointer(stamp, p, None, held == 1.0)
+    if not abs(math.hypot(*turned) - 1) <= 1e-3:
+        raise InputError(f"a pointer's orientation must be a unit quaternion; got {turned}")
+    return Pointer(stamp, p, q, held == 1.0)

@@ -20,6 +20,14 @@ from haptorb.sensing.torque_maps.network import TrainedNetworks
 
 __all__ = ["TORQUE_JND", "CoilTrace", "EstimatorComparison", "EstimatorRow", "compare"]
 
+#: field of a row → its key with the unit; shares have none
+_KEYS = {
+    "worst": "worst_nm_per_a",
+    "torque": "torque_error_nm",
+    "jnd": "torque_error_jnd",
+    "orientation": "orientation_deg",
+}
+
 TORQUE_JND = 0.127  #: just noticeable difference of a torque of 60 mN·m, relative
 ASKED = 0.06  #: torque that is asked of the motor [N·m]
 _ELSEWHERE = 1.0  #: a pause after which an estimator must find the rotor anew [s]
@@ -83,7 +91,7 @@ class EstimatorComparison:
         return {
             "device": self.device,
             "electromagnet": self.coil,
-            "rows": [{name: plain(value) for name, value in vars(row).items()} for row in self.rows],
+            "rows": [{_KEYS.get(name, name): plain(value) for name, value in vars(row).items()} for row in self.rows],
             "latency_us": self.latency,
             "figure_4": {
                 "t_s": self.course.t.tolist(),

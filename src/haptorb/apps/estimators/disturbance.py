@@ -9,7 +9,7 @@ import numpy as np
 from haptorb.devices.motor.handle import HallQuality
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.numerics.arrays import Array
-from haptorb.simulation.motor.hall import FAILURES, HallFaults, halls, read_halls
+from haptorb.simulation.motor.hall import FAILURES, draw_halls, greatest_reading, read_halls
 from haptorb.simulation.parts.noise import seed_noise
 
 __all__ = ["NOISES", "Disturbance", "disturbances"]
@@ -30,7 +30,7 @@ class Disturbance:
     def readings(self, motor: SphericalMotor, R: Array, seed: int = 0) -> Array:
         """(n, k, 3) [T], stator frame: what the sensors of `motor` say at R (n, 3, 3), no currents flowing."""
         ideal = self.noise is not None
-        array = halls(
+        halls = draw_halls(
             motor.sensor_layout.frames,
             HallQuality(self.gain, self.offset, self.gain),
             motor.hall.noise if self.noise is None else self.noise,
@@ -38,14 +38,13 @@ class Disturbance:
             seed,
         )
         if ideal:
-            array = array._replace(reach=32767 * motor.hall.step if motor.hall.step > 0 else np.inf)
-        faults = HallFaults(np.zeros(motor.sensors), np.zeros((motor.sensors, 3)))
+            halls["reach"] = greatest_reading(motor.hall.step)
         if self.failed:
-            faults.kind[self.failed - 1] = FAILURES[self.failure]
+            halls["failure"][self.failed - 1] = FAILURES[self.failure]
         noise = seed_noise(seed)
         field = self.strength * motor.sensor_field(R, "table")
         for reading in field:
-            read_halls(array, faults, noise, reading)
+            read_halls(halls, noise, reading)
         return field
 
 

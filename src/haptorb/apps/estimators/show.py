@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 
 from haptorb.apps.estimators.comparison import EstimatorComparison, EstimatorRow
+from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 
 __all__ = ["plot_comparison", "print_comparison"]
 
@@ -21,23 +20,27 @@ INK = "#1a1a1a"
 
 def print_comparison(comparison: EstimatorComparison, console: Console) -> None:
     """Print the tables."""
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1))
-    for heading in (
-        "readings", "estimator", "Fig. 4\n[%]", "workspace\n[%]", "worst\n[mN·m/A]", "torque error\n[mN·m]",
-        "\n[JND]", "orientation\n[°]", "refused\n[%]",
-    ):  # fmt: skip
-        table.add_column(heading, justify="left" if heading in ("readings", "estimator") else "right")
+    table = TextTable(
+        (
+            Column("readings", kind="key"), Column("estimator", kind="key"), Column("NRMSE, Fig. 4", "%"),
+            Column("NRMSE, workspace", "%"), Column("worst", "mN·m/A"), Column("torque error", "mN·m"),
+            Column("torque error", "JND"), Column("orientation error", "°"), Column("refused", "%"),
+        ),
+        f"K of electromagnet {comparison.coil} of '{comparison.device}', and what follows from it",
+    )  # fmt: skip
     for disturbance in comparison.disturbances:
         for number, estimator in enumerate(comparison.estimators):
             row = comparison.row(estimator, disturbance)
-            table.add_row("" if number else disturbance, estimator, *_cells(row), end_section=number == 2)
-    console.print(f"K of electromagnet {comparison.coil} of '{comparison.device}': NRMSE, and what follows from it")
-    console.print(table)
-    console.print(
-        "Torque error: rms of what is delivered when 60 mN·m are asked; JND: its 95th percentile over 12.7 %."
+            table.add_row("" if number else disturbance, estimator, *_cells(row))
+        table.end_section()
+    print_table(console, table)
+    print_text(
+        console,
+        "\nNRMSE: rms error over rms. Torque error: rms of what is delivered when 60 mN·m are "
+        "asked; JND: its 95th percentile over 12.7 %, the just-noticeable difference.",
     )
     for name, times in comparison.latency.items():
-        console.print(f"one update of {name}: median {times['median']:.0f} µs, 95 % within {times['p95']:.0f} µs")
+        print_text(console, f"one update of {name}: median {times['median']:.0f} µs, 95 % within {times['p95']:.0f} µs")
 
 
 def _cells(row: EstimatorRow) -> tuple[str, ...]:

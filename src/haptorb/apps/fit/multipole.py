@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 
+from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import UnknownName
 from haptorb.physics.multipole_fit import MultipoleFit, fit_multipole, residual, shell_region
@@ -57,10 +56,14 @@ class FitComparison:
 
     def show(self, console: Console) -> None:
         """Print it for people."""
-        console.print(f"[bold]{self.part} of {self.device}[/] {self.body!r}")
-        table = Table(box=SIMPLE_HEAD)
-        for heading in ("model", "loops k", "per loop n", "dipoles", "l̄/l", "rms error", "greatest error"):
-            table.add_column(heading, justify="right")
+        print_text(console, f"{self.part} of {self.device}", "bold")
+        print_text(console, repr(self.body))
+        table = TextTable(
+            (
+                Column("model", kind="key"), Column("loops k"), Column("per loop n"), Column("dipoles"),
+                Column("pole distance over length l̄/l"), Column("rms error", "%"), Column("greatest error", "%"),
+            )
+        )  # fmt: skip
         rows = [("fitted", self.fitted)]
         if self.published is not None:
             rows.append(("in the file", self.published))
@@ -72,11 +75,12 @@ class FitComparison:
                 str(model.per_loop),
                 str(model.dipoles),
                 f"{model.pole_distance / self.body.length:.3f}",
-                f"{100 * fit.rms:.3f} %",
-                f"{100 * fit.greatest:.3f} %",
+                f"{100 * fit.rms:.3f}",
+                f"{100 * fit.greatest:.3f}",
             )
-        console.print(table)
-        console.print(self.toml(), markup=False, highlight=False)
+        print_table(console, table)
+        print_text(console)
+        print_text(console, self.toml())
 
     def plot(self, path: Path) -> None:
         """Draw the field along the axis and across the gap into the PNG or SVG file at `path`."""

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from time import monotonic, sleep
+from typing import Any
 
 import numpy as np
 
 from haptorb.control.protection.trip import CoilState
 from haptorb.errors import InputError
+from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.sensing.sample import Sample
 
-__all__ = ["line", "monitor", "state_words"]
+__all__ = ["line", "monitor", "numbers", "state_words"]
 
 _STATES = {
     CoilState.OFF: "off",
@@ -64,6 +66,18 @@ def state_words(state: CoilState) -> str:
     ('off', 'COIL STATE UNKNOWN: switch the supply off')
     """
     return _STATES[state]
+
+
+def numbers(sample: Sample, state: CoilState = CoilState.OFF) -> dict[str, Any]:
+    """The same as plain JSON types; what a sensor did not tell is null."""
+
+    def plain(values: Array) -> list[Any]:
+        return [float(one) if np.isfinite(one) else None for one in values]
+
+    return {
+        "t_s": sample.t, "currents_a": plain(sample.currents), "temperatures_degc": plain(sample.temperatures - 273.15),
+        "field_t": [plain(one) for one in sample.field], "coil_state": state.name.lower(),
+    }  # fmt: skip
 
 
 def line(sample: Sample, state: CoilState = CoilState.OFF) -> str:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
+from haptorb.apps.terminal import print_facts, print_text
 from haptorb.devices.device import Device
 
 __all__ = ["Card", "card", "facts", "print_card"]
@@ -59,21 +60,21 @@ def facts(device: Device) -> dict[str, Any]:
     }
 
 
-def print_card(device: Device, console: Console) -> None:
-    """Print the head of the card: title and limits."""
+def print_card(device: Device, console: Console, more: Iterable[tuple[str, str]]) -> None:
+    """Print the head of the card: title, limits, and `more` facts (name, text)."""
     coils, limits = device.coils, device.limits
-    console.print(f"[bold]{device.title}[/]\n[dim]{device.source} · file {device.digest[:12]}[/]\n")
-    table = Table.grid(padding=(0, 3))
+    print_text(console, device.title, "bold")
+    print_text(console, f"{device.source} · file {device.digest[:12]}\n", "dim")
     same = len(set(coils.current_limit)) == 1
     amperes = f"{coils.current_limit[0]:g}" if same else ", ".join(f"{a:g}" for a in coils.current_limit)
     names = ", ".join(coils.names) if device.channels <= 6 else f"{coils.names[0]} … {coils.names[-1]}"
-    table.add_row("channels", f"{device.channels} ({names})")
-    table.add_row("current", f"up to {amperes} A, {device.sustained_current.min():.2f} A for ever")
-    table.add_row("coils", f"{coils.resistance.min():.3g} Ω at {coils.reference_temperature - 273.15:.0f} °C")
-    table.add_row("supply", f"{device.supply.voltage:g} V, {device.supply.duty_bits} bits of duty")
     torque = f"{limits.torque * 1e3:g} mN·m" if limits.torque < 1 else f"{limits.torque:g} N·m"
-    table.add_row(
-        "guard",
-        f"{limits.force:g} N, {torque}, {limits.slew / 1e3:g} A/ms, poses expire after {limits.expiry * 1e3:g} ms",
-    )
-    console.print(table)
+    guard = f"{limits.force:g} N, {torque}, {limits.slew / 1e3:g} A/ms, poses expire after {limits.expiry * 1e3:g} ms"
+    told = [
+        ("channels", f"{device.channels} ({names})"),
+        ("current", f"{amperes} A peak, {device.sustained_current.min():.2f} A continuous"),
+        ("coils", f"{coils.resistance.min():.3g} Ω at {coils.reference_temperature - 273.15:.0f} °C"),
+        ("supply", f"{device.supply.voltage:g} V, {device.supply.duty_bits} bits of duty"),
+        ("guard", guard),
+    ]
+    print_facts(console, [*told, *more])

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, final
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 
 from haptorb.apps.inspect.card import Card, facts, print_card
+from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet.feasible_wrench import FeasibleWrench, feasible_wrench
 from haptorb.devices.electromagnet.shell_capability import FORCE_JND, shell_capability
@@ -45,7 +43,19 @@ class ElectromagnetCard(Card):
             "tool_moment_a_m2": device.tool.moment,
             "moment_per_current_m2": device.moment_per_current.tolist(),
             "predicted_moment_per_current_m2": None if self._predicted is None else self._predicted.tolist(),
-            "layers": [{**asdict(layer), "dipole_error_jnd": layer.dipole_error_jnd} for layer in capability.layers],
+            "layers": [
+                {
+                    "distance_m": layer.distance,
+                    "peak_radial_n": layer.peak_radial,
+                    "peak_tangential_n": layer.peak_tangential,
+                    "continuous_radial_n": layer.lasting_radial,
+                    "continuous_tangential_n": layer.lasting_tangential,
+                    "passive_pull_n": layer.passive_pull,
+                    "dipole_error": layer.dipole_error,
+                    "dipole_error_jnd": layer.dipole_error_jnd,
+                }
+                for layer in capability.layers
+            ],
             "feasible": [
                 {
                     "position_m": state.p.tolist(),
@@ -66,72 +76,81 @@ class ElectromagnetCard(Card):
     def show(self, console: Console) -> None:
         """Print it for people."""
         device, capability = self._device, self._capability
-        print_card(device, console)
         reach = np.array([device.contact_distance, device.contact_distance + device.shell_thickness]) * 1e3
-        table = Table.grid(padding=(0, 3))
-        table.add_row(
-            "workspace",
-            f"±{math.degrees(device.workspace_half_angle):.0f}° about the summit, "
-            f"{reach[0]:g} to {reach[1]:g} mm from the centre to the tool's magnet",
-        )
-        table.add_row("actuated", "3 degrees of freedom: force, or torque about two axes, or a blend of both")
-        table.add_row("sensed", f"tool's position and axis (5) by a tracker; {device.sensors} field sensors of 3 axes")
-        console.print(table)
-        console.print()
-        console.print("Force on a radial tool in the weakest place and direction of the workspace [mN]")
-        forces = Table(box=SIMPLE_HEAD, padding=(0, 2))
-        forces.add_column("[mm]", justify="right")
-        for name in ("peak\nradial", "\ntangential", "lasting\nradial", "\ntangential", "core's own\npull"):
-            forces.add_column(name, justify="right")
-        forces.add_column("dipole model\nerrs by", justify="right")
+        more = [
+            (
+                "workspace",
+                f"±{math.degrees(device.workspace_half_angle):.0f}° about the summit, "
+                f"{reach[0]:g} to {reach[1]:g} mm from the centre to the tool's magnet",
+            ),
+            ("actuated", "3 degrees of freedom: force, or torque about two axes, or a blend of both"),
+            ("sensed", f"tool's position and axis (5) by a tracker; {device.sensors} field sensors of 3 axes"),
+        ]
+        print_card(device, console, more)
+        print_text(console)
+        forces = TextTable(
+            (
+                Column("distance", "mm", "key"), Column("peak radial", "mN"), Column("peak tangential", "mN"),
+                Column("continuous radial", "mN"), Column("continuous tangential", "mN"),
+                Column("core's own pull", "mN"), Column("dipole error", "%"), Column("dipole error", "JND"),
+            ),
+            "Force on a radial tool in the weakest place and direction of the workspace",
+        )  # fmt: skip
         for layer in capability.layers:
             newtons = (layer.peak_radial, layer.peak_tangential, layer.lasting_radial, layer.lasting_tangential)
             forces.add_row(
                 f"{layer.distance * 1e3:.0f}",
                 *(f"{1e3 * force:.0f}" for force in newtons),
                 f"{1e3 * layer.passive_pull:.1f}",
-                f"{100 * layer.dipole_error:.1f} %, {layer.dipole_error_jnd:.1f} JND",
+                f"{100 * layer.dipole_error:.1f}",
+                f"{layer.dipole_error_jnd:.1f}",
             )
-        console.print(forces)
-        console.print(f"[dim]JND: just-noticeable difference, {100 * FORCE_JND:.0f} % of force[/]\n")
-        console.print("Feasible wrench of a radial tool, coils together: least size that every direction can have")
-        able_table = Table(box=SIMPLE_HEAD, padding=(0, 2))
-        for name in ("[mm]", "from the summit", "force [mN]", "torque [mN·m]", "no torque about"):
-            able_table.add_column(name, justify="right")
+        print_table(console, forces)
+        print_text(
+            console,
+            f"dipole error: greatest, of the dipole model's force. JND: just-noticeable difference, "
+            f"{100 * FORCE_JND:.0f} % of force\n",
+            "dim",
+        )
+        able_table = TextTable(
+            (
+                Column("distance", "mm", "key"), Column("from the summit", "°", "key"), Column("force", "mN"),
+                Column("torque", "mN·m"), Column("no torque about"),
+            ),
+            "Feasible wrench of a radial tool, all coils together: least size in any direction",
+        )  # fmt: skip
         for state, able in self._feasible:
             polar = math.degrees(math.acos(min(state.p[2] / state.distance, 1.0)))
             able_table.add_row(
                 f"{state.distance * 1e3:.0f}",
-                f"{polar:.0f}°",
+                f"{polar:.0f}",
                 f"{1e3 * able.guaranteed_force:.0f}",
                 f"{1e3 * able.guaranteed_torque:.1f}",
                 "({:.2f}, {:.2f}, {:.2f})".format(*(able.unreachable.round(6) + 0.0)),
             )
-        console.print(able_table)
+        print_table(console, able_table)
+        print_text(console)
         self._moments(console)
         lasting = ", ".join(f"{100 * share:.0f} % {_duration(seconds)}" for share, seconds in capability.endurance)
         room = device.coils.heat.ambient - 273.15
-        console.print(f"endurance of one coil from {room:.0f} °C by share of full current: {lasting}")
-        console.print(f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
+        print_text(console, f"\nendurance of one coil from {room:.0f} °C by share of full current: {lasting}")
+        print_text(console, f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
 
     def _moments(self, console: Console) -> None:
         """m_e per ampere: as calibrated, and as the coils' sizes and the core would have it."""
         device = self._device
-        console.print("Moment per ampere along x, y, z [A·m²/A]")
-        table = Table(box=SIMPLE_HEAD, padding=(0, 2))
-        table.add_column("coil")
-        table.add_column("calibrated", justify="right")
+        columns = [Column("coil", kind="key"), *(Column(f"calibrated {axis}", "m²") for axis in "xyz")]
         if self._predicted is not None:
-            table.add_column("from its sizes\nand the core", justify="right")
-            table.add_column("off by", justify="right")
+            columns += [Column("from its sizes and the core", "m²"), Column("off by", "%")]
+        table = TextTable(tuple(columns), "Moment per ampere along x, y, z")
         for k, name in enumerate(device.coils.names):
             measured = device.moment_per_current[:, k]
-            cells = ["  ".join(f"{value:+.4f}" for value in measured)]
+            cells = [f"{value:+.4f}" for value in measured]
             if self._predicted is not None:
                 predicted = self._predicted[:, k]
-                cells += [f"{predicted[k]:+.4f}", f"{100 * (predicted[k] / measured[k] - 1):+.1f} %"]
+                cells += [f"{predicted[k]:+.4f}", f"{100 * (predicted[k] / measured[k] - 1):+.1f}"]
             table.add_row(name, *cells)
-        console.print(table)
+        print_table(console, table)
 
     def _polytopes(self, axes: Any) -> None:
         """Shadows of the force polytopes at contact on the x–z plane."""
@@ -159,8 +178,10 @@ class ElectromagnetCard(Card):
         left, right, able = figure.subplots(1, 3)
         left.plot(distance, [1e3 * layer.peak_radial for layer in layers], "C0-o", label="radial, peak")
         left.plot(distance, [1e3 * layer.peak_tangential for layer in layers], "C1-s", label="tangential, peak")
-        left.plot(distance, [1e3 * layer.lasting_radial for layer in layers], "C0--o", label="radial, for ever")
-        left.plot(distance, [1e3 * layer.lasting_tangential for layer in layers], "C1--s", label="tangential, for ever")
+        left.plot(distance, [1e3 * layer.lasting_radial for layer in layers], "C0--o", label="radial, continuous")
+        left.plot(
+            distance, [1e3 * layer.lasting_tangential for layer in layers], "C1--s", label="tangential, continuous"
+        )
         left.plot(distance, [1e3 * layer.passive_pull for layer in layers], "k:", label="core's own pull")
         left.set(xlabel="tool's magnet from the centre [mm]", ylabel="force [mN]", ylim=(0, None))
         left.set_title("Force in the weakest direction", loc="left")
@@ -191,5 +212,5 @@ def _feasible(device: SphericalElectromagnet) -> list[tuple[State, FeasibleWrenc
 
 def _duration(seconds: float) -> str:
     if math.isinf(seconds):
-        return "for ever"
+        return "without end"
     return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 
 from haptorb.apps.inspect.card import Card, facts, print_card
+from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 from haptorb.control.allocation.motor_capability import motor_capability
 from haptorb.devices.endurance import endurance
 from haptorb.devices.motor.spherical_motor import GRAVITY, SphericalMotor
@@ -65,33 +64,32 @@ class MotorCard(Card):
     def show(self, console: Console) -> None:
         """Print it for people."""
         device, capability = self._device, self._capability
-        print_card(device, console)
-        for finding in device.findings:
-            console.print(f"[bold red]overridden[/] {finding}")
-        table = Table.grid(padding=(0, 3))
-        table.add_row(
-            "workspace",
-            f"|ψ|, |λ| up to {math.degrees(device.workspace_tilt):g}°, φ free; rotor {device.rotor.mass:g} kg",
-        )
-        table.add_row("sensed", f"3 angles by {device.sensors} field sensors; spin only modulo the magnets' period")
-        table.add_row("condition", f"{capability.condition.min():.2f} to {capability.condition.max():.2f}")
         tilt, regulator, weight, rest = self._upright
-        table.add_row(
-            "held upright",
-            f"{regulator[-1]:.3f} N·m of regulator and {-weight[-1]:.3f} N·m of weight at {math.degrees(tilt[-1]):g}°; "
-            f"up to {1e3 * np.abs(rest).max():.0f} mN·m remain on the way, which currents take out",
-        )
-        console.print(table)
-        console.print("\nTorque about each axis alone, over the workspace and every spin")
-        torques = Table(box=SIMPLE_HEAD, padding=(0, 2))
-        for heading in (
-            "axis",
-            "peak least\n[N·m]",
-            "peak most\n[N·m]",
-            "for ever least\n[N·m]",
-            "heat for 0.1 N·m\nat worst [W]",
-        ):
-            torques.add_column(heading, justify="right")
+        more = [
+            (
+                "workspace",
+                f"|ψ|, |λ| up to {math.degrees(device.workspace_tilt):g}°, φ free; rotor {device.rotor.mass:g} kg",
+            ),
+            ("sensed", f"3 angles by {device.sensors} field sensors; spin only modulo the magnets' period"),
+            ("condition", f"{capability.condition.min():.2f} to {capability.condition.max():.2f}"),
+            (
+                "held upright",
+                f"{regulator[-1]:.3f} N·m of regulator and {-weight[-1]:.3f} N·m of weight at "
+                f"{math.degrees(tilt[-1]):g}°; up to {1e3 * np.abs(rest).max():.0f} mN·m remain on the way, which "
+                "currents take out",
+            ),
+        ]
+        print_card(device, console, more)
+        for finding in device.findings:
+            print_text(console, f"overridden: {finding}", "bold red")
+        print_text(console)
+        torques = TextTable(
+            (
+                Column("axis", kind="key"), Column("peak least", "N·m"), Column("peak most", "N·m"),
+                Column("continuous least", "N·m"), Column("heat for 0.1 N·m at worst", "W"),
+            ),
+            "Torque about each axis alone, over the workspace and every spin",
+        )  # fmt: skip
         for number, axis in enumerate(_AXES):
             torques.add_row(
                 axis,
@@ -100,20 +98,21 @@ class MotorCard(Card):
                 f"{capability.continuous[..., number].min():.3f}",
                 f"{0.01 * capability.power[..., number].max():.2f}",
             )
-        console.print(torques)
-        console.print("Which channels carry it: share of the heat, mean over the workspace [%]")
-        shares = Table(box=SIMPLE_HEAD, padding=(0, 1))
-        for heading in ("channel", "coils", *_AXES):
-            shares.add_column(heading, justify="right")
+        print_table(console, torques)
+        print_text(console)
+        shares = TextTable(
+            (Column("channel", kind="key"), Column("coils", kind="text"), *(Column(axis, "%") for axis in _AXES)),
+            "Which channels carry it: share of the heat, mean over the workspace",
+        )
         for channel, name in enumerate(device.coils.names):
             members = np.flatnonzero(device.groups[:, channel])
             wired = " ".join(f"{'+' if device.groups[coil, channel] > 0 else '−'}EM{coil + 1}" for coil in members)
             shares.add_row(name, wired, *(f"{100 * capability.shares[axis, channel]:.0f}" for axis in range(3)))
-        console.print(shares)
+        print_table(console, shares)
         lasting = ", ".join(f"{100 * share:.0f} % {_duration(seconds)}" for share, seconds in self._endurance)
         room = device.coils.heat.ambient - 273.15
-        console.print(f"endurance of one channel from {room:.0f} °C by share of full current: {lasting}")
-        console.print(f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
+        print_text(console, f"\nendurance of one channel from {room:.0f} °C by share of full current: {lasting}")
+        print_text(console, f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
 
     def plot(self, path: Path) -> None:
         """Draw into `path`: maps over tilt (worst spin) of torque, condition and heat, the channels' shares, and what
@@ -168,5 +167,5 @@ def _upright(device: SphericalMotor) -> Array:
 
 def _duration(seconds: float) -> str:
     if math.isinf(seconds):
-        return "for ever"
+        return "without end"
     return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from haptorb.apps.estimators.trajectories import figure_4, random_workspace, relative_error
+from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 from haptorb.devices.motor.api import motor
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
@@ -44,9 +44,8 @@ class Training:
     def show(self, console: Console) -> None:
         """Print it for people."""
         record = self.networks.record
-        table = Table(box=None, padding=(0, 2))
-        for heading in ("network of", "inputs", "samples", "steps", "rms of training"):
-            table.add_column(heading, justify="left" if heading == "network of" else "right")
+        table = TextTable((Column("network of", kind="key"), Column("inputs"), Column("samples"), Column("steps"),
+                           Column("rms of training", "%")))  # fmt: skip
         for told in record["networks"]:
             coils = told["electromagnets"]
             table.add_row(
@@ -54,16 +53,17 @@ class Training:
                 str(told["inputs"]),
                 str(told["samples"]),
                 str(told["iterations"]),
-                f"{100 * told['rms_of_standardised_outputs']:.2f} %",
+                f"{100 * told['rms_of_standardised_outputs']:.2f}",
             )
-        console.print(table)
+        print_table(console, table)
         judged = record["judged"]
         shares = {name: f"{100 * judged[name]:.2f} %" for name in ("workspace", "figure_4", "all_coils")}
-        console.print(
-            f"K of electromagnet {judged['electromagnet']}: NRMSE {shares['workspace']} over the workspace, "
-            f"{shares['figure_4']} on the trajectory of Fig. 4; all coils {shares['all_coils']}"
+        print_text(
+            console,
+            f"\nK of electromagnet {judged['electromagnet']}: NRMSE {shares['workspace']} over the workspace, "
+            f"{shares['figure_4']} on the trajectory of Fig. 4; all coils {shares['all_coils']}",
         )
-        console.print(f"{record['seconds']:.0f} s, {record['peak_megabytes']:.0f} MB; kept in {self.path}")
+        print_text(console, f"{record['seconds']:.0f} s, {record['peak_megabytes']:.0f} MB; kept in {self.path}")
 
 
 def train_networks(

@@ -11,7 +11,7 @@ __all__ = ["force_allocator", "torque_allocator"]
 
 
 def force_allocator(device: Device) -> Allocator:
-    """Least squares for the force; what the model knows of the passive wrench is taken out (in "published" there is none).
+    """Least squares for the force; the passive wrench that the model knows is taken out ("published": none).
 
     >>> from haptorb.devices.loader import load
     >>> type(force_allocator(load("omni"))).__name__

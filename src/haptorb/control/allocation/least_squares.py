@@ -17,13 +17,21 @@ from numpy.typing import ArrayLike
 from haptorb.control.allocation.allocator import Allocation, Allocator, check_limit, check_problem
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, Records, fields, finite
 from haptorb.numerics.compiled import kernel
 
 __all__ = ["LeastSquaresAllocator", "least_squares_currents"]
 
 FORCE = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 TORQUE = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+
+#: What an allocator goes by.
+_SETTINGS = fields(
+    ("weights", "f8", (6,)),  # of the components of the wrench
+    ("truncation", "f8"),  # relative singular value
+    ("damping", "f8"),  # relative to the greatest singular value
+    ("compensated", "f8"),  # share of the wrench at zero current that is subtracted
+)
 
 
 @kernel
@@ -147,22 +155,15 @@ def least_squares_currents(
 
 @kernel
 def _allocate(
-    matrix: Array,
-    passive: Array,
-    wrench: Array,
-    weights: Array,
-    limit: Array,
-    settings: Array,
-    currents: Array,
-    residual: Array,
+    settings: Records, matrix: Array, passive: Array, wrench: Array, limit: Array, currents: Array, residual: Array
 ) -> float:
-    compensated = settings[2]
+    s = settings[0]
     target = residual  # filled with the residual afterwards
     for i in range(6):
-        target[i] = wrench[i] - compensated * passive[i]
+        target[i] = wrench[i] - s.compensated * passive[i]
         if not np.isfinite(passive[i]):
             target[i] = np.nan
-    scale = least_squares_currents(matrix, target, weights, limit, settings[0], settings[1], currents)
+    scale = least_squares_currents(matrix, target, s.weights, limit, s.truncation, s.damping, currents)
     for i in range(6):
         given = passive[i]
         for j in range(currents.shape[0]):
@@ -199,15 +200,18 @@ class LeastSquaresAllocator(Allocator):
         compensate_passive: bool = False,
     ) -> None:
         self.current_limit = check_limit(current_limit)
-        self.weights = np.ascontiguousarray(finite(weights, "weights"))
-        if self.weights.shape != (6,) or (self.weights < 0).any() or not self.weights.any():
+        worth = finite(weights, "weights")
+        if worth.shape != (6,) or (worth < 0).any() or not worth.any():
             raise InputError(f"weights must be six numbers, none negative, not all zero; got {weights!r}")
         if not 0.0 <= damping <= 1.0:
             raise InputError(f"damping must be between 0 and 1; got {damping!r}")
         if not 0.0 < truncation < 1.0:
             raise InputError(f"truncation must be between 0 and 1; got {truncation!r}")
         self.truncation = truncation
-        self._settings = np.array([truncation, damping, 1.0 if compensate_passive else 0.0])
+        self._settings = np.zeros(1, dtype=_SETTINGS)
+        self._settings["weights"], self._settings["compensated"] = worth, compensate_passive
+        self._settings["truncation"], self._settings["damping"] = truncation, damping
+        self.weights: Array = self._settings["weights"][0]
 
     @classmethod
     def force(cls, current_limit: ArrayLike, *, compensate_passive: bool = False) -> LeastSquaresAllocator:
@@ -235,7 +239,7 @@ class LeastSquaresAllocator(Allocator):
         matrix, passive, asked = check_problem(wrench_map, wrench, limit.shape[0])
         currents = np.empty(limit.shape[0])
         residual = np.empty(6)
-        scale = _allocate(matrix, passive, asked, self.weights, limit, self._settings, currents, residual)
+        scale = _allocate(self._settings, matrix, passive, asked, limit, currents, residual)
         if scale != scale:
             raise InputError(f"wrench and wrench map must be finite; got wrench {wrench!r}, map {wrench_map!r}")
         return Allocation(currents, residual, scale < 1.0, scale)

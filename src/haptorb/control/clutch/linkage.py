@@ -18,7 +18,7 @@ from haptorb.control.clutch.modes import MODES, Clutch, Gains, Mode, TwoModes
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.record import record
 
 if TYPE_CHECKING:
@@ -163,7 +163,7 @@ class ModedLinkage(Linkage):
         )  # refuses what cannot be
         self._mode: Mode = "translate"
         self._engaged = True
-        self._memory: Array | None = None  # of the clutch, changed in place by every tick
+        self._memory: Records | None = None  # of the clutch, changed in place by every tick
         self._t = 0.0
         self._asked = np.zeros(6)
 
@@ -182,8 +182,8 @@ class ModedLinkage(Linkage):
         mapping, memory, t = self.mapping, self._memory, mover.t
         if memory is None:
             memory = self._take_hold(mover)
-        R, pose = np.ascontiguousarray(mover.R_SR), np.empty((7, 3))
-        if not follow_rotor(R, np.ascontiguousarray(mover.w), t - self._t, mapping.settings, memory, pose):
+        R, pose, share = np.ascontiguousarray(mover.R_SR), np.empty((6, 3)), np.empty(2)
+        if not follow_rotor(memory, R, np.ascontiguousarray(mover.w), t - self._t, pose, share):
             raise mapping.explain_loss(R)
         self._t = t
         target = State(t, pose[:3], pose[3], pose[4], pose[5])
@@ -192,11 +192,11 @@ class ModedLinkage(Linkage):
             raise InputError(f"a world must give force and torque, shape (6,); got shape {np.shape(on_target)}")
         asked, wrench = self._asked, np.empty(6)
         asked[:] = on_target  # in another memory layout a user's array would have the kernel compiled anew
-        fill_rotor_wrench(mapping.settings, memory, asked, wrench)
-        return RenderedWrench(wrench, target, on_target, contacts, _NUMBERS[self._mode], pose[6, :2], self._engaged)
+        fill_rotor_wrench(memory, asked, wrench)
+        return RenderedWrench(wrench, target, on_target, contacts, _NUMBERS[self._mode], share, self._engaged)
 
-    def _take_hold(self, mover: State) -> Array:
-        """(6, 3) the memory of a clutch that has just been put between `mover` and the target at its beginning."""
+    def _take_hold(self, mover: State) -> Records:
+        """(1,) CLUTCH of a clutch that has just been put between `mover` and the target at its beginning."""
         position, attitude = self._begin
         mode, engaged = self._mode, self._engaged
         begun = self.mapping.start(mover, mode=mode, engaged=engaged, position=position, attitude=attitude)

@@ -1,24 +1,17 @@
 """The mapping of eqs. (5) and (6) in compiled code: rotor to target in one pass, and the target's wrench back.
 
-What is remembered is one array, memory (6, 3): shares of translation and rotation, rotor angles ψ, λ, φ [rad], their
-rates [rad/s], the target's position [m] and its attitude ψ', λ', φ' [rad], and the shares to which the clutch slides.
-settings (5, 3): ζ̂, ζ, η̂, η as `Gains` has them, then gap [s] and ramp [s] of `TwoModes`.
+What is remembered, and the constants that the mapping goes by, are one record of `CLUTCH`, in an array of one.
 """
 
 from __future__ import annotations
 
 import math
 
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel
 
 __all__ = [
-    "ANGLES",
-    "ATTITUDE",
-    "GOAL",
-    "POSITION",
-    "RATES",
-    "SHARE",
+    "CLUTCH",
     "STEEPEST",
     "advance_clutch",
     "fill_rotor_wrench",
@@ -26,10 +19,28 @@ __all__ = [
     "follow_rotor",
 ]
 
-SHARE, ANGLES, RATES, POSITION, ATTITUDE, GOAL = range(6)
 STEEPEST = math.radians(80.0)  #: tilt λ at which Euler angles come too close to their pole, for rotor and target
 _HIGHEST = math.sin(STEEPEST)
 _TURN = 2.0 * math.pi
+
+CLUTCH = fields(
+    # settings: the gains of `Gains`, as printed, and the times of `TwoModes`
+    ("translate", "f8", (3,)),  # ζ̂ [m/rad] of X', Y', Z' (by λ, ψ, φ)
+    ("rotate", "f8", (3,)),  # ζ of λ', ψ', φ'
+    ("translate_torque", "f8", (3,)),  # η̂ [m] of F_Y', F_X', F_Z' (to T_ψ, T_λ, T_φ)
+    ("rotate_torque", "f8", (3,)),  # η of T_ψ', T_λ', T_φ'
+    ("gap", "f8"),  # [s]
+    ("ramp", "f8"),  # [s]
+    # remembered
+    ("moving", "f8"),  # how firmly translation is joined now, 0 to 1
+    ("turning", "f8"),  # how firmly rotation is joined now, 0 to 1
+    ("moving_goal", "f8"),  # to which the first slides
+    ("turning_goal", "f8"),  # to which the second slides
+    ("angles", "f8", (3,)),  # of the rotor: ψ, λ, φ [rad], φ unwrapped
+    ("rates", "f8", (3,)),  # their rates [rad/s]
+    ("position", "f8", (3,)),  # of the target: X', Y', Z' [m]
+    ("attitude", "f8", (3,)),  # of the target: ψ', λ', φ' [rad]
+)
 
 
 @kernel
@@ -45,48 +56,50 @@ def _nearest(angle: float, near: float) -> float:
 
 
 @kernel
-def advance_clutch(R: Array, w: Array, dt: float, settings: Array, memory: Array) -> bool:
-    """Bring `memory` to the rotor at R (3, 3), turning with w (3,) [rad/s], `dt` [s] later; the target follows.
+def _slide(share: float, goal: float, step: float) -> float:
+    return min(share + step, goal) if share < goal else max(share - step, goal)
+
+
+@kernel
+def advance_clutch(clutch: Records, R: Array, w: Array, dt: float) -> bool:
+    """Bring `clutch`, (1,) CLUTCH, to the rotor at R (3, 3), turning with w (3,) [rad/s], `dt` [s] later; the target
+    follows.
 
     False, and nothing changed, where the rotor is tilted beyond STEEPEST or nowhere.
     """
     if not abs(R[0, 2]) < _HIGHEST:  # also catches NaN
         return False
-    share, angles, rates = memory[SHARE], memory[ANGLES], memory[RATES]
-    position, attitude, goal = memory[POSITION], memory[ATTITUDE], memory[GOAL]
+    m = clutch[0]
+    angles, rates, position, attitude = m.angles, m.rates, m.position, m.attitude
     psi = _nearest(math.atan2(-R[1, 2], R[2, 2]), angles[0])
     lam = math.asin(min(1.0, max(-1.0, R[0, 2])))
     phi = _nearest(math.atan2(-R[0, 1], R[0, 0]), angles[2])
-    lost = not dt <= settings[4, 0]
-    move, turn = (0.0, 0.0) if lost else (share[0], share[1])
-    free = _free(attitude[1], rates[1], settings[1, 0])
+    lost = not dt <= m.gap
+    move, turn = (0.0, 0.0) if lost else (m.moving, m.turning)
+    free = _free(attitude[1], rates[1], m.rotate[0])
     dpsi, dlam, dphi = psi - angles[0], lam - angles[1], phi - angles[2]
-    position[0] += move * settings[0, 0] * dlam  # Eq. (6a)
-    position[1] += move * settings[0, 1] * dpsi
-    position[2] += move * settings[0, 2] * dphi
-    attitude[0] += turn * settings[1, 1] * dpsi  # Eq. (5a)
-    attitude[1] += turn * settings[1, 0] * dlam * free
-    attitude[2] += turn * settings[1, 2] * dphi
+    position[0] += move * m.translate[0] * dlam  # Eq. (6a)
+    position[1] += move * m.translate[1] * dpsi
+    position[2] += move * m.translate[2] * dphi
+    attitude[0] += turn * m.rotate[1] * dpsi  # Eq. (5a)
+    attitude[1] += turn * m.rotate[0] * dlam * free
+    attitude[2] += turn * m.rotate[2] * dphi
     angles[0], angles[1], angles[2] = psi, lam, phi
     c, s = math.cos(psi), math.sin(psi)
     rates[1] = c * w[1] + s * w[2]
     rates[2] = (c * w[2] - s * w[1]) / math.cos(lam)
     rates[0] = w[0] - math.sin(lam) * rates[2]
-    step = max(dt, 0.0) / settings[4, 1]
-    for i in range(2):
-        if lost:
-            share[i] = 0.0
-        elif share[i] < goal[i]:
-            share[i] = min(share[i] + step, goal[i])
-        else:
-            share[i] = max(share[i] - step, goal[i])
+    step = max(dt, 0.0) / m.ramp
+    m.moving = 0.0 if lost else _slide(m.moving, m.moving_goal, step)
+    m.turning = 0.0 if lost else _slide(m.turning, m.turning_goal, step)
     return True
 
 
 @kernel
-def fill_target_pose(settings: Array, memory: Array, pose: Array) -> None:
+def fill_target_pose(clutch: Records, pose: Array) -> None:
     """Fill pose (6, 3): R' (3, 3), position [m], w' [rad/s] and v' [m/s] of the target, primed frame."""
-    share, rates, attitude = memory[SHARE], memory[RATES], memory[ATTITUDE]
+    m = clutch[0]
+    rates, attitude = m.rates, m.attitude
     cp, sp = math.cos(attitude[0]), math.sin(attitude[0])
     cl, sl = math.cos(attitude[1]), math.sin(attitude[1])
     cf, sf = math.cos(attitude[2]), math.sin(attitude[2])
@@ -94,42 +107,42 @@ def fill_target_pose(settings: Array, memory: Array, pose: Array) -> None:
     pose[1, 0], pose[1, 1], pose[1, 2] = cp * sf + sp * sl * cf, cp * cf - sp * sl * sf, -sp * cl
     pose[2, 0], pose[2, 1], pose[2, 2] = sp * sf - cp * sl * cf, sp * cf + cp * sl * sf, cp * cl
     for i in range(3):
-        pose[3, i] = memory[POSITION, i]
-    dp = share[1] * settings[1, 1] * rates[0]
-    dl = share[1] * settings[1, 0] * rates[1] * _free(attitude[1], rates[1], settings[1, 0])
-    df = share[1] * settings[1, 2] * rates[2]
+        pose[3, i] = m.position[i]
+    dp = m.turning * m.rotate[1] * rates[0]
+    dl = m.turning * m.rotate[0] * rates[1] * _free(attitude[1], rates[1], m.rotate[0])
+    df = m.turning * m.rotate[2] * rates[2]
     pose[4, 0] = dp + sl * df
     pose[4, 1] = cp * dl - sp * cl * df
     pose[4, 2] = sp * dl + cp * cl * df
-    pose[5, 0] = share[0] * settings[0, 0] * rates[1]
-    pose[5, 1] = share[0] * settings[0, 1] * rates[0]
-    pose[5, 2] = share[0] * settings[0, 2] * rates[2]
+    pose[5, 0] = m.moving * m.translate[0] * rates[1]
+    pose[5, 1] = m.moving * m.translate[1] * rates[0]
+    pose[5, 2] = m.moving * m.translate[2] * rates[2]
 
 
 @kernel
-def follow_rotor(R: Array, w: Array, dt: float, settings: Array, memory: Array, pose: Array) -> bool:
-    """`advance_clutch` and `fill_target_pose` at once; pose (7, 3) ends with the shares."""
-    if not advance_clutch(R, w, dt, settings, memory):
+def follow_rotor(clutch: Records, R: Array, w: Array, dt: float, pose: Array, share: Array) -> bool:
+    """`advance_clutch` and `fill_target_pose` at once; share (2,): how firmly translation and rotation are joined."""
+    if not advance_clutch(clutch, R, w, dt):
         return False
-    fill_target_pose(settings, memory, pose)
-    for i in range(3):
-        pose[6, i] = memory[SHARE, i]
+    fill_target_pose(clutch, pose)
+    share[0], share[1] = clutch[0].moving, clutch[0].turning
     return True
 
 
 @kernel
-def fill_rotor_wrench(settings: Array, memory: Array, wrench: Array, out: Array) -> None:
+def fill_rotor_wrench(clutch: Records, wrench: Array, out: Array) -> None:
     """out (6,): no force, and the torque [N·m] on the rotor, stator frame, for the target's wrench (6,) [N, N·m]."""
-    share, q, rates, attitude = memory[SHARE], memory[ANGLES], memory[RATES], memory[ATTITUDE]
+    m = clutch[0]
+    q, rates, attitude, move, turn = m.angles, m.rates, m.attitude, m.translate_torque, m.rotate_torque
     c, s = math.cos(attitude[0]), math.sin(attitude[0])
     cl, sl = math.cos(attitude[1]), math.sin(attitude[1])
     # the target's torque along its Euler axes: Jᵀ T'
     T_psi = wrench[3]
-    T_lam = (c * wrench[4] + s * wrench[5]) * _free(attitude[1], rates[1], settings[1, 0])
+    T_lam = (c * wrench[4] + s * wrench[5]) * _free(attitude[1], rates[1], m.rotate[0])
     T_phi = sl * wrench[3] - s * cl * wrench[4] + c * cl * wrench[5]
-    Q_psi = share[0] * settings[2, 0] * wrench[1] + share[1] * settings[3, 0] * T_psi  # Eqs. (6b), (5b)
-    Q_lam = share[0] * settings[2, 1] * wrench[0] + share[1] * settings[3, 1] * T_lam
-    Q_phi = share[0] * settings[2, 2] * wrench[2] + share[1] * settings[3, 2] * T_phi
+    Q_psi = m.moving * move[0] * wrench[1] + m.turning * turn[0] * T_psi  # Eqs. (6b), (5b)
+    Q_lam = m.moving * move[1] * wrench[0] + m.turning * turn[1] * T_lam
+    Q_phi = m.moving * move[2] * wrench[2] + m.turning * turn[2] * T_phi
     # the vector that has these components along the rotor's Euler axes: J⁻ᵀ Q
     c, s = math.cos(q[0]), math.sin(q[0])
     u = (Q_phi - math.sin(q[1]) * Q_psi) / math.cos(q[1])

@@ -27,12 +27,7 @@ from numpy.typing import ArrayLike
 
 from haptorb.control.clutch.gains import Gains, three
 from haptorb.control.clutch.mode_kernels import (
-    ANGLES,
-    ATTITUDE,
-    GOAL,
-    POSITION,
-    RATES,
-    SHARE,
+    CLUTCH,
     STEEPEST,
     advance_clutch,
     fill_rotor_wrench,
@@ -40,7 +35,7 @@ from haptorb.control.clutch.mode_kernels import (
 )
 from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.record import record
 
 __all__ = ["MODES", "Clutch", "Gains", "Mode", "TwoModes"]
@@ -85,8 +80,10 @@ class TwoModes:
             if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
                 raise InputError(f"TwoModes: {name} must be a time greater than zero [s]; got {value!r}")
         self.ramp, self.gap = float(ramp), float(gap)
-        g = self.gains
-        self.settings: Array = np.array([g.translate, g.rotate, *g.torques, (self.gap, self.ramp, 0.0)])
+        self._settings = np.zeros(1, dtype=CLUTCH)
+        for name in ("translate", "rotate", "translate_torque", "rotate_torque"):
+            self._settings[name] = getattr(self.gains, name)
+        self._settings["gap"], self._settings["ramp"] = self.gap, self.ramp
 
     def start(
         self,
@@ -119,14 +116,14 @@ class TwoModes:
         """
         memory = self.memory(clutch)
         R, w = np.ascontiguousarray(rotor.R_SR), np.ascontiguousarray(rotor.w)
-        if not advance_clutch(R, w, rotor.t - clutch.t, self.settings, memory):
+        if not advance_clutch(memory, R, w, rotor.t - clutch.t):
             raise self.explain_loss(R)
         return self.clutch(memory, rotor.t, clutch.mode, clutch.engaged)
 
     def target(self, clutch: Clutch) -> State:
         """The target's pose and motion in the primed frame: what a world of the target is asked with."""
         pose = np.empty((6, 3))
-        fill_target_pose(self.settings, self.memory(clutch), pose)
+        fill_target_pose(self.memory(clutch), pose)
         return State(clutch.t, pose[:3], pose[3], pose[4], pose[5])
 
     def torque(self, clutch: Clutch, wrench: ArrayLike) -> Array:
@@ -138,28 +135,28 @@ class TwoModes:
         if asked.shape != (6,):
             raise InputError(f"wrench must have shape (6,); got {asked.shape}")
         out = np.empty(6)
-        fill_rotor_wrench(self.settings, self.memory(clutch), asked, out)
+        fill_rotor_wrench(self.memory(clutch), asked, out)
         return out[3:]
 
-    def memory(self, clutch: Clutch) -> Array:
-        """(6, 3) `clutch` as `mode_kernels` take it; a new array."""
-        memory = np.zeros((6, 3))
-        memory[SHARE, :2] = clutch.share
-        memory[ANGLES], memory[RATES] = clutch.angles, clutch.rates
-        memory[POSITION], memory[ATTITUDE] = clutch.position, clutch.attitude
+    def memory(self, clutch: Clutch) -> Records:
+        """(1,) CLUTCH: `clutch` and this mapping as `mode_kernels` take them; a new array."""
+        memory = self._settings.copy()
+        memory["moving"], memory["turning"] = clutch.share
+        for name in ("angles", "rates", "position", "attitude"):
+            memory[name] = getattr(clutch, name)
         self.aim(memory, clutch.mode, clutch.engaged)
         return memory
 
-    def aim(self, memory: Array, mode: Mode, engaged: bool) -> None:
-        """Let the shares in `memory` (6, 3) slide to what `mode` and the hand's wish ask for."""
-        memory[GOAL, :2] = engaged and mode == "translate", engaged and mode == "rotate"
+    def aim(self, memory: Records, mode: Mode, engaged: bool) -> None:
+        """Let the shares in `memory`, (1,) CLUTCH, slide to what `mode` and the hand's wish ask for."""
+        memory["moving_goal"] = engaged and mode == "translate"
+        memory["turning_goal"] = engaged and mode == "rotate"
 
-    def clutch(self, memory: Array, t: float, mode: Mode, engaged: bool) -> Clutch:
-        """The clutch that `memory` (6, 3) holds at `t` [s]; it keeps a copy."""
-        rows = memory.copy()
-        return Clutch(
-            t, mode, engaged, rows[SHARE, :2], rows[ANGLES], rows[RATES], rows[POSITION], rows[ATTITUDE]
-        )  # fmt: skip
+    def clutch(self, memory: Records, t: float, mode: Mode, engaged: bool) -> Clutch:
+        """The clutch that `memory`, (1,) CLUTCH, holds at `t` [s]; it keeps a copy."""
+        m = memory.copy()[0]
+        share = np.array([m["moving"], m["turning"]])
+        return Clutch(t, mode, engaged, share, m["angles"], m["rates"], m["position"], m["attitude"])
 
     def explain_loss(self, R: Array) -> InputError:
         """What is wrong with a rotor at R (3, 3) that no target can follow."""

@@ -6,14 +6,12 @@ Both are made by `make_state` and `make_coils`, changed by the kernels of this p
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from haptorb.control.protection.tick_time import CLOCK, make_clock
 from haptorb.control.protection.trip import GuardState
 from haptorb.devices.device import Device
-from haptorb.numerics.arrays import Records
+from haptorb.numerics.arrays import Records, fields
 
 __all__ = ["COIL", "CREDIT", "PROTECTION", "TICKS", "make_coils", "make_state"]
 
@@ -24,12 +22,8 @@ _COLDEST, _HOTTEST = 233.15, 453.15  #: windings outside this are not resistance
 _LEARN = 0.025  #: current, as a share of the greatest that may flow, above which its resistance is learned
 
 
-def _record(*fields: tuple[Any, ...]) -> np.dtype[Any]:
-    return np.dtype(list(fields), align=True)
-
-
 #: What the estimator said in this tick: age of the pose and whether it may be believed, pose and motion of the mover.
-ESTIMATE = _record(
+ESTIMATE = fields(
     ("age", "f8"),  # [s]
     ("position", "f8", (3,)),  # [m]
     ("rotation", "f8", (3, 3)),  # R_SR
@@ -38,7 +32,7 @@ ESTIMATE = _record(
     ("valid", "?"),
 )
 
-GUARD = _record(
+GUARD = fields(
     ("state", "i8"),  # GuardState
     ("reason", "i8"),  # Trip: why the coils are off
     ("trips", "i8"),  # how often it has tripped
@@ -53,7 +47,7 @@ GUARD = _record(
     ("slew", "f8"),  # limit [A/s]
 )
 
-HEAT = _record(
+HEAT = fields(
     ("hottest", "f8"),  # winding [K]; NaN if any is
     ("remaining", "f8"),  # time until a winding reaches `derate` under the present load [s]; inf if never
     ("since", "f8"),  # time since `remaining` was computed [s]
@@ -70,12 +64,12 @@ HEAT = _record(
     ("body_to_air", "f8"),  # [W/K]
 )
 
-DRIVE = _record(
+DRIVE = fields(
     ("supply", "f8"),  # voltage [V]
     ("dt", "f8"),  # time that the last tick took and the next may take [s]
 )
 
-PASSIVITY = _record(
+PASSIVITY = fields(
     ("energy", "f8"),  # given to the hand since the world began [J]
     ("balance", "f8"),  # what the hand's least damping took less what sampling and delay made [J]
     ("damping", "f8"),  # injected now [N·s/m]
@@ -97,7 +91,7 @@ PASSIVITY = _record(
 )
 
 #: There is one of each.
-PROTECTION = _record(
+PROTECTION = fields(
     ("clock", CLOCK),
     ("estimate", ESTIMATE),
     ("guard", GUARD),
@@ -107,7 +101,7 @@ PROTECTION = _record(
 )
 
 #: Of each coil.
-COIL = _record(
+COIL = fields(
     # settings, as the device file says
     ("limit", "f8"),  # current [A]
     ("broken", "f8"),  # current at which wiring or driver must be broken [A]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptorb.numerics.arrays import Record, Records
+from haptorb.numerics.arrays import Record, Records, fields
 from haptorb.numerics.compiled import kernel
 
 __all__ = ["BUCKETS", "CLOCK", "SILENCE", "advance_clock", "make_clock", "silence_of"]
@@ -20,12 +20,9 @@ BUCKETS = 8  #: of the window
 
 #: period and elapsed [s]; time of the last tick [s], NaN before the first; silence [s] that restarts the ramp; bucket:
 #: number of the one that is filled now; overrun and restart: what the last tick found; missed: time in each bucket [s]
-CLOCK = np.dtype(
-    [
-        ("period", "f8"), ("elapsed", "f8"), ("time", "f8"), ("silence", "f8"), ("bucket", "f8"), ("overrun", "?"),
-        ("restart", "?"), ("missed", "f8", (BUCKETS,)),
-    ],
-    align=True,
+CLOCK = fields(
+    ("period", "f8"), ("elapsed", "f8"), ("time", "f8"), ("silence", "f8"), ("bucket", "f8"), ("overrun", "?"),
+    ("restart", "?"), ("missed", "f8", (BUCKETS,)),
 )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from typing import final
 import numpy as np
 
 from haptorb.errors import ServoError
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records
 from haptorb.runtime.memory import pose_block, text_slot
 from haptorb.runtime.memory.histogram import BINS, Histogram
 from haptorb.runtime.memory.pose_block import PoseBlock
@@ -29,7 +29,7 @@ from haptorb.runtime.pointer.pointer_block import PointerBlock
 from haptorb.runtime.realtime.stale_files import SHARED, FileLock, folders
 from haptorb.runtime.row import RowLayout
 
-__all__ = ["CAPACITY", "TRIPS", "WORLDS", "Phase", "SharedMemory", "Word", "engage_request", "engage_stops"]
+__all__ = ["CAPACITY", "COUNTS", "TRIPS", "WORLDS", "Phase", "SharedMemory", "Word", "engage_request", "engage_stops"]
 
 _MAGIC = int.from_bytes(b"haptorb\0", "little")
 _VERSION = 4
@@ -91,6 +91,19 @@ class Word(IntEnum):
     TRACKED = 64  #: and the fifteen after it
 
 
+#: What the loop counts in every tick: some words of the first page, by the names and kinds that they have there.
+_COUNTED = {"ticks": "i8", "missed": "i8", "on_time": "i8", "peak": "f8", "peak_torque": "f8"}
+COUNTS = np.dtype(
+    {
+        "names": list(_COUNTED),
+        "formats": list(_COUNTED.values()),
+        "offsets": [8 * Word[name.upper()] for name in _COUNTED],
+        "itemsize": _PAGE,
+    },
+    align=True,
+)
+
+
 def engage_request(last: int, stops: int) -> int:
     """The word ENGAGE after `last`: a new count, and the stop count under which the person asked.
 
@@ -127,8 +140,7 @@ class SharedMemory:
         self.path = path
         self.words = memory[:_PAGE].cast("q")
         self.floats = memory[:_PAGE].cast("d")
-        self.integers = np.frombuffer(memory[:_PAGE], dtype=np.int64)  #: the same, for kernels
-        self.numbers: Array = np.frombuffer(memory[:_PAGE], dtype=np.float64)
+        self.counts: Records = np.frombuffer(memory[:_PAGE], dtype=COUNTS)  #: (1,) the same words, for kernels
         if self.words[Word.MAGIC] != _MAGIC or self.words[Word.VERSION] != _VERSION:
             raise ServoError(f"{path} is not a servo's shared memory of this version; end the program that made it")
         self.layout = RowLayout(self.words[Word.CHANNELS], self.words[Word.SENSORS])

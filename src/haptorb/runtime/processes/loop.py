@@ -14,7 +14,7 @@ from haptorb.control.clutch.modes import MODES
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.errors import HaptorbError, InputError
 from haptorb.numerics.arrays import Array, Records
-from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word, engage_stops
+from haptorb.runtime.exchange.shared_memory import COUNTS, Phase, SharedMemory, Word, engage_stops
 from haptorb.runtime.exchange.world_change import answer, change_world, description, name_of, parse_request
 from haptorb.runtime.memory.histogram import BINS
 from haptorb.runtime.processes.stats import count_tick, publish_row
@@ -107,7 +107,7 @@ class Loop:
         shared, chain, row, words, at = self._shared, self._chain, self._row, self._shared.words, self._places
         schedule, period = clock.schedule, clock.schedule.period
         lateness_counts, compute_counts, ring = shared.lateness.counts, shared.compute.counts, shared.ring
-        integers, numbers = shared.integers, shared.numbers
+        counts = shared.counts
         heard = 0  # when the host was last given the benefit of the doubt [ns]
         words[Word.ORIGIN] = schedule.origin
         words[Word.PHASE] = Phase.RUNNING
@@ -133,14 +133,12 @@ class Loop:
             self._now = schedule.time(schedule.deadline(schedule.number))
             chain.step(row, self._now)
             self.in_step = False
-            publish_row(row, ring.slot(), at, numbers, self._ticks, now, lateness, skipped)
+            publish_row(row, ring.slot(), at, counts, self._ticks, now, lateness, skipped)
             ring.publish_slot()
             self._ticks += 1
             self._notice()
             took = monotonic_ns() - now
-            count_tick(
-                integers, lateness_counts, compute_counts, self._ticks, schedule.missed, lateness, took, period
-            )  # fmt: skip
+            count_tick(counts, lateness_counts, compute_counts, self._ticks, schedule.missed, lateness, took, period)
 
     def _obey(self) -> None:
         """Stop, engage, clutch and change the world as the host has asked since the last tick."""
@@ -210,9 +208,9 @@ class Loop:
 
 def _load(row: Array, places: Records) -> None:
     """Have the loop's own compiled code loaded before the first tick."""
-    counts, page = np.zeros(BINS, dtype=np.int64), np.zeros(512)
-    publish_row(row, row.copy(), places, page, 0, 0, 0, 0)
-    count_tick(page.view(np.int64), counts, counts.copy(), 0, 0, 0, 0, 1)
+    bins, counts = np.zeros(BINS, dtype=np.int64), np.zeros(1, dtype=COUNTS)
+    publish_row(row, row.copy(), places, counts, 0, 0, 0, 0)
+    count_tick(counts, bins, bins.copy(), 0, 0, 0, 0, 1)
     row[:] = np.nan
 
 

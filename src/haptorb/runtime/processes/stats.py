@@ -9,15 +9,12 @@ from numpy.typing import NDArray
 
 from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.compiled import kernel
-from haptorb.runtime.exchange.shared_memory import Word
 from haptorb.runtime.memory.histogram import BINS
 
 __all__ = ["count_tick", "publish_row"]
 
 Words: TypeAlias = NDArray[np.int64]
 
-_TICKS, _MISSED, _ON_TIME = int(Word.TICKS), int(Word.MISSED), int(Word.ON_TIME)
-_PEAK, _PEAK_TORQUE = int(Word.PEAK), int(Word.PEAK_TORQUE)
 _LAST = BINS - 1
 
 
@@ -28,14 +25,13 @@ def _size(row: Array, at: int) -> float:
 
 @kernel
 def publish_row(
-    row: Array, slot: Array, places: Records, page: Array, tick: int, now: int, lateness: int, skipped: int
+    row: Array, slot: Array, places: Records, counts: Records, tick: int, now: int, lateness: int, skipped: int
 ) -> None:  # fmt: skip
     """Complete `row` with what the clock knows, all in [ns], and copy it to `slot`; both (width,), in SI.
 
-    places is that of the `RowLayout`; page (512,) the shared words as numbers: the greatest force [N] and torque [N·m]
-    so far are there.
+    places is that of the `RowLayout`; counts (1,) COUNTS, where the greatest force [N] and torque [N·m] so far are.
     """
-    at = places[0]
+    at, most = places[0], counts[0]
     row[at.tick], row[at.wall], row[at.lateness], row[at.missed] = tick, now * 1e-9, lateness * 1e-9, skipped
     for i in range(row.shape[0]):
         slot[i] = row[i]
@@ -44,25 +40,25 @@ def publish_row(
     if force != force:  # nobody knows what is really there
         given = at.modelled
         force = _size(row, given)
-    if force > page[_PEAK]:
-        page[_PEAK] = force
+    if force > most.peak:
+        most.peak = force
     torque = _size(row, given + 3)
-    if torque > page[_PEAK_TORQUE]:
-        page[_PEAK_TORQUE] = torque
+    if torque > most.peak_torque:
+        most.peak_torque = torque
 
 
 @kernel
 def count_tick(
-    words: Words, lateness_counts: Words, compute_counts: Words, ticks: int, missed: int, lateness: int, took: int,
+    counts: Records, lateness_counts: Words, compute_counts: Words, ticks: int, missed: int, lateness: int, took: int,
     period: int,
 ) -> None:  # fmt: skip
-    """Count one tick's lateness and computing time [ns], and whether both fitted into its period, in the shared words.
+    """Count one tick's lateness and computing time [ns], and whether both fitted into its period.
 
-    The counts are those of a `Histogram`.
+    counts is (1,) COUNTS; the other two are those of a `Histogram`.
     """
     lateness_counts[min(max(lateness, 0) // 1000, _LAST)] += 1
     compute_counts[min(max(took, 0) // 1000, _LAST)] += 1
-    words[_TICKS] = ticks
-    words[_MISSED] = missed
+    c = counts[0]
+    c.ticks, c.missed = ticks, missed
     if lateness + took <= period:
-        words[_ON_TIME] += 1
+        c.on_time += 1

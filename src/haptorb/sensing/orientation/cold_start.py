@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from haptorb.devices.motor.spherical_motor import SphericalMotor
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.compiled import kernel
 from haptorb.numerics.rotations import rotation_from_euler
 from haptorb.sensing.orientation.field_model import unpack
-from haptorb.sensing.orientation.gauss_newton import fit_orientation
+from haptorb.sensing.orientation.gauss_newton import FIT, fit_orientation
 from haptorb.sensing.orientation.readings import believable
 from haptorb.sensing.orientation.spin_ambiguity import spin_period
 
@@ -21,6 +21,7 @@ _STEP = np.radians(4.0)  #: between the nodes: Gauss–Newton finds the way from
 _BEYOND = np.radians(4.0)  #: the grid reaches further than the workspace
 _CANDIDATES = 8  #: nodes tried, the most alike first
 _APART = np.radians(7.0)  #: two candidates that are nearer to each other would lead to the same place
+_EXACT, _STEPS = 1e-6, 25  #: last step of a fit from a node [rad], and its steps at most
 _POOR = 0.1  #: residual over field that no orientation of the rotor explains
 _FEWEST = 8  #: sensors without which several orientations may look alike
 
@@ -30,15 +31,17 @@ class OrientationFix(NamedTuple):
 
     R_SR: Array
     strength: float
+    covariance: Array  #: (3, 3) of R_SR as a rotation vector, stator frame [rad²]
     outliers: int
 
 
 class ColdStart:
     """A grid over the workspace and one period of spin, with the field at every node."""
 
-    def __init__(self, motor: SphericalMotor, model: Array) -> None:
+    def __init__(self, motor: SphericalMotor, model: Array, noise: float) -> None:
         self._model = model
-        self._slopes, self._taken = np.empty((motor.sensors, 3, 3)), np.full((3, 3), np.nan)
+        self._slopes, self._fit = np.empty((motor.sensors, 3, 3)), np.zeros(1, FIT)
+        self._fit["noise"], self._fit["taken"] = noise, np.nan
         reach = motor.workspace_tilt + _BEYOND
         tilts = np.linspace(-reach, reach, 2 * int(np.ceil(reach / _STEP)) + 1)
         period = spin_period(motor) or 2 * np.pi
@@ -50,10 +53,9 @@ class ColdStart:
         self._largest = float(np.sqrt((field**2).sum(axis=2).max()))
         self._fields = np.ascontiguousarray(field.reshape(len(field), -1))
 
-    def search(
-        self, field: Array, usable: Array, floor: float, trusted: Array, covariance: Array
-    ) -> OrientationFix | None:
+    def search(self, field: Array, usable: Array, trusted: Array) -> OrientationFix | None:
         """The orientation that explains `field` (k, 3) [T], or None; arguments as for `fit_orientation`."""
+        fit = self._fit
         trusted[:] = usable
         count = int(usable.sum())
         if count < _FEWEST:
@@ -63,17 +65,16 @@ class ColdStart:
         rms = float(np.sqrt((field**2).sum() / (3 * count)))
         tried: list[Array] = []
         for node in np.argsort(-likeness)[: 40 * _CANDIDATES]:
-            R = self._nodes[node].copy()
+            R = self._nodes[node]
             if any(np.trace(R.T @ other) > 1 + 2 * np.cos(_APART) for other in tried):
                 continue
-            tried.append(R.copy())
+            tried.append(R)
             trusted[:] = usable
-            converged, strength, residual, _, outliers = _try_node(
-                self._model, field, usable, count, floor, 1e-6, 25, R, 1.0, trusted, covariance,
-                self._slopes, self._taken,
-            )  # fmt: skip
+            fit["rotation"], fit["strength"] = R, 1.0
+            converged, residual, outliers = _try_node(fit, self._model, field, usable, count, trusted, self._slopes)
             if converged and residual <= _POOR * rms and 2 * outliers <= count:  # safety: start-explained
-                return OrientationFix(R, strength, outliers)
+                found = fit.copy()[0]
+                return OrientationFix(found["rotation"], float(found["strength"]), found["covariance"], outliers)
             if len(tried) == _CANDIDATES:
                 break
         trusted[:] = usable
@@ -82,12 +83,9 @@ class ColdStart:
 
 @kernel
 def _try_node(
-    model: Array, field: Array, usable: Array, count: int, floor: float, tolerance: float, most: int, R: Array,
-    strength: float, trusted: Array, covariance: Array, slopes: Array, taken: Array,
-) -> tuple[bool, float, float, float, int]:  # fmt: skip
-    return fit_orientation(
-        unpack(model), field, usable, count, floor, tolerance, most, R, strength, trusted, covariance, slopes, taken
-    )  # fmt: skip
+    fit: Records, model: Array, field: Array, usable: Array, count: int, trusted: Array, slopes: Array
+) -> tuple[bool, float, int]:
+    return fit_orientation(fit[0], unpack(model), field, usable, count, trusted, slopes, _EXACT, _STEPS)
 
 
 @kernel

@@ -17,18 +17,27 @@ import math
 import numpy as np
 
 from haptorb.devices.tables.table_kernels import sensor_field, sensor_field_gradient
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Record, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.numerics.so3 import turn_by
 from haptorb.sensing.orientation.field_model import FieldModel
 
-__all__ = ["fit_orientation"]
+__all__ = ["FIT", "fit_orientation"]
 
 _OUTLYING = 6.0  #: a residual so many times the middle one is no accident
 _LONGEST = 0.06  #: longest turn of one step [rad]: the field changes over a few millimetres of 62
 _NEAR = 2e-3  #: after such a turn [rad] the derivatives are some hundredths off, and so is what a step ends short of
 _WEAKEST, _STRONGEST = 0.5, 2.0  #: what is called the same rotor
 _FEWEST = 4  #: three-axis sensors that must agree; fewer leave no doubt to be had
+
+#: One search for an orientation: from where, and where it has come.
+FIT = fields(
+    ("noise", "f8"),  # of a reading [T]: below it residuals are not told apart
+    ("rotation", "f8", (3, 3)),  # R, in and out
+    ("strength", "f8"),  # of the magnets, relative to the device file, in and out
+    ("covariance", "f8", (3, 3)),  # of R as a rotation vector [rad²], out
+    ("taken", "f8", (3, 3)),  # R at which the slopes were taken, NaN before the first
+)
 
 
 @kernel
@@ -157,22 +166,22 @@ def _away(A: Array, B: Array) -> float:
 
 @kernel
 def fit_orientation(
-    model: FieldModel, field: Array, usable: Array, count: int, floor: float, tolerance: float, most: int,
-    R: Array, strength: float, trusted: Array, covariance: Array, slopes: Array, taken: Array,
-) -> tuple[bool, float, float, float, int]:  # fmt: skip
-    """Improve R (3, 3), in its place, until a step is below `tolerance` [rad], at most `most` steps.
+    fit: Record, model: FieldModel, field: Array, usable: Array, count: int, trusted: Array, slopes: Array,
+    tolerance: float, most: int,
+) -> tuple[bool, float, int]:  # fmt: skip
+    """Improve rotation and strength of `fit`, a FIT, until a step is below `tolerance` [rad], at most `most` steps.
 
     field (k, 3) [T] of the magnets alone, usable (k,) 1.0 or 0.0, `count` of them; trusted (k,) is usable less the
-    outliers, in and out; floor [T] is the noise below which residuals are not told apart; covariance (3, 3) [rad²] out;
-    slopes (k, 3, 3) [T/rad] are the derivatives at the orientation `taken` (3, 3), NaN before the first: in and out.
-    Returns (converged, strength, residual rms [T], length of the last step [rad], number of outliers).
+    outliers, in and out; slopes (k, 3, 3) [T/rad] are the derivatives where `fit` has taken them, in and out. The
+    strength is changed where it converges only. Returns (converged, residual rms [T], number of outliers).
     """
+    R, taken, covariance, strength = fit.rotation, fit.taken, fit.covariance, fit.strength
     places = field.shape[0]
     B, N, step = np.empty((1, places, 3)), np.empty((4, 4)), np.empty(4)
     squares, turned = np.empty(places), np.empty((3, 3))
-    rms, length, out_count = np.inf, np.inf, 0
+    rms, out_count = np.inf, 0
     if count < _FEWEST:
-        return False, strength, rms, length, out_count
+        return False, rms, out_count
     for _ in range(most):
         here = R.reshape(1, 3, 3)
         if _away(R, taken) <= _NEAR:
@@ -191,15 +200,15 @@ def fit_orientation(
         for _again in range(4):
             _normal(field, B[0], slopes, trusted, strength, N, step)
             if not _solve(N, step):
-                return False, strength, rms, length, out_count
+                return False, rms, out_count
             changed, kept, total = _judge_sensors(
-                field, B[0], slopes, usable, count, floor, strength, step, squares, trusted
+                field, B[0], slopes, usable, count, fit.noise, strength, step, squares, trusted
             )  # fmt: skip
             out_count = count - kept
             if not changed:
                 break
         if kept < _FEWEST:
-            return False, strength, rms, length, out_count
+            return False, rms, out_count
         rms = math.sqrt(total / (3.0 * kept))
         length = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
         shorter = min(1.0, _LONGEST / length) if length > 0.0 else 1.0
@@ -212,10 +221,11 @@ def fit_orientation(
         if length <= tolerance:
             # safety: dead-sensors
             if wanted != strength:  # sensors without supply agree well with magnets without strength
-                return False, strength, rms, length, out_count
-            noise = max(total / max(3.0 * kept - 4.0, 1.0), floor * floor)
+                return False, rms, out_count
+            noise = max(total / max(3.0 * kept - 4.0, 1.0), fit.noise * fit.noise)
             for a in range(3):
                 for b in range(3):
                     covariance[a, b] = noise * N[a, b]
-            return True, strength, rms, length, out_count
-    return False, strength, rms, length, out_count
+            fit.strength = strength
+            return True, rms, out_count
+    return False, rms, out_count

@@ -8,23 +8,33 @@ from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, rotation
+from haptorb.numerics.arrays import Array, Records, fields, rotation
 from haptorb.numerics.compiled import kernel
 from haptorb.numerics.so3 import correct_rotation, turn_by
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.orientation.cold_start import ColdStart
 from haptorb.sensing.orientation.field_model import field_model, torque_per_ampere, unpack
-from haptorb.sensing.orientation.gauss_newton import fit_orientation
+from haptorb.sensing.orientation.gauss_newton import FIT, fit_orientation
 from haptorb.sensing.orientation.readings import magnet_field
 from haptorb.sensing.orientation.spin_ambiguity import nearest_branch, spin_period
 from haptorb.sensing.sample import Estimate, Pose, Sample
 
-__all__ = ["LeastSquaresOrientation"]
+__all__ = ["TRACK", "LeastSquaresOrientation"]
 
 _TOLERANCE = 1e-4  #: [rad]: after such a step the error is a hundredth of that squared, times ten
 _STEPS = 6  #: at most, from the last orientation on
 _POOR = 0.1  #: residual over field: more is not noise, it is another orientation
 _PAUSE = 0.05  #: without a sample for so long [s], the angular velocity says nothing any more
+
+#: What tracking remembers between two ticks, and the settings that it goes by.
+TRACK = fields(
+    ("limit", "f8"),  # reading that no sensor can give unless it is broken [T]
+    ("memory", "f8"),  # of the filter [s]
+    ("dt", "f8"),  # since the last orientation [s]; 0: the filter begins anew
+    ("rotation", "f8", (3, 3)),  # R as filtered
+    ("w", "f8", (3,)),  # angular velocity, stator frame [rad/s]
+    ("fit", FIT),  # strength 0: there is no last orientation
+)
 
 
 class LeastSquaresOrientation(Estimator):
@@ -48,9 +58,17 @@ class LeastSquaresOrientation(Estimator):
             raise InputError(f"lag must be a time between 0 and 1 s; got {lag!r}")
         self._motor = motor
         self._model = field_model(motor)
-        self._cold = ColdStart(motor, self._model)
-        self._floor = float(np.hypot(max(motor.hall.noise, 1e-6), motor.hall.step / np.sqrt(12)))
-        self._numbers = np.array([self._cold.limit, self._floor, 0.5 * lag])
+        noise = float(np.hypot(max(motor.hall.noise, 1e-6), motor.hall.step / np.sqrt(12)))
+        self._cold = ColdStart(motor, self._model, noise)
+        self._track: Records = np.zeros(1, TRACK)
+        self._track["limit"], self._track["memory"] = self._cold.limit, 0.5 * lag
+        self._fit = self._track["fit"]
+        self._fit["noise"], self._fit["taken"] = noise, np.nan
+        # views of the one record, copied from in every tick
+        self._dt: Array = self._track["dt"]
+        self._R: Array = self._fit["rotation"][0]
+        self._covariance: Array = self._fit["covariance"][0]
+        self._w: Array = self._track["w"][0]
         self._period = spin_period(motor)
         self._near = np.eye(3) if start is None else rotation(start, "start")
         if self._near.shape != (3, 3):
@@ -58,17 +76,14 @@ class LeastSquaresOrientation(Estimator):
         self.field = np.zeros((motor.sensors, 3))
         self.usable = np.zeros(motor.sensors)
         self.trusted = np.zeros(motor.sensors)
-        # orientation as filtered, angular velocity [rad/s], orientation at which the slopes were taken
-        self._motion = np.concatenate([np.zeros((4, 3)), np.full((3, 3), np.nan)])
-        self._slopes = np.empty((motor.sensors, 3, 3))
-        self._strength, self._rest = 1.0, np.zeros(3)
+        self._slopes, self._rest = np.empty((motor.sensors, 3, 3)), np.zeros(3)
         self._forget(self._near)
         self._rehearse()
 
     def _forget(self, near: Array) -> None:
         """Nothing is known yet, but that the spin is near that of `near` (3, 3)."""
-        self._found, self._t, self._near, self._strength = False, -np.inf, near, 1.0
-        self._motion[3] = 0.0
+        self._found, self._t, self._near = False, -np.inf, near
+        self._w[:] = self._fit["strength"] = 0.0
         unknown = State(0.0, near, self._rest, self._rest, self._rest)
         nothing = WrenchMap(np.zeros((6, self._motor.channels)), np.zeros(6))
         self._last = Estimate(unknown, nothing, False, np.inf, spin_period=self._period)
@@ -100,31 +115,33 @@ class LeastSquaresOrientation(Estimator):
         t, last = sample.t, self._t if self._found else -np.inf
         dt = t - last
         if not 0.0 <= dt <= _PAUSE:
-            self._motion[3] = 0.0
+            self._w[:] = 0.0
             dt = 0.0
-        seen = np.empty((7, 3))  # R, its covariance, w
-        R, covariance = seen[:3], seen[3:6]
+        self._dt[0] = dt
         K, passive = np.empty((6, self._motor.channels)), np.empty(6)
         found, strength, disbelieved = _track_orientation(
-            self._model, sample.field, sample.currents, self._numbers, dt, self._strength if self._found else 0.0,
-            self.field, self.usable, self.trusted, self._motion, self._slopes, seen, K, passive,
+            self._track, self._model, sample.field, sample.currents, self.field, self.usable, self.trusted,
+            self._slopes, K, passive,
         )  # fmt: skip
-        if not found:
-            again = self._cold.search(self.field, self.usable, self._floor, self.trusted, covariance)
+        if found:
+            R, covariance, w = self._R.copy(), self._covariance.copy(), self._w.copy()
+        else:
+            again = self._cold.search(self.field, self.usable, self.trusted)
             if again is None:
-                self._found = False
+                self._found, self._fit["strength"] = False, 0.0
                 before, left_out = self._last, self._motor.sensors - int(self.trusted.sum())
                 return Estimate(
                     before.state, before.wrench_map, False, t - self._t, spin_period=self._period,
                     disbelieved=left_out,
                 )  # fmt: skip
-            strength, disbelieved = again.strength, self._motor.sensors - int(self.usable.sum()) + again.outliers
-            R[:] = nearest_branch(again.R_SR, self._near, self._period)
+            strength, covariance, w = again.strength, again.covariance, np.zeros(3)
+            disbelieved = self._motor.sensors - int(self.usable.sum()) + again.outliers
+            R = nearest_branch(again.R_SR, self._near, self._period)
             _fill_wrench_map(self._model, R, strength, K, passive)
-            self._motion[:3] = R
-            self._motion[3] = seen[6] = 0.0
-        self._found, self._t, self._strength, self._near = True, t, strength, R
-        state = State(t, R, self._rest, seen[6], self._rest)
+            self._track["rotation"], self._fit["strength"] = R, strength
+            self._w[:] = 0.0
+        self._found, self._t, self._near = True, t, R
+        state = State(t, R, self._rest, w, self._rest)
         self._last = Estimate(
             state, WrenchMap(K, passive), True, 0.0, True, self._period, covariance, strength, disbelieved
         )  # fmt: skip
@@ -138,44 +155,41 @@ def _fill_wrench_map(model: Array, R: Array, strength: float, matrix: Array, pas
 
 @kernel
 def _track_orientation(
-    packed: Array, read: Array, currents: Array, numbers: Array, dt: float, strength: float, field: Array,
-    usable: Array, trusted: Array, motion: Array, slopes: Array, seen: Array, matrix: Array, passive: Array,
+    track: Records, packed: Array, read: Array, currents: Array, field: Array, usable: Array, trusted: Array,
+    slopes: Array, matrix: Array, passive: Array,
 ) -> tuple[bool, float, int]:  # fmt: skip
     """One tick: what the magnets give of what is read; then, from the last orientation on, predict, explain, filter.
 
-    packed is a `field_model`; read (k, 3) [T] and currents (m,) [A] the sample's; numbers: limit [T], noise [T], τ [s];
-    strength 0: there is no last orientation. field (k, 3), usable, trusted (k,), motion (7, 3) (orientation, w, where
-    the slopes were taken) and slopes (k, 3, 3) are kept between ticks; seen (7, 3) becomes R, its covariance [rad²] and
-    w; matrix (6, m) and passive (6,) what coils and weight do there. Returns (found, strength, sensors left out).
+    track is (1,) TRACK; packed a `field_model`; read (k, 3) [T] and currents (m,) [A] the sample's; field (k, 3),
+    usable, trusted (k,) and slopes (k, 3, 3) are kept between ticks; matrix (6, m) and passive (6,) what coils and
+    weight do there. Returns (found, strength, sensors left out).
     """
-    model = unpack(packed)
-    limit, floor, tau = numbers[0], numbers[1], numbers[2]
+    t, model = track[0], unpack(packed)
+    fit, dt, R, w, smooth = t.fit, t.dt, t.fit.rotation, t.w, t.rotation
     places = field.shape[0]
-    count = magnet_field(read, currents, model.per_ampere, limit, field, usable)
-    if strength == 0.0:
-        return False, strength, places - count
+    count = magnet_field(read, currents, model.per_ampere, t.limit, field, usable)
+    if fit.strength == 0.0:
+        return False, 0.0, places - count
     square = 0.0
     for k in range(places):
         trusted[k] = min(trusted[k], usable[k])
         square += field[k, 0] * field[k, 0] + field[k, 1] * field[k, 1] + field[k, 2] * field[k, 2]
-    w, predicted, R = motion[3], np.empty((3, 3)), seen[:3]
-    turn_by(dt * w[0], dt * w[1], dt * w[2], motion[:3], predicted)
+    predicted = np.empty((3, 3))
+    turn_by(dt * w[0], dt * w[1], dt * w[2], smooth, predicted)
     for i in range(3):
         for j in range(3):
             R[i, j] = predicted[i, j]
-    found, new, rms, _, outliers = fit_orientation(
-        model, field, usable, count, floor, _TOLERANCE, _STEPS, R, strength, trusted, seen[3:6], slopes, motion[4:7]
+    found, rms, outliers = fit_orientation(
+        fit, model, field, usable, count, trusted, slopes, _TOLERANCE, _STEPS
     )  # fmt: skip
     # safety: field-explained
     if not found or 2 * outliers > count or not rms * rms <= _POOR * _POOR * square / (3.0 * count):
-        return False, strength, places - count + outliers
+        return False, fit.strength, places - count + outliers
     if dt > 0.0:
-        correct_rotation(predicted, R, w, dt, tau, motion[:3])
+        correct_rotation(predicted, R, w, dt, t.memory, smooth)
     else:
         for i in range(3):
             for j in range(3):
-                motion[i, j] = R[i, j]
-    for i in range(3):
-        seen[6, i] = w[i]
-    torque_per_ampere(model, R, new, matrix, passive)
-    return True, new, places - count + outliers
+                smooth[i, j] = R[i, j]
+    torque_per_ampere(model, R, fit.strength, matrix, passive)
+    return True, fit.strength, places - count + outliers

@@ -19,10 +19,21 @@ import math
 import numpy as np
 
 from haptorb.devices.electromagnet.ring_tool import axis_frame
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Record, fields
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["correct_pose", "extrapolate_pose", "memory", "noise_share", "predict"]
+__all__ = ["FILTER", "correct_pose", "extrapolate_pose", "memory", "noise_share", "predict"]
+
+#: What the filter believes, and what white noise of variance 1 in the readings makes of it.
+FILTER = fields(
+    ("place", "f8", (3,)),  # [m]
+    ("axis", "f8", (3,)),  # of the tool, a unit vector
+    ("velocity", "f8", (3,)),  # of the place [m/s]
+    ("axis_rate", "f8", (3,)),  # at which the axis changes [1/s]
+    ("variance", "f8"),  # of the place
+    ("covariance", "f8"),  # of place and rate [1/s]
+    ("rate_variance", "f8"),  # of the rate [1/s²]
+)
 
 
 @kernel
@@ -63,13 +74,13 @@ def noise_share(bandwidth: float = 100.0, rate: float = 1000.0) -> float:
 
 
 @kernel
-def predict(belief: Array, dt: float, p: Array, R: Array) -> None:
-    """Where place and axis should be `dt` [s] after `belief` (4, 3): place, axis, and their rates."""
+def predict(f: Record, dt: float, p: Array, R: Array) -> None:
+    """Where place p (3,) [m] and axis, R's third column, should be `dt` [s] after what the filter f has."""
     axis = np.empty(3)
     size = 0.0
     for i in range(3):
-        p[i] = belief[0, i] + dt * belief[2, i]
-        axis[i] = belief[1, i] + dt * belief[3, i]
+        p[i] = f.place[i] + dt * f.velocity[i]
+        axis[i] = f.axis[i] + dt * f.axis_rate[i]
         size += axis[i] * axis[i]
     for i in range(3):
         axis[i] /= np.sqrt(size)
@@ -83,54 +94,52 @@ def _turning(n: Array, rate: Array, w: Array) -> None:
 
 
 @kernel
-def extrapolate_pose(belief: Array, dt: float, p: Array, R: Array, v: Array, w: Array) -> None:
-    """What is told `dt` [s] after `belief` (4, 3) where nothing measured goes in: p [m], R, v [m/s] and w [rad/s]."""
-    predict(belief, dt, p, R)
-    v[:] = belief[2]
-    _turning(belief[1], belief[3], w)
+def extrapolate_pose(f: Record, dt: float, p: Array, R: Array, v: Array, w: Array) -> None:
+    """What is told `dt` [s] after f where nothing measured goes in: p [m], R, v [m/s] and w [rad/s]."""
+    predict(f, dt, p, R)
+    for i in range(3):
+        v[i] = f.velocity[i]
+    _turning(f.axis, f.axis_rate, w)
 
 
 @kernel
-def correct_pose(
-    belief: Array, spread: Array, dt: float, bandwidth: float, p: Array, R: Array, v: Array, w: Array
-) -> None:
+def correct_pose(f: Record, dt: float, bandwidth: float, p: Array, R: Array, v: Array, w: Array) -> None:
     """One step of the filter; p [m] and R go in as measured and come out as told, v [m/s] and w [rad/s] come out.
 
-    belief (4, 3) as `predict` has it; spread (3,) what white noise of variance 1 makes of the belief: variance of the
-    place, covariance of place and rate [1/s], variance of the rate [1/s²]. dt ≤ 0: begin anew.
+    dt ≤ 0: begin anew.
     """
     alpha, slope = 1.0, 0.0
     if dt > 0.0:
         theta = memory(2.0 * math.pi * bandwidth * dt)
         alpha, slope = 1.0 - theta * theta, (1.0 - theta) * (1.0 - theta) / dt
     else:
-        belief[2:] = 0.0
-        spread[:] = 0.0
+        for i in range(3):
+            f.velocity[i], f.axis_rate[i] = 0.0, 0.0
+            f.place[i], f.axis[i] = p[i], R[i, 2]
+        f.variance, f.covariance, f.rate_variance = 0.0, 0.0, 0.0
         dt = 0.0
-        belief[0] = p
-        belief[1] = R[:, 2]
-    both = spread[1] + dt * spread[2]
-    place = spread[0] + dt * (spread[1] + both)
-    spread[0] = (1.0 - alpha) * (1.0 - alpha) * place + alpha * alpha
-    spread[1] = (1.0 - alpha) * (both - slope * place) + alpha * slope
-    spread[2] += slope * (slope * (place + 1.0) - 2.0 * both)
+    both = f.covariance + dt * f.rate_variance
+    place = f.variance + dt * (f.covariance + both)
+    f.variance = (1.0 - alpha) * (1.0 - alpha) * place + alpha * alpha
+    f.covariance = (1.0 - alpha) * (both - slope * place) + alpha * slope
+    f.rate_variance += slope * (slope * (place + 1.0) - 2.0 * both)
     size, along = 0.0, 0.0
     for i in range(3):
-        ahead = belief[0, i] + dt * belief[2, i]
+        ahead = f.place[i] + dt * f.velocity[i]
         error = p[i] - ahead
-        belief[0, i] = ahead + alpha * error
-        belief[2, i] += slope * error
-        ahead = belief[1, i] + dt * belief[3, i]
+        f.place[i] = ahead + alpha * error
+        f.velocity[i] += slope * error
+        ahead = f.axis[i] + dt * f.axis_rate[i]
         error = R[i, 2] - ahead
-        belief[1, i] = ahead + alpha * error
-        belief[3, i] += slope * error
-        size += belief[1, i] * belief[1, i]
+        f.axis[i] = ahead + alpha * error
+        f.axis_rate[i] += slope * error
+        size += f.axis[i] * f.axis[i]
     for i in range(3):
-        belief[1, i] /= np.sqrt(size)
-        along += belief[1, i] * belief[3, i]
+        f.axis[i] /= np.sqrt(size)
+        along += f.axis[i] * f.axis_rate[i]
     for i in range(3):
-        belief[3, i] -= along * belief[1, i]  # a unit vector moves across itself only
-        p[i] = belief[0, i]
-        v[i] = belief[2, i]
-    _turning(belief[1], belief[3], w)
-    axis_frame(belief[1], R)
+        f.axis_rate[i] -= along * f.axis[i]  # a unit vector moves across itself only
+        p[i] = f.place[i]
+        v[i] = f.velocity[i]
+    _turning(f.axis, f.axis_rate, w)
+    axis_frame(f.axis, R)

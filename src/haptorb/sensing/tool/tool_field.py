@@ -19,12 +19,13 @@ import numpy as np
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
+from haptorb.numerics.packing import pack, part
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.dipole import MU0
 from haptorb.physics.sources.soft_sphere import SoftSphere
 
-__all__ = ["ToolModel", "coil_field", "moment_field", "tool_field"]
+__all__ = ["ToolModel", "TrackerModel", "coil_field", "moment_field", "pack_model", "tool_field", "unpack_model"]
 
 _K = MU0 / (4 * np.pi)
 
@@ -56,6 +57,28 @@ class ToolModel(NamedTuple):
         degree = np.arange(1, order + 1, dtype=np.float64)
         response = np.stack([sphere.response(order), (2 * degree + 1) / (degree + 1), degree / (degree + 1)])
         return cls(ring.rows, at, float(device.core_radius), response)
+
+
+class TrackerModel(NamedTuple):
+    """What the Hall tracker knows about tool and coils, within compiled code."""
+
+    tool: ToolModel
+    per_ampere: Array  #: (3 k, m) field of the coils at the sensors, the core's answer included [T/A]
+    columns: Array  #: (m,) squares of the columns of the moment map [m⁴]
+
+
+def pack_model(device: SphericalElectromagnet, model: ToolModel) -> Array:
+    """(n,) all of TrackerModel, [m], [A·m] and [T/A], with `model` for the tool; `unpack_model` takes it apart."""
+    columns = (np.asarray(device.moment_per_current, dtype=np.float64) ** 2).sum(axis=0)
+    per_ampere = coil_field(device).reshape(3 * device.sensors, -1)
+    return pack((model.core_radius,), model.rows, model.sensors, model.response, per_ampere, columns)
+
+
+@kernel
+def unpack_model(model: Array) -> TrackerModel:
+    """What `pack_model` made, its parts in their own units."""
+    tool = ToolModel(part(model, 1), part(model, 2), part(model, 0)[0, 0], part(model, 3))
+    return TrackerModel(tool, part(model, 4), part(model, 5)[0])
 
 
 def coil_field(device: SphericalElectromagnet) -> Array:

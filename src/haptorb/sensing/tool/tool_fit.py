@@ -15,12 +15,12 @@ import math
 
 import numpy as np
 
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Record, Records
 from haptorb.numerics.compiled import kernel
 from haptorb.numerics.so3 import turn_by
 from haptorb.sensing.tool.tool_field import ToolModel, tool_field
 
-__all__ = ["fit_tool", "moment_weight"]
+__all__ = ["fit_tool", "weigh_moment"]
 
 _LONGEST = 15e-3  #: longest way of one step [m]: a fifth of the distance to the sensors
 _WIDEST = 0.35  #: widest turn of one step [rad]
@@ -47,55 +47,51 @@ def _inverse(N: Array) -> bool:
 
 
 @kernel
-def moment_weight(
-    UU: Array, measured: Array, columns: Array, currents: Array, share: float, noise: float, G: Array
-) -> None:
-    """Fill G (3, 3) [A²·m⁴/T²]; zeros, plain least squares, where the moment is known as well as perfectly.
+def weigh_moment(t: Record, columns: Array, currents: Array, share: float) -> None:
+    """Fill the weight of tracker t; zeros, plain least squares, where the moment is known as well as perfectly.
 
-    UU (3, 3) = UᵀU [T²/(A²·m⁴)]; measured (3, 3) [A²·m⁴] the moment's covariance from the currents' noise; columns (m,)
-    [m⁴] squares of the moment map's columns, whose entries are known to `share`; currents (m,) [A]; noise of one
-    reading [T].
+    columns (m,) [m⁴] squares of the moment map's columns, whose entries are known to `share`; currents (m,) [A].
     """
-    errors = 0.0
+    errors, G = 0.0, t.weight
     for j in range(currents.shape[0]):
         errors += columns[j] * (share * currents[j]) ** 2
-    G[:] = measured
+    G[:] = t.moment_noise
     for a in range(3):
         G[a, a] += errors
     if _inverse(G):
         for a in range(3):
             for b in range(3):
-                G[a, b] = noise * noise * G[a, b] + UU[a, b]
+                G[a, b] = t.noise * t.noise * G[a, b] + t.coupling[a, b]
         if _inverse(G):
             return
     G[:] = 0.0
 
 
 @kernel
-def _normal(
-    field: Array, ages: Array, rates: Array, B: Array, J: Array, U: Array, G: Array, N: Array, gradient: Array
-) -> float:
-    """N = Jᵀ W J and gradient = Jᵀ W r with W = 1 − U G Uᵀ; returns the weighted misfit [T²].
+def _normal(t: Record, sensors: Records, B: Array, J: Array, gradient: Array) -> float:
+    """Covariance of t = N = Jᵀ W J and gradient = Jᵀ W r with W = 1 − U G Uᵀ; returns the weighted misfit [T²].
 
     A reading of a certain age [s] saw the tool where it was then: r = field − (B − age J rates).
     """
+    N, G, rates = t.covariance, t.weight, t.rates
     N[:] = 0.0
     gradient[:] = 0.0
     misfit = 0.0
     shared, known = np.zeros((3, 6)), np.zeros((3, 6))  # Uᵀ [J, r], and G times it
-    for k in range(field.shape[0]):
+    for k in range(sensors.size):
+        sensor = sensors[k]
         for i in range(3):
-            r = field[k, i] - B[k, i]
-            if ages[k, i] > 0.0:
+            r, age = sensor.field[i] - B[k, i], sensor.age[i]
+            if age > 0.0:
                 for a in range(5):
-                    r += ages[k, i] * J[k, i, a] * rates[a]
+                    r += age * J[k, i, a] * rates[a]
             misfit += r * r
             for a in range(5):
                 gradient[a] += J[k, i, a] * r
                 for b in range(a + 1):
                     N[a, b] += J[k, i, a] * J[k, i, b]
             for c in range(3):
-                u = U[k, i, c]
+                u = sensor.per_moment[i, c]
                 for a in range(5):
                     shared[c, a] += u * J[k, i, a]
                 shared[c, 5] += u * r
@@ -117,17 +113,15 @@ def _normal(
 
 @kernel
 def fit_tool(
-    model: ToolModel, field: Array, ages: Array, rates: Array, U: Array, G: Array, near: float, turn: float, most: int,
-    p: Array, R: Array, covariance: Array,
-) -> tuple[bool, float]:  # fmt: skip
+    t: Record, sensors: Records, model: ToolModel, near: float, turn: float, most: int, p: Array, R: Array
+) -> tuple[bool, float]:
     """Improve p (3,) [m] and R (3, 3) in their places until a step is below `near` [m] and `turn` [rad].
 
-    field (k, 3) [T] of tool and core alone, read ages (k, 3) [s] ago; rates (5,) of place [m/s] and of the turns about
-    R's x and y [rad/s] since then; U (k, 3, 3) [T/(A·m²)] and G (3, 3) as above, G zeros for plain least
-    squares; at most `most` evaluations. covariance (5, 5) becomes (JᵀWJ)⁻¹, per T² of the readings' own variance.
-    Returns (converged, misfit [T²] as the last step predicts it).
+    The fields of `sensors`, (k,) SENSOR, are explained, with the weight of the tracker t (zeros for plain least
+    squares) and with its rates since those were read; at most `most` evaluations. Its covariance becomes (JᵀWJ)⁻¹, per
+    T² of the readings' own variance. Returns (converged, misfit [T²] as the last step predicts it).
     """
-    places = field.shape[0]
+    places, covariance = sensors.size, t.covariance
     B, J = np.empty((places, 3)), np.empty((places, 3, 5))
     N, gradient, step, damped = np.empty((5, 5)), np.empty(5), np.empty(5), np.empty((5, 5))
     scale = np.empty(5)
@@ -135,7 +129,7 @@ def fit_tool(
     best, damping = np.inf, 0.0
     for _ in range(most):
         tool_field(model, p, R, B, J)
-        misfit = _normal(field, ages, rates, B, J, U, G, covariance, gradient)
+        misfit = _normal(t, sensors, B, J, gradient)
         if not misfit <= best * (1.0 + 1e-9):  # worse, or not a number: back, and more carefully
             p[:] = last_p
             R[:] = last_R

@@ -32,44 +32,30 @@ from haptorb.sensing.controller_model import ControllerModel
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.sample import Estimate, Sample
 from haptorb.sensing.tool.current_history import CurrentHistory
-from haptorb.sensing.tool.tool_field import ToolModel, coil_field, moment_field, tool_field
-from haptorb.sensing.tool.tool_fit import fit_tool
+from haptorb.sensing.tool.tool_field import ToolModel, coil_field, pack_model, tool_field
 from haptorb.sensing.tool.tool_following import (
-    AGES,
-    BANDWIDTH,
-    CORE,
-    FIELD,
-    FURTHEST,
-    LIMIT,
     LOST,
-    LOWEST,
-    NEAREST,
-    NOISE,
-    RESIDUAL,
     REVERSED,
     SEEN,
-    SHARE,
-    SWING,
     UNEXPLAINED,
     UNREAD,
     VAGUE,
     filter_fit,
+    fit_anew,
     follow_tool,
     is_explained,
     subtract_coils,
 )
+from haptorb.sensing.tool.tracker_state import make_sensors, make_tracker
 
 __all__ = ["IN_TURNS", "HallTracker"]
 
 #: bandwidth [Hz] for drivers that read the sensors in turns, six ticks for all: more lets through noise only
 IN_TURNS = 30.0
 
-_EXACT, _COLD = 1e-6, 40  #: last step of a fit from nothing [m, rad], and its evaluations at most
-_REACH = 15e-3  #: how far outside the shell a tool is still believed to be [m]
 _PAUSE = 0.05  #: without a sample for so long the velocity says nothing any more [s]
 _CARRIED = 0.01  #: for so long the tool is believed to go on as it went, while the readings say too little [s]
 _WAIT = 0.02  #: between two searches from nothing [s]: a search takes longer than a tick
-_AT_REST = np.zeros(5)
 
 
 class HallTracker(Estimator):
@@ -108,30 +94,28 @@ class HallTracker(Estimator):
             )
         if not 1.0 <= bandwidth <= 1000.0:
             raise InputError(f"bandwidth must be between 1 and 1000 Hz; got {bandwidth!r}")
-        self._offsets = np.zeros((device.sensors, 3)) if offsets is None else finite(offsets, "offsets").copy()
-        if self._offsets.shape != (device.sensors, 3):
-            raise InputError(f"offsets must have shape ({device.sensors}, 3); got {self._offsets.shape}")
+        lasting = np.zeros((device.sensors, 3)) if offsets is None else finite(offsets, "offsets")
+        if lasting.shape != (device.sensors, 3):
+            raise InputError(f"offsets must have shape ({device.sensors}, 3); got {lasting.shape}")
         self._device = device
         self._controller_model = ControllerModel(device, model)
-        self._model = ToolModel.of(device)
-        self._per_ampere = coil_field(device)
+        self._shape, tool = (device.sensors, 3), ToolModel.of(device)
+        self._model, self._grid = pack_model(device, tool), _grid(device)
+        self._fields = _fields_at(tool, self._grid)
         self.bandwidth: Final = float(bandwidth)
         hall, supply = device.hall, device.supply
-        self._per_moment, moments = moment_field(device), np.array(device.moment_per_current, dtype=np.float64)
-        self._moments, self._per_ampere_rms = moments, np.sqrt((self._per_ampere**2).mean(axis=(0, 1)))
-        self._per_moment2 = np.einsum("kia,kib->ab", self._per_moment, self._per_moment)
-        self._read = (supply.current_noise**2 + supply.current_step**2 / 12) * (moments @ moments.T)
-        self._measured = self._read
+        self._moments = np.array(device.moment_per_current, dtype=np.float64)
+        self._per_ampere_rms = np.sqrt((coil_field(device) ** 2).mean(axis=(0, 1)))
+        self._read = (supply.current_noise**2 + supply.current_step**2 / 12) * (self._moments @ self._moments.T)
         self._history = CurrentHistory(device.channels, device.sensors)
-        self._columns, self._weight = np.ascontiguousarray((moments**2).sum(axis=0)), np.zeros((3, 3))
         self.noise = float(np.hypot(max(hall.noise, 1e-7), hall.step / np.sqrt(12)))  #: of one reading [T]
+        self._tracker, self._sensors = make_tracker(device, self.noise, self.bandwidth), make_sensors(device, lasting)
+        self._filter = self._tracker["filter"]
+        self._moment_noise: Array = self._tracker["moment_noise"][0]
+        self._moment_noise[:] = self._read
         #: (5, 5) of what was seen last, noise only: place [m²], turns about two axes across the tool's [rad²]
-        self.covariance = np.full((5, 5), np.inf)
+        self.covariance: Array = self._tracker["covariance"][0]
         self.verdict: str = self.LOST
-        self._grid = _grid(device)
-        self._fields = _fields_at(self._model, self._grid)
-        self._readings, self._belief = np.full((3, device.sensors, 3), -np.inf), np.zeros((4, 3))
-        self._numbers, self._spread = _numbers(device, self.noise, self.bandwidth, self._model.core_radius), np.zeros(3)
         self._found, self._t, self._searched = False, -math.inf, -math.inf
         nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
         self._last = Estimate(nowhere, WrenchMap(np.zeros((6, device.channels)), np.zeros(6)), False, math.inf)
@@ -139,43 +123,39 @@ class HallTracker(Estimator):
     @property
     def residual(self) -> float:
         """rms of what the last estimate leaves unexplained [T]."""
-        return float(self._numbers[RESIDUAL])
+        return float(self._tracker["residual"][0])
 
     def update(self, sample: Sample) -> Estimate:
         """The estimate after `sample`. Raises InputError for readings of other sensors than the device's."""
-        read, model = np.ascontiguousarray(sample.field), self._model
-        if read.shape != model.sensors.shape:
+        read = np.ascontiguousarray(sample.field)
+        if read.shape != self._shape:
             raise InputError(
                 f"device '{self._device.name}' has {self._device.sensors} field sensors; the sample has {read.shape[0]}"
             )
         currents, taken = sample.currents, sample.t - sample.field_age
         if sample.currents_age != sample.field_age:  # a board's; a simulated device's are of one moment
             read, currents, taken = self._match_currents(sample)
-        pose = np.empty((6, 3))
-        R, p, motion = pose[:3], pose[3], pose[4:]
+        tracker, sensors, model, pose = self._tracker, self._sensors, self._model, np.empty((6, 3))
         if self._found:
             dt = sample.t - self._t
             if not 0.0 <= dt <= _PAUSE:
-                self._belief[2:] = 0.0
+                self._filter["velocity"] = self._filter["axis_rate"] = 0.0
                 dt = 0.0
-            code = follow_tool(
-                read, currents, self._per_ampere, self._offsets, self._per_moment2, self._measured,
-                self._columns, model.rows, model.sensors, model.response, self._per_moment, taken, sample.t, dt,
-                self._numbers, self._readings, self._belief, self._spread, self._weight, self.covariance, p, R, motion,
-            )  # fmt: skip
-        else:
-            code = self._subtract_coils(read, currents, taken, sample.t)
+            code = follow_tool(tracker, sensors, model, read, currents, taken, sample.t, dt, pose)
+        else:  # what is left of the readings without the coils; the place is still to be searched
+            whole = subtract_coils(tracker, sensors, model, read, currents, taken, sample.t)
+            code = UNEXPLAINED if whole else UNREAD
         if code == UNEXPLAINED:
             self._found = False
             if sample.t - self._searched < _WAIT:
                 return self._unknown(sample.t, self.verdict or self.LOST)
             self._searched = sample.t
-            code = self._search(p, R, motion)
+            code = self._search(pose)
         unsure = code == VAGUE and self._found and sample.t - self._t <= _CARRIED  # safety: tool-carried
         if not (code == SEEN or unsure):
             self._found = self._found and code == UNREAD
             return self._unknown(sample.t, self.REVERSED if code == REVERSED else self.LOST)
-        state = State(sample.t, R, p, motion[1], motion[0])
+        state = State(sample.t, pose[:3], pose[3], pose[5], pose[4])
         try:
             wrench_map = self._controller_model.wrench_map(state)
         except GeometryError:
@@ -196,22 +176,14 @@ class HallTracker(Estimator):
         """Go over to the device's model `name` in the wrench map, without a step."""
         self._controller_model.change(name)
 
-    def _subtract_coils(self, read: Array, currents: Array, taken: float, t: float) -> int:
-        """What is left of the readings without the coils; the place is still to be searched."""
-        told_all = subtract_coils(
-            read, currents, self._per_ampere, self._offsets, self._per_moment2, self._measured, self._columns, taken,
-            t, self._numbers, self._readings, self._weight,
-        )  # fmt: skip
-        return UNEXPLAINED if told_all else UNREAD
-
     def _match_currents(self, sample: Sample) -> tuple[Array, Array, float]:
         """The field (k, 3) [T] that waited for these currents, the currents (m,) [A] at its time, and that time [s];
-        numbers[SWING] is the field that they may be wrong by [T]."""
+        the tracker learns by how much they may be wrong."""
         history = self._history
         history.take(sample)
         moments = self._moments * history.doubt
-        self._measured = self._read + moments @ moments.T
-        self._numbers[SWING] = self._per_ampere_rms @ history.doubt
+        self._moment_noise[:] = self._read + moments @ moments.T
+        self._tracker["swing"] = self._per_ampere_rms @ history.doubt
         return history.field, history.currents, history.taken
 
     def _unknown(self, t: float, why: str) -> Estimate:
@@ -219,41 +191,26 @@ class HallTracker(Estimator):
         last = self._last
         return Estimate(last.state, last.wrench_map, False, t - self._t, reversed=why == self.REVERSED)
 
-    def _search(self, p: Array, R: Array, motion: Array) -> int:
+    def _search(self, pose: Array) -> int:
         """From nothing: the grid's fields most like what is read, either way round, and the fit from each."""
-        field, ages = self._readings[FIELD], self._readings[AGES]
-        cross = self._fields @ field.ravel()
+        tracker, sensors = self._tracker, self._sensors
+        cross = self._fields @ sensors["field"].ravel()
         misfits = (self._fields**2).sum(axis=1) - 2 * np.abs(cross)
-        best, limit, covariance = math.inf, float(self._numbers[LIMIT]), np.empty((5, 5))
+        best, limit, covariance = math.inf, float(tracker["limit"][0]), self.covariance.copy()
+        readings = self._fields.shape[1]
         for at in _apart(self._grid, np.argsort(misfits).tolist(), 4):
-            q, Q = self._grid[at].copy(), rotation_to_axis(math.copysign(1.0, cross[at]) * self._grid[at])
-            good, misfit = fit_tool(
-                self._model, field, ages, _AT_REST, self._per_moment, self._weight, _EXACT, _EXACT, _COLD, q, Q,
-                covariance,
-            )  # fmt: skip
+            p, R = self._grid[at].copy(), rotation_to_axis(math.copysign(1.0, cross[at]) * self._grid[at])
+            good, misfit = fit_anew(tracker, sensors, self._model, p, R)
             if good and misfit < best:
-                best = misfit
-                p[:], R[:] = q, Q
-                self.covariance[:] = covariance
-            if is_explained(best, field.size, 0.5 * limit):
+                best, covariance = misfit, self.covariance.copy()
+                pose[:3], pose[3] = R, p
+            if is_explained(best, readings, 0.5 * limit):
                 break
-        if not is_explained(best, field.size, limit):
-            self._numbers[RESIDUAL] = math.sqrt(best / max(field.size - 5, 1))
+        self.covariance[:] = covariance
+        if not is_explained(best, readings, limit):
+            tracker["residual"] = math.sqrt(best / max(readings - 5, 1))
             return LOST
-        return filter_fit(
-            self._numbers, self._belief, self._spread, self.covariance, best, field.size, -1.0, p, R, motion
-        )  # fmt: skip
-
-
-def _numbers(device: SphericalElectromagnet, noise: float, bandwidth: float, core: float) -> Array:
-    """(11,) as `tool_following` takes them."""
-    numbers = np.zeros(11)
-    numbers[NOISE], numbers[BANDWIDTH], numbers[CORE], numbers[SHARE] = noise, bandwidth, core, 1.0
-    numbers[NEAREST] = device.contact_distance - _REACH
-    numbers[FURTHEST] = device.contact_distance + device.shell_thickness + _REACH
-    numbers[LOWEST] = math.cos(min(device.workspace_half_angle + math.radians(30), math.pi))
-    numbers[RESIDUAL] = math.inf
-    return numbers
+        return filter_fit(tracker, best, readings, -1.0, pose)
 
 
 def _grid(device: SphericalElectromagnet) -> Array:

@@ -16,18 +16,17 @@ from numpy.typing import ArrayLike
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State
 from haptorb.errors import DriverError, InputError
-from haptorb.numerics.arrays import Array, finite, vectors
+from haptorb.numerics.arrays import Array, Record, finite, vectors
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.soft_sphere import SoftSphere
 from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.sample import Pose, Sample
-from haptorb.simulation.electromagnet.electromagnet_kernels import advance
-from haptorb.simulation.electromagnet.sensors import Magnets, SensorNoise, sense
-from haptorb.simulation.parts.coils import BODY, CURRENT, WINDING, chop, cold, wires
-from haptorb.simulation.parts.hand import LETTING_GO, Grip
+from haptorb.simulation.electromagnet.electromagnet_kernels import ELECTROMAGNET, advance
+from haptorb.simulation.electromagnet.sensors import Magnets, pack_magnets, sense
+from haptorb.simulation.parts.coils import chop, cold_coils
 from haptorb.simulation.parts.noise import seed_noise
-from haptorb.simulation.parts.tool import GRAVITY, Body, DomeSurface, matrix
+from haptorb.simulation.parts.tool import GRAVITY, matrix
 from haptorb.simulation.simulation import Simulation
 
 __all__ = ["SimulatedElectromagnet"]
@@ -59,75 +58,63 @@ class SimulatedElectromagnet(Simulation):
         if not (np.isfinite(step) and 0.0 < step <= 1e-3):
             raise InputError(f"step of the simulation must be above 0 and at most 1 ms; got {step} s")
         self.device: SphericalElectromagnet = device
-        tool, hand, dome, hall = device.tool, device.hand, device.contact, device.hall
-        self._body = Body(
-            mass=float(tool.mass + (hand.mass if held else 0.0)),
-            weight=0.0 if held else float(tool.mass * GRAVITY),
-            inertia_x=float(tool.inertia[0]),
-            inertia_y=float(tool.inertia[1]),
-            inertia_z=float(tool.inertia[2]),
-            tip=float(tool.tip_distance),
-            tail=float(tool.length / 2),
-        )
-        self._dome = DomeSurface(
-            float(device.dome_radius), float(dome.stiffness), float(dome.damping), float(dome.friction)
-        )
-        self._longest = min(float(step), _longest_step(self._body, self._dome, device.name))
-        self._grip = LETTING_GO
-        if held:
-            self._grip = Grip(
-                float(hand.stiffness), float(hand.damping), float(hand.turn_stiffness), float(hand.turn_damping)
-            )
-        self._wires = wires(device)
         heat = device.coils.heat
         self._heat = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
-        self._last_dt, self._steps, self._heat_step = 0.0, 1, np.zeros((2, 3))
+        self._last_dt = 0.0
+        self._state = np.zeros(1, dtype=ELECTROMAGNET)
+        self._state["nearest"] = device.passive_pull.nearest
+        self._tool, self._senses = self._state["tool"], self._state["senses"]
+        self._equip(held)
+        self._longest = min(float(step), _longest_step(self._tool[0], device.name))
+        tool, hall = device.tool, device.hall
         size = (tool.outer_radius, tool.inner_radius, tool.length, tool.remanence)
         self.ring = ChargedRing(*size)  #: the tool's magnet as the simulation has it
         self._rows = self.ring.rows
         self._table = np.array(device.passive_pull.table)
-        self._numbers = np.array(
-            [*self._wires[2:], *self._body, *self._dome, *self._grip, device.passive_pull.nearest], dtype=np.float64
-        )
         self._per_ampere = np.array(device.moment_per_current, dtype=np.float64, order="C")
         positions = np.array(hall.positions, dtype=np.float64, order="C").reshape(-1, 3)
-        self._positions = positions
-        supply = device.supply
-        senses = SensorNoise(
-            float(hall.noise),
-            float(hall.step),
-            float(supply.current_noise),
-            float(supply.current_step),
-            float(device.thermometer_noise),
-            float(device.thermometer_step),
-        )
         sphere = SoftSphere(device.core_radius, device.core_permeability)
         order = 1
         if len(positions):
             closest = max(device.dome_radius - tool.length / 2, 1.1 * device.core_radius)
             order = sphere.order(closest, float(np.linalg.norm(positions, axis=1).min()), precision=1e-3)
         unit = np.stack([dipole.field(np.eye(3)[j], positions) for j in range(3)], axis=-1)  # (k, 3, 3) [T/A·m²]
-        self._sensing = np.array([*senses, device.core_radius])
-        self._magnets = Magnets(
-            self._rows,
-            ChargedRing(*size, radial=1, azimuth=4).rows,
-            float(device.core_radius),
-            sphere.response(order),
-            np.ascontiguousarray((unit @ self._per_ampere).reshape(3 * len(positions), -1)),
+        self._magnets = pack_magnets(
+            Magnets(
+                self._rows,
+                ChargedRing(*size, radial=1, azimuth=4).rows,
+                float(device.core_radius),
+                sphere.response(order),
+                np.ascontiguousarray((unit @ self._per_ampere).reshape(3 * len(positions), device.channels)),
+                positions,
+            )
         )
         self._steps_of_duty = float(2**device.supply.duty_bits)
-        self._truth = np.zeros(6)
-        self._goal = np.zeros(7)  # position and quaternion to which the hand pulls
         self.reset(seed)
+
+    def _equip(self, held: bool) -> None:
+        """Tool, dome, hand and sensors as the device file has them."""
+        device, it, senses = self.device, self._tool, self._senses
+        tool, hand, dome, supply = device.tool, device.hand, device.contact, device.supply
+        it["mass"] = tool.mass + (hand.mass if held else 0.0)
+        it["weight"] = 0.0 if held else tool.mass * GRAVITY
+        it["inertia"], it["tip"], it["tail"] = tool.inertia, tool.tip_distance, tool.length / 2
+        it["dome"]["radius"] = device.dome_radius
+        for name in ("stiffness", "damping", "friction"):
+            it["dome"][name] = getattr(dome, name)
+        if held:
+            for name in ("stiffness", "damping", "turn_stiffness", "turn_damping"):
+                it["grip"][name] = getattr(hand, name)
+        senses["field_noise"], senses["field_step"] = device.hall.noise, device.hall.step
+        senses["current_noise"], senses["current_step"] = supply.current_noise, supply.current_step
+        senses["heat_noise"], senses["heat_step"] = device.thermometer_noise, device.thermometer_step
 
     def reset(self, seed: int = 0) -> None:
         """Cold coils without currents, the tool at rest 12 mm above the dome's summit, noise from `seed`."""
-        self._noise = seed_noise(seed)
-        self._coils = cold(self._wires)
-        self._tool = np.zeros(13)
-        self._truth[:] = 0.0
+        self._senses["generator"] = seed_noise(seed)
+        self._coils = cold_coils(self.device)
+        self._state["wrench"] = self._state["depth"] = 0.0
         self._t = 0.0
-        self._depth = 0.0
         self.place((0.0, 0.0, self.device.contact_distance + _ABOVE), (0.0, 0.0, 0.0, 1.0))
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
@@ -141,10 +128,11 @@ class SimulatedElectromagnet(Simulation):
                 f"p must be a place off the centre, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}"
             )
         distance = float(np.linalg.norm(at))
-        self._tool[:3] = at * max(1.0, self.device.contact_distance / distance)
-        self._tool[3:7] = turned / np.linalg.norm(turned)
-        self._tool[7:] = 0.0
-        self._goal[:3], self._goal[3:] = at, self._tool[3:7]
+        tool = self._tool
+        tool["p"] = at * max(1.0, self.device.contact_distance / distance)
+        tool["q"] = turned / np.linalg.norm(turned)
+        tool["v"] = tool["w"] = 0.0
+        tool["goal"], tool["goal_q"] = at, tool["q"]
 
     def quantise(self, duties: Array) -> Array:
         """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
@@ -163,13 +151,10 @@ class SimulatedElectromagnet(Simulation):
             return
         if dt != self._last_dt:
             steps = max(ceil(dt / self._longest - 1e-9), 1)
-            self._last_dt, self._steps, self._heat_step = dt, steps, self._heat.step(dt / steps)
-        wires = self._wires
-        self._depth = advance(
-            self._tool, self._coils, duties, goal_p, goal_q, self._goal, self._numbers, wires.resistance,
-            wires.inductance, self._heat_step, self._rows, self._table, self._per_ampere, dt / self._steps,
-            self._steps, self._truth,
-        )  # fmt: skip
+            self._last_dt = dt
+            self._state["dt"], self._state["steps"] = dt / steps, steps
+            self._state["heat"] = self._heat.step(dt / steps)
+        advance(self._state, self._coils, duties, goal_p, goal_q, self._rows, self._table, self._per_ampere)
         self._t += dt
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
@@ -177,14 +162,10 @@ class SimulatedElectromagnet(Simulation):
 
         Raises DriverError where the simulation has left the numbers.
         """
-        channels, places = self.device.channels, len(self._positions)
-        magnets = self._magnets
+        channels, places = self.device.channels, self.device.sensors
         read, pose = np.empty(2 * channels), np.empty((6, 3))
         field = np.empty((places, 3))
-        if not sense(
-            self._tool, self._coils, self._positions, magnets.ring, magnets.coarse, magnets.response,
-            magnets.per_ampere, self._sensing, self._noise, pose, read, field,
-        ):  # fmt: skip
+        if not sense(self._state, self._coils, self._magnets, pose, read, field):
             raise DriverError(
                 "the simulated tool left the numbers: a value of the device file is far from what can be built; "
                 "compare tool, hand and contact with the file of 'omni'"
@@ -194,55 +175,55 @@ class SimulatedElectromagnet(Simulation):
 
     def truth(self) -> Array:
         """(6,) mean wrench of coils and core on the tool over the last `advance` [N, N·m about the magnet]."""
-        return self._truth.copy()
+        truth: Array = self._state["wrench"][0].copy()
+        return truth
 
     def state(self) -> State:
         """The tool as it really is."""
         R = np.empty((3, 3))
-        tool = self._tool.copy()
-        matrix(tool[3:7], R)
-        return State(self._t, R, tool[:3], tool[10:], tool[7:10])
+        p, q, v, w = (self._tool[name][0].copy() for name in "pqvw")
+        matrix(q, R)
+        return State(self._t, R, p, w, v)
 
     @property
     def currents(self) -> Array:
         """(m,) the true currents [A]."""
-        currents: Array = self._coils[CURRENT].copy()
+        currents: Array = self._coils["current"].copy()
         return currents
 
     @property
     def winding(self) -> Array:
         """(m,) the windings' true temperatures [K]."""
-        winding: Array = self._coils[WINDING].copy()
+        winding: Array = self._coils["winding"].copy()
         return winding
 
     @property
     def boundary(self) -> Array:
         """(m,) the coil bodies' true temperatures [K]."""
-        boundary: Array = self._coils[BODY].copy()
+        boundary: Array = self._coils["body"].copy()
         return boundary
 
     @property
     def depth(self) -> float:
         """How far the dome gives way under the tool just now [m]; 0: no contact."""
-        return self._depth
+        return float(self._state["depth"][0])
 
     @property
     def energy(self) -> float:
         """Kinetic energy of the tool, with the hand's mass that moves along [J]."""
-        body, tool = self._body, self._tool
-        w = self.state().R_SR.T @ tool[10:]
-        inertia = np.array([body.inertia_x, body.inertia_y, body.inertia_z])
-        return float(0.5 * body.mass * (tool[7:10] @ tool[7:10]) + 0.5 * (inertia @ w**2))
+        state, tool = self.state(), self._tool[0]
+        w = state.R_SR.T @ state.w
+        return float(0.5 * tool["mass"] * (state.v @ state.v) + 0.5 * (tool["inertia"] @ w**2))
 
 
-def _longest_step(body: Body, dome: DomeSurface, name: str) -> float:
-    """The step [s] that still follows the tool on the dome's spring: half a radian of its fastest oscillation."""
-    arm = max(body.tip, body.tail)
-    yielding = 1 / body.mass + arm * arm / min(body.inertia_x, body.inertia_y)
-    longest = 0.5 / (dome.stiffness * yielding) ** 0.5 if dome.stiffness > 0.0 else 1.0
+def _longest_step(tool: Record, name: str) -> float:
+    """The step [s] that still follows a TOOL on the dome's spring: half a radian of its fastest oscillation."""
+    stiffness, arm = float(tool["dome"]["stiffness"]), max(tool["tip"], tool["tail"])
+    yielding = float(1 / tool["mass"] + arm * arm / min(tool["inertia"][:2]))
+    longest = 0.5 / (stiffness * yielding) ** 0.5 if stiffness > 0.0 else 1.0
     if longest < _SHORTEST:
         raise InputError(
-            f"device '{name}': a dome of {dome.stiffness:.3g} N/m under so light a tool wants steps of "
+            f"device '{name}': a dome of {stiffness:.3g} N/m under so light a tool wants steps of "
             f"{longest * 1e6:.2g} µs, below {_SHORTEST * 1e6:.0f} µs; soften the dome or make the tool heavier"
         )
     return longest

@@ -10,36 +10,50 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Record, Records, fields
 from haptorb.numerics.compiled import kernel
+from haptorb.numerics.packing import pack, part
 from haptorb.physics.sources.charged_ring import charge_field
 from haptorb.physics.sources.soft_sphere import add_induced_field
-from haptorb.simulation.parts.coils import BODY, CURRENT
-from haptorb.simulation.parts.noise import Noise, fill_normal, quantise
+from haptorb.simulation.parts.noise import fill_normal, quantise
 from haptorb.simulation.parts.tool import matrix
 
-__all__ = ["Magnets", "SensorNoise", "field_at", "sense"]
+__all__ = ["SENSES", "Magnets", "pack_magnets", "sense"]
+
+#: How good the sensors are: standard deviation and step of each kind; and the generator of their noise.
+SENSES = fields(
+    ("field_noise", "f8"),  # [T]
+    ("field_step", "f8"),  # [T]
+    ("current_noise", "f8"),  # [A]
+    ("current_step", "f8"),  # [A]
+    ("heat_noise", "f8"),  # [K]
+    ("heat_step", "f8"),  # [K]
+    ("generator", "u8", (4,)),
+)
 
 
 class Magnets(NamedTuple):
-    """Where fields come from."""
+    """Where fields come from, and where they are read."""
 
     ring: Array  #: (4, n) charges of the tool's magnet, mover frame [m, A·m]
     coarse: Array  #: (4, n') the same magnet with fewer charges: enough for what the core answers
     core_radius: float  #: [m]
     response: Array  #: (L,) the core's answer by degree
     per_ampere: Array  #: (3 k, m) field of the electromagnet at the sensors [T/A]
+    sensors: Array  #: (k, 3) [m]
 
 
-class SensorNoise(NamedTuple):
-    """How good the sensors are: standard deviation and step of each kind."""
+def pack_magnets(magnets: Magnets) -> Array:
+    """(n,) `magnets` as compiled code takes them, in their own units."""
+    m = magnets
+    return pack((m.core_radius,), m.ring, m.coarse, m.response, m.per_ampere, m.sensors)
 
-    field_noise: float  #: [T]
-    field_step: float  #: [T]
-    current_noise: float  #: [A]
-    current_step: float  #: [A]
-    heat_noise: float  #: [K]
-    heat_step: float  #: [K]
+
+@kernel
+def _unpack_magnets(blob: Array) -> Magnets:
+    return Magnets(
+        part(blob, 1), part(blob, 2), part(blob, 0)[0, 0], part(blob, 3)[0], part(blob, 4), part(blob, 5)
+    )  # fmt: skip
 
 
 @kernel
@@ -51,52 +65,53 @@ def _place_charges(rows: Array, R: Array, p: Array, out: Array) -> None:
 
 
 @kernel
-def field_at(magnets: Magnets, positions: Array, currents: Array, R: Array, p: Array, out: Array) -> None:
-    """out (k, 3) [T]: the field at the sensors with `currents` (m,) [A] and the tool at R (3, 3), p (3,)."""
-    ring, coarse = np.empty_like(magnets.ring), np.empty_like(magnets.coarse)
+def _fill_field(magnets: Magnets, coils: Records, R: Array, p: Array, out: Array) -> None:
+    """out (k, 3) [T]: the field at the sensors with the coils' currents and the tool at R (3, 3), p (3,)."""
+    ring, coarse, sensors = np.empty_like(magnets.ring), np.empty_like(magnets.coarse), magnets.sensors
     _place_charges(magnets.ring, R, p, ring)
     _place_charges(magnets.coarse, R, p, coarse)
-    for k in range(positions.shape[0]):
+    for k in range(sensors.shape[0]):
         for i in range(3):
             total = 0.0
-            for j in range(currents.shape[0]):
-                total += magnets.per_ampere[3 * k + i, j] * currents[j]
+            for j in range(coils.size):
+                total += magnets.per_ampere[3 * k + i, j] * coils[j].current
             out[k, i] = total
-        x, y, z = positions[k, 0], positions[k, 1], positions[k, 2]
+        x, y, z = sensors[k, 0], sensors[k, 1], sensors[k, 2]
         charge_field(ring, x, y, z, out[k])
         add_induced_field(coarse, magnets.core_radius, magnets.response, x, y, z, out[k])
 
 
 @kernel
-def sense(
-    tool: Array, coils: Array, positions: Array, ring: Array, coarse: Array, response: Array, per_ampere: Array,
-    numbers: Array, noise: Noise, pose: Array, read: Array, field: Array,
-) -> bool:  # fmt: skip
+def _somewhere(tool: Record) -> bool:
+    """Whether pose and motion of a TOOL are numbers."""
+    total = tool.q[3]
+    for i in range(3):
+        total += tool.p[i] + tool.q[i] + tool.v[i] + tool.w[i]
+    return bool(np.isfinite(total))
+
+
+@kernel
+def sense(electromagnet: Records, coils: Records, magnets: Array, pose: Array, read: Array, field: Array) -> bool:
     """One reading of each sensor, and the tool's true pose; False, and nothing read, if the tool is nowhere.
 
-    pose (6, 3) becomes R, p, v and w; read (2 m,) currents [A], then temperatures [K]; field (k, 3) [T] at positions.
-    The other arguments are `Magnets` and, in numbers (7,), `SensorNoise` and the core's radius: tuples are slower.
+    electromagnet (1,) ELECTROMAGNET, coils (m,) COIL, magnets as `pack_magnets` made them; pose (6, 3) becomes R, p, v
+    and w; read (2 m,) currents [A], then temperatures [K]; field (k, 3) [T].
     """
-    total = 0.0
-    for i in range(tool.shape[0]):
-        total += tool[i]
-    if not np.isfinite(total):
+    tool, s = electromagnet[0].tool, electromagnet[0].senses
+    if not _somewhere(tool):
         return False
-    n = numbers
-    senses = SensorNoise(n[0], n[1], n[2], n[3], n[4], n[5])
-    magnets = Magnets(ring, coarse, n[6], response, per_ampere)
-    matrix(tool[3:7], pose[:3])
+    matrix(tool.q, pose[:3])
     for i in range(3):
-        pose[3, i], pose[4, i], pose[5, i] = tool[i], tool[7 + i], tool[10 + i]
-    count, places = coils.shape[1], positions.shape[0]
+        pose[3, i], pose[4, i], pose[5, i] = tool.p[i], tool.v[i], tool.w[i]
+    count, places = coils.size, field.shape[0]
     draws = np.empty(2 * count + 3 * places)
-    fill_normal(noise, draws)
-    field_at(magnets, positions, coils[CURRENT], pose[:3], pose[3], field)
+    fill_normal(s.generator, draws)
+    _fill_field(_unpack_magnets(magnets), coils, pose[:3], pose[3], field)
     for k in range(count):
-        read[k] = quantise(coils[CURRENT, k] + senses.current_noise * draws[k], senses.current_step)
-        read[count + k] = quantise(coils[BODY, k] + senses.heat_noise * draws[count + k], senses.heat_step)
+        read[k] = quantise(coils[k].current + s.current_noise * draws[k], s.current_step)
+        read[count + k] = quantise(coils[k].body + s.heat_noise * draws[count + k], s.heat_step)
     for k in range(places):
         for i in range(3):
-            reading = field[k, i] + senses.field_noise * draws[2 * count + 3 * k + i]
-            field[k, i] = quantise(reading, senses.field_step)
+            reading = field[k, i] + s.field_noise * draws[2 * count + 3 * k + i]
+            field[k, i] = quantise(reading, s.field_step)
     return True

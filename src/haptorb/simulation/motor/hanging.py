@@ -9,40 +9,35 @@ from numpy.polynomial import chebyshev
 
 from haptorb.devices.motor.handle import Grasp
 from haptorb.devices.motor.spherical_motor import SphericalMotor
-from haptorb.numerics.arrays import Array
-from haptorb.simulation.motor.rotor import Joint
+from haptorb.numerics.arrays import Array, Records
+from haptorb.simulation.motor.rotor import ROTOR
 from haptorb.simulation.parts.tool import matrix
 
-__all__ = ["joint_of", "potential_energy", "within"]
+__all__ = ["hang", "potential_energy", "within"]
 
 
-def joint_of(device: SphericalMotor, grasp: Grasp) -> Joint:
-    """The rotor of `device` with the hand `grasp` on its handle."""
-    rotor = device.rotor
+def hang(device: SphericalMotor, grasp: Grasp) -> Records:
+    """(1,) ROTOR of `device` with the hand `grasp` on its handle: upright and at rest."""
+    rotor, made = device.rotor, np.zeros(1, dtype=ROTOR)
     arm = rotor.handle_length
     hand = np.array([grasp.mass * arm**2, grasp.mass * arm**2, 0.5 * grasp.mass * grasp.radius**2])
-    damper = grasp.damping * arm**2
-    return Joint(
-        np.array(rotor.inertia, dtype=np.float64) + hand,
-        np.full(3, float(rotor.viscous_friction) + damper),
-        float(rotor.dry_friction),
-        grasp.stiffness * arm**2,
-        *device.leaning,
-        cos(device.workspace_tilt),
-        device.end_stop.stiffness,
-        device.end_stop.damping,
-    )
+    made["inertia"] = np.array(rotor.inertia, dtype=np.float64) + hand
+    made["damping"] = float(rotor.viscous_friction) + grasp.damping * arm**2
+    made["friction"], made["grip"] = rotor.dry_friction, grasp.stiffness * arm**2
+    made["least"], made["edge"] = device.leaning[1], cos(device.workspace_tilt)
+    made["stop"], made["stop_damping"] = device.end_stop.stiffness, device.end_stop.damping
+    made["q"] = made["goal"] = (0.0, 0.0, 0.0, 1.0)
+    return made
 
 
-def potential_energy(joint: Joint, cosine: float) -> float:
-    """Potential of weight and regulator [J]: dU/d(cos) = −(torque over sin)."""
-    least = joint.least
+def potential_energy(coefficients: Array, least: float, cosine: float) -> float:
+    """Potential of weight and regulator [J]: dU/d(cos) = −(torque over sin), which the coefficients (n,) give."""
 
     def integral(c: float) -> float:
         x = (2 * c - (1 + least)) / (1 - least)
-        return 0.5 * (1 - least) * float(chebyshev.chebval(x, chebyshev.chebint(joint.leaning)))
+        return 0.5 * (1 - least) * float(chebyshev.chebval(x, chebyshev.chebint(coefficients)))
 
-    beyond = max(least - cosine, 0.0) * float(chebyshev.chebval(-1.0, joint.leaning))
+    beyond = max(least - cosine, 0.0) * float(chebyshev.chebval(-1.0, coefficients))
     return integral(1.0) - integral(max(cosine, least)) + beyond
 
 

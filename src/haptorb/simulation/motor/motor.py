@@ -23,15 +23,12 @@ from haptorb.errors import DriverError, InputError, UnknownName
 from haptorb.numerics.arrays import Array, finite
 from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.sample import Pose, Sample
-from haptorb.simulation.motor.hall import (
-    FAILURES,
-    HallFaults,
-    halls,
-)
-from haptorb.simulation.motor.hanging import joint_of, potential_energy, within
-from haptorb.simulation.motor.motor_kernels import MeterNoise, Parts, advance, sense
-from haptorb.simulation.motor.rotor import ANGULAR, Joint, angular_velocity
-from haptorb.simulation.parts.coils import CURRENT, WINDING, chop, cold, wires
+from haptorb.simulation.motor.hall import FAILURES, draw_halls
+from haptorb.simulation.motor.hanging import hang, potential_energy, within
+from haptorb.simulation.motor.motor_kernels import MOTOR, Magnetics, advance, pack_magnetics, sense
+from haptorb.simulation.motor.rotor import angular_velocity
+from haptorb.simulation.parts.coils import chop, cold_coils
+from haptorb.simulation.parts.hand import rotation_left
 from haptorb.simulation.parts.noise import seed_noise
 from haptorb.simulation.parts.tool import matrix
 from haptorb.simulation.simulation import Simulation
@@ -77,57 +74,45 @@ class SimulatedMotor(Simulation):
         self.grasp = grasp or device.hand
         self._quality, self._spread = quality or device.hall_spread, float(magnet_spread)
         self._longest = float(step)
-        self._wires = wires(device)
-        heat = device.coils.heat
+        heat, tables, supply = device.coils.heat, device.tables, device.supply
         self._heat = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
-        self._dt, self._steps, self._heat_step = 0.0, 1, np.zeros((2, 3))  # of the last advance
+        self._dt = 0.0  # of the last advance
         self._still = np.zeros(3)
-        tables = device.tables
-        self._parts = Parts(
+        self._state = np.zeros(1, dtype=MOTOR)
+        self._state["current_noise"], self._state["current_step"] = supply.current_noise, supply.current_step
+        self._state["heat_noise"], self._state["heat_step"] = device.thermometer_noise, device.thermometer_step
+        self._state["rotor"] = hang(device, self.grasp)
+        self._rotor = self._state["rotor"]
+        self._parts = Magnetics(
             tables.torque_pair.cells,
             float(tables.torque_pair.scale),
             tables.field_pair.cells,
             float(tables.field_pair.scale),
-            np.array(device.magnets.directions, order="C"),
-            np.array(device.polarity, dtype=np.float64),
-            np.array(device.electromagnets.directions, order="C"),
-            np.array(device.sensor_layout.directions, order="C"),
-            np.array(device.groups, dtype=np.float64, order="C"),
+            device.magnets.directions,
+            device.electromagnets.directions,
+            device.sensor_layout.directions,
+            device.groups,
             device.sensor_field_per_ampere,
+            device.leaning[0],
         )
-        supply = device.supply
-        heat_meter = float(device.thermometer_noise), float(device.thermometer_step)
-        self._meters = MeterNoise(float(supply.current_noise), float(supply.current_step), *heat_meter)
-        self._hang(joint_of(device, self.grasp))
+        self._magnetics = pack_magnetics(self._parts)
+        self._failures = np.zeros(device.sensors, dtype=np.int64)
         self._steps_of_duty = float(2**supply.duty_bits)
-        self._torque = np.zeros(3)
-        self._goal = np.array([0.0, 0.0, 0.0, 1.0])
-        self._faults = HallFaults(np.zeros(device.sensors), np.zeros((device.sensors, 3)))
         self.reset(seed)
-
-    def _hang(self, joint: Joint) -> None:
-        """Put the rotor on `joint`."""
-        self._joint = joint
-        one = (joint.friction, joint.grip, joint.least, joint.edge, joint.stop, joint.stop_damping)
-        self._moving = np.array([*self._wires[2:], *one, self._parts.torque_scale])
 
     def reset(self, seed: int = 0) -> None:
         """Cold coils without currents, the rotor upright and at rest, noise and lasting errors from `seed`."""
-        self._noise = seed_noise(seed)
-        hall = self.device.hall
-        self._halls = halls(self.device.sensor_layout.frames, self._quality, float(hall.noise), float(hall.step), seed)
+        self._state["generator"] = seed_noise(seed)
+        device, hall = self.device, self.device.hall
+        self._halls = draw_halls(device.sensor_layout.frames, self._quality, hall.noise, hall.step, seed)
+        self._halls["failure"] = self._failures
         draw = np.random.Generator(np.random.PCG64([seed, 1]))
-        parts = self._parts
-        spread = 1.0 + self._spread * draw.standard_normal(len(parts.strength))
-        self._parts = parts._replace(strength=np.array(self.device.polarity, dtype=np.float64) * spread)
-        drawn = self._halls
-        self._sensing = np.array([*self._meters, drawn.noise, drawn.step, drawn.reach, parts.field_scale])
-        self._coils = cold(self._wires)
-        self._rotor = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-        self._torque[:] = 0.0
-        self._goal[:] = self._rotor[:4]
+        polarity = np.array(device.polarity, dtype=np.float64)
+        self._strength = polarity * (1.0 + self._spread * draw.standard_normal(len(polarity)))
+        self._coils = cold_coils(device)
+        self._rotor["q"] = self._rotor["goal"] = (0.0, 0.0, 0.0, 1.0)
+        self._rotor["momentum"] = self._state["torque"] = self._state["pressed"] = 0.0
         self._t = 0.0
-        self._pressed = 0.0
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
         """Turn the rotor to `q` (4,), at rest; beyond the edge it is set onto the edge. `p` (3,) means nothing here.
@@ -137,16 +122,16 @@ class SimulatedMotor(Simulation):
         turned = finite(q, "q")
         if turned.shape != (4,) or not turned.any():
             raise InputError(f"q must be a quaternion (x, y, z, w) that is not zero; got {q!r}")
-        self._rotor[:4] = within(turned / np.linalg.norm(turned), self.device.workspace_tilt)
-        self._rotor[ANGULAR:] = 0.0
-        self._goal[:] = turned / np.linalg.norm(turned)
+        self._rotor["q"] = within(turned / np.linalg.norm(turned), self.device.workspace_tilt)
+        self._rotor["momentum"] = 0.0
+        self._rotor["goal"] = turned / np.linalg.norm(turned)
 
     def spin(self, w: ArrayLike) -> None:
         """Give the rotor the angular velocity `w` (3,) [rad/s], stator frame. Raises InputError for another shape."""
         rate = finite(w, "w")
         if rate.shape != (3,):
             raise InputError(f"w must have shape (3,); got {rate.shape}")
-        self._rotor[ANGULAR:] = self._joint.inertia * (self.state().R_SR.T @ rate)
+        self._rotor["momentum"] = self._rotor["inertia"] * (self.state().R_SR.T @ rate)
 
     def fail(self, sensors: Iterable[int], kind: str = "dead") -> None:
         """Let field sensors (numbered from 0) fail: "dead" (nothing but offset and noise), "stuck" at the last reading,
@@ -159,7 +144,7 @@ class SimulatedMotor(Simulation):
         for number in sensors:
             if not 0 <= number < self.device.sensors:
                 raise InputError(f"sensor {number} does not exist; there are 0 to {self.device.sensors - 1}")
-            self._faults.kind[number] = FAILURES[kind]
+            self._failures[number] = self._halls["failure"][number] = FAILURES[kind]
 
     def quantise(self, duties: Array) -> Array:
         """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""
@@ -178,13 +163,10 @@ class SimulatedMotor(Simulation):
             return
         if dt != self._dt:
             steps = max(ceil(dt / self._longest - 1e-9), 1)
-            self._dt, self._steps, self._heat_step = dt, steps, self._heat.step(dt / steps)
-        wires, joint, parts = self._wires, self._joint, self._parts
-        self._pressed = advance(
-            self._rotor, self._coils, duties, goal_q, self._goal, self._moving, wires.resistance, wires.inductance,
-            self._heat_step, joint.inertia, joint.damping, joint.leaning, parts.torque_cells, parts.magnets,
-            parts.strength, parts.coils, parts.groups, dt / self._steps, self._steps, self._torque,
-        )  # fmt: skip
+            self._dt = dt
+            self._state["dt"], self._state["steps"] = dt / steps, steps
+            self._state["heat"] = self._heat.step(dt / steps)
+        advance(self._state, self._coils, self._magnetics, self._strength, duties, goal_q)
         self._t += dt
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
@@ -192,14 +174,10 @@ class SimulatedMotor(Simulation):
 
         Raises DriverError where the simulation has left the numbers.
         """
-        channels, parts, halls, faults = self.device.channels, self._parts, self._halls, self._faults
+        channels = self.device.channels
         read, pose = np.empty(2 * channels), np.empty((4, 3))
         field = np.empty((self.device.sensors, 3))
-        if not sense(
-            self._rotor, self._coils, self._sensing, self._joint.inertia, parts.field_cells, parts.magnets,
-            parts.strength, parts.sensors, parts.coil_field, halls.frames, halls.mixing, halls.offset, faults.kind,
-            faults.held, self._noise, pose, read, field,
-        ):  # fmt: skip
+        if not sense(self._state, self._coils, self._halls, self._magnetics, self._strength, pose, read, field):
             raise DriverError(
                 "the simulated rotor left the numbers: a value of the device file is far from what can be built; "
                 "compare rotor and regulator with the file of 'pmsm'"
@@ -211,53 +189,52 @@ class SimulatedMotor(Simulation):
         """(6,) mean wrench over the last `advance`: torque of coils, regulator and weight on the rotor [N·m]; neither
         hand, nor bearing, nor end stop. The bearing carries every force: the first three are zero."""
         wrench = np.zeros(6)
-        wrench[3:] = self._torque
+        wrench[3:] = self._state["torque"][0]
         return wrench
 
     def state(self) -> State:
         """The rotor as it really is."""
         R, w = np.empty((3, 3)), np.empty(3)
-        matrix(self._rotor[:4], R)
-        angular_velocity(self._rotor, self._joint.inertia, R, w)
+        rotor = self._rotor
+        matrix(rotor["q"][0], R)
+        angular_velocity(rotor["momentum"][0], rotor["inertia"][0], R, w)
         return State(self._t, R, np.zeros(3), w, np.zeros(3))
 
     @property
     def currents(self) -> Array:
         """(m,) the true currents [A]."""
-        currents: Array = self._coils[CURRENT].copy()
+        currents: Array = self._coils["current"].copy()
         return currents
 
     @property
     def winding(self) -> Array:
         """(m,) the windings' true temperatures [K]."""
-        winding: Array = self._coils[WINDING].copy()
+        winding: Array = self._coils["winding"].copy()
         return winding
 
     @property
     def pressed(self) -> float:
         """How far the end stop gives way under the rotor just now [rad]; 0: it is not reached."""
-        return self._pressed
+        return float(self._state["pressed"][0])
 
     @property
     def momentum(self) -> Array:
         """(3,) angular momentum of rotor and hand, stator frame [N·m·s]."""
-        momentum: Array = self.state().R_SR @ self._rotor[ANGULAR:]
+        momentum: Array = self.state().R_SR @ self._rotor["momentum"][0]
         return momentum
 
     @property
     def energy(self) -> float:
         """Kinetic energy, and that of weight, regulator, grip and end stop [J]; zero upright at the hand's goal."""
-        from haptorb.simulation.parts.hand import rotation_left
-
-        joint, rotor = self._joint, self._rotor
-        kinetic = 0.5 * float((rotor[ANGULAR:] ** 2 / joint.inertia).sum())
+        rotor = self._rotor[0]
+        kinetic = 0.5 * float((rotor["momentum"] ** 2 / rotor["inertia"]).sum())
         left = np.empty(3)
-        rotation_left(rotor[:4], self._goal, left)
+        rotation_left(rotor["q"], rotor["goal"], left)
         cosine = float(self.state().R_SR[2, 2])
-        over = max(np.arccos(min(cosine, 1.0)) - np.arccos(joint.edge), 0.0)
-        return (
+        over = max(np.arccos(min(cosine, 1.0)) - np.arccos(rotor["edge"]), 0.0)
+        return float(
             kinetic
-            + 0.5 * joint.grip * float(left @ left)
-            + 0.5 * joint.stop * float(over) ** 2
-            + potential_energy(joint, cosine)
+            + 0.5 * rotor["grip"] * float(left @ left)
+            + 0.5 * rotor["stop"] * float(over) ** 2
+            + potential_energy(self._parts.leaning, float(rotor["least"]), cosine)
         )

@@ -8,97 +8,118 @@ from typing import NamedTuple
 import numpy as np
 
 from haptorb.devices.tables.table_kernels import sensor_field, torque_characteristic
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Record, Records, fields
 from haptorb.numerics.compiled import kernel
-from haptorb.simulation.motor.hall import HallArray, HallFaults, read_halls
-from haptorb.simulation.motor.rotor import Joint, angular_velocity, kick, turn
-from haptorb.simulation.parts.coils import BODY, CURRENT, CoilConstants, coil_step
-from haptorb.simulation.parts.noise import Noise, fill_normal, quantise
+from haptorb.numerics.packing import pack, part
+from haptorb.simulation.motor.hall import read_halls
+from haptorb.simulation.motor.rotor import ROTOR, angular_velocity, kick, turn
+from haptorb.simulation.parts.coils import coil_step
+from haptorb.simulation.parts.noise import fill_normal, quantise
 from haptorb.simulation.parts.tool import matrix
 
-__all__ = ["STRIDE", "MeterNoise", "Parts", "advance", "sense"]
+__all__ = ["MOTOR", "STRIDE", "Magnetics", "advance", "pack_magnetics", "sense"]
 
 STRIDE = 5e-3  #: turn [rad] over which one torque characteristic holds: K changes over tenths of a radian
 
+#: All that a simulated motor remembers but its coils and field sensors, and the numbers that it goes by.
+MOTOR = fields(
+    ("rotor", ROTOR),
+    ("dt", "f8"),  # of a step [s]
+    ("steps", "i8"),  # in one call
+    ("heat", "f8", (2, 3)),  # `TwoNode.step` of a step
+    ("torque", "f8", (3,)),  # of coils, weight and regulator on the rotor, mean of the last call [N·m]
+    ("pressed", "f8"),  # how far the end stop gives way [rad]
+    ("current_noise", "f8"),  # [A]
+    ("current_step", "f8"),  # [A]
+    ("heat_noise", "f8"),  # [K]
+    ("heat_step", "f8"),  # [K]
+    ("generator", "u8", (4,)),  # of the sensors' noise
+)
 
-class Parts(NamedTuple):
-    """The magnetics for compiled code."""
+
+class Magnetics(NamedTuple):
+    """Magnets, coils and sensors for compiled code."""
 
     torque_cells: Array
     torque_scale: float
     field_cells: Array
     field_scale: float
     magnets: Array  #: (p, 3) rotor frame
-    strength: Array  #: (p,)
     coils: Array  #: (c, 3)
     sensors: Array  #: (k, 3)
     groups: Array  #: (c, m)
     coil_field: Array  #: (m, 3 k) field of the coils at the sensors [T/A]
+    leaning: Array  #: (n,) coefficients of weight and regulator, as `regulator.leaning` takes them [N·m]
 
 
-class MeterNoise(NamedTuple):
-    """Current and heat sensors: standard deviation and step."""
-
-    current_noise: float
-    current_step: float
-    heat_noise: float
-    heat_step: float
+def pack_magnetics(m: Magnetics) -> Array:
+    """(n,) `m` as compiled code takes it, in its own units."""
+    return pack(
+        (m.torque_scale, m.field_scale), m.torque_cells, m.field_cells, m.magnets, m.coils, m.sensors, m.groups,
+        m.coil_field, m.leaning,
+    )  # fmt: skip
 
 
 @kernel
-def advance(
-    state: Array, coils: Array, duties: Array, wish: Array, goal: Array, numbers: Array, resistance: Array,
-    inductance: Array, heat: Array, inertia: Array, damping: Array, lean: Array, torque_cells: Array, magnets: Array,
-    strength: Array, places: Array, groups: Array, dt: float, steps: int, truth: Array,
-) -> float:  # fmt: skip
-    """`steps` steps of `dt` [s]; fills truth (3,) with the mean torque; returns how far the stop is pressed [rad].
+def _unpack_magnetics(blob: Array) -> Magnetics:
+    one = part(blob, 0)
+    return Magnetics(
+        part(blob, 1), one[0, 0], part(blob, 2), one[0, 1], part(blob, 3), part(blob, 4), part(blob, 5), part(blob, 6),
+        part(blob, 7), part(blob, 8)[0],
+    )  # fmt: skip
+
+
+@kernel
+def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, duties: Array, wish: Array) -> None:
+    """Some steps of rotor and coils: `motor` (1,) MOTOR and `coils` (m,) COIL go on.
 
     The torque characteristic changes with the pose, and little from step to step: it is looked up once for as many
     steps as the rotor needs for STRIDE, in their middle.
 
-    goal (4,) is where the hand goes: wish (4,) if that is a quaternion, else what it was. numbers (11,): what is one
-    number of wires, joint and parts; a call with tuples takes twice as long.
+    magnetics as `pack_magnetics` made them; strength (p,) of the magnets; duties (m,); the hand goes to wish (4,) if
+    that is a quaternion, else to where it went.
     """
-    n = numbers
-    wires = CoilConstants(resistance, inductance, n[0], n[1], n[2], n[3])
-    joint = Joint(inertia, damping, n[4], n[5], lean, n[6], n[7], n[8], n[9])
-    channels = duties.shape[0]
+    m, parts = motor[0], _unpack_magnetics(magnetics)
+    rotor, truth, dt, steps, channels = m.rotor, m.torque, m.dt, m.steps, coils.size
     R, w, K = np.empty((3, 3)), np.empty(3), np.empty((3, channels))
-    emf, mean = np.empty(channels), np.empty(channels)
-    passive, given = np.empty(3), np.empty(3)
+    passive, given, mean = np.empty(3), np.empty(3), np.empty(channels)
     size = wish[0] * wish[0] + wish[1] * wish[1] + wish[2] * wish[2] + wish[3] * wish[3]
     if 0.0 < size < 1e12:  # false for NaN as well
         for i in range(4):
-            goal[i] = wish[i] / math.sqrt(size)
+            rotor.goal[i] = wish[i] / math.sqrt(size)
+    for k in range(channels):
+        coils[k].duty = duties[k]
     for i in range(3):
         truth[i] = 0.0
-    pressed, held = 0.0, 0
+    held = 0
     for step in range(steps):
         if held == 0:
-            held = _stride(state, inertia, dt, steps - step)
-            _characteristic(state, inertia, 0.5 * held * dt, torque_cells, n[10], magnets, strength, places, groups, K)
+            held = _stride(rotor, dt, steps - step)
+            _characteristic(rotor, 0.5 * held * dt, parts, strength, K)
         held -= 1
-        turn(state, inertia, 0.5 * dt)
-        matrix(state[:4], R)
-        angular_velocity(state, inertia, R, w)
+        turn(rotor.q, rotor.momentum, rotor.inertia, 0.5 * dt)
+        matrix(rotor.q, R)
+        angular_velocity(rotor.momentum, rotor.inertia, R, w)
         for k in range(channels):  # the power that leaves the coil's circuit is the power that the rotor gets
-            emf[k] = K[0, k] * w[0] + K[1, k] * w[1] + K[2, k] * w[2]
-        coil_step(coils, wires, heat, duties, emf, dt, mean)
+            coils[k].emf = K[0, k] * w[0] + K[1, k] * w[1] + K[2, k] * w[2]
+        coil_step(coils, m.heat, dt)
+        for k in range(channels):
+            mean[k] = coils[k].mean
         for i in range(3):
             given[i] = 0.0
             for k in range(channels):
                 given[i] += K[i, k] * mean[k]
-        pressed = kick(state, R, joint, goal, passive, given, dt)
+        m.pressed = kick(rotor, parts.leaning, R, passive, given, dt)
         for i in range(3):
             truth[i] += (given[i] + passive[i]) / steps
-        turn(state, inertia, 0.5 * dt)
-    return pressed
+        turn(rotor.q, rotor.momentum, rotor.inertia, 0.5 * dt)
 
 
 @kernel
-def _stride(state: Array, inertia: Array, dt: float, most: int) -> int:
+def _stride(rotor: Record, dt: float, most: int) -> int:
     """How many steps of `dt` [s], 1 to `most`, the rotor may take until it has turned by STRIDE."""
-    a, b, c = state[4] / inertia[0], state[5] / inertia[1], state[6] / inertia[2]
+    momentum, inertia = rotor.momentum, rotor.inertia
+    a, b, c = momentum[0] / inertia[0], momentum[1] / inertia[1], momentum[2] / inertia[2]
     turned = dt * math.sqrt(a * a + b * b + c * c)
     if not turned * most > STRIDE:  # also where it is nowhere
         return most
@@ -106,16 +127,14 @@ def _stride(state: Array, inertia: Array, dt: float, most: int) -> int:
 
 
 @kernel
-def _characteristic(
-    state: Array, inertia: Array, ahead: float, cells: Array, scale: float, magnets: Array, strength: Array,
-    places: Array, groups: Array, K: Array,
-) -> None:  # fmt: skip
+def _characteristic(rotor: Record, ahead: float, parts: Magnetics, strength: Array, K: Array) -> None:
     """Fill K (3, m) [N·m/A] as it will be `ahead` [s] from now if the rotor turns freely until then."""
-    then, R = state.copy(), np.empty((1, 3, 3))
-    turn(then, inertia, ahead)
-    matrix(then[:4], R[0])
+    q, momentum, R = rotor.q.copy(), rotor.momentum.copy(), np.empty((1, 3, 3))
+    turn(q, momentum, rotor.inertia, ahead)
+    matrix(q, R[0])
+    places, groups = parts.coils, parts.groups
     single = np.empty((1, 3, places.shape[0]))
-    torque_characteristic(cells, scale, magnets, strength, places, R, single)
+    torque_characteristic(parts.torque_cells, parts.torque_scale, parts.magnets, strength, places, R, single)
     for i in range(3):
         for k in range(K.shape[1]):
             K[i, k] = 0.0
@@ -125,37 +144,43 @@ def _characteristic(
 
 
 @kernel
+def _somewhere(rotor: Record) -> bool:
+    """Whether pose and momentum of a ROTOR are numbers."""
+    total = rotor.q[3]
+    for i in range(3):
+        total += rotor.q[i] + rotor.momentum[i]
+    return bool(np.isfinite(total))
+
+
+@kernel
 def sense(
-    state: Array, coils: Array, numbers: Array, inertia: Array, field_cells: Array, magnets: Array, strength: Array,
-    sensors: Array, coil_field: Array, frames: Array, mixing: Array, offset: Array, failed: Array, held: Array,
-    noise: Noise, pose: Array, read: Array, field: Array,
+    motor: Records, coils: Records, halls: Records, magnetics: Array, strength: Array, pose: Array, read: Array,
+    field: Array,
 ) -> bool:  # fmt: skip
     """One reading of every sensor, and the rotor's true motion; False, and nothing read, if the rotor is nowhere.
 
-    pose (4, 3) becomes R and w; read (2 m,) currents [A], then temperatures [K]; field (k, 3) [T].
-    numbers (8,): what is one number of meters, sensors and table.
+    motor, coils, magnetics and strength as in `advance`; halls (k,) HALL; pose (4, 3) becomes R and w; read (2 m,)
+    currents [A], then temperatures [K]; field (k, 3) [T].
     """
-    total = 0.0
-    for i in range(state.shape[0]):
-        total += state[i]
-    if not np.isfinite(total):
+    m, parts, channels = motor[0], _unpack_magnetics(magnetics), coils.size
+    rotor = m.rotor
+    if not _somewhere(rotor):
         return False
-    n = numbers
-    meters = MeterNoise(n[0], n[1], n[2], n[3])
-    halls = HallArray(frames, mixing, offset, n[4], n[5], n[6])
-    matrix(state[:4], pose[:3])
-    angular_velocity(state, inertia, pose[:3], pose[3])
-    channels = coils.shape[1]
+    matrix(rotor.q, pose[:3])
+    angular_velocity(rotor.momentum, rotor.inertia, pose[:3], pose[3])
     draws = np.empty(2 * channels)
-    fill_normal(noise, draws)
+    fill_normal(m.generator, draws)
     for k in range(channels):
-        read[k] = quantise(coils[CURRENT, k] + meters.current_noise * draws[k], meters.current_step)
-        read[channels + k] = quantise(coils[BODY, k] + meters.heat_noise * draws[channels + k], meters.heat_step)
-    sensor_field(field_cells, n[7], magnets, strength, sensors, pose[:3].reshape(1, 3, 3), field.reshape(1, -1, 3))
-    total_field = field.reshape(-1)
+        read[k] = quantise(coils[k].current + m.current_noise * draws[k], m.current_step)
+        read[channels + k] = quantise(coils[k].body + m.heat_noise * draws[channels + k], m.heat_step)
+    sensor_field(
+        parts.field_cells, parts.field_scale, parts.magnets, strength, parts.sensors, pose[:3].reshape(1, 3, 3),
+        field.reshape(1, -1, 3),
+    )  # fmt: skip
+    total_field, coil_field = field.reshape(-1), parts.coil_field
     for j in range(channels):
-        ampere = coils[CURRENT, j]
+        ampere = coils[j].current
         for r in range(total_field.shape[0]):
             total_field[r] += coil_field[j, r] * ampere
-    read_halls(halls, HallFaults(failed, held), noise, field)
+    read_halls(halls, m.generator, field)
     return True

@@ -7,53 +7,41 @@ L/R), mutual inductance between the nearly orthogonal coils, and eddy currents i
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from haptorb.devices.device import Device
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.thermal import heat_step
 
-__all__ = ["BODY", "CURRENT", "WINDING", "CoilConstants", "chop", "coil_step", "cold", "wires"]
+__all__ = ["COIL", "chop", "coil_step", "cold_coils"]
 
-#: rows of a coil state, shape (3, m): current [A], winding and body temperature [K]
-CURRENT, WINDING, BODY = 0, 1, 2
+#: Of each coil: what does not change about it, and how it is now.
+COIL = fields(
+    ("resistance", "f8"),  # at the reference temperature [Ω]
+    ("inductance", "f8"),  # [H]
+    ("voltage", "f8"),  # of the supply [V]
+    ("coefficient", "f8"),  # of the resistance [1/K]
+    ("reference", "f8"),  # temperature [K]
+    ("ambient", "f8"),  # temperature [K]
+    ("duty", "f8"),  # −1 to 1
+    ("emf", "f8"),  # that the moving mover induces against the current [V]
+    ("current", "f8"),  # [A]
+    ("winding", "f8"),  # temperature [K]
+    ("body", "f8"),  # temperature [K]
+    ("mean", "f8"),  # current of the last step [A]
+)
 
 
-class CoilConstants(NamedTuple):
-    """What does not change about the coils."""
-
-    resistance: Array  #: (m,) at the reference temperature [Ω]
-    inductance: Array  #: (m,) [H]
-    voltage: float  #: [V]
-    coefficient: float  #: [1/K]
-    reference: float  #: [K]
-    ambient: float  #: [K]
-
-
-def wires(device: Device) -> CoilConstants:
-    """The coils of `device`, copied into arrays that compiled code may keep."""
+def cold_coils(device: Device) -> Records:
+    """(m,) COIL of `device`: no current, everything at the ambient temperature."""
     coils = device.coils
-    return CoilConstants(
-        np.array(coils.resistance, dtype=np.float64),
-        np.array(coils.inductance, dtype=np.float64),
-        float(device.supply.voltage),
-        float(coils.temperature_coefficient),
-        float(coils.reference_temperature),
-        float(coils.heat.ambient),
-    )
-
-
-def cold(wires: CoilConstants) -> Array:
-    """(3, m) a coil state with no current, everything at the ambient temperature.
-
-    Rows: current [A], winding [K], body [K].
-    """
-    state = np.zeros((3, len(wires.resistance)))
-    state[WINDING:] = wires.ambient
-    return state
+    made = np.zeros(device.channels, dtype=COIL)
+    made["resistance"], made["inductance"] = coils.resistance, coils.inductance
+    made["voltage"] = device.supply.voltage
+    made["coefficient"], made["reference"] = coils.temperature_coefficient, coils.reference_temperature
+    made["ambient"] = made["winding"] = made["body"] = coils.heat.ambient
+    return made
 
 
 @kernel
@@ -67,22 +55,18 @@ def chop(duties: Array, steps: float, out: Array) -> None:
 
 
 @kernel
-def coil_step(
-    state: Array, wires: CoilConstants, heat: Array, duties: Array, emf: Array, dt: float, mean: Array
-) -> None:
-    """Advance `state` (3, m) by `dt` [s]; `mean` (m,) [A] becomes the mean current in it.
-
-    emf (m,) [V] is what the moving tool induces against the current; heat (2, 3) is `TwoNode.step(dt)`.
-    """
-    for k in range(duties.shape[0]):
-        winding = state[WINDING, k]
-        resistance = wires.resistance[k] * (1.0 + wires.coefficient * (winding - wires.reference))
-        end = (duties[k] * wires.voltage - emf[k]) / resistance
-        gap = state[CURRENT, k] - end
-        x = resistance * dt / wires.inductance[k]
+def coil_step(coils: Records, heat: Array, dt: float) -> None:
+    """Advance `coils`, (m,) COIL, by `dt` [s] under their duties and emf; heat (2, 3) is `TwoNode.step(dt)`."""
+    for k in range(coils.size):
+        c = coils[k]
+        winding = c.winding
+        resistance = c.resistance * (1.0 + c.coefficient * (winding - c.reference))
+        end = (c.duty * c.voltage - c.emf) / resistance
+        gap = c.current - end
+        x = resistance * dt / c.inductance
         gone = -np.expm1(-x)
         share = gone / x if x > 0.0 else 1.0  # mean of the decaying part; its square's mean likewise
-        mean[k] = end + gap * share
+        c.mean = end + gap * share
         square = end * end + 2.0 * end * gap * share + gap * gap * share * (1.0 - 0.5 * gone)
-        state[CURRENT, k] = end + gap * (1.0 - gone)
-        state[WINDING, k], state[BODY, k] = heat_step(heat, winding, state[BODY, k], wires.ambient, resistance * square)
+        c.current = end + gap * (1.0 - gone)
+        c.winding, c.body = heat_step(heat, winding, c.body, c.ambient, resistance * square)

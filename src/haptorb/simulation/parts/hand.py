@@ -7,26 +7,20 @@ kg, 2 N·s/m, 100 N/m (a pen, lightly) to 0.8 kg, 10 N·s/m, 500 N/m.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, fields
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["LETTING_GO", "Grip", "rotation_left"]
+__all__ = ["GRIP", "rotation_left"]
 
-
-class Grip(NamedTuple):
-    """How firmly the tool is held."""
-
-    stiffness: float  #: [N/m]
-    damping: float  #: [N·s/m]
-    turn_stiffness: float  #: [N·m/rad]
-    turn_damping: float  #: [N·m·s/rad]
-
-
-LETTING_GO = Grip(0.0, 0.0, 0.0, 0.0)  #: no hand at all
+#: How firmly the tool is held; zeros: no hand at all.
+GRIP = fields(
+    ("stiffness", "f8"),  # [N/m]
+    ("damping", "f8"),  # [N·s/m]
+    ("turn_stiffness", "f8"),  # [N·m/rad]
+    ("turn_damping", "f8"),  # [N·m·s/rad]
+)
 
 
 @kernel

@@ -15,7 +15,7 @@ import numpy as np
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.dipole import MU0
 from haptorb.worlds.parameter import parameter
@@ -24,29 +24,39 @@ from haptorb.worlds.world import World
 __all__ = ["Dome"]
 
 
-@kernel
-def _push(p: Array, numbers: Array, wrench: Array) -> None:
-    """Fill the force of `wrench` (6,) [N] at `p` (3,) [m].
+#: What the kernel goes by.
+_DOME = fields(
+    ("summit", "f8", (3,)),  # unit vector
+    ("cut_off", "f8"),  # θ₂ [rad]
+    ("turns", "f8"),  # k = π/(2θ₁)
+    ("strength", "f8"),  # F₀ [N]
+    ("contact", "f8"),  # d_min [m]
+    ("reach", "f8"),  # d_max [m]
+)
 
-    numbers (8,): unit summit (3), θ₂ [rad], k, F₀ [N], d_min and d_max [m].
-    """
+
+@kernel
+def _push(p: Array, domes: Records, wrench: Array) -> None:
+    """Fill the force of `wrench` (6,) [N] at `p` (3,) [m]; domes is (1,) _DOME."""
+    dome = domes[0]
+    summit = dome.summit
     d = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
-    if not 0.0 < d < numbers[7]:
+    if not 0.0 < d < dome.reach:
         return
-    c = (p[0] * numbers[0] + p[1] * numbers[1] + p[2] * numbers[2]) / d
+    c = (p[0] * summit[0] + p[1] * summit[1] + p[2] * summit[2]) / d
     alpha = np.arccos(min(1.0, max(-1.0, c)))
-    if alpha >= numbers[3]:
+    if alpha >= dome.cut_off:
         return
     # Outside contact the force falls with the fourth power; a tip pressed into the shell does not raise it.
-    fallen = numbers[6] / max(d, numbers[6])
-    strength = numbers[5] * fallen * fallen * fallen * fallen
-    radial = 2.0 * strength * np.cos(numbers[4] * alpha)
+    fallen = dome.contact / max(d, dome.contact)
+    strength = dome.strength * fallen * fallen * fallen * fallen
+    radial = 2.0 * strength * np.cos(dome.turns * alpha)
     # e_t: away from the summit along the sphere (E12); at the summit itself there is no such direction, and no F_t
     sine = np.sqrt(max(1.0 - c * c, 0.0))
-    tangential = strength * np.sin(numbers[4] * alpha) / sine if sine > 1e-9 else 0.0
+    tangential = strength * np.sin(dome.turns * alpha) / sine if sine > 1e-9 else 0.0
     for i in range(3):
         outward = p[i] / d
-        wrench[i] = radial * outward + tangential * (c * outward - numbers[i])
+        wrench[i] = radial * outward + tangential * (c * outward - summit[i])
 
 
 @dataclass(frozen=True)
@@ -122,13 +132,15 @@ class Dome(World):
         return 2 * abs(self.strength)
 
     @cached_property
-    def _map(self) -> Array:
-        """(8,) what does not change from tick to tick, as the kernel takes it."""
+    def _map(self) -> Records:
+        """(1,) _DOME: what does not change from tick to tick."""
+        made = np.zeros(1, dtype=_DOME)
         x, y, z = self.summit
         length = sqrt(x * x + y * y + z * z)
-        turns = 90.0 / self.half_width_deg
-        numbers = (x / length, y / length, z / length, radians(self.cut_off_deg), turns, self.strength)
-        return np.array([*numbers, self.contact_distance, self.reach])
+        made["summit"] = x / length, y / length, z / length
+        made["cut_off"], made["turns"] = radians(self.cut_off_deg), 90.0 / self.half_width_deg
+        made["strength"], made["contact"], made["reach"] = self.strength, self.contact_distance, self.reach
+        return made
 
     def wrench(self, state: State) -> Array:
         """(6,) force of the map at the tool's magnet [N]; no torque asked."""

@@ -27,7 +27,7 @@ import numpy as np
 
 from haptorb.devices.state import State
 from haptorb.errors import GeometryError, InputError
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Record, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.beams import Model, appendix_b, compliance
 from haptorb.physics.hook import TABLE_3, Hook
@@ -39,11 +39,25 @@ from haptorb.worlds.world import World
 __all__ = ["Outlet", "PublishedOutlet"]
 
 
+#: What the kernel of an outlet goes by.
+_PLUG = fields(
+    ("half", "f8"),  # width of the plug, halved [m]
+    ("lead", "f8"), ("slope", "f8"),  # length of its bevelled end [m], and how steep it is
+    ("edge", "f8"),  # half length of the rounding between bevel and full width [m]
+    ("stiffness", "f8"), ("recoil", "f8"),  # of a hook: [N/m] and Ω₋/Ω₊
+    ("friction", "f8"), ("creep", "f8"),  # μ, and the speed below which it is viscous [m/s]
+    ("arm", "f8"),  # from the plug's inner end to the hooks when it is home [m]
+    ("opening", "f8"),  # between the hooks [m]
+    ("seat", "f8"),  # [N/m]
+    ("peak", "f8"),  # place along the hook that touches [m]
+)  # fmt: skip
+
+
 @kernel
-def _face(along: float, plug: Array) -> tuple[float, float]:
+def _face(along: float, plug: Record) -> tuple[float, float]:
     """Half width of the plug at `along` from its inner end, and its slope: a lead-in, then the full width."""
-    half, lead, slope, edge = plug[0], plug[1], plug[2], plug[3]
-    u = lead - along
+    half, slope, edge = plug.half, plug.slope, plug.edge
+    u = plug.lead - along
     if u >= edge:
         return half - slope * u, slope
     if u <= -edge:
@@ -52,19 +66,18 @@ def _face(along: float, plug: Array) -> tuple[float, float]:
 
 
 @kernel
-def _outlet(p: Array, R: Array, v: Array, w: Array, numbers: Array, wrench: Array, rows: Array) -> None:
+def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Array, rows: Array) -> None:
     """Fill wrench (6,) on the plug about o', and rows (2, 8): δ, place along the hook, contact (3), force on the plug
-    (3). numbers (12,): the plug as `_face` takes it, then what is written in the next lines."""
-    plug = numbers[:4]
-    stiffness, recoil, friction, creep, arm, opening, seat, peak = (
-        numbers[4], numbers[5], numbers[6], numbers[7], numbers[8], numbers[9], numbers[10], numbers[11],
-    )  # fmt: skip
+    (3). plugs is (1,) _PLUG."""
+    plug = plugs[0]
+    arm, opening, seat, stiffness = plug.arm, plug.opening, plug.seat, plug.stiffness
+    recoil, friction, creep = plug.recoil, plug.friction, plug.creep
     for i in range(6):
         wrench[i] = 0.0
     for hook in range(2):
         for i in range(8):
             rows[hook, i] = 0.0
-        rows[hook, 1] = peak
+        rows[hook, 1] = plug.peak
     if R[0, 0] < 0.5 or R[1, 1] < 0.5:  # turned by more than 60°: a plug that cannot be in the socket
         return
     for hook in range(2):
@@ -148,7 +161,7 @@ class Outlet(World):
     hook: Hook = field(init=False, repr=False, compare=False)
     stiffness: float = field(init=False, repr=False, compare=False)  #: of one hook, pulled straight, no friction [N/m]
     recoil: float = field(init=False, repr=False, compare=False)  #: Ω₋/Ω₊: how far the top moves out per bending
-    _numbers: Array = field(init=False, repr=False, compare=False)
+    _plug: Records = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
@@ -181,16 +194,13 @@ class Outlet(World):
         drop = 0.5 * (self.plug_width - self.opening) + 0.1e-3
         edge = 0.25 * self.lead_in
         stiffness = self.youngs_modulus * self.width / plus
-        numbers = (
-            0.5 * self.plug_width, self.lead_in, drop / self.lead_in, edge,
-            stiffness, minus / plus, self.friction, self.creep, self.arm, self.opening, self.seat, hook.peak,
-        )  # fmt: skip
-        values = {
-            "hook": hook,
-            "stiffness": stiffness,
-            "recoil": minus / plus,
-            "_numbers": np.array(numbers),
-        }
+        plug = np.zeros(1, dtype=_PLUG)
+        plug["half"], plug["lead"] = 0.5 * self.plug_width, self.lead_in
+        plug["slope"], plug["edge"] = drop / self.lead_in, edge
+        plug["stiffness"], plug["recoil"], plug["peak"] = stiffness, minus / plus, hook.peak
+        for name in ("friction", "creep", "arm", "opening", "seat"):
+            plug[name] = getattr(self, name)
+        values = {"hook": hook, "stiffness": stiffness, "recoil": minus / plus, "_plug": plug}
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
@@ -207,7 +217,7 @@ class Outlet(World):
     def outline(self) -> Array:
         """(8, 2) places along the plug from its inner end up to its full width, and its half width there [m]."""
         along = np.linspace(0.0, 1.25 * self.lead_in, 8)
-        return np.array([(x, _face(x, self._numbers[:4])[0]) for x in along.tolist()])
+        return np.array([(x, _face(x, self._plug[0])[0]) for x in along.tolist()])
 
     def wrench(self, state: State) -> Array:
         """(6,) on the plug, about o' [N, N·m]."""
@@ -217,7 +227,7 @@ class Outlet(World):
         """(6,) the wrench, and (2, 8) both hooks, first the one at +Y': see `World.touching`."""
         wrench, hooks = np.empty(6), np.empty((2, 8))
         one = np.ascontiguousarray  # one layout: one compilation
-        _outlet(one(state.p), one(state.R_SR), one(state.v), one(state.w), self._numbers, wrench, hooks)
+        _outlet(one(state.p), one(state.R_SR), one(state.v), one(state.w), self._plug, wrench, hooks)
         return wrench, hooks
 
     def contacts(self, state: State) -> tuple[HookContact, ...]:

@@ -23,7 +23,7 @@ import numpy as np
 
 from haptorb.devices.state import State
 from haptorb.errors import GeometryError, InputError
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Record, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.beams import Model, compliance
 from haptorb.physics.hook import Hook
@@ -35,6 +35,23 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 __all__ = ["HookContact", "SnapFit"]
+
+
+#: What the kernel of a snap-fit goes by.
+_SNAP = fields(
+    ("foot", "f8"), ("top", "f8"),  # of the rear face: where it begins and ends, from the root [m]
+    ("peak", "f8"),  # where the front face starts [m]
+    ("rear", "f8"), ("front", "f8"),  # slopes of the two faces
+    ("edge", "f8"),  # half length of the rounding [m]
+    ("height", "f8"),  # of the wedge [m]
+    ("recoil", "f8"),  # κ = Ω₋/Ω₊
+    ("friction", "f8"), ("creep", "f8"),  # μ, and the speed below which it is viscous [m/s]
+    ("half", "f8"),  # from the part's middle to its edge [m]
+    ("clearance", "f8"),  # [m]
+    ("seat", "f8"),  # [N/m]
+    ("start", "f8"), ("step", "f8"),  # of the table of stiffnesses [m]
+    ("hooks", "i8"),
+)  # fmt: skip
 
 
 class HookContact(NamedTuple):
@@ -58,13 +75,12 @@ def _round_corner(u: float, edge: float) -> tuple[float, float]:
 
 
 @kernel
-def _wedge(x: float, shape: Array) -> tuple[float, float]:
+def _wedge(x: float, snap: Record) -> tuple[float, float]:
     """Height of the wedge over the base beam at x, and its slope; the front runs on over the tip's end."""
-    foot, top, peak, rear, front, edge = shape[0], shape[1], shape[2], shape[3], shape[4], shape[5]
-    a, da = _round_corner(x - foot, edge)
-    b, db = _round_corner(x - top, edge)
-    c, dc = _round_corner(x - peak, edge)
-    return rear * (a - b) - front * c, rear * (da - db) - front * dc
+    a, da = _round_corner(x - snap.foot, snap.edge)
+    b, db = _round_corner(x - snap.top, snap.edge)
+    c, dc = _round_corner(x - snap.peak, snap.edge)
+    return snap.rear * (a - b) - snap.front * c, snap.rear * (da - db) - snap.front * dc
 
 
 @kernel
@@ -85,13 +101,13 @@ def _stiffness(x: float, start: float, step: float, spline: Array) -> tuple[floa
 
 
 @kernel
-def _find_contact(X: float, Y: float, recoil: float, shape: Array) -> float:
+def _find_contact(X: float, Y: float, snap: Record) -> float:
     """The place x on the hook that an edge at (X, Y) touches: x + κ δ(x) = X with δ = max(0, height(x) + Y)."""
-    high = X
-    low = X - recoil * max(0.0, shape[6] + Y)
+    high, recoil = X, snap.recoil
+    low = X - recoil * max(0.0, snap.height + Y)
     x = X
     for _ in range(60):
-        H, dH = _wedge(x, shape)
+        H, dH = _wedge(x, snap)
         gap = x - X
         slope = 1.0
         if H + Y > 0.0:
@@ -114,34 +130,32 @@ def _find_contact(X: float, Y: float, recoil: float, shape: Array) -> float:
 
 @kernel
 def _snap_fit(
-    p: Array, R: Array, v: Array, w: Array, numbers: Array, spline: Array, wrench: Array, rows: Array
+    p: Array, R: Array, v: Array, w: Array, snaps: Records, spline: Array, wrench: Array, rows: Array
 ) -> None:
     """Fill wrench (6,) on the part about o', and rows (2, 8): δ, x, edge position (3), force on the part (3).
 
-    numbers (16,): the wedge as `_wedge` takes it and its height, then what is written in the next lines, and at last
-    how many hooks there are.
+    snaps is (1,) _SNAP, spline the table of the hook's stiffness.
     """
-    shape = numbers[:7]
-    recoil, friction, creep, half, clearance, seat, start, step = (
-        numbers[7], numbers[8], numbers[9], numbers[10], numbers[11], numbers[12], numbers[13], numbers[14],
-    )  # fmt: skip
+    snap = snaps[0]
+    half, clearance, foot, seat = snap.half, snap.clearance, snap.foot, snap.seat
+    recoil, friction, creep = snap.recoil, snap.friction, snap.creep
     for i in range(6):
         wrench[i] = 0.0
     for hook in range(2):
         for i in range(8):
             rows[hook, i] = 0.0
-    for hook in range(int(numbers[15])):
+    for hook in range(snap.hooks):
         side = 1.0 if hook == 0 else -1.0
         # the edge sits at (0, ±half, 0) of the part
         rx, ry, rz = R[0, 1] * side * half, R[1, 1] * side * half, R[2, 1] * side * half
-        X = shape[0] + p[0] + rx
+        X = foot + p[0] + rx
         Y = side * (p[1] + ry) - half - clearance
-        x = _find_contact(X, Y, recoil, shape)
-        H, dH = _wedge(x, shape)
+        x = _find_contact(X, Y, snap)
+        H, dH = _wedge(x, snap)
         bent = max(0.0, H + Y)
         gx, gy, gz = 0.0, 0.0, 0.0
         if bent > 0.0:
-            K, dK = _stiffness(x, start, step, spline)
+            K, dK = _stiffness(x, snap.start, snap.step, spline)
             share = 1.0 / (1.0 + recoil * dH)
             climb = 0.5 * dK * bent * bent
             fx = (K * bent * dH + climb) * share  # ∂U/∂X
@@ -151,7 +165,7 @@ def _snap_fit(
             vy = side * (v[1] + w[2] * rx - w[0] * rz)
             vz = v[2] + w[0] * ry - w[1] * rx
             gx, gy, gz = sliding_push(fx, fy, along, vx, vy, vz, friction, creep)
-        below = shape[0] - X
+        below = foot - X
         if below > 0.0:  # the seat
             gx -= seat * below
         fx, fy, fz = -gx, -side * gy, -gz
@@ -198,7 +212,7 @@ class SnapFit(World):
     hooks: int = 2  #: 2: a pair that centres the part; 1: the part is pushed aside and wants a guide
 
     hook: Hook = field(init=False, repr=False, compare=False)
-    _numbers: Array = field(init=False, repr=False, compare=False)
+    _snap: Records = field(init=False, repr=False, compare=False)
     _spline: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -217,14 +231,15 @@ class SnapFit(World):
         top = compliance(hook, hook.peak, self.beam)
         recoil = float(top.minus / top.plus)
         spline = CubicSpline(x, hook.youngs_modulus * hook.width / soft.plus)
-        shape = (hook.base_length, hook.ramp_end, hook.peak, math.tan(hook.rear), math.tan(hook.front), self.edge)
-        numbers = (
-            *shape, hook.height, recoil, self.friction, self.creep, self.half_width, self.clearance, self.seat,
-            x[0], x[1] - x[0], self.hooks,
-        )  # fmt: skip
+        snap = np.zeros(1, dtype=_SNAP)
+        snap["foot"], snap["top"], snap["peak"] = hook.base_length, hook.ramp_end, hook.peak
+        snap["rear"], snap["front"], snap["height"] = math.tan(hook.rear), math.tan(hook.front), hook.height
+        snap["recoil"], snap["half"], snap["start"], snap["step"] = recoil, self.half_width, x[0], x[1] - x[0]
+        for name in ("edge", "friction", "creep", "clearance", "seat", "hooks"):
+            snap[name] = getattr(self, name)
         values = {
             "hook": hook,
-            "_numbers": np.array(numbers),
+            "_snap": snap,
             "_spline": np.ascontiguousarray(spline.c.T),  # (256, 4): the four of a place beside each other
         }
         for name, value in values.items():
@@ -269,7 +284,7 @@ class SnapFit(World):
         wrench, hooks = np.empty(6), np.empty((2, 8))
         one = np.ascontiguousarray  # one layout: one compilation
         _snap_fit(
-            one(state.p), one(state.R_SR), one(state.v), one(state.w), self._numbers, self._spline, wrench, hooks
+            one(state.p), one(state.R_SR), one(state.v), one(state.w), self._snap, self._spline, wrench, hooks
         )  # fmt: skip
         return wrench, hooks
 

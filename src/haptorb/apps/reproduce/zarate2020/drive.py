@@ -21,7 +21,7 @@ from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
-from haptorb.simulation.parts.coils import BODY, CURRENT, WINDING, chop, coil_step, cold, wires
+from haptorb.simulation.parts.coils import chop, coil_step, cold_coils
 
 __all__ = ["Drive", "DriveCourse", "drive_course", "items"]
 
@@ -65,24 +65,24 @@ def drive_course(
             f"needs a current the coils may carry and a rise to 120 K; got {wanted} A, {rise} K, {seconds} s"
         )
     rng = np.random.default_rng(seed)
-    wire, heat, supply = wires(device), two_node(device).step(_DT), device.supply
-    ask, still = np.full(device.channels, wanted), np.zeros(device.channels)
+    heat, supply = two_node(device).step(_DT), device.supply
+    ask = np.full(device.channels, wanted)
     believed = device.coils.resistance_at(np.full(device.channels, device.coils.heat.ambient))
     courses = []
     for compensates in (True, False):
-        state, drive = cold(wire), Drive(device)
-        state[WINDING] += rise
-        state[BODY] += rise
-        applied, mean, chopped = np.zeros(device.channels), np.empty(device.channels), np.empty(device.channels)
+        coils, drive = cold_coils(device), Drive(device)
+        coils["winding"] += rise
+        coils["body"] += rise
+        applied, chopped = np.zeros(device.channels), np.empty(device.channels)
         lines = []
         for tick in range(round(seconds / _DT)):
-            reading = state[CURRENT] + supply.current_noise * rng.normal(size=device.channels)
+            reading = coils["current"] + supply.current_noise * rng.normal(size=device.channels)
             duties = drive.duties(ask, reading, applied) if compensates else ask * believed / supply.voltage
             chop(np.ascontiguousarray(duties), float(2**supply.duty_bits), chopped)
-            applied = chopped.copy()
-            coil_step(state, wire, heat, applied, still, _DT, mean)
-            true = device.coils.resistance_at(state[WINDING])
-            lines.append((tick * _DT, state[CURRENT, 0], drive.resistance[0], true[0]))
+            coils["duty"] = applied = chopped.copy()
+            coil_step(coils, heat, _DT)
+            true = device.coils.resistance_at(coils["winding"])
+            lines.append((tick * _DT, coils["current"][0], drive.resistance[0], true[0]))
         courses.append(np.array(lines).T)
     (t, good, estimate, true), (_, bad, _, _) = courses
     return DriveCourse(t, good, bad, estimate, true, wanted)

@@ -23,7 +23,7 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.calibration.thermal_identification import ThermalIdentification, thermal_identification
-from haptorb.simulation.parts.coils import BODY, CURRENT, WINDING, coil_step, cold, wires
+from haptorb.simulation.parts.coils import coil_step, cold_coils
 
 __all__ = ["ThermalCourse", "heating_course", "items"]
 
@@ -58,18 +58,17 @@ def heating_course(
         raise InputError(f"needs 0 < duty ≤ 1, on > 0, off ≥ 0 and a coil that exists; got {duty}, {on}, {off}, {coil}")
     rng = np.random.default_rng(seed)
     supply, coils = device.supply, device.coils
-    state, wire = cold(wires(device)), wires(device)
-    heat = two_node(device).step(_STEP)
-    duties, mean, still = np.zeros(device.channels), np.empty(device.channels), np.zeros(device.channels)
+    state, heat = cold_coils(device), two_node(device).step(_STEP)
+    one, duties = state[coil : coil + 1], state["duty"]
     every, lines = round(_LINE / _STEP), []
     for line in range(round((on + off) / _LINE)):
         duties[coil] = duty if line * _LINE < on else 0.0
         readings = []
-        before = state[WINDING, coil], state[BODY, coil]
-        edge = state[BODY, coil] + device.thermometer_noise * rng.normal()
+        before = float(one["winding"][0]), float(one["body"][0])
+        edge = before[1] + device.thermometer_noise * rng.normal()
         for _ in range(every):
-            coil_step(state, wire, heat, duties, still, _STEP, mean)
-            readings.append(_read(state[CURRENT, coil], supply.current_noise, supply.current_step, rng))
+            coil_step(state, heat, _STEP)
+            readings.append(_read(float(one["current"][0]), supply.current_noise, supply.current_step, rng))
         i = float(np.mean(readings))
         resistance = supply.voltage * duty / i if duties[coil] else np.nan
         inside = coils.reference_temperature + (resistance / coils.resistance[coil] - 1) / coils.temperature_coefficient

@@ -7,19 +7,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from haptorb.apps.asking.procedure import Procedure
-from haptorb.apps.study.analysis.statistics import Curve, above_chance, bootstrap, psychometric_fit, sign_flip, wilson
+from haptorb.apps.study.analysis.conditions import (
+    ConditionComparison,
+    RatingMean,
+    compare_conditions,
+    count_choices,
+    rate_condition,
+)
+from haptorb.apps.study.analysis.statistics import Curve, above_chance, bootstrap, psychometric_fit, wilson
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 
-__all__ = ["Analysis", "Arrow", "ConditionComparison", "Confusion", "LatitudeError", "analyse"]
+__all__ = ["Analysis", "Arrow", "Confusion", "LatitudeError", "analyse"]
 
 WANDERED = 1 / 3  #: an arrow is drawn where this share of the wrong answers, or more, went to one set-point
 
@@ -63,18 +69,6 @@ class LatitudeError:
 
 
 @dataclass(frozen=True)
-class ConditionComparison:
-    """Two conditions, participants as pairs: sign-flip test of the mean difference a − b."""
-
-    what: str
-    a: str
-    b: str
-    difference: float
-    people: int
-    p: float
-
-
-@dataclass(frozen=True)
 class Analysis:
     """Everything that is reported; parts that a procedure does not have are empty."""
 
@@ -89,7 +83,7 @@ class Analysis:
     rings: tuple[LatitudeError, ...] = ()
     curves: dict[str, tuple[Array, Array, Array, Curve]] = field(default_factory=dict)  #: (levels, yes, of, fit)
     thresholds: dict[str, dict[str, float]] = field(default_factory=dict)  #: condition → participant → threshold
-    scores: dict[str, tuple[float, float, int]] = field(default_factory=dict)  #: condition → (mean, sd, ratings)
+    scores: dict[str, RatingMean] = field(default_factory=dict)  #: by condition
     chosen: dict[tuple[str, str], tuple[int, int, tuple[float, float]]] = field(default_factory=dict)
     comparisons: tuple[ConditionComparison, ...] = ()
 
@@ -120,7 +114,7 @@ class Analysis:
             found["confusion"] = [[_or_none(x) for x in row] for row in c.matrix.tolist()]
             found["arrows"] = [vars(arrow) for arrow in self.arrows]
         if self.rings:
-            found["error_mm"] = [{k: _or_none(v) for k, v in vars(ring).items()} for ring in self.rings]
+            found["error_mm"] = [_numbers(ring) for ring in self.rings]
         if self.curves:
             found["curves"] = {
                 name: {
@@ -130,20 +124,23 @@ class Analysis:
                 }
                 for name, (x, k, n, fit) in self.curves.items()
             }  # fmt: skip
+        if self.curves or self.thresholds:
+            levels = self.study.levels
+            found["level"] = {"parameter": levels and levels.parameter, "unit": self.study.level_unit or "1"}
         if self.thresholds:
             found["thresholds"] = {
                 name: {code: _or_none(value) for code, value in people.items()}
                 for name, people in self.thresholds.items()
             }
         if self.scores:
-            found["ratings"] = {n: {"mean": m, "sd": _or_none(s), "ratings": k} for n, (m, s, k) in self.scores.items()}
+            found["ratings"] = {name: _numbers(one) for name, one in self.scores.items()}
         if self.chosen:
             found["choices"] = [
                 {"a": a, "b": b, "a_chosen": k, "of": n, "wilson_95": list(w)}
                 for (a, b), (k, n, w) in self.chosen.items()
             ]
         if self.comparisons:
-            found["comparisons"] = [vars(one) for one in self.comparisons]
+            found["comparisons"] = [_numbers(one) for one in self.comparisons]
         return found
 
 
@@ -166,12 +163,14 @@ def analyse(study: Study, columns: Columns, procedures: dict[str, Procedure] | N
     if procedures:
         parts["thresholds"] = _thresholds(procedures)
     if study.procedure == "rating":
-        parts["scores"] = {str(n): _scores(main, str(n)) for n in dict.fromkeys(main["condition"].tolist())}
+        parts["scores"] = {
+            str(n): rate_condition(main, str(n), index, len(people)) for n in dict.fromkeys(main["condition"].tolist())
+        }
     if study.procedure == "forced-choice":
-        parts["chosen"] = _pair_choices(main)
+        parts["chosen"] = count_choices(main)
     return Analysis(
         study, len(people), len(main["trial"]), int(practice.sum()), len(simulated),
-        int(np.count_nonzero(main["safety"] != "")), comparisons=_comparisons(study, main, people), **parts,
+        int(np.count_nonzero(main["safety"] != "")), comparisons=compare_conditions(study, main, people), **parts,
     )  # fmt: skip
 
 
@@ -251,40 +250,9 @@ def _thresholds(procedures: dict[str, Procedure]) -> dict[str, dict[str, float]]
     return found
 
 
-def _scores(main: Columns, name: str) -> tuple[float, float, int]:
-    given = main["answer"][main["condition"] == name].astype(float)
-    return float(given.mean()), float(given.std(ddof=1)) if len(given) > 1 else math.nan, len(given)
-
-
-def _pair_choices(main: Columns) -> dict[tuple[str, str], tuple[int, int, tuple[float, float]]]:
-    found = {}
-    for a, b in dict.fromkeys(zip(main["condition"].tolist(), main["other"].tolist(), strict=True)):
-        here = (main["condition"] == a) & (main["other"] == b)
-        k, n = int((main["answer"][here] == main["interval"][here]).sum()), int(here.sum())
-        found[(a, b)] = (k, n, wilson(k, n))
-    return found
-
-
-def _comparisons(study: Study, main: Columns, people: np.ndarray[Any, Any]) -> tuple[ConditionComparison, ...]:
-    """Pairs of conditions by accuracy, error and rating, where both were met by at least two participants."""
-    measures = {
-        "identification": [("accuracy", "correct"), ("error [mm]", "distance_mm")],
-        "localisation": [("error [mm]", "distance_mm")],
-        "rating": [("rating", "answer")],
-    }.get(study.procedure, [])
-    found = []
-    for what, column in measures:
-        values = main[column].astype(float)
-        for a, b in combinations([condition.name for condition in study.conditions], 2):
-            pairs = []
-            for code in people:
-                mine = (main["participant"] == code) & np.isfinite(values)
-                one, two = (values[mine & (main["condition"] == name)] for name in (a, b))
-                if len(one) and len(two):
-                    pairs.append(float(one.mean() - two.mean()))
-            if len(pairs) > 1:
-                found.append(ConditionComparison(what, a, b, float(np.mean(pairs)), len(pairs), sign_flip(pairs)))
-    return tuple(found)
+def _numbers(row: Any) -> dict[str, Any]:
+    """The fields of `row`; what is not a number is None."""
+    return {key: _or_none(value) if isinstance(value, float) else value for key, value in vars(row).items()}
 
 
 def _or_none(value: float) -> float | None:

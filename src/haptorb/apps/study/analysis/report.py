@@ -69,6 +69,7 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
             "<p class='quiet'>Distance of the tool's magnet from where it is in contact at the set-point. The paper "
             "does not say whether it means the magnet or the tip; the tip's way is three fifths of it.</p>",
         ]
+    unit = f" [{analysis.study.level_unit}]" if analysis.study.level_unit else ""
     if analysis.curves:
         rows = [
             [
@@ -80,16 +81,19 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
         body += [
             "<h2>Psychometric curves</h2>",
             drawn["curves"],
-            _table(["condition", "middle", "95 %", "spread", "95 %", "JND (75 %)"], rows),
+            _table(["condition", f"middle{unit}", "95 %", f"spread{unit}", "95 %", f"JND (75 %){unit}"], rows),
             "<p class='quiet'>Cumulative normal, lapses 2 % at either end, greatest likelihood, participants pooled; "
             "intervals by parametric bootstrap.</p>",
         ]
     if analysis.thresholds:
         rows = [[n, code, f"{x:.4g}"] for n, people in analysis.thresholds.items() for code, x in people.items()]
-        body += ["<h2>Thresholds</h2>", _table(["condition", "participant", "difference"], rows)]
+        body += ["<h2>Thresholds</h2>", _table(["condition", "participant", f"difference{unit}"], rows)]
     if analysis.scores:
-        rows = [[n, f"{m:.2f}", f"{s:.2f}", k] for n, (m, s, k) in analysis.scores.items()]
-        body += ["<h2>Ratings</h2>", _table(["condition", "mean", "SD", "ratings"], rows)]
+        rows = [
+            [name, f"{x.mean:.2f}", f"{x.low:.2f} to {x.high:.2f}", f"{x.sd:.2f}", x.ratings]
+            for name, x in analysis.scores.items()
+        ]
+        body += ["<h2>Ratings</h2>", _table(["condition", "mean", "95 % of the mean", "SD", "ratings"], rows)]
     if analysis.chosen:
         rows = [
             [f"{a} over {b}", f"{k} of {n}", f"{_percent(w[0])} to {_percent(w[1])}"]
@@ -97,12 +101,19 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
         ]
         body += ["<h2>Choices</h2>", _table(["chosen", "times", "Wilson 95 %"], rows)]
     if analysis.comparisons:
-        rows = [[x.what, f"{x.a} − {x.b}", f"{x.difference:.3g}", x.people, f"{x.p:.3g}"] for x in analysis.comparisons]
+        rows = [
+            [
+                f"{x.what} [{x.unit}]" if x.unit else x.what, f"{x.a} − {x.b}", f"{x.difference:.3g}",
+                f"{x.low:.3g} to {x.high:.3g}", x.people, f"{x.p:.3g}",
+            ]
+            for x in analysis.comparisons
+        ]  # fmt: skip
         body += [
             "<h2>Conditions compared</h2>",
-            _table(["measure", "difference", "mean", "participants", "p"], rows),
+            _table(["measure", "difference", "mean", "95 %", "participants", "p"], rows),
             "<p class='quiet'>Model: each participant's two means as a pair, signs of the differences exchangeable if "
-            "the conditions do not differ; two-sided sign-flip test, p not corrected for several comparisons.</p>",
+            "the conditions do not differ; two-sided sign-flip test, p not corrected for several comparisons; "
+            "intervals by bootstrap over people.</p>",
         ]
     body += ["<h2>Study file</h2>", f"<pre>{escape(analysis.study.text)}</pre>"]
     title = f"{analysis.study.name}{' (simulated)' if analysis.simulated else ''}"

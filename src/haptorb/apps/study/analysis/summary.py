@@ -1,35 +1,132 @@
-"""The analysis in a few lines at the terminal."""
+"""The analysis at the terminal: what the report tells, without its figures."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Iterator
+
+import numpy as np
 from rich.console import Console
 
 from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.apps.study.analysis.statistics import bootstrap
+from haptorb.apps.terminal import Column, TextTable, make_console, print_table, print_text
 
 __all__ = ["print_summary"]
 
 
 def print_summary(analysis: Analysis, console: Console | None = None) -> None:
     """Print it for people."""
-    out = console or Console(highlight=False)
-    out.print(f"{analysis.study.name}: {analysis.trials} trials. [{'bold red' if analysis.simulated else 'dim'}]"
-              f"{analysis.origin}[/]")  # fmt: skip
+    out = console or make_console()
+    print_text(out, f"{analysis.study.name}: {analysis.trials} trials, {analysis.practice} practice trials left out")
+    print_text(out, analysis.origin, "bold red" if analysis.simulated else "dim")
     if (c := analysis.confusion) is not None:
-        low, high = c.accuracy_95
-        told = f"right {100 * c.accuracy:.1f} % (95 % over people {100 * low:.1f} to {100 * high:.1f})"
-        out.print(f"{told}, chance {100 * c.chance:.1f} %, {len(analysis.arrows)} arrows")
-    for ring in analysis.rings:
-        out.print(f"θ = {ring.theta_deg:g}°: {ring.mean:.1f} ± {ring.sd:.1f} mm ({ring.trials} trials)")
-    for name, (_, _, _, fit) in analysis.curves.items():
-        low, high = fit.middle_95
-        out.print(f"{name}: middle {fit.middle:.4g} [{low:.4g}, {high:.4g}], JND {0.6745 * fit.spread:.3g}")
-    for name, people in analysis.thresholds.items():
-        out.print(f"{name}: thresholds {', '.join(f'{code} {value:.3g}' for code, value in people.items())}")
-    for name, (mean, sd, k) in analysis.scores.items():
-        out.print(f"{name}: rated {mean:.2f} ± {sd:.2f} ({k} times)")
-    for (a, b), (k, n, _) in analysis.chosen.items():
-        out.print(f"{a} over {b}: {k} of {n}")
-    for one in analysis.comparisons:
-        out.print(
-            f"{one.what}: {one.a} − {one.b} = {one.difference:.3g}, p = {one.p:.3g} (sign-flip, {one.people} people)"
+        a, b = c.pooled_95
+        print_text(
+            out,
+            f"\nright {100 * c.accuracy:.1f} % (95 % over people {_range(c.accuracy_95, 100, '.1f')} %; Wilson over "
+            f"pooled trials {_range((a, b), 100, '.1f')} %), chance {100 * c.chance:.1f} %; so many by guessing: p = "
+            f"{c.p_chance:.2g} (exact binomial)",
         )
+    for table in _tables(analysis):
+        print_text(out)
+        print_table(out, table)
+    if analysis.comparisons:
+        print_text(
+            out,
+            "p: two-sided sign-flip test of each participant's pair, not corrected for several comparisons; intervals "
+            "by bootstrap over people",
+            "dim",
+        )
+
+
+def _tables(analysis: Analysis) -> Iterator[TextTable]:
+    """Those parts that the procedure has."""
+    if analysis.confusion is not None:
+        yield _identification(analysis)
+    if analysis.rings:
+        yield _table(
+            "Error over θ",
+            (Column("θ", "°", "key"), Column("trials"), Column("mean", "mm"), Column("95 %", "mm"), Column("SD", "mm")),
+            ((f"{r.theta_deg:g}", str(r.trials), f"{r.mean:.2f}", _range((r.low, r.high), 1, ".2f"), f"{r.sd:.2f}")
+             for r in analysis.rings),
+        )  # fmt: skip
+    unit = analysis.study.level_unit
+    if analysis.curves:
+        yield _table(
+            "Psychometric curves, participants pooled; 95 % by parametric bootstrap",
+            (Column("condition", kind="key"), Column("middle", unit), Column("95 %", unit), Column("spread", unit),
+             Column("95 %", unit), Column("JND (75 %)", unit)),
+            ((name, f"{f.middle:.4g}", _range(f.middle_95, 1, ".4g"), f"{f.spread:.4g}",
+              _range(f.spread_95, 1, ".4g"), f"{0.6745 * f.spread:.3g}")
+             for name, (_, _, _, f) in analysis.curves.items()),
+        )  # fmt: skip
+    if analysis.thresholds:
+        yield _thresholds(analysis, unit)
+    if analysis.scores:
+        yield _table(
+            "Ratings",
+            (Column("condition", kind="key"), Column("mean"), Column("95 %"), Column("SD"), Column("ratings")),
+            ((name, f"{x.mean:.2f}", _range((x.low, x.high), 1, ".2f"), f"{x.sd:.2f}", str(x.ratings))
+             for name, x in analysis.scores.items()),
+        )  # fmt: skip
+    if analysis.chosen:
+        yield _table(
+            "Choices",
+            (Column("chosen", kind="text"), Column("times"), Column("Wilson 95 %", "%")),
+            ((f"{a} over {b}", f"{k} of {n}", _range(wilson, 100, ".1f"))
+             for (a, b), (k, n, wilson) in analysis.chosen.items()),
+        )  # fmt: skip
+    if analysis.comparisons:
+        yield _table(
+            "Conditions compared",
+            (Column("measure", kind="key"), Column("difference", kind="text"), Column("mean"), Column("95 %"),
+             Column("participants"), Column("p")),
+            ((f"{x.what} [{x.unit}]" if x.unit else x.what, f"{x.a} − {x.b}", f"{x.difference:.3g}",
+              _range((x.low, x.high), 1, ".3g"), str(x.people), f"{x.p:.3g}") for x in analysis.comparisons),
+        )  # fmt: skip
+
+
+def _identification(analysis: Analysis) -> TextTable:
+    c = analysis.confusion
+    assert c is not None
+    rows = []
+    for i, n in enumerate(c.numbers):
+        point = analysis.study.point(n)
+        wrong = ", ".join(f"{x.to} ({x.share:.0%} of {x.wrong})" for x in analysis.arrows if x.of == n)
+        limits = _range((c.low[i, i], c.high[i, i]), 100, ".1f")
+        rows.append((str(n), f"{point.theta_deg:g}", f"{point.phi_deg:g}", _number(100 * c.matrix[i, i], ".1f"), limits,
+                     wrong))  # fmt: skip
+    columns = (
+        Column("set-point", kind="key"), Column("θ", "°"), Column("φ", "°"), Column("right", "%"), Column("95 %", "%"),
+        Column("a third or more of the wrong answers went to", kind="text"),
+    )  # fmt: skip
+    return _table("Accuracy by set-point", columns, rows)
+
+
+def _thresholds(analysis: Analysis, unit: str) -> TextTable:
+    rows = []
+    for name, people in analysis.thresholds.items():
+        rows += [(name, code, f"{value:.4g}", "") for code, value in people.items()]
+        low, high = bootstrap(list(people.values()))
+        rows.append(
+            (name, "mean", f"{np.mean(list(people.values())):.4g}", _range((float(low), float(high)), 1, ".4g"))
+        )
+    columns = (
+        Column("condition", kind="key"), Column("participant", kind="key"), Column("difference", unit),
+        Column("95 % over people", unit),
+    )  # fmt: skip
+    return _table("Thresholds", columns, rows)
+
+
+def _table(title: str, columns: tuple[Column, ...], rows: Iterable[tuple[str, ...]]) -> TextTable:
+    return TextTable(columns, title, list(rows))
+
+
+def _range(limits: tuple[float, float], scale: float, form: str) -> str:
+    low, high = limits
+    return "–" if math.isnan(low) else f"{scale * low:{form}} to {scale * high:{form}}"
+
+
+def _number(value: float, form: str) -> str:
+    return "–" if math.isnan(value) else f"{value:{form}}"

@@ -112,6 +112,11 @@ class Study(Part):
             values[self.levels.parameter] = level
         return values
 
+    @property
+    def level_unit(self) -> str:
+        """Unit of the parameter that the levels vary; empty for plain numbers, and where nothing is varied."""
+        return "" if self.levels is None else parameters(worlds.find_world(self.world))[self.levels.parameter].unit
+
     def make_world(self, condition: str, number: int = 0, level: float | None = None) -> World:
         """The world of one trial."""
         return worlds.find_world(self.world)().replace(**self.values(condition, number, level))

@@ -52,7 +52,9 @@ class Screen:
             parts += [Text(view.question.text, style="bold"), *map(Text, choices), answer]
             if view.message:
                 parts.append(Text(view.message, style="bold yellow"))
-            return Panel(Group(*parts, Text("Enter answers · Esc STOP", style="dim")), title=head, width=_WIDE + 6)
+            return Panel(
+                Group(*parts, Text("Enter answers · Esc STOP", style="dim")), title=Text(head), width=_WIDE + 6
+            )
         if view.state in ("break", "pause"):
             early = "; Enter goes on" if prompt.pause else ""
             parts.append(Text(f"\n  {view.state}: {view.message}{early}\n", style="bold"))
@@ -74,7 +76,7 @@ class Screen:
             if told:
                 parts.append(Text(told, style="bold yellow"))
         steer = "arrow keys move the pen · " if stage.steered else ""
-        return Panel(Group(*parts, Text(steer + _KEYS, style="dim")), title=head, width=_WIDE + 6)
+        return Panel(Group(*parts, Text(steer + _KEYS, style="dim")), title=Text(head), width=_WIDE + 6)
 
     def _map(self) -> RenderableType:
         """Seen from above, +x to the right; the rim is the end of the workspace."""

@@ -6,9 +6,9 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from rich.console import Console
 from rich.live import Live
 from rich.panel import Panel
+from rich.text import Text
 
 from haptorb.apps.study.session.halt import StopSwitch
 from haptorb.apps.study.session.keys import END, Keyboard
@@ -16,6 +16,7 @@ from haptorb.apps.study.session.screen import Screen
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.session.terminal_session import TerminalSession
 from haptorb.apps.study.session.trial_device import TrialDevice
+from haptorb.apps.terminal import make_console, say
 from haptorb.runtime.servo.servo import Servo
 
 __all__ = ["hold"]
@@ -23,17 +24,16 @@ __all__ = ["hold"]
 
 def hold(sitting: StoredSession, start: Callable[[Path | None], Servo], recording: Path | None) -> str:
     """'done', 'left' or 'aborted'; coils are off afterwards. `start` makes a servo that records to that file."""
-    study, console, halt = sitting.study, Console(stderr=True), StopSwitch()
+    study, console, halt = sitting.study, make_console(error=True), StopSwitch()
     with Keyboard(halt) as keys:
-        console.print(Panel(f"{study.instructions}\n\n{study.consent}".strip(), title=study.name))
-        console.print(
-            "Enter begins and, where something is asked above, says yes. q leaves. Space or Esc stops at any time."
-        )
+        text = Text(f"{study.instructions}\n\n{study.consent}".strip())
+        console.print(Panel(text, title=Text(study.name)), soft_wrap=False)
+        say("Enter begins and, where something is asked above, says yes. q leaves. Space or Esc stops at any time.")
         while (key := keys.next_key(1.0)) != "enter":
             if key in ("q", END):
                 sitting.note("leave")
                 return "left"
-        console.print("starting the device ...")
+        say("starting the device ...")
         servo = start(recording)
         halt.attach(servo, keys.asked or halt.ask())  # before it is open: Stop reaches it from here on
         with servo, Live(console=console, auto_refresh=False, screen=sys.stderr.isatty()) as live:

@@ -7,7 +7,7 @@ within the map, equally often at every angle from its summit and all round it, i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -49,6 +49,14 @@ class Forecast:
         """Whether no current will have to be reduced."""
         return self.peak < self.derate
 
+    def numbers(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        return {
+            "trials": self.trials, "duration_s": self.seconds, "hottest_coil": self.hottest_coil,
+            "peak_winding_degc": self.peak - 273.15, "warn_at_degc": self.warn - 273.15,
+            "derate_at_degc": self.derate - 273.15, "more_pause_s": self.pause, "holds": self.holds,
+        }  # fmt: skip
+
     @property
     def sentence(self) -> str:
         """For people."""
@@ -71,12 +79,16 @@ class Overlap:
 
     pairs: int
     worst: float  #: [deg]
-    numbers: tuple[int, int]
+    set_points: tuple[int, int]
+
+    def numbers(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        return {"pairs": self.pairs, "worst_deg": self.worst, "set_points": list(self.set_points)}
 
     @property
     def sentence(self) -> str:
         """For people."""
-        a, b = self.numbers
+        a, b = self.set_points
         return (
             f"{self.pairs} pairs of set-points are closer than their cut-offs keep apart, set-points {a} and {b} by "
             f"{self.worst:.1f} deg: each can be felt alone, one after the other, but not several at once"
@@ -109,7 +121,7 @@ def load_squared(device: SphericalElectromagnet, study: Study, prompt: Prompt) -
             if np.arccos(way[2]) > device.workspace_half_angle + np.radians(15):
                 continue
             state = State.at(way * device.contact_distance)
-            given = allocator.allocate(device.wrench_map(state, device.levels[0]), world.wrench(state))
+            given = allocator.allocate(device.wrench_map(state, device.models[0]), world.wrench(state))
             squares.append(given.currents**2)
     mean: Array = np.mean(squares, axis=0)
     return mean

@@ -9,12 +9,12 @@ from typing import final
 import numpy as np
 
 from haptorb.errors import DriverError
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Records
 from haptorb.runtime.drivers.serial.codes import BoardMode, Refusal
 from haptorb.runtime.drivers.serial.frames import Frame, FrameParser, Numbers, encode
 from haptorb.runtime.drivers.serial.messages import refusal
 from haptorb.runtime.drivers.serial.protocol import READING, SET_BYTES, STATE, Command, counts, engage, set_line
-from haptorb.runtime.drivers.serial.reading import Reading, Reply, find_answer, reading_row
+from haptorb.runtime.drivers.serial.reading import Reading, Reply, find_answer, make_reading
 from haptorb.runtime.drivers.serial.replies import BoardLimits, BoardState, Identity
 from haptorb.runtime.drivers.serial.serial_port import SerialPort
 
@@ -53,9 +53,9 @@ class Board:
         self._asked_at = [0.0] * 256  # [s], by sequence
         self._out, self._at = np.zeros(SET_BYTES, np.uint8), np.zeros(1, np.int64)
         self._said = self._out.data
-        self._row = reading_row()
+        self._reading = make_reading()
         set_line(self._out, 0, np.array(counts(np.zeros(3)), np.int64))
-        find_answer(self._parser.line, self._parser.held, 0, 0, self._row, self._at)
+        find_answer(self._parser.line, self._parser.held, 0, 0, self._reading, self._at)
         self._port = SerialPort(path)
         try:
             self.identity = self._identify(patience)
@@ -179,24 +179,24 @@ class Board:
 
     def read(self) -> Reading:
         """One reading, and nothing else."""
-        return Reading.of(self.row())
+        return Reading.of(self.read_numbers())
 
-    def row(self) -> Array:
-        """The same as numbers (24,) in SI, as `board_reading.At` has them; the next is written over it."""
+    def read_numbers(self) -> Records:
+        """The same as (1,) BOARD_READING; the next is written over it."""
         for _ in range(_TRIES):
             self.post(None)
-            row = self.collect(self._answer)
-            if row is not None:
-                return row
+            reading = self.collect(self._answer)
+            if reading is not None:
+                return reading
         raise DriverError(f"the firmware at {self.path} does not answer; check the cable and the device's supply")
 
     def set(self, steps: list[int]) -> Reading:
         """New duties in signed steps, and one reading. Raises DriverError if the firmware refuses them or is silent."""
         self.post(np.array(steps, np.int64))
-        row = self.collect(self._answer)
-        if row is None:
+        reading = self.collect(self._answer)
+        if reading is None:
             raise DriverError(f"the firmware at {self.path} does not answer; check the cable and the device's supply")
-        return Reading.of(row)
+        return Reading.of(reading)
 
     def post(self, steps: Numbers | None) -> None:
         """Send new duties (3,) in signed steps, or without them only ask for a reading; it is collected later."""
@@ -219,9 +219,9 @@ class Board:
         """A question waits for its answer to be collected."""
         return self._waiting is not None
 
-    def collect(self, patience: float) -> Array | None:
-        """The answer to `post`, (24,) as `board_reading.At` has it, waiting at most `patience` [s]; None if it did not
-        come. The next one is written over it.
+    def collect(self, patience: float) -> Records | None:
+        """The answer to `post`, (1,) BOARD_READING, waiting at most `patience` [s]; None if it did not come.
+        The next one is written over it.
 
         Raises DriverError if the firmware refuses what was posted, or if what it answers is no reading.
         """
@@ -231,10 +231,10 @@ class Board:
         parser, end = self._parser, monotonic() + patience
         while True:
             self._receive(end)
-            answer = find_answer(parser.line, parser.held, self._first, last, self._row, self._at)
+            answer = find_answer(parser.line, parser.held, self._first, last, self._reading, self._at)
             if answer == Reply.READING:
                 self.asked = self._asked_at[parser.line[self._at[0] + 4]]
-                return self._row
+                return self._reading
             if answer == Reply.OTHER:
                 raise _refusal_error(READING, parser.frame(int(self._at[0])))
             if answer == Reply.BENT:

@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.errors import InputError
+from haptorb.numerics.arrays import Records, fields
 from haptorb.numerics.compiled import kernel
 
 __all__ = [
     "HEAD",
+    "HELD",
     "PAYLOAD_MAX",
     "SYNC",
     "Frame",
@@ -39,6 +41,13 @@ _CHUNK = 512  #: taken from the line at once
 
 Octets = NDArray[np.uint8]
 Numbers = NDArray[np.int64]
+
+#: What of the line's bytes is still to be looked at.
+HELD = fields(
+    ("begin", "i8"),  # the first byte that has not been looked at
+    ("end", "i8"),  # one past the last
+    ("damaged", "i8"),  # frames so far
+)
 
 
 class Frame(NamedTuple):
@@ -71,12 +80,13 @@ def seal_frame(line: Octets, kind: int, sequence: int, length: int) -> int:
 
 
 @kernel
-def find_frame(line: Octets, held: Numbers) -> int:
+def find_frame(line: Octets, held: Records) -> int:
     """Where the next whole frame begins in `line`; −1: nowhere, and what may be the beginning of one is in front.
 
-    held (3,): the first byte that has not been looked at, one past the last, damaged frames so far.
+    held is (1,) HELD.
     """
-    at, end = held[0], held[1]
+    h = held[0]
+    at, end = h.begin, h.end
     while True:
         while at < end and not (line[at] == 0xA5 and (at + 1 == end or line[at + 1] == 0x5A)):
             at += 1
@@ -84,23 +94,23 @@ def find_frame(line: Octets, held: Numbers) -> int:
             break
         length = line[at + 2]
         if length > PAYLOAD_MAX:
-            held[2] += 1
+            h.damaged += 1
             at += 1
             continue
         last = at + HEAD + length
         if end < last + _TAIL:
             break
         if _check(line, at + 2, last) != line[last] | line[last + 1] << 8:  # safety: frame-damaged
-            held[2] += 1
+            h.damaged += 1
             at += 1
             continue
-        held[0] = last + _TAIL
-        if held[0] == end:
-            held[0], held[1] = 0, 0
+        h.begin = last + _TAIL
+        if h.begin == end:
+            h.begin, h.end = 0, 0
         return int(at)
     for i in range(end - at):
         line[i] = line[at + i]
-    held[0], held[1] = 0, end - at
+    h.begin, h.end = 0, end - at
     return -1
 
 
@@ -139,28 +149,29 @@ class FrameParser:
 
     def __init__(self) -> None:
         self.line = np.zeros(_FRAME_MAX + _CHUNK, np.uint8)
-        self.held = np.zeros(3, np.int64)
+        self.held = np.zeros(1, HELD)
+        self._begin, self._end = self.held["begin"], self.held["end"]
         self._all = self.line.data
         find_frame(self.line, self.held)  # compiled before anybody waits
 
     @property
     def damaged(self) -> int:
         """Check sums that were wrong and lengths that no frame has."""
-        return int(self.held[2])
+        return int(self.held["damaged"][0])
 
     @property
     def room(self) -> memoryview:
         """Where the next bytes go: always some, as what has been found already is given up for it."""
-        begin, end = self.held[:2].tolist()
+        begin, end = int(self._begin[0]), int(self._end[0])
         if begin:
             self.line[: end - begin] = self.line[begin:end].copy()
-            self.held[:2] = 0, end - begin
+            self._begin[0], self._end[0] = 0, end - begin
             return self._all[end - begin :]
         return self._all[end:]
 
     def took(self, count: int) -> None:
         """So many bytes were put into `room`."""
-        self.held[1] += count
+        self._end[0] += count
 
     def frame(self, at: int) -> Frame:
         """The frame that `find_frame` found."""

@@ -15,8 +15,8 @@ _NEEDED = 0x0F  #: bits of the parts without which nothing is driven
 def explain_off(reading: Reading, engaged: bool) -> str:
     """A trip, or a restart that nobody asked for while the host believed it `engaged`; empty if all is as it should be.
 
-    >>> from haptorb.runtime.drivers.serial.reading import reading_row
-    >>> explain_off(Reading.of(reading_row()), engaged=True)
+    >>> from haptorb.runtime.drivers.serial.reading import make_reading
+    >>> explain_off(Reading.of(make_reading()), engaged=True)
     'the firmware is off by itself: no reason'
     """
     if reading.standing is BoardMode.TRIPPED:

@@ -1,6 +1,6 @@
 """What the firmware has read: the answer to SET and READ, a thousand of them a second.
 
-Numbers come out of the line in one compiled pass, into a row that is used again; `Reading` puts them in words.
+It comes out of the line in one compiled pass, into a record that is used again; `Reading` puts it in words.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from haptorb.errors import DriverError
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Record, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.runtime.drivers.serial.codes import BoardMode, Reason
 from haptorb.runtime.drivers.serial.frames import HEAD, Numbers, Octets, find_frame
@@ -25,7 +25,7 @@ from haptorb.runtime.drivers.serial.protocol import (
 )
 from haptorb.runtime.drivers.serial.replies import reason, standing
 
-__all__ = ["BLOCKS", "READING_BYTES", "At", "Reading", "Reply", "find_answer", "reading_row"]
+__all__ = ["BLOCKS", "BOARD_READING", "READING_BYTES", "Reading", "Reply", "find_answer", "make_reading"]
 
 #: first sensors and one past the last of what is read together: an axis of these
 BLOCKS = ((0, 5), (5, HALL_SENSORS))
@@ -39,33 +39,25 @@ _TOLD = 0x80  #: in the group's number: it has been told before
 _AXES = 3
 
 
-class At(IntEnum):
-    """Where in a reading's row; three duties, three currents and five Hall shares follow one another."""
-
-    STANDING = 0
-    REASON = 1
-    MISSING = 2
-    APPLIED = 3
-    CURRENTS = 6
-    AXIS = 9
-    FIRST = 10
-    COUNT = 11
-    HALL = 12
-    NEWS = 17
-    HALL_AGE = 18
-    THERMOMETER = 19
-    TEMPERATURE = 20
-    AGE = 21
-    ERRORS = 22
-    ROUNDS = 23
-
-
-_WIDTH = 24
-# Plain numbers for kernels, where an enumeration's members are none.
-_STANDING, _REASON, _MISSING, _APPLIED, _CURRENTS, _AXIS, _FIRST, _COUNT, _HALL, _NEWS, _HALL_AGE = (
-    int(one) for one in list(At)[:11]
+#: A reading in SI.
+BOARD_READING = fields(
+    ("standing", "i8"),  # a BoardMode
+    ("reason", "i8"),  # a Reason
+    ("missing", "i8"),  # bits of the parts that do not answer
+    ("applied", "f8", (3,)),  # duties that the coils have [1]
+    ("currents", "f8", (3,)),  # [A]
+    ("axis", "i8"),  # of the Hall readings: 0, 1, 2 for x, y, z
+    ("first", "i8"),  # number of the first Hall sensor
+    ("count", "i8"),  # of Hall sensors
+    ("hall", "f8", (_SECOND,)),  # of the converter's range, 0…1; NaN before the first reading
+    ("news", "?"),  # the Hall readings have not been told before
+    ("hall_age", "f8"),  # of them when this was sent [s]
+    ("thermometer", "i8"),  # which one the temperature is of
+    ("temperature", "f8"),  # [K]; NaN while it has none
+    ("age", "f8"),  # of the oldest of the currents when this was sent [s]
+    ("errors", "i8"),  # damaged frames since the last restart, wraps at 256
+    ("rounds", "i8"),  # of the I²C bus, wraps at 256
 )
-_THERMOMETER, _TEMPERATURE, _AGE, _ERRORS, _ROUNDS = (int(one) for one in list(At)[11:])
 
 
 class Reply(IntEnum):
@@ -77,9 +69,9 @@ class Reply(IntEnum):
     BENT = 3  #: a reading of another length, or of parts that there are not
 
 
-def reading_row() -> Array:
-    """(24,) for a reading in SI [A, K, s, 1], zeros."""
-    return np.zeros(_WIDTH)
+def make_reading() -> Records:
+    """(1,) BOARD_READING, zeros: nothing is driven, nothing is told."""
+    return np.zeros(1, BOARD_READING)
 
 
 @kernel
@@ -94,31 +86,32 @@ def _read_signed(line: Octets, at: int) -> int:
 
 
 @kernel
-def _fill_reading(line: Octets, at: int, row: Array) -> bool:
-    """Fill `row` (24,) from the payload at `at`; False if it names what there is not."""
+def _fill_reading(line: Octets, at: int, reading: Records) -> bool:
+    """Fill `reading`, (1,) BOARD_READING, from the payload at `at`; False if it names what there is not."""
     group, thermometer = int(line[at + 16]), int(line[at + 27])
     axis, block = (group & (_TOLD - 1)) // 2, group & 1
     if axis >= _AXES or thermometer >= THERMOMETERS:
         return False
-    row[_STANDING], row[_REASON], row[_MISSING] = line[at], line[at + 1], _read_unsigned(line, at + 2)
+    r = reading[0]
+    r.standing, r.reason, r.missing = line[at], line[at + 1], _read_unsigned(line, at + 2)
     for i in range(3):
-        row[_APPLIED + i] = _read_signed(line, at + 4 + 2 * i) / DUTY_STEPS
-        row[_CURRENTS + i] = _read_signed(line, at + 10 + 2 * i) * 1e-3
-    row[_AXIS], row[_NEWS] = axis, group < _TOLD
-    row[_FIRST], row[_COUNT] = (0, _SECOND) if block == 0 else (_SECOND, HALL_SENSORS - _SECOND)
+        r.applied[i] = _read_signed(line, at + 4 + 2 * i) / DUTY_STEPS
+        r.currents[i] = _read_signed(line, at + 10 + 2 * i) * 1e-3
+    r.axis, r.news = axis, group < _TOLD
+    r.first, r.count = (0, _SECOND) if block == 0 else (_SECOND, HALL_SENSORS - _SECOND)
     for i in range(_SECOND):
         code = _read_unsigned(line, at + 17 + 2 * i)
-        row[_HALL + i] = np.nan if code == _NO_HALL else code / 4095.0
+        r.hall[i] = np.nan if code == _NO_HALL else code / 4095.0
     heat = _read_signed(line, at + 28)
-    row[_THERMOMETER], row[_TEMPERATURE] = thermometer, np.nan if heat == _NO_TEMPERATURE else heat / 16 + 273.15
-    row[_AGE], row[_HALL_AGE] = _read_unsigned(line, at + 30) * 1e-6, _read_unsigned(line, at + 32) * 1e-6
-    row[_ERRORS], row[_ROUNDS] = line[at + 34], line[at + 35]
+    r.thermometer, r.temperature = thermometer, np.nan if heat == _NO_TEMPERATURE else heat / 16 + 273.15
+    r.age, r.hall_age = _read_unsigned(line, at + 30) * 1e-6, _read_unsigned(line, at + 32) * 1e-6
+    r.errors, r.rounds = line[at + 34], line[at + 35]
     return True
 
 
 @kernel
-def find_answer(line: Octets, held: Numbers, first: int, last: int, row: Array, at: Numbers) -> int:
-    """Look on the line for the answer to a SET or READ numbered `first` to `last`; a reading fills `row`. A `Reply`.
+def find_answer(line: Octets, held: Records, first: int, last: int, reading: Records, at: Numbers) -> int:
+    """Look on the line for the answer to a SET or READ numbered `first` to `last`; one fills `reading`. A `Reply`.
 
     Numbers begin again after 255. line, held as `frames.find_frame` takes them; at (1,): where the frame was found.
     """
@@ -132,7 +125,7 @@ def find_answer(line: Octets, held: Numbers, first: int, last: int, row: Array, 
         if line[begin + 3] == STATE:
             return 2
         if line[begin + 3] == READING:
-            return 1 if line[begin + 2] == READING_BYTES and _fill_reading(line, begin + HEAD, row) else 3
+            return 1 if line[begin + 2] == READING_BYTES and _fill_reading(line, begin + HEAD, reading) else 3
 
 
 class Reading(NamedTuple):
@@ -168,14 +161,15 @@ class Reading(NamedTuple):
     rounds: int
 
     @classmethod
-    def of(cls, row: Array) -> Reading:
-        """In words what `row` (24,) says in numbers."""
-        n = row.tolist()
+    def of(cls, reading: Records) -> Reading:
+        """In words what `reading`, (1,) BOARD_READING, says in numbers."""
+        r: Record = reading[0]
+        count = int(r["count"])
         return cls(
-            standing(int(n[At.STANDING])), reason(int(n[At.REASON])), int(n[At.MISSING]),
-            tuple(n[At.APPLIED : At.APPLIED + 3]), tuple(n[At.CURRENTS : At.CURRENTS + 3]),
-            int(n[At.AXIS]), int(n[At.FIRST]), tuple(n[At.HALL : At.HALL + int(n[At.COUNT])]), bool(n[At.NEWS]),
-            n[At.HALL_AGE], int(n[At.THERMOMETER]), n[At.TEMPERATURE], n[At.AGE], int(n[At.ERRORS]), int(n[At.ROUNDS]),
+            standing(int(r["standing"])), reason(int(r["reason"])), int(r["missing"]), tuple(r["applied"].tolist()),
+            tuple(r["currents"].tolist()), int(r["axis"]), int(r["first"]), tuple(r["hall"][:count].tolist()),
+            bool(r["news"]), float(r["hall_age"]), int(r["thermometer"]), float(r["temperature"]), float(r["age"]),
+            int(r["errors"]), int(r["rounds"]),
         )  # fmt: skip
 
     @classmethod
@@ -187,7 +181,7 @@ class Reading(NamedTuple):
                 f"the firmware's reading has {len(payload)} bytes where protocol {PROTOCOL_VERSION} has "
                 f"{READING_BYTES}; flash the firmware that came with this version"
             )
-        row = reading_row()
-        if not _fill_reading(np.frombuffer(payload, np.uint8), 0, row):
+        made = make_reading()
+        if not _fill_reading(np.frombuffer(payload, np.uint8), 0, made):
             raise DriverError(f"the firmware's reading names Hall group {payload[16]} and thermometer {payload[27]}")
-        return cls.of(row)
+        return cls.of(made)

@@ -7,18 +7,15 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.compiled import kernel
 from haptorb.runtime.drivers.hall_sensor import HallSensors, fill_field
 from haptorb.runtime.drivers.serial.protocol import CHANNELS
-from haptorb.runtime.drivers.serial.reading import BLOCKS, At, reading_row
+from haptorb.runtime.drivers.serial.reading import BLOCKS, make_reading
 from haptorb.sensing.sample import Pose, Sample
 
 __all__ = ["BoardSample"]
 
-_CURRENTS, _AXIS, _FIRST, _COUNT, _HALL, _NEWS, _THERMOMETER, _TEMPERATURE = (
-    int(one) for one in (At.CURRENTS, At.AXIS, At.FIRST, At.COUNT, At.HALL, At.NEWS, At.THERMOMETER, At.TEMPERATURE)
-)
 #: A current sensor converts for 0.53 ms and tells the last whole conversion, whose middle was 0.53 ms ago on average;
 #: the three are read one after the other in 0.2 ms, and the firmware tells the age of the first [s].
 _CONVERTED = 0.43e-3
@@ -28,25 +25,19 @@ _SCANNED = 0.15e-3
 
 @kernel
 def _split_reading(
-    row: Array,
-    radial: Array,
-    axes: int,
-    span: float,
-    currents: Array,
-    temperatures: Array,
-    field: Array,
+    reading: Records, radial: Array, axes: int, span: float, currents: Array, temperatures: Array, field: Array,
     heard: NDArray[np.bool_],
-) -> None:
-    """What a reading's `row` tells into currents (m,) [A], temperatures (m,) [K], field (k, 3) [T]; `heard` by axis and
-    block."""
+) -> tuple[float, float]:  # fmt: skip
+    """What a `reading` tells into currents (m,) [A], temperatures (m,) [K], field (k, 3) [T]; `heard` by axis and
+    block. Returns the ages of currents and field [s]."""
+    r = reading[0]
     for i in range(len(currents)):
-        currents[i] = row[_CURRENTS + i]
-    temperatures[int(row[_THERMOMETER])] = row[_TEMPERATURE]
-    if row[_NEWS] == 0.0 or row[_HALL] != row[_HALL]:
-        return
-    axis, first = int(row[_AXIS]), int(row[_FIRST])
-    fill_field(field, radial, axes, span, axis, first, row[_HALL : _HALL + int(row[_COUNT])])
-    heard[axis, 0 if first == 0 else 1] = True
+        currents[i] = r.currents[i]
+    temperatures[r.thermometer] = r.temperature
+    if r.news and not np.isnan(r.hall[0]):
+        fill_field(field, radial, axes, span, r.axis, r.first, r.hall[: r.count])
+        heard[r.axis, 0 if r.first == 0 else 1] = True
+    return r.age, r.hall_age
 
 
 @final
@@ -60,17 +51,17 @@ class BoardSample:
         self._currents, self._temperatures = np.zeros(CHANNELS), np.full(CHANNELS, np.nan)
         self._field = self._nothing.copy()
         self._heard = np.zeros((3, len(BLOCKS)), np.bool_)
-        self.take(reading_row(), 0.0)  # compiled before anybody waits; it tells nothing, as a row's news are 0
+        self.take(make_reading(), 0.0)  # compiled before anybody waits; it tells nothing, as it is no news
         self._temperatures[:] = np.nan
 
-    def take(self, row: Array, sent: float) -> None:
-        """A reading's row (24,), in SI, and when the firmware sent it [s], on the clock of `sample`."""
+    def take(self, reading: Records, sent: float) -> None:
+        """A reading, (1,) BOARD_READING, and when the firmware sent it [s], on the clock of `sample`."""
         hall = self.hall
-        _split_reading(
-            row, hall.radial, hall.axes, hall.span, self._currents, self._temperatures, self._field, self._heard
+        age, hall_age = _split_reading(
+            reading, hall.radial, hall.axes, hall.span, self._currents, self._temperatures, self._field, self._heard
         )  # fmt: skip
-        self._currents_at = sent - float(row[At.AGE]) - _CONVERTED
-        self._field_at = sent - float(row[At.HALL_AGE]) - _SCANNED
+        self._currents_at = sent - age - _CONVERTED
+        self._field_at = sent - hall_age - _SCANNED
 
     @property
     def whole(self) -> bool:

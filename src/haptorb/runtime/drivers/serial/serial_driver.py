@@ -11,7 +11,7 @@ import numpy as np
 from haptorb.control.protection.trip import CoilState
 from haptorb.devices.device import Device
 from haptorb.errors import DriverError, HostSilent, InputError
-from haptorb.numerics.arrays import Array
+from haptorb.numerics.arrays import Array, Records
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.drivers.electronics import check_electronics, invalid_pose
 from haptorb.runtime.drivers.hall_sensor import HallSensors
@@ -19,7 +19,7 @@ from haptorb.runtime.drivers.serial.board import Board
 from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, missing_chips
 from haptorb.runtime.drivers.serial.messages import explain_off, refusal
 from haptorb.runtime.drivers.serial.protocol import CHANNELS, DUTY_STEPS, quantise_duties
-from haptorb.runtime.drivers.serial.reading import At, Reading
+from haptorb.runtime.drivers.serial.reading import Reading
 from haptorb.runtime.drivers.serial.replies import Identity
 from haptorb.runtime.drivers.serial.reply_time import BoardTime
 from haptorb.runtime.drivers.serial.sample_parts import BoardSample
@@ -166,10 +166,10 @@ class SerialDriver(Driver):
     def _warm_up(self, board: Board) -> None:
         end = monotonic() + self._warm_up_time
         while True:
-            row = board.row()
-            self._apply_mode(row[At.STANDING])
-            self._told.take(row, 0.0)
-            missing = int(row[At.MISSING])
+            reading = board.read_numbers()
+            self._apply_mode(reading["standing"][0])
+            self._told.take(reading, 0.0)
+            missing = int(reading["missing"][0])
             if self._told.whole and not missing & _REQUIRED:
                 return
             if monotonic() > end:
@@ -232,32 +232,34 @@ class SerialDriver(Driver):
         try:
             if not board.posted:
                 board.post(None)
-            row = self._collect_reply(board)
+            reading = self._collect_reply(board)
         except DriverError as cause:
             raise self._fail(str(cause), gone=True) from cause
-        if row is None:
+        if reading is None:
             self._lost += 1
             if self._lost >= (_LOST_IN_A_ROW if self._engaged else _LOST_AT_REST):
                 raise self._fail(f"no answer from the firmware at {self._path}; check cable and supply", gone=True)
         else:
             self._lost = 0
-            self._apply_mode(row[At.STANDING])
-            self._told.take(row, self._time.time_of_answer(board.asked))
-            if row[At.STANDING] != BoardMode.ENGAGED:
-                why = explain_off(Reading.of(row), self._engaged)
+            standing = reading["standing"][0]
+            self._apply_mode(standing)
+            self._told.take(reading, self._time.time_of_answer(board.asked))
+            if standing != BoardMode.ENGAGED:
+                told = Reading.of(reading)
+                why = explain_off(told, self._engaged)
                 if why:
-                    silent = row[At.REASON] == Reason.SILENCE
+                    silent = told.reason is Reason.SILENCE
                     raise self._fail(why, as_=HostSilent if silent else DriverError)
         return self._told.sample(now, self._pose(now))
 
-    def _collect_reply(self, board: Board) -> Array | None:
+    def _collect_reply(self, board: Board) -> Records | None:
         """The answer to the last question; meanwhile the same is asked again, and any of the answers will do."""
         end, pause = monotonic() + self._patience, max(_SAY_AGAIN, self._patience / _TIMES)
         while True:
             left = end - monotonic()
-            row = board.collect(min(left, pause))
-            if row is not None or left <= pause:
-                return row
+            reading = board.collect(min(left, pause))
+            if reading is not None or left <= pause:
+                return reading
             board.repeat(self._steps if self._engaged else None)  # safety: waiting-heard
 
     def write(self, duties: Array) -> Array:

@@ -1,0 +1,71 @@
+"""The help of commands, as it was written: no bracket is markup, nothing is cut, at any width."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from haptorb.apps.terminal.console import find_width, wrap
+from haptorb.apps.terminal.facts import format_facts
+from haptorb.apps.terminal.spelling import fit_encoding
+
+__all__ = ["CommandLine"]
+
+_WIDEST = 100  #: longer lines are hard to read
+
+
+class CommandLine(typer.Typer):
+    """Commands whose help and errors are text, never markup."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(
+            cls=HelpGroup, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
+            rich_markup_mode=None, **settings,
+        )  # fmt: skip
+
+    def command(self, name: str | None = None, **settings: Any) -> Any:
+        """As typer's."""
+        return super().command(name, **{"cls": HelpCommand, **settings})
+
+
+class HelpCommand(TyperCommand):
+    """A command whose help is laid out here."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write usage, text, arguments and options."""
+        formatter.write(_compose_help(self, ctx))
+
+
+class HelpGroup(TyperGroup):
+    """A group of commands whose help is laid out here."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write usage, text, options and the commands with the first paragraph of each."""
+        commands = []
+        for name in self.list_commands(ctx):
+            command = self.get_command(ctx, name)
+            if command is not None and not command.hidden:
+                commands.append((name, inspect.cleandoc(command.help or "").split("\n\n")[0].replace("\n", " ")))
+        formatter.write(_compose_help(self, ctx, commands))
+
+
+def _compose_help(command: Any, ctx: Any, commands: list[tuple[str, str]] | None = None) -> str:
+    width = min(find_width(), _WIDEST)
+    usage = " ".join(["Usage:", ctx.command_path, *command.collect_usage_pieces(ctx)])
+    text = inspect.cleandoc(command.help or "")
+    paragraphs = [" ".join(paragraph.split("\n")) for paragraph in text.split("\n\n") if paragraph]
+    lines = [wrap(usage, width, "    "), *(f"\n{wrap(paragraph, width)}" for paragraph in paragraphs)]
+    records: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+    for parameter in command.get_params(ctx):
+        record = parameter.get_help_record(ctx)
+        if record is not None:
+            records["Arguments" if parameter.param_type_name == "argument" else "Options"].append(record)
+    records["Commands"] = commands or []
+    for title, pairs in records.items():
+        if pairs:
+            lines += [f"\n{title}:", *format_facts(pairs, width, "  ")]
+    return "\n".join(fit_encoding(line, sys.stdout.encoding or "utf-8") for line in lines) + "\n"

@@ -1,0 +1,73 @@
+"""What the Hall tracker remembers between two ticks, and the settings that it goes by: two structured arrays.
+
+`TRACKER` holds what is there once, in an array of one record; `SENSOR` what every field sensor has, in k records.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.numerics.arrays import Array, Records, fields
+from haptorb.sensing.tool.place_filter import FILTER
+from haptorb.sensing.tool.tool_field import moment_field
+
+__all__ = ["SENSOR", "TRACKER", "make_sensors", "make_tracker"]
+
+_REACH = 15e-3  #: how far outside the shell a tool is still believed to be [m]
+
+#: There is one.
+TRACKER = fields(
+    # settings
+    ("noise", "f8"),  # of one reading [T]
+    ("bandwidth", "f8"),  # of place and axis [Hz]
+    ("nearest", "f8"),  # distance from the centre below which no tool is believed to be [m]
+    ("furthest", "f8"),  # distance from the centre above which no tool is believed to be [m]
+    ("lowest", "f8"),  # cosine of the steepest place
+    ("coupling", "f8", (3, 3)),  # UᵀU, U the field of unit moments at all sensors [T²/(A²·m⁴)]
+    # this tick
+    ("moment_noise", "f8", (3, 3)),  # covariance of the moment from the currents' noise [A²·m⁴]
+    ("swing", "f8"),  # field that the currents may be wrong by, where they change quickly [T]
+    ("limit", "f8"),  # what may be left unexplained [T]
+    ("weight", "f8", (3, 3)),  # G of `tool_fit`: what is known about the moment [A²·m⁴/T²]
+    ("rates", "f8", (5,)),  # of the place [m/s] and of the turns about the mover's x and y [rad/s]
+    # remembered
+    ("share", "f8"),  # of the readings that are new in a tick, averaged
+    ("residual", "f8"),  # rms of what the last fit left unexplained [T]
+    ("misfit", "f8"),  # its square, averaged [T²]
+    ("covariance", "f8", (5, 5)),  # of what was seen last: place [m²], turns about two axes across the tool's [rad²]
+    ("filter", FILTER),
+)
+
+#: Of each field sensor: what it said last of the tool alone, and what is known about it.
+SENSOR = fields(
+    ("offset", "f8", (3,)),  # at zero current without a tool [T]
+    ("per_moment", "f8", (3, 3)),  # field per moment along x, y, z of the electromagnet [T/(A·m²)]
+    ("field", "f8", (3,)),  # of tool and core alone [T]
+    ("taken", "f8", (3,)),  # when that was read, per axis [s]; -inf before the first reading
+    ("age", "f8", (3,)),  # how long ago that is [s]
+)
+
+
+def make_tracker(device: SphericalElectromagnet, noise: float, bandwidth: float) -> Records:
+    """(1,) TRACKER for `device`, whose readings have `noise` [T]: no tool was seen yet."""
+    made = np.zeros(1, dtype=TRACKER)
+    made["noise"], made["bandwidth"], made["share"] = noise, bandwidth, 1.0
+    made["nearest"] = device.contact_distance - _REACH
+    made["furthest"] = device.contact_distance + device.shell_thickness + _REACH
+    made["lowest"] = math.cos(min(device.workspace_half_angle + math.radians(30), math.pi))
+    per_moment = moment_field(device)
+    made["coupling"] = np.einsum("kia,kib->ab", per_moment, per_moment)
+    made["residual"] = math.inf
+    made["covariance"] = math.inf
+    return made
+
+
+def make_sensors(device: SphericalElectromagnet, offsets: Array) -> Records:
+    """(k,) SENSOR for `device` with `offsets` (k, 3) [T]: nothing was read yet."""
+    made = np.zeros(device.sensors, dtype=SENSOR)
+    made["offset"], made["per_moment"] = offsets, moment_field(device)
+    made["field"] = made["taken"] = made["age"] = -math.inf
+    return made
