@@ -27,6 +27,8 @@ from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from oracles.chips import ChipBus
 
+pytestmark = pytest.mark.realtime(retry=False)
+
 SOME = np.array([0.05, -0.03, 0.02])
 FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 

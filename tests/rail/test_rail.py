@@ -24,6 +24,8 @@ from haptorb.devices.state import State
 from haptorb.errors import DeviceError, InputError, UnknownName
 from haptorb.runtime.recording.recording import Recording
 
+pytestmark = pytest.mark.realtime
+
 
 def run(servo: Servo, seconds: float, p: tuple[float, float, float] | None = None) -> Any:
     """Let the loop run with the hand held at `p`; the last 50 rows."""

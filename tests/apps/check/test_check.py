@@ -17,6 +17,8 @@ from haptorb.apps.check.machine import Machine, StolenTime, StolenTimeCounter, t
 from haptorb.apps.check.measure import drag_position
 from haptorb.errors import InputError, UnknownName
 
+pytestmark = pytest.mark.realtime(retry=False)
+
 GOOD = Machine("a processor", 4, "6.1 PREEMPT", True, False, "performance", "3.11")
 QUIET = StolenTime(0, 0.0, 1.0)
 

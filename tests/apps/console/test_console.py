@@ -19,6 +19,8 @@ from haptorb.apps.console import Console, application
 from haptorb.apps.console.site import STATIC
 from haptorb.errors import InputError
 
+pytestmark = pytest.mark.realtime
+
 BUDGET = 200_000  #: bytes of the whole page, compressed
 
 

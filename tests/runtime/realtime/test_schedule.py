@@ -14,6 +14,8 @@ from haptorb.errors import InputError
 from haptorb.runtime.realtime.clock import Clock
 from haptorb.runtime.realtime.schedule import Schedule
 
+pytestmark = pytest.mark.realtime(retry=False)
+
 MS = 1_000_000
 
 

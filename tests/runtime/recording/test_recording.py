@@ -23,6 +23,8 @@ from haptorb.runtime.recording.mcap_schema import fields_of, schema
 from haptorb.runtime.recording.recorder import Recorder
 from haptorb.runtime.row import RowLayout
 
+pytestmark = pytest.mark.realtime
+
 LAYOUT = RowLayout(channels=3, sensors=9)
 RATE = 1000.0
 

@@ -19,6 +19,8 @@ from haptorb.runtime.tick.tick import Tick
 from haptorb.sensing.tool.tool_position import HallTracker
 from haptorb.worlds import find_world
 
+pytestmark = pytest.mark.realtime
+
 OMNI = load("omni")
 
 

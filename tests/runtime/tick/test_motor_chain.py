@@ -29,6 +29,8 @@ from haptorb.runtime.trackers.tracker import Goal
 from haptorb.simulation.motor.motor import SimulatedMotor
 from haptorb.worlds import Nothing, Outlet, SnapFit
 
+pytestmark = pytest.mark.realtime
+
 PMSM = load("pmsm")
 DT = 1e-3
 

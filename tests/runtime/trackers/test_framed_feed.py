@@ -23,6 +23,8 @@ from haptorb.simulation.synthetic_tracker import SyntheticTracker
 
 from .test_trackers import free_port, message, running, sending, until
 
+pytestmark = pytest.mark.realtime
+
 OMNI = load("omni")
 TRACKER = SyntheticTracker.draw(12, 0.0, 0.0)
 UP = OMNI.tool.tip_distance

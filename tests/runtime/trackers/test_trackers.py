@@ -32,6 +32,8 @@ from haptorb.runtime.trackers.pose_filter import REASONS, PoseFilter
 from haptorb.runtime.trackers.replay_feed import load_poses
 from haptorb.runtime.trackers.tracker_registry import TOKEN, check_tracker, prepare_tracker
 
+pytestmark = pytest.mark.realtime
+
 
 def free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:

@@ -23,6 +23,8 @@ from haptorb.apps.study.store.columns import tidy
 from haptorb.apps.study.store.database import database
 from haptorb.control.protection.trip import Trip
 
+pytestmark = pytest.mark.realtime
+
 STUDY = """
 name = "short"
 [set_points]
