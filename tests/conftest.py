@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -27,6 +28,8 @@ settings.load_profile("fixed")
 #: files, or folders whose files share what one of them made: begun first where several processes share the tests,
 #: because whoever gets one of these at the end keeps the others waiting
 HEAVY = ("test_docs.py", "test_result.py", "reproduce", "test_tools.py", "test_examples.py")
+_SOME_REALTIME = re.compile(r"\bmark\.(?:realtime|browser|firmware)\b")
+_ALL_REALTIME = re.compile(r"^pytestmark = .*\bmark\.(?:realtime|browser|firmware)\b", re.MULTILINE)
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 FIRMWARE = {
     "avr-gcc": lambda: shutil.which("avr-gcc"),
@@ -40,6 +43,17 @@ FIRMWARE = {
 def _why_missing() -> str:
     note = ROOT / ".packages-missing"
     return f"; {note.read_text().strip()}" if note.exists() else "; `make test` installs it where it may"
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Read no file whose tests all belong to the other call of `scripts/run_tests.py`: all take half a minute."""
+    call = config.option.markexpr.split(" and ")[0]
+    if collection_path.suffix != ".py" or collection_path.name == "conftest.py" or "realtime" not in call:
+        return None
+    text = collection_path.read_text(encoding="utf-8")
+    if call == "realtime":
+        return None if _SOME_REALTIME.search(text) else True
+    return True if call == "not realtime" and _ALL_REALTIME.search(text) else None
 
 
 def _group(item: pytest.Item) -> str:

@@ -42,7 +42,9 @@ def program(root: Path) -> Any:
 @pytest.mark.parametrize(
     ("files", "said"), [(FILES, "1 failed, 2 passed"), ((FILES[0], ENDS), "1 passed, 1 error")], ids=["all", "one ends"]
 )
-def test_both_calls_run_and_one_line_adds_them_up(root: Path, tmp_path: Path, files: tuple[str, ...], said: str) -> None:
+def test_both_calls_run_and_one_line_adds_them_up(
+    root: Path, tmp_path: Path, files: tuple[str, ...], said: str
+) -> None:
     """The second call follows though the first fails, and a process that ends early is an error though it says 0."""
     (tmp_path / "pytest.ini").write_text(CONFIGURATION)
     for number, text in enumerate(files):
