@@ -28,8 +28,7 @@ settings.load_profile("fixed")
 #: files, or folders whose files share what one of them made: begun first where several processes share the tests,
 #: because whoever gets one of these at the end keeps the others waiting
 HEAVY = ("test_docs.py", "test_result.py", "reproduce", "test_tools.py", "test_examples.py")
-_SOME_REALTIME = re.compile(r"\bmark\.(?:realtime|browser|firmware)\b")
-_ALL_REALTIME = re.compile(r"^pytestmark = .*\bmark\.(?:realtime|browser|firmware)\b", re.MULTILINE)
+_REALTIME = re.compile(r"^(pytestmark = )?.*\bmark\.realtime\b", re.MULTILINE)
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 FIRMWARE = {
     "avr-gcc": lambda: shutil.which("avr-gcc"),
@@ -50,10 +49,10 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     call = config.option.markexpr.split(" and ")[0]
     if collection_path.suffix != ".py" or collection_path.name == "conftest.py" or "realtime" not in call:
         return None
-    text = collection_path.read_text(encoding="utf-8")
+    found = _REALTIME.search(collection_path.read_text(encoding="utf-8"))
     if call == "realtime":
-        return None if _SOME_REALTIME.search(text) else True
-    return True if call == "not realtime" and _ALL_REALTIME.search(text) else None
+        return None if found else True
+    return True if call == "not realtime" and found and found[1] else None
 
 
 def _group(item: pytest.Item) -> str:
@@ -74,9 +73,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: HEAVY.index(_group(item)) if _group(item) in HEAVY else len(HEAVY))
     for item in items:
         item.add_marker(pytest.mark.xdist_group(_group(item)))
-        if item.get_closest_marker("browser") or item.get_closest_marker("firmware"):
-            item.add_marker(pytest.mark.realtime)
-        beside_a_clock = next(item.iter_markers("realtime"), None)
+        beside_a_clock = item.get_closest_marker("realtime")
         # Three times at the most, and the summary counts every further try.
         if beside_a_clock and beside_a_clock.kwargs.get("retry", True):
             item.add_marker(pytest.mark.flaky(reruns=2, reruns_delay=3))

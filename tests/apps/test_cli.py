@@ -8,8 +8,6 @@ import pytest
 
 from haptorb.apps.cli import main
 
-pytestmark = pytest.mark.realtime
-
 
 def told(capsys, *words):
     """Exit code, standard output and error of one command."""

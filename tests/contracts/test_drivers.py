@@ -27,8 +27,6 @@ from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from oracles.chips import ChipBus
 
-pytestmark = pytest.mark.realtime(retry=False)
-
 SOME = np.array([0.05, -0.03, 0.02])
 FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 
@@ -94,7 +92,10 @@ def i2c() -> Subject:
     return Subject(driver, pwm.duties, coils_follow)
 
 
-@pytest.fixture(params=["sim", "i2c", pytest.param("serial", marks=[pytest.mark.firmware, pytest.mark.timeout(600)])])
+BESIDE_A_CLOCK = [pytest.mark.firmware, pytest.mark.realtime(retry=False), pytest.mark.timeout(600)]
+
+
+@pytest.fixture(params=["sim", "i2c", pytest.param("serial", marks=BESIDE_A_CLOCK)])
 def subject(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Subject]:
     if request.param == "sim":
         yield simulated()

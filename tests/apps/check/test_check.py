@@ -17,8 +17,6 @@ from haptorb.apps.check.machine import Machine, StolenTime, StolenTimeCounter, t
 from haptorb.apps.check.measure import drag_position
 from haptorb.errors import InputError, UnknownName
 
-pytestmark = pytest.mark.realtime(retry=False)
-
 GOOD = Machine("a processor", 4, "6.1 PREEMPT", True, False, "performance", "3.11")
 QUIET = StolenTime(0, 0.0, 1.0)
 
@@ -128,6 +126,7 @@ def test_dragging_stays_on_the_dome() -> None:
 
 
 @pytest.mark.parametrize(("device", "dragging"), [("omni", True), ("omni", False), ("pmsm", True)])
+@pytest.mark.realtime(retry=False)
 def test_measured(device: str, dragging: bool) -> None:
     fitness = measure_fitness(1.0, device=device, dragging=dragging, progress=False)
     numbers = json.loads(json.dumps(fitness.numbers()))

@@ -20,8 +20,6 @@ from haptorb.apps.feel.session import COLUMNS
 from haptorb.devices.state import State
 from haptorb.errors import InputError, RecordingError
 
-pytestmark = pytest.mark.realtime
-
 EXAMPLE = Path(module.__file__).with_name("example.toml")
 
 

@@ -19,8 +19,6 @@ from haptorb.runtime.tick.tick import Tick
 from haptorb.sensing.tool.tool_position import HallTracker
 from haptorb.worlds import find_world
 
-pytestmark = pytest.mark.realtime
-
 OMNI = load("omni")
 
 
