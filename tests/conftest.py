@@ -26,8 +26,12 @@ settings.register_profile(
 settings.load_profile("fixed")
 
 #: files, or folders whose files share what one of them made: begun first where several processes share the tests,
-#: because whoever gets one of these at the end keeps the others waiting
-HEAVY = ("test_docs.py", "test_result.py", "reproduce", "test_tools.py", "test_examples.py")
+#: because whoever gets one of these at the end keeps the others waiting. While one process compiles the kernels, the
+#: other looks at types, names and texts; documentation, papers and examples find the kernels compiled.
+HEAVY = (
+    *("test_tools.py", "test_result.py", "test_public_names.py", "test_house.py", "test_names.py"),
+    *("test_docstrings.py", "test_docs.py", "reproduce", "test_examples.py"),
+)
 _REALTIME = re.compile(r"^(pytestmark = )?.*\bmark\.realtime\b", re.MULTILINE)
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 FIRMWARE = {
@@ -106,7 +110,10 @@ def reproduction():
 
     @cache
     def made(paper: str, name: str) -> ReproductionResult:
-        one = find_reproduction(paper, name)
-        return ReproductionResult(one, *one.make())
+        one, shares = find_reproduction(paper, name), []
+        result = ReproductionResult(one, *one.make(shares.append))
+        assert shares == sorted(shares)
+        assert shares[-1] == 1.0  # what is told of the progress
+        return result
 
     return made
