@@ -44,6 +44,7 @@ def built(root: Path) -> Path:
     """The folder of the built pages."""
     output = root / "docs" / "_build" / "html"
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", str(output)]
+    command += ["-D", "plot_gallery=0"]  # the examples run in tests/test_examples.py
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
     if done.returncode:
         pytest.fail(f"the documentation does not build:\n{done.stdout}{done.stderr}", pytrace=False)
