@@ -77,10 +77,11 @@ def test_counts_are_those_of_the_last_summary(program: Any, text: str, counts: d
 
 
 def test_the_summary_is_written_as_pytest_writes_it(program: Any) -> None:
-    counts = program.count_outcomes("= 2 failed, 5000 passed, 3 skipped, 1 error in 9.0s =")
-    assert program.format_summary(counts, 3723.4).strip("=") == (
-        " 2 failed, 5000 passed, 3 skipped, 1 error in 3723.40s (1:02:03) "
+    counts = program.count_outcomes("= 2 failed, 5000 passed, 3 skipped, 2 warnings, 1 error, 4 rerun in 9.0s =")
+    assert program.format_summary(counts, 3723.4).startswith(
+        "= 2 failed, 5000 passed, 3 skipped, 2 warnings, 1 error, 4 rerun in 3723.40s (1:02:03) ="
     )
+    assert program.format_summary(counts - counts, 1.0) == " no tests ran in 1.00s (0:00:01) ".center(80, "=")
 
 
 @pytest.mark.parametrize(
