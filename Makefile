@@ -30,15 +30,13 @@ help:
 run: $(VENV)/.run
 	@exec $(BIN)/haptorb run $(ARGS)
 
-# Style, types, import contracts and documentation are tests too (tests/checks): one run, one summary. A process for
-# each processor; what runs beside a clock has the machine for itself afterwards (tests/two_phases.py).
-PYTEST := $(BIN)/python -m pytest --continue-on-collection-errors -n logical --maxprocesses 4
-
+# Style, types, import contracts and documentation are tests too (tests/checks). A process for each processor; what runs
+# beside a clock (the `realtime` marker) has the machine for itself afterwards. One summary for both.
 test: $(VENV)/.test packages
-	@$(PYTEST) --durations=10 -m "not slow" $(ARGS)
+	@$(BIN)/python scripts/run_tests.py --markers "not slow" --durations=10 $(ARGS)
 
 nightly: $(VENV)/.test packages
-	@$(PYTEST) $(ARGS)
+	@$(BIN)/python scripts/run_tests.py $(ARGS)
 
 bench: $(VENV)/.test
 	@$(BIN)/haptorb bench $(ARGS)

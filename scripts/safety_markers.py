@@ -26,6 +26,7 @@ import re
 import tokenize
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 _NAME = r"[a-z0-9]+(?:-[a-z0-9]+)*"
@@ -99,12 +100,17 @@ def break_code(marked: Marked, mutation: str) -> str:
         raise MarkerError(f"'{mutation}' does not fit {_quote(marked)}") from cause
     broken = _replace(marked.text, node, words)
     try:
-        changed = ast.dump(ast.parse(broken)) != ast.dump(ast.parse(marked.text))
+        changed = ast.dump(ast.parse(broken)) != _dump(marked.text)
     except SyntaxError as cause:
         raise MarkerError(f"'{mutation}' makes no Python of {_quote(marked)}: {words}") from cause
     if not changed:
         raise MarkerError(f"'{mutation}' leaves {_quote(marked)} as it is")
     return broken
+
+
+@cache
+def _dump(text: str) -> str:
+    return ast.dump(ast.parse(text))
 
 
 def _mutate(marked: Marked, mutation: str) -> tuple[ast.AST, str]:

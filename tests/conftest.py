@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
+import re
 import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -26,19 +25,14 @@ settings.register_profile(
 )
 settings.load_profile("fixed")
 
-#: folders and files whose tests run beside a clock: a browser, an emulator, a servo or a server in a process of its
-#: own. They can lose it to the machine's other tenants: they may try again
-AGAINST_TIME = {
-    *("browser", "firmware", "test_black_box.py", "test_cli.py", "test_console.py", "test_design_session.py"),
-    *("rail", "test_frame.py", "test_framed_feed.py", "test_hall_loop.py", "test_motor_chain.py", "test_pages.py"),
-    *("test_postgres.py", "test_recording.py", "test_socket_hub.py", "test_terminal_session.py", "test_safety.py"),
-    *("test_serial_port.py", "test_servo.py", "test_streams.py", "test_trackers.py", "test_tutorial.py"),
-}
-#: where several processes share the tests, these wait for the second phase; beside AGAINST_TIME those that need a
-#: processor for themselves and pass at once when they have it
-ALONE = AGAINST_TIME | {"test_check.py", "test_drivers.py", "test_schedule.py", "test_keep_core_awake.py"}
-#: begun first where several processes share the tests: whoever gets one of these at the end keeps the others waiting
-HEAVY = ("test_docs.py", "test_result.py", "reproduce", "test_tools.py", "test_examples.py")
+#: files, or folders whose files share what one of them made: begun first where several processes share the tests,
+#: because whoever gets one of these at the end keeps the others waiting. While one process compiles the kernels, the
+#: other looks at types, names and texts; documentation, papers and examples find the kernels compiled.
+HEAVY = (
+    *("test_tools.py", "test_result.py", "test_public_names.py", "test_house.py", "test_names.py"),
+    *("test_docstrings.py", "test_docs.py", "reproduce", "test_examples.py"),
+)
+_REALTIME = re.compile(r"^(pytestmark = )?.*\bmark\.realtime\b", re.MULTILINE)
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 FIRMWARE = {
     "avr-gcc": lambda: shutil.which("avr-gcc"),
@@ -54,32 +48,42 @@ def _why_missing() -> str:
     return f"; {note.read_text().strip()}" if note.exists() else "; `make test` installs it where it may"
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Read no file whose tests all belong to the other call of `scripts/run_tests.py`: all take half a minute."""
+    call = config.option.markexpr.split(" and ")[0]
+    if collection_path.suffix != ".py" or collection_path.name == "conftest.py" or "realtime" not in call:
+        return None
+    found = _REALTIME.search(collection_path.read_text(encoding="utf-8"))
+    if call == "realtime":
+        return None if found else True
+    return True if call == "not realtime" and found and found[1] else None
+
+
+def _group(item: pytest.Item) -> str:
+    """What one process gets whole: a file, or a folder of HEAVY."""
+    parts = item.path.relative_to(ROOT).parts
+    return next((part for part in parts if part in HEAVY), "/".join(parts))
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip, with the reason, what needs a program that this machine lacks."""
+    """Group and order the tests, give those beside a clock another try, skip what needs a program that is not here."""
     skips = {}
     if not any(shutil.which(name) for name in CHROMIUM):
         skips["browser"] = f"no Chromium on this machine{_why_missing()}"
     lacking = [name for name, found in FIRMWARE.items() if not found()]
     if lacking:
         skips["firmware"] = f"no {', '.join(lacking)} on this machine{_why_missing()}"
+    items.sort(key=lambda item: HEAVY.index(_group(item)) if _group(item) in HEAVY else len(HEAVY))
     for item in items:
+        item.add_marker(pytest.mark.xdist_group(_group(item)))
+        beside_a_clock = item.get_closest_marker("realtime")
         # Three times at the most, and the summary counts every further try.
-        if AGAINST_TIME & set(item.path.parts):
+        if beside_a_clock and beside_a_clock.kwargs.get("retry", True):
             item.add_marker(pytest.mark.flaky(reruns=2, reruns_delay=3))
         for marker, reason in skips.items():
             if item.get_closest_marker(marker):
                 item.add_marker(pytest.mark.skip(reason=reason))
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """`-n 2`: two processes share the tests, see `two_phases.py`."""
-    spec = importlib.util.spec_from_file_location("two_phases", Path(__file__).with_name("two_phases.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.TwoPhases(config, log, lambda file: ALONE & set(Path(file).parts), HEAVY)
 
 
 @pytest.fixture(scope="session")
@@ -106,7 +110,10 @@ def reproduction():
 
     @cache
     def made(paper: str, name: str) -> ReproductionResult:
-        one = find_reproduction(paper, name)
-        return ReproductionResult(one, *one.make())
+        one, shares = find_reproduction(paper, name), []
+        result = ReproductionResult(one, *one.make(shares.append))
+        assert shares == sorted(shares)
+        assert shares[-1] == 1.0  # what is told of the progress
+        return result
 
     return made

@@ -24,6 +24,7 @@ from haptorb.runtime.drivers.serial.emulator import Emulator
 
 BUILD = Path(__file__).resolve().parents[2] / "firmware" / "build"
 LONGEST = 0.13  #: of firmware time from STORE to the reset [s]; all bytes take 0.075 s
+BOOT = 0.05  #: of firmware time until it listens: a question that it misses costs 5 s of patience [s]
 
 
 @dataclass
@@ -52,6 +53,7 @@ def tried(build: Path, port: Path, resets: int, seed: int = 0, board: str = "m32
                 while float(emulator.status()["t"]) < end:
                     called_kept |= device.store(wanted).refusal is Refusal.ACCEPTED
                 emulator.tell("reset")
+                emulator.wait(BOOT)
                 found.resets += 1
                 there = _there(device)
                 if called_kept:

@@ -14,7 +14,7 @@ from haptorb.apps.console import Console
 from haptorb.devices.kind import KINDS, register
 from haptorb.runtime.servo.servo import Servo
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 RAIL = Path(__file__).parents[1] / "rail"
 

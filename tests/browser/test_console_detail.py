@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 #: frames told to come `pace` milliseconds after one another, however fast this machine is; in each the view turns
 PACED = """

@@ -15,7 +15,7 @@ from haptorb.devices.state import State
 from haptorb.simulation.force_map import force_map
 from haptorb.worlds import Dome
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 
 def tilt(p) -> float:

@@ -16,7 +16,7 @@ from haptorb.control.protection.trip import Trip
 from haptorb.devices.loader import load
 from haptorb.runtime.servo.servo import Servo
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 
 def kit() -> Any:

@@ -11,7 +11,7 @@ import pytest
 
 from haptorb.control.protection.trip import CoilState, GuardState, Trip
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 SIZES = [(1280, 800), (1920, 1080), (820, 1180)]
 

@@ -14,9 +14,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
-    path
-    for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
-    if "_build" not in path.parts and "generated" not in path.parts
+    path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts and "generated" not in path.parts
 )
 CODE = re.compile(r"^```python\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
 WITH_CODE = [path for path in PAGES if CODE.search(path.read_text(encoding="utf-8"))]
@@ -46,6 +44,7 @@ def built(root: Path) -> Path:
     """The folder of the built pages."""
     output = root / "docs" / "_build" / "html"
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", str(output)]
+    command += ["-D", "plot_gallery=0"]  # the examples run in tests/test_examples.py
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
     if done.returncode:
         pytest.fail(f"the documentation does not build:\n{done.stdout}{done.stderr}", pytrace=False)

@@ -13,11 +13,18 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "scripts"))
 script, markers = import_module("prove_safety"), import_module("safety_markers")
 sys.path.remove(str(ROOT / "scripts"))
-PROOFS = script.collect_proofs(script.RULES, markers.find_marked(script.PACKAGE))
 
 
-@pytest.mark.parametrize("proof", PROOFS, ids=[proof.marker or proof.rule for proof in PROOFS])
-def test_a_rule_can_be_broken_and_its_tests_are_there(proof):
+@pytest.fixture(scope="module")
+def proofs():
+    """All proofs by their markers: not made while tests are collected, because every process collects them."""
+    found = script.collect_proofs(script.RULES, markers.find_marked(script.PACKAGE))
+    return {proof.marker: proof for proof in found}
+
+
+@pytest.mark.parametrize("marker", [marker for marker, *_ in script.RULES])
+def test_a_rule_can_be_broken_and_its_tests_are_there(proofs, marker):
+    proof = proofs[marker]
     assert proof.broken != proof.path.read_text(encoding="utf-8")
     place, _, name = proof.tests.partition("::")  # a file, or one test of it
     assert (ROOT / place).exists(), f"'{proof.rule}' is proved by tests that are gone"

@@ -92,7 +92,10 @@ def i2c() -> Subject:
     return Subject(driver, pwm.duties, coils_follow)
 
 
-@pytest.fixture(params=["sim", "i2c", pytest.param("serial", marks=[pytest.mark.firmware, pytest.mark.timeout(600)])])
+BESIDE_A_CLOCK = [pytest.mark.firmware, pytest.mark.realtime(retry=False), pytest.mark.timeout(600)]
+
+
+@pytest.fixture(params=["sim", "i2c", pytest.param("serial", marks=BESIDE_A_CLOCK)])
 def subject(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Subject]:
     if request.param == "sim":
         yield simulated()

@@ -20,6 +20,8 @@ from haptorb.runtime.tick.assembly import assemble
 from haptorb.runtime.trackers.feed_tracker import PREDICTION
 from haptorb.worlds import find_world
 
+pytestmark = pytest.mark.realtime
+
 PLACE = (0.01, -0.02, 0.05)
 
 

@@ -16,7 +16,7 @@ import pytest
 from haptorb.errors import DriverError
 from haptorb.runtime.drivers.serial.emulator import Emulator
 
-pytestmark = [pytest.mark.firmware, pytest.mark.timeout(1200)]
+pytestmark = [pytest.mark.firmware, pytest.mark.realtime, pytest.mark.timeout(1200)]
 
 HOST = Path(__file__).with_name("minimal_host.py")
 LIMIT_MS = 20.0

@@ -22,7 +22,7 @@ from haptorb.runtime.drivers.serial.emulator import Emulator
 from haptorb.runtime.drivers.serial.messages import refusal
 from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
 
-pytestmark = [pytest.mark.firmware, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.firmware, pytest.mark.realtime, pytest.mark.timeout(600)]
 
 SMALL = np.array([0.1, -0.05, 0.02])
 

@@ -18,7 +18,7 @@ from haptorb.runtime.drivers.serial.emulator import EmulatedDevice, Emulator
 from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
 from haptorb.runtime.processes.calibration_match import disagreement
 
-pytestmark = [pytest.mark.firmware, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.firmware, pytest.mark.realtime, pytest.mark.timeout(900)]
 
 PACE = 0.2
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])

@@ -22,7 +22,7 @@ from haptorb.runtime.tick.assembly import estimator_of
 from haptorb.runtime.tick.tick import Tick
 from haptorb.worlds.maps.dome import Dome
 
-pytestmark = [pytest.mark.firmware, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.firmware, pytest.mark.realtime, pytest.mark.timeout(600)]
 
 PACE = 0.06
 AT = np.array([0.0, 0.0, 0.052])

@@ -62,6 +62,7 @@ def test_its_model_agrees_with_the_energy_of_its_magnet(rail: ModuleType, rail_f
         assert device.per_ampere(x)[n] == pytest.approx(slope, rel=1e-6)
 
 
+@pytest.mark.realtime
 def test_it_runs_is_recorded_and_stops(rail: ModuleType, rail_file: Path, tmp_path: Path):
     path = tmp_path / "rail.mcap"
     with Servo(rail_file, record=path, rate=500.0) as servo:
@@ -95,6 +96,7 @@ def test_it_runs_is_recorded_and_stops(rail: ModuleType, rail_file: Path, tmp_pa
     assert np.nanmax(recording["given"][:, 0]) > 0.05
 
 
+@pytest.mark.realtime
 def test_the_console_shows_it(rail: ModuleType, rail_file: Path):
     servo = Servo(rail_file, record=False, rate=500.0)
     with Console(servo, 0) as console, servo:

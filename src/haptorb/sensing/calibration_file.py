@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
-from contextlib import suppress
 from pathlib import Path
 
 from haptorb.errors import CalibrationError
+from haptorb.files.replace_file import replace_file
 from haptorb.files.text_file import read_text
 from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
@@ -59,11 +58,8 @@ def write_frame(frame: TrackerFrame, path: str | Path, *, overwrite: bool = Fals
 
 def _write(text: str, path: str | Path, overwrite: bool) -> None:
     place = writable(path, overwrite=overwrite)
-    part = place.with_name(place.name + ".part")
     try:
-        part.write_text(text, encoding="utf-8")
-        os.replace(part, place)
+        with replace_file(place) as part:
+            part.write_text(text, encoding="utf-8")
     except OSError as cause:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
         raise CalibrationError(f"cannot write {path}: {cause.strerror}") from cause

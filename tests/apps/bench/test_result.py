@@ -12,6 +12,8 @@ from haptorb.apps.bench import outside as programs
 from haptorb.apps.cli import main
 from haptorb.errors import InputError, UnknownName
 
+pytestmark = pytest.mark.timeout(900)  # the first run on a machine compiles all kernels
+
 SHORT = 0.02
 
 

@@ -41,6 +41,7 @@ def test_impossible_port_is_refused(servo, port):
         Console(servo, port, felt=flat)
 
 
+@pytest.mark.realtime
 def test_ends_when_the_servo_ends(servo):
     with Console(servo, 0, felt=flat) as console:
         serving = threading.Thread(target=console.serve)
@@ -52,6 +53,7 @@ def test_ends_when_the_servo_ends(servo):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.realtime
 def test_ends_by_a_signal_and_tells_which(servo, number):
     before = signal.getsignal(number)
     timer = threading.Timer(0.5, os.kill, (os.getpid(), number))
@@ -61,6 +63,7 @@ def test_ends_by_a_signal_and_tells_which(servo, number):
     assert signal.getsignal(number) is before
 
 
+@pytest.mark.realtime
 def test_ends_when_told(servo):
     with Console(servo, 0, felt=flat) as console:
         end = time.monotonic() + 0.3

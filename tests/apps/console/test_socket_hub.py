@@ -21,6 +21,8 @@ from websockets.sync.client import ClientConnection, connect
 from haptorb.apps.console import wire
 from haptorb.control.protection.trip import GuardState
 
+pytestmark = pytest.mark.realtime
+
 
 class Client:
     """A page without a picture: sorts what arrives."""

@@ -19,6 +19,8 @@ from haptorb.runtime.trackers.feed import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.tracker_registry import feed_of, prepare_tracker
 from haptorb.sensing.calibration_file import read_frame
 
+pytestmark = pytest.mark.realtime
+
 OMNI = load("omni")
 
 

@@ -188,7 +188,8 @@ def test_figures_of_the_quick_ones_are_drawn(quick, tmp_path):
     drawn = 0
     for (paper, name), (_, draw) in quick.items():
         if draw is not None:
-            assert draw(tmp_path / f"{paper}-{name}.svg").stat().st_size > 5_000
+            ending, least = ("svg", 5_000) if drawn % 2 else ("png", 20_000)  # a report has both
+            assert draw(tmp_path / f"{paper}-{name}.{ending}").stat().st_size > least
             drawn += 1
     assert drawn >= 8
 

@@ -27,6 +27,8 @@ from haptorb.apps.study.store.database import database
 from haptorb.control.protection.trip import Trip
 from haptorb.errors import InputError, RecordingError, ServoError
 
+pytestmark = pytest.mark.realtime
+
 STUDY = """
 name = "short"
 consent = "You may stop at any time."

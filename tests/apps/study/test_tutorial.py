@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.mark.timeout(300)
 def test_the_tutorials_commands_run_as_they_stand(root: Path, tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ from haptorb.runtime.exchange.black_box import TICKS, BlackBox
 from haptorb.runtime.exchange.shared_memory import SharedMemory
 from haptorb.runtime.row import RowLayout
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.fixture
 def shared() -> Any:

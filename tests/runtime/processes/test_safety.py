@@ -21,6 +21,8 @@ from haptorb.errors import InputError, RecordingError, ServoError
 from haptorb.runtime.servo.process_group import ProcessGroup
 from haptorb.worlds import Nothing
 
+pytestmark = pytest.mark.realtime
+
 
 def _gone(pid: int) -> bool:
     """Whether a process ended; one that only waits to be collected counts."""

@@ -63,6 +63,7 @@ def test_rate_out_of_range(rate: Any) -> None:
 
 
 @pytest.mark.parametrize("rate", [50.0, 1000.0, 4000.0])
+@pytest.mark.realtime(retry=False)
 def test_clock_never_comes_early(rate: float) -> None:
     clock = Clock(rate)
     for _ in range(20):
@@ -74,6 +75,7 @@ def test_clock_never_comes_early(rate: float) -> None:
         assert monotonic_ns() >= now
 
 
+@pytest.mark.realtime(retry=False)
 def test_signals_do_not_end_the_wait() -> None:
     import signal
 
@@ -91,6 +93,7 @@ def test_signals_do_not_end_the_wait() -> None:
     assert len(rings) > 10
 
 
+@pytest.mark.realtime(retry=False)
 def test_slow_ticks_are_skipped_and_counted(fake_servo: Any) -> None:
     """Ticks 100 to 149 take 3.4 periods each: about three deadlines are skipped after each, and then all is well."""
     with fake_servo({"slow_at": 100, "slow_until": 150, "slow": 0.0034}).servo as servo:

@@ -256,6 +256,7 @@ def test_place_that_cannot_be_written(tmp_path: Path, place: str) -> None:
             recording_file.create_recording(tmp_path / place, overwrite=overwrite)
 
 
+@pytest.mark.realtime
 def test_servo_refuses_before_it_starts(fake_servo: Any, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("precious")
@@ -270,6 +271,7 @@ def test_servo_refuses_before_it_starts(fake_servo: Any, tmp_path: Path) -> None
     assert path.stat().st_mode & 0o200
 
 
+@pytest.mark.realtime
 def test_servo_records_what_ran(fake_servo: Any, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with fake_servo(record=path, world="dome", seed=7).servo as servo:
@@ -288,6 +290,7 @@ def test_servo_records_what_ran(fake_servo: Any, tmp_path: Path) -> None:
     assert recording.metadata["end"]["lost"] == "0"
 
 
+@pytest.mark.realtime
 def test_servo_without_recording(fake_servo: Any) -> None:
     with fake_servo(record=False).servo as servo:
         servo.run(0.1)
@@ -295,6 +298,7 @@ def test_servo_without_recording(fake_servo: Any) -> None:
         _ = servo.recording
 
 
+@pytest.mark.realtime
 def test_ring_overrun_is_told(fake_servo: Any, tmp_path: Path) -> None:
     """A recorder that was held up for longer than the ring is long loses rows, says so, and goes on."""
     path = tmp_path / "a.mcap"

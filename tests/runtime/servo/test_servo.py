@@ -11,6 +11,8 @@ import pytest
 from haptorb.errors import InputError, ServoError, UnknownName
 from haptorb.runtime.servo.servo import Servo
 
+pytestmark = pytest.mark.realtime
+
 
 def _until(servo: Servo, condition: Any, patience: float = 20.0) -> None:
     end = time.monotonic() + patience

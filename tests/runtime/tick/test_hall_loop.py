@@ -96,4 +96,4 @@ def test_a_calibration_is_believed_by_the_controller_only(tmp_path):
 
 def test_offsets_go_to_the_tracker():
     earth = np.tile([2e-5, 0.0, 0.0], (9, 1))
-    assert np.array_equal(estimator_of(OMNI, "hall", None, earth)._offsets, earth)
+    assert np.array_equal(estimator_of(OMNI, "hall", None, earth)._sensors["offset"], earth)

@@ -18,6 +18,7 @@ from haptorb.apps.bench.contest import spell_time
 from haptorb.apps.bench.row import Metric
 from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 from haptorb.errors import InputError, UnknownName
+from haptorb.files.replace_file import replace_file
 
 __all__ = ["BENCHMARKS", "BenchResult", "load_result", "run_benchmarks"]
 
@@ -65,9 +66,8 @@ class BenchResult:
 
     def store(self, path: Path) -> None:
         """Write the numbers to `path`, whole or not at all."""
-        part = path.with_name(path.name + ".part")
-        part.write_text(json.dumps(self.numbers(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-        part.replace(path)
+        with replace_file(path) as part:
+            part.write_text(json.dumps(self.numbers(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
     def show(self, console: Console) -> None:
         """Print the table for people."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from pathlib import Path
 from time import time
@@ -12,6 +11,7 @@ from typing import Any, final
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, quote
 from haptorb.files.json_file import numbers
+from haptorb.files.replace_file import replace_file
 from haptorb.files.text_file import json_of, read_bytes
 
 __all__ = ["ProgressFile"]
@@ -75,15 +75,10 @@ class ProgressFile:
         """Add the result of a step; CalibrationError if it cannot be written."""
         self.results[name] = result
         content = {**self._head, "written": self._clock(), "steps": self.results}
-        part = self.path.with_name(self.path.name + ".part")
         try:
-            with part.open("w", encoding="utf-8") as file:
-                file.write(json.dumps(content, indent=1, allow_nan=False) + "\n")
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(part, self.path)
+            with replace_file(self.path, sync=True) as part:
+                part.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         except OSError as cause:
-            part.unlink(missing_ok=True)
             raise CalibrationError(f"cannot write {self.path}: {cause.strerror}") from cause
 
     def forget(self) -> None:

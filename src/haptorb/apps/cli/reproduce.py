@@ -34,6 +34,7 @@ def reproduce(
     """Compute what the papers state, say whether it agrees, and write page and JSON. Exit code 1 where it differs."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # training: small matrices, a second thread only waits in a loop
     from haptorb.apps.reproduce import report_page
+    from haptorb.files.replace_file import replace_file
 
     folder = out or Path()
     if not folder.is_dir():
@@ -49,9 +50,8 @@ def reproduce(
 
     numbers = dumps([item.numbers() for item in every], indent=2, ensure_ascii=False)
     for path, text in zip(paths, (report_page(made), numbers + "\n"), strict=True):
-        part = path.with_name(path.name + ".part")  # never half a report under its name
-        part.write_text(text, encoding="utf-8")
-        part.replace(path)
+        with replace_file(path) as part:
+            part.write_text(text, encoding="utf-8")
     if json:
         print_json([item.numbers() for item in every])
     else:

@@ -26,6 +26,7 @@ from haptorb.apps.asking.rating import rating as rating_of
 from haptorb.apps.feel.candidates import Candidate, Candidates
 from haptorb.devices.state import State
 from haptorb.errors import InputError, RecordingError
+from haptorb.files.replace_file import replace_file
 from haptorb.files.text_file import json_of, read_bytes
 from haptorb.numerics.arrays import Array
 
@@ -130,15 +131,11 @@ class FeelSession:
             (int(p.stem.rsplit("-", 1)[1]) for p in folder.glob(f"{trace.design.name}-[0-9]*.csv")), default=0
         )
         path = folder / f"{trace.design.name}-{number:04d}.csv"
-        part = path.with_suffix(".part")
         try:
-            with part.open("w", newline="", encoding="utf-8") as file:
+            with replace_file(path, sync=True) as part, part.open("w", newline="", encoding="utf-8") as file:
                 writer = csv.writer(file)
                 writer.writerow(COLUMNS)
                 writer.writerows([f"{value:.9g}" for value in row] for row in trace.rows.tolist())
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(path)  # a trace is there whole or not at all
         except OSError as cause:
             raise RecordingError(f"{path}: cannot be written ({cause.strerror})") from cause
         return f"traces/{path.name}"

@@ -11,8 +11,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
-import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -21,6 +19,7 @@ import numpy as np
 
 from haptorb.devices.tables import pair_table
 from haptorb.devices.tables.pair_table import PairTable, Progress
+from haptorb.files.replace_file import replace_file
 from haptorb.numerics.compiled import cache_folder
 from haptorb.physics import interaction
 from haptorb.physics.sources import (
@@ -134,7 +133,6 @@ def _seal(numbers: bytes, scale: float, bound: float) -> str:
 
 
 def _write(path: Path, name: str, table: PairTable) -> None:
-    """All of the file or nothing: written beside its place, then moved there."""
     numbers = table.cells.astype("<f8").tobytes()
     head = {
         "name": name,
@@ -144,12 +142,5 @@ def _write(path: Path, name: str, table: PairTable) -> None:
         "sha256": _seal(numbers, table.scale, table.bound),
     }
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{name}-")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(json.dumps(head).encode() + b"\n" + numbers)
-        os.replace(part, path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            os.unlink(part)
-        raise
+    with replace_file(path) as part:
+        part.write_bytes(json.dumps(head).encode() + b"\n" + numbers)

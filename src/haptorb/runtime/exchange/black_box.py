@@ -6,7 +6,6 @@ The heartbeat's thread looks for trips; it must never wait for a disk, so files 
 from __future__ import annotations
 
 import os
-import tempfile
 import threading
 from datetime import datetime
 from pathlib import Path
@@ -14,6 +13,7 @@ from time import monotonic_ns, time_ns
 from typing import final
 
 from haptorb.control.protection.trip import Trip
+from haptorb.files.replace_file import replace_file
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.record import record
 from haptorb.runtime.exchange.shared_memory import TRIPS, SharedMemory, Word
@@ -89,13 +89,11 @@ class BlackBox:
         name = f"{self._named}-{stamp}-{number + 1}-{tripped.trip.name.lower()}.mcap"
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            descriptor, part = tempfile.mkstemp(prefix=".", suffix=".part", dir=folder)
-            with os.fdopen(descriptor, "wb") as file:
+            with replace_file(folder / name) as part, part.open("wb") as file:
                 recorder = Recorder(file, self._shared.layout, self._rate, time_ns() - monotonic_ns())
                 recorder.note("trip", {"t": repr(tripped.t), "code": tripped.trip.name, "reason": tripped.trip.text})
                 recorder.append(tripped.rows)
                 recorder.finish()
-            os.replace(part, folder / name)
             self.files[number] = folder / name
             for old in sorted(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime)[:-_KEPT]:
                 old.unlink(missing_ok=True)

@@ -91,14 +91,20 @@ class Word(IntEnum):
     TRACKED = 64  #: and the fifteen after it
 
 
-#: What the loop counts in every tick: some words of the first page, by the names and kinds that they have there.
-_COUNTED = {"ticks": "i8", "missed": "i8", "on_time": "i8", "peak": "f8", "peak_torque": "f8"}
+_LATENESS = _PAGE + (_TEXTS + WORLDS) * text_slot.SIZE + 16 * TRIPS  #: where the histograms begin
+_ROWS = _LATENESS + 2 * 8 * BINS
+
+#: What the loop counts in every tick, where it lies in the memory before the rows: words of the first page, histograms.
 COUNTS = np.dtype(
     {
-        "names": list(_COUNTED),
-        "formats": list(_COUNTED.values()),
-        "offsets": [8 * Word[name.upper()] for name in _COUNTED],
-        "itemsize": _PAGE,
+        "names": ["ticks", "missed", "on_time", "peak", "peak_torque", "lateness", "compute"],
+        "formats": ["i8", "i8", "i8", "f8", "f8", ("i8", (BINS,)), ("i8", (BINS,))],
+        "offsets": [
+            *(8 * word for word in (Word.TICKS, Word.MISSED, Word.ON_TIME, Word.PEAK, Word.PEAK_TORQUE)),
+            _LATENESS,
+            _LATENESS + 8 * BINS,
+        ],
+        "itemsize": _ROWS,
     },
     align=True,
 )
@@ -140,7 +146,7 @@ class SharedMemory:
         self.path = path
         self.words = memory[:_PAGE].cast("q")
         self.floats = memory[:_PAGE].cast("d")
-        self.counts: Records = np.frombuffer(memory[:_PAGE], dtype=COUNTS)  #: (1,) the same words, for kernels
+        self.counts: Records = np.frombuffer(memory[:_ROWS], dtype=COUNTS)  #: (1,) words and histograms, for kernels
         if self.words[Word.MAGIC] != _MAGIC or self.words[Word.VERSION] != _VERSION:
             raise ServoError(f"{path} is not a servo's shared memory of this version; end the program that made it")
         self.layout = RowLayout(self.words[Word.CHANNELS], self.words[Word.SENSORS])
@@ -158,12 +164,9 @@ class SharedMemory:
         self.tracker_reason, self.tracker_facts, self.warning = slots[6:_TEXTS]
         self._worlds = slots[_TEXTS:]
         self.trips: Array = np.frombuffer(memory[at : at + 16 * TRIPS], dtype=np.float64).reshape(TRIPS, 2)
-        at += 16 * TRIPS
-        self.lateness = Histogram(np.frombuffer(memory[at : at + 8 * BINS], dtype=np.int64))
-        at += 8 * BINS
-        self.compute = Histogram(np.frombuffer(memory[at : at + 8 * BINS], dtype=np.int64))
-        at += 8 * BINS
-        rows = np.frombuffer(memory[at:], dtype=np.float64).reshape(CAPACITY, self.layout.width)
+        self.lateness = Histogram(self.counts["lateness"][0])
+        self.compute = Histogram(self.counts["compute"][0])
+        rows = np.frombuffer(memory[_ROWS:], dtype=np.float64).reshape(CAPACITY, self.layout.width)
         self.ring = RingBuffer(self.words, Word.ROWS, rows)
 
     @classmethod
@@ -244,8 +247,7 @@ def _create_file(folder: Path) -> tuple[int, str, FileLock]:
 
 
 def _size(layout: RowLayout) -> int:
-    texts = (_TEXTS + WORLDS) * text_slot.SIZE
-    return _PAGE + texts + 16 * TRIPS + 2 * 8 * BINS + 8 * CAPACITY * layout.width
+    return _ROWS + 8 * CAPACITY * layout.width
 
 
 assert Word.POINTER + pointer_block.WORDS <= Word.PID

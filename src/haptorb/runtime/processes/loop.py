@@ -16,7 +16,6 @@ from haptorb.errors import HaptorbError, InputError
 from haptorb.numerics.arrays import Array, Records
 from haptorb.runtime.exchange.shared_memory import COUNTS, Phase, SharedMemory, Word, engage_stops
 from haptorb.runtime.exchange.world_change import answer, change_world, description, name_of, parse_request
-from haptorb.runtime.memory.histogram import BINS
 from haptorb.runtime.processes.stats import count_tick, publish_row
 from haptorb.runtime.realtime.clock import Clock
 from haptorb.runtime.realtime.host_heartbeat import LATE, HostHeartbeat, state_of
@@ -106,8 +105,7 @@ class Loop:
         """Tick until told to end (None) or until the host is gone (HOST_SILENT)."""
         shared, chain, row, words, at = self._shared, self._chain, self._row, self._shared.words, self._places
         schedule, period = clock.schedule, clock.schedule.period
-        lateness_counts, compute_counts, ring = shared.lateness.counts, shared.compute.counts, shared.ring
-        counts = shared.counts
+        ring, counts = shared.ring, shared.counts
         heard = 0  # when the host was last given the benefit of the doubt [ns]
         words[Word.ORIGIN] = schedule.origin
         words[Word.PHASE] = Phase.RUNNING
@@ -138,7 +136,7 @@ class Loop:
             self._ticks += 1
             self._notice()
             took = monotonic_ns() - now
-            count_tick(counts, lateness_counts, compute_counts, self._ticks, schedule.missed, lateness, took, period)
+            count_tick(counts, self._ticks, schedule.missed, lateness, took, period)
 
     def _obey(self) -> None:
         """Stop, engage, clutch and change the world as the host has asked since the last tick."""
@@ -208,9 +206,9 @@ class Loop:
 
 def _load(row: Array, places: Records) -> None:
     """Have the loop's own compiled code loaded before the first tick."""
-    bins, counts = np.zeros(BINS, dtype=np.int64), np.zeros(1, dtype=COUNTS)
+    counts = np.zeros(1, dtype=COUNTS)
     publish_row(row, row.copy(), places, counts, 0, 0, 0, 0)
-    count_tick(counts, bins, bins.copy(), 0, 0, 0, 0, 1)
+    count_tick(counts, 0, 0, 0, 0, 1)
     row[:] = np.nan
 
 

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
 from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.compiled import kernel
 from haptorb.runtime.memory.histogram import BINS
 
 __all__ = ["count_tick", "publish_row"]
-
-Words: TypeAlias = NDArray[np.int64]
 
 _LAST = BINS - 1
 
@@ -48,17 +43,14 @@ def publish_row(
 
 
 @kernel
-def count_tick(
-    counts: Records, lateness_counts: Words, compute_counts: Words, ticks: int, missed: int, lateness: int, took: int,
-    period: int,
-) -> None:  # fmt: skip
-    """Count one tick's lateness and computing time [ns], and whether both fitted into its period.
+def count_tick(counts: Records, ticks: int, missed: int, lateness: int, took: int, period: int) -> None:
+    """Count one tick's lateness and computing time [ns], and whether both fitted into its period; counts (1,) COUNTS.
 
-    counts is (1,) COUNTS; the other two are those of a `Histogram`.
+    The bins are those of a `Histogram`.
     """
-    lateness_counts[min(max(lateness, 0) // 1000, _LAST)] += 1
-    compute_counts[min(max(took, 0) // 1000, _LAST)] += 1
     c = counts[0]
+    c.lateness[min(max(lateness, 0) // 1000, _LAST)] += 1
+    c.compute[min(max(took, 0) // 1000, _LAST)] += 1
     c.ticks, c.missed = ticks, missed
     if lateness + took <= period:
         c.on_time += 1

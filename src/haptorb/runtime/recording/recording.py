@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Iterator
-from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.errors import RecordingError, UnknownName, quote
+from haptorb.files.replace_file import replace_file
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.recording.mcap_rows import MAGIC, Block, records
 from haptorb.runtime.recording.mcap_schema import CDR_HEADER, NAME, TOPIC, fields_of
@@ -138,16 +138,12 @@ class Recording:
             for field in self.fields
             for i in range(field.width)
         ]
-        part = path.with_name(path.name + ".part")
         try:
-            with part.open("w", encoding="ascii") as file:
+            with replace_file(path) as part, part.open("w", encoding="ascii") as file:
                 file.write(",".join(names) + "\n")
                 for row in self.rows.tolist():
                     file.write(",".join(map(repr, row)) + "\n")
-            os.replace(part, path)
         except OSError as cause:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
             raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
 
     def plot(self, path: str | Path | None = None) -> Figure:

@@ -5,11 +5,8 @@ The file belongs to one device by its digest, and is refused for another one. It
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +14,7 @@ import numpy as np
 
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import InputError
+from haptorb.files.replace_file import replace_file
 from haptorb.files.text_file import json_of, read_bytes
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import cache_folder
@@ -55,17 +53,11 @@ def write_networks(networks: TrainedNetworks, path: Path) -> None:
         "record": dict(networks.record),
     }
     head["sha256"] = _seal(head, numbers)
-    scratch = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, scratch = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
-        with os.fdopen(handle, "wb") as file:
-            file.write(json.dumps(head, ensure_ascii=False).encode() + b"\n" + numbers)
-        os.replace(scratch, path)
+        with replace_file(path) as part:
+            part.write_bytes(json.dumps(head, ensure_ascii=False).encode() + b"\n" + numbers)
     except OSError as cause:
-        if scratch is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(scratch)
         raise InputError(f"the networks cannot be written to '{path}': {cause.strerror}") from cause
 
 

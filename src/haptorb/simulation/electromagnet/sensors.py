@@ -44,7 +44,7 @@ class Magnets(NamedTuple):
 
 
 def pack_magnets(magnets: Magnets) -> Array:
-    """(n,) `magnets` as compiled code takes them, in their own units."""
+    """(n,) `magnets` as compiled code takes them, each number in the unit [..] of its field."""
     m = magnets
     return pack((m.core_radius,), m.ring, m.coarse, m.response, m.per_ampere, m.sensors)
 

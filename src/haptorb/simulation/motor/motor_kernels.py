@@ -53,7 +53,7 @@ class Magnetics(NamedTuple):
 
 
 def pack_magnetics(m: Magnetics) -> Array:
-    """(n,) `m` as compiled code takes it, in its own units."""
+    """(n,) `m` as compiled code takes it, each number in the unit [..] of its field."""
     return pack(
         (m.torque_scale, m.field_scale), m.torque_cells, m.field_cells, m.magnets, m.coils, m.sensors, m.groups,
         m.coil_field, m.leaning,

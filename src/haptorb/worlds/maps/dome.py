@@ -37,9 +37,11 @@ _DOME = fields(
 
 @kernel
 def _push(p: Array, domes: Records, wrench: Array) -> None:
-    """Fill the force of `wrench` (6,) [N] at `p` (3,) [m]; domes is (1,) _DOME."""
+    """Fill `wrench` (6,) [N] with the force at `p` (3,) [m]; domes is (1,) _DOME."""
     dome = domes[0]
     summit = dome.summit
+    for i in range(6):
+        wrench[i] = 0.0
     d = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
     if not 0.0 < d < dome.reach:
         return
@@ -144,6 +146,6 @@ class Dome(World):
 
     def wrench(self, state: State) -> Array:
         """(6,) force of the map at the tool's magnet [N]; no torque asked."""
-        wrench = np.zeros(6)
+        wrench = np.empty(6)
         _push(np.ascontiguousarray(state.p), self._map, wrench)
         return wrench

@@ -21,6 +21,8 @@ from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb.runtime.row import RowLayout
 
+pytestmark = pytest.mark.realtime
+
 
 class Kept:
     """An outlet that keeps what it is given."""

@@ -138,6 +138,7 @@ def test_the_other_interval_is_felt_at_a_key(tmp_path: Path) -> None:
     assert len([told for told in ran.servo.told if told[0] == "dome"]) == 3
 
 
+@pytest.mark.realtime
 def test_a_session_at_the_command_line_with_the_real_loop(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(STUDY)
     command = [sys.executable, "-c", "import sys; from haptorb.apps.cli import main; sys.exit(main())", "study"]

@@ -84,7 +84,7 @@ def _done(command: list[object], folder: Path, environment: dict[str, str], who:
     assert ran.returncode == 0, (folder / "said").read_text()
 
 
-pytestmark = pytest.mark.skipif(bool(why_not()), reason=why_not())
+pytestmark = [pytest.mark.realtime, pytest.mark.skipif(bool(why_not()), reason=why_not())]
 
 STUDY = 'name = "two-stations"\n[trials]\nrepetitions = 4'  # 25 places, 4 times: 100 trials a session
 EACH = 10  #: sessions at each station

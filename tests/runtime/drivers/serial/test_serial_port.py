@@ -17,6 +17,8 @@ from haptorb.runtime.drivers.serial.board import Board
 from haptorb.runtime.drivers.serial.frames import Frame, FrameParser, encode
 from haptorb.runtime.drivers.serial.protocol import PROTOCOL_VERSION, Command
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.mark.parametrize(
     ("number", "told"),

@@ -12,13 +12,13 @@ import math
 import os
 import re
 import shutil
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import COLUMNS, Columns
 from haptorb.errors import RecordingError
+from haptorb.files.replace_file import replace_file
 from haptorb.version import __version__
 
 __all__ = ["Replies", "plain", "write_bids", "write_csv", "write_parquet", "write_replies"]
@@ -42,15 +42,12 @@ def plain(text: str) -> str:
 def write_csv(columns: Columns, path: str | Path, *, overwrite: bool = False) -> Path:
     """One row per trial, and beside it PATH.json: what every column is. Nothing is written half."""
     path = _free(path, overwrite)
-    part = path.with_name(path.name + ".part")
     try:
-        _table(columns, part, ",", "")
-        dictionary = path.with_suffix(".json")
-        dictionary.write_text(json.dumps(COLUMNS, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-        os.replace(part, path)
+        with replace_file(path) as part:
+            _table(columns, part, ",", "")
+            dictionary = path.with_suffix(".json")
+            dictionary.write_text(json.dumps(COLUMNS, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     except OSError as cause:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
         raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
     return path
 
@@ -68,13 +65,10 @@ def write_parquet(columns: Columns, path: str | Path, *, overwrite: bool = False
         array = pyarrow.array([_nothing_if_nan(value) for value in columns[name].tolist()])
         arrays.append(array)
         fields.append(pyarrow.field(name, array.type, metadata={"description": about}))
-    part = path.with_name(path.name + ".part")
     try:
-        parquet.write_table(pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields)), part)
-        os.replace(part, path)
+        with replace_file(path) as part:
+            parquet.write_table(pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields)), part)
     except OSError as cause:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
         raise RecordingError(f"cannot write {path}: {cause.strerror or cause}") from cause
     return path
 
@@ -82,18 +76,14 @@ def write_parquet(columns: Columns, path: str | Path, *, overwrite: bool = False
 def write_replies(study: Study, replies: Replies, path: str | Path, *, overwrite: bool = False) -> Path:
     """Answers to the questions in words: one row per participant and question."""
     path = _free(path, overwrite)
-    part = path.with_name(path.name + ".part")
     try:
-        with part.open("w", newline="", encoding="utf-8") as file:
+        with replace_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(("participant", "question", "text", "reply"))
             for code, mine in replies.items():
                 told = ((code, q.name, q.text, mine[q.name]) for q in study.questions if q.name in mine)
                 writer.writerows(map(plain, row) for row in told)
-        os.replace(part, path)
     except OSError as cause:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
         raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
     return path
 

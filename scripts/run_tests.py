@@ -1,0 +1,85 @@
+"""Run the tests in two calls of pytest: what only computes shares the processors, then what runs beside a clock, alone.
+
+    run_tests.py [--markers EXPRESSION] [pytest's arguments]
+
+The last line is pytest's summary of both calls together. The exit code is 0 only if neither call found a failure.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import time
+from collections import Counter
+
+PYTEST = [sys.executable, "-m", "pytest", "--continue-on-collection-errors"]
+#: four processes at the most; a file's tests stay together, in the order of tests/conftest.py
+SHARED = ["-n", "logical", "--maxprocesses", "4", "--dist", "loadgroup", "--no-loadscope-reorder"]
+ALONE = ["-n", "0"]
+NO_TESTS = 5  #: pytest's exit code where nothing was chosen: the other call may have had something
+ORDER = ("failed", "passed", "skipped", "xfailed", "xpassed", "warning", "error", "rerun")
+_SUMMARY = re.compile(r"^(?:=+ )?((?:\d+ \w+(?:, )?)+|no tests ran) in [\d.]+s(?: \(.*\))?(?: =+)?$", re.MULTILINE)
+_COUNT = re.compile(r"(\d+) (failed|passed|skipped|xfailed|xpassed|warning|error|rerun)")
+_COLOUR = re.compile(r"\x1b\[[\d;]*m")
+
+
+def count_outcomes(text: str) -> Counter[str]:
+    """The numbers of pytest's last summary in `text`; one error if it has none, because then pytest did not end."""
+    summaries = _SUMMARY.findall(_COLOUR.sub("", text).replace("\r", ""))
+    if not summaries:
+        return Counter({"error": 1})
+    return Counter({word: int(number) for number, word in _COUNT.findall(summaries[-1])})
+
+
+def format_summary(counts: Counter[str], seconds: float) -> str:
+    """All counts as pytest writes them at its end."""
+    said = ", ".join(
+        f"{counts[word]} {word}{'s' * (word in ('warning', 'error') and counts[word] > 1)}"
+        for word in ORDER
+        if counts[word]
+    )
+    minutes, rest = divmod(round(seconds), 60)
+    took = f"{seconds:.2f}s ({minutes // 60}:{minutes % 60:02}:{rest:02})"
+    return f"= {said or 'no tests ran'} in {took} =".center(80, "=")  # .ci/run looks for the signs, however long it is
+
+
+def run_pytest(arguments: list[str]) -> tuple[int, Counter[str]]:
+    """One call, shown while it runs. Returns its exit code and what it counted."""
+    command = [*PYTEST, *(["--color=yes"] if sys.stdout.isatty() else []), *arguments]
+    seen = b""
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        while said := os.read(process.stdout.fileno(), 65536):
+            sys.stdout.buffer.write(said)
+            sys.stdout.buffer.flush()
+            seen = (seen + said)[-100_000:]
+    counts = count_outcomes(seen.decode("utf-8", "replace"))
+    return process.returncode or int(counts["failed"] + counts["error"] > 0), counts
+
+
+def combine_codes(codes: list[int]) -> int:
+    """0 if all calls passed; a call without tests counts only where no call had any."""
+    return next((code for code in codes if code not in (0, NO_TESTS)), min(codes))
+
+
+def main(words: list[str]) -> int:
+    markers = ""
+    if words[:1] == ["--markers"]:
+        markers, words = f" and ({words[1]})", words[2:]
+    start = time.monotonic()
+    codes, counts = [], Counter[str]()
+    for which, how in (("not realtime", [*SHARED, *words]), ("realtime", [*words, *ALONE])):
+        code, counted = run_pytest(["-m", which + markers, *how])
+        codes.append(code)
+        counts += counted
+    print("\n" + format_summary(counts, time.monotonic() - start), flush=True)
+    return combine_codes(codes)
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main(sys.argv[1:]))
+    except KeyboardInterrupt:
+        sys.exit(130)

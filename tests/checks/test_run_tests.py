@@ -1,0 +1,91 @@
+"""`make test` calls pytest twice: each test runs in one of both, and the last line adds up what they found."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+CONFIGURATION = "[pytest]\nmarkers =\n  realtime\n  slow\n"
+FILES = (
+    "import os\ndef test_shared():\n    assert 'PYTEST_XDIST_WORKER' in os.environ\n",
+    "def test_fails():\n    assert False\n",
+    """import os, pytest
+@pytest.mark.realtime
+def test_alone():
+    assert 'PYTEST_XDIST_WORKER' not in os.environ
+@pytest.mark.realtime
+@pytest.mark.slow
+def test_slow_one():
+    assert False
+""",
+)
+ENDS = "import os, pytest\n@pytest.mark.realtime\ndef test_ends():\n    os._exit(0)\n"
+
+
+@pytest.fixture(scope="module")
+def program(root: Path) -> Any:
+    spec = importlib.util.spec_from_file_location("run_tests", root / "scripts" / "run_tests.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("files", "said"), [(FILES, "1 failed, 2 passed"), ((FILES[0], ENDS), "1 passed, 1 error")], ids=["all", "one ends"]
+)
+def test_both_calls_run_and_one_line_adds_them_up(
+    root: Path, tmp_path: Path, files: tuple[str, ...], said: str
+) -> None:
+    """The second call follows though the first fails, and a process that ends early is an error though it says 0."""
+    (tmp_path / "pytest.ini").write_text(CONFIGURATION)
+    for number, text in enumerate(files):
+        (tmp_path / f"test_{number}.py").write_text(text)
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
+    done = subprocess.run(
+        [sys.executable, root / "scripts" / "run_tests.py", "--markers", "not slow"],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=200,
+    )  # fmt: skip
+    assert re.fullmatch(rf"=+ {said} in [\d.]+s \(0:\d\d:\d\d\) =+", done.stdout.splitlines()[-1]), done.stdout
+    assert done.returncode == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "counts"),
+    [
+        ("....\n=== 4 passed in 0.10s ===\n", {"passed": 4}),
+        ("4 passed, 1 warning in 61.10s (0:01:01)\n", {"passed": 4, "warning": 1}),
+        ("= \x1b[31m1 failed\x1b[0m, 2 passed, 3 deselected, 2 errors, 4 rerun in 1.00s =\n",
+            {"failed": 1, "passed": 2, "error": 2, "rerun": 4}),
+        ("=== 4 passed in 0.10s ===\nlater\n= 5 passed, 1 skipped in 0.20s =\n", {"passed": 5, "skipped": 1}),
+        ("=== no tests ran in 0.10s ===\n", {}),
+        ("==== 7 deselected in 0.10s ====\n", {}),
+        ("Killed\n", {"error": 1}),
+        ("", {"error": 1}),
+    ],
+)  # fmt: skip
+def test_counts_are_those_of_the_last_summary(program: Any, text: str, counts: dict[str, int]) -> None:
+    assert program.count_outcomes(text) == counts
+
+
+def test_the_summary_is_written_as_pytest_writes_it(program: Any) -> None:
+    counts = program.count_outcomes("= 2 failed, 5000 passed, 3 skipped, 2 warnings, 1 error, 4 rerun in 9.0s =")
+    assert program.format_summary(counts, 3723.4).startswith(
+        "= 2 failed, 5000 passed, 3 skipped, 2 warnings, 1 error, 4 rerun in 3723.40s (1:02:03) ="
+    )
+    assert program.format_summary(counts - counts, 1.0) == " no tests ran in 1.00s (0:00:01) ".center(80, "=")
+
+
+@pytest.mark.parametrize(
+    ("codes", "code"), [([0, 0], 0), ([1, 0], 1), ([0, 1], 1), ([5, 0], 0), ([0, 5], 0), ([5, 5], 5), ([5, 3], 3)]
+)
+def test_a_call_without_tests_is_no_failure_but_two_are(program: Any, codes: list[int], code: int) -> None:
+    assert program.combine_codes(codes) == code
