@@ -138,7 +138,7 @@ class SharedMemory:
         flags = mmap.MAP_SHARED | (mmap.MAP_POPULATE if populate else 0)
         with path.open("r+b") as file:
             size = os.fstat(file.fileno()).st_size
-            if size < _PAGE:
+            if size < _ROWS:
                 raise ServoError(f"{path} is not a servo's shared memory: too small")
             self._map = mmap.mmap(file.fileno(), size, flags=flags)
         self._claim: FileLock | None = None  # of the process that made it
