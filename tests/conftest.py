@@ -14,6 +14,9 @@ ROOT = Path(__file__).resolve().parent.parent
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
+# xdist tells its processes how wide the terminal is: texts for people would be wrapped there, and only there.
+os.environ.pop("COLUMNS", None)
+
 # The matrices are small: a second thread of OpenBLAS waits in a loop, and on a busy machine for the first one's turn
 # (a Cholesky factor of 350 rows then takes 0.4 s instead of 4 ms). Before numpy is imported; children inherit it.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

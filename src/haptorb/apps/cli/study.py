@@ -92,7 +92,10 @@ def run(
     from haptorb.runtime.servo.servo import Servo
 
     def start(recording: Path | None) -> Servo:
-        return Servo(known.device, "nothing", driver=driver, tracker=tracker, frame=frame, record=recording or False)
+        return Servo(
+            known.device, "nothing", driver=driver, tracker=tracker, frame=frame, record=recording or False,
+            model=known.model or None,
+        )  # fmt: skip
 
     start(None)  # not opened: a driver, tracker, frame or stream that is none is refused before a database is made
     streams = None

@@ -21,6 +21,7 @@ __all__ = ["find_width", "make_console", "print_json", "print_text", "say", "tel
 _HARD = "\N{NO-BREAK SPACE}"
 _TOGETHER = re.compile(
     r"\[(?:default|required)[^]]*\]"
+    r"|`haptorb [^`\n]*`"  # a command is copied in one piece
     r"|[\d.] (?:%|×|±|°C?|1/s|[nµmkMG]?(?:N|m|s|A|V|W|Ω|Hz|T|g|K|J|B)[²³]?(?:[·/][\w·/²]+)?)(?![\w])"
 )
 

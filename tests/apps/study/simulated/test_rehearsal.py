@@ -19,7 +19,8 @@ from haptorb.apps.study.store.columns import tidy
 from haptorb.apps.study.store.database import database
 from haptorb.errors import InputError
 
-PUBLISHED = 'name = "published"'
+#: as in the paper, whose controller inverts point dipoles
+PUBLISHED = 'name = "published"\nmodel = "published"'
 
 
 def test_what_is_simulated_says_so_everywhere(identify: Study, tmp_path: Path) -> None:

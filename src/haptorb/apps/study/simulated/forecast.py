@@ -121,7 +121,7 @@ def load_squared(device: SphericalElectromagnet, study: Study, prompt: Prompt) -
             if np.arccos(way[2]) > device.workspace_half_angle + np.radians(15):
                 continue
             state = State.at(way * device.contact_distance)
-            given = allocator.allocate(device.wrench_map(state, device.models[0]), world.wrench(state))
+            given = allocator.allocate(device.wrench_map(state, study.model or device.models[0]), world.wrench(state))
             squares.append(given.currents**2)
     mean: Array = np.mean(squares, axis=0)
     return mean
