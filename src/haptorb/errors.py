@@ -87,7 +87,8 @@ class UnknownName(InputError):
         names = sorted(known)
         near = get_close_matches(name[:100], names, n=1, cutoff=0.5)
         hint = f"; did you mean '{near[0]}'?" if near else ""
-        super().__init__(f"unknown {what} {quote(name)}{hint} (known: {', '.join(names)})")
+        colon = ":" if what.endswith("'") else ""  # two names side by side cannot be told apart
+        super().__init__(f"unknown {what}{colon} {quote(name)}{hint} (known: {', '.join(names)})")
 
 
 class DeviceError(HaptorbError):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -30,13 +31,8 @@ ENDS = "import os, pytest\n@pytest.mark.realtime\ndef test_ends():\n    os._exit
 
 
 @pytest.fixture(scope="module")
-def program(root: Path) -> Any:
-    spec = importlib.util.spec_from_file_location("run_tests", root / "scripts" / "run_tests.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def program(load_script: Callable[[str], ModuleType]) -> Any:
+    return load_script("run_tests")
 
 
 @pytest.mark.parametrize(

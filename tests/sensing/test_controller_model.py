@@ -5,7 +5,7 @@ import pytest
 
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
-from haptorb.errors import UnknownName
+from haptorb.errors import InputError, UnknownName
 from haptorb.sensing.controller_model import FADE, ControllerModel
 
 OMNI = load("omni")
@@ -55,3 +55,13 @@ def test_a_clock_that_stands_still_changes_nothing():
     model.change("published")
     first = model.wrench_map(at(1))
     assert (model.wrench_map(at(1)).matrix == first.matrix).all()
+
+
+def test_a_servo_takes_what_fits_into_a_tick():
+    assert OMNI.check_tick_model("published") == "published"
+    motor = load("pmsm")
+    assert motor.check_tick_model("table") == "table"
+    with pytest.raises(InputError, match=r"takes too long for a tick; a servo can use: table"):
+        motor.check_tick_model("published")
+    with pytest.raises(UnknownName, match=r"unknown model of device 'pmsm': 'tabel'; did you mean 'table'"):
+        motor.check_tick_model("tabel")

@@ -135,6 +135,15 @@ class Device(ABC):
             raise UnknownName(f"model of device '{self.name}'", model, self.models)
         return model
 
+    def check_tick_model(self, model: str) -> str:
+        """`model` itself; UnknownName for no model of this device, InputError for one that takes longer than a tick."""
+        if self.check_model(model) not in self.tick_models:
+            raise InputError(
+                f"model '{model}' of device '{self.name}' takes too long for a tick; a servo can use: "
+                f"{', '.join(self.tick_models)}"
+            )
+        return model
+
     @property
     def sustained_current(self) -> Array:
         """(m,) the current that may flow for ever: the winding settles at the derating temperature [A]."""

@@ -145,14 +145,9 @@ class Commands(ABC):
     def set_model(self, name: str) -> None:
         """Invert the device's model `name`, without a step of the force: the currents go over within 50 ms.
 
-        Raises UnknownName for a model that this servo cannot invert.
+        Raises UnknownName for no model of the device, InputError for one that takes too long for a tick.
         """
-        self._memory.words[Word.MODEL] = 1 + self.device.models.index(self._check_model(name))
-
-    def _check_model(self, name: str) -> str:
-        if name not in self.models:
-            raise UnknownName(f"model of device '{self.device.name}'", str(name), self.models)
-        return name
+        self._memory.words[Word.MODEL] = 1 + self.device.models.index(self.device.check_tick_model(name))
 
     @property
     def world(self) -> tuple[str, dict[str, Any]]:

@@ -90,6 +90,7 @@ class ServoObserver(Commands):
             "driver": self.driver,
             "tracker": self.tracker,
             "estimator": self.estimator,
+            "model": self.model,
             "rate_hz": self.rate,
             "seed": self.seed,
             "recording": self._recording.named,

@@ -124,7 +124,7 @@ class Servo(ServoObserver):
         self.seed = _check_seed(seed)
         self.estimator = check_estimator(self.device, "hall" if tracker == "hall" and estimator is None else estimator)
         self.models = self.device.tick_models  #: that `set_model` knows
-        self._model = self._check_model(model or self.models[0])
+        self._model = self.device.check_tick_model(model or self.models[0])
         self.calibration = (
             read_calibration(calibration) if isinstance(calibration, str | Path) else calibration
         )  #: what the controller believes of the device beside its file

@@ -25,7 +25,7 @@ from haptorb.apps.study.model.study_parts import (
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
-from haptorb.errors import InputError, UnknownName, quote
+from haptorb.errors import InputError, quote
 from haptorb.files.text_file import read_text, toml_of
 from haptorb.worlds.parameter import check_names, parameters
 from haptorb.worlds.world import World
@@ -178,8 +178,8 @@ def _check_study(study: Study) -> None:
     if "summit" not in parameters(kind):
         raise InputError(f"world '{study.world}' has no summit to put at a set-point; a study needs one that has: dome")
     device = study.load_device()
-    if study.model and study.model not in device.tick_models:
-        raise UnknownName(f"model of device '{device.name}'", study.model, device.tick_models)
+    if study.model:
+        device.check_tick_model(study.model)
     limit = device.workspace_half_angle * 180 / 3.141592653589793
     for point in study.points:
         if point.theta_deg > limit + 1e-9:
