@@ -63,7 +63,7 @@ def test_the_tutorial(built, tmp_path):
             emulator.terminate()
             started = emulator.communicate(timeout=30)[0]
     probe, monitor, jog, run, felt = told
-    assert "an emulated device is coming up" in started
+    assert "starting an emulated device" in started
     assert "firmware" in probe
     assert re.search(r"^ +\d\.\d\d s .* A .* °C .* mT$", monitor, re.MULTILINE)
     assert "x" in jog

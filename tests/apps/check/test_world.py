@@ -124,10 +124,10 @@ def test_the_command(capsys):
         (["--world", "wall", "--plot", "figure.txt"], "--plot"),
         (["--latency", "5"], "--world"),
         (["--tracker", "hall"], "--world"),
-        (["--world", "wall", "--tracker", "osc"], "--tracker is hall"),
-        (["--world", "wall", "--tracker", "hall:fast"], "--tracker is hall"),
+        (["--world", "wall", "--tracker", "osc"], "--tracker must be hall"),
+        (["--world", "wall", "--tracker", "hall:fast"], "--tracker must be hall"),
         (["--world", "wall", "--tracker", "hall:0"], "bandwidth"),
-        (["--world", "wall", "--tracker", "hall", "--tracker-rate", "240"], "no --tracker-rate"),
+        (["--world", "wall", "--tracker", "hall", "--tracker-rate", "240"], "leave out --tracker-rate"),
         (["--world", "snap_fit", "--device", "pmsm", "--tracker", "hall"], "pmsm"),
     ],
 )
