@@ -115,7 +115,7 @@ def test_a_tool_nearby_is_named_and_nothing_is_driven():
     [
         (lambda s: replace(s, currents=s.currents + np.array([0, 0.5, 0])), "coil 'y' reads"),
         (lambda s: replace(s, temperatures=s.temperatures + 80), "let it cool"),
-        (lambda s: replace(s, field=s.field * np.nan), "reads no number"),
+        (lambda s: replace(s, field=s.field * np.nan), "no finite reading"),
         (lambda s: replace(s, field=s.field * np.linspace(1, 1.5, 9)[:, None]), "no dipole"),
     ],
 )
