@@ -89,7 +89,7 @@ def test_faults_of_the_wiring_are_named():
 
 def test_a_coil_wound_the_other_way_is_named():
     moments = OMNI.moment_per_current * (1.0, -1.0, 1.0)
-    assert "coil 'y' makes its moment the wrong way round" in told(truth=replace(OMNI, moment_per_current=moments))
+    assert "coil 'y' produces a reversed moment" in told(truth=replace(OMNI, moment_per_current=moments))
 
 
 def test_a_wrong_shunt_is_named():

@@ -204,7 +204,7 @@ def test_a_state_that_is_not_ours_is_not_taken_up(tmp_path: Path) -> None:
     assert ProgressFile(out, OMNI, "serial:/dev/a", lambda: 2000.0).results
     for other, driver, now, why in (
         (OMNI, "serial:/dev/b", 2000.0, "serial:/dev/a"),
-        (replace(OMNI, digest="f" * 64), "serial:/dev/a", 2000.0, "not taken up"),
+        (replace(OMNI, digest="f" * 64), "serial:/dev/a", 2000.0, "is ignored"),
         (OMNI, "serial:/dev/a", 1e6, "older than a day"),
         (OMNI, "serial:/dev/a", 0.0, "older than a day"),
     ):
@@ -254,7 +254,7 @@ def test_ids_that_disagree_are_told() -> None:
     mine, other, none = b"a" * 16, b"b" * 16, bytes(16)
     assert disagreement(None, mine) == disagreement(none, None) == disagreement(mine, mine) == ""
     assert "--calibration" in disagreement(mine, None)
-    assert "keeps no calibration" in disagreement(none, mine)
+    assert "stores no calibration id" in disagreement(none, mine)
     assert mine.hex() in disagreement(other, mine)
     assert other.hex() in disagreement(other, mine)
 
@@ -301,7 +301,7 @@ def test_the_command_in_a_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     with suppress(SystemExit):
         main(["calibrate", "omni", "--steps", "magnetic"])
     said = capsys.readouterr()
-    assert "taken up where it ended; done already: rest, currents" in said.err
+    assert "already done: rest, currents" in said.err
     assert "id " in said.out
     assert read_calibration("omni.calibration.json").heat is None
 

@@ -56,7 +56,7 @@ def test_a_world_outside_does_oscillate_and_its_advice_cures_it():
 
 def test_advice_on_the_tracker():
     words = " ".join(judge_world(OMNI, worlds.Wall(stiffness=250.0, damping=0.0, greatest=20.0), LATE).advice)
-    assert re.search(r"latency down to [0-4]\.\d ms", words)
+    assert re.search(r"latency to [0-4]\.\d ms", words)
     assert re.search(r"tracker of \d+ Hz", words) is None  # at 5 ms no rate is enough by itself
 
 

@@ -116,7 +116,7 @@ def test_bad_input(tmp_path: Path) -> None:
     for score in (0, 8, 3.5, True):
         with pytest.raises(InputError, match="a whole number from 1 to 7"):
             session.rate("plain", score)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="no design 'plane'"):
+    with pytest.raises(InputError, match="unknown design 'plane'"):
         session.rate("plane", 3)
     with pytest.raises(InputError, match="there is no trace"):
         session.rate("plain", 3, trace="traces/plain-0009.csv")

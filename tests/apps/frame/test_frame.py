@@ -135,8 +135,8 @@ def test_the_steps_are_the_devices_marks() -> None:
     ("arguments", "told"),
     [
         (["pmsm", "--rehearse"], "works for spherical electromagnets"),
-        (["omni", "--tracker", "pointer"], "speaks the stator's frame already"),
-        (["omni", "--tracker", "replay:run.mcap"], "speaks the stator's frame already"),
+        (["omni", "--tracker", "pointer"], "already reports poses in the stator's frame"),
+        (["omni", "--tracker", "replay:run.mcap"], "already reports poses in the stator's frame"),
         (["omni", "--tracker", "osk:9000"], "unknown tracker"),
         (["omni", "--rehearse", "--tracker", "lsl:pen"], "a rehearsal speaks OSC"),
         (["omni", "--rehearse", "--out", "nowhere/omni.json"], "folder 'nowhere' does not exist"),

@@ -230,7 +230,7 @@ class DriverSession:
         most = _NOISY * np.hypot(device.hall.noise, device.hall.step) / averaged + _SHARE * strength
         if found.residual > most:
             raise CalibrationError(
-                f"the coils' field does not fit dipoles: residual {found.residual * 1e6:.0f} µT, above {most * 1e6:.0f} "
+                f"the coils' field is not dipolar: residual {found.residual * 1e6:.0f} µT, above {most * 1e6:.0f} "
                 "µT; is something magnetic near the device, or did the tool move?"
             )
         if found.repeatability > _REPEATS:
