@@ -49,7 +49,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.item("b2c", "(B.2c): E/G, and 2(1 + ν) of Table 3", 2.6, hook.shear_ratio, "1", 1e-9,
                  "an isotropic metal", erratum="E21", corrected=2.82, where="(B.2c)"),
         _AT.says("b2c-effect", "change of Ω₊ by that", 0.0, table.plus / closed.plus - 1, "1", 1e-3,
-                 "nobody feels a tenth of a per cent", erratum="E21", where="(B.2c)"),
+                 "a tenth of a per cent is not noticeable", erratum="E21", where="(B.2c)"),
         _AT.says("b3", "(B.3): Ω₁₊, and (12)'s first term by a beam", closed.plus_1, base, "1", 1e-6, _CLOSED,
                  where="(B.3)"),
         _AT.says("b4", "(B.4): Ω₂₊, with σ read as β, and (12)'s integral", closed.plus_2, bending, "1", 1e-6, _CLOSED,

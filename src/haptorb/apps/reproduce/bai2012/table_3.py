@@ -50,7 +50,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.says("ramp-end", "where the ramp of β reaches h_b, over h₀", 16.0, hook.ramp_end / hook.thickness, "1",
                  0.005, "the closed forms of appendix B end it there", erratum="E8", corrected=10.82),
         _AT.says("ramp-refused", "1 if a hook with these sizes and no flat top is refused", 1.0, float(_refuses()), "1",
-                 0.0, "what cannot be built must not be felt", erratum="E8"),
+                 0.0, "what cannot be built must not be rendered", erratum="E8"),
         _AT.says("delta", "δ of each hook with the plug in, (w_p − w_s)/2", 0.75, 1e3 * _bend_hook(), "mm", 1e-6,
                  "found by the outlet's contact"),
         _AT.exempt("e-plug", "E of brass, 0.93 GPa (93: E7), and its ν = 0.35", "the plug is rigid throughout"),
