@@ -138,7 +138,7 @@ def _try_hands(device: Device, verdict: WorldVerdict) -> list[tuple[float, float
         return []
     setting, found = verdict.setting, []
     with make_progress() as bar:
-        for damping in bar.track((0.5, 1.0, 2.0, 5.0, 10.0), description="trying springs"):
+        for damping in bar.track((0.5, 1.0, 2.0, 5.0, 10.0), description="testing stiffness"):
             hand = replace(setting.hand, damping=damping)
             expected = verdict.loop.largest(verdict.place.holding(hand))
             hall = setting.bandwidth is not None

@@ -85,8 +85,8 @@ class MotorCard(Card):
         print_text(console)
         torques = TextTable(
             (
-                Column("axis", kind="key"), Column("peak least", "N·m"), Column("peak most", "N·m"),
-                Column("continuous least", "N·m"), Column("heat for 0.1 N·m at worst", "W"),
+                Column("axis", kind="key"), Column("least peak", "N·m"), Column("greatest peak", "N·m"),
+                Column("least continuous", "N·m"), Column("worst heat for 0.1 N·m", "W"),
             ),
             "Torque about each axis alone, over the workspace and every spin",
         )  # fmt: skip

@@ -18,7 +18,7 @@ __all__ = ["items"]
 
 _AT = Citation("bai2012", "b", "App. B")
 _H0, _LB, _LM, _TAN = 0.6e-3, 9.0, 16.0, math.tan(math.radians(58.8))
-_CLOSED = "closed form against quadrature; the print has no digits of its own"
+_CLOSED = "closed form against quadrature; no digits are printed"
 
 
 def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
@@ -68,8 +68,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
                  "Timoshenko, quadrature", erratum="E11", corrected=15206.0, where="eq. (12)"),
         _AT.says("12-softer", "how much softer: ratio of the two", 1.0, ramp / closed.plus, "1", 0.01,
                  "from the terms above", erratum="E11", corrected=4.77, where="eq. (12)"),
-        _AT.says("12-thickness", "'Δ₊ = δ₊/h': thickness at the contact over h₀, if that h were meant", 1.0,
-                 hook.section(hook.peak) / hook.thickness, "1", 1e-9, "h₀ is meant; else all is 4 times smaller",
+        _AT.says("12-thickness", "'Δ₊ = δ₊/h': thickness at the contact over h₀, if h is read literally", 1.0,
+                 hook.section(hook.peak) / hook.thickness, "1", 1e-9, "h₀ is meant; otherwise all is 4 times smaller",
                  erratum="E28", corrected=4.0, where="eq. (12)"),
     )  # fmt: skip
     report(1.0)

@@ -20,7 +20,7 @@ from haptorb.worlds.snap_fit.outlet import Outlet, PublishedOutlet
 __all__ = ["items"]
 
 _AT = Citation("bai2012", "t3", "Table 3")
-_AS = "rounding; as the world has it"
+_AS = "rounding; as in the world"
 
 
 def items(report: Report) -> tuple[tuple[Item, ...], None]:
@@ -42,7 +42,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  0.1, "a household outlet holds tens of newtons", erratum="E7", corrected=50.8),
         _AT.item("p", "p of eq. (12), by integrating the shear over a rectangular section", 1.2, _shear_coefficient(),
                  "1", 1e-9),
-        _AT.item("p-used", "p as the beam models have it", 1.2, SHEAR_COEFFICIENT),
+        _AT.item("p-used", "p as in the beam models", 1.2, SHEAR_COEFFICIENT),
         _AT.item("ramp", "height that β gives over ℓ_m − ℓ_b", 1.8, room * math.tan(hook.rear), "mm", 0.01,
                  "three printed numbers exclude each other", erratum="E8", corrected=6.94),
         _AT.item("ramp-angle", "angle that h_b gives over ℓ_m − ℓ_b", 58.8, math.degrees(hook.ramp_to_peak().rear), "°",
