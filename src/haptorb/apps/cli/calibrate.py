@@ -24,7 +24,7 @@ def register(app: typer.Typer) -> None:
 
 def calibrate(
     device: Annotated[str, typer.Argument(help="Device name, or path of a device file.")] = "omni",
-    driver: Annotated[str, typer.Option(help="sim, serial:PORT or i2c:BUS.")] = "sim",
+    driver: Annotated[str, typer.Option(help="Driver: sim, serial:PORT or i2c:BUS.")] = "sim",
     out: Annotated[Path | None, typer.Option(help="File to write [DEVICE.calibration.json].")] = None,
     steps: Annotated[
         str | None, typer.Option(help="Only these steps, comma-separated: rest, currents, magnetic, heat, tool.")

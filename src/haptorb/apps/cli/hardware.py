@@ -14,7 +14,7 @@ __all__ = ["register"]
 
 hardware = CommandLine(help="Bring up a real device: find it, read its sensors, drive one coil gently.")
 
-DriverOption = Annotated[str, typer.Option("--driver", help="serial:PORT or i2c:BUS, as printed by `probe`.")]
+DriverOption = Annotated[str, typer.Option("--driver", help="Driver, as printed by `probe`: serial:PORT or i2c:BUS.")]
 DeviceArgument = Annotated[str, typer.Argument(help="Device name, or path of a device file.")]
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
@@ -78,12 +78,12 @@ def monitor(
 
 @hardware.command()
 def jog(
-    coil: Annotated[str, typer.Argument(help="x, y or z.")],
+    coil: Annotated[str, typer.Argument(help="Coil: x, y or z.")],
     driver: DriverOption,
     device: Annotated[str, typer.Option("--device", help="Device name, or path of a device file.")] = "omni",
     duty: Annotated[float, typer.Option(help="Peak duty, at most 0.2 in size.")] = 0.05,
     seconds: Annotated[float, typer.Option(help="Duration of the ramp up and down [s], 0.2 to 10.")] = 1.0,
-    current: Annotated[float, typer.Option(help="Switch off above this [A].")] = 3.0,
+    current: Annotated[float, typer.Option(help="Switch off above this current [A].")] = 3.0,
     no_watchdog: Annotated[
         bool,
         typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE. Nobody may touch it."),

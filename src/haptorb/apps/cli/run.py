@@ -37,7 +37,9 @@ def run(
         list[str] | None,
         typer.Option("--set", help="World parameter, NAME=VALUE or NAME=X,Y,Z; repeatable."),
     ] = None,
-    driver: Annotated[str, typer.Option(help="sim (simulated device), serial:PORT or i2c:BUS (real device).")] = "sim",
+    driver: Annotated[
+        str, typer.Option(help="Driver: sim (simulated device), serial:PORT or i2c:BUS (real device).")
+    ] = "sim",
     tracker: Annotated[
         str,
         typer.Option(

@@ -64,7 +64,7 @@ def run(
         str | None, typer.Option("--participant", "-p", help="Pseudonymous code, such as P01; optional in the browser.")
     ] = None,
     db: DatabaseOption = "study.db",
-    driver: Annotated[str, typer.Option(help="sim, serial:PORT or i2c:BUS.")] = "sim",
+    driver: Annotated[str, typer.Option(help="Driver: sim, serial:PORT or i2c:BUS.")] = "sim",
     tracker: Annotated[
         str, typer.Option(help="Source of the tool pose; pointer: the page, or the arrow keys.")
     ] = "pointer",
@@ -186,7 +186,7 @@ def power(
         tuple[str, str] | None, typer.Option(help="The two conditions to compare (default: the first two in the file).")
     ] = None,
     measure: Annotated[
-        str | None, typer.Option(help="error, accuracy, rating, threshold or choice (default: that of the procedure).")
+        str | None, typer.Option(help="Measure: error, accuracy, rating, threshold or choice (default: by procedure).")
     ] = None,
     pool: Annotated[int, typer.Option(help="Number of simulated participants to draw from.")] = 40,
     people: Annotated[list[int] | None, typer.Option(help="Number of participants to evaluate; repeatable.")] = None,
