@@ -142,10 +142,8 @@ class Outlet(World):
     youngs_modulus: float = parameter(113e9, "Pa", 1e9, 250e9, "E of the socket's hooks")
     poisson_ratio: float = parameter(0.41, "", 0.0, 0.49, "ν of the socket's hooks")
     friction: float = parameter(0.134, "", 0.0, 1.0, "μ between plug and hooks")
-    base_length: float = parameter(
-        5.4e-3, "m", 2e-3, 40e-3, "hook: distance from the root to the foot of the rear face"
-    )
-    peak: float = parameter(9.6e-3, "m", 3e-3, 50e-3, "hook: distance from the root to the top that touches the plug")
+    base_length: float = parameter(5.4e-3, "m", 2e-3, 40e-3, "hook: length from root to foot of the rear face")
+    peak: float = parameter(9.6e-3, "m", 3e-3, 50e-3, "hook: length from root to the top that touches the plug")
     thickness: float = parameter(0.6e-3, "m", 0.2e-3, 5e-3, "hook: thickness of the beam")
     height: float = parameter(1.8e-3, "m", 0.2e-3, 5e-3, "hook: height of the wedge")
     width: float = parameter(8e-3, "m", 1e-3, 30e-3, "hook: width")

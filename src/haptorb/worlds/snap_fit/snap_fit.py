@@ -203,9 +203,7 @@ class SnapFit(World):
     width: float = parameter(6e-3, "m", 1e-3, 30e-3, "width of the hook")
     insertion_deg: float = parameter(30.0, "°", 5.0, 75.0, "angle of the front face")
     retention_deg: float = parameter(45.0, "°", 5.0, 80.0, "angle of the rear face, which sets the holding force")
-    half_width: float = parameter(
-        5e-3, "m", 1e-3, 30e-3, "distance from the part's centre to the edge that touches a hook"
-    )
+    half_width: float = parameter(5e-3, "m", 1e-3, 30e-3, "distance from centre to the edge that touches a hook")
     clearance: float = parameter(0.0, "m", 0.0, 2e-3, "gap between the seated part and the straight beam")
     seat: float = parameter(5e3, "N/m", 0.0, 50e3, "stiffness of the socket's floor, per edge")
     edge: float = parameter(0.2e-3, "m", 0.02e-3, 1e-3, "half length of the rounded edges of the wedge")
