@@ -1,4 +1,4 @@
-# Two commands for everybody:  make run   (feel a dome)     make test   (everything that CI runs)
+# Two commands:  make run   (feel a dome)     make test   (everything that CI runs)
 # They need Python 3.11 or newer, make and the package registries; all else is fetched into .venv.
 
 # pip leaves byte code to Python (--no-compile); where Python may not write it either, every start of a process compiles
@@ -17,15 +17,15 @@ BUILT_FROM := pyproject.toml $(wildcard hatch_build.py) $(CONSOLE)
 .DEFAULT_GOAL := help
 
 help:
-	@echo 'make run          set up and start the simulated Omni; ARGS="--world wall" and the like are passed on'
+	@echo 'make run          set up and start the simulated Omni; options in ARGS, such as ARGS="--world wall"'
 	@echo 'make test         set up and run every check: style, types, imports, tests, documentation'
 	@echo 'make nightly      the same, with the long reproductions'
-	@echo 'make bench        all benchmarks, against peers and limits; ARGS="--store docs/benchmarks.json" keeps them'
+	@echo 'make bench        all benchmarks, against peers and limits; ARGS="--store docs/benchmarks.json" stores them'
 	@echo 'make docs         the documentation, into docs/_build/html'
 	@echo 'make firmware     cross-compile the firmware and its emulator'
-	@echo 'make screenshots  take the pictures of the console again'
-	@echo 'make format       let ruff rewrite the Python files'
-	@echo 'make clean        remove everything that the commands above made'
+	@echo 'make screenshots  retake the screenshots of the console'
+	@echo 'make format       format the Python files with ruff'
+	@echo 'make clean        remove all generated files'
 
 run: $(VENV)/.run
 	@exec $(BIN)/haptorb run $(ARGS)

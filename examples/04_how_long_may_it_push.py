@@ -24,14 +24,14 @@ sustained = float(omni.sustained_current[0])
 
 figure, axes = plt.subplots(figsize=(7, 4))
 axes.semilogy(currents, times)
-axes.axvline(sustained, color="0.6", linestyle=":", label="may flow for ever")
+axes.axvline(sustained, color="0.6", linestyle=":", label="continuous")
 axes.set(xlabel="current [A]", ylabel="time to derating [s]")
 axes.legend()
 figure.tight_layout()
 
 # %%
-# A few seconds at full current; for ever at what the device calls sustained.
-print(f"{times[-1]:.1f} s at {currents[-1]:.0f} A; {sustained:.2f} A for ever")
+# A few seconds at full current; without a time limit below the continuous current.
+print(f"{times[-1]:.1f} s at {currents[-1]:.0f} A; {sustained:.2f} A continuous")
 assert 3.0 < times[-1] < 6.0
 assert np.isinf(times[currents < 0.99 * sustained]).all()
 assert np.isfinite(times[currents > 1.01 * sustained]).all()

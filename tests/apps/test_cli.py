@@ -78,7 +78,7 @@ def test_the_card_as_a_picture(capsys, tmp_path, name):
     [
         (["inspect", "omi"], "did you mean 'omni'"),
         (["inspect", "no/such/file.toml"], "cannot be read"),
-        (["inspect", "omni", "--plot", "card.pdf"], "must name a .png or .svg file"),
+        (["inspect", "omni", "--plot", "card.pdf"], "must be a .png or .svg file"),
         (["inspect", "omni", "--plot", "/no/such/folder/card.png"], "does not exist"),
         (["worlds", "doom"], "did you mean 'dome'"),
         (["run", "omi"], "did you mean 'omni'"),

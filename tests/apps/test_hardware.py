@@ -87,7 +87,7 @@ def test_a_good_coil_gets_no_complaint() -> None:
         (GOOD[:, [1, 0, 2]], "coil x answered instead of y"),
         (-GOOD, "negative for a positive duty"),
         (GOOD * 0, "no coil carries current"),
-        (GOOD / 10, "shunt's value is wrong by ten"),
+        (GOOD / 10, "shunt's value is wrong by a factor of ten"),
         (GOOD / 3, "check coil and contacts"),
     ],
 )
@@ -162,7 +162,7 @@ def test_probing_a_bus_says_why_its_monostable_will_not_do() -> None:
     select = next(chip for chip in bus.chips if isinstance(chip, TCA9534))
     select.wired[3] = lambda: False
     about = chips_on(bus, "i2c:1", lambda: bus.now).about
-    assert any("not proved" in sentence and "74HC123" in sentence for sentence in about)
+    assert any("not verified" in sentence and "74HC123" in sentence for sentence in about)
     select.present = False
     about = chips_on(bus, "i2c:1", lambda: bus.now).about
     assert any("missing: TCA9534" in sentence and "--no-watchdog" in sentence for sentence in about)

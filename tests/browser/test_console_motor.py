@@ -97,7 +97,7 @@ def test_pull_the_plug_turn_it_and_stop(motor):
     page.locator("#target-scene").click(position={"x": 200, "y": 300})
     page.keyboard.down("c")
     screen.until("haptorb.value('engaged')[0] === 0 && haptorb.value('share').every((x) => x === 0)")
-    screen.until("document.getElementById('clutch-word').textContent === 'let go'")
+    screen.until("document.getElementById('clutch-word').textContent === 'released'")
     turned, handle = screen.value("object_q"), screen.value("q")
     for _ in range(3):
         page.keyboard.press("q")

@@ -186,7 +186,7 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     # A break that ends early, a stop by the participant, going on by the experimenter.
     run.state(page, "break")
     assert "Break" in said.inner_text()
-    page.get_by_role("button", name="Go on now").click()
+    page.get_by_role("button", name="Continue now").click()
     run.state(page, "running", 2)
     page.keyboard.press("Space")
     run.state(page, "paused")

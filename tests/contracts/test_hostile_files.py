@@ -212,15 +212,15 @@ def test_a_recording_is_as_open_as_its_owner_wants_files(tmp_path: Path, mask: i
 def test_a_chunk_that_says_it_is_a_gigabyte_is_refused_before_it_is_made(hostile: ModuleType, tmp_path: Path) -> None:
     path = tmp_path / "bomb.mcap"
     path.write_bytes(hostile.MAGIC + hostile.mcap_chunk(b"", claimed=10**9))
-    with pytest.raises(RecordingError, match="1000000000 bytes long"):
+    with pytest.raises(RecordingError, match="claims 1000000000 bytes"):
         Recording(path)
     bomb = hostile.mcap_chunk(bytes(65 * 1024 * 1024), claimed=64)  # it is larger than its record says
     path.write_bytes(hostile.MAGIC + bomb)
-    with pytest.raises(RecordingError, match="bytes long"):
+    with pytest.raises(RecordingError, match="claims"):
         Recording(path)
     channel = b"\x05" + (22).to_bytes(8, "little") + bytes(22)  # one message, a million times
     path.write_bytes(hostile.MAGIC + hostile.mcap_chunk(channel * 1_000_000) * 9)  # all together
-    with pytest.raises(RecordingError, match="bytes long"):
+    with pytest.raises(RecordingError, match="claims"):
         Recording(path)
     other = b"\x05" + (23).to_bytes(8, "little") + bytes(23)  # never two alike in a row
     path.write_bytes(hostile.MAGIC + hostile.mcap_chunk((channel + other) * 500_000))

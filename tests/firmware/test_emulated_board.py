@@ -112,7 +112,7 @@ def test_engaging_is_refused_while_a_coil_is_too_warm_or_nobody_knows(started: C
     while early.refusal in (Refusal.STOP_BUTTON, Refusal.CHIP):  # it has just started
         early = device.engage()
     assert early.refusal is Refusal.THERMOMETER  # the first conversion takes a second
-    assert "nobody knows how warm" in refusal(early)
+    assert "coil temperature is unknown" in refusal(early)
     emulator.wait(1.5)
     emulator.tell("heat 1 93.9")
     emulator.wait(2.5)

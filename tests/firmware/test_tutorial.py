@@ -63,7 +63,7 @@ def test_the_tutorial(built, tmp_path):
             emulator.terminate()
             started = emulator.communicate(timeout=30)[0]
     probe, monitor, jog, run, felt = told
-    assert "an emulated device is coming up" in started
+    assert "starting an emulated device" in started
     assert "firmware" in probe
     assert re.search(r"^ +\d\.\d\d s [^m]* A [^m]* °C [^m]* mT$", monitor, re.MULTILINE)  # on two lines of 80 columns
     assert "x" in jog

@@ -117,7 +117,7 @@ def test_overlapping_bodies_have_no_force():
 
 def test_precision_out_of_reach_tells_the_best_that_was_reached():
     touching = (MAGNET.length + COIL.length) / 2 + 1e-7
-    with pytest.raises(PrecisionError, match=r"was reached to [0-9.e-]+ relative, not to 1\.0e-12"):
+    with pytest.raises(PrecisionError, match=r"converged to [0-9.e-]+ relative, not to 1\.0e-12"):
         wrench(MAGNET, COIL, (4e-3, 0, touching), np.eye(3), precision=1e-12)
 
 

@@ -228,7 +228,7 @@ class Console {
       case "role":
         this.control = event["control"] === true;
         at("watching").hidden = this.control;
-        at("watching").title = "Another page has the control. This one may still stop.";
+        at("watching").title = "Another page is in control. This one may still stop.";
         this.grasp.enabled = this.control && this.session.steered;
         this.world.enable(this.control);
         this.model.enable(this.control);

@@ -29,7 +29,7 @@ const KELVIN = 273.15;
 
 export function status(sample: Sample, session: Session, silence: Silence): Status {
   if (silence.coils === COILS.unknown) {
-    const reason = "Off was asked for, and the device has not confirmed it: keep away from it, and switch its supply off.";
+    const reason = "The device has not confirmed that its coils are off: keep away from it, and switch off its supply.";
     return { word: "coil state unknown", tone: "bad", reason, engageable: false };
   }
   if (silence.disconnected) {
@@ -40,7 +40,7 @@ export function status(sample: Sample, session: Session, silence: Silence): Stat
     const off = session.simulated || silence.coils === COILS.off;
     const reason = off
       ? "The real-time process has ended; the coils are off. Start `haptorb run` again."
-      : "The real-time process has ended, and the device did not say that the coils are off. Look before you touch it.";
+      : "The real-time process has ended, and the device did not confirm that the coils are off. Check before you touch it.";
     return { word: "servo ended", tone: "bad", reason, engageable: false };
   }
   if (silence.stale || Number.isNaN(sample.number("guard"))) {
@@ -56,7 +56,7 @@ export function status(sample: Sample, session: Session, silence: Silence): Stat
       return { word: "off", tone: "off", reason: "The coils are off.", engageable: true };
     case GUARD.derated: {
       const share = (session.limits.stop - hottest) / (session.limits.stop - session.limits.derate);
-      const reason = `A winding has ${hottest.toFixed(0)} °C: currents are cut to ${(100 * share).toFixed(0)} %.`;
+      const reason = `A winding is at ${hottest.toFixed(0)} °C: currents are reduced to ${(100 * share).toFixed(0)} %.`;
       return { word: "derated", tone: "warn", reason, engageable: false };
     }
   }
@@ -64,7 +64,7 @@ export function status(sample: Sample, session: Session, silence: Silence): Stat
     return {
       word: "tracker lost",
       tone: "bad",
-      reason: "The position of the tool is not known. Bring it back into view.",
+      reason: "The pose of the tool is unknown. Bring it back into view.",
       engageable: false,
     };
   }
@@ -73,7 +73,7 @@ export function status(sample: Sample, session: Session, silence: Silence): Stat
     return {
       word: "warm",
       tone: "warn",
-      reason: `A winding has ${hottest.toFixed(0)} °C; derating from ${session.limits.derate.toFixed(0)} °C${left ? `, in ${left} at this load` : ""}.`,
+      reason: `A winding is at ${hottest.toFixed(0)} °C; derating from ${session.limits.derate.toFixed(0)} °C${left ? `, in ${left} at this load` : ""}.`,
       engageable: false,
     };
   }

@@ -51,7 +51,7 @@ def _read(text: str) -> tuple[str, str]:
         return read_text(_FOLDER / f"{text}.toml", "device file", DeviceError), text
     name = quote(text, 400)[1:-1]
     if len(text) > 4096:
-        raise DeviceError(f"device file {name}: cannot be read (no file has so long a name)")
+        raise DeviceError(f"device file {name}: cannot be read (file name too long)")
     return read_text(text, "device file", DeviceError), name
 
 
@@ -79,8 +79,8 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
         raise DeviceError(_mistakes(name, cause.errors(), file_class)) from cause
     except (ArithmeticError, np.linalg.LinAlgError, MemoryError) as cause:
         raise DeviceError(
-            f"device '{name}': its values are so large, or so far apart, that it cannot be computed ({cause}); "
-            "expected the sizes of a device that stands on a table"
+            f"device '{name}': its values are too large, or too far apart, to compute with ({cause}); "
+            "expected the size of a desktop device"
         ) from cause
     except ValueError as cause:
         raise DeviceError(f"device '{name}': {cause}") from cause
@@ -97,9 +97,7 @@ def _with_base(content: str, name: str, depth: int) -> tuple[dict[str, Any], str
     if base is None:
         return raw, content
     if not isinstance(base, str) or depth > 8:
-        raise DeviceError(
-            f"device '{name}': based_on must name another device, without going in circles; got {quote(base)}"
-        )
+        raise DeviceError(f"device '{name}': based_on must name another device, without a cycle; got {quote(base)}")
     text, below_name = _read(base)
     below, whole = _with_base(text, below_name, depth + 1)
     return _merge(below, raw), whole + content
@@ -128,7 +126,7 @@ def _plain(value: Any, path: str, assumed: dict[str, str]) -> Any:
         )
     if "assumed" in value:
         if not isinstance(value["assumed"], str) or not value["assumed"].strip():
-            raise InputError(f"{path}.assumed must say why the value is believed")
+            raise InputError(f"{path}.assumed must give the reason for the value")
         assumed[path] = value["assumed"]
     return _with_unit(value["value"], str(value["unit"])) if "unit" in value else value["value"]
 
@@ -149,7 +147,7 @@ def _mistakes(name: str, errors: list[Any], file_class: Any) -> str:
         if kind == "extra_forbidden":
             known = _keys_at(file_class, error["loc"][:-1])
             near = get_close_matches(str(error["loc"][-1])[:60], known, n=1, cutoff=0.5)
-            what = "is not a key that is known here" + (f"; did you mean '{near[0]}'?" if near else "")
+            what = "is not a known key" + (f"; did you mean '{near[0]}'?" if near else "")
         elif kind == "missing":
             what = "is missing"
         elif kind == "value_error":
@@ -158,7 +156,7 @@ def _mistakes(name: str, errors: list[Any], file_class: Any) -> str:
             what = f"{error['msg'].replace('Input should', 'must')}; got {quote(got)}"
         lines.append(f"device '{name}': {where} {what}")
     if len(errors) > _MISTAKES:
-        lines.append(f"device '{name}': and {len(errors) - _MISTAKES} mistakes more")
+        lines.append(f"device '{name}': and {len(errors) - _MISTAKES} more mistakes")
     return "\n".join(lines)
 
 

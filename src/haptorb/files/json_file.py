@@ -31,11 +31,11 @@ def document(text: str, name: str, kind: str, wanted: str, keys: Set[str], remed
     if not isinstance(raw, Mapping) or raw.get("format") != wanted:
         found = raw.get("format") if isinstance(raw, Mapping) else type(raw).__name__
         raise CalibrationError(
-            f"{name} is no {kind} that this version reads: format must be '{wanted}'; got {quote(found)}"
+            f"{name} is not a {kind} that this version reads: format must be '{wanted}'; got {quote(found)}"
         )
     missing, strange = keys - set(raw), set(raw) - keys
     if missing or strange:
-        what = f"{min(missing)} is missing" if missing else f"{quote(min(strange))} is not a key that is known"
+        what = f"{min(missing)} is missing" if missing else f"{quote(min(strange))} is not a known key"
         raise CalibrationError(f"{name}: {what}; {remedy}")
     return raw
 

@@ -230,6 +230,6 @@ def _refine(
         last = value
     assert best is not None
     raise PrecisionError(
-        f"the {what} was reached to {best[0]:.1e} relative, not to {precision:.1e}; "
-        "ask for less, or keep the bodies further apart"
+        f"the {what} converged to {best[0]:.1e} relative, not to {precision:.1e}; "
+        "request less, or keep the bodies further apart"
     )

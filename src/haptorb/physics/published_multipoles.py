@@ -46,8 +46,8 @@ def _coil(length: float, reading: str) -> PublishedModel:
 PUBLISHED = {
     "bai2012-pm": _magnet(5.08e-3, 0.2, "l = 0.2 inch, l̄/l = 0.2 (printed 0.3): moments agree to 0.2 %"),
     "bai2012-em": _coil(7.62e-3, "l = 0.3 inch, l̄/l = 0.442 as printed"),
-    "bai2012-pm-printed": _magnet(5.08e-3, 0.3, "l = 0.2 inch, l̄/l = 0.3 as printed: the moment is 50 % too great"),
-    "bai2012-em-aspect": _coil(9.525e-3, "l/2a = 0.3 instead of inches: torque about 30 % too great"),
+    "bai2012-pm-printed": _magnet(5.08e-3, 0.3, "l = 0.2 inch, l̄/l = 0.3 as printed: the moment is 50 % too large"),
+    "bai2012-em-aspect": _coil(9.525e-3, "l/2a = 0.3 instead of inches: torque about 30 % too large"),
 }
 
 

@@ -266,11 +266,11 @@ def endurance_fit(
     crossing = np.flatnonzero((excesses[:-1] > 0.0) & (excesses[1:] <= 0.0))
     if not len(crossing):
         raise InputError(
-            f"no two bodies with {inside:.0%} of the thermal resistance inside stand {full:g} W for {full_time:g} s "
-            f"and {half:g} W for {half_time:g} s but {sustained:g} W for ever; choose another `inside`"
+            f"no two-body model with {inside:.0%} of the thermal resistance inside withstands {full:g} W for "
+            f"{full_time:g} s, {half:g} W for {half_time:g} s and {sustained:g} W continuously; choose another `inside`"
         )
     at = int(crossing[0])
     found = coil(float(np.exp(_root(late, grid[at], grid[at + 1]))))
     if found is None:  # pragma: no cover - both ends of the bracket have a winding, so what lies between has one
-        raise InputError("the endurance figures lie at the edge of what two bodies can do; choose another `inside`")
+        raise InputError("the endurance figures are at the limit of the two-body model; choose another `inside`")
     return found

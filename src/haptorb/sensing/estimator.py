@@ -45,7 +45,7 @@ class Estimator(ABC):
 
     def change_model(self, name: str) -> None:
         """Go over to the device's model `name` in the wrench maps, without a step; InputError if there is only one."""
-        raise InputError(f"this estimator has one model only; it cannot go over to '{name}'")
+        raise InputError(f"this estimator has one model only; it cannot switch to '{name}'")
 
 
 class TrackedPose(Estimator):

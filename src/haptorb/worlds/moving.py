@@ -20,7 +20,7 @@ __all__ = ["Orbit", "Varying"]
 
 @dataclass(frozen=True)
 class Varying(World):
-    """The world that `at(state)` says, asked anew at every tick: terrain that changes, domes that follow the tool.
+    """The world that `at(state)` returns in every tick: changing terrain, domes that follow the tool.
 
     What moves can do work, so it is declared active, and nothing is said about jumps.
 
@@ -52,16 +52,16 @@ class Varying(World):
 
 @dataclass(frozen=True)
 class Orbit(World):
-    """A dome whose summit circles the top: it comes by, pushes the tool aside, and goes on."""
+    """A dome whose summit moves in a circle and pushes the tool aside as it passes."""
 
     passive: ClassVar[bool] = False
     continuous: ClassVar[bool] = False
 
-    tilt_deg: float = parameter(25.0, "deg", 0, 60, "of the summit's circle")
-    turns_per_second: float = parameter(0.25, "Hz", -2, 2, "how fast the summit goes round")
-    half_width_deg: float = parameter(18.0, "deg", 5, 90, "θ1: where the radial force vanishes first")
-    cut_off_deg: float = parameter(54.0, "deg", 5, 180, "θ2: from here the force is zero")
-    moment: float = parameter(2.0, "A·m²", -4, 4, "height: moment at the summit; negative pulls")
+    tilt_deg: float = parameter(25.0, "deg", 0, 60, "tilt of the summit's circle")
+    turns_per_second: float = parameter(0.25, "Hz", -2, 2, "revolutions of the summit per second")
+    half_width_deg: float = parameter(18.0, "deg", 5, 90, "θ1: angle of the first zero of the radial force")
+    cut_off_deg: float = parameter(54.0, "deg", 5, 180, "θ2: angle from which the force is zero")
+    moment: float = parameter(2.0, "A·m²", -4, 4, "moment at the summit; negative pulls")
     dome: Dome = field(default_factory=Dome)
 
     def __post_init__(self) -> None:

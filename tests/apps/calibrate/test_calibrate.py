@@ -89,7 +89,7 @@ def test_faults_of_the_wiring_are_named():
 
 def test_a_coil_wound_the_other_way_is_named():
     moments = OMNI.moment_per_current * (1.0, -1.0, 1.0)
-    assert "coil 'y' makes its moment the wrong way round" in told(truth=replace(OMNI, moment_per_current=moments))
+    assert "coil 'y' produces a reversed moment" in told(truth=replace(OMNI, moment_per_current=moments))
 
 
 def test_a_wrong_shunt_is_named():
@@ -115,7 +115,7 @@ def test_a_tool_nearby_is_named_and_nothing_is_driven():
     [
         (lambda s: replace(s, currents=s.currents + np.array([0, 0.5, 0])), "coil 'y' reads"),
         (lambda s: replace(s, temperatures=s.temperatures + 80), "let it cool"),
-        (lambda s: replace(s, field=s.field * np.nan), "reads no number"),
+        (lambda s: replace(s, field=s.field * np.nan), "no finite reading"),
         (lambda s: replace(s, field=s.field * np.linspace(1, 1.5, 9)[:, None]), "no dipole"),
     ],
 )
@@ -261,7 +261,7 @@ def test_the_command(tmp_path, monkeypatch, capsys):
         main(["calibrate", "omni"])
     said = capsys.readouterr()
     assert "condition" in said.out
-    assert "of a simulation" in said.out
+    assert "simulated" in said.out
     assert read_calibration("omni.calibration.json").digest == OMNI.digest
     assert main(["calibrate", "omni"]) == 2
     assert "--force" in capsys.readouterr().err

@@ -79,5 +79,5 @@ def test_any_other_trip_ends_the_step() -> None:
 
 
 def test_a_record_that_is_mostly_pauses_is_refused() -> None:
-    with pytest.raises(CalibrationError, match=r"silent too often: 31 of the .* s so far are lost"):
+    with pytest.raises(CalibrationError, match=r"too busy: 31 of .* s of readings are lost"):
         found_by(Hesitant(np.arange(1.0, 140.0, 2.5)))

@@ -83,7 +83,7 @@ def test_at_the_edge() -> None:
         (replace(GOOD, cores=1), QUIET, {}, "two or more"),
         (replace(GOOD, governor="powersave"), QUIET, {}, "powersave"),
         (replace(GOOD, preemptible=False), QUIET, {"lateness_us": _late(300.0)}, "PREEMPT"),
-        (GOOD, QUIET, {"missed": 60}, "Nothing is plainly wrong"),
+        (GOOD, QUIET, {"missed": 60}, "No clear cause"),
     ],
 )
 def test_advice_names_the_cause(machine: Machine, took: StolenTime, changes: dict[str, Any], word: str) -> None:
@@ -100,7 +100,7 @@ def test_numbers_are_json_and_complete() -> None:
 
 
 def test_shown() -> None:
-    for fitness, words in ((_fitness(), "is fit"), (_fitness(success_rate=None), "not fit as it is")):
+    for fitness, words in ((_fitness(), "is fit"), (_fitness(success_rate=None), "not yet fit")):
         out = io.StringIO()
         print_fitness(fitness, Console(file=out, width=120))
         assert words in out.getvalue()

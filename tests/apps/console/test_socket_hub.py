@@ -376,11 +376,11 @@ def test_poses_of_another_sender_are_told(client, servo):
     client.event("role", control=True)
     servo.tracker_refused = {"another_sender": 7, "garbage": 100}
     told = client.event("mistake")["text"]
-    assert "7 poses from another program" in told
+    assert "7 poses from another sender" in told
     assert "100" not in told
     client.events.clear()
     servo.tracker_refused = {"another_sender": 9, "garbage": 100, "jump": 1}
-    assert "2 poses from another program" in client.event("mistake")["text"]
+    assert "2 poses from another sender" in client.event("mistake")["text"]
 
 
 def test_a_map_that_cannot_be_painted_is_said(servo):

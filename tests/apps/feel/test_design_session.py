@@ -116,17 +116,17 @@ def test_bad_input(tmp_path: Path) -> None:
     for score in (0, 8, 3.5, True):
         with pytest.raises(InputError, match="a whole number from 1 to 7"):
             session.rate("plain", score)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="no design 'plane'"):
+    with pytest.raises(InputError, match="unknown design 'plane'"):
         session.rate("plane", 3)
     with pytest.raises(InputError, match="there is no trace"):
         session.rate("plain", 3, trace="traces/plain-0009.csv")
-    with pytest.raises(InputError, match="nothing was felt"):
+    with pytest.raises(InputError, match="is empty"):
         session.keep(Trace(session.candidates["plain"]))
     (tmp_path / "traces" / "odd.csv").write_text("a,b\n1,2\n")
     with pytest.raises(RecordingError, match="is not a trace"):
         session.trace("traces/odd.csv")
     (tmp_path / "file").write_text("")
-    with pytest.raises(RecordingError, match="cannot be made"):
+    with pytest.raises(RecordingError, match="cannot be created"):
         FeelSession(tmp_path / "file", session.candidates)
     assert session.ratings() == ()
     assert session.choice() is None

@@ -99,11 +99,11 @@ def test_what_waited_before_a_step_is_none_of_its_poses() -> None:
 @pytest.mark.parametrize(
     ("spoil", "error", "told"),
     [
-        (lambda one: one._replace(valid=False), DriverError, "no pose came from the tracker .*300 lost"),
+        (lambda one: one._replace(valid=False), DriverError, "no pose arrived from the tracker .*300 lost"),
         (lambda one: RejectedPose("stranger"), DriverError, "300 stranger"),
         (lambda one: one._replace(p=(float("nan"), 0.0, 0.0)), DriverError, "300 not finite"),
         (lambda one: one._replace(p=one.p[:2]), DriverError, "300 garbage"),
-        (lambda one: one if hash(one.p) % 3 == 0 else RejectedPose("garbage"), CalibrationError, "most of what came"),
+        (lambda one: one if hash(one.p) % 3 == 0 else RejectedPose("garbage"), CalibrationError, "held no valid pose"),
         (lambda one: one._replace(q=(10.0, 20.0, 30.0, 0.0)), CalibrationError, "step 'dome': .*must have length 1"),
         (lambda one: one._replace(p=(0.0, 0.0, 0.0), q=(0.0, 0.0, 0.0, 1.0)), CalibrationError, "only 1 poses"),
         (lambda one: one._replace(p=tuple(1e3 * x for x in one.p)), CalibrationError, "speaks millimetres"),
@@ -135,8 +135,8 @@ def test_the_steps_are_the_devices_marks() -> None:
     ("arguments", "told"),
     [
         (["pmsm", "--rehearse"], "works for spherical electromagnets"),
-        (["omni", "--tracker", "pointer"], "speaks the stator's frame already"),
-        (["omni", "--tracker", "replay:run.mcap"], "speaks the stator's frame already"),
+        (["omni", "--tracker", "pointer"], "already reports poses in the stator's frame"),
+        (["omni", "--tracker", "replay:run.mcap"], "already reports poses in the stator's frame"),
         (["omni", "--tracker", "osk:9000"], "unknown tracker"),
         (["omni", "--rehearse", "--tracker", "lsl:pen"], "a rehearsal speaks OSC"),
         (["omni", "--rehearse", "--out", "nowhere/omni.json"], "folder 'nowhere' does not exist"),
@@ -159,7 +159,7 @@ def test_nobody_sends() -> None:
     with ExitStack() as opened:
         feed = feed_of(preparation.spec, preparation.descriptor, lambda: 0.0)
         opened.callback(feed.close)
-        with pytest.raises(DriverError, match=r"step 'dome': no pose came from the tracker \(nothing at all\)"):
+        with pytest.raises(DriverError, match=r"step 'dome': no pose arrived from the tracker \(nothing at all\)"):
             register_frame(OMNI, feed, ask=lambda stroke: True, say=print, bar=no_bar, pace=0.003)  # type: ignore[arg-type]
 
 

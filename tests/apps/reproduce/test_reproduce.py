@@ -74,8 +74,8 @@ def test_the_registry():
         (["bai2021"], "did you mean 'bai2012'"),
         (["bai2012", "--figure", "88"], "figure 8"),
         (["bai2012", "--table", "A.7"], "table A.1"),
-        (["--figure", "8"], "one of a paper"),
-        (["bai2012", "--figure", "8", "--table", "1"], "one of a paper"),
+        (["--figure", "8"], "need one paper"),
+        (["bai2012", "--figure", "8", "--table", "1"], "need one paper"),
         (["bai2012", "--figure", "8", "--out", "/no/such/folder"], "does not exist"),
     ],
 )

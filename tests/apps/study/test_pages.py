@@ -429,7 +429,7 @@ def test_two_experimenters_are_two_pages_of_one_session(begun: tuple[Desk, Page,
     desk, _, _ = begun
     second = desk.experimenter()
     second.do("begin", code="P02")
-    second.until(lambda page: any("end that session first" in mistake for mistake in page.mistakes))
+    second.until(lambda page: any("end it first" in mistake for mistake in page.mistakes))
     other = Desk(desk.study, desk.place)
     try:
         page = other.experimenter()

@@ -66,10 +66,10 @@ def test_a_narrow_terminal_and_one_without_greek(capsys, monkeypatch, words):
 
 def test_units_and_literals_that_were_lost_once(capsys, monkeypatch):
     for words, literals in {
-        ("run",): ("at most [ms], 0 to 20", "serial:PORT, i2c:BUS: a real one"),
+        ("run",): ("tracker's pose [ms], 0 to 20", "serial:PORT or i2c:BUS"),
         ("check",): ("[ms]", "[Hz]"),
         ("hardware", "emulate"): ("centre [mm];",),
-        ("fit-multipole",): ("[as in the file]",),
+        ("calibrate",): ("[DEVICE.calibration.json]",),
     }.items():
         told = flat(see(capsys, monkeypatch, 80, *words))
         for literal in literals:

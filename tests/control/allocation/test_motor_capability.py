@@ -79,5 +79,5 @@ def test_bad_grids_and_dead_motors_are_refused(pmsm):
     from dataclasses import replace
 
     dead = replace(pmsm, groups=np.abs(pmsm.groups))
-    with pytest.raises(DeviceError, match="cannot turn about every axis"):
+    with pytest.raises(DeviceError, match="torque about every axis"):
         motor_capability(dead, 3, 4)

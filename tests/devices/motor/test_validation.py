@@ -155,7 +155,7 @@ def test_bad_values_are_named(old, new, message):
 def test_a_device_based_on_itself_is_refused(tmp_path):
     path = tmp_path / "loop.toml"
     path.write_text(f'based_on = "{path}"\nname = "loop"\ntitle = "loop"\n')
-    with pytest.raises(DeviceError, match="going in circles"):
+    with pytest.raises(DeviceError, match="without a cycle"):
         haptorb.load(path)
 
 

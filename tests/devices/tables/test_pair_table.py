@@ -193,7 +193,7 @@ def test_what_cannot_be_tabulated_is_refused():
         field_table(MAGNET, R_PM, R_PM)
     with pytest.raises(GeometryError, match="overlap"):
         torque_table(MAGNET, R_PM, COIL, R_PM - 1e-3, precision=1e-4)
-    with pytest.raises(PrecisionError, match="angles give"):
+    with pytest.raises(PrecisionError, match="angles is precise"):
         field_table(MAGNET, R_PM, float(np.hypot(R_PM + 2.54e-3, 15.875e-3)) + 1e-6)  # grazes the outer edge
     for wrong in (0.0, 1.0, np.nan, -1e-3):
         with pytest.raises(InputError):

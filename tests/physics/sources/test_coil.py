@@ -81,7 +81,7 @@ def test_finite_on_every_edge_but_its_gradient_is_not():
 
 
 def test_unreachable_precision_names_the_best_reached():
-    with pytest.raises(PrecisionError, match=r"was reached to .* relative, not to 1\.0e-18"):
+    with pytest.raises(PrecisionError, match=r"converged to .* relative, not to 1\.0e-18"):
         COIL.field_bounded((RO * 0.9, 0, HALF * 0.9), 1e-18)
 
 

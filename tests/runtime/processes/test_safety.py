@@ -142,7 +142,7 @@ def test_tick_hangs(fake_servo: Any) -> None:
 def test_host_silent(fake_servo: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ProcessGroup, "_beat", lambda children: None)
     made = fake_servo()
-    with pytest.raises(ServoError, match="no sign of life"), made.servo as servo:
+    with pytest.raises(ServoError, match="did not respond"), made.servo as servo:
         servo.run(10)
     servo = made.servo
     assert made.words() in ([], ["open", "close"])
@@ -236,7 +236,7 @@ def test_parent_stopped_then_gone_on(tmp_path: Path) -> None:
     finally:
         process.send_signal(signal.SIGCONT)
     _, errors = process.communicate(timeout=30)
-    assert "was stopped and showed no sign of life" in errors
+    assert "was stopped and did not respond" in errors
     assert process.returncode != 0
     assert (Recording(path)["duties"][-1] == 0).all()
 

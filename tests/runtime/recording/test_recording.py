@@ -79,7 +79,7 @@ def test_without_sensors_and_without_rows(tmp_path: Path) -> None:
     empty = Recording(_recorded(tmp_path / "b.mcap", np.ones((0, layout.width)), layout))
     assert len(empty) == 0
     assert empty["p"].shape == (0, 3)
-    with pytest.raises(RecordingError, match="nothing to plot"):
+    with pytest.raises(RecordingError, match="no rows to plot"):
         empty.plot()
 
 
@@ -294,7 +294,7 @@ def test_servo_records_what_ran(fake_servo: Any, tmp_path: Path) -> None:
 def test_servo_without_recording(fake_servo: Any) -> None:
     with fake_servo(record=False).servo as servo:
         servo.run(0.1)
-    with pytest.raises(RecordingError, match="told not to record"):
+    with pytest.raises(RecordingError, match="recording was off"):
         _ = servo.recording
 
 

@@ -224,7 +224,7 @@ def test_starts_once(fake_servo: Any) -> None:
     servo = fake_servo().servo
     with servo:
         pass
-    with pytest.raises(ServoError, match="make a new one"):
+    with pytest.raises(ServoError, match="create a new one"):
         servo.open()
 
 

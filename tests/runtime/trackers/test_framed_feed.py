@@ -108,8 +108,8 @@ def test_the_loop_follows_a_tracker_in_its_own_frame() -> None:
 @pytest.mark.parametrize(
     ("tracker", "made", "error", "told"),
     [
-        ("pointer", frame("pointer"), InputError, "speaks the stator's frame already"),
-        ("replay:run.mcap", frame("replay:run.mcap"), InputError, "speaks the stator's frame already"),
+        ("pointer", frame("pointer"), InputError, "already reports poses in the stator's frame"),
+        ("replay:run.mcap", frame("replay:run.mcap"), InputError, "already reports poses in the stator's frame"),
         ("osc:9001", frame("osc:9000"), CalibrationError, "that of tracker 'osc:9000'"),
         (
             "osc:9000",

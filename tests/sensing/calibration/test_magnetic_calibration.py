@@ -84,7 +84,7 @@ def test_a_reversed_coil_is_named():
     M = OMNI.moment_per_current.copy()
     M[:, 2] *= -1
     currents, fields, _ = measured(M)
-    assert "coil 'z' makes its moment the wrong way round" in told(currents, currents, fields)
+    assert "coil 'z' produces a reversed moment" in told(currents, currents, fields)
 
 
 @pytest.mark.parametrize("fault", ["dead", "turned"])

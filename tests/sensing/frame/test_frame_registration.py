@@ -141,10 +141,10 @@ def mirrored(one: Touches) -> Touches:
 
 
 MIXED_UP: dict[str, tuple[Callable[[Touches], Touches], str]] = {
-    "millimetres": (lambda one: Touches(1e3 * one.p, one.q), r"speaks millimetres: marks come out \d+\.?\d* times"),
+    "millimetres": (lambda one: Touches(1e3 * one.p, one.q), r"reports millimetres: the marks appear \d+\.?\d* times"),
     "centimetres": (lambda one: Touches(1e2 * one.p, one.q), "speaks centimetres"),
     "inches": (lambda one: Touches(one.p / 0.0254, one.q), "speaks inches"),
-    "scaled": (lambda one: Touches(1.07 * one.p, one.q), r"out of scale: marks come out 1\.0[67]\d* times"),
+    "scaled": (lambda one: Touches(1.07 * one.p, one.q), r"out of scale: the marks appear 1\.0[67]\d* times"),
     "left-handed": (mirrored, "left-handed.*send −x with the quaternion x −y −z w"),
     "w first": (lambda one: Touches(one.p, one.q[:, [3, 0, 1, 2]]), "w came first"),
     "inverse": (lambda one: Touches(one.p, one.q * [-1, -1, -1, 1]), "turned the other way"),
@@ -173,7 +173,7 @@ def test_marks_in_another_order_are_named() -> None:
 def test_too_little_is_refused_with_what_to_do() -> None:
     _, touched = session(6)
     few = replace(touched, dome=touched.dome.select(np.arange(len(touched.dome)) % 10 == 0))
-    with pytest.raises(CalibrationError, match="only 24 poses on the dome that differ; at least 30"):
+    with pytest.raises(CalibrationError, match="only 24 distinct poses on the dome; at least 30"):
         frame_registration(few, OMNI)
     with pytest.raises(CalibrationError, match="mark 'left' was not touched; all of front, left, rear"):
         frame_registration(replace(touched, marks={"front": touched.marks["front"]}), OMNI)
@@ -192,7 +192,7 @@ def test_a_moved_device_another_dome_and_a_tip_in_the_air_are_refused() -> None:
     _, touched = session(7)
     n = len(touched.dome)
     moved = replace(touched, dome=Touches(touched.dome.p + np.array([0.02, 0.0, 0.0]), touched.dome.q))
-    with pytest.raises(CalibrationError, match=r"centre is 20\.\d mm from where the marks have it"):
+    with pytest.raises(CalibrationError, match=r"centre is 20\.\d mm from its place"):
         frame_registration(moved, OMNI)
     with pytest.raises(CalibrationError, match=r"sphere of 30\.0 mm; the device's dome has 33 mm"):
         frame_registration(touched, replace(OMNI, dome_radius=0.033))

@@ -67,9 +67,9 @@ def test_a_perfect_fit_ends_early():
 @pytest.mark.parametrize(
     ("x", "y", "changes", "said"),
     [
-        (np.zeros((300, 2)), np.ones((300, 1)), {}, "never change"),
-        (np.arange(600.0).reshape(300, 2), np.ones((300, 1)), {}, "outputs 1 never change"),
-        (np.stack([np.arange(300.0), np.ones(300)], axis=1), np.arange(300.0)[:, None], {}, "inputs 2 never change"),
+        (np.zeros((300, 2)), np.ones((300, 1)), {}, "do not change"),
+        (np.arange(600.0).reshape(300, 2), np.ones((300, 1)), {}, "outputs 1 do not change"),
+        (np.stack([np.arange(300.0), np.ones(300)], axis=1), np.arange(300.0)[:, None], {}, "inputs 2 do not change"),
         (np.full((300, 2), np.nan), np.ones((300, 1)), {}, "finite"),
         (np.arange(20.0).reshape(10, 2), np.arange(10.0)[:, None], {}, "samples"),
         (np.arange(20.0).reshape(10, 2), np.arange(11.0)[:, None], {}, "shapes"),

@@ -256,7 +256,7 @@ def test_degenerate_training_sets_are_refused(pmsm, grid, nodes):
 def test_a_linear_map_needs_orientations_that_differ(pmsm):
     with pytest.raises(InputError, match="need at least 288 orientations"):
         LinearTorque(pmsm, orientations=workspace_grid(pmsm, (2, 2, 3)))
-    with pytest.raises(InputError, match="never change"):
+    with pytest.raises(InputError, match="do not change"):
         LinearTorque(pmsm, orientations=np.repeat(np.eye(3)[None], 300, axis=0))
     with pytest.raises(InputError, match="noise"):
         LinearTorque(pmsm, noise=-1.0)

@@ -122,7 +122,7 @@ def test_any_pose_has_a_finite_answer(seed: int) -> None:
 def test_outlets_that_cannot_work_say_why() -> None:
     with pytest.raises(GeometryError, match="not wider than the opening"):
         Outlet(plug_width=4e-3)
-    with pytest.raises(GeometryError, match="would leave before it is home"):
+    with pytest.raises(GeometryError, match="before it is fully inserted"):
         Outlet(lead_in=6e-3, arm=5e-3)
     with pytest.raises(GeometryError, match="this hook jams"):
         Outlet(friction=1.0, height=4e-3, retention_deg=60, beam="paper")

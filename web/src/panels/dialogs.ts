@@ -9,7 +9,7 @@ export function fill(session: Session, scene: DeviceScene, keys: readonly (reado
     ["Space, Esc", "STOP: coils off at once, wherever the focus is"],
     ...keys,
     [`drag beside the ${scene.held}`, "turn the view; wheel or pinch zooms; 0 resets"],
-    ["P", "hold the plots still; mark a stretch or use the wheel to zoom into it"],
+    ["P", "pause the plots; mark a range or use the wheel to zoom"],
     ["Tab, Enter", "reach and press every button"],
     ["?", "this help"],
   ] as const;

@@ -10,8 +10,8 @@ export interface Lock {
 export const UNKNOWN: Lock = {
   title: "This page needs the address that the terminal printed",
   text:
-    "Open it as it stands there, with what follows the #. It changes with every start: whoever knows it may move the " +
-    "device, and nobody else on this computer.",
+    "Open the full address, with the part after the #. It changes with every start: only a page that has it can move the " +
+    "device.",
 };
 
 export const UNREACHED: Lock = {
@@ -22,7 +22,7 @@ export const UNREACHED: Lock = {
 /** So many pages that this one must wait; `reason` is the server's. */
 export const full = (reason: string): Lock => ({
   title: "This page has to wait",
-  text: `${sentence(reason || "Too many pages are open already")} Then it goes on by itself. Use another page to stop.`,
+  text: `${sentence(reason || "Too many pages are open already")} Then it continues by itself. Use another page to stop.`,
 });
 
 /** Cover the page with `lock`, or show it again. */

@@ -63,13 +63,13 @@ export class ModePanel {
     const mode = WORDS[sample.number("mode")] ?? "";
     if (!mode) return "";
     const [x, y, z] = sample.vector("object").map((value) => shown(value * 1000, 1));
-    const hold = this.engaged ? "" : ", plug let go";
+    const hold = this.engaged ? "" : ", plug released";
     return `mode ${mode}${hold}; plug ${x} millimetres out, ${y} aside, ${z} up, held back by ${shown(norm(sample.vector("object_wrench")), 1)} newton`;
   }
 
   private word(move: number, turn: number): string {
-    if (!this.engaged) return Math.max(move, turn) > 0.01 ? "letting go" : "let go";
-    return Math.max(move, turn) > 0.99 ? "clutched" : "taking hold";
+    if (!this.engaged) return Math.max(move, turn) > 0.01 ? "releasing" : "released";
+    return Math.max(move, turn) > 0.99 ? "clutched" : "clutching";
   }
 
   private choose(mode: "translate" | "rotate"): void {
@@ -81,7 +81,7 @@ export class ModePanel {
   private clutch(engaged: boolean): void {
     if (!this.control) return;
     this.send({ do: "clutch", engaged });
-    write(at("polite"), engaged ? "Plug held." : "Plug let go.");
+    write(at("polite"), engaged ? "Plug clutched." : "Plug released.");
   }
 
   private key(event: KeyboardEvent): void {

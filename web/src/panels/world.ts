@@ -173,7 +173,7 @@ function entries(parameter: Parameter): Entry[] {
       low: 0,
       high: 90,
       step: 0.5,
-      about: `${about}: its angle from the vertical`,
+      about: `${about}: angle from the vertical`,
       read: (values) => angles(values).tilt,
       put: (values, value) => (values[name] = direction(value, azimuth ?? angles(values).azimuth)),
     },
@@ -184,7 +184,7 @@ function entries(parameter: Parameter): Entry[] {
       low: -180,
       high: 180,
       step: 1,
-      about: `${about}: its angle about the vertical, from +x`,
+      about: `${about}: angle about the vertical, from +x`,
       read: (values) => (angles(values).tilt < 0.01 ? (azimuth ?? 0) : angles(values).azimuth),
       put: (values, value) => {
         azimuth = value;

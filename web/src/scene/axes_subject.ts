@@ -30,7 +30,7 @@ export class AxesSubject implements Subject {
   readonly hint = "drag the marker";
   readonly keys = [
     ["← → ↑ ↓", "move the marker by 1 mm as seen here (with Shift: 5 mm)"],
-    ["+ −", "move it along z; so does the wheel while it is held"],
+    ["+ −", "move it along z; or the wheel during a drag"],
   ] as const;
   readonly range = NaN;
   grasped = false;

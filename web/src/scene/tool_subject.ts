@@ -23,7 +23,7 @@ export class ToolSubject implements Subject {
   readonly hint = "drag the stylus";
   readonly keys = [
     ["← → ↑ ↓", "move the stylus along the dome by 1° (with Shift: 5°)"],
-    ["+ −", "lift the stylus, press it in; so does the wheel while it is held"],
+    ["+ −", "lift or press the stylus; or the wheel during a drag"],
   ] as const;
   readonly dome: FeltDome;
   private readonly body: Body;

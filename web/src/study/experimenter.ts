@@ -42,11 +42,11 @@ const WORDS: Record<string, [string, string]> = {
   waiting: ["waiting for a participant", "off"],
   starting: ["device is starting", "warn"],
   consent: ["instructions and consent", "warn"],
-  question: ["a question in words", "good"],
+  question: ["question", "good"],
   pause: ["between trials", "good"],
   break: ["break", "good"],
   running: ["trial", "good"],
-  "time is up": ["time is up, answer awaited", "warn"],
+  "time is up": ["time is up, no answer yet", "warn"],
   paused: ["STOPPED, coils off", "bad"],
   done: ["done", "off"],
   left: ["ended, resumable", "off"],
@@ -91,8 +91,8 @@ const line = new Line<Everything>(
       show("session-panel", false);
       show("begin-panel", false);
       show("alert", true);
-      say("alert-word", refused ? "Not let in" : "No connection");
-      say("alert-text", refused || `The study's program does not answer, and STOP does nothing on this page now. If the device still pushes: ${BY_HAND.toLowerCase()} This page comes back by itself.`);
+      say("alert-word", refused ? "Access refused" : "No connection");
+      say("alert-text", refused || `The study's program does not answer, and STOP does not work on this page now. If the device still pushes: ${BY_HAND.toLowerCase()} This page comes back by itself.`);
       show("engage", false);
       show("resume", false);
       element<HTMLButtonElement>("stop").disabled = true;
@@ -155,12 +155,12 @@ function facts(): void {
     ["participant's page", v.pages ? (v.pages > 1 ? `${v.pages} are open: close all but one` : "open") : "not open"],
   ];
   if (v.prompt) told.push(["asked", asked(v.prompt)]);
-  if (v.prompt && v.which && v.prompt.interval) told.push(["felt now", `interval ${v.which}`]);
+  if (v.prompt && v.which && v.prompt.interval) told.push(["rendered now", `interval ${v.which}`]);
   if (v.state === "running" || v.state === "time is up") {
     told.push(["answer so far", v.draft === null ? "–" : `${v.draft} (not confirmed)`]);
     told.push(["time in trial", `${v.seconds ?? 0} s`]);
   }
-  if (v.left) told.push(["left of the rest", `${v.left} s`]);
+  if (v.left) told.push(["rest left", `${v.left} s`]);
   if (v.question) told.push(["question", v.question.text]);
   const list = element("facts");
   const key = JSON.stringify(told);
@@ -188,13 +188,13 @@ function alarm(inTrial: boolean): void {
   show("engage", off);
   show("resume", stopped && v.state === "paused");
   if (stopped) {
-    const coils = v.unconfirmed ? `The device has not confirmed that its coils are off. ${BY_HAND}` : v.state === "starting" ? "The device stays off when it has started." : "The coils are off.";
+    const coils = v.unconfirmed ? `The device has not confirmed that its coils are off. ${BY_HAND}` : v.state === "starting" ? "The device stays off after it starts." : "The coils are off.";
     say("alert-word", `Stopped ${v.stopped}.`);
-    say("alert-text", `${coils} Ask the participant whether they want to go on: then Resume; or end the session below.`);
+    say("alert-text", `${coils} Ask the participant whether to continue: then press Resume, or end the session below.`);
     return;
   }
   say("alert-word", v.state === "failed" ? "The session ended." : "The device is off.");
-  say("alert-text", v.state === "failed" ? v.trouble : (v.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : "") + (last && last.trial === v.trial ? last.reason : "Switch it on again to go on."));
+  say("alert-text", v.state === "failed" ? v.trouble : (v.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : "") + (last && last.trial === v.trial ? last.reason : "Switch it on again to continue."));
 }
 
 function safety(): void {

@@ -117,7 +117,7 @@ export class Line<V extends View> {
 }
 
 /** What to do when a Stop could not be sent, or was not confirmed. */
-export const BY_HAND = "Let go of the tool and switch the device's power off.";
+export const BY_HAND = "Let go of the tool and switch off the device's power.";
 
 export function element<E extends HTMLElement>(id: string): E {
   const found = document.getElementById(id);

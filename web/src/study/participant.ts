@@ -97,8 +97,8 @@ function renderTrial(task: Task): void {
   }
   intervals(task);
   const keys = [task.kind === "place" ? "Enter answers" : "type the number, Enter answers", "Space stops"];
-  if (view.steered) keys.unshift("arrow keys move the pen", "F says the force");
-  if (task.kind === "compare") keys.unshift("O feels the other one");
+  if (view.steered) keys.unshift("arrow keys move the pen", "F reads out the force");
+  if (task.kind === "compare") keys.unshift("O switches to the other one");
   say("keys", keys.join(" · "));
   paint();
 }
@@ -210,7 +210,7 @@ function renderMessage(): void {
     if (consent) button("I do not agree", "", () => line.send({ do: "agree", agreed: false }));
   } else if (state === "break") {
     say("message-text", `${view.left ?? 0} s. Rest your hand.`);
-    button("Go on now", "sure", () => line.send({ do: "skip" }));
+    button("Continue now", "sure", () => line.send({ do: "skip" }));
   } else if (state === "question" && view.question) ask(view.question);
   if (["done", "left", "aborted", "failed"].includes(state)) mask?.stop();
   say("polite", `${title} ${state === "consent" ? "" : text}`);
@@ -234,14 +234,14 @@ function live(state: string): boolean {
 /** What is said of a Stop: who gave it, whether the coils are off, and what comes next. */
 function stopped(): string {
   const who = view.stopped === "by the participant" ? "You stopped the device." : `The device was stopped${view.stopped ? ` (${view.stopped})` : ""}.`;
-  const coils = view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND}` : view.state === "starting" ? "It stays off when it has started." : "Its coils are off.";
-  return `${who} ${coils}\n\nNothing goes on by itself. When you want to go on, tell the experimenter: only they can press Resume. You may also end here.`;
+  const coils = view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND}` : view.state === "starting" ? "It stays off after it starts." : "Its coils are off.";
+  return `${who} ${coils}\n\nNothing continues by itself. To continue, tell the experimenter: only they can press Resume. You may also end here.`;
 }
 
 function words(state: string): [string, string] {
   switch (state) {
     case "connecting":
-      return ["No connection", `The study's program does not answer, and STOP on this page does nothing now. If you feel a force: ${BY_HAND.toLowerCase()}\n\nThis page comes back by itself.`];
+      return ["No connection", `The study's program does not answer, and STOP on this page does not work now. If you feel a force: ${BY_HAND.toLowerCase()}\n\nThis page comes back by itself.`];
     case "waiting":
       return ["Welcome", "Please wait for the experimenter."];
     case "starting":
@@ -259,13 +259,13 @@ function words(state: string): [string, string] {
     case "watching":
       return ["Another page is open", "Answers are given there. Close it first to answer here. STOP works here as well."];
     case "done":
-      return ["Thank you", "Everything is answered and kept."];
+      return ["Thank you", "All answers are stored."];
     case "left":
-      return ["Until next time", "What you answered is kept."];
+      return ["Until next time", "Your answers are stored."];
     case "aborted":
-      return ["The session has ended", "What you answered is kept."];
+      return ["The session has ended", "Your answers are stored."];
     case "failed":
-      return ["Something went wrong", "The device was switched off. What you answered is kept. Please call the experimenter."];
+      return ["Something went wrong", "The device was switched off. Your answers are stored. Please call the experimenter."];
   }
   return ["", ""];
 }

@@ -36,7 +36,7 @@ class Procedure(ABC):
         """The procedure after `answer`. Raises InputError if it may not be answered so, or nothing is asked."""
         prompt = self.prompt
         if prompt is None:
-            raise InputError("this procedure is over: there is nothing left to answer")
+            raise InputError("this procedure is complete: no trial is left to answer")
         return self.after(prompt.check_answer(answer))
 
 

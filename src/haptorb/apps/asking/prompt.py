@@ -48,15 +48,13 @@ class Prompt:
         value = answer.value
         if not self.wants_number:
             if value is not None:
-                raise InputError("the answer to this trial is the tool's place, not a number: leave the number away")
+                raise InputError("the answer to this trial is the tool's position, not a number: leave out the number")
             if answer.position is None:
-                raise InputError("the answer to this trial is the tool's place, and no place is known")
+                raise InputError("the answer to this trial is the tool's position, but no position is known")
         elif isinstance(value, bool) or not isinstance(value, int):
             raise InputError(f"answer must be a whole number; got {value!r}")
         elif self.numbers and value not in self.numbers:
-            raise InputError(
-                f"answer must be one of the set-points' numbers, {_list_numbers(self.numbers)}; got {value}"
-            )
+            raise InputError(f"answer must be the number of a set-point, {_list_numbers(self.numbers)}; got {value}")
         elif not self.numbers and not self.low <= value <= self.high:
             raise InputError(f"answer must be a whole number from {self.low} to {self.high}; got {value}")
         return answer

@@ -81,7 +81,7 @@ def study(effort: float, tell: Callable[[str], None]) -> list[Metric]:
 def _script(name: str, *words: str) -> dict[str, Any] | str:
     path = _CLONE / "benchmarks" / f"{name}.py"
     if not path.is_file():
-        return "only in a clone of the project"
+        return "needs a clone of the project"
     return _run_and_parse([sys.executable, str(path), *words, "--json"])
 
 

@@ -31,7 +31,7 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
         Metric("start", "`haptorb run`, from the command to the first tick, median", first, "s", limit=4.0),
         Metric("start", "`haptorb --help`, median", told, "s", limit=0.4),
         Metric("start", "memory of servo, console and what belongs to them", taken, "MB", limit=400.0,
-            note="" if taken is not None else "only Linux tells it"),
+            note="" if taken is not None else "measured on Linux only"),
     ]  # fmt: skip
 
 

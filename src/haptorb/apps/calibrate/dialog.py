@@ -94,7 +94,7 @@ def guide_calibration(
         guide.say(progress.left)
     done = [step.name for step in STEPS if step.name in progress.results]
     if done:
-        guide.say(f"taken up where it ended; done already: {', '.join(done)} (--restart begins anew)")
+        guide.say(f"resumed; steps already done: {', '.join(done)} (--restart repeats them)")
     for number, step in enumerate(steps, start=1):
         if step.name in progress.results:
             continue
@@ -103,25 +103,25 @@ def guide_calibration(
             raise InputError(f"step '{step.name}' needs the steps before it: {', '.join(missing)}")
         guide.say(f"{number}/{len(steps)} {step.title}: {step.asks}")
         if not guide.ask(step):
-            guide.say(f"stopped before '{step.name}'; the same command goes on here")
+            guide.say(f"stopped before '{step.name}'; the same command resumes here")
             return None
         try:
             progress.keep(step.name, _take_step(step, device, driver, pace, guide, progress, (levels, repeats), course))
         except (CalibrationError, DriverError) as cause:
             raise type(cause)(
-                f"step '{step.name}': {cause}. Then run the same command: it goes on at this step"
+                f"step '{step.name}': {cause}. Then run the same command again: it resumes at this step"
             ) from cause
         guide.say(f"    {step.describe(device, progress.results[step.name])}")
     absent = [name for name in NEEDED if name not in progress.results]
     if absent:
-        guide.say(f"kept in {progress.path}; a calibration needs {', '.join(absent)} as well")
+        guide.say(f"progress stored in {progress.path}; a calibration also needs {', '.join(absent)}")
         return None
     calibration = calibration_of(device, progress.results, driver.simulated, heat)
     write_calibration(calibration, out, overwrite=overwrite)
     progress.forget()
     with driver:
         if driver.remember(calibration.id):
-            guide.say(f"the device keeps its id, {calibration.id.hex()}")
+            guide.say(f"the device stores the calibration's id, {calibration.id.hex()}")
     return calibration
 
 

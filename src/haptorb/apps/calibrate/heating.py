@@ -91,8 +91,8 @@ def identify_heat(
             lost += 1
             if lost > _LOST * (hot + cool):  # safety: heating-end
                 raise CalibrationError(
-                    f"this computer was silent too often: {lost} of the {n + 1} s so far are lost; end what else it "
-                    "does, or take another"
+                    f"this computer was too busy: {lost} of {n + 1} s of readings are lost; close other programs, or "
+                    "use another computer"
                 ) from cause
             last = (duties[coil] * device.supply.voltage) ** 2 / ohms
             record.spend(min(max(session.now() - start, n * _BIN), (n + 1) * _BIN), last)
@@ -104,7 +104,9 @@ def identify_heat(
         edge = np.mean([sample.temperatures for sample in samples], axis=0)
         volts = abs(float(applied[coil])) * device.supply.voltage
         if abs(current) < 0.02:
-            raise CalibrationError(f"coil '{coils.names[coil]}' carries no current while it is heated: is it engaged?")
+            raise CalibrationError(
+                f"coil '{coils.names[coil]}' carries no current during heating: is the device engaged?"
+            )
         ohms = volts / abs(current)
         warm = cold[coil] + (ohms / resistance[coil] - 1) / coils.temperature_coefficient
         record.tell((n + 0.6) * _BIN, warm, edge[coil])  # readings are averaged over the last four fifths

@@ -70,11 +70,11 @@ def calibrate(
     pace = pace or Pace()
     with driver:
         session = DriverSession(device, driver, pace)
-        say("1/3 at rest: coils off, the tool away")
+        say("1/3 rest: coils off, tool away")
         ambient = session.at_rest()
-        say("2/3 each coil by itself, gently: does it conduct, does its current sensor tell the truth")
+        say("2/3 currents: each coil alone at low current, compared with its current sensor")
         resistance = session.coils_conduct()
-        say("3/3 magnetic: the schedule of currents, fields read")
+        say("3/3 magnetic: scheduled currents, measured fields")
         found = session.magnetic(resistance)
     for (one, other), angle in found.skew(device.coils.names).items():
         say(f"    coils {one} and {other}: {90 + np.degrees(angle):.2f}° apart")
@@ -129,7 +129,7 @@ class DriverSession:
         for tick in range(ticks):
             sample = self._driver.read(self._pace.clock() - self._start)
             if not np.isfinite(sample.currents).all():
-                raise CalibrationError("a current sensor reads no number; see `haptorb hardware monitor`")
+                raise CalibrationError("a current sensor gives no finite reading; see `haptorb hardware monitor`")
             hot = int(np.argmax(sample.temperatures))
             if sample.temperatures[hot] > self._device.coils.heat.warn:
                 raise CalibrationError(
@@ -193,10 +193,10 @@ class DriverSession:
                 if others.size and others.max() > 2 * _LEAK * _GENTLE:
                     other = names[int(np.argmax(np.abs(swing)))]
                     raise CalibrationError(
-                        f"driving coil '{name}' makes the current sensor of coil '{other}' answer: swap their wires"
+                        f"driving coil '{name}' changes the current sensor of coil '{other}': swap their wires"
                     )
                 raise CalibrationError(
-                    f"coil '{name}' carries {abs(own) / 2:.2g} A where {_GENTLE:g} A were asked: it is unplugged, or "
+                    f"coil '{name}' carries {abs(own) / 2:.2g} A instead of {_GENTLE:g} A: the coil is unplugged, or "
                     "its current sensor is; check the connector and the fuse"
                 )
             if own * duty < 0:
@@ -204,16 +204,16 @@ class DriverSession:
                     f"the current of coil '{name}' is negative for a positive duty: its current sensor is reversed"
                 )
             if others.size and others.max() > _LEAK * abs(own):
-                raise CalibrationError(f"driving coil '{name}' shows a current in another coil as well: check wires")
+                raise CalibrationError(f"driving coil '{name}' also shows a current in another coil: check the wiring")
             resistance[coil] = voltage * duty / own
             expected = device.coils.resistance[coil]
             ratio = resistance[coil] / expected
             if not 1 / _FACTOR < ratio < _FACTOR:  # safety: calibration-step
                 ten = 6 < max(ratio, 1 / ratio) < 16
                 raise CalibrationError(
-                    f"coil '{name}' seems to have {resistance[coil]:.3g} Ω where the device file says {expected:g} Ω: "
+                    f"coil '{name}' measures {resistance[coil]:.3g} Ω, the device file has {expected:g} Ω: "
                     + (
-                        "the value of its shunt is wrong by ten"
+                        "the value of its shunt is wrong by a factor of ten"
                         if ten
                         else "check the coil, its contacts, and the value of its shunt"
                     )
@@ -230,13 +230,13 @@ class DriverSession:
         most = _NOISY * np.hypot(device.hall.noise, device.hall.step) / averaged + _SHARE * strength
         if found.residual > most:
             raise CalibrationError(
-                f"the coils' field is no dipole's: {found.residual * 1e6:.0f} µT are left where {most * 1e6:.0f} µT "
-                "may be; is something magnetic near the device, or did the tool move?"
+                f"the coils' field is not dipolar: residual {found.residual * 1e6:.0f} µT, above {most * 1e6:.0f} "
+                "µT; is something magnetic near the device, or did the tool move?"
             )
         if found.repeatability > _REPEATS:
             raise CalibrationError(
                 f"odd and even readings differ by {100 * found.repeatability:.1f} %, above {100 * _REPEATS:.0f} %: "
-                "keep tool and magnets away and still, and calibrate again"
+                "keep the tool and magnets away, and calibrate again"
             )
         return found
 
@@ -271,6 +271,6 @@ def mean_field(samples: Sequence[Sample]) -> Array:
     read = np.isfinite(fields)
     if not read.any(axis=0).all():
         silent = int(np.argmin(read.any(axis=0).all(axis=1))) + 1
-        raise CalibrationError(f"field sensor {silent} reads no number; see `haptorb hardware monitor`")
+        raise CalibrationError(f"field sensor {silent} gives no finite reading; see `haptorb hardware monitor`")
     mean: Array = np.where(read, fields, 0.0).sum(axis=0) / read.sum(axis=0)
     return mean

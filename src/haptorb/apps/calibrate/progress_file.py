@@ -63,11 +63,11 @@ class ProgressFile:
             head = {key: raw[key] for key in self._head}
             written, results = float(raw["written"]), _sound(raw["steps"])
         except (CalibrationError, ValueError, KeyError, TypeError, OverflowError):
-            return f"{self.path} is damaged and is not taken up"
+            return f"{self.path} is damaged and is ignored"
         if head != self._head:
-            return f"{self.path} is of driver {quote(raw['driver'])} and another file of the device; it is not taken up"
+            return f"{self.path} is for driver {quote(raw['driver'])} or another device file, and is ignored"
         if not 0.0 <= self._clock() - written <= _STALE:
-            return f"{self.path} is older than a day and is not taken up"
+            return f"{self.path} is older than a day and is ignored"
         self.results = results
         return ""
 
@@ -91,7 +91,7 @@ def _sound(steps: Any) -> dict[str, dict[str, Any]]:
     """`steps` if every known one has what those after it use, and its line on the screen; ValueError otherwise."""
     for name, result in dict(steps).items():
         if name not in _SHAPES or not isinstance(result, dict):
-            raise ValueError(f"{name} is no step")
+            raise ValueError(f"{name} is not a step")
         for key, shape in _SHAPES[name].items():
             numbers(result, key, name, shape)
     return dict(steps)

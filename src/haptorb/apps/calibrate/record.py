@@ -82,7 +82,7 @@ def _from_table(path: Path) -> ThermalRecord:
 def _plausible(path: Path, t: Array, values: Array) -> None:
     """CalibrationError unless time runs forward, for a month at most, and all values are of a size that can be."""
     if not (np.abs(t) < _LONGEST).all() or not (np.diff(t) >= 0).all():
-        raise CalibrationError(f"{path}: time must be in seconds and run forward, for {_LONGEST:.3g} s at most")
+        raise CalibrationError(f"{path}: time must be in seconds and increase, for {_LONGEST:.3g} s at most")
     if not (np.abs(values) < _LARGEST).all():
         raise CalibrationError(f"{path}: powers, currents, resistances and temperatures must be below {_LARGEST:g}")
 
@@ -105,9 +105,9 @@ def _from_recording(path: Path, device: Device) -> ThermalRecord:
     whole = np.isfinite(np.column_stack([t, currents, resistance, boundary])).all(axis=1)
     t, currents, resistance, boundary = t[whole], currents[whole], resistance[whole], boundary[whole]
     if len(t) < 20:
-        raise CalibrationError(f"{path} has {len(t)} whole readings; a thermal record needs at least 20")
+        raise CalibrationError(f"{path} has {len(t)} complete readings; a thermal record needs at least 20")
     if currents.shape[1] != device.channels or not resistance.shape == boundary.shape == currents.shape:
-        raise CalibrationError(f"{path} is of {currents.shape[1]} coils, device '{device.name}' has {device.channels}")
+        raise CalibrationError(f"{path} has {currents.shape[1]} coils, device '{device.name}' has {device.channels}")
     _plausible(path, t, np.column_stack([currents, resistance, boundary]))
     coil = int(np.argmax((currents**2).mean(axis=0)))
     i, R, edge = currents[:, coil], resistance[:, coil], boundary[:, coil]

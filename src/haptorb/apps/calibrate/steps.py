@@ -72,7 +72,7 @@ class RestStep(Step):
     """Nothing flows, nothing is near."""
 
     name, title = "rest", "at rest"
-    asks = "Take the tool and other magnets at least 30 cm away, switch the coils' supply on."
+    asks = "Move the tool and other magnets at least 30 cm away, and switch on the coils' supply."
 
     def seconds(self, bench: StepContext) -> float:
         """As long as readings are averaged."""
@@ -92,7 +92,7 @@ class CurrentsStep(Step):
     """Every coil by itself, gently: polarity, current sensing, resistance."""
 
     name, title, needs = "currents", "polarity and current sensing", ("rest",)
-    asks = "One ampere goes through each coil, either way."
+    asks = "Each coil carries one ampere in both directions."
 
     def seconds(self, bench: StepContext) -> float:
         """Two signs a coil."""
@@ -113,7 +113,7 @@ class MagneticStep(Step):
     """Moment per ampere, and the sensors' offsets: Zárate 2020 eq. (5)."""
 
     name, title, needs = "magnetic", "field per ampere", ("rest", "currents")
-    asks = "Five amperes go through each coil, either way, in steps. Keep the tool away."
+    asks = "Each coil carries up to five amperes in both directions, in steps. Keep the tool away."
 
     def seconds(self, bench: StepContext) -> float:
         """30 ms a row."""
@@ -135,7 +135,7 @@ class MagneticStep(Step):
         """How well it fits, and the coils' skew."""
         skew = _magnetic(result).skew(device.coils.names)
         angles = ", ".join(f"{a} and {b} {90 + np.degrees(angle):.2f}° apart" for (a, b), angle in skew.items())
-        return f"rms left {1e6 * result['residual_t']:.1f} µT; coils {angles}"
+        return f"residual {1e6 * result['residual_t']:.1f} µT rms; coils {angles}"
 
 
 @final
@@ -143,7 +143,7 @@ class HeatStep(Step):
     """Two nodes of heat, from one coil warmed and cooled."""
 
     name, title, needs = "heat", "heat", ("rest", "currents")
-    asks = "One coil is warmed by 25 K or so for three minutes and cools for three. Begin cold; do not touch it."
+    asks = "One coil warms by about 25 K in three minutes, then cools for three. Start cold; do not touch it."
 
     def seconds(self, bench: StepContext) -> float:
         """Both halves."""
@@ -167,8 +167,8 @@ class HeatStep(Step):
         """What it stands for ever."""
         heat = device.coils.heat
         watts = (heat.derate - heat.ambient) / (1 / result["winding_to_body"] + 1 / result["body_to_air"])
-        lost = f"; {n} s lost while this computer hesitated" if (n := result.get("lost_s", 0)) else ""
-        return f"{watts:.1f} W for ever; rms left {result['residual_k']:.2f} K{lost}"
+        lost = f"; {n} s lost because this computer was busy" if (n := result.get("lost_s", 0)) else ""
+        return f"{watts:.1f} W continuous; residual {result['residual_k']:.2f} K rms{lost}"
 
 
 @final
@@ -176,7 +176,7 @@ class ToolStep(Step):
     """The tool's magnet at the summit: which way round it is. Coils stay off."""
 
     name, title, needs, near = "tool", "the tool's magnet", ("rest", "magnetic"), True
-    asks = "Hold the tool upright on the summit of the dome. Coils stay off."
+    asks = "Hold the tool upright on the summit of the dome. The coils stay off."
 
     def seconds(self, bench: StepContext) -> float:
         """As long as readings are averaged."""
@@ -190,18 +190,18 @@ class ToolStep(Step):
         size = float(np.sqrt((field**2).mean()))
         if size < 2 * max(bench.device.hall.noise, bench.device.hall.step) or abs(likeness) < 0.7:
             raise CalibrationError(
-                f"no tool is seen at the summit (likeness {likeness:+.2f}, {1e3 * size:.2f} mT): hold it upright on "
-                "the dome's top, and nothing else magnetic near"
+                f"no tool found at the summit (match {likeness:+.2f}, {1e3 * size:.2f} mT): hold it upright on "
+                "the dome's summit, with nothing else magnetic near"
             )
         if likeness < 0.0:  # safety: tool-reversed
             raise CalibrationError(
-                "the tool's magnet is the wrong way round: the dome would pull where it must push; turn the magnet"
+                "the tool's magnet is reversed: the dome would pull instead of push; turn the magnet round"
             )
         return {"likeness": likeness, "strength": strength}
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
         """The magnet as seen."""
-        return f"the right way round, {100 * result['strength']:.0f} % of the device file's strength"
+        return f"polarity correct, {100 * result['strength']:.0f} % of the device file's strength"
 
 
 #: in the order in which they are taken

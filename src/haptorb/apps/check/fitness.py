@@ -71,14 +71,16 @@ class Fitness:
             )
         if busy > 0.6 * period:
             slower = max(50.0, 0.5e6 / busy)
-            found.append(f"A tick takes {busy:.0f} of {period:.0f} µs: run at --rate {slower:.0f} or less here.")
+            found.append(
+                f"A tick takes {busy:.0f} of {period:.0f} µs: use --rate {slower:.0f} or less on this computer."
+            )
         if self.took.stolen > 0.01 or (self.machine.virtual and self.report["missed"] > 2 * self.took.preempted):
             found.append(
-                "This is a virtual machine, and its host took the processor away in the middle of ticks; give it "
-                "processors of its own, or run on the metal."
+                "This is a virtual machine, and its host interrupts ticks: assign dedicated processors to it, or "
+                "use a physical computer."
             )
         if self.took.others > 0.5 * self.machine.cores and scheduler.get("policy") != "SCHED_FIFO":
-            found.append(f"Other programs kept {self.took.others:.1f} of {self.machine.cores} cores busy: end some.")
+            found.append(f"Other programs kept {self.took.others:.1f} of {self.machine.cores} cores busy: close some.")
         if self.machine.cores < 2:
             found.append("One core is not enough for a loop and a console: use two or more.")
         if self.machine.governor not in ("", "performance"):
@@ -86,7 +88,7 @@ class Fitness:
         if not self.machine.preemptible and late > LATENESS:
             found.append("This kernel cannot be interrupted everywhere: use one with PREEMPT or PREEMPT_RT.")
         if not found:
-            found.append("Nothing is plainly wrong: look for other real-time programs, and measure again for longer.")
+            found.append("No clear cause found: look for other real-time programs, and measure again for longer.")
         return tuple(found)
 
     def numbers(self) -> dict[str, Any]:

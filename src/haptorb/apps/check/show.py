@@ -22,12 +22,12 @@ def print_fitness(fitness: Fitness, console: Console | None = None) -> None:
     print_text(
         console,
         f"{report['device']} (simulated), {report['rate_hz']:g} Hz, {fitness.duration:g} s {client}: "
-        f"{report['ticks']} ticks, {report['missed']} deadlines skipped\n",
+        f"{report['ticks']} ticks, {report['missed']} deadlines missed\n",
     )
     verdicts = TextTable((Column("criterion", kind="key"), Column("measured", kind="text"),
                           Column("wanted", kind="text"), Column("verdict", kind="short")))  # fmt: skip
     for verdict in fitness.verdicts:
-        verdicts.add_row(verdict.what, verdict.measured, verdict.wanted, "good" if verdict.fit else "NOT GOOD")
+        verdicts.add_row(verdict.what, verdict.measured, verdict.wanted, "pass" if verdict.fit else "FAIL")
     print_table(console, verdicts)
     print_text(console)
     times = TextTable((Column("time", kind="key"), *(Column(share, "µs") for share in ("50 %", "99 %", "99.9 %"))))
@@ -45,11 +45,11 @@ def print_fitness(fitness: Fitness, console: Console | None = None) -> None:
         f"{machine.kernel}; scheduler {scheduler.get('policy', 'unknown')}"
         f"{', memory locked' if scheduler.get('memory_locked') else ', memory not locked'}"
         f"{', core kept awake' if scheduler.get('awake') else ''}; "
-        f"{took.others:.1f} cores busy, {100 * took.stolen:.1f} % stolen by a host, preempted {took.preempted} times",
+        f"{took.others:.1f} cores busy, {100 * took.stolen:.1f} % stolen by the host, preempted {took.preempted} times",
     )
     if fitness.fit:
-        print_text(console, "This computer is fit.", "bold green")
+        print_text(console, "This computer is fit for a real-time loop.", "bold green")
     else:
-        print_text(console, "This computer is not fit as it is.", "bold red")
+        print_text(console, "This computer is not yet fit for a real-time loop.", "bold red")
         for advice in fitness.advice:
             print_text(console, f"• {advice}", indent="  ")

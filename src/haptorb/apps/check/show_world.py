@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["draw_world", "print_world"]
 
 #: verdict → words and colour
-_WORDS = {"inside": ("Inside", "green"), "close": ("Close to the edge", "yellow"), "outside": ("Outside", "red")}
+_WORDS = {"inside": ("Inside", "green"), "close": ("Close to the limit", "yellow"), "outside": ("Outside", "red")}
 
 
 def print_world(verdict: WorldVerdict, console: Console | None = None) -> None:
@@ -34,23 +34,23 @@ def print_world(verdict: WorldVerdict, console: Console | None = None) -> None:
     print_text(
         console,
         f"{verdict.device}, world '{verdict.world}': servo {setting.rate:g} Hz, {tracker}, "
-        f"{1e3 * setting.latency:g} ms old; grip {setting.grip} ({setting.hand.mass:g} kg, {setting.hand.damping:g} "
-        f"N·s/m, {setting.hand.stiffness:g} N/m)",
+        f"latency {1e3 * setting.latency:g} ms; grip {setting.grip} ({setting.hand.mass:g} kg, "
+        f"{setting.hand.damping:g} N·s/m, {setting.hand.stiffness:g} N/m)",
     )
     print_text(
         console,
-        f"a force holds {1e3 * loop.period:.2f} ms and is {1e3 * loop.lateness:.2f} ms late, the current's rise "
+        f"each force is held for {1e3 * loop.period:.2f} ms and is {1e3 * loop.lateness:.2f} ms late, current rise "
         "included\n",
         "dim",
     )
     table = TextTable((Column("stiffness", kind="text"), Column("", unit)))
     b = verdict.hand.damping
-    table.add_row("steepest spring of this world", f"{steep.stiffness:.4g}")
-    table.add_row("largest that is stable, this hand: exact", _value(verdict.largest))
-    table.add_row("largest by b/(T/2 + t_d)", f"{loop.delay_bound(b):.4g}")
-    table.add_row("passive with any hand, if nothing were late: 2b/T", f"{loop.passive_bound(b):.4g}")
+    table.add_row("largest stiffness of this world", f"{steep.stiffness:.4g}")
+    table.add_row("largest stable with this hand: exact", _value(verdict.largest))
+    table.add_row("largest stable by b/(T/2 + t_d)", f"{loop.delay_bound(b):.4g}")
+    table.add_row("passive with any hand, without latency: 2b/T", f"{loop.passive_bound(b):.4g}")
     if steep.away > 0.0:
-        table.add_row("pushes away by up to (the tool slips off; no fault)", f"{steep.away:.4g}")
+        table.add_row("largest negative (the tool slips off; no fault)", f"{steep.away:.4g}")
     print_table(console, table)
     print_text(console)
     if steep.damping > 0.0:
@@ -59,12 +59,12 @@ def print_world(verdict: WorldVerdict, console: Console | None = None) -> None:
     if steep.jump > 0.0:
         print_text(
             console,
-            f"It jumps by up to {1e3 * steep.jump:.0f} m{verdict.place.force}: no slope, so no margin there; a hand "
-            "that rests on the edge may feel it chatter.",
+            f"The force jumps by up to {1e3 * steep.jump:.0f} m{verdict.place.force}: a jump has no slope and no "
+            "margin; a hand at rest on the edge may feel chatter.",
         )
     if not verdict.passive:
         print_text(
-            console, "Declared active: it can give energy by design, so the run-time passivity control only watches."
+            console, "Declared active: it may produce energy by design, so the passivity control only monitors it."
         )
     margin = "nothing in it can oscillate" if math.isinf(verdict.margin) else _margin(verdict.margin)
     words, colour = _WORDS[verdict.verdict]
@@ -109,7 +109,7 @@ def draw_world(
     left.fill_between(b, 1e-9, exact, color="C2", alpha=0.12, lw=0)
     left.loglog(b, exact, "C2-", lw=2, label="stable with this hand, exact")
     left.loglog(b, [loop.delay_bound(one) for one in b], "k--", lw=1, label="b/(T/2 + t_d)")
-    left.loglog(b, [loop.passive_bound(one) for one in b], "k:", lw=1, label="passive if nothing were late: 2b/T")
+    left.loglog(b, [loop.passive_bound(one) for one in b], "k:", lw=1, label="passive without latency: 2b/T")
     if tried:
         left.plot(*np.array(tried).T, "C3o", label="simulated chain")
     if verdict.steep.stiffness > 0.0:
@@ -117,7 +117,7 @@ def draw_world(
     left.set(xlabel=f"damping of the hand [{damper}]", ylabel=f"largest stiffness [{unit}]", xlim=(b[0], b[-1]))
     low = min([exact[0], *([verdict.steep.stiffness] if verdict.steep.stiffness > 0 else [])])
     left.set_ylim(0.4 * low, 3 * max(loop.passive_bound(b[-1]), exact[-1]))
-    left.set_title("How stiff a thing this loop can render", loc="left")
+    left.set_title("Largest stiffness that this loop can render", loc="left")
     left.legend(frameon=False, fontsize=8)
     left.grid(alpha=0.3, which="both")
     age = np.linspace(0, 0.03, 31)
@@ -133,7 +133,7 @@ def draw_world(
                        ha="right")  # fmt: skip
     right.plot([1e3 * setting.latency], [verdict.largest], "kx", ms=9, mew=2, label="your setting")
     right.set(xlabel="latency of a pose [ms]", ylabel=f"largest stiffness [{unit}]", xlim=(0, 30))
-    right.set_title(f"What rate and latency of the tracker leave of it, grip {setting.grip}", loc="left")
+    right.set_title(f"Effect of the tracker's rate and latency, grip {setting.grip}", loc="left")
     right.legend(frameon=False, fontsize=8, title="poses")
     right.grid(alpha=0.3, which="both")
     figure.savefig(path, dpi=120)

@@ -105,17 +105,17 @@ class WorldVerdict:
         if setting.latency > 0.0:
             earlier = _least(lambda x: self._with(latency=setting.latency / x), 1000.0)
             if earlier is not None:
-                found.append(f"Bring the latency down to {1e3 * setting.latency / earlier:.1f} ms.")
+                found.append(f"Reduce the latency to {1e3 * setting.latency / earlier:.1f} ms.")
         quicker = _least(lambda x: self._with(rate=x * setting.rate), _FASTEST / setting.rate)
         if quicker is not None:
             found.append(f"Run the servo at --rate {math.ceil(quicker * setting.rate):d}.")
         if self.margins and self.margins[0][1].damping * abs(self.loop.period) > self.hand.mass:
-            found.append("It is the world's damping that is late, not its stiffness: lessen that.")
+            found.append("The delayed damping of the world is the cause, not its stiffness: reduce it.")
         damper = _least(lambda x: self._stiffness_held_by(replace(self.hand, damping=x * self.hand.damping)), 100.0)
         if damper is not None and self.hand.damping > 0.0:
             found.append(
-                f"Hold it more firmly: {damper * self.setting.hand.damping:.1f} N·s/m instead of "
-                f"{self.setting.hand.damping:g} would do; a sleeve or a glove adds damping as well."
+                f"Hold the tool more firmly: {damper * self.setting.hand.damping:.1f} N·s/m instead of "
+                f"{self.setting.hand.damping:g} is enough; a sleeve or a glove also adds damping."
             )
         return tuple(found)
 
@@ -171,8 +171,8 @@ def judge_world(device: Device, world: World, setting: Setting, name: str = "") 
     """Look at `world` all over the workspace of `device`; seconds."""
     if setting.latency > device.limits.expiry:
         raise InputError(
-            f"a latency of {1e3 * setting.latency:g} ms is beyond the {1e3 * device.limits.expiry:g} ms after which "
-            f"the guard of '{device.name}' lets no pose count: the coils would stay off"
+            f"a latency of {1e3 * setting.latency:g} ms is above {1e3 * device.limits.expiry:g} ms, the expiry of "
+            f"poses on '{device.name}': the coils would stay off"
         )
     place = workspace(device)
     steep = steepest(place.field(world), place.places, place.inside)

@@ -18,21 +18,23 @@ def register(app: typer.Typer) -> None:
 
 
 def bench(
-    names: Annotated[list[str] | None, typer.Argument(help="Which ones; all of them if none is named.")] = None,
-    effort: Annotated[float, typer.Option(help="Length of the measurements; 0.1 is short and noisy.")] = 1.0,
+    names: Annotated[list[str] | None, typer.Argument(help="Benchmarks to run (default: all).")] = None,
+    effort: Annotated[float, typer.Option(help="Length of the measurements, 0 to 10; 0.1 is short and noisy.")] = 1.0,
     store: Annotated[
-        Path | None, typer.Option(help="Keep the result in this JSON file; README and docs quote it.")
+        Path | None, typer.Option(help="Store the result in this JSON file, which README and docs quote.")
     ] = None,
-    device: Annotated[str, typer.Option(help="The spherical motor of the contest that --plot draws.")] = "pmsm",
-    plot: Annotated[Path | None, typer.Option(help="Draw the contest of magnetics into this PNG or SVG file.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    device: Annotated[str, typer.Option(help="Spherical motor of the comparison that --plot draws.")] = "pmsm",
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw the comparison of magnetics into this PNG or SVG file.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """This library against its peers and its limits: same run, same problems, with the facts of this machine."""
+    """Compare this library with its peers and its limits: same problems, same run, with facts of this machine."""
     import os
 
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
+        raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
     if store is not None and not store.parent.is_dir():
         raise InputError(f"--store: the folder '{store.parent}' does not exist")
     from haptorb.apps.bench import BENCHMARKS, magnetics, run_benchmarks
@@ -40,7 +42,7 @@ def bench(
 
     if plot is not None:
         if names not in (None, [], ["magnetics"]):
-            raise InputError("--plot draws the contest of magnetics: haptorb bench magnetics --plot FILE")
+            raise InputError("--plot draws the comparison of magnetics: use haptorb bench magnetics --plot FILE")
         with show_status("magnetics") as status:
             magnetics(device, 0.5 * effort, lambda text: status.update(text)).plot(plot)
         return

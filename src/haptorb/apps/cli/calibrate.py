@@ -23,27 +23,27 @@ def register(app: typer.Typer) -> None:
 
 
 def calibrate(
-    device: Annotated[str, typer.Argument(help="A device's name, or the path of a device file.")] = "omni",
-    driver: Annotated[str, typer.Option(help="sim, serial:PORT or i2c:BUS.")] = "sim",
+    device: Annotated[str, typer.Argument(help="Device name, or path of a device file.")] = "omni",
+    driver: Annotated[str, typer.Option(help="Driver: sim, serial:PORT or i2c:BUS.")] = "sim",
     out: Annotated[Path | None, typer.Option(help="File to write [DEVICE.calibration.json].")] = None,
     steps: Annotated[
-        str | None, typer.Option(help="Only these, with commas between: rest, currents, magnetic, heat, tool.")
+        str | None, typer.Option(help="Only these steps, comma-separated: rest, currents, magnetic, heat, tool.")
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing: the device is ready for every step.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not prompt: device is ready for every step.")] = False,
     thermal: Annotated[
         Path | None,
-        typer.Option(help="Heat from a record instead of the heat step: an MCAP recording, or CSV with t_s, power_w, "
+        typer.Option(help="Thermal record instead of the heat step: an MCAP recording, or CSV with t_s, power_w, "
                           "winding_degc, boundary_degc."),
     ] = None,
-    restart: Annotated[bool, typer.Option("--restart", help="Forget steps that were taken already.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    restart: Annotated[bool, typer.Option("--restart", help="Repeat steps that are already done.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     no_watchdog: Annotated[
-        bool, typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; nobody may touch it.")
+        bool, typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE. Nobody may touch it.")
     ] = False,
-    seed: Annotated[int, typer.Option(help="Of the simulation's noise.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the simulated noise.")] = 0,
     json: Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")] = False,
 ) -> None:  # fmt: skip
-    """Calibrate a device: polarity, current sensing, field per ampere, heat, tool. Goes on where it was interrupted."""
+    """Calibrate a device: polarity, current sensing, field per ampere, heat, tool. Resumes where it was interrupted."""
     from haptorb.apps.calibrate import thermal_record
     from haptorb.apps.calibrate.dialog import Dialog, check_steps, guide_calibration
     from haptorb.apps.calibrate.driver import door
@@ -55,7 +55,7 @@ def calibrate(
 
     found = electromagnet(load(device), "`haptorb calibrate`")
     if not found.sensors:
-        raise InputError(f"device '{found.name}' has no field sensors; `haptorb calibrate` measures with them")
+        raise InputError(f"device '{found.name}' has no field sensors; `haptorb calibrate` needs them")
     names = None if steps is None else [name.strip() for name in steps.split(",")]
     chosen = check_steps(names, () if thermal is None else ("heat",))
     path = writable(out or Path(f"{found.name}.calibration.json"), overwrite=force)
@@ -64,8 +64,8 @@ def calibrate(
     asks = not (yes or through.simulated)
     if asks and not sys.stdin.isatty():
         raise InputError(
-            "calibrating a real device asks a person before every step, and there is no terminal: add --yes if the "
-            "device is ready for all of them (--steps leaves some out)"
+            "calibrating a real device prompts before every step, and there is no terminal: add --yes if the "
+            "device is ready for all of them (--steps selects some)"
         )
     if not through.simulated:
         steady()  # a firmware switches off after 15 ms of silence, however busy this computer is
@@ -85,7 +85,7 @@ def calibrate(
     for axis, row, spread in zip("xyz", result.moment_per_current, result.uncertainty, strict=True):
         table.add_row(axis, *(f"{value:+.5f} ± {s:.5f}" for value, s in zip(row, spread, strict=True)))
     print_table(make_console(), table)
-    tell(f"rms left {result.residual * 1e6:.1f} µT, condition {result.condition:.1f}, repeatable to "
+    tell(f"residual {result.residual * 1e6:.1f} µT rms, condition {result.condition:.1f}, repeatable to "
          f"{100 * result.repeatability:.2f} %")  # fmt: skip
     tell("coils: " + ", ".join(f"{name} {r:.4f} Ω" for name, r in zip(found.coils.names, result.resistance,
                                                                      strict=True)))  # fmt: skip
@@ -94,7 +94,7 @@ def calibrate(
         hot, half = model.time_to(rise, 240.0), model.time_to(rise, 60.0)
         sustained = rise / (1 / model.winding_to_body + 1 / model.body_to_air)
         tell(f"heat: {sustained:.1f} W continuous, 240 W for {hot:.1f} s, 60 W for {half:.0f} s")
-    tell(f"written: {path}{' (of a simulation)' if result.simulated else ''}, id {result.id.hex()}")
+    tell(f"written: {path}{' (simulated)' if result.simulated else ''}, id {result.id.hex()}")
 
 
 def _ask(step: Step) -> bool:

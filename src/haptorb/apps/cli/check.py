@@ -23,33 +23,38 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    duration: Annotated[float, typer.Option(help="How many seconds to measure.")] = 30.0,
-    rate: Annotated[float, typer.Option(help="Of the loop [Hz], 50 to 4000.")] = 1000.0,
-    device: Annotated[str, typer.Option(help="The device; the computer is measured with a simulated one.")] = "omni",
-    alone: Annotated[bool, typer.Option("--alone", help="Without a client that drags and reads at 60 Hz.")] = False,
+    duration: Annotated[float, typer.Option(help="Duration of the measurement [s].")] = 30.0,
+    rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
+    device: Annotated[
+        str,
+        typer.Option(help="Device name, or path of a device file; the computer is measured with a simulated device."),
+    ] = "omni",
+    alone: Annotated[
+        bool, typer.Option("--alone", help="Measure without a client that drags and reads at 60 Hz.")
+    ] = False,
     world: Annotated[
-        str | None, typer.Option(help="Judge this world instead of the computer: can your loop render it stably?")
+        str | None, typer.Option(help="Check this world instead of the computer: can your loop render it stably?")
     ] = None,
     settings: Annotated[
-        list[str] | None, typer.Option("--set", help="A parameter of the world, as NAME=VALUE or NAME=X,Y,Z.")
+        list[str] | None, typer.Option("--set", help="World parameter, NAME=VALUE or NAME=X,Y,Z; repeatable.")
     ] = None,
     tracker: Annotated[
-        str | None, typer.Option(help="With --world: hall, the field sensors and their filter, or hall:HZ.")
+        str | None, typer.Option(help="With --world: hall (field sensors with their filter), or hall:HZ.")
     ] = None,
     tracker_rate: Annotated[
-        float | None, typer.Option(help="Of the tracker [Hz]; without it there is a pose in every tick.")
+        float | None, typer.Option(help="Tracker rate [Hz] (default: a pose in every tick).")
     ] = None,
-    latency: Annotated[float, typer.Option(help="How old a pose is when the tracker tells it [ms].")] = 0.0,
+    latency: Annotated[float, typer.Option(help="Latency of the tracker [ms].")] = 0.0,
     grip: Annotated[
-        str, typer.Option(help="Who holds it: loose, light, firm, or MASS,DAMPING,STIFFNESS in kg, N·s/m, N/m.")
+        str, typer.Option(help="Grip of the hand: loose, light, firm, or MASS,DAMPING,STIFFNESS in kg, N·s/m, N/m.")
     ] = "light",
     plot: Annotated[Path | None, typer.Option(help="With --world: draw the Z-width into this PNG or SVG file.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Is this computer fit? Or, with --world: is that world inside what your loop can render? Exit code 1 for no."""
+    """Check this computer or, with --world, whether your loop can render that world stably. Exit code 1 means no."""
     if world is not None:
         if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-            raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
+            raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
         from haptorb.devices.loader import load
 
         found = load(device)
@@ -57,7 +62,7 @@ def check(
         return
     if plot is not None or settings or tracker is not None or tracker_rate is not None or latency:
         raise InputError(
-            "--plot, --set, --tracker, --tracker-rate and --latency belong to --world: haptorb check --world dome"
+            "--plot, --set, --tracker, --tracker-rate and --latency need --world: haptorb check --world dome"
         )
     from haptorb.apps.check import measure_fitness, print_fitness
 
@@ -115,11 +120,11 @@ def _bandwidth(device: Device, tracker: str | None, tracker_rate: float | None) 
     name, _, bandwidth = tracker.partition(":")
     if name != "hall" or (bandwidth and not bandwidth.replace(".", "", 1).isdecimal()):
         raise InputError(
-            f"--tracker is hall or hall:HZ, or left out and its --tracker-rate and --latency given; got '{tracker}'"
+            f"--tracker must be hall or hall:HZ; for others give --tracker-rate and --latency; got '{tracker}'"
         )
     check_estimator(device, name)
     if tracker_rate is not None:
-        raise InputError("--tracker hall tells a pose in every tick: it has no --tracker-rate")
+        raise InputError("--tracker hall measures a pose in every tick: leave out --tracker-rate")
     found = electromagnet(device, "--tracker hall")
     return (HallTracker(found, bandwidth=float(bandwidth)) if bandwidth else HallTracker(found)).bandwidth
 
@@ -133,7 +138,7 @@ def _try_hands(device: Device, verdict: WorldVerdict) -> list[tuple[float, float
         return []
     setting, found = verdict.setting, []
     with make_progress() as bar:
-        for damping in bar.track((0.5, 1.0, 2.0, 5.0, 10.0), description="trying springs"):
+        for damping in bar.track((0.5, 1.0, 2.0, 5.0, 10.0), description="testing stiffness"):
             hand = replace(setting.hand, damping=damping)
             expected = verdict.loop.largest(verdict.place.holding(hand))
             hall = setting.bandwidth is not None

@@ -20,18 +20,20 @@ def register(app: typer.Typer) -> None:
 
 
 def estimators(
-    device: Annotated[str, typer.Argument(help="A spherical motor's name, or the path of its file.")] = "pmsm",
-    orientations: Annotated[int, typer.Option(help="Over the workspace, at which they are judged.")] = 500,
-    networks: Annotated[Path | None, typer.Option(help="A file of trained networks; the device's own if none.")] = None,
-    seed: Annotated[int, typer.Option(help="Of noise and orientations.")] = 0,
+    device: Annotated[str, typer.Argument(help="Spherical motor: device name, or path of a device file.")] = "pmsm",
+    orientations: Annotated[int, typer.Option(help="Number of test orientations over the workspace.")] = 500,
+    networks: Annotated[
+        Path | None, typer.Option(help="File of trained networks (default: those of the device).")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of noise and orientations.")] = 0,
     plot: Annotated[Path | None, typer.Option(help="Draw Fig. 4 and more into this PNG or SVG file.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Network, linear map and least squares against noise, offset, a dead sensor and other magnets."""
+    """Compare network, linear map and least squares under noise, offset, a dead sensor and changed magnets."""
     if not 10 <= orientations <= 100_000 or seed < 0:
-        raise InputError(f"--orientations must be 10 to 100000 and --seed from 0 on; got {orientations} and {seed}")
+        raise InputError(f"--orientations must be 10 to 100000 and --seed 0 or more; got {orientations} and {seed}")
     if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
+        raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices; a second thread would only wait in a loop
     from haptorb.apps.estimators import compare, plot_comparison, print_comparison
     from haptorb.apps.progress import build_tables

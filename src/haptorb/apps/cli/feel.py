@@ -25,22 +25,22 @@ def register(app: typer.Typer) -> None:
 
 
 def feel(
-    designs: Annotated[Path, typer.Argument(help="A TOML file of candidate designs.")],
-    device: Annotated[str, typer.Option(help="A motor's name, or the path of its file.")] = "pmsm",
-    only: Annotated[list[str] | None, typer.Option(help="Feel only this design; repeatable.")] = None,
-    session: Annotated[
-        Path | None, typer.Option(help="Folder of ratings and traces; FILE-session if not given.")
-    ] = None,
-    person: Annotated[str, typer.Option(help="Who feels and rates.")] = "",
-    rate: Annotated[list[str] | None, typer.Option(help="A score that is known already, NAME=1…7; repeatable.")] = None,
-    choose: Annotated[str | None, typer.Option(help="Record that this design is the one.")] = None,
+    designs: Annotated[Path, typer.Argument(help="TOML file of candidate designs.")],
+    device: Annotated[str, typer.Option(help="Spherical motor: device name, or path of a device file.")] = "pmsm",
+    only: Annotated[list[str] | None, typer.Option(help="Render only this design; repeatable.")] = None,
+    session: Annotated[Path | None, typer.Option(help="Folder for ratings and traces (default: FILE-session).")] = None,
+    person: Annotated[str, typer.Option(help="Code of the person who rates.")] = "",
+    rate: Annotated[list[str] | None, typer.Option(help="Enter a score, NAME=1…7; repeatable.")] = None,
+    choose: Annotated[str | None, typer.Option(help="Record this design as the choice.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the comparison into this PNG or SVG file.")] = None,
-    headless: Annotated[bool, typer.Option("--headless", help="No console: the guided hand feels.")] = False,
-    seconds: Annotated[float, typer.Option(help="How long each design is felt without a console.")] = 15.0,
-    port: Annotated[int, typer.Option(help="Of the console; 0 takes any free one.")] = 8765,
-    json: Annotated[bool, typer.Option("--json", help="The comparison as JSON.")] = False,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Run without the console; a simulated hand moves the handle.")
+    ] = False,
+    seconds: Annotated[float, typer.Option(help="Duration per design without the console [s].")] = 15.0,
+    port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
+    json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
 ) -> None:
-    """Feel designs one after another, rate each from 1 to 7, and compare them. What was felt and said is kept."""
+    """Feel designs one after another, rate each from 1 to 7, and compare them. Traces and ratings are stored."""
     from haptorb.apps.feel import FeelSession, load_designs
 
     candidates = load_designs(designs)
@@ -51,7 +51,7 @@ def feel(
     if not 0 < seconds < float("inf"):
         raise InputError(f"--seconds must be greater than 0; got {seconds:g}")
     if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
+        raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
     kept = FeelSession(session or designs.with_name(f"{designs.stem}-session"), candidates)
     for design in wanted:
         for remark in design.remarks:
@@ -63,7 +63,7 @@ def feel(
         score = scores.get(design.name, _score(answer))
         if score is not None:
             kept.rate(design.name, score, person=person, trace=name)
-        say(f"{design.title}: felt for {len(trace.rows) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
+        say(f"{design.title}: rendered for {len(trace.rows) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
     if choose is not None:
         kept.choose(choose, person=person)
     _compare(candidates, kept, plot, json)
@@ -91,7 +91,7 @@ def _at_the_console(servo: Servo, design: Candidate, port: int) -> str:
 
     def ask() -> None:
         try:
-            said[0] = input(f"{design.title}: score 1 to 7 and Enter when you have felt it (Enter alone: none): ")
+            said[0] = input(f"{design.title}: type a score from 1 to 7 and press Enter (Enter alone: no score): ")
         except EOFError:
             return
         done.set()
@@ -131,7 +131,7 @@ def _score(answer: str) -> int | None:
     if not text:
         return None
     if not text.isdecimal():
-        raise InputError(f"a score is a whole number from 1 to 7; got '{text}'")
+        raise InputError(f"a score must be a whole number from 1 to 7; got '{text}'")
     return int(text)
 
 
@@ -147,7 +147,7 @@ def _scores(given: list[str], candidates: Candidates) -> dict[str, int]:
     low, high = SCORES
     for name, score in scores.items():
         if not low <= score <= high:
-            raise InputError(f"--rate {name}: a score is a whole number from {low} to {high}; got {score}")
+            raise InputError(f"--rate {name}: a score must be a whole number from {low} to {high}; got {score}")
     return scores
 
 

@@ -19,17 +19,19 @@ def register(app: typer.Typer) -> None:
 
 
 def fit_multipole(
-    device: Annotated[str, typer.Argument(help="A spherical motor's name, or the path of its file.")] = "pmsm",
-    part: Annotated[str, typer.Option(help="magnet or coil.")] = "magnet",
-    dipoles: Annotated[int | None, typer.Option(help="At most so many pole pairs [as in the file].")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw exact, fitted and stored field into this file.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    device: Annotated[str, typer.Argument(help="Spherical motor: device name, or path of a device file.")] = "pmsm",
+    part: Annotated[str, typer.Option(help="Part to fit: magnet or coil.")] = "magnet",
+    dipoles: Annotated[int | None, typer.Option(help="Largest number of pole pairs (default: as in the file).")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw exact, fitted and stored field into this PNG or SVG file.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Fit loops of dipoles to a part, where it meets its counterparts, and say how far off the model is there."""
+    """Fit loops of dipoles to a magnet or coil in the region of its counterparts, and print the model's error there."""
     if dipoles is not None and not 1 <= dipoles <= 2000:
         raise InputError(f"--dipoles must be between 1 and 2000; got {dipoles}")
     if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must name a .png or .svg file in a folder that exists; got '{plot}'")
+        raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
     from haptorb.apps.fit import compare
     from haptorb.devices.motor.api import motor
 

@@ -25,19 +25,20 @@ def register(app: typer.Typer) -> None:
 
 
 def frame(
-    device: Annotated[str, typer.Argument(help="A device's name, or the path of a device file.")] = "omni",
+    device: Annotated[str, typer.Argument(help="Device name, or path of a device file.")] = "omni",
     tracker: Annotated[
-        str, typer.Option(help="osc:PORT, osc:HOST:PORT, lsl:NAME or natnet:HOST, in its own frame.")
+        str, typer.Option(help="Tracker with its own frame: osc:PORT, osc:HOST:PORT, lsl:NAME or natnet:HOST.")
     ] = "osc:9000",
     out: Annotated[Path | None, typer.Option(help="File to write [DEVICE.frame.json].")] = None,
     rehearse: Annotated[
-        bool, typer.Option("--rehearse", help="A made-up tracker and a simulated person, through OSC on this computer.")
+        bool,
+        typer.Option("--rehearse", help="Rehearse with a simulated tracker and person, through OSC on this computer."),
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
-    seed: Annotated[int, typer.Option(help="Of the rehearsal.")] = 0,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    seed: Annotated[int, typer.Option(help="Seed of the rehearsal.")] = 0,
     json: Annotated[bool, typer.Option("--json", help="Print the frame as JSON.")] = False,
 ) -> None:
-    """Register a tracker's own frame: touch the dome and its marks, roll the tool. Then: haptorb run --frame FILE."""
+    """Register a tracker's frame: touch the dome and its marks, roll the tool. Then use haptorb run --frame FILE."""
     from haptorb.apps.frame.frame_rehearsal import PACE, Rehearsal, measure_miss, rehearsal_port
     from haptorb.apps.frame.frame_steps import check_device, register_frame
     from haptorb.apps.progress import time_bar
@@ -49,11 +50,15 @@ def frame(
     found = check_device(load(device))
     check_tracker(tracker)
     if not has_feed(tracker) or tracker.startswith("replay:"):
-        raise InputError(f"tracker '{tracker}' speaks the stator's frame already; name one with a frame of its own")
+        raise InputError(
+            f"tracker '{tracker}' already reports poses in the stator's frame; name a tracker with its own frame"
+        )
     port = rehearsal_port(tracker) if rehearse else 0
     path = writable(out or Path(f"{found.name}.frame.json"), overwrite=force)
     if not rehearse and not sys.stdin.isatty():
-        raise InputError("registering a frame asks a person before every step, and there is no terminal")
+        raise InputError(
+            "registering a frame prompts before every step, and there is no terminal: run it in a terminal"
+        )
     preparation = prepare_tracker(tracker)
     rehearsal = Rehearsal(found, port, seed) if rehearse else None
     opened, doing = ExitStack(), ExitStack()
@@ -67,7 +72,7 @@ def frame(
 
     with opened, doing:
         if preparation.token:
-            say(f"Whoever sends poses from another computer must say this token first: {preparation.token}")
+            say(f"A program on another computer must send this token before its poses: {preparation.token}")
         feed = feed_of(preparation.spec, preparation.descriptor, lambda: 0.0)
         preparation.descriptor = -1  # the feed's now
         opened.callback(feed.close)
@@ -81,14 +86,14 @@ def frame(
 
         print_json(loads(written.text()))
         return
-    left_out = f"; {result.excluded} left out, the tip was off the dome" if result.excluded else ""
-    tell(f"{result.used} touches missed by {1e3 * result.residual:.2f} mm (rms){left_out}; condition "
+    left_out = f"; {result.excluded} excluded (tip off the dome)" if result.excluded else ""
+    tell(f"{result.used} touches, residual {1e3 * result.residual:.2f} mm rms{left_out}; condition "
          f"{result.condition:.1f}")  # fmt: skip
-    tell(f"the tool is known to {1e3 * result.position:.2f} mm and {math.degrees(result.direction):.2f}°; the dome by "
-         f"itself: {1e3 * result.radius:.2f} mm (file: {1e3 * found.dome_radius:g} mm); the axis wobbled "
+    tell(f"expected accuracy {1e3 * result.position:.2f} mm and {math.degrees(result.direction):.2f}°; fitted dome "
+         f"radius {1e3 * result.radius:.2f} mm (device file: {1e3 * found.dome_radius:g} mm); axis wobble "
          f"{math.degrees(result.wobble):.2f}°")  # fmt: skip
     if rehearsal is not None:
         place, turn = measure_miss(result, rehearsal.tracker, found)
-        tell(f"the made-up truth is missed by {1e3 * place:.2f} mm (rms) and {math.degrees(turn):.2f}° (greatest)")
-    tell(f"written: {path}{' (of a rehearsal)' if rehearse else ''}; use it with: "
+        tell(f"error against the simulated truth: {1e3 * place:.2f} mm rms, {math.degrees(turn):.2f}° at most")
+    tell(f"written: {path}{' (rehearsal)' if rehearse else ''}; use it with: "
          f"haptorb run {device} --tracker {tracker} --frame {path}")  # fmt: skip

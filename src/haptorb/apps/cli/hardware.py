@@ -12,12 +12,12 @@ from haptorb.apps.terminal.help_text import CommandLine
 
 __all__ = ["register"]
 
-hardware = CommandLine(help="Bring a real device up: what answers, what it reads, one coil moved gently.")
+hardware = CommandLine(help="Bring up a real device: find it, read its sensors, drive one coil gently.")
 
-DriverOption = Annotated[str, typer.Option("--driver", help="serial:PORT or i2c:BUS, as `probe` says.")]
-DeviceArgument = Annotated[str, typer.Argument(help="A device of the catalogue, or a file.")]
+DriverOption = Annotated[str, typer.Option("--driver", help="Driver, as printed by `probe`: serial:PORT or i2c:BUS.")]
+DeviceArgument = Annotated[str, typer.Argument(help="Device name, or path of a device file.")]
 
-JsonOption = Annotated[bool, typer.Option("--json", help="As JSON.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -31,7 +31,7 @@ def probe(
     bus: Annotated[list[int] | None, typer.Option("--bus", help="Only these I²C buses.")] = None,
     json: JsonOption = False,
 ) -> None:
-    """What is connected, and what answers. Nothing is switched on."""
+    """Find connected devices and list what answers. The coils stay off."""
     from haptorb.apps.hardware.probe import probe as findings
 
     only = bool(port or bus)
@@ -59,10 +59,10 @@ def monitor(
     driver: DriverOption,
     device: DeviceArgument = "omni",
     rate: Annotated[float, typer.Option(help="Lines per second [Hz].")] = 5.0,
-    duration: Annotated[float, typer.Option(help="Seconds; without it until interrupted.")] = float("inf"),
-    json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
+    duration: Annotated[float, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = float("inf"),
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object per line.")] = False,
 ) -> None:
-    """Currents, temperatures and fields, live, coils off."""
+    """Show currents, temperatures and fields live, with the coils off."""
     from haptorb.apps.hardware.monitor import line, numbers
     from haptorb.apps.hardware.monitor import monitor as samples
     from haptorb.devices.loader import load
@@ -78,18 +78,19 @@ def monitor(
 
 @hardware.command()
 def jog(
-    coil: Annotated[str, typer.Argument(help="x, y or z.")],
+    coil: Annotated[str, typer.Argument(help="Coil: x, y or z.")],
     driver: DriverOption,
-    device: Annotated[str, typer.Option("--device", help="A device of the catalogue, or a file.")] = "omni",
-    duty: Annotated[float, typer.Option(help="At the top, at most 0.2 either way.")] = 0.05,
-    seconds: Annotated[float, typer.Option(help="Up, a moment there, and down.")] = 1.0,
-    current: Annotated[float, typer.Option(help="Switch off above this [A].")] = 3.0,
+    device: Annotated[str, typer.Option("--device", help="Device name, or path of a device file.")] = "omni",
+    duty: Annotated[float, typer.Option(help="Peak duty, at most 0.2 in size.")] = 0.05,
+    seconds: Annotated[float, typer.Option(help="Duration of the ramp up and down [s], 0.2 to 10.")] = 1.0,
+    current: Annotated[float, typer.Option(help="Switch off above this current [A].")] = 3.0,
     no_watchdog: Annotated[
-        bool, typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; nobody may touch it.")
+        bool,
+        typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE. Nobody may touch it."),
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Move one coil gently and say whether its current fits. Keep the tool away from the dome."""
+    """Drive one coil gently and check its current. Keep the tool away from the dome."""
     from haptorb.apps.hardware.jog import GENTLE_DUTY
     from haptorb.apps.hardware.jog import jog as moved
     from haptorb.apps.hardware.monitor import state_words
@@ -123,19 +124,21 @@ def jog(
 
 @hardware.command()
 def emulate(
-    port: Annotated[Path, typer.Option(help="Where the serial line appears.")] = Path("/tmp/haptorb-omni"),
-    board: Annotated[str, typer.Option(help="m328p or m2560.")] = "m328p",
-    build: Annotated[Path, typer.Option(help="Where `make firmware` put its files.")] = Path("firmware/build"),
-    device: Annotated[str, typer.Option("--device", help="A spherical electromagnet.")] = "omni",
+    port: Annotated[Path, typer.Option(help="Path of the emulated serial port.")] = Path("/tmp/haptorb-omni"),
+    board: Annotated[str, typer.Option(help="Board: m328p or m2560.")] = "m328p",
+    build: Annotated[Path, typer.Option(help="Build folder of `make firmware`.")] = Path("firmware/build"),
+    device: Annotated[
+        str, typer.Option("--device", help="Spherical electromagnet: device name, or path of a device file.")
+    ] = "omni",
     height: Annotated[
         float | None,
-        typer.Option(help="Of the tool's magnet above the device's centre [mm]; 500 is away, as calibration wants it."),
+        typer.Option(help="Height of the tool's magnet above the centre [mm]; 500 is far enough for calibration."),
     ] = None,
-    duration: Annotated[float, typer.Option(help="Seconds; without it until interrupted.")] = float("inf"),
+    duration: Annotated[float, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = float("inf"),
 ) -> None:
-    """The real firmware on an emulated board that moves a simulated device: hardware to try everything else on."""
+    """Run the real firmware on an emulated board with a simulated device, to try the other commands on."""
     from haptorb.apps.hardware.emulate import emulate as run
     from haptorb.devices.loader import load
 
-    tell(f"an emulated device is coming up: use it with --driver serial:{port}. Ctrl-C ends.")
+    tell(f"starting an emulated device: use it with --driver serial:{port}. Ctrl-C ends.")
     run(load(device), build, port, board, duration, height=None if height is None else 1e-3 * height)

@@ -23,22 +23,22 @@ def register(app: typer.Typer) -> None:
 
 
 def reproduce(
-    paper: Annotated[str | None, typer.Argument(help="bai2012 or zarate2020; both if not given.")] = None,
+    paper: Annotated[str | None, typer.Argument(help="bai2012 or zarate2020 (default: both).")] = None,
     figure: Annotated[int | None, typer.Option(help="Only this figure.")] = None,
     table: Annotated[str | None, typer.Option(help="Only this table: 1, 2, 3 or A.1.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for page and JSON; the present one if not given.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Leave out what takes long.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="The numbers as JSON on standard output, too.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder for page and JSON (default: current folder).")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Leave out the slow parts.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Also print the numbers as JSON.")] = False,
 ) -> None:
-    """Compute what the papers state, say whether it agrees, and write page and JSON. Exit code 1 where it differs."""
+    """Compute the papers' numbers, compare, and write a page and JSON. Exit code 1 if a number differs."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # training: small matrices, a second thread only waits in a loop
     from haptorb.apps.reproduce import report_page
     from haptorb.files.replace_file import replace_file
 
     folder = out or Path()
     if not folder.is_dir():
-        raise InputError(f"--out: the folder '{folder}' does not exist; make it, or name another")
+        raise InputError(f"--out: the folder '{folder}' does not exist; create it, or choose another")
     chosen, name = _choose(paper, figure, table, quick)
     paths = [folder / f"{name}.html", folder / f"{name}.json"]
     there = [str(path) for path in paths if path.exists()]
@@ -69,7 +69,9 @@ def _choose(
     chosen = reproductions(paper)
     if figure is not None or table is not None:
         if paper is None or (figure is not None and table is not None):
-            raise InputError("--figure or --table is one of a paper: haptorb reproduce bai2012 --figure 8")
+            raise InputError(
+                "--figure and --table need one paper and exclude each other: haptorb reproduce bai2012 --figure 8"
+            )
         one = find_reproduction(paper, f"figure {figure}" if figure is not None else f"table {table}")
         return (one,), f"{one.paper}-{one.name.replace(' ', '-')}"
     if quick:

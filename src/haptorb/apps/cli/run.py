@@ -28,54 +28,53 @@ def register(app: typer.Typer) -> None:
 
 
 def run(
-    device: Annotated[str, typer.Argument(help="A device's name, or the path of a device file.")] = "omni",
+    device: Annotated[str, typer.Argument(help="Device name, or path of a device file.")] = "omni",
     world: Annotated[
         str | None,
-        typer.Option(help="What is felt; `haptorb worlds` lists. A dome, on a motor an outlet, unless told."),
+        typer.Option(help="World to render (default: dome; outlet on a motor). `haptorb worlds` lists them."),
     ] = None,
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", help="A parameter of the world, as NAME=VALUE or NAME=X,Y,Z; repeatable."),
+        typer.Option("--set", help="World parameter, NAME=VALUE or NAME=X,Y,Z; repeatable."),
     ] = None,
-    driver: Annotated[str, typer.Option(help="sim: the simulated device; serial:PORT, i2c:BUS: a real one.")] = "sim",
+    driver: Annotated[
+        str, typer.Option(help="Driver: sim (simulated device), serial:PORT or i2c:BUS (real device).")
+    ] = "sim",
     tracker: Annotated[
         str,
         typer.Option(
-            help="Who knows where the tool is: pointer, the console's; hall, the field sensors; osc:PORT, "
+            help="Source of the tool pose: pointer (in the console), hall (field sensors), osc:PORT, "
             "osc:HOST:PORT, lsl:NAME, natnet:HOST, replay:FILE."
         ),
     ] = "pointer",
-    prediction: Annotated[
-        float, typer.Option(help="How far such a tracker's pose is carried forward at most [ms], 0 to 20.")
-    ] = 4.0,
+    prediction: Annotated[float, typer.Option(help="Longest prediction of a tracker's pose [ms], 0 to 20.")] = 4.0,
     estimator: Annotated[
         str | None,
-        typer.Option(help="How the mover's state is known: tracker; a motor's field: least-squares, network, linear."),
+        typer.Option(help="Estimator: tracker or, from a motor's field sensors, least-squares, network, linear."),
     ] = None,
-    calibration: Annotated[Path | None, typer.Option(help="A file of `haptorb calibrate` to believe.")] = None,
+    calibration: Annotated[Path | None, typer.Option(help="Calibration file, from `haptorb calibrate`.")] = None,
     frame: Annotated[
-        Path | None, typer.Option(help="A file of `haptorb frame`: the tracker speaks a frame of its own.")
+        Path | None, typer.Option(help="Frame file, from `haptorb frame`, for a tracker with its own frame.")
     ] = None,
     model: Annotated[
         str | None,
-        typer.Option(help="Model of coils and magnets that the controller inverts: exact, or published (the paper's)."),
+        typer.Option(help="Controller model of coils and magnets: exact (default), or published (as in the paper)."),
     ] = None,
-    rate: Annotated[float, typer.Option(help="Of the loop [Hz], 50 to 4000.")] = 1000.0,
-    seed: Annotated[int, typer.Option(help="Of the simulation's noise.")] = 0,
+    rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
+    seed: Annotated[int, typer.Option(help="Seed of the simulated noise.")] = 0,
     record: Annotated[Path | None, typer.Option(help="Record to this MCAP file.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Let --record replace a file.")] = False,
-    headless: Annotated[bool, typer.Option("--headless", help="No console.")] = False,
-    duration: Annotated[float | None, typer.Option(help="End after so many seconds.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Let --record replace an existing file.")] = False,
+    headless: Annotated[bool, typer.Option("--headless", help="Run without the console.")] = False,
+    duration: Annotated[float | None, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = None,
     no_watchdog: Annotated[
-        bool, typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; nobody may touch it.")
+        bool,
+        typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE. Nobody may touch it."),
     ] = False,
-    port: Annotated[int, typer.Option(help="Of the console; 0 takes any free one.")] = 8765,
-    browser: Annotated[bool, typer.Option("--open", help="Open the browser.")] = False,
-    json: Annotated[
-        bool, typer.Option("--json", help="At the end, print the run's report as one JSON object.")
-    ] = False,
+    port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
+    browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the report at the end as one JSON object.")] = False,
 ) -> None:
-    """Run a device: simulated Omni, a dome under the stylus and the console in the browser, unless told otherwise."""
+    """Run a device with a world and the console. Default: simulated Omni, dome under the stylus."""
     values = values_of(settings or [])
     if duration is not None and not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
@@ -106,7 +105,7 @@ def run(
                 else _with_console(servo, standby, duration, port, browser, json)
             )
             for file in servo.trip_files:
-                say(f"the last ticks before that trip: {file}")
+                say(f"last ticks before the trip: {file}")
         except _Terminated:  # while it was still starting
             number = int(signal.SIGTERM)
         finally:
@@ -149,7 +148,9 @@ def _with_console(
 @contextmanager
 def _open_servo(servo: Servo, standby: PrestartedProcess) -> Iterator[None]:
     """`servo` running, and closed on the way out; people are told why when the start takes long."""
-    hint = Timer(3.0, say, ["Starting ... The first start after an installation compiles for about half a minute."])
+    hint = Timer(
+        3.0, say, ["Starting ... The first start after an installation compiles code for about half a minute."]
+    )
     hint.daemon = True
     hint.start()
     try:
@@ -160,12 +161,12 @@ def _open_servo(servo: Servo, standby: PrestartedProcess) -> Iterator[None]:
         if servo.warning:
             say(f"Warning: {servo.warning}")
         if servo.tracker_token:
-            say(f"Whoever sends poses from another computer must say this token first: {servo.tracker_token}")
+            say(f"A program on another computer must send this token before its poses: {servo.tracker_token}")
         yield
     finally:
         servo.close()
         if servo.report()["coil_state"] == "unknown":
-            say("COIL STATE UNKNOWN: the device did not confirm that its coils are off. Switch its supply off.")
+            say("COIL STATE UNKNOWN: the device did not confirm that its coils are off. Switch off its supply.")
 
 
 def _nature(servo: Servo) -> str:
@@ -196,7 +197,7 @@ def _report(servo: Servo, json: bool) -> None:
 def _describe_tracking(name: str, poses: dict[str, Any]) -> str:
     """One line on how the poses came."""
     if not poses["accepted"]:
-        told = "no pose was taken"
+        told = "no pose accepted"
     else:
         told = f"{poses['accepted']} poses, {poses['rate_hz'] or 0:.0f} Hz"
         if poses["age_ms"]:
@@ -215,7 +216,7 @@ def values_of(settings: list[str]) -> dict[str, float | tuple[float, ...]]:
         except ValueError:
             numbers = ()
         if not equals or not numbers:
-            raise InputError(f"--set must be NAME=VALUE or NAME=X,Y,Z with numbers; got {quote(setting)}")
+            raise InputError(f"--set must be NAME=VALUE or NAME=X,Y,Z, with numbers; got {quote(setting)}")
         values[name.strip()] = numbers[0] if len(numbers) == 1 else numbers
     return values
 

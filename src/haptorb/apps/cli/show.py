@@ -20,18 +20,18 @@ def register(app: typer.Typer) -> None:
     app.command()(inspect)
 
 
-def devices(json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
-    """The devices that come with haptorb, one line each."""
+def devices(json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
+    """List the devices that come with haptorb."""
     from haptorb.devices.loader import catalogue
 
     _list(catalogue(), json)
 
 
 def worlds(
-    name: Annotated[str | None, typer.Argument(help="A world, to see its parameters.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    name: Annotated[str | None, typer.Argument(help="World whose parameters are listed.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """The worlds that can be felt, one line each; with a name, that world's parameters."""
+    """List the worlds; with a name, the parameters of that world."""
     from haptorb.worlds import CATALOGUE, find_world
     from haptorb.worlds.parameter import parameters
 
@@ -62,18 +62,18 @@ def worlds(
 
 
 def _nature(passive: bool, continuous: bool) -> str:
-    energy = "passive: gives no energy that was not put in" if passive else "active: a closed path can gain energy"
-    return f"{energy}; {'continuous' if continuous else 'has jumps'}"
+    energy = "passive: produces no energy" if passive else "active: a closed path can gain energy"
+    return f"{energy}; {'continuous' if continuous else 'discontinuous'}"
 
 
 def inspect(
-    device: Annotated[str, typer.Argument(help="A device's name, or the path of a device file.")],
-    plot: Annotated[Path | None, typer.Option(help="Draw the card into this PNG or SVG file.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
-    assumed: Annotated[bool, typer.Option("--assumed", help="List what is assumed, with the reasons.")] = False,
-    override: Annotated[bool, typer.Option("--override", help="Study a device that validation refuses.")] = False,
+    device: Annotated[str, typer.Argument(help="Device name, or path of a device file.")],
+    plot: Annotated[Path | None, typer.Option(help="Draw the figures into this PNG or SVG file.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    assumed: Annotated[bool, typer.Option("--assumed", help="List the assumed values with their reasons.")] = False,
+    override: Annotated[bool, typer.Option("--override", help="Inspect a device that the validation refuses.")] = False,
 ) -> None:
-    """The capability card of a device: what it can do, sense and endure, and what its models get wrong."""
+    """Show a device's workspace, forces, heat limits and model errors."""
     from haptorb.devices.loader import load
 
     found = load(device, override=override)
@@ -81,7 +81,7 @@ def inspect(
         _list(dict(found.assumed), json)
         return
     if plot is not None and plot.suffix not in (".png", ".svg"):
-        raise InputError(f"--plot must name a .png or .svg file; got '{plot}'")
+        raise InputError(f"--plot must be a .png or .svg file; got '{plot}'")
     if plot is not None and not plot.parent.is_dir():
         raise InputError(f"--plot: the folder '{plot.parent}' does not exist")
     from haptorb.apps.inspect.card import card

@@ -22,12 +22,14 @@ if TYPE_CHECKING:
 
 __all__ = ["register"]
 
-study = CommandLine(help="Perceptual studies: run one, rehearse it, analyse and export what was answered.")
+study = CommandLine(help="Perceptual studies: check, rehearse, run, analyse and export.")
 
-FileArgument = Annotated[Path, typer.Argument(help="The study file (TOML).")]
-DatabaseArgument = Annotated[str, typer.Argument(help="The study's database: a file, or postgresql://host/name.")]
-DatabaseOption = Annotated[str, typer.Option("--db", help="Where answers are kept: a file, or postgresql://host/name.")]
-NameOption = Annotated[str | None, typer.Option("--study", help="Which, where the database holds several.")]
+FileArgument = Annotated[Path, typer.Argument(help="Study file (TOML).")]
+DatabaseArgument = Annotated[str, typer.Argument(help="Database of the study: a file, or postgresql://host/name.")]
+DatabaseOption = Annotated[
+    str, typer.Option("--db", help="Database for the answers: a file, or postgresql://host/name.")
+]
+NameOption = Annotated[str | None, typer.Option("--study", help="Name of the study, if the database holds several.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -36,8 +38,8 @@ def register(app: typer.Typer) -> None:
 
 
 @study.command()
-def check(file: FileArgument, json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
-    """Is the study file right; how long will it take, do the coils stay cool, do maps overlap?"""
+def check(file: FileArgument, json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
+    """Check a study file: mistakes, duration, coil temperature, overlap of the maps."""
     from haptorb.apps.study.model.study_file import read_study
 
     known = read_study(file)
@@ -59,24 +61,24 @@ def check(file: FileArgument, json: Annotated[bool, typer.Option("--json", help=
 def run(
     file: FileArgument,
     participant: Annotated[
-        str | None, typer.Option("--participant", "-p", help="Pseudonymous code, like P01; in the browser optional.")
+        str | None, typer.Option("--participant", "-p", help="Pseudonymous code, such as P01; optional in the browser.")
     ] = None,
     db: DatabaseOption = "study.db",
-    driver: Annotated[str, typer.Option(help="sim, serial:PORT or i2c:BUS.")] = "sim",
+    driver: Annotated[str, typer.Option(help="Driver: sim, serial:PORT or i2c:BUS.")] = "sim",
     tracker: Annotated[
-        str, typer.Option(help="Who knows where the tool is; pointer: the page, or the arrow keys.")
+        str, typer.Option(help="Source of the tool pose; pointer: the page, or the arrow keys.")
     ] = "pointer",
     frame: Annotated[
-        Path | None, typer.Option(help="A file of `haptorb frame`: the tracker speaks a frame of its own.")
+        Path | None, typer.Option(help="Frame file, from `haptorb frame`, for a tracker with its own frame.")
     ] = None,
-    record: Annotated[bool, typer.Option(help="Record the tool's course beside the database.")] = True,
-    terminal: Annotated[bool, typer.Option("--terminal", help="At the terminal instead of in the browser.")] = False,
+    record: Annotated[bool, typer.Option(help="Record the session beside the database.")] = True,
+    terminal: Annotated[bool, typer.Option("--terminal", help="Run in the terminal instead of the browser.")] = False,
     lsl: Annotated[
-        str | None, typer.Option(help="Streams for other equipment (LSL), to be seen on this: computer or network.")
+        str | None, typer.Option(help="Send LSL streams for other equipment, visible on this: computer or network.")
     ] = None,
-    port: Annotated[int, typer.Option(help="Of the pages; 0 takes any free one.")] = 8766,
+    port: Annotated[int, typer.Option(help="Port of the pages; 0 takes any free port.")] = 8766,
 ) -> None:
-    """Run sessions: a page for the participant and one for the experimenter; interrupted ones are resumed."""
+    """Run sessions with a page for the participant and one for the experimenter. Resumes interrupted sessions."""
     from haptorb.apps.study.model.study_file import read_study
     from haptorb.apps.study.session.stored_session import check_code
     from haptorb.apps.study.store.database import database
@@ -85,9 +87,9 @@ def run(
     if participant is not None:
         check_code(participant)
     elif terminal:
-        raise InputError("--terminal needs --participant CODE, like P01")
+        raise InputError("--terminal needs --participant CODE, such as P01")
     if terminal and (known.mask is not None or lsl is not None):
-        raise InputError("noise that masks the device and LSL streams need the browser: leave --terminal away")
+        raise InputError("masking noise and LSL streams need the browser: leave out --terminal")
     _print_forecast(known)
     from haptorb.runtime.servo.servo import Servo
 
@@ -128,12 +130,12 @@ def _at_terminal(
         if sitting.resumed:
             say(f"resuming session {sitting.id} of {participant} at trial {sitting.number + 1}")
         if sitting.over:
-            raise InputError(f"participant '{participant}' has answered everything already")
+            raise InputError(f"participant '{participant}' has already answered all trials")
         from haptorb.apps.study.session.terminal import hold
 
         how = hold(sitting, start, _beside(db, sitting.id) if record else None)
-    words = {"done": "done: thank you", "aborted": "aborted: what was answered is kept"}
-    say(words.get(how, f"left: `{again}` resumes at trial {sitting.number + 1}"))
+    words = {"done": "done: thank you", "aborted": "aborted: the answers are stored"}
+    say(words.get(how, f"session ended: `{again}` resumes at trial {sitting.number + 1}"))
 
 
 def _in_browser(
@@ -151,18 +153,18 @@ def _in_browser(
             sessions.ask({"do": "begin", "code": participant}, say)
         number = host.serve()
     if number:
-        say("ended: a session that was running can be resumed with the same command")
+        say("ended: the same command resumes an interrupted session")
 
 
 @study.command()
 def simulate(
     file: FileArgument,
     db: DatabaseOption = "simulated.db",
-    participants: Annotated[int, typer.Option(help="How many.")] = 6,
-    first: Annotated[int, typer.Option(help="Number of the first one's code, SIM01 and so on.")] = 1,
-    seed: Annotated[int, typer.Option(help="Of the participants' senses and hands.")] = 0,
+    participants: Annotated[int, typer.Option(help="Number of simulated participants.")] = 6,
+    first: Annotated[int, typer.Option(help="Number in the first code, SIM01 and so on.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the simulated participants.")] = 0,
 ) -> None:
-    """Let SIMULATED participants sit the study: a rehearsal, or how many people it needs. No evidence about people."""
+    """Rehearse the study with SIMULATED participants. Their answers are no evidence about people."""
     from haptorb.apps.study.model.study_file import read_study
     from haptorb.apps.study.simulated.rehearsal import rehearse
     from haptorb.apps.study.store.database import database
@@ -181,19 +183,19 @@ def simulate(
 def power(
     file: FileArgument,
     between: Annotated[
-        tuple[str, str] | None, typer.Option(help="The two conditions to compare; the file's first two.")
+        tuple[str, str] | None, typer.Option(help="The two conditions to compare (default: the first two in the file).")
     ] = None,
     measure: Annotated[
-        str | None, typer.Option(help="error, accuracy, rating, threshold or choice, as the procedure has it.")
+        str | None, typer.Option(help="Measure: error, accuracy, rating, threshold or choice (default: by procedure).")
     ] = None,
-    pool: Annotated[int, typer.Option(help="Simulated participants that everything is drawn from.")] = 40,
-    people: Annotated[list[int] | None, typer.Option(help="Number of participants to look at; repeatable.")] = None,
-    alpha: Annotated[float, typer.Option(help="Level of the test.")] = 0.05,
-    wanted: Annotated[float, typer.Option("--power", help="Wanted probability to see the difference.")] = 0.8,
-    seed: Annotated[int, typer.Option(help="Of the participants' senses and hands.")] = 0,
-    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    pool: Annotated[int, typer.Option(help="Number of simulated participants to draw from.")] = 40,
+    people: Annotated[list[int] | None, typer.Option(help="Number of participants to evaluate; repeatable.")] = None,
+    alpha: Annotated[float, typer.Option(help="Significance level of the test.")] = 0.05,
+    wanted: Annotated[float, typer.Option("--power", help="Required probability of detecting the difference.")] = 0.8,
+    seed: Annotated[int, typer.Option(help="Seed of the simulated participants.")] = 0,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """How many participants see a difference between two conditions? Foretold with SIMULATED ones."""
+    """Estimate how many participants a study needs. Predicted with simulated participants."""
     from haptorb.apps.study.model.study_file import read_study
     from haptorb.apps.study.simulated.power import PEOPLE
     from haptorb.apps.study.simulated.power import power as foretold
@@ -219,11 +221,13 @@ def power(
 def analyse(
     db: DatabaseArgument,
     name: NameOption = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder for report and figures.")] = None,
-    figures: Annotated[str, typer.Option(help="svg or png.")] = "svg",
-    json: Annotated[bool, typer.Option("--json", help="Only print the numbers, as JSON.")] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for report and figures (default: STUDY-report).")
+    ] = None,
+    figures: Annotated[str, typer.Option(help="Format of the figures: svg or png.")] = "svg",
+    json: Annotated[bool, typer.Option("--json", help="Only print the numbers as JSON.")] = False,
 ) -> None:
-    """Confusion, accuracy, where wrong answers went, error over θ, curves; an HTML report and its figures."""
+    """Analyse the answers: confusion, accuracy, error over θ, psychometric curves; write an HTML report."""
     from haptorb.apps.study.analysis.load_analysis import analysis_of
 
     if figures not in ("svg", "png"):
@@ -243,11 +247,11 @@ def analyse(
 @study.command()
 def export(
     db: DatabaseArgument,
-    path: Annotated[Path, typer.Argument(help="NAME.csv, NAME.parquet, or a folder for BIDS.")],
+    path: Annotated[Path, typer.Argument(help="Output: NAME.csv, NAME.parquet, or a folder for BIDS.")],
     name: NameOption = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
 ) -> None:
-    """All trials, one row each: tidy CSV, Parquet, or a BIDS folder, with a data dictionary."""
+    """Export all trials, one row each: CSV, Parquet, or a BIDS folder, with a data dictionary."""
     from haptorb.apps.study.store import export as out
     from haptorb.apps.study.store.columns import read_replies, read_study, tidy
     from haptorb.apps.study.store.database import database
@@ -262,7 +266,7 @@ def export(
             words = out.write_replies(known, replies, path.with_name(f"{path.stem}-questions.csv"), overwrite=force)
             tell(f"answers to questions: {words}")
     elif path.suffix:
-        raise InputError(f"export to NAME.csv, NAME.parquet or a folder; got '{path}'")
+        raise InputError(f"the output must be NAME.csv, NAME.parquet or a folder; got '{path}'")
     else:
         out.write_bids(known, columns, path, overwrite=force, replies=replies)
     tell(f"{len(columns['trial'])} trials: {path}")

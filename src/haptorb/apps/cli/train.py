@@ -19,16 +19,16 @@ def register(app: typer.Typer) -> None:
 
 
 def train(
-    device: Annotated[str, typer.Argument(help="A spherical motor's name, or the path of its file.")] = "pmsm",
-    nodes: Annotated[int, typer.Option(help="Of the hidden layer.")] = 10,
-    starts: Annotated[int, typer.Option(help="Random beginnings; the best of them is trained on.")] = 16,
-    iterations: Annotated[int, typer.Option(help="Levenberg–Marquardt steps at most.")] = 120,
-    seed: Annotated[int, typer.Option(help="Of the beginnings.")] = 0,
-    out: Annotated[Path | None, typer.Option(help="Keep the networks in this file, not in the cache.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Let --out replace a file.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    device: Annotated[str, typer.Argument(help="Spherical motor: device name, or path of a device file.")] = "pmsm",
+    nodes: Annotated[int, typer.Option(help="Nodes of the hidden layer.")] = 10,
+    starts: Annotated[int, typer.Option(help="Number of random starts; training continues with the best.")] = 16,
+    iterations: Annotated[int, typer.Option(help="Largest number of Levenberg–Marquardt steps.")] = 120,
+    seed: Annotated[int, typer.Option(help="Seed of the random starts.")] = 0,
+    out: Annotated[Path | None, typer.Option(help="Store the networks in this file instead of the cache.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Let --out replace an existing file.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Train the networks of a motor's `network` estimator from its own magnetics, and say how good they are."""
+    """Train the networks of a motor's `network` estimator on its magnetics, and print their errors."""
     # Matrices this small gain nothing from a second thread, which on a busy machine spends its time waiting in a loop;
     # the library looks when it is loaded, which is below.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -29,7 +29,7 @@ class ForceMapWorker:
 
     def __init__(self, device: Device, felt: FeltMap) -> None:
         if device.shell is None:
-            raise InputError(f"device '{device.name}' has no dome that a map could be painted on")
+            raise InputError(f"device '{device.name}' has no dome, so it has no force map")
         self.directions, self.triangles = shell()
         self._points = self.directions * device.shell.contact_distance
         self._felt = felt
@@ -62,7 +62,7 @@ class ForceMapWorker:
             try:
                 self.force, self.saturated = await asyncio.to_thread(self._felt, name, values, model, self._points)
             except Exception as mistake:  # whatever a world's own code raises: the page says it, the loop goes on
-                failed(f"the felt map of '{name}' cannot be painted: {mistake}")
+                failed(f"the force map of '{name}' cannot be computed: {mistake}")
             else:
                 self.version = version
                 painted()

@@ -142,7 +142,7 @@ class ConsoleSocketHub:
             case "stop":  # in letters that `asks_to_stop` does not read
                 self._stop()
             case _ if page is not self._pages[0]:
-                raise InputError("another page has the control; this one watches (it may still stop)")
+                raise InputError("another page is in control; this one only watches (it may still stop)")
             case "engage":
                 self._hand.steady()
                 self._do_not_engage()
@@ -290,11 +290,11 @@ def _wish(command: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """Name and values of the world that a page asks for; InputError if they cannot be one's."""
     name, values = command.get("name"), command.get("values", {})
     if not isinstance(name, str) or not isinstance(values, dict):
-        raise InputError("a world is set by its name (text) and its values (an object)")
+        raise InputError("a world needs a name (text) and values (an object)")
     if len(name) > _NAME or len(values) > _VALUES or any(len(key) > _NAME for key in values):
         raise InputError(f"a world has a name of at most {_NAME} characters, and at most {_VALUES} values with such")
     for key, value in values.items():
         numbers = value if isinstance(value, list) else [value]
         if len(numbers) > _VALUES or not all(type(one) in (int, float) for one in numbers):
-            raise InputError(f"a world's value is a number or a list of numbers; {key} is something else")
+            raise InputError(f"a world's value is a number or a list of numbers; {key} is neither")
     return name, values

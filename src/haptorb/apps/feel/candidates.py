@@ -134,7 +134,7 @@ class Candidates:
         for design in self.designs:
             if design.name == name:
                 return design
-        raise InputError(f"no design '{name}'; there are {', '.join(d.name for d in self.designs)}")
+        raise InputError(f"unknown design '{name}'; known: {', '.join(d.name for d in self.designs)}")
 
 
 def load_designs(path: str | Path) -> Candidates:
@@ -169,7 +169,7 @@ def load_designs(path: str | Path) -> Candidates:
 
 
 def _list_mistakes(where: str, mistakes: list[str]) -> str:
-    more = [f"and {len(mistakes) - _MISTAKES} mistakes more"] if len(mistakes) > _MISTAKES else []
+    more = [f"and {len(mistakes) - _MISTAKES} more mistakes"] if len(mistakes) > _MISTAKES else []
     return f"{where}: {mistakes[0]}" if len(mistakes) == 1 else "\n  ".join([f"{where}:", *mistakes[:_MISTAKES], *more])
 
 
@@ -208,7 +208,7 @@ def _candidate(name: str, file: _File, values: dict[str, Any]) -> Candidate:
     for world, keys in _ONLY.items():
         wrong = [key for key in keys if world != file.world and getattr(design, key) is not None]
         if wrong:
-            raise InputError(f"{wrong[0]} belongs to world '{world}', and this file is about '{file.world}'")
+            raise InputError(f"{wrong[0]} is a key of world '{world}', but this file is for world '{file.world}'")
     E, nu, metal = _material(name, design)
     hook = Hook(
         design.base_length, design.peak, design.thickness, design.height, design.width, design.insertion,
@@ -221,7 +221,9 @@ def _candidate(name: str, file: _File, values: dict[str, Any]) -> Candidate:
     if design.material in MATERIALS and MATERIALS[design.material][2] is not metal:
         remarks.append(f"material '{design.material}' is {'a metal' if not metal else 'no metal'}, but metal = {metal}")
     if not metal and METALS_FROM < E:
-        remarks.append(f"youngs_modulus {E / 1e9:.4g} GPa is a metal's; is '{design.material}' one? (metal = true)")
+        remarks.append(
+            f"youngs_modulus {E / 1e9:.4g} GPa is typical of a metal; is '{design.material}' one? (metal = true)"
+        )
     parts = {**hook.__dict__, **others, "friction": design.friction, "world": file.world, "beam": file.beam}
     digest = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
     return Candidate(name, design.title or name, design.material, made, tuple(remarks), digest)

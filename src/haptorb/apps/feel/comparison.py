@@ -59,7 +59,7 @@ def plot_comparison(candidates: Candidates, path: str | Path, session: FeelSessi
     force.set(
         xlabel="X' (mm), out of the socket",
         ylabel="pull of the hand (N)",
-        title="solid: coming out, dashed: going in, dots: felt",
+        title="solid: pull out, dashed: insert, dots: recorded",
     )
     force.legend()
     names = [design.name for design in candidates.designs]

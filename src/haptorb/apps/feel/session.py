@@ -97,7 +97,7 @@ class FeelSession:
         try:
             (self.folder / "traces").mkdir(parents=True, exist_ok=True)
         except OSError as cause:
-            raise RecordingError(f"{self.folder}: cannot be made ({cause.strerror})") from cause
+            raise RecordingError(f"{self.folder}: cannot be created ({cause.strerror})") from cause
 
     @property
     def _path(self) -> Path:
@@ -125,7 +125,9 @@ class FeelSession:
     def keep(self, trace: Trace) -> str:
         """Write `trace` to its file; returns the name to be given to `rate`."""
         if not len(trace.rows):
-            raise InputError(f"the trace of design '{trace.design.name}' is empty: nothing was felt")
+            raise InputError(
+                f"the trace of design '{trace.design.name}' is empty: no tick with a valid pose was recorded"
+            )
         folder = self.folder / "traces"
         number = 1 + max(
             (int(p.stem.rsplit("-", 1)[1]) for p in folder.glob(f"{trace.design.name}-[0-9]*.csv")), default=0
@@ -147,7 +149,7 @@ class FeelSession:
             with path.open(newline="", encoding="utf-8") as file:
                 head, *rows = csv.reader(file)
             if tuple(head) != COLUMNS:
-                raise ValueError("the columns are others")
+                raise ValueError("the columns differ")
             return np.array(rows, dtype=float).reshape(-1, len(COLUMNS))
         except (OSError, ValueError, csv.Error) as cause:
             raise RecordingError(f"{path}: is not a trace ({cause})") from cause

@@ -50,8 +50,8 @@ def check_device(device: Device) -> SphericalElectromagnet:
     known = electromagnet(device, "`haptorb frame`")
     if known.marks is None:
         raise InputError(
-            f"device '{known.name}': its file has no [marks]; measure three places that the tip can stand in and add "
-            "them, as omni.toml does"
+            f"device '{known.name}': its file has no [marks]; measure three places where the tip can stand, and add "
+            "them as in omni.toml"
         )
     return known
 
@@ -60,15 +60,15 @@ def strokes(device: SphericalElectromagnet) -> tuple[Stroke, ...]:
     """The steps in their order: "dome", "mark NAME" for each, "roll"."""
     marks = () if device.marks is None else device.marks.names
     stands = [
-        Stroke(f"mark {name}", f"Stand the tip in the mark '{name}' and keep it there; tilt the tool by 20° and more "
+        Stroke(f"mark {name}", f"Put the tip into mark '{name}' and keep it there; tilt the tool by 20° or more "
                "to all sides, and roll it.", 8.0)
         for name in marks
     ]  # fmt: skip
     return (
-        Stroke("dome", "Coils off. Put the tip on the dome and slide it over all of it, spiral by spiral, to the "
-               "workspace's edge; tilt the tool to all sides as you go.", 30.0),
+        Stroke("dome", "Coils off. Slide the tip over the whole dome in spirals, to the edge of the "
+               "workspace; tilt the tool to all sides on the way.", 30.0),
         *stands,
-        Stroke("roll", "Stand the tool in a bore that fits, anywhere, and turn it about itself by a whole turn.", 10.0),
+        Stroke("roll", "Put the tool into a bore that fits, anywhere, and roll it by a full turn.", 10.0),
     )  # fmt: skip
 
 
@@ -89,11 +89,11 @@ def register_frame(
     for number, stroke in enumerate((one.scale_time(pace) for one in steps), start=1):
         say(f"{number}/{len(steps)} {stroke.name}: {stroke.asks}")
         if not ask(stroke):
-            say("stopped; nothing is written")
+            say("stopped; no file was written")
             return None
         with bar(stroke.name, stroke.seconds) as passed:
             kept[stroke.name] = _record_stroke(feed, stroke, passed)
-        say(f"    {len(kept[stroke.name])} poses that differ")
+        say(f"    {len(kept[stroke.name])} distinct poses")
     marks = {name.partition(" ")[2]: one for name, one in kept.items() if name.startswith("mark ")}
     return frame_registration(TouchSession(kept["dome"], marks, kept["roll"]), device)
 
@@ -127,14 +127,14 @@ def _record_stroke(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) 
     if not valid:
         what = ", ".join(f"{count} {why}" for why, count in refused.items()) or "nothing at all"
         raise DriverError(
-            f"step '{stroke.name}': no pose came from the tracker ({what}); start its program, see that it sees the "
-            "tool, and try again"
+            f"step '{stroke.name}': no pose arrived from the tracker ({what}); start its program, check that it "
+            "sees the tool, and try again"
         )
     if sum(refused.values()) > valid:
         what = ", ".join(f"{count} {why}" for why, count in refused.items())
         raise CalibrationError(
-            f"step '{stroke.name}': most of what came was no pose ({what}, {valid} poses); is the tool seen from all "
-            "sides, and is the message as documented?"
+            f"step '{stroke.name}': most messages held no valid pose ({what}, {valid} poses); is the tool seen from "
+            "all sides, and is the message format as documented?"
         )
     return Touches.of(np.array(p), np.array(q), f"step '{stroke.name}'")
 

@@ -59,7 +59,7 @@ def jog(
     if coil not in names:
         raise UnknownName("coil", coil, names)
     if not 0.0 < abs(duty) <= GENTLE_DUTY:
-        raise InputError(f"duty must not be zero and its size at most {GENTLE_DUTY} for jogging; got {duty}")
+        raise InputError(f"duty must be nonzero and at most {GENTLE_DUTY} in size for jogging; got {duty}")
     if not 0.2 <= seconds <= 10.0:
         raise InputError(f"seconds must be from 0.2 to 10; got {seconds}")
     if not 0.0 < current_limit <= GENTLE_CURRENT:
@@ -116,7 +116,7 @@ def _judge(device: Device, which: int, tops: list[tuple[float, np.ndarray]]) -> 
         if not 1 / _FACTOR < ratio < _FACTOR:
             ten = 6 < max(ratio, 1 / ratio) < 16
             verdict.append(
-                f"coil {names[which]} seems to have {resistance:.3g} Ω where the device file says {expected:g} Ω: "
-                + ("the shunt's value is wrong by ten" if ten else "check coil and contacts")
+                f"coil {names[which]} measures {resistance:.3g} Ω, the device file has {expected:g} Ω: "
+                + ("the shunt's value is wrong by a factor of ten" if ten else "check coil and contacts")
             )
     return Jog(names[which], duty, tuple(currents.tolist()), resistance, tuple(verdict))

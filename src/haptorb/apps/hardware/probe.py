@@ -103,7 +103,7 @@ def _enabling(bus: I2cBus, clock: Callable[[], float]) -> Iterator[str]:
     """What there is to say of the chip with the Hall sensors' axes and the trigger, and of OE."""
     select, where = HallSelect(bus), f"TCA9534 (axes of the Hall sensors, trigger of the monostable) at {_SELECT:#04x}"
     if not select.present():
-        yield f"missing: {where}: one axis, and no monostable, so that coils are driven with --no-watchdog only"
+        yield f"missing: {where}: Hall sensors of one axis only, and no monostable: coils need --no-watchdog"
         return
     yield where
     try:
@@ -112,6 +112,6 @@ def _enabling(bus: I2cBus, clock: Callable[[], float]) -> Iterator[str]:
         select.setup()
         held = output_enable.pulse(select, clock)
     except (DriverError, OSError) as cause:
-        yield f"monostable not proved: {cause}"
+        yield f"monostable not verified: {cause}"
     else:
         yield f"monostable: outputs disabled {1e3 * held:.1f} ms after the last trigger"

@@ -74,7 +74,7 @@ def print_card(device: Device, console: Console, more: Iterable[tuple[str, str]]
         ("channels", f"{device.channels} ({names})"),
         ("current", f"{amperes} A peak, {device.sustained_current.min():.2f} A continuous"),
         ("coils", f"{coils.resistance.min():.3g} Ω at {coils.reference_temperature - 273.15:.0f} °C"),
-        ("supply", f"{device.supply.voltage:g} V, {device.supply.duty_bits} bits of duty"),
+        ("supply", f"{device.supply.voltage:g} V, {device.supply.duty_bits}-bit duty"),
         ("guard", guard),
     ]
     print_facts(console, [*told, *more])

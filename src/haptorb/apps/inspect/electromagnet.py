@@ -34,7 +34,7 @@ class ElectromagnetCard(Card):
         device, capability = self._device, self._capability
         return {
             **facts(device),
-            "sensed_dof": "3 positions and 2 directions by a tracker; the tool's own spin is not felt and not needed",
+            "sensed_dof": "3 positions and 2 directions by a tracker; the tool's spin is neither rendered nor needed",
             "actuated_dof": 3,
             "field_sensors": device.sensors,
             "workspace_half_angle_deg": math.degrees(device.workspace_half_angle),
@@ -92,9 +92,9 @@ class ElectromagnetCard(Card):
             (
                 Column("distance", "mm", "key"), Column("peak radial", "mN"), Column("peak tangential", "mN"),
                 Column("continuous radial", "mN"), Column("continuous tangential", "mN"),
-                Column("core's own pull", "mN"), Column("dipole error", "%"), Column("dipole error", "JND"),
+                Column("passive pull", "mN"), Column("dipole error", "%"), Column("dipole error", "JND"),
             ),
-            "Force on a radial tool in the weakest place and direction of the workspace",
+            "Force on a radial tool at the weakest place and direction of the workspace",
         )  # fmt: skip
         for layer in capability.layers:
             newtons = (layer.peak_radial, layer.peak_tangential, layer.lasting_radial, layer.lasting_tangential)
@@ -117,7 +117,7 @@ class ElectromagnetCard(Card):
                 Column("distance", "mm", "key"), Column("from the summit", "°", "key"), Column("force", "mN"),
                 Column("torque", "mN·m"), Column("no torque about"),
             ),
-            "Feasible wrench of a radial tool, all coils together: least size in any direction",
+            "Feasible wrench on a radial tool, all coils together: least over all directions",
         )  # fmt: skip
         for state, able in self._feasible:
             polar = math.degrees(math.acos(min(state.p[2] / state.distance, 1.0)))
@@ -141,7 +141,7 @@ class ElectromagnetCard(Card):
         device = self._device
         columns = [Column("coil", kind="key"), *(Column(f"calibrated {axis}", "m²") for axis in "xyz")]
         if self._predicted is not None:
-            columns += [Column("from its sizes and the core", "m²"), Column("off by", "%")]
+            columns += [Column("from its size and the core", "m²"), Column("off by", "%")]
         table = TextTable(tuple(columns), "Moment per ampere along x, y, z")
         for k, name in enumerate(device.coils.names):
             measured = device.moment_per_current[:, k]
@@ -164,7 +164,7 @@ class ElectromagnetCard(Card):
             axes.plot(*np.vstack([outline, outline[:1]]).T, f"C{n}", label=f"{polar:.0f}° from the summit")
         axes.plot(0, 0, "k+")
         axes.set(xlabel="F_x [mN]", ylabel="F_z [mN]", aspect="equal")
-        axes.set_title("What all coils can give at contact", loc="left")
+        axes.set_title("Feasible force of all coils at contact", loc="left")
         axes.legend(frameon=False, fontsize=8)
         axes.grid(alpha=0.3)
 
@@ -182,7 +182,7 @@ class ElectromagnetCard(Card):
         left.plot(
             distance, [1e3 * layer.lasting_tangential for layer in layers], "C1--s", label="tangential, continuous"
         )
-        left.plot(distance, [1e3 * layer.passive_pull for layer in layers], "k:", label="core's own pull")
+        left.plot(distance, [1e3 * layer.passive_pull for layer in layers], "k:", label="passive pull")
         left.set(xlabel="tool's magnet from the centre [mm]", ylabel="force [mN]", ylim=(0, None))
         left.set_title("Force in the weakest direction", loc="left")
         left.legend(frameon=False)
@@ -191,9 +191,9 @@ class ElectromagnetCard(Card):
         jnd = right.secondary_yaxis("right", functions=(lambda x: x / (100 * FORCE_JND), lambda x: x * 100 * FORCE_JND))
         jnd.set_ylabel("just-noticeable differences")
         right.axhline(100 * FORCE_JND, color="k", ls=":", lw=1)
-        right.annotate("one can feel it from here", (distance[0], 100 * FORCE_JND), (0, 4), textcoords="offset points")
+        right.annotate("noticeable above this", (distance[0], 100 * FORCE_JND), (0, 4), textcoords="offset points")
         right.set(xlabel="tool's magnet from the centre [mm]", ylabel="error of the dipole model [%]", ylim=(0, None))
-        right.set_title("What the published model gets wrong", loc="left")
+        right.set_title("Error of the published model", loc="left")
         right.grid(alpha=0.3)
         self._polytopes(able)
         figure.suptitle(self._device.title, x=0.01, ha="left", fontweight="bold")
@@ -212,5 +212,5 @@ def _feasible(device: SphericalElectromagnet) -> list[tuple[State, FeasibleWrenc
 
 def _duration(seconds: float) -> str:
     if math.isinf(seconds):
-        return "without end"
+        return "unlimited"
     return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"

@@ -74,9 +74,9 @@ class MotorCard(Card):
             ("condition", f"{capability.condition.min():.2f} to {capability.condition.max():.2f}"),
             (
                 "held upright",
-                f"{regulator[-1]:.3f} N·m of regulator and {-weight[-1]:.3f} N·m of weight at "
-                f"{math.degrees(tilt[-1]):g}°; up to {1e3 * np.abs(rest).max():.0f} mN·m remain on the way, which "
-                "currents take out",
+                f"regulator {regulator[-1]:.3f} N·m, weight {-weight[-1]:.3f} N·m at "
+                f"{math.degrees(tilt[-1]):g}°; up to {1e3 * np.abs(rest).max():.0f} mN·m remain between, which "
+                "the currents compensate",
             ),
         ]
         print_card(device, console, more)
@@ -85,8 +85,8 @@ class MotorCard(Card):
         print_text(console)
         torques = TextTable(
             (
-                Column("axis", kind="key"), Column("peak least", "N·m"), Column("peak most", "N·m"),
-                Column("continuous least", "N·m"), Column("heat for 0.1 N·m at worst", "W"),
+                Column("axis", kind="key"), Column("least peak", "N·m"), Column("greatest peak", "N·m"),
+                Column("least continuous", "N·m"), Column("worst heat for 0.1 N·m", "W"),
             ),
             "Torque about each axis alone, over the workspace and every spin",
         )  # fmt: skip
@@ -102,7 +102,7 @@ class MotorCard(Card):
         print_text(console)
         shares = TextTable(
             (Column("channel", kind="key"), Column("coils", kind="text"), *(Column(axis, "%") for axis in _AXES)),
-            "Which channels carry it: share of the heat, mean over the workspace",
+            "Share of the heat per channel, mean over the workspace",
         )
         for channel, name in enumerate(device.coils.names):
             members = np.flatnonzero(device.groups[:, channel])
@@ -150,7 +150,7 @@ class MotorCard(Card):
             place.plot(np.degrees(self._upright[0]), values, label=name, linewidth=2 if name == "both" else 1)
         place.axhline(0.0, color="0.6", linewidth=0.8)
         place.set(xlabel="tilt [°]")
-        place.set_title("torque back upright [N·m]", loc="left", fontsize=10)
+        place.set_title("restoring torque [N·m]", loc="left", fontsize=10)
         place.legend(frameon=False, fontsize=8)
         axes[1, 4].axis("off")
         figure.suptitle(self._device.title, x=0.01, ha="left", fontweight="bold")
@@ -167,5 +167,5 @@ def _upright(device: SphericalMotor) -> Array:
 
 def _duration(seconds: float) -> str:
     if math.isinf(seconds):
-        return "without end"
+        return "unlimited"
     return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"

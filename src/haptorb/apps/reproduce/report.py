@@ -83,12 +83,12 @@ def report_page(made: Iterable[ReproductionResult]) -> str:
         "<meta name='viewport' content='width=device-width, initial-scale=1'>"
         f"<title>Two papers, number by number</title><style>{_STYLE}</style></head><body>",
         "<h1>Two papers, number by number</h1>",
-        f"<p class='soft'>haptorb {escape(__version__)}: what the papers print, what this library computes in its "
-        "place, how far the two may differ and why. An erratum (E1, E2, …) stands where the print itself cannot be "
-        "right; the errata page of the documentation has the evidence for each. “Implied” is a number that does not "
-        "stand in print but follows from what does: an equation's value, a ratio, a sign, 1 for “all of them”. Entries "
-        "of tables are held against the device files and worlds, formulas against independent integrals or energies, "
-        "prose against what follows from "
+        f"<p class='soft'>haptorb {escape(__version__)}: the printed values, the values computed here, "
+        "the tolerance and its reason. An erratum (E1, E2, …) marks a printed value that cannot be "
+        "correct; the errata page of the documentation has the evidence for each. “Implied” is a number that is not "
+        "printed but follows from what is: an equation's value, a ratio, a sign, 1 for “all of them”. Entries "
+        "of tables are compared with the device files and worlds, formulas with independent integrals or energies, "
+        "text with what follows from "
         "both.</p>",
         _counts(items),
         _contents(every),

@@ -63,7 +63,7 @@ class Training:
             f"\nK of electromagnet {judged['electromagnet']}: NRMSE {shares['workspace']} over the workspace, "
             f"{shares['figure_4']} on the trajectory of Fig. 4; all coils {shares['all_coils']}",
         )
-        print_text(console, f"{record['seconds']:.0f} s, {record['peak_megabytes']:.0f} MB; kept in {self.path}")
+        print_text(console, f"{record['seconds']:.0f} s, {record['peak_megabytes']:.0f} MB; stored in {self.path}")
 
 
 def train_networks(
@@ -82,17 +82,17 @@ def train_networks(
     Raises InputError before any work where `path` cannot take them.
     """
     if not 1 <= nodes <= 200:
-        raise InputError(f"a hidden layer has 1 to 200 nodes; got {nodes}")
+        raise InputError(f"a hidden layer must have 1 to 200 nodes; got {nodes}")
     if not (1 <= starts <= 100 and 1 <= iterations <= 2000) or seed < 0:
         raise InputError(
-            f"starts must be 1 to 100, iterations 1 to 2000, seed from 0 on; got {starts}, {iterations}, {seed}"
+            f"starts must be 1 to 100, iterations 1 to 2000, seed 0 or more; got {starts}, {iterations}, {seed}"
         )
     known = motor(device)
     place = networks_path(known) if path is None else path
     if path is not None and not path.parent.is_dir():
         raise InputError(f"the folder of '{path}' does not exist")
     if place.exists() and not overwrite:
-        raise InputError(f"'{place}' is there already; name another file, or allow replacing it with --force")
+        raise InputError(f"'{place}' exists; choose another file, or replace it with --force")
     begun = monotonic()
     networks = train(known, nodes=nodes, starts=starts, iterations=iterations, seed=seed, report=report)
     seconds = monotonic() - begun

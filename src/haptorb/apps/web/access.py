@@ -60,7 +60,7 @@ class AccessGate:
         refusal = self.refusal(headers)
         # safety: console-token
         if refusal is None and not self._open(scope["path"]) and not knows(headers, self._token):
-            refusal = "this needs the address that the terminal printed, with what stands behind its #"
+            refusal = "open the full address that the terminal printed, with the part after its #"
         if refusal is None:
             await self.app(scope, receive, _with_policy(send))
         elif scope["type"] == "websocket":

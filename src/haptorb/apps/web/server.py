@@ -81,11 +81,11 @@ def bind_socket(port: int) -> socket.socket:
         listening.close()
         if cause.errno == errno.EADDRINUSE:
             raise InputError(
-                f"port {port} of {HOST} is taken: end the program that holds it (`ss -ltnp 'sport = :{port}'` shows "
+                f"port {port} of {HOST} is in use: end the program that uses it (`ss -ltnp 'sport = :{port}'` shows "
                 "which), or choose another with --port (0 takes any free one)"
             ) from cause
         raise InputError(
-            f"port {port} of {HOST} cannot be had: {cause.strerror}; choose another with --port"
+            f"port {port} of {HOST} cannot be opened: {cause.strerror}; choose another with --port"
         ) from cause
     return listening
 

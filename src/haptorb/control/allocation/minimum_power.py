@@ -32,7 +32,7 @@ def minimum_power_currents(K: ArrayLike, T: ArrayLike) -> Array:
     left, values, right = np.linalg.svd(k, full_matrices=False)
     if k.shape[-1] < 3 or (values[..., -1] <= 1e-12 * values[..., 0]).any():
         raise InputError(
-            "K must turn all three axes (rank 3) for eq. (4); use MinimumPowerAllocator, which tells why not"
+            "K must have rank 3 (torque about all three axes) for eq. (4); MinimumPowerAllocator reports why not"
         )
     inner = np.einsum("...ij,...i->...j", left, torque) / values
     currents: Array = np.einsum("...ji,...j->...i", right, inner)

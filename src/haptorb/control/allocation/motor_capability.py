@@ -52,7 +52,7 @@ def motor_capability(motor: SphericalMotor, tilts: int = 9, spins: int = 40, mod
     K = single @ motor.groups
     values = np.linalg.svd(K, compute_uv=False)
     if not (values[:, 2] > 1e-6 * np.abs(single).max()).all():
-        raise DeviceError(f"device '{motor.name}': cannot turn about every axis everywhere: it has no capability there")
+        raise DeviceError(f"device '{motor.name}': cannot produce torque about every axis everywhere in the workspace")
     grid = (tilts, tilts, spins)
     # what the supply cannot drive is no peak either
     most = np.minimum(motor.coils.current_limit, motor.supply.voltage / motor.coils.resistance)

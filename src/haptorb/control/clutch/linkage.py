@@ -118,11 +118,11 @@ class Direct(Linkage):
 
     def set_mode(self, mode: Mode) -> None:
         """There is nothing to choose. Raises InputError."""
-        raise InputError(f"mode '{mode}': this device acts directly, it has no modes")
+        raise InputError(f"mode '{mode}': this device has no modes; its mover acts directly")
 
     def set_clutch(self, engaged: bool) -> None:
         """There is no clutch. Raises InputError."""
-        raise InputError("this device acts directly, it has no clutch")
+        raise InputError("this device has no clutch; its mover acts directly")
 
     def restart(self) -> None:
         """Nothing is remembered."""
@@ -226,7 +226,7 @@ class ModedLinkage(Linkage):
 def make_direct_linkage(device: Device, gains: Gains | None) -> Direct:
     """The linkage of a device whose mover is the thing itself. Raises InputError for gains: it has no modes."""
     if gains is not None:
-        raise InputError(f"gains are those of two modes; a {device.kind.title} such as '{device.name}' has none")
+        raise InputError(f"gains are for two-mode devices; a {device.kind.title} such as '{device.name}' has no modes")
     return Direct()
 
 

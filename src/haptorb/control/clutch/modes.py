@@ -162,7 +162,7 @@ class TwoModes:
         """What is wrong with a rotor at R (3, 3) that no target can follow."""
         return InputError(
             f"the rotor is tilted beyond λ = ±{math.degrees(STEEPEST):.0f}°, or its orientation is unknown "
-            f"(R_SR[0, 2] = {R[0, 2]:.4g}): the two-mode mapping has no meaning there. Turn it back"
+            f"(R_SR[0, 2] = {R[0, 2]:.4g}): the two-mode mapping is not defined there. Turn it back"
         )
 
     def switch(self, clutch: Clutch, mode: Mode) -> Clutch:

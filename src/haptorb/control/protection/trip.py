@@ -61,18 +61,18 @@ _TEXT = {
     Trip.STOPPED: "Stopped by hand. Re-engage when you are ready.",
     Trip.POSE_LOST: "The tracker lost the mover. Bring it back into view, then re-engage.",
     Trip.POSE_EXPIRED: "No new pose arrived in time. Check the tracker or the page that sends it, then re-engage.",
-    Trip.WORLD_NOT_FINITE: "The world asked for a wrench that is not a number. Mend the world, then re-engage.",
-    Trip.WORLD_FAILED: "The world's code failed. Mend the world or choose another, then re-engage.",
-    Trip.CURRENTS_NOT_FINITE: "The allocation gave currents that are not numbers. Please report it; then re-engage.",
-    Trip.SAMPLE_NOT_FINITE: "A sensor reading is not a number. Check the sensors, then re-engage.",
+    Trip.WORLD_NOT_FINITE: "The world returned a wrench that is not finite. Fix the world, then re-engage.",
+    Trip.WORLD_FAILED: "The world's code failed. Fix the world or choose another, then re-engage.",
+    Trip.CURRENTS_NOT_FINITE: "The allocator computed currents that are not finite. Please report it, then re-engage.",
+    Trip.SAMPLE_NOT_FINITE: "A sensor reading is not finite. Check the sensors, then re-engage.",
     Trip.OVERHEATED: "A winding is too hot. Let it cool below the derating temperature, then re-engage.",
-    Trip.OVERCURRENT: "A coil carries more current than its limit. Check driver and wiring before you re-engage.",
-    Trip.HOST_SILENT: "The program that watches the servo fell silent. Start it again.",
+    Trip.OVERCURRENT: "A coil's current is above its limit. Check driver and wiring before you re-engage.",
+    Trip.HOST_SILENT: "The host program stopped responding. Start it again.",
     Trip.DRIVER_FAILED: "The device did not answer. Check cable and supply, then re-engage.",
     Trip.CLOSING: "The servo is closing.",
-    Trip.LOOP_FAILED: "The servo itself failed; its report says how. Start it again.",
+    Trip.LOOP_FAILED: "The servo failed; its report gives the reason. Start it again.",
     Trip.MAGNET_REVERSED: (
-        "The tool's magnet is the wrong way round, or the tool upside down: every force would invert. "
+        "The tool's magnet is reversed, or the tool is upside down: every force would invert. "
         "Turn it round, then re-engage."
     ),
     Trip.OVERRUN: (
@@ -80,7 +80,7 @@ _TEXT = {
         "Close other programs, lower --rate or simplify the world, then re-engage."
     ),
     Trip.CURRENT_MISMATCH: (
-        "A coil's measured current does not match its voltage. Check that coil, its current sensor and its driver, "
+        "A coil's measured current does not match its voltage. Check the coil, its current sensor and its driver, "
         "then re-engage."
     ),
 }

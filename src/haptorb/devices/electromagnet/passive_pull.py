@@ -156,7 +156,7 @@ class PassivePull:
         tail = max(np.abs(table[-2:]).max(), np.abs(table[:, -2:]).max())
         if size > 0.0 and tail > _TAIL * size:
             raise PrecisionError(
-                f"the pull from {self.nearest * 1e3:.4g} mm outwards is tabulated to {tail / size:.1g} only; take a "
+                f"the pull from {self.nearest * 1e3:.4g} mm outwards is tabulated to {tail / size:.1g} only; use a "
                 f"nearest distance further than {closest * 1e3:.4g} mm from the core"
             )
         object.__setattr__(self, "table", np.ascontiguousarray(table))

@@ -102,7 +102,7 @@ class MarksSection(Section):
         if len(self.names) != len(self.positions):
             raise ValueError(f"has {len(self.names)} names but {len(self.positions)} positions")
         if len(set(self.names)) != len(self.names):
-            raise ValueError("has a name twice")
+            raise ValueError("has a duplicate name")
         places = np.array(self.positions)
         spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
         if spread[1] < _SPREAD:
@@ -153,7 +153,9 @@ class ElectromagnetFile(CommonFile):
             )
         moments = np.array(self.electromagnet.moment_per_current)
         if np.linalg.cond(moments) > 100:
-            raise ValueError("electromagnet.moment_per_current is (nearly) singular: two coils do the same")
+            raise ValueError(
+                "electromagnet.moment_per_current is (nearly) singular: the coils' moments are linearly dependent"
+            )
         return self
 
     def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalElectromagnet:

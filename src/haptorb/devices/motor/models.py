@@ -89,7 +89,7 @@ def exact_torque(motor: MotorParts, R: Array, precision: float = PRECISION) -> A
         if best <= precision:
             return value
         last = value
-    raise PrecisionError(f"the torque was reached to {best:.1e} relative, not to {precision:.1e}; ask for less")
+    raise PrecisionError(f"the torque converged to {best:.1e} relative, not to {precision:.1e}; request less")
 
 
 def _integrate(motor: MotorParts, R: Array, level: tuple[int, int, int]) -> Array:

@@ -76,7 +76,7 @@ def _overlaps(section: str, letters: str, layout: Layout, radius: float, length:
         f"{letters}{i + 1} and {letters}{j + 1} ({np.degrees(between[i, j]):.1f}°)"
         for i, j in zip(first, second, strict=True)
     )
-    return [f"{section}: parts overlap, each spans {np.degrees(span):.1f}° seen from the centre: {pairs}"]
+    return [f"{section}: parts overlap, each spans {np.degrees(span):.1f}° as seen from the centre: {pairs}"]
 
 
 def _gap(motor: SphericalMotor) -> list[str]:
@@ -161,6 +161,6 @@ def _weakness(motor: SphericalMotor, groups: Sequence[Sequence[int]]) -> list[st
     elif strongest[worst] > WORST_CONDITION * weakest[worst]:
         found.append(
             f"groups: {strongest[worst] / weakest[worst]:.0f} times weaker about one axis than about another within "
-            f"the workspace; at most {WORST_CONDITION:.0f} can be used"
+            f"the workspace; at most {WORST_CONDITION:.0f} times is allowed"
         )
     return found

@@ -89,7 +89,7 @@ class CoilsSection(Section):
             if count != len(self.names):
                 raise ValueError(f"has {len(self.names)} names but {count} values of {key}")
         if len(set(self.names)) != len(self.names):
-            raise ValueError("has a name twice")
+            raise ValueError("has a duplicate name")
         return self
 
     def build(self) -> Coils:

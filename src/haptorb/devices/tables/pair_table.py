@@ -156,7 +156,7 @@ def _tabulate(
     bound = tail + gap + 0.1 * precision  # what the exact model itself may be off
     if bound > 2 * precision:
         raise PrecisionError(
-            f"a table to {precision:.1e} relative was asked for; {bound:.1e} is what {_MOST} cells give"
+            f"a table of {_MOST} cells is precise to {bound:.1e} relative; {precision:.1e} was requested"
         )
     return PairTable(cells, 0.5 * (len(cells) - 1), float(bound))
 
@@ -186,8 +186,8 @@ def _series(
             return series, tail * 4
         if 2 * count > _LAST:
             raise PrecisionError(
-                f"a table to {precision:.1e} relative was asked for; {4 * tail:.1e} is what {count} angles give: "
-                "move the parts further apart, or ask for less"
+                f"a table of {count} angles is precise to {4 * tail:.1e} relative; {precision:.1e} was requested: "
+                "move the parts further apart, or request less"
             )
         count *= 2
 

@@ -178,6 +178,6 @@ def _check_precision(bound: Array, gross: Array, precision: float, points: Array
     if short.any():
         worst = int(np.argmax(np.where(short, np.nan_to_num(bound / gross, nan=np.inf), 0)))
         raise PrecisionError(
-            f"the coil's field at {points[worst].tolist()} m was reached to {bound[worst] / gross[worst]:.1e} "
-            f"relative, not to {precision:.1e}; ask for less, or move the point off the winding's edge"
+            f"the coil's field at {points[worst].tolist()} m converged to {bound[worst] / gross[worst]:.1e} "
+            f"relative, not to {precision:.1e}; request less, or move the point off the winding's edge"
         )

@@ -137,8 +137,8 @@ class SoftSphere:
         if terms > _LONGEST:
             reached = t ** (_LONGEST + 1) / (1 - t)
             raise PrecisionError(
-                f"a charge {(nearest - self.radius) * 1e3:.2g} mm above the sphere wants {terms} terms for "
-                f"{precision:.1g}; {_LONGEST} would reach {reached:.1g}: keep it further out or ask for less"
+                f"a charge {(nearest - self.radius) * 1e3:.2g} mm above the sphere needs {terms} terms for "
+                f"{precision:.1g}; {_LONGEST} would reach {reached:.1g}: move it further out or request less"
             )
         return max(terms, 2)
 

@@ -132,7 +132,7 @@ class Commands(ABC):
         Raises InputError for a device without modes: it has no clutch.
         """
         if not self.modes:
-            raise InputError(f"device '{self.device.name}' acts directly; it has no clutch")
+            raise InputError(f"device '{self.device.name}' has no clutch; its mover acts directly")
         self._memory.words[Word.CLUTCH] = 1 if engaged else 2
 
     @property

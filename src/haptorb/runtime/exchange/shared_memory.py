@@ -148,10 +148,10 @@ class SharedMemory:
         self.floats = memory[:_PAGE].cast("d")
         self.counts: Records = np.frombuffer(memory[:_ROWS], dtype=COUNTS)  #: (1,) words and histograms, for kernels
         if self.words[Word.MAGIC] != _MAGIC or self.words[Word.VERSION] != _VERSION:
-            raise ServoError(f"{path} is not a servo's shared memory of this version; end the program that made it")
+            raise ServoError(f"{path} is not a servo's shared memory of this version; end the program that created it")
         self.layout = RowLayout(self.words[Word.CHANNELS], self.words[Word.SENSORS])
         if self.layout.width != self.words[Word.WIDTH] or size != _size(self.layout):
-            raise ServoError(f"{path} holds rows of another layout; end the program that made it")
+            raise ServoError(f"{path} holds rows of another layout; end the program that created it")
 
         self.pointer = PointerBlock(self.words, self.floats, Word.POINTER)
         self.tracked = PoseBlock(self.words, self.floats, Word.TRACKED)

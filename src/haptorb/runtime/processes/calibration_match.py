@@ -17,15 +17,15 @@ def disagreement(stored: bytes | None, believed: bytes | None) -> str:
         return ""
     if believed is None:
         return (
-            f"the device was calibrated (id {stored.hex()}) and no calibration is believed: give its file with "
+            f"the device was calibrated (id {stored.hex()}), but no calibration is loaded: give its file with "
             "--calibration"
         )
     if not any(stored):
         return (
-            f"the device keeps no calibration, the file is {believed.hex()}: was it measured on this very device? "
-            "`haptorb calibrate` stores its id"
+            f"the device stores no calibration id, the file has {believed.hex()}: was it measured on this device? "
+            "`haptorb calibrate` stores the id"
         )
     return (
-        f"the calibration {believed.hex()} is not the one that the device keeps, {stored.hex()}: take the file "
-        "that was measured last on this very device, or calibrate again"
+        f"calibration {believed.hex()} is not the one that the device stores, {stored.hex()}: use the last file "
+        "measured on this device, or calibrate again"
     )

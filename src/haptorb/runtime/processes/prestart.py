@@ -48,7 +48,7 @@ class PrestartedProcess:
     def plan(self) -> Path:
         """The file to be written before `give`. Raises ServoError if it serves somebody already."""
         if self.given:
-            raise ServoError("this standby serves another servo, or was ended; make a new one")
+            raise ServoError("this prestarted process serves another servo, or has ended; create a new one")
         return self.folder / PLAN
 
     def give(self, shared: Path) -> None:

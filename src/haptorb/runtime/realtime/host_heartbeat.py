@@ -51,9 +51,9 @@ class HostHeartbeat:
         To be called in every tick in which the heart is `LATE`.
         """
         if silence > SILENCE * 1e9:
-            return f"the program that started the servo showed no sign of life for {SILENCE:g} s"
+            return f"the program that started the servo did not respond for {SILENCE:g} s"
         if silence > (STOPPED * 1e9 - _LOOK) and now - self._looked >= _LOOK:
             self._looked = now
             if self._state() in ("T", "t"):  # safety: host-stopped, host-computing
-                return f"the program that started the servo was stopped and showed no sign of life for {STOPPED:g} s"
+                return f"the program that started the servo was stopped and did not respond for {STOPPED:g} s"
         return ""

@@ -44,9 +44,9 @@ class MemoryGrowth:
         if self.start is None or self.now is None or self.now - self.start < _MUCH:
             return ""
         return (
-            f"the servo's process has grown by {(self.now - self.start) / 1e6:.0f} MB since it began. It never "
-            "collects garbage, which would hold up the loop: let the world make no objects that refer to each other "
-            "in a circle, and keep nothing of a tick"
+            f"the servo's process has grown by {(self.now - self.start) / 1e6:.0f} MB since its start. It never "
+            "collects garbage, which would delay the loop: the world must not create objects that refer to each other "
+            "in a cycle, nor keep objects of a tick"
         )
 
     def facts(self) -> dict[str, float]:

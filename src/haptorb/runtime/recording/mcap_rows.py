@@ -89,8 +89,8 @@ def _open_record(opcode: int, data: bytes, room: int, most: int) -> tuple[list[A
         told.append(frame_content_size(chunk.data))  # -1: it does not say, and takes what the record says
     if max(told) > min(_CHUNK, room):  # safety: chunk-size
         raise RecordingError(
-            f"a chunk of the recording says that it is {max(told)} bytes long; at most {min(_CHUNK, room)} can be, so "
-            "this is no file that haptorb wrote"
+            f"a chunk of the recording claims {max(told)} bytes; at most {min(_CHUNK, room)} are possible, so "
+            "haptorb did not write this file"
         )
     if chunk.uncompressed_size == 0:
         return [], 0

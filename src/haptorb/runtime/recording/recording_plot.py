@@ -57,7 +57,7 @@ def plot(recording: Fields, path: str | Path | None = None) -> Figure:
     Raises RecordingError if the recording has no rows, or if the figure cannot be written.
     """
     if not len(recording):
-        raise RecordingError(f"{recording.path} holds no rows: there is nothing to plot")
+        raise RecordingError(f"{recording.path} holds no rows to plot")
     known = {field.name for field in recording.fields}
     recording.require(*_FIELDS, *(name for name in ("energy", "injected") if name in known))
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -58,5 +58,5 @@ class RunRecording:
         from haptorb.runtime.recording.recording import Recording
 
         if self._path is None:
-            raise RecordingError("nothing was recorded: the servo was not started, or was told not to record")
+            raise RecordingError("nothing was recorded: the servo was not started, or recording was off")
         return Recording(self._path)

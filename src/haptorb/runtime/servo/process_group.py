@@ -35,11 +35,11 @@ _USUAL = 3.0  #: a start with compiled code; who needs longer has it compiled by
 _FINISH = 1.5  #: to end as told before a signal is sent [s]
 _DRAIN = 20.0  #: for the recorder to write what it has [s]
 _HANG = (
-    "world '{}' hangs: the last tick began {:.1f} s ago and did not end; the process was killed. A world must come "
-    "back from every call at once, and must let through what is raised in it"
+    "world '{}' hangs: the last tick began {:.1f} s ago and did not end; the process was killed. A world must "
+    "return from every call at once, and must not catch every exception"
 )
 _STALL = (
-    "the recorder has stood still for {:.1f} s, and rows that it does not fetch in time are lost; look for a full or "
+    "the recorder has not written for {:.1f} s, and rows that it does not fetch in time are lost; check for a full or "
     "slow disk"
 )
 
@@ -239,7 +239,7 @@ class ProcessGroup:
     def _why(self, code: int | None) -> str:
         reason = self._hang or self._shared.reason.read()[1]
         if reason or self._shared.phase is Phase.ENDED:
-            return reason or "as it was told"
+            return reason or "on command"
         if code is not None and code < 0:
             return f"its process was killed ({_signal(code)})"
         if said := self._describe_end():

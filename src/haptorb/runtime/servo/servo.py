@@ -168,7 +168,7 @@ class Servo(ServoObserver):
         standby: a process that was sent ahead, and is this servo's from here on; None: one is started now.
         """
         if self._children is not None:
-            raise ServoError("this servo was started before; make a new one")
+            raise ServoError("this servo was already started; create a new one")
         preparation = prepare_tracker(self.tracker) if has_feed(self.tracker) else None
         descriptor: int | None = None
         tidying = threading.Thread(target=sweep, name="haptorb-tidying", daemon=True)  # beside the start, which waits
@@ -276,5 +276,5 @@ class Servo(ServoObserver):
 
 def _check_seed(seed: int) -> int:
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise InputError(f"seed must be a whole number from 0 on; got {seed!r}")
+        raise InputError(f"seed must be a whole number, 0 or more; got {seed!r}")
     return seed

@@ -50,11 +50,11 @@ def lsl_stream(name: str, search: float = _SEARCH) -> Any:
     found = pylsl.resolve_byprop("name", name, timeout=search)
     if not found:
         raise DriverError(
-            f"tracker lsl: no stream '{name}' on this computer within {search:g} s; start its program, or look at its "
+            f"tracker lsl: no stream '{name}' on this computer within {search:g} s; start its program, or check its "
             "name (streams of other computers are not taken: forward them with osc:HOST:PORT)"
         )
     if len(found) > 1:
-        raise DriverError(f"tracker lsl: {len(found)} streams are called '{name}'; end all but one")
+        raise DriverError(f"tracker lsl: {len(found)} streams are called '{name}'; close all but one")
     stream = found[0]
     if stream.channel_count() not in CHANNELS or stream.channel_format() == pylsl.cf_string:
         raise DriverError(

@@ -57,7 +57,7 @@ def natnet_socket(host: str, port: int = PORT, answer: float = _ANSWER) -> tuple
                 continue
         raise DriverError(
             f"tracker natnet: no NatNet server answers at {host}, UDP port {port}; switch on streaming (unicast) in "
-            "Motive, and look at its address"
+            "Motive, and check its address"
         )
     except OSError as cause:
         opened.close()

@@ -58,7 +58,7 @@ def osc_socket(host: str, port: int) -> socket.socket:
         opened.close()
         raise DriverError(
             f"tracker osc: cannot listen on {host}, UDP port {port}: {cause.strerror}. Choose another port, end the "
-            "program that has it, or name an address of this computer"
+            "program that uses it, or name an address of this computer"
         ) from cause
     return opened
 

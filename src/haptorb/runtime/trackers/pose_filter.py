@@ -22,14 +22,14 @@ __all__ = ["REASONS", "PoseFilter"]
 
 #: why something was refused, as the report names it
 REASONS = {
-    "garbage": "no message of the documented layout",
+    "garbage": "not a message of the documented layout",
     "stranger": "without the token",
-    "another_sender": "from another program than the poses before",
-    "not_finite": "a number that is none",
+    "another_sender": "from another sender than the poses before",
+    "not_finite": "a number that is not finite",
     "no_rotation": "a quaternion whose length is not 1",
     "too_far": "farther than 5 m away: millimetres instead of metres?",
-    "out_of_order": "not newer than the one before",
-    "jump": "farther from the one before than a hand can have brought the tool",
+    "out_of_order": "not newer than the last pose",
+    "jump": "farther from the last pose than a hand can move the tool",
 }
 
 _REACH = 5.0  #: no tool is farther away; one in millimetres seems to be [m]

@@ -41,7 +41,7 @@ def load_poses(path: str | Path) -> Array:
     new[1:] = (np.abs(np.diff(measured)) > _SAME) & (known[1:] | known[:-1]) | (known[1:] != known[:-1])
     new &= np.isfinite(t)
     if not (known & new).any():
-        raise DriverError(f"tracker replay: {path} holds no pose that was believed; record with --record")
+        raise DriverError(f"tracker replay: {path} holds no valid pose; record one with --record")
     return np.column_stack([t, measured, np.where(whole[:, None], np.column_stack([wanted, turned]), 0.0), known])[new]
 
 

@@ -51,8 +51,8 @@ def check_tracker(name: str, driver: str = "sim") -> str:
     kind(name.partition(":")[2])
     if kind is _Replay and is_real(driver):  # safety: replay-real
         raise InputError(
-            f"tracker '{name}' plays where a tool was, driver '{driver}' moves where it is now: a replay is for "
-            "--driver sim; name a tracker that sees the tool"
+            f"tracker '{name}' replays old poses, but driver '{driver}' acts on the real tool: use a replay with "
+            "--driver sim, or a tracker that sees the tool"
         )
     return name
 
@@ -95,8 +95,8 @@ def check_frame(frame: TrackerFrame, device: Device, tracker: str, driver: str =
     """`frame` itself; InputError or CalibrationError if it cannot be that of `tracker` before `device`."""
     if not has_feed(tracker) or tracker.startswith("replay:"):
         raise InputError(
-            f"tracker '{tracker}' speaks the stator's frame already; --frame is for trackers with a frame of their "
-            "own: osc, lsl, natnet"
+            f"tracker '{tracker}' already reports poses in the stator's frame; --frame is for trackers with their "
+            "own frame: osc, lsl, natnet"
         )
     if frame.simulated and is_real(driver):  # safety: frame-rehearsed
         raise InputError(
@@ -150,7 +150,7 @@ def _check_installed(kind: str) -> None:
             __import__(package)
     except (ImportError, OSError, RuntimeError) as cause:  # pylsl says RuntimeError when its library is missing
         raise DriverError(
-            f"tracker {kind} needs a package that is not here ({cause}): pip install 'haptorb[trackers]'"
+            f"tracker {kind} needs a package that is not installed ({cause}): pip install 'haptorb[trackers]'"
         ) from cause
 
 

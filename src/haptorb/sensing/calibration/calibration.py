@@ -52,7 +52,7 @@ class Calibration:
         """`device` with what was measured; CalibrationError if the calibration is another device's."""
         if device.digest != self.digest:
             raise CalibrationError(
-                f"the calibration is that of device {quote(self.device)} with file {quote(self.digest[:12])}, not of "
+                f"the calibration belongs to device {quote(self.device)} with file {quote(self.digest[:12])}, not to "
                 f"'{device.name}' with file {device.digest[:12]}; calibrate again with "
                 f"`haptorb calibrate {device.name}`"
             )
@@ -93,7 +93,7 @@ class Calibration:
         moments = numbers(raw, "moment_per_current_m2", name, (3, None))
         channels = moments.shape[1]
         if np.linalg.matrix_rank(moments) < min(3, channels):
-            raise CalibrationError(f"{name}: moment_per_current_m2 is singular: two coils would do the same")
+            raise CalibrationError(f"{name}: moment_per_current_m2 is singular: its rows are linearly dependent")
         if not isinstance(raw["simulated"], bool):
             raise CalibrationError(f"{name}: simulated must be true or false; got {quote(raw['simulated'])}")
         resistance = numbers(raw, "resistance_ohm", name, (channels,))

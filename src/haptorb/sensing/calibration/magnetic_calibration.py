@@ -153,8 +153,8 @@ def _conducts(device: SphericalElectromagnet, wanted: Array, measured: Array) ->
             raise InputError(f"coil '{name}' was never excited")
         if float(np.abs(measured[:, coil]).max()) < _DEAD * asked:
             raise CalibrationError(
-                f"coil '{name}' carries {np.abs(measured[:, coil]).max():.2g} A where {asked:.3g} A were asked: "
-                "it is unplugged, or its current sensor is; check the connector and the fuse"
+                f"coil '{name}' carries {np.abs(measured[:, coil]).max():.2g} A instead of {asked:.3g} A: "
+                "the coil is unplugged, or its current sensor is; check the connector and the fuse"
             )
 
 
@@ -166,14 +166,14 @@ def _check_wiring(device: SphericalElectromagnet, measured: Array) -> None:
         like = int(np.abs(cosine[coil]).argmax())
         if like != coil and abs(cosine[coil, like]) > _ALIKE:
             raise CalibrationError(
-                f"coil '{name}' makes the moment of coil '{names[like]}': their connectors are swapped; swap them back"
+                f"coil '{name}' produces the moment of coil '{names[like]}': swap their connectors back"
             )
         if cosine[coil, coil] < -_ALIKE:
-            raise CalibrationError(f"coil '{name}' makes its moment the wrong way round: reverse its two wires")
+            raise CalibrationError(f"coil '{name}' produces a reversed moment: swap its two wires")
         if cosine[coil, coil] < _ALIKE:
             off = np.degrees(np.arccos(np.clip(cosine[coil, coil], -1, 1)))
             raise CalibrationError(
-                f"coil '{name}' points {off:.0f}° away from where the device file has it; check that it is seated"
+                f"coil '{name}' points {off:.0f}° away from its direction in the device file; check that it is seated"
             )
 
 

@@ -50,8 +50,8 @@ def enough(touched: TouchSession, names: Sequence[str]) -> None:
     for where, one, least in wanted:
         if len(one) < least:
             raise CalibrationError(
-                f"only {len(one)} poses {where} that differ; at least {least} are needed: keep moving or tilting the "
-                "tool, and look that the tracker sees it"
+                f"only {len(one)} distinct poses {where}; at least {least} are needed: keep moving or tilting the "
+                "tool, and check that the tracker sees it"
             )
 
 
@@ -66,7 +66,7 @@ def check_pivot(stands: Sequence[Touches]) -> Pivot:
             if again.rms < 0.3 * found.rms and again.rms < loose:
                 raise CalibrationError(
                     f"no tip fits the tracker's poses as they are sent (rms {1e3 * found.rms:.1f} mm), but one does if "
-                    f"{name}: send x y z w that turns the body's vectors into the tracker's"
+                    f"{name}: send the x y z w that rotates vectors from body to tracker"
                 )
         raise CalibrationError(
             f"no tip fits the tracker's poses in the marks (rms {1e3 * found.rms:.1f} mm): the tip must stay in its "
@@ -76,8 +76,8 @@ def check_pivot(stands: Sequence[Touches]) -> Pivot:
     if found.weakest < _TILT:
         raise CalibrationError(
             f"in the marks the tool was tilted by no more than {np.rad2deg(np.arcsin(found.weakest)):.1f}° (rms, about "
-            "the least of three axes): where the tip is in the body cannot be told. Tilt by 20° and more to all sides, "
-            "and roll the tool"
+            "the least of three axes): the tip's place in the body is not observable. Tilt by 20° or more to all "
+            "sides, and roll the tool"
         )
     return found
 
@@ -102,10 +102,10 @@ def check_scale(places: Array, known: Array) -> None:
     if abs(scale - 1.0) <= _SCALE:  # safety: frame-scale
         return
     unit = next((f" {name}" for factor, name in _UNITS.items() if abs(scale / factor - 1.0) < 0.05), "")
-    what = f"speaks{unit}: " if unit else "is out of scale: "
+    what = f"reports{unit}: " if unit else "is out of scale: "
     raise CalibrationError(
-        f"the tracker {what}marks come out {scale:.4g} times as far apart as they are. Poses must be in metres"
-        + ("" if unit else "; calibrate the tracker, or see whether all marks were touched")
+        f"the tracker {what}the marks appear {scale:.4g} times as far apart as they are. Poses must be in metres"
+        + ("" if unit else "; calibrate the tracker, or check that all marks were touched")
     )
 
 
@@ -132,7 +132,7 @@ def check_spread(points: Array, centre: Array) -> None:
     if half < _SPREAD:
         raise CalibrationError(
             f"the touches on the dome are all within {np.rad2deg(half):.0f}° of one place: the dome's centre is not "
-            f"observable from there. Go over the whole dome, {np.rad2deg(_SPREAD):.0f}° and more to every side"
+            f"observable from there. Touch the whole dome, {np.rad2deg(_SPREAD):.0f}° or more to every side"
         )
 
 
@@ -159,10 +159,12 @@ def check_marks(places: Array, known: Array, names: Sequence[str]) -> None:
                 for k, name in enumerate(names)
                 if order[k] != k
             )
-            raise CalibrationError(f"the marks were touched in another order: {wrong}. Touch them as they are named")
+            raise CalibrationError(
+                f"the marks were touched in another order: {wrong}. Touch them in the order that is printed"
+            )
     raise CalibrationError(
-        f"the marks come out {1e3 * rms:.1f} mm (rms) from where the device's file has them: was each touched in its "
-        "middle, and are the file's marks those of this device?"
+        f"the marks are {1e3 * rms:.1f} mm (rms) from their places in the device file: was each touched in its "
+        "centre, and are the file's marks those of this device?"
     )
 
 
@@ -170,7 +172,7 @@ def check_centre(by_dome: Array, by_marks: Array) -> None:
     """Dome and marks tell of the same centre (3,) [m]."""
     if (apart := float(np.linalg.norm(by_dome - by_marks))) > _APART:
         raise CalibrationError(
-            f"the dome's centre is {1e3 * apart:.1f} mm from where the marks have it: did device or cameras move "
+            f"the dome's centre is {1e3 * apart:.1f} mm from its place by the marks: did device or cameras move "
             "between the steps, or was a mark missed?"
         )
 
@@ -179,11 +181,11 @@ def check_roll(found: Roll) -> None:
     """The tool was turned far enough, about an axis that stood still."""
     if found.angle < _ROLLED:
         raise CalibrationError(
-            f"the tool was rolled by {np.rad2deg(found.angle):.0f}° only; its axis needs at least "
-            f"{np.rad2deg(_ROLLED):.0f}°, better a whole turn"
+            f"the tool was rolled by only {np.rad2deg(found.angle):.0f}°; its axis needs at least "
+            f"{np.rad2deg(_ROLLED):.0f}°, better a full turn"
         )
     if found.wobble > _WOBBLE:
         raise CalibrationError(
-            f"the tool's axis wobbled by {np.rad2deg(found.wobble):.1f}° (rms) while it was rolled: stand it in a bore "
+            f"the tool's axis wobbled by {np.rad2deg(found.wobble):.1f}° (rms) while it was rolled: put it into a bore "
             "that fits and turn it there"
         )

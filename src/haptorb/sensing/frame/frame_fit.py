@@ -80,7 +80,7 @@ class FrameFit:
                 if np.abs(step).max() < _SETTLED:
                     break
             else:
-                raise CalibrationError("the frame does not settle: touch dome and marks again, all of them")
+                raise CalibrationError("the fit of the frame does not converge: touch the dome and all marks again")
             off = np.linalg.norm(self.x[: self.dome], axis=1) - self.radius
             scale = 1.4826 * float(np.median(np.abs(off - np.median(off))))
             before, self.on = self.on, np.abs(off) <= max(_LEFT_OUT * scale, _LEAST)

@@ -67,7 +67,7 @@ def frame_registration(touched: TouchSession, device: SphericalElectromagnet) ->
     if marks is None:
         raise InputError(
             f"device '{device.name}': its file has no [marks]; the dome alone leaves the frame's rotation free. "
-            "Measure three places that the tip can stand in and add them"
+            "Measure three places where the tip can stand, and add them"
         )
     doubts.enough(touched, marks.names)
     stands = [touched.marks[name] for name in marks.names]
@@ -95,13 +95,13 @@ def _judge_fit(fit: FrameFit, axis: Array, wobble: float, radius: float, tip_dis
     condition, unseen = observable(J)
     if unseen:
         raise CalibrationError(
-            f"the touches leave open: {', '.join(unseen)}. Touch all marks, and the dome at more places with more tilt"
+            f"the touches do not determine {', '.join(unseen)}. Touch all marks, and more of the dome with more tilt"
         )
     residual = float(np.sqrt((left**2).mean()))
     if residual > _LOOSE:
         raise CalibrationError(
-            f"dome and marks are missed by {1e3 * residual:.1f} mm (rms): is the tool's body loose, does the tracker's "
-            "own calibration hold here, were all marks touched in their middle?"
+            f"the residual at dome and marks is {1e3 * residual:.1f} mm (rms): is the tool's body loose, is the "
+            "tracker's calibration valid here, were all marks touched in their centre?"
         )
     covariance = float(left @ left) / max(len(left) - 9, 1) * np.linalg.inv(J.T @ J)
     # what turns with the tool does not average out over its poses: the wobble counts whole
@@ -118,8 +118,8 @@ def _judge_fit(fit: FrameFit, axis: Array, wobble: float, radius: float, tip_dis
     position = float(np.sqrt(spread + (tip_distance * wobble) ** 2))
     if position > _POSITION or direction > _DIRECTION:
         raise CalibrationError(
-            f"the tool would be known to {1e3 * position:.1f} mm and {np.rad2deg(direction):.1f}° only; touch more "
-            "places, tilt more, roll further, or still the tracker's noise"
+            f"the expected accuracy is only {1e3 * position:.1f} mm and {np.rad2deg(direction):.1f}°; touch more "
+            "places, tilt more, roll further, or reduce the tracker's noise"
         )
     return FrameRegistration(
         fit.R, fit.t, fit.tip, axis, residual, condition, position, direction, radius, wobble,

@@ -72,12 +72,12 @@ class TrackerFrame:
         """Itself; CalibrationError if it is that of another device or tracker."""
         if self.digest != device.digest:
             raise CalibrationError(
-                f"the tracker's frame is that of device {quote(self.device)} with file {quote(self.digest[:12])}, not "
-                f"of '{device.name}' with file {device.digest[:12]}; register again with `haptorb frame {device.name}`"
+                f"the tracker's frame belongs to device {quote(self.device)} with file {quote(self.digest[:12])}, not "
+                f"to '{device.name}' with file {device.digest[:12]}; register again with `haptorb frame {device.name}`"
             )
         if self.tracker != tracker:  # safety: frame-tracker
             raise CalibrationError(
-                f"the frame is that of tracker {quote(self.tracker)}, not of '{tracker}': name that one, or register "
+                f"the frame belongs to tracker {quote(self.tracker)}, not to '{tracker}': use that one, or register "
                 f"this one with `haptorb frame {device.name} --tracker {tracker}`"
             )
         return self

@@ -18,7 +18,7 @@ def believable(motor: SphericalMotor, orientations: Array, field: Array) -> floa
     Over orientations (n, 3, 3), whose field (n, k, 3) [T] is given. Raises InputError where there are none.
     """
     if not len(orientations):
-        raise InputError("no orientations were given to learn the field's range from")
+        raise InputError("the field's range needs at least one orientation; got none")
     most = float(np.sqrt((field**2).sum(axis=2).max()))
     coils = motor.coils.current_limit @ np.abs(motor.sensor_field_per_ampere)
     return 1.5 * (most + float(np.sqrt((coils.reshape(-1, 3) ** 2).sum(axis=1).max())))

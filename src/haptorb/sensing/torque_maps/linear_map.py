@@ -47,7 +47,7 @@ class LinearTorque(TorqueMap):
         covariance = x.T @ x / len(x)
         spread = float(np.trace(covariance)) / x.shape[1]
         if not spread > 1e-12 * float((self._mean**2).mean()):
-            raise InputError("the readings never change over the training set: nothing can be learnt from it")
+            raise InputError("the readings do not change over the training set: give more orientations")
         covariance[np.diag_indices(len(covariance))] += max(sigma**2, 1e-9 * spread)
         self._precision = np.linalg.inv(covariance)
         self._map = np.ascontiguousarray((self._precision @ (x.T @ y / len(x))).T)

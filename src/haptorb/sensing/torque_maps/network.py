@@ -71,7 +71,7 @@ def train(
     """
     R = workspace_grid(motor, grid)
     if len(R) < 2 * len(motor.electromagnets):
-        raise InputError(f"a training grid of {len(R)} orientations cannot teach anything; the usual one is {GRID}")
+        raise InputError(f"a training grid of {len(R)} orientations is too small; the default is {GRID}")
     B, K = motor.sensor_field(R, "table"), motor.torque_characteristic(R, "table")
     groups = neighbourhoods(motor, reach)
     order = np.random.default_rng(seed).permutation(len(R))  # which coil sees which orientation

@@ -78,7 +78,7 @@ def read_networks(path: Path) -> TrainedNetworks:
         ends = np.cumsum([0, *(int(np.prod(shape)) for shape in head["shapes"])])
         parts = [weights[ends[i] : ends[i + 1]].reshape(shape) for i, shape in enumerate(head["shapes"])]
         if len(parts) % 6 or not np.isfinite(weights).all() or ends[-1] != len(weights):
-            raise ValueError("weights that are none, too many or too few")
+            raise ValueError("weights that are not numbers, too many or too few")
         networks = tuple(
             Perceptron(parts[i], parts[i + 1], Scaling(parts[i + 2], parts[i + 3]), Scaling(parts[i + 4], parts[i + 5]))
             for i in range(0, len(parts), 6)
@@ -100,7 +100,7 @@ def _fits(network: Perceptron) -> None:
     nodes = len(network.hidden)
     wanted = ((nodes, inputs + 1), (outputs, nodes + 1), (inputs,), (inputs,), (outputs,), (outputs,))
     if any(part.shape != shape for part, shape in zip(_arrays(network), wanted, strict=True)):
-        raise ValueError("sizes that do not go together")
+        raise ValueError("sizes that do not match")
     if not ((network.inputs.spread > 0).all() and (network.outputs.spread > 0).all()):
         raise ValueError("a spread that is not positive")
 

@@ -32,8 +32,8 @@ class Scaling:
         still = np.flatnonzero(~(spread > 1e-12 * np.abs(values).max()))
         if still.size:
             raise InputError(
-                f"{what} {', '.join(str(i + 1) for i in still[:8])} never change(s) over the training set: nothing can "
-                "be learnt from it; take more orientations, or leave it out"
+                f"{what} {', '.join(str(i + 1) for i in still[:8])} do not change over the training set; "
+                "take more orientations, or leave them out"
             )
         return cls(values.mean(axis=0), spread)
 

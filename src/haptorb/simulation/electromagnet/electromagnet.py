@@ -167,7 +167,7 @@ class SimulatedElectromagnet(Simulation):
         field = np.empty((places, 3))
         if not sense(self._state, self._coils, self._magnets, pose, read, field):
             raise DriverError(
-                "the simulated tool left the numbers: a value of the device file is far from what can be built; "
+                "the simulated tool's state is not finite: a value of the device file is unrealistic; "
                 "compare tool, hand and contact with the file of 'omni'"
             )
         tracked = Pose(pose_stamp, pose[:3], pose[3], pose[5], pose[4], pose_valid)
@@ -223,7 +223,7 @@ def _longest_step(tool: Record, name: str) -> float:
     longest = 0.5 / (stiffness * yielding) ** 0.5 if stiffness > 0.0 else 1.0
     if longest < _SHORTEST:
         raise InputError(
-            f"device '{name}': a dome of {stiffness:.3g} N/m under so light a tool wants steps of "
+            f"device '{name}': a dome of {stiffness:.3g} N/m under such a light tool needs steps of "
             f"{longest * 1e6:.2g} µs, below {_SHORTEST * 1e6:.0f} µs; soften the dome or make the tool heavier"
         )
     return longest

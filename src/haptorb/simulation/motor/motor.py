@@ -179,7 +179,7 @@ class SimulatedMotor(Simulation):
         field = np.empty((self.device.sensors, 3))
         if not sense(self._state, self._coils, self._halls, self._magnetics, self._strength, pose, read, field):
             raise DriverError(
-                "the simulated rotor left the numbers: a value of the device file is far from what can be built; "
+                "the simulated rotor's state is not finite: a value of the device file is unrealistic; "
                 "compare rotor and regulator with the file of 'pmsm'"
             )
         tracked = Pose(pose_stamp, pose[:3], self._still, pose[3], self._still, pose_valid)

@@ -30,7 +30,7 @@ def seed_noise(seed: int) -> Noise:
     True
     """
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"seed must be an integer from 0 on; got {seed!r}")
+        raise InputError(f"seed must be an integer, 0 or more; got {seed!r}")
     state: Noise = np.random.SeedSequence(int(seed)).generate_state(4, np.uint64).astype(np.uint64)
     return state
 

@@ -26,9 +26,9 @@ class Detents(World):
     True
     """
 
-    axis: tuple[float, float, float] = parameter((0.0, 0.0, 1.0), "", -1, 1, "direction from which tilt is counted")
+    axis: tuple[float, float, float] = parameter((0.0, 0.0, 1.0), "", -1, 1, "direction of zero tilt")
     spacing_deg: float = parameter(10.0, "deg", 2, 60, "tilt from one click to the next")
-    strength: float = parameter(0.2, "N", 0, 1, "greatest force, halfway up each side of a click")
+    strength: float = parameter(0.2, "N", 0, 1, "maximum force, halfway up each side of a click")
 
     def __post_init__(self) -> None:
         World.__post_init__(self)

@@ -18,7 +18,7 @@ __all__ = ["Fluid"]
 
 @dataclass(frozen=True)
 class Fluid(World):
-    """Drag against a fluid that turns about +z: F = −b (v − u(p)), limited to `greatest`.
+    """Drag in a fluid that rotates about +z: F = −b (v − u(p)), limited to `greatest`.
 
     The current u is a Lamb–Oseen vortex: solid rotation near the axis, 1/ρ outside `core`. With `stir` zero the fluid
     rests and only brakes; a current can drag the tool along, so the world is declared active.
@@ -26,10 +26,10 @@ class Fluid(World):
 
     passive: ClassVar[bool] = False
 
-    viscosity: float = parameter(2.0, "N·s/m", 0, 10, "b: drag per speed through the fluid")
-    stir: float = parameter(0.1, "m/s", -0.5, 0.5, "greatest speed of the current, counter-clockwise from above")
-    core: float = parameter(0.02, "m", 0.005, 0.1, "radius at which the current is fastest")
-    greatest: float = parameter(0.5, "N", 0.05, 1, "drag never exceeds this")
+    viscosity: float = parameter(2.0, "N·s/m", 0, 10, "b: drag per speed relative to the fluid")
+    stir: float = parameter(0.1, "m/s", -0.5, 0.5, "maximum speed of the fluid, counter-clockwise from above")
+    core: float = parameter(0.02, "m", 0.005, 0.1, "radius at which the fluid is fastest")
+    greatest: float = parameter(0.5, "N", 0.05, 1, "limit of the drag")
 
     @property
     def bound(self) -> float:

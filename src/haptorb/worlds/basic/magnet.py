@@ -19,15 +19,15 @@ _PEAK = exp(-0.5)  #: of r/s e^(−r²/2s²), at r = s
 
 @dataclass(frozen=True)
 class Magnet(World):
-    """Attraction to a point: the gradient of U = −E e^(−r²/2s²), greatest force `strength` at distance `width`.
+    """Attraction to a point: the gradient of U = −E e^(−r²/2s²), maximum force `strength` at distance `width`.
 
     >>> bool(Magnet(place=(0, 0, 0.05)).wrench(State.at((0.01, 0, 0.05)))[0] < 0)
     True
     """
 
-    place: tuple[float, float, float] = parameter((0.0, 0.0, 0.05), "m", -0.1, 0.1, "of the point")
-    width: float = parameter(0.01, "m", 0.001, 0.05, "distance at which the pull is greatest")
-    strength: float = parameter(0.25, "N", -1, 1, "greatest force; negative pushes away")
+    place: tuple[float, float, float] = parameter((0.0, 0.0, 0.05), "m", -0.1, 0.1, "position of the point")
+    width: float = parameter(0.01, "m", 0.001, 0.05, "distance of the maximum pull")
+    strength: float = parameter(0.25, "N", -1, 1, "maximum force; negative pushes away")
 
     @property
     def bound(self) -> float:

@@ -15,7 +15,7 @@ __all__ = ["Nothing"]
 
 @dataclass(frozen=True)
 class Nothing(World):
-    """Zero wrench everywhere: the device is felt as it is, with its own friction and its core's pull."""
+    """Zero wrench everywhere: only the device's own friction and passive pull remain."""
 
     @property
     def bound(self) -> float:

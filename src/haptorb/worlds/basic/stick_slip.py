@@ -24,7 +24,7 @@ class StickSlip(World):
     """
 
     sliding: float = parameter(0.1, "N", 0, 0.5, "F_c: friction while sliding fast")
-    breakaway: float = parameter(0.25, "N", 0, 1, "F_s: friction at the point of sliding")
+    breakaway: float = parameter(0.25, "N", 0, 1, "F_s: friction at the start of sliding")
     fading: float = parameter(0.03, "m/s", 0.001, 0.5, "v_s: speed over which breakaway fades to sliding")
     creep: float = parameter(0.005, "m/s", 0.001, 0.1, "v_0: speed below which the friction rounds off")
 

@@ -18,12 +18,12 @@ __all__ = ["Vibration"]
 
 @dataclass(frozen=True)
 class Vibration(World):
-    """A radial force that swings: F = a sin(2π f t) along the direction from the centre. Active: it can do work."""
+    """Sinusoidal radial force F = a sin(2π f t) along the direction from the centre. Active: it can produce energy."""
 
     passive: ClassVar[bool] = False
 
-    frequency: float = parameter(40.0, "Hz", 1, 250, "of the swing; the loop must run several times faster")
-    amplitude: float = parameter(0.15, "N", 0, 0.5, "of the force")
+    frequency: float = parameter(40.0, "Hz", 1, 250, "frequency of the force; the loop must run several times faster")
+    amplitude: float = parameter(0.15, "N", 0, 0.5, "amplitude of the force")
 
     @property
     def bound(self) -> float:

@@ -18,7 +18,7 @@ __all__ = ["Wall"]
 
 @dataclass(frozen=True)
 class Wall(World):
-    """A half-space that pushes back: stiffness and damping along the normal, from `offset` on.
+    """A stiff half-space: stiffness and damping along the normal, from `offset` on.
 
     Damping acts only while the mover presses in and moves in, so the wall never pulls.
 
@@ -27,10 +27,10 @@ class Wall(World):
     """
 
     normal: tuple[float, float, float] = parameter((1.0, 0.0, 0.0), "", -1, 1, "direction out of the wall")
-    offset: float = parameter(0.0, "m", -0.1, 0.1, "of the wall's face from the centre, along the normal")
+    offset: float = parameter(0.0, "m", -0.1, 0.1, "distance of the wall's face from the centre, along the normal")
     stiffness: float = parameter(150.0, "N/m", 0, 5000, "force per depth")
-    damping: float = parameter(0.5, "N·s/m", 0, 50, "force per speed of pressing in")
-    greatest: float = parameter(1.0, "N", 0.05, 20, "the push never exceeds this")
+    damping: float = parameter(0.5, "N·s/m", 0, 50, "force per speed into the wall")
+    greatest: float = parameter(1.0, "N", 0.05, 20, "limit of the force")
 
     def __post_init__(self) -> None:
         World.__post_init__(self)

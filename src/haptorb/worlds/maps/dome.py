@@ -63,7 +63,7 @@ def _push(p: Array, domes: Records, wrench: Array) -> None:
 
 @dataclass(frozen=True)
 class Dome(World):
-    """Radial and tangential force about a summit, Zárate 2020 Fig. 3 with E12 to E14 corrected.
+    """Radial and tangential force about a summit, Zárate 2020 Fig. 3 with errata E12 to E14 corrected.
 
     With α the angle from the summit and k = π/(2θ₁):
     F_r = 2F₀ cos(kα) (d_min/d)⁴ outward, F_t = F₀ sin(kα) (d_min/d)⁴ away from the summit, for α < θ₂ and d < d_max;
@@ -85,9 +85,9 @@ class Dome(World):
     summit: tuple[float, float, float] = parameter(
         (0.0, 0.0, 1.0), "1", -1, 1, "direction of the summit from the centre"
     )
-    half_width_deg: float = parameter(18.0, "deg", 5, 90, "θ1: where the radial force vanishes first")
-    cut_off_deg: float = parameter(54.0, "deg", 5, 180, "θ2: from here the force is zero")
-    moment: float = parameter(2.4, "A·m²", -4, 4, "height: moment of the electromagnet at the summit; negative pulls")
+    half_width_deg: float = parameter(18.0, "deg", 5, 90, "θ1: angle of the first zero of the radial force")
+    cut_off_deg: float = parameter(54.0, "deg", 5, 180, "θ2: angle from which the force is zero")
+    moment: float = parameter(2.4, "A·m²", -4, 4, "moment of the electromagnet at the summit; negative pulls")
     tool_moment: float = 2.406  #: m_p [A·m²], from the device
     contact_distance: float = 0.050  #: d_min [m], from the device
     reach: float = 0.070  #: d_max [m], from the device

@@ -87,7 +87,7 @@ def hills(size: int = 65) -> Array:
 
 @dataclass(frozen=True)
 class Terrain(World):
-    """Height h over the dome becomes the potential U = F₀ h (d_c/3)(d_c/d)³: height pushes outward, slope pushes aside.
+    """Height map h over the dome as a potential U = F₀ h (d_c/3)(d_c/d)³: height pushes out, slope pushes aside.
 
     F_r = F₀ h (d_c/d)⁴, F_t = −F₀ (d_c/d)³ (d_c/3d) ∂h/∂angle; a gradient, hence passive, and with the falling-off with
     distance that the device's own magnets have. Heights (n, n) span the square around the workspace seen from above

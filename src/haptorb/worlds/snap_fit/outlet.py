@@ -129,7 +129,7 @@ def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Arra
 
 @dataclass(frozen=True)
 class Outlet(World):
-    """Pull a plug out of its outlet: it sticks by friction, fights being tilted, and lets go at the end.
+    """Plug in an outlet: friction holds it, it resists tilt, and it comes free at the end.
 
     Sizes and materials of Bai 2012, Table 3, with E = 113 GPa (erratum E7). The whole pull is 11.5 N with the beam that
     is right (`timoshenko`, E11) and 49.6 N with the paper's (`paper`, appendix B with H_x corrected, E9).
@@ -142,18 +142,18 @@ class Outlet(World):
     youngs_modulus: float = parameter(113e9, "Pa", 1e9, 250e9, "E of the socket's hooks")
     poisson_ratio: float = parameter(0.41, "", 0.0, 0.49, "ν of the socket's hooks")
     friction: float = parameter(0.134, "", 0.0, 1.0, "μ between plug and hooks")
-    base_length: float = parameter(5.4e-3, "m", 2e-3, 40e-3, "hook: from the root to the foot of the rear face")
-    peak: float = parameter(9.6e-3, "m", 3e-3, 50e-3, "hook: from the root to the top that touches")
-    thickness: float = parameter(0.6e-3, "m", 0.2e-3, 5e-3, "hook: of the beam")
-    height: float = parameter(1.8e-3, "m", 0.2e-3, 5e-3, "hook: of the wedge")
+    base_length: float = parameter(5.4e-3, "m", 2e-3, 40e-3, "hook: length from root to foot of the rear face")
+    peak: float = parameter(9.6e-3, "m", 3e-3, 50e-3, "hook: length from root to the top that touches the plug")
+    thickness: float = parameter(0.6e-3, "m", 0.2e-3, 5e-3, "hook: thickness of the beam")
+    height: float = parameter(1.8e-3, "m", 0.2e-3, 5e-3, "hook: height of the wedge")
     width: float = parameter(8e-3, "m", 1e-3, 30e-3, "hook: width")
-    retention_deg: float = parameter(58.8, "°", 5.0, 85.0, "hook: angle of the rear face, which the plug never meets")
-    plug_width: float = parameter(6.3e-3, "m", 1e-3, 30e-3, "w_p, across the hooks")
-    opening: float = parameter(4.8e-3, "m", 0.5e-3, 30e-3, "w_s between the hooks when nothing is in")
+    retention_deg: float = parameter(58.8, "°", 5.0, 85.0, "hook: angle of the rear face, which never touches the plug")
+    plug_width: float = parameter(6.3e-3, "m", 1e-3, 30e-3, "w_p: width of the plug across the hooks")
+    opening: float = parameter(4.8e-3, "m", 0.5e-3, 30e-3, "w_s: gap between the hooks without the plug")
     # h is not given (assumed): blades of 6.3 mm × 1.5 mm are those of a two-pin flat plug, 15.9–18.3 mm long
-    arm: float = parameter(16e-3, "m", 5e-3, 40e-3, "h, from the plug's inner end to the hooks when it is home")
+    arm: float = parameter(16e-3, "m", 5e-3, 40e-3, "h: distance from the inserted plug's inner end to the hooks")
     # assumed: the paper's plug never ends; a real one is bevelled, else it could not be put in
-    lead_in: float = parameter(4e-3, "m", 0.5e-3, 10e-3, "length of the plug's bevelled end")
+    lead_in: float = parameter(4e-3, "m", 0.5e-3, 10e-3, "length of the bevelled end of the plug")
     seat: float = parameter(5e3, "N/m", 0.0, 50e3, "stiffness of the socket's floor, per corner")
     creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
     beam: Model = "timoshenko"  #: "paper" for appendix B
@@ -173,7 +173,7 @@ class Outlet(World):
         if self.lead_in >= self.arm:
             raise GeometryError(
                 f"Outlet: the plug's bevelled end ({self.lead_in * 1e3:.4g} mm) must be shorter than arm "
-                f"({self.arm * 1e3:.4g} mm): the plug would leave before it is home"
+                f"({self.arm * 1e3:.4g} mm): the plug would come out before it is fully inserted"
             )
         hook = Hook(
             self.base_length, self.peak, self.thickness, self.height, self.width,
@@ -240,7 +240,7 @@ class Outlet(World):
 
 @dataclass(frozen=True)
 class PublishedOutlet(World):
-    """Bai 2012, eqs. (14)–(18), corrected where they must be: the world of Fig. 8 (socket as in Table 3).
+    """Bai 2012, eqs. (14)–(18) with errata corrected: the world of Fig. 8 (socket as in Table 3).
 
     Pulling: F_X' = −E w μ (w_p sec ε − w_s)/(Ω₊ + μΩ₋), F_Y' and T_Z' = F_Y' (h − p_x) as in (17), (18) with the
     missing factor (E10). F_X' is printed positive, the pull of the hand; on the plug it is the opposite. The plug ends
@@ -255,9 +255,9 @@ class PublishedOutlet(World):
 
     youngs_modulus: float = parameter(113e9, "Pa", 1e9, 250e9, "E of the socket's hooks")
     friction: float = parameter(0.134, "", 0.0, 1.0, "μ between plug and hooks")
-    plug_width: float = parameter(6.3e-3, "m", 1e-3, 30e-3, "w_p, across the hooks")
-    opening: float = parameter(4.8e-3, "m", 0.5e-3, 30e-3, "w_s between the hooks when nothing is in")
-    arm: float = parameter(16e-3, "m", 5e-3, 40e-3, "h, from the plug's inner end to the hooks (assumed, see Outlet)")
+    plug_width: float = parameter(6.3e-3, "m", 1e-3, 30e-3, "w_p: width of the plug across the hooks")
+    opening: float = parameter(4.8e-3, "m", 0.5e-3, 30e-3, "w_s: gap between the hooks without the plug")
+    arm: float = parameter(16e-3, "m", 5e-3, 40e-3, "h: distance from the inserted plug's end to the hooks (assumed)")
     creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
     beam: Model = "paper"
     surface_height: Literal["corrected", "printed"] = "corrected"  #: H_x by (13), or 1 + δ/h₀ as printed (E9)

@@ -182,7 +182,7 @@ def _snap_fit(
 
 @dataclass(frozen=True)
 class SnapFit(World):
-    """Snap it in, pull it out: hooks bend over their wedges, click home, and hold until pulled hard enough.
+    """Snap-fit: hooks bend, click in, and hold until they are pulled out with enough force.
 
     Sizes as in `physics.Hook`. The default is a pair of ABS hooks of ordinary proportions (1.5 % strain at the root,
     about what ABS bears in a joint opened often): a few newtons, which a motor of about 1 N·m renders through the modes
@@ -196,17 +196,17 @@ class SnapFit(World):
     youngs_modulus: float = parameter(2.3e9, "Pa", 0.1e9, 250e9, "E of the hook's material")
     poisson_ratio: float = parameter(0.35, "", 0.0, 0.49, "ν of the hook's material")
     friction: float = parameter(0.3, "", 0.0, 1.0, "μ between hook and part")
-    base_length: float = parameter(15e-3, "m", 2e-3, 40e-3, "from the root to the foot of the rear face")
-    peak: float = parameter(18.5e-3, "m", 3e-3, 50e-3, "from the root to where the front face starts")
-    thickness: float = parameter(1.5e-3, "m", 0.2e-3, 5e-3, "of the beam")
-    height: float = parameter(1.5e-3, "m", 0.2e-3, 5e-3, "of the wedge")
-    width: float = parameter(6e-3, "m", 1e-3, 30e-3, "of the hook")
+    base_length: float = parameter(15e-3, "m", 2e-3, 40e-3, "distance from the root to the foot of the rear face")
+    peak: float = parameter(18.5e-3, "m", 3e-3, 50e-3, "distance from the root to the start of the front face")
+    thickness: float = parameter(1.5e-3, "m", 0.2e-3, 5e-3, "thickness of the beam")
+    height: float = parameter(1.5e-3, "m", 0.2e-3, 5e-3, "height of the wedge")
+    width: float = parameter(6e-3, "m", 1e-3, 30e-3, "width of the hook")
     insertion_deg: float = parameter(30.0, "°", 5.0, 75.0, "angle of the front face")
-    retention_deg: float = parameter(45.0, "°", 5.0, 80.0, "angle of the rear face: how hard it holds")
-    half_width: float = parameter(5e-3, "m", 1e-3, 30e-3, "from the part's middle to the edge that meets a hook")
-    clearance: float = parameter(0.0, "m", 0.0, 2e-3, "between the seated part and the straight beam")
+    retention_deg: float = parameter(45.0, "°", 5.0, 80.0, "angle of the rear face, which sets the holding force")
+    half_width: float = parameter(5e-3, "m", 1e-3, 30e-3, "distance from centre to the edge that touches a hook")
+    clearance: float = parameter(0.0, "m", 0.0, 2e-3, "gap between the seated part and the straight beam")
     seat: float = parameter(5e3, "N/m", 0.0, 50e3, "stiffness of the socket's floor, per edge")
-    edge: float = parameter(0.2e-3, "m", 0.02e-3, 1e-3, "half length of the rounding at the wedge's edges")
+    edge: float = parameter(0.2e-3, "m", 0.02e-3, 1e-3, "half length of the rounded edges of the wedge")
     creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
     beam: Model = "timoshenko"  #: "paper" for eqs. (12) and (13) as they stand
     hooks: int = 2  #: 2: a pair that centres the part; 1: the part is pushed aside and wants a guide

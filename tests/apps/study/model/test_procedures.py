@@ -111,7 +111,7 @@ def test_the_posterior_is_a_probability(right: list[bool]) -> None:
         (Prompt(low=1, high=7), Answer(None), "whole number"),
         (Prompt(low=0, high=1), Answer(True), "whole number"),
         (Prompt(), Answer(3, (0, 0, 0.05)), "not a number"),
-        (Prompt(), Answer(None), "no place"),
+        (Prompt(), Answer(None), "no position"),
     ],
 )
 def test_an_answer_outside_the_list_is_refused(prompt: Prompt, answer: Answer, says: str) -> None:

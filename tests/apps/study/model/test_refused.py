@@ -29,7 +29,7 @@ FRAME = TrackerFrame(
         (("--lsl", "moon"), "'computer' or 'network'"),
         (("--port", "70000"), "port must be"),
         (("--terminal",), "--participant"),
-        (("--terminal", "-p", "P01", "--lsl", "computer"), "leave --terminal away"),
+        (("--terminal", "-p", "P01", "--lsl", "computer"), "leave out --terminal"),
         (("-p", "Anna"), "never a name"),
         (("--db", "postgresql://study:very-secret@127.0.0.1:9/x"), "nothing was started"),
         (("--db", "no-such-folder/s.db"), "cannot be opened"),
@@ -80,4 +80,4 @@ def test_a_frame_reaches_the_servo_and_the_command_that_resumes(
     (servo,) = made
     assert (servo.tracker, servo.frame.text()) == ("osc:9000", FRAME.text())
     again = "haptorb study run s.toml --terminal -p P01 --db study.db --tracker osc:9000 --frame a.frame.json"
-    assert f"left: `{again}` resumes at trial 1" in capsys.readouterr().err
+    assert f"`{again}` resumes at trial 1" in capsys.readouterr().err

@@ -38,7 +38,7 @@ LEVELS = 'name = "x"\nprocedure = "{}"\n[levels]\nreference = 1.0\n'
         (LEVELS.format("constant") + "values = [1.0]", "two different"),
         (LEVELS.format("staircase") + "least = 0.5\nmost = 0.1\nstart = 0.2", "least < levels.most"),
         (LEVELS.format("bayesian") + "least = 0.1\nmost = 3.5", "between -4 and 4"),
-        (LEVELS.format("identification"), "levels belong"),
+        (LEVELS.format("identification"), "[levels] needs"),
         ("name = ", "not TOML"),
     ],
 )

@@ -285,7 +285,7 @@ def _monostable(chip: TCA9534) -> object:
         (tied_low, "low although nothing triggers"),
         (no_trigger, "does not stay low"),
         (too_long, "low although nothing triggers|still low 30 ms after"),
-        (too_short, "holds for 5.* ms only"),
+        (too_short, "holds for 5.* ms, not"),
         (not_there, "nobody answers at 0x20"),
     ],
 )

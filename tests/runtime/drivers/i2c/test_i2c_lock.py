@@ -145,7 +145,7 @@ def test_a_link_in_its_place_is_refused(tmp_path: Path) -> None:
     assert (tmp_path / "elsewhere").read_text() == "keep me"
     file.unlink()
     os.mkfifo(file)
-    with pytest.raises(DriverError, match="no ordinary file"):
+    with pytest.raises(DriverError, match="not a regular file"):
         lock(tmp_path)
 
 

@@ -260,8 +260,8 @@ def test_an_id_is_kept_when_the_firmware_says_that_it_is_and_not_before(made: Ma
     ("why", "missing", "told"),
     [
         (Refusal.HOT, 0, "above 85 °C"),
-        (Refusal.THERMOMETER, 0x40, "DS18B20 of coil y on D6 has told nothing"),
-        (Refusal.THERMOMETER, 0, "a thermometer has told nothing"),
+        (Refusal.THERMOMETER, 0x40, "DS18B20 of coil y on D6 has sent nothing"),
+        (Refusal.THERMOMETER, 0, "a thermometer has sent nothing"),
         (Refusal.WRITING, 0, "being written"),
     ],
 )

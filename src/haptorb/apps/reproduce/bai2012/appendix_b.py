@@ -18,7 +18,7 @@ __all__ = ["items"]
 
 _AT = Citation("bai2012", "b", "App. B")
 _H0, _LB, _LM, _TAN = 0.6e-3, 9.0, 16.0, math.tan(math.radians(58.8))
-_CLOSED = "closed form against quadrature; the print has no digits of its own"
+_CLOSED = "closed form against quadrature; no digits are printed"
 
 
 def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
@@ -49,7 +49,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.item("b2c", "(B.2c): E/G, and 2(1 + ν) of Table 3", 2.6, hook.shear_ratio, "1", 1e-9,
                  "an isotropic metal", erratum="E21", corrected=2.82, where="(B.2c)"),
         _AT.says("b2c-effect", "change of Ω₊ by that", 0.0, table.plus / closed.plus - 1, "1", 1e-3,
-                 "nobody feels a tenth of a per cent", erratum="E21", where="(B.2c)"),
+                 "a tenth of a per cent is not noticeable", erratum="E21", where="(B.2c)"),
         _AT.says("b3", "(B.3): Ω₁₊, and (12)'s first term by a beam", closed.plus_1, base, "1", 1e-6, _CLOSED,
                  where="(B.3)"),
         _AT.says("b4", "(B.4): Ω₂₊, with σ read as β, and (12)'s integral", closed.plus_2, bending, "1", 1e-6, _CLOSED,
@@ -68,8 +68,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
                  "Timoshenko, quadrature", erratum="E11", corrected=15206.0, where="eq. (12)"),
         _AT.says("12-softer", "how much softer: ratio of the two", 1.0, ramp / closed.plus, "1", 0.01,
                  "from the terms above", erratum="E11", corrected=4.77, where="eq. (12)"),
-        _AT.says("12-thickness", "'Δ₊ = δ₊/h': thickness at the contact over h₀, if that h were meant", 1.0,
-                 hook.section(hook.peak) / hook.thickness, "1", 1e-9, "h₀ is meant; else all is 4 times smaller",
+        _AT.says("12-thickness", "'Δ₊ = δ₊/h': thickness at the contact over h₀, if h is read literally", 1.0,
+                 hook.section(hook.peak) / hook.thickness, "1", 1e-9, "h₀ is meant; otherwise all is 4 times smaller",
                  erratum="E28", corrected=4.0, where="eq. (12)"),
     )  # fmt: skip
     report(1.0)

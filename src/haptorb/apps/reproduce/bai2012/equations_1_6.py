@@ -139,7 +139,7 @@ def _torques() -> list[Item]:
         ("6b-phi", "translate", 2, 2, "η̂₃ of T_φ = η̂₃ F_Z' [m]", 0.017),
     )  # fmt: skip
     return [
-        _AT.says(name, f"{what}, set and felt", gain, modes.torque(_engage(modes, mode), np.eye(6)[component])[axis],
+        _AT.says(name, f"{what}, set and found", gain, modes.torque(_engage(modes, mode), np.eye(6)[component])[axis],
                  "1", 1e-9, where=f"eq. ({name[:2]})", erratum="E6" if name[:2] == "6b" and axis < 2 else "")
         for name, mode, component, axis, what, gain in rows
     ]  # fmt: skip

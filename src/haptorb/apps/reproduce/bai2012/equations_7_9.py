@@ -60,11 +60,11 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.says("9-exact-z", "the same about Z", by_model[2], exact[2], "N·m/A", 0.005,
                  f"the model's own error, 4 % in scale; {small}", erratum="E1", where="eq. (9)"),
         _AT.says("9-scale", "published model over exact bodies, all coils, workspace: best factor", 1.0, scale, "1",
-                 0.06, "what a model of 41 and 97 pole pairs can be asked for", erratum="E1", where="eq. (9)"),
+                 0.06, "the accuracy of a model with 41 and 97 pole pairs", erratum="E1", where="eq. (9)"),
         _AT.says("9-shape", "what is left after that factor, rms over rms", 0.0, shape, "1", 0.03,
                  "the same", erratum="E1", where="eq. (9)"),
         _AT.ours("9-aspect", "the best factor with the coils' l read as l/2a = 0.3", other, "1",
-                 "27 to 30 % off: the reading is refused", where="eq. (9)"),
+                 "27 to 30 % off: this reading is rejected", where="eq. (9)"),
     ]  # fmt: skip
     report(1.0)
     return tuple(found), None

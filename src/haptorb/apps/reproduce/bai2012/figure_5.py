@@ -47,9 +47,9 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.ours("weight", "torque of the weight at the edge of the workspace", -alone[-1], "N·m", assumed),
         _AT.ours("saved", "share of it that the regulator carries", 1 - held[-1] / alone[-1], "1"),
         _AT.ours("saved-upright", "the same at 5° of tilt", 1 - np.interp(0.0873, tilts, held)
-                 / np.interp(0.0873, tilts, alone), "1", "more than all of it: the rest rights the rotor"),
+                 / np.interp(0.0873, tilts, alone), "1", "more than the whole weight: the rest rights the rotor"),
         _AT.exempt("loop", "the loop of design, feeling and choosing", "a procedure, not a number; `haptorb feel` "
-                      "runs it: candidates are felt, rated, and the choice is recorded", "Fig. 5(a)"),
+                      "runs it: candidates are rendered, rated, and the choice is recorded", "Fig. 5(a)"),
         _AT.exempt("photo", "the prototype", "a photograph"),
     ), lambda path: _draw_figure(tilts, alone, held, path)  # fmt: skip
 

@@ -30,7 +30,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.says("hb", "H_b = h_b/h₀ of Table 3", 3.0, hook.height / hook.thickness, "1", 1e-9),
         _AT.says("s", "(10): stiffness while pushed in over stiffness while pulled out, s = ∓1", 1.30,
                  (soft.plus + _FRICTION * soft.minus) / hard, "1", 0.01,
-                 "from the printed Ω₊ and corrected Ω₋; a hand that wriggles gains by it", erratum="E25"),
+                 "from the printed Ω₊ and corrected Ω₋; a hand that wiggles gains energy", erratum="E25"),
         _AT.says("dwelling", "(11) on a level top: f_x/f_y = μ", 0.134, force_ratio(0.0, _FRICTION, True), "1", 1e-12),
         _AT.says("insertion", "(11): tan(γ' + arctan μ) at γ' = 30°, and by the balance of forces",
                  math.tan(math.radians(30) + math.atan(_FRICTION)), _statics(math.radians(30), 1.0), "1", 1e-12),

@@ -20,7 +20,7 @@ from haptorb.worlds.snap_fit.outlet import Outlet, PublishedOutlet
 __all__ = ["items"]
 
 _AT = Citation("bai2012", "t3", "Table 3")
-_AS = "rounding; as the world has it"
+_AS = "rounding; as in the world"
 
 
 def items(report: Report) -> tuple[tuple[Item, ...], None]:
@@ -42,7 +42,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  0.1, "a household outlet holds tens of newtons", erratum="E7", corrected=50.8),
         _AT.item("p", "p of eq. (12), by integrating the shear over a rectangular section", 1.2, _shear_coefficient(),
                  "1", 1e-9),
-        _AT.item("p-used", "p as the beam models have it", 1.2, SHEAR_COEFFICIENT),
+        _AT.item("p-used", "p as in the beam models", 1.2, SHEAR_COEFFICIENT),
         _AT.item("ramp", "height that β gives over ℓ_m − ℓ_b", 1.8, room * math.tan(hook.rear), "mm", 0.01,
                  "three printed numbers exclude each other", erratum="E8", corrected=6.94),
         _AT.item("ramp-angle", "angle that h_b gives over ℓ_m − ℓ_b", 58.8, math.degrees(hook.ramp_to_peak().rear), "°",
@@ -50,7 +50,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.says("ramp-end", "where the ramp of β reaches h_b, over h₀", 16.0, hook.ramp_end / hook.thickness, "1",
                  0.005, "the closed forms of appendix B end it there", erratum="E8", corrected=10.82),
         _AT.says("ramp-refused", "1 if a hook with these sizes and no flat top is refused", 1.0, float(_refuses()), "1",
-                 0.0, "what cannot be built must not be felt", erratum="E8"),
+                 0.0, "what cannot be built must not be rendered", erratum="E8"),
         _AT.says("delta", "δ of each hook with the plug in, (w_p − w_s)/2", 0.75, 1e3 * _bend_hook(), "mm", 1e-6,
                  "found by the outlet's contact"),
         _AT.exempt("e-plug", "E of brass, 0.93 GPa (93: E7), and its ν = 0.35", "the plug is rigid throughout"),

@@ -37,7 +37,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.exempt("figure-2", "frames, and position and torque commands", "a drawing; equations (1), (5) and (6) "
                       "say the same and are checked", "Fig. 2"),
         _AT.exempt("nonmagnetic", "coils without iron, and nothing magnetic but the magnets",
-                      "a property of the prototype; the model takes it as given", "§2"),
+                      "a property of the prototype; the model assumes it", "§2"),
         _AT.exempt("rate", "field-based estimation 'greatly improves the sampling rate and reduces error "
                       "accumulation'", "no rate and no error is printed; `haptorb bench estimation` measures ours",
                       "§1, §4"),

@@ -99,7 +99,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
     without = 100 * float(np.abs(course.uncompensated[after] / course.wanted - 1).min())
     found = (
         Item("drive-compensated", "zarate2020", "eq. (6)",
-             "greatest current error from 0.2 s on, 60 K above the believed temperature", 0.0, with_it, "%", 1.0,
+             "greatest current error from 0.2 s on, 60 K above the assumed temperature", 0.0, with_it, "%", 1.0,
              why="1 %: a tenth of a just-noticeable difference", implied=True),
         Item("drive-uncompensated", "zarate2020", "eq. (3)", "the same without the resistance estimate, least", None,
              without, "%", None),
@@ -115,11 +115,11 @@ def _draw_figure(course: DriveCourse, path: Path) -> Path:
     FigureCanvasAgg(figure)
     top, low = figure.subplots(2, 1, sharex=True)
     top.axhspan(0.99 * course.wanted, 1.01 * course.wanted, color="k", alpha=0.12, label="± 1 %")
-    top.plot(course.t, course.compensated, "C0", label="with the running resistance, eq. (6)")
-    top.plot(course.t, course.uncompensated, "C3", label="with the cold winding's")
+    top.plot(course.t, course.compensated, "C0", label="with the resistance estimate, eq. (6)")
+    top.plot(course.t, course.uncompensated, "C3", label="with the cold resistance")
     top.axvline(0.2, color="k", lw=0.8, ls=":")
     top.set(ylabel="current [A]", ylim=(0.75 * course.wanted, 1.08 * course.wanted))
-    top.set_title(f"{course.wanted:g} A wanted in a winding 60 K warmer than believed", loc="left")
+    top.set_title(f"{course.wanted:g} A asked of a winding 60 K warmer than assumed", loc="left")
     top.legend(frameon=False)
     low.plot(course.t, course.resistance, "k--", label="true")
     low.plot(course.t, course.estimate, "C0", label="estimated")

@@ -165,7 +165,7 @@ def _draw_figure(maps: list[Any], angles: Array, asked: Array, given: Array, sur
     titles = (
         "(b) permanent magnet: θ1 = 90°",
         "(c) adjustable: θ1 = 18°, θ2 = 54°",
-        "(d) a surface that can be felt",
+        "(d) a haptic surface",
     )
     for panel, (axis, radial, aside), title in zip(panels[0], maps, titles, strict=True):
         degrees = np.degrees(axis)

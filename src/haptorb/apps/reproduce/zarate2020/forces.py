@@ -68,7 +68,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  "two nodes fitted to the three endurances", where="§V"),
         _AT.item("half", "seconds at half duty, a quarter of the power", 60.0, coil.time_to(rise, 60.0), "s", 0.5,
                  "two nodes fitted to the three endurances", where="§V"),
-        _AT.item("for-ever", "power that the coil stands for ever", 17.0,
+        _AT.item("for-ever", "continuous power of the coil", 17.0,
                  rise / (1 / heat.winding_to_body + 1 / heat.body_to_air), "W", 0.1,
                  "two nodes fitted to the three endurances"),
         _AT.says("minutes", "order of magnitude of the thermal time, log₁₀ of minutes: 'in the order of minutes'", 0.0,
@@ -78,7 +78,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.ours("one-node-60", "and for 60 s at half duty", one_constant[1], "s"),
         _AT.item("force-rank", "independent force components at contact: 'three'", 3, fmap, where="§V"),
         _AT.says("torque-rank", "independent torque components: 'a specific torque map'", 2, rank, "1", 0.0,
-                 "a moment feels no torque about itself, so a torque map has two components, not three", where="§V"),
+                 "a moment has no torque about its axis, so a torque map has two components, not three", where="§V"),
         _AT.exempt("stronger", "more force with a larger magnet, less angular resolution, more weight",
                       "a direction without numbers"),
     )  # fmt: skip

@@ -128,6 +128,6 @@ def _draw_figure(
     for panel in panels[-1]:
         panel.set_xlabel("angle from the summit [°]")
     figure.colorbar(filled, ax=panels, label="rms error of the place after the 100 Hz filter [mm]")
-    figure.suptitle("Tool found by nine Hall sensors: distance to the tool limits it, then noise, then calibration")
+    figure.suptitle("Tool position by nine Hall sensors: limited by distance to the tool, then noise, then calibration")
     figure.savefig(path, dpi=110)
     return path

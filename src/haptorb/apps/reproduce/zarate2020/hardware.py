@@ -39,7 +39,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.item("voltage", "supply", 12.0, supply.voltage, "V"),
         _AT.item("current", "greatest current of a coil: printed, and 12 V over 0.6 Ω", 24.0, supply.voltage / ohm, "A",
                  1e-9, "Ohm's law", erratum="E15", corrected=20.0),
-        _AT.item("limit", "what the device file lets flow", 24.0, full, "A", 1e-9, erratum="E15", corrected=20.0),
+        _AT.item("limit", "current limit of the device file", 24.0, full, "A", 1e-9, erratum="E15", corrected=20.0),
         _AT.says("duty", "steps of a 12-bit duty", 4096, 2**supply.duty_bits),
         _AT.ours("duty-current", "one step of the duty, as current", 1e3 * full / 2**supply.duty_bits, "mA"),
         _AT.ours("duty-force", "the same as force at contact", 48.0 * full / 2**supply.duty_bits, "mN"),
@@ -56,7 +56,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                      corrected=value)
             for d, value, tolerance in ((50, 52.9, 0.2), (60, 12.25, 0.05), (70, 3.74, 0.02))
         ),
-        _AT.says("core-pull-table", "the same at 50 mm as the servo's table has it, against the series", pulls[50],
+        _AT.says("core-pull-table", "the same at 50 mm by the servo's table, against the series", pulls[50],
                  table, "mN", 0.2, "table of the loop, 0.3 %", erratum="E18"),
         _AT.ours("core-share", "that as a share of the sustained 258 mN", pulls[50] / 258.0, "1"),
         _AT.ours("saturation", "greatest |m_e| over the core's moment at 2.1 T ('m_e ≪ m_saturation')",

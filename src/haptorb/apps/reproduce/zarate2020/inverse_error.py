@@ -112,7 +112,7 @@ def _draw_figure(maps: dict[str, list[Array]], distances: Array, angles: Array, 
     for panel in panels[-1]:
         panel.set_xlabel("angle from the summit [°]")
     figure.suptitle(
-        "Force delivered against 300 mN asked outwards or inwards, the worse: what the published model leaves out"
+        "Error of the delivered force, 300 mN asked outwards or inwards, the larger of both: effect of the model"
     )
     figure.savefig(path, dpi=120)
     return path

@@ -149,7 +149,7 @@ def analyse(study: Study, columns: Columns, procedures: dict[str, Procedure] | N
     practice = columns["phase"] == "practice"
     main = {name: values[~practice] for name, values in columns.items()}
     if not len(main["trial"]):
-        raise InputError(f"study '{study.name}' has practice trials only, so far: nothing to analyse")
+        raise InputError(f"study '{study.name}' has only practice trials so far: there is nothing to analyse")
     people, index = np.unique(main["participant"], return_inverse=True)
     simulated = {code for code, told in zip(main["participant"], main["simulated"], strict=True) if told}
     parts: dict[str, Any] = {}

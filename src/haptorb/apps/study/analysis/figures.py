@@ -57,7 +57,7 @@ def _confusion(analysis: Analysis) -> Figure:
 def _answers(analysis: Analysis) -> Figure:
     c = analysis.confusion
     assert c is not None
-    figure = _new_figure(analysis, "Identified, and where a third or more of the wrong answers went", (6.8, 6.6))
+    figure = _new_figure(analysis, "Correct answers; arrows: a third or more of the wrong answers", (6.8, 6.6))
     axes = figure.subplots(subplot_kw={"projection": "polar"})
     assert isinstance(axes, PolarAxes)
     places = {
@@ -84,12 +84,12 @@ def _answers(analysis: Analysis) -> Figure:
     axes.set_rlim(0, max(rings, default=18.0) + 9)
     axes.set_xticks([])
     axes.grid(alpha=0.4)
-    axes.set_title("shade: share of right answers; seen from above, +x to the right", fontsize=8, color="0.35")
+    axes.set_title("shade: share of correct answers; seen from above, +x to the right", fontsize=8, color="0.35")
     return figure
 
 
 def _error(analysis: Analysis) -> Figure:
-    figure = _new_figure(analysis, "Distance between answered and true place", (6.4, 4.4))
+    figure = _new_figure(analysis, "Distance between answered and true position", (6.4, 4.4))
     axes = figure.subplots()
     theta = [ring.theta_deg for ring in analysis.rings]
     axes.errorbar(
@@ -101,7 +101,7 @@ def _error(analysis: Analysis) -> Figure:
         axes.errorbar(
             [t + 1.4 for t in PUBLISHED_ERRORS], [m for m, _ in PUBLISHED_ERRORS.values()],
             [s for _, s in PUBLISHED_ERRORS.values()], fmt="s", color="0.55", capsize=3, mfc="white",
-            label="Zárate 2020, 6 people (set aside by 1.4°)",
+            label="Zárate 2020, 6 people (shifted by 1.4°)",
         )  # fmt: skip
     axes.set(xlabel="θ of the set-point, from the top [deg]", ylabel="error [mm]", ylim=(0, None))
     axes.set_xticks(theta)
@@ -114,7 +114,7 @@ def _curves(analysis: Analysis) -> Figure:
     import numpy as np
 
     levels = analysis.study.levels
-    figure = _new_figure(analysis, "How often the comparison was called the stronger", (6.4, 4.4))
+    figure = _new_figure(analysis, "Share of answers that the comparison was stronger", (6.4, 4.4))
     axes = figure.subplots()
     for n, (name, (x, yes, of, fit)) in enumerate(analysis.curves.items()):
         axes.plot(x, yes / of, "o", color=f"C{n}")

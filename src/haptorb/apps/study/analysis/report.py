@@ -33,20 +33,20 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
         f"<h1>{escape(analysis.study.name)}</h1>",
         f"<p class='{'simulated' if analysis.simulated else 'quiet'}'>{escape(analysis.origin)}</p>",
         f"<p>Procedure: {analysis.study.procedure}. {analysis.trials} trials answered, {analysis.practice} practice "
-        f"trials left out; the device tripped during {analysis.trips}.</p>",
+        f"trials excluded; the device tripped in {analysis.trips} trials.</p>",
     ]
     if (c := analysis.confusion) is not None:
         low, high = c.accuracy_95
         a, b = c.pooled_95
         body += [
             "<h2>Identification</h2>",
-            f"<p>Right answers: <b>{_percent(c.accuracy)}</b>, averaged over participants (95 % interval over people "
+            f"<p>Correct answers: <b>{_percent(c.accuracy)}</b>, averaged over participants (95 % interval over people "
             f"{_percent(low)} to {_percent(high)}; Wilson over pooled trials {_percent(a)} to {_percent(b)}). Chance "
-            f"is {_percent(c.chance)}; so many by guessing: p = {c.p_chance:.2g} (exact binomial).</p>",
+            f"is {_percent(c.chance)}; probability of so many by guessing: p = {c.p_chance:.2g} (exact binomial).</p>",
             drawn["confusion"],
             drawn["answers"],
             _table(
-                ["set-point", "θ [deg]", "φ [deg]", "right", "95 %", "wrong answers went to"],
+                ["set-point", "θ [deg]", "φ [deg]", "correct", "95 %", "wrong answers went to"],
                 [
                     [
                         n, f"{analysis.study.point(n).theta_deg:g}", f"{analysis.study.point(n).phi_deg:g}",
@@ -66,8 +66,8 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
             "<h2>Error over θ</h2>",
             drawn["error"],
             _table(["θ [deg]", "trials", "mean [mm]", "SD [mm]", "95 % of the mean"], rows),
-            "<p class='quiet'>Distance of the tool's magnet from where it is in contact at the set-point. The paper "
-            "does not say whether it means the magnet or the tip; the tip's way is three fifths of it.</p>",
+            "<p class='quiet'>Distance of the tool's magnet from its contact position at the set-point. The paper "
+            "does not say whether it means the magnet or the tip; the tip's distance is three fifths of it.</p>",
         ]
     unit = f" [{analysis.study.level_unit}]" if analysis.study.level_unit else ""
     if analysis.curves:
@@ -82,7 +82,7 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
             "<h2>Psychometric curves</h2>",
             drawn["curves"],
             _table(["condition", f"middle{unit}", "95 %", f"spread{unit}", "95 %", f"JND (75 %){unit}"], rows),
-            "<p class='quiet'>Cumulative normal, lapses 2 % at either end, greatest likelihood, participants pooled; "
+            "<p class='quiet'>Cumulative normal, lapse rate 2 % at both ends, maximum likelihood, participants pooled; "
             "intervals by parametric bootstrap.</p>",
         ]
     if analysis.thresholds:

@@ -18,14 +18,14 @@ __all__ = ["print_summary"]
 def print_summary(analysis: Analysis, console: Console | None = None) -> None:
     """Print it for people."""
     out = console or make_console()
-    print_text(out, f"{analysis.study.name}: {analysis.trials} trials, {analysis.practice} practice trials left out")
+    print_text(out, f"{analysis.study.name}: {analysis.trials} trials, {analysis.practice} practice trials excluded")
     print_text(out, analysis.origin, "bold red" if analysis.simulated else "dim")
     if (c := analysis.confusion) is not None:
         a, b = c.pooled_95
         print_text(
             out,
-            f"\nright {100 * c.accuracy:.1f} % (95 % over people {_range(c.accuracy_95, 100, '.1f')} %; Wilson over "
-            f"pooled trials {_range((a, b), 100, '.1f')} %), chance {100 * c.chance:.1f} %; so many by guessing: p = "
+            f"\ncorrect {100 * c.accuracy:.1f} % (95 % over people {_range(c.accuracy_95, 100, '.1f')} %; Wilson over "
+            f"pooled trials {_range((a, b), 100, '.1f')} %), chance {100 * c.chance:.1f} %; by guessing: p = "
             f"{c.p_chance:.2g} (exact binomial)",
         )
     for table in _tables(analysis):
@@ -34,7 +34,7 @@ def print_summary(analysis: Analysis, console: Console | None = None) -> None:
     if analysis.comparisons:
         print_text(
             out,
-            "p: two-sided sign-flip test of each participant's pair, not corrected for several comparisons; intervals "
+            "p: two-sided sign-flip test of the participants' pairs, not corrected for several comparisons; intervals "
             "by bootstrap over people",
             "dim",
         )
@@ -98,8 +98,8 @@ def _identification(analysis: Analysis) -> TextTable:
         rows.append((str(n), f"{point.theta_deg:g}", f"{point.phi_deg:g}", _number(100 * c.matrix[i, i], ".1f"), limits,
                      wrong))  # fmt: skip
     columns = (
-        Column("set-point", kind="key"), Column("θ", "°"), Column("φ", "°"), Column("right", "%"), Column("95 %", "%"),
-        Column("a third or more of the wrong answers went to", kind="text"),
+        Column("set-point", kind="key"), Column("θ", "°"), Column("φ", "°"), Column("correct", "%"),
+        Column("95 %", "%"), Column("a third or more of the wrong answers went to", kind="text"),
     )  # fmt: skip
     return _table("Accuracy by set-point", columns, rows)
 

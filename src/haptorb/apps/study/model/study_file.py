@@ -65,7 +65,7 @@ class Study(Part):
     def _together(self) -> Self:
         names = [condition.name for condition in self.conditions]
         if not names:
-            raise ValueError("conditions must not be empty; leave the key away for a single one")
+            raise ValueError("conditions must not be empty; leave out the key for a single condition")
         if len(set(names)) < len(names):
             raise ValueError(f"condition names must differ; got {', '.join(names)}")
         asked = [question.name for question in self.questions]
@@ -74,7 +74,7 @@ class Study(Part):
         if self.procedure in _LEVELLED:
             _levels(self)
         elif self.levels is not None:
-            raise ValueError(f"levels belong to procedures {', '.join(_LEVELLED)}; this one is '{self.procedure}'")
+            raise ValueError(f"[levels] needs procedure {', '.join(_LEVELLED)}; this study has '{self.procedure}'")
         if self.procedure == "forced-choice" and len(names) < 2:
             raise ValueError("a forced choice needs at least two conditions to choose between")
         if self.trials.order == "counter-balanced" and len(names) < 2:
@@ -145,7 +145,7 @@ def study_of(text: str, where: str = "study") -> Study:
     except ValidationError as cause:
         told = [f"{_place(e['loc'])}: {e['msg']}" for e in cause.errors()[:_MISTAKES]]
         more = cause.error_count() - len(told)
-        told += [f"and {more} mistakes more"] if more else []
+        told += [f"and {more} more mistakes"] if more else []
         raise InputError(f"study file {where}: {'; '.join(told)}") from cause
     except InputError as cause:
         raise InputError(f"study file {where}: {cause}") from cause
@@ -153,7 +153,7 @@ def study_of(text: str, where: str = "study") -> Study:
 
 
 def _place(path: tuple[int | str, ...]) -> str:
-    return ".".join(quote(part)[1:-1] if isinstance(part, str) else str(part) for part in path) or "the whole"
+    return ".".join(quote(part)[1:-1] if isinstance(part, str) else str(part) for part in path) or "the whole file"
 
 
 def _levels(study: Study) -> None:
@@ -174,9 +174,11 @@ def _check_study(study: Study) -> None:
     for condition in study.conditions:
         check_names(kind, {**study.parameters, **condition.parameters})
         if "summit" in {**study.parameters, **condition.parameters}:
-            raise InputError("parameters.summit is where the set-points go; leave it away")
+            raise InputError("parameters.summit is set by the set-points; leave it out")
     if "summit" not in parameters(kind):
-        raise InputError(f"world '{study.world}' has no summit to put at a set-point; a study needs one that has: dome")
+        raise InputError(
+            f"world '{study.world}' has no summit to move to a set-point; a study needs a world with a summit: dome"
+        )
     device = study.load_device()
     if study.model:
         device.check_tick_model(study.model)

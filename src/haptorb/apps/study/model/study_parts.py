@@ -61,7 +61,9 @@ class Places(Part):
         numbers = [point.number for point in self.points]
         twice = sorted({n for n in numbers if numbers.count(n) > 1})
         if twice:
-            raise ValueError(f"number {twice[0]} is given to more than one set-point; every set-point needs its own")
+            raise ValueError(
+                f"number {twice[0]} belongs to more than one set-point; each set-point needs its own number"
+            )
         return self
 
 
@@ -151,7 +153,7 @@ class Question(Part):
         if len(told) > _LONGEST:
             raise InputError(f"the answer must have at most {_LONGEST} characters; got {len(told)}")
         if any("\ud800" <= letter <= "\udfff" or letter == "\0" for letter in told):
-            raise InputError("the answer holds a character that is none: please type it again")
+            raise InputError("the answer contains an invalid character: please type it again")
         if self.choices and told not in self.choices:
             raise InputError(f"the answer must be one of {', '.join(self.choices)}; got '{told}'")
         if self.low is not None and self.high is not None:

@@ -79,8 +79,8 @@ class StudyServer:
             sys.setswitchinterval(before)
         if dead:
             raise ServoError(
-                f"the thread that runs the sessions ended: {self._reception.trouble}; the coils are off, and what was "
-                "answered is kept: start again and enter the same code to resume"
+                f"the thread that runs the sessions ended: {self._reception.trouble}; the coils are off, and all "
+                "answers are stored: start again and enter the same code to resume"
             )
         return heard[0] if heard else None
 

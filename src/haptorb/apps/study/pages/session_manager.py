@@ -85,9 +85,9 @@ class SessionManager:
     def ask(self, command: dict[str, Any], told: Told) -> None:
         """Obey `command` soon; `told` hears what was wrong with it, if anything was."""
         if self._died:
-            raise InputError(f"the study's program has failed and ends: {self._died}")
+            raise InputError(f"the study program has failed and closes: {self._died}")
         if self._inbox.qsize() >= _WAITING:
-            raise InputError("too much is waiting to be done already (is the database locked?): try again in a moment")
+            raise InputError("too many commands are waiting (is the database locked?): try again in a moment")
         self._inbox.put((command, self.halt.ask(), told))
 
     @property
@@ -214,11 +214,11 @@ class SessionManager:
     def _begin(self, code: str, asked: StopCount) -> None:
         """Take a participant in: session claimed, device started, nothing felt yet."""
         if self.sitting is not None:
-            raise InputError(f"participant {self.sitting.code} is here: end that session first")
+            raise InputError(f"participant {self.sitting.code} has a running session: end it first")
         sitting = self._sit(self.engine, self.study, code.strip())
         if sitting.over:
             sitting.close()
-            raise InputError(f"participant '{code}' has answered everything already")
+            raise InputError(f"participant '{code}' has already answered all trials")
         self.sitting, self.state, self.trouble, self.log = sitting, "starting", "", []
         try:
             self._recording = self._beside(sitting.id)
@@ -236,7 +236,7 @@ class SessionManager:
 
     def _agree(self, agreed: bool) -> None:
         if self.state != "consent" or self.sitting is None or self.stage is None or self.conduct is not None:
-            raise InputError("nobody is asked for consent now")
+            raise InputError("no consent is expected now")
         if not agreed:
             self.halt.stop(None)
             self.sitting.note("declined", later=True)

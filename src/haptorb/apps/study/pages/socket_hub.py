@@ -133,7 +133,7 @@ class StudySocketHub:
             page.tell(str(mistake))
         # safety: study-message
         except Exception as fault:  # whatever it holds, the page's next Stop must be heard
-            page.tell(f"this message cannot be obeyed: {type(fault).__name__}")
+            page.tell(f"this message cannot be processed: {type(fault).__name__}")
 
     async def _serve(self, page: StudyPage, about: Mapping[str, Any]) -> None:
         sending = asyncio.create_task(self._send(page, about))
@@ -197,7 +197,7 @@ class StudySocketHub:
                     news.append(json.dumps({"event": event, "is": what}))
                     page.told[event] = what
         except Exception as fault:
-            text = f"this page cannot be kept up to date: {type(fault).__name__}: {fault}"
+            text = f"this page cannot be updated: {type(fault).__name__}: {fault}"
             if page.told.get("fault") != text:
                 page.told["fault"] = text
                 page.tell(text)
@@ -227,4 +227,4 @@ def _number(command: dict[str, Any], name: str) -> float:
     try:
         return float(value)
     except OverflowError:
-        raise InputError(f"{name} must be a number that is not that large") from None
+        raise InputError(f"{name} must be a smaller number") from None

@@ -94,9 +94,11 @@ class StopSwitch:
         """
         servo = self._servo
         if servo is None or asked.servo is not servo:
-            raise InputError("no device is running that could be switched on")
+            raise InputError("no device is running")
         if asked.number != self._last:  # safety: study-asked-before
-            raise InputError("Stop was pressed after this: the coils stay off. Resume again when everybody is ready")
+            raise InputError(
+                "Stop was pressed meanwhile: the coils stay off. Press Resume again when everybody is ready"
+            )
         servo.engage(asked.stops)  # safety: study-stop-engaging
         self._cleared = asked.number
 

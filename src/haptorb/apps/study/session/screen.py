@@ -22,7 +22,7 @@ __all__ = ["Screen"]
 
 _WIDE, _HIGH = 62, 23
 _ARROWS = "→↗↑↖←↙↓↘"
-_KEYS = "space or Esc STOP · Enter answer · r again · e switch on · q leave (resumable) · A abort"
+_KEYS = "space or Esc STOP · Enter answer · r repeat · e switch on · q leave (resumable) · A abort"
 
 
 @final
@@ -42,7 +42,7 @@ class Screen:
     def draw(self, view: View) -> RenderableType:
         """The whole screen."""
         prompt, stage = view.prompt, self._stage
-        head = f"trial {view.number}{', practice' if prompt.phase == 'practice' else ''} · {view.left} to come"
+        head = f"trial {view.number}{', practice' if prompt.phase == 'practice' else ''} · {view.left} left"
         if stage.simulated:
             head += " · SIMULATED DEVICE"
         parts: list[RenderableType] = []
@@ -56,7 +56,7 @@ class Screen:
                 Group(*parts, Text("Enter answers · Esc STOP", style="dim")), title=Text(head), width=_WIDE + 6
             )
         if view.state in ("break", "pause"):
-            early = "; Enter goes on" if prompt.pause else ""
+            early = "; Enter continues" if prompt.pause else ""
             parts.append(Text(f"\n  {view.state}: {view.message}{early}\n", style="bold"))
         else:
             if prompt.interval:
@@ -72,7 +72,7 @@ class Screen:
             parts += [Text(task, style="bold"), self._map()]
             if prompt.wants_number:
                 parts.append(Text.assemble("answer: ", (view.typed or "_", "bold reverse")))
-            told = "abort for good? y aborts, any other key goes on" if view.state == "abort?" else view.message
+            told = "abort for good? y aborts, any other key continues" if view.state == "abort?" else view.message
             if told:
                 parts.append(Text(told, style="bold yellow"))
         steer = "arrow keys move the pen · " if stage.steered else ""

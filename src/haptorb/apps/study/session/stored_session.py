@@ -136,7 +136,7 @@ class StoredSession:
                     connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=now()))
         except IntegrityError as cause:
             raise RecordingError(
-                f"trial {self.number} of session {self.id} was answered before; start again"
+                f"trial {self.number} of session {self.id} was already answered; start again"
             ) from cause
         except SQLAlchemyError as cause:
             raise _storage_error(cause) from cause
@@ -190,7 +190,7 @@ class StoredSession:
                 self._late.clear()
         except SQLAlchemyError as cause:
             raise RecordingError(
-                f"session {self.id}: {len(self._late)} events (pauses, safety events) could not be kept"
+                f"session {self.id}: {len(self._late)} events (pauses, safety events) could not be stored"
             ) from cause
         finally:
             self._claim.release()
@@ -268,7 +268,7 @@ class StoredSession:
             asked = procedure.prompt
             if row.number != number or asked is None or Prompt.read(json.loads(row.prompt)) != asked:
                 raise RecordingError(
-                    f"session {self.id}: trial {row.number} is not what the plan asks; data were changed"
+                    f"session {self.id}: trial {row.number} does not match the plan; the data were changed"
                 )
             place = None if row.x is None else (row.x, row.y, row.z)
             procedure = procedure.record_answer(Answer(row.answer, place, row.seconds))
@@ -277,4 +277,6 @@ class StoredSession:
 
 def _storage_error(cause: SQLAlchemyError) -> RecordingError:
     told = str(getattr(cause, "orig", None) or cause).splitlines()[0]
-    return RecordingError(f"the answer could not be kept: {told}; nothing was half written, resume when it is mended")
+    return RecordingError(
+        f"the answer could not be stored: {told}; no partial data were written. Fix the cause, then resume"
+    )

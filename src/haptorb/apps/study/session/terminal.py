@@ -28,7 +28,7 @@ def hold(sitting: StoredSession, start: Callable[[Path | None], Servo], recordin
     with Keyboard(halt) as keys:
         text = Text(f"{study.instructions}\n\n{study.consent}".strip())
         console.print(Panel(text, title=Text(study.name)), soft_wrap=False)
-        say("Enter begins and, where something is asked above, says yes. q leaves. Space or Esc stops at any time.")
+        say("Press Enter to begin and, if consent is asked above, to agree. q leaves. Space or Esc stops at any time.")
         while (key := keys.next_key(1.0)) != "enter":
             if key in ("q", END):
                 sitting.note("leave")

@@ -77,7 +77,7 @@ class TerminalSession:
             case "pause" | "break":
                 return f"{self._conduct.left:.0f} s"
             case "paused":
-                return "STOPPED: the coils are off. e goes on, q ends for now, A aborts"
+                return "STOPPED: the coils are off. e continues, q ends for now, A aborts"
             case "time is up":
                 return "time is up: please answer now"
             case "running" if self._stage.off:
@@ -122,7 +122,7 @@ class TerminalSession:
             self._message = ""
         elif key == "r":
             conduct.repeat()
-            self._typed, self._message = "", "from the beginning"
+            self._typed, self._message = "", "trial restarted"
         elif key == "back":
             self._typed = self._typed[:-1]
         elif key.isdigit() and key.isascii() and len(self._typed) < _TYPED:

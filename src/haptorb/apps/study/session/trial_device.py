@@ -69,7 +69,7 @@ class TrialDevice:
     def aim(self, x: float, y: float) -> None:
         """The pen at angle (x, y) from the top [deg]; it stays within the workspace."""
         if not (isfinite(x) and isfinite(y)):
-            raise InputError("the pen's place must be two finite angles")
+            raise InputError("the pen's position must be two finite angles")
         theta = hypot(x, y)
         if theta > self.limit:
             x, y = x * self.limit / theta, y * self.limit / theta

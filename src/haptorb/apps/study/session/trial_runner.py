@@ -142,7 +142,7 @@ class TrialRunner:
         self.heed()
         prompt = self.prompt
         if not isinstance(which, int) or which not in (1, 2) or prompt is None or not prompt.interval:
-            raise InputError("there is no such interval in this trial")
+            raise InputError("this trial has no such interval")
         if self.state == "running":
             self.which = which
             self.stage.interval(prompt, which)

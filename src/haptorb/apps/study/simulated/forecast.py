@@ -67,9 +67,9 @@ class Forecast:
         if self.holds:
             word = "stays below" if self.peak < self.warn else "warns, but stays below"
             return f"{begin}: {word} derating at {self.derate - 273.15:.0f} °C"
-        cure = "longer pauses do not help: lower the moment"
+        cure = "longer pauses do not help: reduce the moment"
         if self.pause is not None:
-            cure = f"{self.pause:g} s more pause after each trial would hold it"
+            cure = f"{self.pause:g} s more pause after each trial would prevent this"
         return f"{begin}: forces will be reduced (derating at {self.derate - 273.15:.0f} °C); {cure}"
 
 
@@ -90,8 +90,8 @@ class Overlap:
         """For people."""
         a, b = self.set_points
         return (
-            f"{self.pairs} pairs of set-points are closer than their cut-offs keep apart, set-points {a} and {b} by "
-            f"{self.worst:.1f} deg: each can be felt alone, one after the other, but not several at once"
+            f"{self.pairs} pairs of set-points have overlapping maps, set-points {a} and {b} by "
+            f"{self.worst:.1f} deg: render them one after the other, not several at once"
         )
 
 

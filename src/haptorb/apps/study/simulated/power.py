@@ -62,9 +62,9 @@ class Power:
         low, high = (most if n is None else str(n) for n in self.needed_95)
         needed = most if self.needed is None else f"about {self.needed}"
         return (
-            f"{needed} participants (95 %: {low} to {high}) see {self.measure} {self.a} − {self.b} = "
+            f"{needed} participants (95 %: {low} to {high}) detect {self.measure} {self.a} − {self.b} = "
             f"{self.difference:.3g} ± {self.spread:.2g} with a probability of {self.wanted:.0%} at α = {self.alpha:g}; "
-            f"foretold with {self.pool} SIMULATED participants, which is no evidence about people"
+            f"predicted with {self.pool} SIMULATED participants, which is no evidence about people"
         )
 
     def numbers(self) -> dict[str, Any]:
@@ -90,7 +90,7 @@ def power(
     known = MEASURES.get(study.procedure)
     if known is None:
         raise InputError(
-            f"procedure '{study.procedure}' has no measure per participant to compare; power is foretold for "
+            f"procedure '{study.procedure}' has no measure per participant to compare; power is predicted for "
             f"{', '.join(MEASURES)}"
         )
     names = [condition.name for condition in study.conditions]

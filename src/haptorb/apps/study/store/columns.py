@@ -34,14 +34,14 @@ COLUMNS = {
     "interval": "interval (1 or 2) with the comparison, or with `condition`; 0: single interval",
     "answer": "number answered; empty: the position was the answer",
     "correct": "1 the answer is right, 0 it is not, empty where there is no right answer",
-    "x_m": "tool's magnet when answered, stator frame [m]",
-    "y_m": "tool's magnet when answered, stator frame [m]",
-    "z_m": "tool's magnet when answered, stator frame [m]",
-    "distance_mm": "from the tool's magnet to where it is in contact at the set-point [mm]",
-    "angle_deg": "between the directions of the tool's magnet and of the set-point [deg]",
-    "seconds": "from prompt to answer [s]",
+    "x_m": "position of the tool's magnet at the answer, stator frame [m]",
+    "y_m": "position of the tool's magnet at the answer, stator frame [m]",
+    "z_m": "position of the tool's magnet at the answer, stator frame [m]",
+    "distance_mm": "distance of the tool's magnet from its contact position at the set-point [mm]",
+    "angle_deg": "angle between the directions of the tool's magnet and of the set-point [deg]",
+    "seconds": "time from prompt to answer [s]",
     "safety": "reasons for which the device tripped during the trial, separated by |",
-    "recording": "file with the tool's course",
+    "recording": "file with the recording",
     "answered": "time of the answer (UTC)",
 }
 
@@ -56,11 +56,11 @@ def read_study(engine: Engine, name: str | None = None) -> Study:
     known = ", ".join(sorted(row.name for row in rows)) or "none"
     if not fitting:
         raise InputError(
-            f"no study '{name}' in this database (known: {known})" if name else "no study was run here yet"
+            f"no study '{name}' in this database (known: {known})" if name else "this database holds no study yet"
         )
     if len(fitting) > 1:
         raise InputError(
-            f"several studies here (known: {known}): name one; versions of one study go into databases apart"
+            f"several studies in this database (known: {known}): name one; versions of a study need separate databases"
         )
     return study_of(fitting[0].text, f"'{fitting[0].name}' in the database")
 

@@ -135,13 +135,13 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
     try:
         url = make_url(url_of(place))
         if url.get_backend_name() == "sqlite" and url.database and not make and not Path(url.database).is_file():
-            raise RecordingError(f"database {place} does not exist: make it with `haptorb study run` or `simulate`")
+            raise RecordingError(f"database {place} does not exist: create it with `haptorb study run` or `simulate`")
         if url.drivername == "postgresql":
             url = url.set(drivername="postgresql+psycopg")
         engine = create_engine(url, connect_args=_watched if url.get_backend_name() == "postgresql" else {})
     except ArgumentError as cause:
         raise RecordingError(
-            f"'{place}' names no database; give a file, or a URL like postgresql://host/name"
+            f"'{place}' is not a database; give a file, or a URL like postgresql://host/name"
         ) from cause
     except ImportError as cause:
         raise RecordingError(
@@ -190,7 +190,9 @@ def _version(connection: Connection, place: str | Path) -> int | None:
     if not known:
         return None
     if versions.name not in known:
-        raise RecordingError(f"database {mask_password(place)} holds other tables, not a study's; choose another")
+        raise RecordingError(
+            f"database {mask_password(place)} holds other tables than those of a study; choose another"
+        )
     version = int(connection.execute(select(versions.c.version)).scalar_one())
     if version > SCHEMA:
         raise RecordingError(

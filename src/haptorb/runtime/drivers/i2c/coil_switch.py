@@ -130,5 +130,5 @@ class CoilSwitch:
             watcher.leave()
         raise DriverError(
             f"COIL STATE UNKNOWN: the PWM chip on {self._port.name} did not confirm that the coils are off. Switch the "
-            "supply off" + ("; a guardian process goes on trying" if watcher is not None else "")
+            "supply off" + ("; a guardian process keeps trying" if watcher is not None else "")
         )

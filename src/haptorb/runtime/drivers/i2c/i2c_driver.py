@@ -240,7 +240,7 @@ class I2cDriver(Driver):
         self._over = np.where(np.abs(self._currents) > self._limit, self._over + 1, 0)
         if (self._over >= _OVER_IN_A_ROW).any():
             coil = "xyz"[int(np.argmax(self._over))]
-            raise self._fail(f"the current of coil {coil} was above its limit; look for a short before going on")
+            raise self._fail(f"the current of coil {coil} was above its limit; look for a short circuit first")
         field, self._field = self._field, self._hall_sensors.nothing()
         return Sample(
             now, self._currents.copy(), self._thermometers.read(), field, self._pose(now),

@@ -54,7 +54,7 @@ class BusLock:
                 os.close(descriptor)
                 raise DriverError(f"{self._name} is in use by {holder}") from cause
             os.close(descriptor)  # somebody removed the file meanwhile
-        raise DriverError(f"{self._name} cannot be locked: somebody keeps removing {self._path}")
+        raise DriverError(f"{self._name} cannot be locked: another program keeps removing {self._path}")
 
     def tell(self, guardian: int = 0) -> None:
         """Write into the file who holds it: this process, and its `guardian`'s number."""
@@ -90,7 +90,7 @@ def _open_file(path: Path) -> int:
 def _regular(descriptor: int) -> int:
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
-        raise OSError(22, "is no ordinary file")
+        raise OSError(22, "is not a regular file")
     return descriptor
 
 
@@ -103,7 +103,7 @@ def _holder(descriptor: int) -> str:
         return "another program"
     shown = "".join(letter if letter.isprintable() else "?" for letter in program)[:80]
     if _alive(int(number)):
-        return f"process {number} ({shown}): end that first"
+        return f"process {number} ({shown}): end it first"
     return (
         f"the guardian (process {guardian}) that process {number} ({shown}) left behind: it is still trying to switch "
         "the coils off. Check bus and supply"

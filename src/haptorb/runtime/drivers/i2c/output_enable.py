@@ -19,7 +19,7 @@ _EVERY = 4e-3  #: between two triggers of the test [s]
 
 _WIRE = (
     "wire a 74HC123 (P2 of the TCA9534 to its trigger, its inverted output to OE of the PCA9685, OE to P3, as the "
-    "hardware reference has it), or take the risk with --no-watchdog"
+    "hardware reference shows), or accept the risk with --no-watchdog"
 )
 
 
@@ -43,8 +43,8 @@ def pulse(select: HallSelect, clock: Callable[[], float]) -> float:
         raise DriverError(f"OE of the PCA9685 is still low {1e3 * LONGEST:g} ms after the last trigger: {_WIRE}")
     if lasted < SHORTEST:
         raise DriverError(
-            f"the monostable on OE of the PCA9685 holds for {1e3 * lasted:.1f} ms only, {1e3 * SHORTEST:g} to "
-            f"{1e3 * LONGEST:g} ms are needed: check its resistor (82 kΩ) and capacitor (470 nF)"
+            f"the monostable on OE of the PCA9685 holds for {1e3 * lasted:.1f} ms, not {1e3 * SHORTEST:g} to "
+            f"{1e3 * LONGEST:g} ms: check its resistor (82 kΩ) and capacitor (470 nF)"
         )
     return lasted
 

@@ -168,7 +168,7 @@ class Board:
             sleep(_ASK_AGAIN)
         why = refusal(state)
         if not why and self.identify().calibration != calibration:
-            why = "it keeps another one"
+            why = "it stores another id"
         if why:
             raise DriverError(f"the firmware did not store the calibration's id: {why}")
 

@@ -38,23 +38,23 @@ class Reason(IntEnum):
         """One clause: what happened and what to look at.
 
         >>> Reason.SILENCE.text
-        'the host was silent for 15 ms (a busy computer, or a cable pulled)'
+        'the host was silent for 15 ms (a busy computer, or an unplugged cable)'
         """
         return _REASONS[self]
 
 
 _REASONS = {
     Reason.NONE: "no reason",
-    Reason.SILENCE: "the host was silent for 15 ms (a busy computer, or a cable pulled)",
+    Reason.SILENCE: "the host was silent for 15 ms (a busy computer, or an unplugged cable)",
     Reason.LINE: "too many damaged frames on the serial line (check cable, ground and baud rate)",
-    Reason.OVER_CURRENT: "a coil's current was above the limit (look for a short before going on)",
-    Reason.HEAT: "a coil took more heat than it stands (let it cool)",
-    Reason.HOT: "a coil's boundary is above 85 °C (let it cool, look at the fans)",
+    Reason.OVER_CURRENT: "a coil's current was above the limit (look for a short circuit before you continue)",
+    Reason.HEAT: "a coil exceeded its heat limit (let it cool)",
+    Reason.HOT: "a coil's boundary is above 85 °C (let it cool, check the fans)",
     Reason.CHIP: "the PWM chip or a current sensor stopped answering (check the I²C wiring)",
     Reason.BUS: "the I²C bus was held low (check the I²C wiring)",
     Reason.STOP_BUTTON: "the stop button is pressed, or its wire is open",
-    Reason.HOST: "the host said so",
-    Reason.POWER_ON: "it was just switched on",
+    Reason.HOST: "the host commanded it",
+    Reason.POWER_ON: "it was just powered on",
     Reason.RESET_PIN: "it was reset by its pin (opening the port does that on an Arduino)",
     Reason.BROWN_OUT: "its supply sagged below 4.3 V (check the 5 V supply)",
     Reason.WATCHDOG: "its program hung and was restarted (please report it)",

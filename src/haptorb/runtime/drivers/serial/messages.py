@@ -17,14 +17,14 @@ def explain_off(reading: Reading, engaged: bool) -> str:
 
     >>> from haptorb.runtime.drivers.serial.reading import make_reading
     >>> explain_off(Reading.of(make_reading()), engaged=True)
-    'the firmware is off by itself: no reason'
+    'the firmware is off without a command: no reason'
     """
     if reading.standing is BoardMode.TRIPPED:
         parts = missing_chips(reading.missing & _NEEDED) if reading.reason is Reason.CHIP else ()
         detail = f": {', '.join(parts)}" if parts else ""
         return f"the firmware switched the coils off: {reading.reason.text}{detail}"
     if engaged and reading.standing is BoardMode.OFF:  # safety: firmware-restarted
-        return f"the firmware is off by itself: {reading.reason.text}"
+        return f"the firmware is off without a command: {reading.reason.text}"
     return ""
 
 
@@ -37,10 +37,10 @@ def refusal(state: BoardState) -> str:
         Refusal.CHIP: "not ready: " + (", ".join(missing_chips(state.missing & _NEEDED)) or "try again"),
         Refusal.TRIPPED: f"it tripped: {state.reason.text}",
         Refusal.HOT: Reason.HOT.text,
-        Refusal.THERMOMETER: "nobody knows how warm the coils are: "
+        Refusal.THERMOMETER: "the coil temperature is unknown: "
         + (", ".join(missing_chips(state.missing & _WARM)) or "a thermometer")
-        + " has told nothing for 4 s (check its wire; after a restart wait two seconds)",
+        + " has sent nothing for 4 s (check its wire; after a restart wait two seconds)",
         Refusal.WRITING: "its calibration is being written (try again)",
-        Refusal.EEPROM: "its EEPROM does not keep what is written: the chip may be worn out",
+        Refusal.EEPROM: "its EEPROM does not store data: the chip may be worn out",
     }
     return reasons.get(state.refusal, state.refusal.name)

@@ -159,7 +159,7 @@ class SerialDriver(Driver):
         if identity.hall_axes < self._hall_axes:  # safety: board-axes
             raise DriverError(
                 f"the board at {self._path} has Hall sensors of {identity.hall_axes} axis, the tracker 'hall' needs "
-                f"{self._hall_axes}: take another tracker, or sensors and firmware of three axes (docs: hardware)"
+                f"{self._hall_axes}: use another tracker, or sensors and firmware for three axes (docs: hardware)"
             )
         self._told = BoardSample(HallSensors(self._positions, identity.hall_axes))
 
