@@ -32,6 +32,9 @@ def probe(
     json: JsonOption = False,
 ) -> None:
     """What is connected, and what answers. Nothing is switched on."""
+    from haptorb.runtime.realtime.linux import require_linux
+
+    require_linux("`haptorb hardware`")
     from haptorb.apps.hardware.probe import probe as findings
 
     only = bool(port or bus)
@@ -134,6 +137,9 @@ def emulate(
     duration: Annotated[float, typer.Option(help="Seconds; without it until interrupted.")] = float("inf"),
 ) -> None:
     """The real firmware on an emulated board that moves a simulated device: hardware to try everything else on."""
+    from haptorb.runtime.realtime.linux import require_linux
+
+    require_linux("`haptorb hardware`")
     from haptorb.apps.hardware.emulate import emulate as run
     from haptorb.devices.loader import load
 
