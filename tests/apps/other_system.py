@@ -25,11 +25,12 @@ from pathlib import Path
 PACKAGES = """
 numpy.ma numpy.polynomial scipy.spatial.transform scipy.special scipy.optimize scipy.integrate scipy.linalg scipy.fft
 scipy.interpolate numba llvmlite.binding matplotlib.figure matplotlib.backends.backend_agg
-matplotlib.backends.backend_svg pydantic pint rich.console rich.table rich.progress rich.live rich.panel rich.status typer.testing sqlalchemy sqlite3
-sqlalchemy.dialects.sqlite starlette.applications starlette.websockets uvicorn websockets asyncio asyncio.subprocess
-uvicorn.protocols.http.h11_impl uvicorn.protocols.websockets.websockets_sansio_impl mcap.writer mcap.stream_reader
-zstandard cloudpickle PIL.Image subprocess tempfile multiprocessing webbrowser csv pickle statistics uuid html difflib
-importlib.metadata concurrent.futures.process ipaddress inspect platform shutil getpass
+matplotlib.backends.backend_svg pydantic pint rich.console rich.table rich.progress rich.live rich.panel rich.status
+typer.testing sqlalchemy sqlite3 sqlalchemy.dialects.sqlite starlette.applications starlette.websockets uvicorn
+websockets asyncio asyncio.subprocess uvicorn.protocols.http.h11_impl
+uvicorn.protocols.websockets.websockets_sansio_impl mcap.writer mcap.stream_reader zstandard cloudpickle PIL.Image
+subprocess tempfile multiprocessing webbrowser csv pickle statistics uuid html difflib importlib.metadata
+concurrent.futures.process ipaddress inspect platform shutil getpass
 """
 
 #: modules of Linux, attributes of modules that Windows does not have, and folders of Linux
