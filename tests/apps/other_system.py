@@ -20,8 +20,9 @@ import warnings
 from contextlib import redirect_stderr, redirect_stdout
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
-#: other people's modules are loaded first: they look at the system they find, and would look for another one's parts
+#: other people's modules are loaded first, with all that they take from the system
 PACKAGES = """
 numpy.ma numpy.polynomial scipy.spatial.transform scipy.special scipy.optimize scipy.integrate scipy.linalg scipy.fft
 scipy.interpolate numba llvmlite.binding matplotlib.figure matplotlib.backends.backend_agg
@@ -75,7 +76,10 @@ def hide(system):
     ctypes.CDLL.__init__ = load_library
     sys.addaudithook(refuse_folders)
     warnings.filterwarnings("error", category=EncodingWarning, module=r"haptorb\.")  # a file's text has an encoding
-    sys.platform = system
+    # Not sys.platform itself: other people's packages would load another system's parts, late ones too.
+    from haptorb.runtime.realtime import linux
+
+    linux.sys = SimpleNamespace(platform=system)
 
 
 def refuse_folders(event, values):
