@@ -25,11 +25,13 @@ from haptorb.apps.cli import (
 )
 from haptorb.apps.terminal import say
 from haptorb.apps.terminal.help_text import CommandLine
+from haptorb.apps.terminal.output import drop_output, open_output
 from haptorb.apps.terminal.spelling import use_ascii_fallback
-from haptorb.apps.terminal.streams import drop_output, open_streams
 from haptorb.errors import HaptorbError
 
 __all__ = ["app", "main"]
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  #: disk, quota, file
 
 app = CommandLine(
     name="haptorb",
@@ -40,12 +42,9 @@ for module in (run, show, check, study, calibrate, frame, fit, train, estimators
     module.register(app)
 
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  #: disk, quota, file
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; a user's mistake is one message, never a traceback."""
-    open_streams()
+    open_output()
     use_ascii_fallback()
     try:
         app(args=arguments)

@@ -6,10 +6,10 @@ import os
 import sys
 from contextlib import suppress
 
-__all__ = ["drop_output", "open_streams"]
+__all__ = ["drop_output", "open_output"]
 
 
-def open_streams() -> None:
+def open_output() -> None:
     """Let what is printed go nowhere where the program was started without standard output or error (`>&-`)."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
@@ -19,6 +19,6 @@ def open_streams() -> None:
 def drop_output() -> None:
     """Standard output takes no more: what waits for it goes nowhere, or Python would try again, and say so, at exit."""
     with suppress(OSError, ValueError):  # a stream without a file
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.stdout.fileno())
+        output, nowhere = sys.stdout.fileno(), os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, output)
         os.close(nowhere)
