@@ -10,7 +10,8 @@
     ├── DriverError          hardware or simulation that does not answer as it must
     │   └── HostSilent       the hardware switched off because this computer was silent
     ├── RecordingError       a recording that cannot be written or read
-    └── ServoError           the real-time process did not start, or died
+    ├── ServoError           the real-time process did not start, or died
+    └── PlatformError        this operating system cannot do it (what it can do is told)
 
 Every message says what, where, what was expected and what to do.
 """
@@ -29,6 +30,7 @@ __all__ = [
     "HaptorbError",
     "HostSilent",
     "InputError",
+    "PlatformError",
     "PrecisionError",
     "RecordingError",
     "ServoError",
@@ -117,3 +119,7 @@ class RecordingError(HaptorbError):
 
 class ServoError(HaptorbError):
     """The real-time process did not start, or it died."""
+
+
+class PlatformError(HaptorbError):
+    """This needs Linux, and the system is another one; the message tells what works there."""

@@ -133,3 +133,19 @@ def test_help_is_light():
     program = f"import sys; from haptorb.apps.cli import program; print({heavy})"
     out = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
+
+
+def test_a_full_disk_is_one_message(capsys, monkeypatch):
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        assert main(["devices"]) == 2
+    assert capsys.readouterr().err == "haptorb: cannot write the output: No space left on device\n"
+
+
+def test_no_output_at_all(monkeypatch):
+    """As in `haptorb devices >&-`, and without a console under Windows."""
+    monkeypatch.setattr(sys, "stdout", None)
+    with pytest.raises(SystemExit) as end:
+        main(["devices"])
+    assert not end.value.code
+    sys.stdout.close()

@@ -16,7 +16,7 @@ from typing import Any
 
 from haptorb.errors import HaptorbError
 
-__all__ = ["json_of", "read_bytes", "read_text", "toml_of"]
+__all__ = ["json_of", "open_at_once", "read_bytes", "read_text", "toml_of"]
 
 _TOML = 256 * 1024  #: bytes of a TOML file
 _DEEP = 16  #: tables and lists within one another
@@ -30,7 +30,7 @@ def read_bytes(path: str | Path, most: int, what: str, error: type[HaptorbError]
     Raises `error` naming `what` it is if it cannot be read, is no regular file, or is longer.
     """
     try:
-        with open(Path(path).expanduser(), "rb", opener=_without_waiting) as file:
+        with open(Path(path).expanduser(), "rb", opener=open_at_once) as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise error(f"{what} {path}: cannot be read (not a regular file)")
             content = file.read(most + 1)
@@ -75,8 +75,9 @@ def json_of(text: str | bytes) -> Any:
     return raw
 
 
-def _without_waiting(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe without a writer would be waited for
+def open_at_once(path: str, flags: int) -> int:
+    """An `opener` for Python's `open`: a pipe without a writer is not waited for, where the system has such pipes."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _shallow(raw: Any) -> None:

@@ -19,6 +19,7 @@ from haptorb.apps.bench.row import Metric
 from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 from haptorb.errors import InputError, UnknownName
 from haptorb.files.replace_file import replace_file
+from haptorb.runtime.realtime.linux import require_linux
 
 __all__ = ["BENCHMARKS", "BenchResult", "load_result", "run_benchmarks"]
 
@@ -36,6 +37,8 @@ BENCHMARKS = {
     "training": ("training", "rows"),
     "study": ("outside", "study"),
 }
+#: those that measure a running servo
+_OF_A_SERVO = ("start", "loop", "console", "serial", "recording")
 _SHORT = 45  #: longest note in a short table
 _PACKAGES = ("haptorb", "numpy", "numba", "scipy", "magpylib", "cfsem", "daqp")
 
@@ -111,12 +114,16 @@ class BenchResult:
 def run_benchmarks(names: Iterable[str], effort: float, command: str, tell: Callable[[str, str], None]) -> BenchResult:
     """Run the benchmarks `names`, one after the other; `tell(name, what)` is told what is running.
 
-    `effort` 1 is the full length of each, less is shorter and noisier. Raises UnknownName, InputError.
+    `effort` 1 is the full length of each, less is shorter and noisier. Raises UnknownName, InputError, PlatformError.
     """
     chosen = list(names)
     for name in chosen:
         if name not in BENCHMARKS:
             raise UnknownName("benchmark", name, BENCHMARKS)
+    live = [name for name in chosen if name in _OF_A_SERVO]
+    if live:
+        others = " ".join(name for name in BENCHMARKS if name not in _OF_A_SERVO)
+        require_linux(f"`haptorb bench {' '.join(live)}`", f"haptorb bench {others}")
     if not 0.0 < effort <= 10.0:
         raise InputError(f"--effort must be above 0 and at most 10; got {effort:g}")
     facts = machine()
@@ -144,8 +151,8 @@ def machine() -> dict[str, str]:
     lines = cpu.read_text(encoding="utf-8").splitlines() if cpu.is_file() else []
     facts = {
         "processor": next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), "unknown"),
-        "cores": str(len(os.sched_getaffinity(0))),
-        "load before": f"{os.getloadavg()[0]:.1f}",
+        "cores": str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()),
+        "load before": f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown",
         "system": f"{platform.system()} {platform.release()}",
         "python": platform.python_version(),
     }

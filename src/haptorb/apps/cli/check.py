@@ -64,6 +64,9 @@ def check(
         raise InputError(
             "--plot, --set, --tracker, --tracker-rate and --latency need --world: haptorb check --world dome"
         )
+    from haptorb.runtime.realtime.linux import require_linux
+
+    require_linux("`haptorb check` of the computer")
     from haptorb.apps.check import measure_fitness, print_fitness
 
     result = measure_fitness(duration, rate=rate, device=device, dragging=not alone)

@@ -42,7 +42,9 @@ def feel(
 ) -> None:
     """Feel designs one after another, rate each from 1 to 7, and compare them. Traces and ratings are stored."""
     from haptorb.apps.feel import FeelSession, load_designs
+    from haptorb.runtime.realtime.linux import require_linux
 
+    require_linux("`haptorb feel`")
     candidates = load_designs(designs)
     wanted = [candidates[name] for name in only] if only else list(candidates.designs)
     scores = _scores(rate or [], candidates)

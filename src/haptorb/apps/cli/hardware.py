@@ -32,6 +32,9 @@ def probe(
     json: JsonOption = False,
 ) -> None:
     """Find connected devices and list what answers. The coils stay off."""
+    from haptorb.runtime.realtime.linux import require_linux
+
+    require_linux("`haptorb hardware`")
     from haptorb.apps.hardware.probe import probe as findings
 
     only = bool(port or bus)
@@ -137,6 +140,9 @@ def emulate(
     duration: Annotated[float, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = float("inf"),
 ) -> None:
     """Run the real firmware on an emulated board with a simulated device, to try the other commands on."""
+    from haptorb.runtime.realtime.linux import require_linux
+
+    require_linux("`haptorb hardware`")
     from haptorb.apps.hardware.emulate import emulate as run
     from haptorb.devices.loader import load
 

@@ -5,6 +5,7 @@ Exit codes: 0 done, 1 the command ran and its verdict is no, 2 a mistake that th
 
 from __future__ import annotations
 
+import errno
 import sys
 
 from haptorb.apps.cli import (
@@ -24,10 +25,13 @@ from haptorb.apps.cli import (
 )
 from haptorb.apps.terminal import say
 from haptorb.apps.terminal.help_text import CommandLine
+from haptorb.apps.terminal.output import drop_output, open_output
 from haptorb.apps.terminal.spelling import use_ascii_fallback
 from haptorb.errors import HaptorbError
 
 __all__ = ["app", "main"]
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  #: disk, quota, file
 
 app = CommandLine(
     name="haptorb",
@@ -40,6 +44,7 @@ for module in (run, show, check, study, calibrate, frame, fit, train, estimators
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; a user's mistake is one message, never a traceback."""
+    open_output()
     use_ascii_fallback()
     try:
         app(args=arguments)
@@ -50,4 +55,10 @@ def main(arguments: list[str] | None = None) -> int:
         return 130
     except BrokenPipeError:  # `haptorb devices | head` is no mistake
         sys.stderr.close()
+    except OSError as cause:
+        if cause.errno not in _FULL:
+            raise
+        drop_output()
+        say(f"haptorb: cannot write {cause.filename or 'the output'}: {cause.strerror}")
+        return 2
     return 0

@@ -79,7 +79,9 @@ def run(
     if duration is not None and not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
     from haptorb.runtime.processes.prestart import PrestartedProcess
+    from haptorb.runtime.realtime.linux import require_linux
 
+    require_linux("`haptorb run`")
     with PrestartedProcess() as standby:  # it loads while this process does, and reads the device file
         from haptorb import worlds
         from haptorb.apps.progress import build_tables

@@ -82,7 +82,9 @@ def run(
     from haptorb.apps.study.model.study_file import read_study
     from haptorb.apps.study.session.stored_session import check_code
     from haptorb.apps.study.store.database import database
+    from haptorb.runtime.realtime.linux import require_linux
 
+    require_linux("`haptorb study run`")
     known = read_study(file)
     if participant is not None:
         check_code(participant)

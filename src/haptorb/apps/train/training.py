@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import resource
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -63,7 +63,8 @@ class Training:
             f"\nK of electromagnet {judged['electromagnet']}: NRMSE {shares['workspace']} over the workspace, "
             f"{shares['figure_4']} on the trajectory of Fig. 4; all coils {shares['all_coils']}",
         )
-        print_text(console, f"{record['seconds']:.0f} s, {record['peak_megabytes']:.0f} MB; stored in {self.path}")
+        memory = f", {record['peak_megabytes']:.0f} MB" if record["peak_megabytes"] is not None else ""
+        print_text(console, f"{record['seconds']:.0f} s{memory}; stored in {self.path}")
 
 
 def train_networks(
@@ -96,7 +97,7 @@ def train_networks(
     begun = monotonic()
     networks = train(known, nodes=nodes, starts=starts, iterations=iterations, seed=seed, report=report)
     seconds = monotonic() - begun
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    peak = _peak_memory()
     chosen = _reference_coil(known.electromagnets.directions)
     torque = NetworkTorque(known, networks)
 
@@ -123,6 +124,16 @@ def train_networks(
     networks = replace(networks, record=record)
     write_networks(networks, place)
     return Training(networks, place)
+
+
+def _peak_memory() -> float | None:
+    """Of this process so far [MB]; None where the system does not tell."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    unit = 1024**2 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
 
 
 def _reference_coil(directions: Array) -> int:

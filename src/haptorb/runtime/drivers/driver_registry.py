@@ -8,6 +8,7 @@ from haptorb.devices.device import Device
 from haptorb.errors import InputError
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.drivers.electronics import invalid_pose
+from haptorb.runtime.realtime.linux import require_linux
 from haptorb.sensing.sample import Pose
 
 __all__ = ["is_real", "real_driver"]
@@ -33,13 +34,16 @@ def real_driver(
     patience: float = 5e-3,
     watchdog: bool = True,
 ) -> Driver:
-    """The driver `name` of `device`, not open yet; InputError if the name is no port or bus.
+    """The driver `name` of `device`, not open yet; InputError if the name is no port or bus, PlatformError if this is
+    not Linux.
 
     duty_limit [1] and current_limit [A] bind the firmware for this session, where there is one. Hall sensors of fewer
     than `hall_axes` are refused when it is opened. `patience` [s] is how long a bridge's answer is waited for: a loop
     has no time, a program without one has. An I²C bus whose PWM chip has no monostable on OE is refused when it is
     opened, unless `watchdog` is False.
     """
+    if is_real(name):
+        require_linux("a real driver")
     kind, _, where = name.partition(":")
     if kind == "serial" and where:
         from haptorb.runtime.drivers.serial.serial_driver import SerialDriver

@@ -1,11 +1,14 @@
-"""What a process may ask of the kernel to be punctual; whatever is not permitted is left, and reported."""
+"""What a process may ask of the kernel to be punctual; whatever is not permitted is left, and reported.
+
+What only Linux has is loaded when it is asked for: programs without a loop import this module on other systems, too.
+"""
 
 from __future__ import annotations
 
 import ctypes
 import os
-import resource
 from contextlib import suppress
+from functools import cache
 
 from haptorb.runtime.realtime.core_claim import claim
 
@@ -18,7 +21,10 @@ _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PRIORITY = 40  #: below the kernel's own interrupt threads (50)
 _RUNAWAY = 3_000_000  #: of a processor under the real-time scheduler without one wait [µs]
 
-_libc = ctypes.CDLL(None, use_errno=True)
+
+@cache
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
 
 
 def punctual(*, real_time: bool = True) -> Facts:
@@ -28,10 +34,12 @@ def punctual(*, real_time: bool = True) -> Facts:
     from a busy one. Nor is it where other servos hold all cores: two real-time loops on one core wait for each other.
     """
     # The default lets timers come up to 50 µs late so that wake-ups can be joined.
-    slack = _libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0
+    slack = _libc().prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0
     fifo = real_time and _fifo(_PRIORITY)
     if fifo:
         # Who computes for so long without ever waiting does not come back: the kernel kills it.
+        import resource
+
         resource.setrlimit(resource.RLIMIT_RTTIME, (_RUNAWAY, _RUNAWAY))
     return {
         "policy": "SCHED_FIFO" if fifo else "SCHED_OTHER",
@@ -67,11 +75,13 @@ def _fifo(priority: int, number: int = 0) -> bool:
 
 def _lock_memory() -> bool:
     # With a finite limit the lock on future pages would make later allocations fail: worse than a page fault.
+    import resource
+
     soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     if soft != resource.RLIM_INFINITY and os.geteuid() != 0:
         return False
     # On fault: pages that are used stay; the compiler's unused ones need not come in.
-    return bool(_libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0)
+    return bool(_libc().mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0)
 
 
 def _bind() -> int:

@@ -10,13 +10,12 @@ __all__ = ["MemoryGrowth", "resident"]
 
 _MUCH = 100e6  #: from so much on a person is told [bytes]
 _EVERY = 1.0  #: between two looks [s]
-_PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
 def resident(pid: int) -> int | None:
     """Memory in which the process `pid` has something [bytes]; None if it has ended."""
     try:
-        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * _PAGE
+        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except (OSError, IndexError, ValueError):
         return None
 

@@ -6,22 +6,26 @@ import ctypes
 import os
 import signal
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
 __all__ = ["die_with_parent", "end_group", "is_orphaned"]
 
 _PR_SET_PDEATHSIG = 1
 
-_libc = ctypes.CDLL(None, use_errno=True)
+
+@cache
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
 
 
-def die_with_parent(number: signal.Signals = signal.SIGKILL) -> None:
-    """Ask the kernel for the signal `number` when the parent ends.
+def die_with_parent(number: signal.Signals | None = None) -> None:
+    """Ask the kernel for the signal `number` when the parent ends; None: for SIGKILL.
 
     The kernel sends it when the *thread* ends that started this process. Processes are therefore started by a thread
     that lives as long as its program (`starter`); whoever has another signal sent can ask `is_orphaned` as well.
     """
-    _libc.prctl(_PR_SET_PDEATHSIG, int(number), 0, 0, 0)
+    _libc().prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL if number is None else number), 0, 0, 0)
 
 
 def is_orphaned(parent: int) -> bool:

@@ -6,7 +6,6 @@ ours that can be locked has no owner, and goes.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 import shutil
@@ -35,6 +34,8 @@ class FileLock:
     def __init__(self, path: Path | str) -> None:
         self.there = False
         self._descriptor = -1
+        import fcntl  # not at the top: Windows has none, and only a servo needs it
+
         with suppress(FileNotFoundError):
             self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
             with suppress(OSError):  # a file system without locks: then `sweep` cannot lock it either, and lets it be
@@ -72,6 +73,8 @@ def sweep() -> int:
 
 def _remove_if_stale(entry: os.DirEntry[str]) -> bool:
     """Whether `entry` had no owner; then it is gone."""
+    import fcntl
+
     try:
         found = entry.stat(follow_symlinks=False)
         if found.st_uid != os.geteuid() or not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from haptorb.errors import RecordingError, UnknownName, quote
 from haptorb.files.replace_file import replace_file
+from haptorb.files.text_file import open_at_once
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.recording.mcap_rows import MAGIC, Block, records
 from haptorb.runtime.recording.mcap_schema import CDR_HEADER, NAME, TOPIC, fields_of
@@ -186,8 +187,7 @@ class Recording:
 def _open_file(path: Path) -> BinaryIO:
     """The file, if it begins like MCAP."""
     try:
-        # a pipe without a writer would be waited for
-        file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
+        file = open(path, "rb", opener=open_at_once)  # noqa: SIM115 (whoever asked for it closes it)
     except OSError as cause:
         raise RecordingError(f"cannot read {path}: {cause.strerror}") from cause
     except ValueError as cause:  # a zero byte in its name

@@ -11,7 +11,7 @@ from haptorb.runtime.realtime.stale_files import RECORDING, FileLock
 
 __all__ = ["complete", "create_recording", "temporary"]
 
-_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL
 
 
 def create_recording(path: Path, *, overwrite: bool) -> int:

@@ -30,6 +30,7 @@ from haptorb.runtime.exchange.shared_memory import SharedMemory
 from haptorb.runtime.exchange.world_change import description
 from haptorb.runtime.processes.first_start import compiling
 from haptorb.runtime.processes.prestart import PrestartedProcess
+from haptorb.runtime.realtime.linux import require_linux
 from haptorb.runtime.realtime.schedule import check_rate
 from haptorb.runtime.realtime.stale_files import FileLock, sweep
 from haptorb.runtime.recording.run_recording import RunRecording
@@ -87,7 +88,8 @@ class Servo(ServoObserver):
 
     Raises UnknownName for a name that is not in its list, InputError for a value that cannot be used, or a world,
     tracker or gains that do not fit the device, DeviceError for a file that describes no device, and CalibrationError
-    for a calibration or frame that cannot be read or is another device's or tracker's.
+    for a calibration or frame that cannot be read or is another device's or tracker's. PlatformError if this is not
+    Linux.
 
     >>> with Servo("omni", "dome") as servo:  # doctest: +SKIP
     ...     servo.run(seconds=5)
@@ -114,6 +116,7 @@ class Servo(ServoObserver):
         black_box: str | Path | None = None,
         watchdog: bool = True,
     ) -> None:
+        require_linux("haptorb.Servo")
         self.device = device if isinstance(device, Device) else load(device)
         self._device_text = text_of(self.device, device)
         self.layout = RowLayout.of(self.device)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
+import sqlite3
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self, final
@@ -25,19 +26,13 @@ class SessionLock:
     """
 
     def __init__(self, engine: Engine, session: int) -> None:
-        self._descriptor: int | None = None
+        self._file: sqlite3.Connection | None = None
         self._connection: Connection | None = None
         taken = RecordingError(
             f"session {session} is being run by another experimenter (or another window): end that one first"
         )
         if engine.dialect.name == "sqlite":
-            path = Path(f"{engine.url.database}.session-{session}.lock")
-            self._descriptor = os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
-            try:
-                fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as cause:
-                os.close(self._descriptor)
-                raise taken from cause
+            self._file = _lock_file(Path(f"{engine.url.database}.session-{session}.lock"), taken)
         else:
             self._connection = engine.connect()
             lock = text("SELECT pg_try_advisory_lock(:family, :session)")
@@ -49,9 +44,9 @@ class SessionLock:
 
     def release(self) -> None:
         """Give it back; may be called twice. The empty file stays: removing it would race with the next claim."""
-        if self._descriptor is not None:
-            os.close(self._descriptor)
-            self._descriptor = None
+        if self._file is not None:
+            self._file.close()
+            self._file = None
         if self._connection is not None:
             self._connection.invalidate()  # the lock belongs to the connection, which a pool would keep
             self._connection.close()
@@ -62,3 +57,23 @@ class SessionLock:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.release()
+
+
+def _lock_file(path: Path, taken: RecordingError) -> sqlite3.Connection:
+    """Holds the empty file `path` until it is closed. Raises `taken`, or RecordingError if it cannot be made.
+
+    SQLite knows how each operating system locks files.
+    """
+    file = None
+    try:
+        with suppress(FileExistsError):  # no more than this: who closes the file loses what it locked in it
+            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
+        file = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
+        file.execute("BEGIN EXCLUSIVE")
+    except (OSError, sqlite3.Error) as cause:
+        if file is not None:
+            file.close()
+        if isinstance(cause, sqlite3.Error) and cause.sqlite_errorcode == sqlite3.SQLITE_BUSY:
+            raise taken from cause
+        raise RecordingError(f"{path} cannot be locked for this session: {cause}") from cause
+    return file
