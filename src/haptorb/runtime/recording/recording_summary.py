@@ -102,24 +102,31 @@ def _figures(recording: Summarized) -> list[tuple[str, str]]:
     for name, title in (("asked", "asked"), ("given", "given")):
         if name in known and recording[name].ndim == 2 and recording[name].shape[1] == 6:
             values = recording[name]
-            force, torque = (float(np.nanmax(_size(part), initial=0.0)) for part in (values[:, :3], values[:, 3:]))
+            force, torque = (_largest(_size(part)) for part in (values[:, :3], values[:, 3:]))
             facts.append((f"largest {title}", f"{format_quantity(force, 'N')}, {format_quantity(torque, 'N·m')}"))
     if "currents" in known:
-        facts.append(("largest current", format_quantity(float(np.nanmax(np.abs(recording["currents"]))), "A")))
+        facts.append(("largest current", format_quantity(_largest(np.abs(recording["currents"])), "A")))
     if "winding" in known:
-        facts.append(("warmest winding", f"{float(np.nanmax(recording['winding'])) - 273.15:.1f} °C"))
+        facts.append(("warmest winding", f"{_largest(recording['winding']) - 273.15:.1f} °C"))
     if "lateness" in known:
-        facts.append(
-            ("lateness", f"99 % below {format_quantity(float(np.percentile(recording['lateness'], 99)), 's')}")
-        )
+        late = recording["lateness"]
+        most = float(np.quantile(late, 0.99, method="lower")) if np.isfinite(late).all() else float("nan")
+        facts.append(("lateness", f"99 % up to {format_quantity(most, 's')}"))
     if "missed" in known:
         facts.append(("deadlines skipped", f"{np.nansum(recording['missed']):.0f}"))
     return [*facts, ("trips", str(_trips(recording)))]
 
 
 def _size(vectors: Array) -> Array:
-    size: Array = np.linalg.norm(vectors, axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        size: Array = np.linalg.norm(vectors, axis=1)
     return size
+
+
+def _largest(values: Array) -> float:
+    """Of what is finite; NaN where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(known.max()) if known.size else float("nan")
 
 
 def _duration(recording: Summarized) -> float:
