@@ -1,4 +1,4 @@
-"""Write the examples as Jupyter notebooks: `python scripts/write_notebooks.py [FOLDER]`, by default into `notebooks`."""
+"""Write the examples as notebooks: `python scripts/write_notebooks.py [FOLDER]`, into `notebooks` by default."""
 
 from __future__ import annotations
 
