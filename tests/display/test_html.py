@@ -26,7 +26,7 @@ def test_a_peak_of_one_sample_is_drawn() -> None:
     lines = [one for one in tree if one.tag.endswith("polyline")]
     heights = [float(point.split(",")[1]) for point in lines[0].attrib["points"].split()]
     assert len(lines) == 2
-    assert min(heights) == 8.0
+    assert min(heights) == 20.0
     assert len(svg) < 30_000
     assert "force [N]" in svg
 

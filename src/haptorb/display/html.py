@@ -17,7 +17,7 @@ __all__ = ["curves_svg", "facts_html", "preformatted_html", "table_html"]
 #: Okabe and Ito's colours: told apart by everybody
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 520, 130, 52, 22  #: of a picture, and room for its numbers [px]
-_POINTS = 260  #: places across a curve
+_POINTS = 200  #: places across a curve
 _LEFT_CELL = "text-align:left;vertical-align:top;padding:0 1em 0 0"
 _RIGHT_CELL = "text-align:right;vertical-align:top;padding:0 1em 0 0"
 
@@ -74,7 +74,7 @@ def curves_svg(x: Array, curves: Sequence[tuple[str, Array]], x_title: str, y_ti
         return ""
     low, high = float(seen.min()), float(seen.max())
     span = high - low or 1.0
-    right, top = _WIDTH - 8, 8
+    right, top = _WIDTH - 8, 20  # the names stand above
 
     def place(t: Array, y: Array) -> str:
         across = _LEFT + (t - x[0]) / (x[-1] - x[0]) * (right - _LEFT)

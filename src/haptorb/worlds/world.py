@@ -72,7 +72,7 @@ class World(Presentable, ABC):
         if len(whole) <= _LONGEST:
             return whole
         other = [f"{key}={_tell(value)}" for key, value in now.items() if value != known[key].default]
-        return _cut(f"{name}({', '.join([*other, '...'])})")
+        return _cut(f"{name}({', '.join(other)})")
 
     def _list_facts(self) -> list[tuple[str, str]]:
         bound = f"{format_number(self.bound)} N" if np.isfinite(self.bound) else "no bound is known"

@@ -84,7 +84,7 @@ def test_any_device_and_few_rows(tmp_path: Path, layout: RowLayout, rows: int) -
     assert few.to_pandas().shape == (rows, layout.width - 1)
     assert few.to_xarray().sizes["t"] == rows
     ElementTree.fromstring(few._repr_html_())
-    assert f"{rows} rows" in repr(few)
+    assert f"{rows} row" in repr(few)
     assert "cut short" in repr(few)
 
 
@@ -108,7 +108,7 @@ def test_units_of_fields() -> None:
 
 
 def test_a_recording_shows_what_ran_and_the_force(recording: Recording) -> None:
-    assert repr(recording) == "<Recording run.mcap: omni, 0.499 s, 500 rows, 1 trips>"
+    assert repr(recording) == "<Recording run.mcap: omni, 0.499 s, 500 rows, 1 trip>"
     html = recording._repr_html_()
     ElementTree.fromstring(html)
     for text in ("Omni &lt;Zárate&gt;", "dome", "250 mN", "2.5 A", "37.0 °C", "modelled", "<polyline", "complete"):

@@ -17,12 +17,12 @@ class RunReport(dict[str, Any]):
     """What `Servo.report` returns. `dict(report)` shows everything.
 
     >>> RunReport(device="omni", world="dome", ticks=5000, missed=0, trip_count=0, peak_force_n=0.25)
-    <RunReport of omni, world dome: 5000 ticks, 0 deadlines skipped, 0 trips, largest force 250 mN>
+    <RunReport of omni, world dome: 5000 ticks, deadlines skipped 0, trips 0, largest force 250 mN>
     """
 
     def __repr__(self) -> str:
-        told = [f"{self.get('ticks', 0)} ticks", f"{self.get('missed', 0)} deadlines skipped"]
-        told += [f"{self.get('trip_count', 0)} trips", *(f"{name} {text}" for name, text in self._largest())]
+        told = [f"{self.get('ticks', 0)} ticks", f"deadlines skipped {self.get('missed', 0)}"]
+        told += [f"trips {self.get('trip_count', 0)}", *(f"{name} {text}" for name, text in self._largest())]
         return f"<RunReport of {self.get('device')}, world {self.get('world')}: {', '.join(told)}>"
 
     def _repr_html_(self) -> str:

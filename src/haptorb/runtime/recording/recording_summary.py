@@ -49,9 +49,15 @@ class Summarized(Protocol):
 def summarize(recording: Summarized) -> str:
     """File, device, length, and what is wrong with it, in one line."""
     device = recording.metadata.get("device", {}).get("name", "unknown device")
-    wrong = [f"{lost} rows lost"] if (lost := _lost(recording)) else []
+    wrong = [f"{_count(lost, 'row')} lost"] if (lost := _lost(recording)) else []
     wrong += ["cut short"] if recording.truncated else []
-    told = [device, f"{_duration(recording):.4g} s", f"{len(recording)} rows", f"{_trips(recording)} trips", *wrong]
+    told = [
+        device,
+        f"{_duration(recording):.4g} s",
+        _count(len(recording), "row"),
+        _count(_trips(recording), "trip"),
+        *wrong,
+    ]
     return f"<Recording {recording.path.name}: {', '.join(told)}>"
 
 
@@ -103,7 +109,8 @@ def _figures(recording: Summarized) -> list[tuple[str, str]]:
         if name in known and recording[name].ndim == 2 and recording[name].shape[1] == 6:
             values = recording[name]
             force, torque = (_largest(_size(part)) for part in (values[:, :3], values[:, 3:]))
-            facts.append((f"largest {title}", f"{format_quantity(force, 'N')}, {format_quantity(torque, 'N·m')}"))
+            told = f"{format_quantity(force, 'N')}, {format_quantity(torque, 'N·m')}"
+            facts.append((f"largest {title}", told if np.isfinite(force) else "unknown"))
     if "currents" in known:
         facts.append(("largest current", format_quantity(_largest(np.abs(recording["currents"])), "A")))
     if "winding" in known:
@@ -149,6 +156,10 @@ def _lost(recording: Summarized) -> int | None:
         return recording.lost
     except RecordingError:
         return None
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _name_world(note: dict[str, str]) -> str:
