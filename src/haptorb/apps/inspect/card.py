@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from haptorb.devices.device import Device
 __all__ = ["Card", "card", "facts", "print_card"]
 
 
-class Card(NotebookReport):
+class Card(NotebookReport, ABC):
     """What every card answers."""
 
     _device: Device
