@@ -17,7 +17,7 @@ from haptorb.devices.state import State
 PROGRAM = """
 import sys, time
 import haptorb
-haptorb.load(sys.argv[1])
+haptorb.load(sys.argv[1], override=True)
 heavy = [name for name in ("numba", "pint", "scipy", "matplotlib") if name in sys.modules]
 print(time.process_time(), heavy)
 """
@@ -44,7 +44,7 @@ def test_a_device_is_read_in_a_second(name: str) -> None:
 
 @pytest.mark.parametrize("name", catalogue())
 def test_a_device_shows_its_figures_with_units(name: str) -> None:
-    device = haptorb.load(name)
+    device = haptorb.load(name, override=True)
     told = repr(device)
     assert told == str(device)
     assert len(told) <= 160
