@@ -46,8 +46,7 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
 def _run(seconds: float) -> Array:
     with Servo("omni", "dome") as servo:
         servo.run(seconds=seconds)
-        recording = servo.recording
-    return np.asarray(recording.rows)
+    return np.asarray(servo.recording.rows)  # complete only now, however late the recorder was
 
 
 def _time_recording(path: Path, layout: RowLayout, many: Array) -> tuple[float, float]:
