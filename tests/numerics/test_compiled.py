@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,6 +44,34 @@ def told(program: str) -> str:
 
 def test_the_first_call_loads_the_compiler_for_all_kernels() -> None:
     assert told(PROGRAM) == "48.0 [] CPUDispatcher CPUDispatcher"
+
+
+def test_a_source_that_is_edited_before_the_first_call_is_another_state(tmp_path: Path) -> None:
+    program = """
+import sys
+from pathlib import Path
+from haptorb.numerics import compiled
+compiled._PACKAGE = Path(sys.argv[1])
+sys.path.insert(0, sys.argv[1])
+import double
+source = Path(sys.argv[1], "double.py")
+source.write_text(source.read_text().replace("2.0", "3.0"))
+print(double.double(1.0))
+"""
+    source = tmp_path / "double.py"
+    (tmp_path / "numerics").mkdir()
+    (tmp_path / "numerics" / "compiled.py").touch()
+    for expected in ("2.0", "3.0"):
+        if not source.exists():
+            source.write_text(
+                "from haptorb.numerics.compiled import kernel\n\n@kernel\ndef double(x):\n    return 2.0 * x\n"
+            )
+        environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+        done = subprocess.run(
+            [sys.executable, "-c", program, str(tmp_path)], env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.strip() == expected
 
 
 @pytest.mark.parametrize("package", ["tick", "drivers", "processes"])

@@ -19,6 +19,7 @@ import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cache, update_wrapper
 from pathlib import Path
 from typing import Any, TypeVar, cast, final
@@ -56,8 +57,15 @@ def _neighbours(path: Path) -> tuple[bytes, tuple[Path, ...]]:
     return hashlib.sha256(source).digest(), tuple(_trace_imports(source.decode("utf-8")))
 
 
-def _state(path: Path) -> str:
-    """A name for what `path` and everything that it imports from the package say."""
+@cache
+def _digest_sources(path: Path) -> bytes:
+    """A digest of what `path` and everything that it imports from the package say; empty for files of others.
+
+    Taken when the file's first kernel is declared: a source that is edited between that and the first call must not
+    pass for what was compiled.
+    """
+    if not path.is_relative_to(_PACKAGE):
+        return b""
     seen: dict[Path, bytes] = {}
     waiting = [path]
     while waiting:
@@ -65,10 +73,10 @@ def _state(path: Path) -> str:
         if file not in seen:
             seen[file], others = _neighbours(file)
             waiting.extend(others)
-    digest = hashlib.sha256(_numba().__version__.encode())
+    digest = hashlib.sha256()
     for file in sorted(seen):
         digest.update(file.relative_to(_PACKAGE).as_posix().encode() + seen[file])
-    return digest.hexdigest()[:16]
+    return digest.digest()
 
 
 @cache
@@ -78,7 +86,8 @@ def _folder(path: Path) -> str:
         return ""
     try:
         root = cache_folder() / "kernels" / ".".join(path.relative_to(_PACKAGE).with_suffix("").parts)
-        folder = root / _state(path)
+        state = hashlib.sha256(_numba().__version__.encode() + _digest_sources(path))
+        folder = root / state.hexdigest()[:16]
         folder.mkdir(parents=True, exist_ok=True)
         folder.touch()
         old = sorted(root.iterdir(), key=lambda entry: entry.stat().st_mtime)[:-_KEPT]
@@ -112,11 +121,15 @@ def _without_gathers(numba: Any) -> None:
         numba.config.CPU_FEATURES = f"{host},+prefer-no-gather"
 
 
+def _find_source(function: Callable[..., Any]) -> Path:
+    return Path(function.__code__.co_filename).resolve()
+
+
 def _dispatcher(function: Callable[..., Any]) -> Any:
     """numba's: it compiles `function` for each new combination of types."""
     numba = _numba()
     usual = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = _folder(Path(function.__code__.co_filename).resolve()) or usual
+    numba.config.CACHE_DIR = _folder(_find_source(function)) or usual
     try:
         return numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy")(function)
     finally:
@@ -131,6 +144,8 @@ class PostponedKernel:
         update_wrapper(self, function)
         self._function = function
         self._compiled: Any = None
+        with suppress(OSError):
+            _digest_sources(_find_source(function))
 
     @property
     def compiled(self) -> Any:
