@@ -42,7 +42,7 @@ def numbers(value: Any) -> list[float]:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_unit_is_what_pint_takes_it_for(name: str) -> None:
-    wanted = [unit for unit in (*WANTED, "1/s") if convert(1.0, name, unit) is not None]
+    wanted = [unit for unit in (*WANTED, "1/s", "W") if convert(1.0, name, unit) is not None]
     assert wanted
     for unit in wanted:
         assert convert(1.7, name, unit) == pytest.approx(by_pint(1.7, name, unit), rel=4e-16)
@@ -106,6 +106,6 @@ def test_the_rest_is_for_pint(number: float, unit: str, wanted: str) -> None:
 
 
 def test_other_units_are_read_with_pint() -> None:
-    assert quantity.si("1 furlong", "m", "a length") == pytest.approx(201.168)
+    assert quantity.si("1 nautical_mile", "m", "a length") == 1852.0
     assert quantity.si("25 degC", "K", "a temperature") == 298.15
     assert quantity.si("inf", "", "a number") == math.inf
