@@ -37,9 +37,10 @@ class WrenchMap:
     def _repr_html_(self) -> str:
         """One row per component, one column per channel, the passive wrench last."""
         units = ("mN", "mN", "mN", "mN·m", "mN·m", "mN·m")
+        matrix, passive = (np.where(np.abs(a) < 1e-9 * np.abs(a).max(), 0.0, a) for a in (self.matrix, self.passive))
         rows = [
             [f"{name} [{unit}/A]", *map(format_number, [1e3 * x for x in row]), f"{format_number(1e3 * still)} {unit}"]
-            for name, unit, row, still in zip(_NAMES, units, self.matrix.tolist(), self.passive.tolist(), strict=True)
+            for name, unit, row, still in zip(_NAMES, units, matrix.tolist(), passive.tolist(), strict=True)
         ]
         channels = [f"channel {n}" for n in range(1, self.matrix.shape[1] + 1)]
         return facts_html(repr(self)[1:-1], [], table_html(["", *channels, "passive"], rows))
