@@ -12,7 +12,7 @@ BIN := $(VENV)/bin
 CONSOLE := $(shell find web -name node_modules -prune -o -type f -print 2>/dev/null)
 BUILT_FROM := pyproject.toml $(wildcard hatch_build.py) $(CONSOLE)
 
-.PHONY: help run test nightly bench docs firmware screenshots format packages clean
+.PHONY: help run test nightly bench docs notebooks firmware screenshots format packages clean
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
 
@@ -22,6 +22,7 @@ help:
 	@echo 'make nightly      the same, with the long reproductions'
 	@echo 'make bench        all benchmarks, against peers and limits; ARGS="--store docs/benchmarks.json" stores them'
 	@echo 'make docs         the documentation, into docs/_build/html'
+	@echo 'make notebooks    the examples as Jupyter notebooks, into notebooks/'
 	@echo 'make firmware     cross-compile the firmware and its emulator'
 	@echo 'make screenshots  retake the screenshots of the console'
 	@echo 'make format       format the Python files with ruff'
@@ -44,6 +45,9 @@ bench: $(VENV)/.test
 docs: $(VENV)/.test
 	@$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html $(ARGS)
 	@echo "open docs/_build/html/index.html"
+
+notebooks: $(VENV)/.test
+	@$(BIN)/python scripts/write_notebooks.py $(ARGS)
 
 firmware: packages
 	@$(MAKE) --no-print-directory -C firmware
@@ -72,7 +76,7 @@ $(VENV)/.test: $(BUILT_FROM) | $(BIN)/python
 	@touch $(VENV)/.run $@
 
 clean:
-	rm -rf $(VENV) build dist docs/_build docs/gallery docs/reference/generated test-results
+	rm -rf $(VENV) build dist notebooks docs/_build docs/gallery docs/reference/generated test-results
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .packages-missing
 	rm -rf web/node_modules src/haptorb/apps/console/static src/haptorb/apps/study/pages/static
 	if [ -d firmware ]; then $(MAKE) --no-print-directory -C firmware clean; fi

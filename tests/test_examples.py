@@ -1,13 +1,16 @@
-"""Every example runs, and its assertions hold."""
+"""Every example runs, as a program and as a notebook, and its assertions hold."""
 
 from __future__ import annotations
 
 import ast
+import importlib.util
+import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -28,6 +31,43 @@ def test_example_runs_and_ends_in_an_assertion(example: Path, tmp_path: Path) ->
         timeout=240,
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def notebooks(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the notebooks that `scripts/write_notebooks.py` writes."""
+    pytest.importorskip("sphinx_gallery")
+    spec = importlib.util.spec_from_file_location("write_notebooks", root / "scripts" / "write_notebooks.py")
+    assert spec
+    assert spec.loader
+    module: ModuleType = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    folder: Path = tmp_path_factory.mktemp("notebooks")
+    assert module.main(folder) == 0
+    return folder
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_notebook_runs_cell_by_cell(
+    example: Path, notebooks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import matplotlib.pyplot as plt
+
+    notebook = json.loads((notebooks / f"{example.stem}.ipynb").read_text(encoding="utf-8"))
+    assert notebook["nbformat"] == 4
+    first, *others = notebook["cells"]
+    assert first["cell_type"] == "markdown"
+    assert "".join(first["source"]).lstrip().startswith("# ")
+    cells = ["".join(cell["source"]) for cell in others if cell["cell_type"] == "code"]
+    assert len(cells) >= 2
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {"__name__": "__main__"}
+    try:
+        for number, cell in enumerate(cells, 1):
+            exec(compile(cell, f"{example.stem}, cell {number}", "exec"), names)
+    finally:
+        plt.close("all")
+    assert "assert" in cells[-1]
 
 
 def test_there_are_examples() -> None:

@@ -28,6 +28,8 @@ def comparison():
 def test_every_estimator_meets_every_disturbance(comparison):
     assert comparison.coil == 17
     assert comparison.estimators == ("network", "linear", "least-squares")
+    assert repr(comparison).startswith("<EstimatorComparison of pmsm, electromagnet 17: network, linear, least-squares")
+    assert "NRMSE" in comparison._repr_html_()
     assert len(comparison.rows) == 3 * len(comparison.disturbances)
     for row in comparison.rows:
         assert np.isnan(row.orientation) == (row.estimator != "least-squares")

@@ -12,6 +12,8 @@ import numpy as np
 from haptorb.devices.kind import DeviceKind
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
+from haptorb.display.presentable import Presentable
+from haptorb.display.quantity_text import format_number, format_quantity
 from haptorb.errors import InputError, UnknownName
 from haptorb.numerics.arrays import Array
 
@@ -83,7 +85,7 @@ class Shell:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Device(ABC):
+class Device(Presentable, ABC):
     """Frozen data of one device; built by the loader from a file, or in Python."""
 
     kind: ClassVar[DeviceKind]  #: what programs do differently for devices of this class
@@ -143,6 +145,41 @@ class Device(ABC):
                 f"{', '.join(self.tick_models)}"
             )
         return model
+
+    def _summarize(self) -> str:
+        amperes = format_quantity(float(self.coils.current_limit.max()), "A")
+        limits = f"{format_quantity(self.limits.force, 'N')}, {format_quantity(self.limits.torque, 'N·m')}"
+        parts = f"{self.channels} channels to {amperes}, {self.sensors} field sensors, limits {limits}"
+        return f"<{type(self).__name__} {self.name!r}: {parts}>"
+
+    def _list_facts(self) -> list[tuple[str, str]]:
+        """What every device has; kinds add theirs."""
+        coils, heat, limits = self.coils, self.coils.heat, self.limits
+        few = self.channels <= 6
+        names = ", ".join(coils.names) if few else f"{coils.names[0]} to {coils.names[-1]}"
+        peak, lasting = float(coils.current_limit.max()), float(self.sustained_current.min())
+        ohms = f"{format_number(float(coils.resistance.min()))} Ω at {coils.reference_temperature - 273.15:.0f} °C"
+        return [
+            ("title", self.title),
+            ("source", self.source),
+            ("channels", f"{self.channels} ({names})"),
+            ("current", f"{format_quantity(peak, 'A')} peak, {format_quantity(lasting, 'A')} continuous"),
+            ("coils", f"{ohms}, {format_quantity(float(coils.inductance.min()), 'H')}"),
+            (
+                "temperatures",
+                f"currents reduced from {heat.derate - 273.15:.0f} °C, off at {heat.stop - 273.15:.0f} °C",
+            ),
+            ("supply", f"{format_quantity(self.supply.voltage, 'V')}, {self.supply.duty_bits} bits of duty"),
+            (
+                "limits",
+                f"{format_quantity(limits.force, 'N')}, {format_quantity(limits.torque, 'N·m')}, "
+                f"{format_quantity(limits.slew, 'A/s')}, poses expire after {format_quantity(limits.expiry, 's')}",
+            ),
+            ("field sensors", f"{self.sensors}, three axes each"),
+            ("models", ", ".join(self.models)),
+            ("assumed", f"{len(self.assumed)} values that the source does not give, see `.assumed`"),
+            ("digest", self.digest[:12]),
+        ]
 
     @property
     def sustained_current(self) -> Array:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from haptorb.display.html import facts_html
+from haptorb.display.quantity_text import format_number, format_vector
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, finite, rotation, vectors
 from haptorb.numerics.record import record
@@ -87,6 +89,26 @@ class State:
         [0.0, 0.0, 0.0]
         """
         return cls(float(finite(t, "t")), rotation(R_SR, "R_SR"), np.zeros(3), vectors(w, "w"), np.zeros(3))
+
+    def __repr__(self) -> str:
+        """Place and axis, and on a second line the motion, if there is any."""
+        told = dict(self._list_facts())
+        still = not (self.v.any() or self.w.any())
+        motion = "" if still else f"\n v {told['velocity v']}, w {told['angular velocity w']}"
+        return f"<State at t = {told['time t']}: p {told['position p']}, axis {told['axis']}{motion}>"
+
+    def _repr_html_(self) -> str:
+        return facts_html("State of the mover", self._list_facts())
+
+    def _list_facts(self) -> list[tuple[str, str]]:
+        """Names and figures with units."""
+        return [
+            ("time t", f"{format_number(self.t, 6)} s"),
+            ("position p", format_vector(self.p, "m", 4)),
+            ("axis", f"({', '.join(f'{x + 0.0:.3f}' for x in self.axis.round(3).tolist())})"),
+            ("velocity v", format_vector(self.v, "m/s")),
+            ("angular velocity w", format_vector(self.w, "rad/s")),
+        ]
 
     @property
     def axis(self) -> Array:

@@ -4,6 +4,10 @@ A kernel is compiled once per machine and kept under the user's cache folder. nu
 a kernel, not at the kernels that it calls; so each file's kernels are kept in a folder named after the state of that
 file and of all the package's files that it imports from, directly or by way of others. A change elsewhere costs nobody
 a compilation.
+
+numba takes most of a second to load, and whoever only reads a device file does not need it. Until the first kernel is
+called, every kernel is a `PostponedKernel`; that call loads numba and puts compiled functions in the place of all of
+them. What runs beside a clock calls `load_compiler` before it starts.
 """
 
 from __future__ import annotations
@@ -13,16 +17,14 @@ import os
 import platform
 import re
 import shutil
+import sys
 from collections.abc import Callable, Iterator
-from functools import cache
+from contextlib import suppress
+from functools import cache, update_wrapper
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, final
 
-import numba
-from llvmlite.binding import llvm_version_info
-from numba.core.codegen import get_host_cpu_features
-
-__all__ = ["cache_folder", "kernel"]
+__all__ = ["PostponedKernel", "cache_folder", "kernel", "load_compiler"]
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _KEPT = 4  #: compiled versions of a file kept beside each other, for people who switch branches
@@ -55,8 +57,15 @@ def _neighbours(path: Path) -> tuple[bytes, tuple[Path, ...]]:
     return hashlib.sha256(source).digest(), tuple(_trace_imports(source.decode("utf-8")))
 
 
-def _state(path: Path) -> str:
-    """A name for what `path` and everything that it imports from the package say."""
+@cache
+def _digest_sources(path: Path) -> bytes:
+    """A digest of what `path` and everything that it imports from the package say; empty for files of others.
+
+    Taken when the file's first kernel is declared: a source that is edited between that and the first call must not
+    pass for what was compiled.
+    """
+    if not path.is_relative_to(_PACKAGE):
+        return b""
     seen: dict[Path, bytes] = {}
     waiting = [path]
     while waiting:
@@ -64,10 +73,10 @@ def _state(path: Path) -> str:
         if file not in seen:
             seen[file], others = _neighbours(file)
             waiting.extend(others)
-    digest = hashlib.sha256(numba.__version__.encode())
+    digest = hashlib.sha256()
     for file in sorted(seen):
         digest.update(file.relative_to(_PACKAGE).as_posix().encode() + seen[file])
-    return digest.hexdigest()[:16]
+    return digest.digest()
 
 
 @cache
@@ -77,7 +86,8 @@ def _folder(path: Path) -> str:
         return ""
     try:
         root = cache_folder() / "kernels" / ".".join(path.relative_to(_PACKAGE).with_suffix("").parts)
-        folder = root / _state(path)
+        state = hashlib.sha256(_numba().__version__.encode() + _digest_sources(path))
+        folder = root / state.hexdigest()[:16]
         folder.mkdir(parents=True, exist_ok=True)
         folder.touch()
         old = sorted(root.iterdir(), key=lambda entry: entry.stat().st_mtime)[:-_KEPT]
@@ -88,19 +98,97 @@ def _folder(path: Path) -> str:
     return str(folder)
 
 
-def _without_gathers() -> None:
+@cache
+def _numba() -> Any:
+    """numba, with what is always wanted of it."""
+    import numba
+
+    _without_gathers(numba)
+    return numba
+
+
+def _without_gathers(numba: Any) -> None:
     """Have tables looked up one number at a time.
 
     The microcode against "Downfall" (Intel, 2023) makes the vector instruction for it several times slower than single
     loads, and a guest cannot see whether its host has that microcode. Not if somebody chose the features already.
     """
-    chosen = getattr(numba.config, "CPU_FEATURES")  # noqa: B009 (set by numba itself at run time)
-    if chosen is None and platform.machine() == "x86_64" and llvm_version_info >= (18,):
+    from llvmlite.binding import llvm_version_info
+    from numba.core.codegen import get_host_cpu_features
+
+    if numba.config.CPU_FEATURES is None and platform.machine() == "x86_64" and llvm_version_info >= (18,):
         host: str = get_host_cpu_features()  # type: ignore[no-untyped-call]
-        setattr(numba.config, "CPU_FEATURES", f"{host},+prefer-no-gather")  # noqa: B010
+        numba.config.CPU_FEATURES = f"{host},+prefer-no-gather"
 
 
-_without_gathers()
+def _find_source(function: Callable[..., Any]) -> Path:
+    return Path(function.__code__.co_filename).resolve()
+
+
+def _dispatcher(function: Callable[..., Any]) -> Any:
+    """numba's: it compiles `function` for each new combination of types."""
+    numba = _numba()
+    usual = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = _folder(_find_source(function)) or usual
+    try:
+        return numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy")(function)
+    finally:
+        numba.config.CACHE_DIR = usual
+
+
+@final
+class PostponedKernel:
+    """Stands for a kernel until one is called. Other kernels may call it: numba sees the compiled function."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        update_wrapper(self, function)
+        self._function = function
+        self._compiled: Any = None
+        with suppress(OSError):
+            _digest_sources(_find_source(function))
+
+    @property
+    def compiled(self) -> Any:
+        """numba's dispatcher of the function, made at the first use."""
+        if self._compiled is None:
+            self._compiled = _dispatcher(self._function)
+        return self._compiled
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What numba takes it for where another kernel calls it."""
+        return self.compiled._numba_type_
+
+    def __call__(self, *args: Any) -> Any:
+        """Load numba for all kernels, and call this one. Shapes and units [1] are the function's own."""
+        load_compiler()
+        return self.compiled(*args)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # who looks an object over must not load a compiler by that
+            raise AttributeError(name)
+        return getattr(self.compiled, name)
+
+    def __reduce__(self) -> Any:
+        return self.compiled.__reduce__()
+
+
+_POSTPONED: list[PostponedKernel] = []
+
+
+def load_compiler() -> None:
+    """Load numba, and have every module of haptorb hold compiled functions in place of its postponed kernels."""
+    _numba()
+    if not _POSTPONED:
+        return
+    holders = {postponed.__module__ for postponed in _POSTPONED}
+    _POSTPONED.clear()  # modules that are read from here on get compiled functions at once
+    for name, module in list(sys.modules.items()):
+        if name not in holders and name.partition(".")[0] != "haptorb":
+            continue
+        for key, value in list(vars(module).items()):
+            if type(value) is PostponedKernel:
+                setattr(module, key, value.compiled)
 
 
 def kernel(function: Function) -> Function:
@@ -108,10 +196,8 @@ def kernel(function: Function) -> Function:
 
     Reordering and fused multiply-add are allowed; assuming away NaN is not: the guard must see every NaN.
     """
-    usual = getattr(numba.config, "CACHE_DIR")  # noqa: B009 (set by numba itself at run time)
-    setattr(numba.config, "CACHE_DIR", _folder(Path(function.__code__.co_filename).resolve()) or usual)  # noqa: B010
-    try:
-        compile = numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy")
-        return cast(Function, compile(function))
-    finally:
-        setattr(numba.config, "CACHE_DIR", usual)  # noqa: B010
+    if "numba" in sys.modules:
+        return cast(Function, _dispatcher(function))
+    postponed = PostponedKernel(function)
+    _POSTPONED.append(postponed)
+    return cast(Function, postponed)

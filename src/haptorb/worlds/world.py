@@ -10,12 +10,24 @@ import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
+from haptorb.display.html import table_html
+from haptorb.display.presentable import Presentable
+from haptorb.display.quantity_text import format_number
 from haptorb.numerics.arrays import Array
 from haptorb.worlds import parameter as _parameter
 
 __all__ = ["Sum", "World"]
 
 _NO_HOOKS = np.zeros((2, 8))
+_LONGEST = 160  #: characters of a `repr`
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+
+
+def _tell(value: float | tuple[float, ...]) -> str:
+    return f"({', '.join(f'{x:g}' for x in value)})" if isinstance(value, tuple) else f"{value:g}"
 
 
 def _plain(value: Any) -> Any:
@@ -26,7 +38,7 @@ def _plain(value: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class World(ABC):
+class World(Presentable, ABC):
     """A world renders a wrench (6,) for a state: force [N] and torque about the mover's origin [N·m], frame S.
 
     It has no clock and no memory that it does not declare: two calls with the same state give the same wrench.
@@ -51,6 +63,33 @@ class World(ABC):
     def bound(self) -> float:
         """Greatest force that it ever asks for [N], anywhere a mover can be; inf where nobody has shown a bound."""
         return float("inf")
+
+    def _summarize(self) -> str:
+        """As a call: all parameters, or, where that is long, those that are not at their defaults."""
+        known, now = _parameter.parameters(type(self)), _parameter.values(self)
+        name = type(self).__name__
+        whole = f"{name}({', '.join(f'{key}={_tell(value)}' for key, value in now.items())})"
+        if len(whole) <= _LONGEST:
+            return whole
+        other = [f"{key}={_tell(value)}" for key, value in now.items() if value != known[key].default]
+        return _cut(f"{name}({', '.join(other)})")
+
+    def _list_facts(self) -> list[tuple[str, str]]:
+        bound = f"{format_number(self.bound)} N" if np.isfinite(self.bound) else "no bound is known"
+        yes = {True: "yes", False: "no"}
+        return [("largest force", bound), ("passive", yes[self.passive]), ("continuous", yes[self.continuous])]
+
+    def _picture_html(self) -> str:
+        """Every parameter: value, unit, range and meaning."""
+        now = _parameter.values(self)
+        rows = [
+            [
+                f"{one.name}: {one.about}", f"{_tell(now[one.name])} {one.unit.removeprefix('1')}".rstrip(),
+                f"{one.low:g} to {one.high:g}",
+            ]
+            for one in _parameter.parameters(type(self)).values()
+        ]  # fmt: skip
+        return table_html(["parameter", "value", "range"], rows) if rows else ""
 
     def for_device(self, device: Device) -> World:
         """This world as `device` must render it: itself, unless it is described in the device's own terms."""
@@ -83,6 +122,13 @@ class Sum(World):
     def bound(self) -> float:
         """The parts' bounds together [N]."""
         return sum(part.bound for part in self.parts)
+
+    def _summarize(self) -> str:
+        return _cut(" + ".join(map(repr, self.parts)) or "Sum()")
+
+    def _picture_html(self) -> str:
+        """The parameters of all parts."""
+        return "".join(part._repr_html_() for part in self.parts)
 
     def wrench(self, state: State) -> Array:
         """(6,) the sum over the parts [N, N·m]."""

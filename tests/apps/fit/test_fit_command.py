@@ -55,6 +55,8 @@ def test_numbers_text_and_plot(magnet, tmp_path):
     console = Console(file=io.StringIO(), width=100)
     magnet.show(console)
     assert "[magnets.multipole]" in console.file.getvalue()
+    assert repr(magnet).startswith("<FitComparison of the magnet of pmsm: fitted and published")
+    assert "[magnets.multipole]" in magnet._repr_html_()
     magnet.plot(tmp_path / "fit.svg")
     assert (tmp_path / "fit.svg").stat().st_size > 10_000
 

@@ -17,6 +17,7 @@ from rich.console import Console
 from haptorb.apps.bench.contest import spell_time
 from haptorb.apps.bench.row import Metric
 from haptorb.apps.terminal import Column, TextTable, print_table, print_text
+from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.errors import InputError, UnknownName
 from haptorb.files.replace_file import replace_file
 from haptorb.runtime.realtime.linux import require_linux
@@ -44,7 +45,7 @@ _PACKAGES = ("haptorb", "numpy", "numba", "scipy", "magpylib", "cfsem", "daqp")
 
 
 @dataclass(frozen=True)
-class BenchResult:
+class BenchResult(NotebookReport):
     """What one run of `haptorb bench` found.
 
     machine   processor, cores, load before the run, system, versions
@@ -57,6 +58,10 @@ class BenchResult:
     command: str
     day: str
     rows: tuple[Metric, ...]
+
+    def _summarize(self) -> str:
+        names = ", ".join(dict.fromkeys(row.benchmark for row in self.rows))
+        return f"<BenchResult of {self.day}: {len(self.rows)} figures of {names}>"
 
     def numbers(self) -> dict[str, Any]:
         """Everything as plain JSON types."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 from haptorb.apps.check.machine import Machine, StolenTime
+from haptorb.apps.terminal.notebook_report import NotebookReport
 
 __all__ = ["LATENESS", "SUCCESS", "Fitness", "Verdict"]
 
@@ -29,7 +30,7 @@ class Verdict:
 
 @final
 @dataclass(frozen=True)
-class Fitness:
+class Fitness(NotebookReport):
     """A run's report, the machine it ran on, and what the machine did meanwhile."""
 
     report: Mapping[str, Any]
@@ -37,6 +38,12 @@ class Fitness:
     took: StolenTime
     duration: float  #: [s]
     dragging: bool
+
+    printer: ClassVar[str] = "haptorb.apps.check.show:print_fitness"
+
+    def _summarize(self) -> str:
+        told = ", ".join(f"{verdict.what} {verdict.measured}" for verdict in self.verdicts)
+        return f"<Fitness: this computer is {'fit' if self.fit else 'not fit'}: {told}>"
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:

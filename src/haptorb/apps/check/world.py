@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 
 from haptorb.apps.check.workspace import Workspace, workspace
+from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.control.stability.gradient import Steepest, Steepness, steepest
 from haptorb.control.stability.hand_grip import GRIPS, HandGrip
 from haptorb.control.stability.stability import SampledLoop
@@ -48,7 +49,7 @@ class Setting:
 
 @final
 @dataclass(frozen=True)
-class WorldVerdict:
+class WorldVerdict(NotebookReport):
     """A world's steepest places, the loop, and the hand that holds the mover.
 
     margin   by how much the world could be stronger before the loop oscillates, at its most critical place
@@ -62,6 +63,12 @@ class WorldVerdict:
     hand: HandGrip  #: with the mover in it, in the mover's own coordinates
     place: Workspace
     steep: Steepest
+
+    printer: ClassVar[str] = "haptorb.apps.check.show_world:print_world"
+
+    def _summarize(self) -> str:
+        margin = "has no slopes" if math.isinf(self.margin) else f"could be {self.margin:.3g} times stronger"
+        return f"<WorldVerdict: {self.world} on {self.device} is {self.verdict} the boundary: it {margin}>"
 
     @cached_property
     def margins(self) -> tuple[tuple[float, Steepness], ...]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from haptorb.apps.estimators.contestants import EstimatorOutput, answers, contestants
 from haptorb.apps.estimators.disturbance import Disturbance, disturbances
 from haptorb.apps.estimators.trajectories import figure_4, random_workspace, relative_error
+from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.devices.wrench_map import WrenchMap
@@ -58,7 +59,7 @@ class CoilTrace:
 
 
 @dataclass(frozen=True)
-class EstimatorComparison:
+class EstimatorComparison(NotebookReport):
     """The whole table, and what the figure is drawn from."""
 
     device: str
@@ -67,6 +68,12 @@ class EstimatorComparison:
     course: CoilTrace
     latency: dict[str, dict[str, float]]  #: [µs] by estimator: p5, median, p95 of one update, warm
     noises: tuple[float, ...] = field(default=(0.0, 1e-5, 1e-4, 1e-3))  #: [T] of the first disturbances
+
+    printer: ClassVar[str] = "haptorb.apps.estimators.show:print_comparison"
+
+    def _summarize(self) -> str:
+        names = ", ".join(self.estimators)
+        return f"<EstimatorComparison of {self.device}, electromagnet {self.coil}: {names}; {len(self.rows)} rows>"
 
     def row(self, estimator: str, disturbance: str) -> EstimatorRow:
         """The row of these two."""

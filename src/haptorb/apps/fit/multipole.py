@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from haptorb.apps.terminal import Column, TextTable, print_table, print_text
+from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import UnknownName
 from haptorb.physics.multipole_fit import MultipoleFit, fit_multipole, residual, shell_region
@@ -24,7 +25,7 @@ _SAME = 41  #: pole pairs of the published magnet model
 
 
 @dataclass(frozen=True)
-class FitComparison:
+class FitComparison(NotebookReport):
     """A fitted model beside the one in the device's file, both against the exact field in the same region."""
 
     device: str
@@ -33,6 +34,10 @@ class FitComparison:
     fitted: MultipoleFit
     published: MultipoleFit | None
     gap: tuple[float, float]  #: distances from the part's centre, along its axis, between which the gap lies [m]
+
+    def _summarize(self) -> str:
+        beside = "fitted and published" if self.published else "fitted"
+        return f"<FitComparison of the {self.part} of {self.device}: {beside} model against the exact field>"
 
     def numbers(self) -> dict[str, Any]:
         """Everything as plain JSON types."""

@@ -10,13 +10,16 @@ from typing import Any
 from rich.console import Console
 
 from haptorb.apps.terminal import print_facts, print_text
+from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.devices.device import Device
 
 __all__ = ["Card", "card", "facts", "print_card"]
 
 
-class Card(ABC):
+class Card(NotebookReport, ABC):
     """What every card answers."""
+
+    _device: Device
 
     @abstractmethod
     def numbers(self) -> dict[str, Any]:
@@ -25,6 +28,9 @@ class Card(ABC):
     @abstractmethod
     def show(self, console: Console) -> None:
         """Print it for people."""
+
+    def _summarize(self) -> str:
+        return f"<{type(self).__name__} of {self._device.name}: {self._device.title}>"
 
     @abstractmethod
     def plot(self, path: Path) -> None:

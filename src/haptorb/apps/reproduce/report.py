@@ -5,7 +5,7 @@ from __future__ import annotations
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 from haptorb.apps.reproduce.citation import ROUNDING
 from haptorb.apps.reproduce.item import VERDICTS, Item
 from haptorb.apps.reproduce.registry import Drawing, Reproduction
+from haptorb.display.presentable import Presentable
 from haptorb.version import __version__
 
 __all__ = ["ReproductionResult", "report_page", "summary"]
@@ -60,12 +61,20 @@ figure { margin: 1rem 0; } figure img { max-width: 100%; height: auto; backgroun
 
 
 @dataclass(frozen=True)
-class ReproductionResult:
+class ReproductionResult(Presentable):
     """One reproduction with its items and what draws its figure, if it has one."""
 
     of: Reproduction
     items: tuple[Item, ...]
     draw: Drawing | None
+
+    def _summarize(self) -> str:
+        counts = ", ".join(f"{count} {verdict}" for verdict, count in summary(self.items).items() if count)
+        return f"<ReproductionResult of {self.of.paper}, {self.of.name}: {counts}>"
+
+    def _repr_html_(self) -> str:
+        """The table of the report, without the figure."""
+        return _section(replace(self, draw=None))
 
 
 def summary(items: Iterable[Item]) -> dict[str, int]:

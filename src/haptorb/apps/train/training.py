@@ -14,6 +14,7 @@ from rich.console import Console
 
 from haptorb.apps.estimators.trajectories import figure_4, random_workspace, relative_error
 from haptorb.apps.terminal import Column, TextTable, print_table, print_text
+from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.devices.motor.api import motor
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
@@ -26,11 +27,14 @@ _ORIENTATIONS = 4000  #: that the networks are judged by; none of them was train
 
 
 @dataclass(frozen=True)
-class Training:
+class Training(NotebookReport):
     """Networks, where they are kept, and how good they are."""
 
     networks: TrainedNetworks
     path: Path
+
+    def _summarize(self) -> str:
+        return f"<Training of {len(self.networks.record['networks'])} networks of {self.networks.device}: {self.path}>"
 
     def numbers(self) -> dict[str, Any]:
         """Everything told, as plain JSON types."""

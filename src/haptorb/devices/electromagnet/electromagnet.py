@@ -18,6 +18,7 @@ from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.kind import DeviceKind
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
+from haptorb.display.quantity_text import format_quantity
 from haptorb.errors import GeometryError
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources.charged_ring import ChargedRing
@@ -155,6 +156,17 @@ class SphericalElectromagnet(Device):
             self.check_model(model)
             dipole_per_ampere(*self._dipole, p, R, matrix)
         return WrenchMap(matrix, passive)
+
+    def _list_facts(self) -> list[tuple[str, str]]:
+        contact, shell = format_quantity(self.contact_distance, "m"), format_quantity(self.shell_thickness, "m")
+        angle = f"±{np.degrees(self.workspace_half_angle):.0f}° about the summit"
+        head, tail = Device._list_facts(self)[:2], Device._list_facts(self)[2:]
+        return [
+            *head,
+            ("workspace", f"{angle}, magnet {contact} from the centre in contact, rendered {shell} above it"),
+            ("tool", f"moment {format_quantity(self.tool.moment, 'A·m²')}, {1e3 * self.tool.mass:.3g} g"),
+            *tail,
+        ]
 
     @cached_property
     def _inside(self) -> float:

@@ -140,6 +140,18 @@ class SphericalMotor(Device):
         matrix[3:] = self.torque_characteristic(state.R_SR[None], model)[0] @ self.groups
         return WrenchMap(matrix, self.passive(state.R_SR))
 
+    def _list_facts(self) -> list[tuple[str, str]]:
+        head, tail = Device._list_facts(self)[:2], Device._list_facts(self)[2:]
+        coils = f"{len(self.electromagnets)} coils in {self.channels} channels"
+        return [
+            *head,
+            ("workspace", f"tilts up to {np.degrees(self.workspace_tilt):.0f}°, any spin"),
+            ("magnetics", f"{len(self.magnets)} magnets on the rotor, {coils}"),
+            ("rotor", f"{self.rotor.mass:.3g} kg, handle of {1e3 * self.rotor.handle_length:.0f} mm"),
+            *((f"finding {n}", text) for n, text in enumerate(self.findings, 1)),
+            *tail,
+        ]
+
     @cached_property
     def leaning(self) -> tuple[Array, float]:
         """(n,) coefficients of what weight and regulator do [N·m], and the least cosine, as `regulator.leaning` takes

@@ -17,6 +17,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
+from haptorb.devices.schema.units import convert, split_unit
 from haptorb.errors import quote
 from haptorb.numerics.compiled import cache_folder
 
@@ -50,21 +51,15 @@ __all__ = [
 ]
 
 _LONGEST = 100  #: characters of a value
-_MOST_FACTORS = 8
 _LARGEST = 1e15  #: in SI units; beyond it, and below its inverse, nothing in a device is, and products would overflow
 _NUMBER = re.compile(
     r"\s*([+-]?(?:[0-9]{1,40}\.?[0-9]{0,40}|\.[0-9]{1,40})(?:[eE][+-]?[0-9]{1,4})?|[+-]?inf)\s*(.*?)\s*"
 )
-_FACTOR = re.compile(r"(Δ?°?[^\W\d]\w{0,39}|[%‰°])(?:\s*(?:\*\*|\^)\s*(-?[1-9]))?")
-_BETWEEN = re.compile(r"\s*(\*(?!\*)|/|·|⋅|×|\bper\b)\s*|\s+")
-_RAISED = re.compile("(⁻?)([¹²³⁴⁵⁶⁷⁸⁹])")
-_PLAIN = str.maketrans("¹²³⁴⁵⁶⁷⁸⁹", "123456789")
-_SIGNS = {"°": "degree", "%": "percent", "‰": "permille", "℃": "degC"}
 
 
 @lru_cache(maxsize=1)
 def _registry() -> Any:
-    """pint's, with its definitions as it kept them the last time: reading them again is half of a device file's time.
+    """pint's, for units that `units` does not know, with its definitions as it kept them the last time.
 
     It writes them without care for a process that is killed meanwhile; what cannot be read is thrown away. They are
     pickled objects of pint and its parser: with another version of either they are made anew.
@@ -107,12 +102,11 @@ def si(value: object, unit: str, kind: str) -> float:
     unbounded = math.isinf(number) and unit == "" and (not isinstance(value, str) or "inf" in value)
     if not unbounded and not math.isfinite(number):
         raise ValueError(f"must be a finite {kind.removeprefix('a ').removeprefix('an ')}; got {told}")
-    import pint
-
     try:
-        powers = _unit(name)  # safety: unit-read
-        converted = float(_registry().Quantity(number, powers).to(unit or "dimensionless").magnitude)
-    except (pint.PintError, ArithmeticError, AttributeError, ValueError) as cause:
+        converted = convert(number, name, unit)
+        if converted is None:
+            converted = _ask_pint(number, name, unit)
+    except (ArithmeticError, AttributeError, ValueError) as cause:
         raise ValueError(f"{expected if isinstance(value, tuple) else f'must be {kind}'}; got {told}") from cause
     if not unbounded and converted != 0.0 and not 1.0 / _LARGEST <= abs(converted) <= _LARGEST:
         raise ValueError(
@@ -121,41 +115,30 @@ def si(value: object, unit: str, kind: str) -> float:
     return float(f"{converted:.15g}")  # 67.9 mm is 0.0679 m, not 0.06790000000000001 m
 
 
+def _ask_pint(number: float, name: str, unit: str) -> float:
+    """`number` of the unit that `name` writes, in `unit`; ValueError, or another error of pint's, if it cannot."""
+    import pint
+
+    try:
+        powers = _unit(name)  # safety: unit-read
+        return float(_registry().Quantity(number, powers).to(unit or "dimensionless").magnitude)
+    except pint.PintError as cause:
+        raise ValueError(str(cause)) from cause
+
+
 @lru_cache(maxsize=512)
 def _unit(text: str) -> Any:
     """The product of powers that `text` writes, as pint counts it; ValueError for anything else.
 
-    Names, `*`, `·`, `/` or a space between them, and one exponent each; pint is asked for single names only, since what
-    it is given otherwise it evaluates.
+    pint is asked for single names only, since what it is given otherwise it evaluates.
     """
     from pint.util import UnitsContainer
 
-    registry, powers, sign, at = _registry(), Counter[str](), 1, 0
-    text = _RAISED.sub(lambda found: f"^{'-' if found[1] else ''}{found[2].translate(_PLAIN)}", text).replace("℃", "°C")
-    if text.startswith("1/"):
-        text = text[1:]
-    if text.startswith("/"):
-        sign, at = -1, 1
-    for count in range(_MOST_FACTORS):
-        while text[at : at + 1].isspace():
-            at += 1
-        if at == len(text) and count == 0 and sign == 1:
-            break
-        factor = _FACTOR.match(text, at)
-        if factor is None:
-            raise ValueError(f"no unit at character {at + 1} of {quote(text)}")
-        name = registry.get_name(_SIGNS.get(factor[1], factor[1]))
+    registry, powers = _registry(), Counter[str]()
+    for factor, power in split_unit(text):
+        name = registry.get_name(factor)
         if name:  # "dimensionless" has none
-            powers[name] += sign * int(factor[2] or 1)
-        at = factor.end()
-        if at == len(text):
-            break
-        between = _BETWEEN.match(text, at)
-        if between is None:
-            raise ValueError(f"no '*' or '/' at character {at + 1} of {quote(text)}")
-        sign, at = -1 if between[1] in ("/", "per") else 1, between.end()
-    else:
-        raise ValueError(f"more than {_MOST_FACTORS} factors in {quote(text)}")
+            powers[name] += power
     return UnitsContainer(powers)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from haptorb.errors import InputError, PrecisionError
 from haptorb.numerics.arrays import Array, finite, vectors
 from haptorb.physics.sources import round_body
+from haptorb.physics.sources.bessel import integrate_bessel
 from haptorb.physics.sources.dipole import MU0
 from haptorb.physics.sources.round_body import RoundBody
 from haptorb.physics.sources.winding_field import winding_field, winding_gradient
@@ -127,7 +128,7 @@ class Coil(RoundBody):
         """Self-inductance [H] at low frequency, relative error below 1e-7.
 
         L = 2πμ0 N² ∫₀^∞ P(k)² (kl − 1 + e^(−kl))/(kl)² dk with P(k) = ∫ r J₁(kr) dr/(rₒ − rᵢ), the mean of the mutual
-        inductances of all pairs of turns (Smythe 8.06 for one pair). P has a closed form in Struve's functions. The
+        inductances of all pairs of turns (Smythe 8.06 for one pair). P follows from ∫ x J₁(x) dx (`bessel`). The
         integrand falls as k⁻⁴ and is cut at k rₒ = 1500, where 1e-9 is left. Left out: insulation between turns.
 
         >>> c = 0.02     # Brooks's coil: square section of side c, inner radius c; Grover gives 1.6994 µH/m · r̄ N²
@@ -140,7 +141,7 @@ class Coil(RoundBody):
         half = 0.5 * np.diff(edges)[:, None]
         k = (0.5 * (edges[1:] + edges[:-1])[:, None] + half * x).ravel()
         weight = (half * w).ravel()
-        p = (_struve_part(k, ro) - _struve_part(k, ri)) / (ro - ri)
+        p = (integrate_bessel(k * ro) - integrate_bessel(k * ri)) / (k * k * (ro - ri))
         kl = k * l
         mean = np.where(kl < 1e-3, 0.5 - kl / 6 + kl**2 / 24, (kl + np.expm1(-kl)) / kl**2)
         return float(2 * np.pi * MU0 * self.turns**2 * np.sum(weight * p**2 * mean))
@@ -148,15 +149,6 @@ class Coil(RoundBody):
     @property
     def _section(self) -> float:
         return self.length * (self.outer_radius - self.inner_radius)
-
-
-def _struve_part(k: Array, r: float) -> Array:
-    """∫₀^r s J₁(ks) ds = (πr/2k)[J₁H₀ − J₀H₁] (Abramowitz & Stegun 11.1.7–8)."""
-    from scipy.special import jv, struve  # a quarter of a second that only those who ask for inductances should wait
-
-    kr = k * r
-    part: Array = 0.5 * np.pi * r / k * (jv(1, kr) * struve(0, kr) - jv(0, kr) * struve(1, kr))
-    return part
 
 
 def _share(fill: float) -> float:

@@ -12,17 +12,22 @@ from typing import TYPE_CHECKING, BinaryIO, final
 import numpy as np
 from numpy.typing import NDArray
 
+from haptorb.display.html import facts_html
 from haptorb.errors import RecordingError, UnknownName, quote
 from haptorb.files.replace_file import replace_file
 from haptorb.files.text_file import open_at_once
 from haptorb.numerics.arrays import Array
+from haptorb.runtime.recording.data_frames import make_data_frame, make_dataset
 from haptorb.runtime.recording.mcap_rows import MAGIC, Block, records
 from haptorb.runtime.recording.mcap_schema import CDR_HEADER, NAME, TOPIC, fields_of
 from haptorb.runtime.recording.recording_plot import plot
+from haptorb.runtime.recording.recording_summary import draw_force, list_facts, summarize
 from haptorb.runtime.row import Field, RowLayout
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pandas import DataFrame
+    from xarray import Dataset
 
 __all__ = ["Recording"]
 
@@ -146,6 +151,26 @@ class Recording:
                     file.write(",".join(map(repr, row)) + "\n")
         except OSError as cause:
             raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
+
+    def to_pandas(self) -> DataFrame:
+        """All rows as a DataFrame: one column per number, named `p[0]` as in the CSV file, the index `t` [s].
+
+        `attrs["units"]` and `attrs["about"]` say of each column what it is. Raises InputError if pandas is not there.
+        """
+        return make_data_frame(self)
+
+    def to_xarray(self) -> Dataset:
+        """All rows as a Dataset over `t` [s]: one variable per field, with `units` and `long_name` in its `attrs`.
+
+        Raises InputError if xarray is not there.
+        """
+        return make_dataset(self)
+
+    def __repr__(self) -> str:
+        return summarize(self)
+
+    def _repr_html_(self) -> str:
+        return facts_html(f"Recording {self.path.name}", list_facts(self), draw_force(self))
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """A figure of the run: force asked and given, currents, temperatures, lateness; written to `path` (PNG, SVG,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from haptorb.devices.device import Device
 from haptorb.errors import ServoError
@@ -11,6 +11,7 @@ from haptorb.numerics.arrays import Array
 from haptorb.runtime.exchange.black_box import BlackBox, TripRecord
 from haptorb.runtime.exchange.commands import Commands
 from haptorb.runtime.exchange.report import loop_report, tracker_facts
+from haptorb.runtime.exchange.run_report import RunReport
 from haptorb.runtime.exchange.shared_memory import SharedMemory
 from haptorb.runtime.recording.run_recording import RunRecording
 from haptorb.runtime.servo.process_group import ProcessGroup
@@ -77,13 +78,13 @@ class ServoObserver(Commands):
         """(width,) the newest row; None before the first. In the units [..] of `layout`."""
         return self._memory.ring.latest()
 
-    def report(self) -> dict[str, Any]:
+    def report(self) -> RunReport:
         """What the run was like so far, as plain JSON types: see `loop_report`."""
         world, values = self.world
         loop, children = loop_report(self._memory), self._children
         assert children is not None
         troubles = {"recording_trouble": children.recorder_trouble, "tracker_trouble": children.tracker_trouble}
-        return {
+        found = {
             "device": self.device.name,
             "world": world,
             "world_values": values,
@@ -100,6 +101,7 @@ class ServoObserver(Commands):
             "warning": self.warning,
             **{name: trouble for name, trouble in troubles.items() if trouble},
         }
+        return RunReport(found)
 
     @property
     def tracker_refused(self) -> dict[str, int]:

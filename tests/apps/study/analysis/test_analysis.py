@@ -164,6 +164,8 @@ def test_csv_parquet_and_bids_say_the_same(identify: Study, tmp_path: Path) -> N
 def test_the_report_needs_nothing_else(identify: Study, tmp_path: Path) -> None:
     sat(identify, tmp_path / "s.db", {1: 1, 2: 1, 3: 3})
     found = analysis_of(tmp_path / "s.db")
+    assert repr(found).startswith(f"<Analysis of study {found.study.name!r}: {found.trials} trials; ")
+    assert "practice trials left out" in found._repr_html_()
     text = page(found)
     assert "src='http" not in text
     assert "href" not in text

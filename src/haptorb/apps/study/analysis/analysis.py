@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from haptorb.apps.study.analysis.conditions import (
 from haptorb.apps.study.analysis.statistics import Curve, above_chance, bootstrap, psychometric_fit, wilson
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
+from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 
@@ -69,7 +70,7 @@ class LatitudeError:
 
 
 @dataclass(frozen=True)
-class Analysis:
+class Analysis(NotebookReport):
     """Everything that is reported; parts that a procedure does not have are empty."""
 
     study: Study
@@ -86,6 +87,11 @@ class Analysis:
     scores: dict[str, RatingMean] = field(default_factory=dict)  #: by condition
     chosen: dict[tuple[str, str], tuple[int, int, tuple[float, float]]] = field(default_factory=dict)
     comparisons: tuple[ConditionComparison, ...] = ()
+
+    printer: ClassVar[str] = "haptorb.apps.study.analysis.summary:print_summary"
+
+    def _summarize(self) -> str:
+        return f"<Analysis of study {self.study.name!r}: {self.trials} trials; {self.origin}>"
 
     @property
     def origin(self) -> str:

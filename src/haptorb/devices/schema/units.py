@@ -1,0 +1,150 @@
+"""The units of device files without pint: names, prefixes and powers, with exact factors to SI.
+
+pint knows every unit there is and takes half a second to load. The few that device files use are here; whatever else a
+file says, and every mistake, is pint's to judge (`quantity.si`). Sources: the SI brochure (BIPM 2019); the inch is
+25.4 mm. Values are computed as fractions, so that 67.9 mm is 0.0679 m to the last digit.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from fractions import Fraction
+from functools import lru_cache
+
+from haptorb.errors import quote
+
+__all__ = ["PREFIXED", "PREFIXES", "WHOLE", "Dimension", "convert", "split_unit"]
+
+Dimension = tuple[int, int, int, int, int]  #: powers of m, kg, s, A, K
+
+_MOST_FACTORS = 8
+_FACTOR = re.compile(r"(Δ?°?[^\W\d]\w{0,39}|[%‰°])(?:\s*(?:\*\*|\^)\s*(-?[1-9]))?")
+_BETWEEN = re.compile(r"\s*(\*(?!\*)|/|·|⋅|×|\bper\b)\s*|\s+")
+_RAISED = re.compile("(⁻?)([¹²³⁴⁵⁶⁷⁸⁹])")
+_PLAIN = str.maketrans("¹²³⁴⁵⁶⁷⁸⁹", "123456789")
+_SIGNS = {"°": "degree", "%": "percent", "‰": "permille", "℃": "degC"}
+_CELSIUS = frozenset({"degC", "°C", "celsius"})
+_ZERO_CELSIUS = Fraction("273.15")  #: [K]
+
+_NONE: Dimension = (0, 0, 0, 0, 0)
+_TURN = Fraction(math.pi) * 2
+
+#: symbol → power of ten
+PREFIXES = {"p": -12, "n": -9, "µ": -6, "μ": -6, "u": -6, "m": -3, "k": 3, "M": 6}
+#: unit that takes a prefix → (factor to SI, dimension)
+PREFIXED: dict[str, tuple[Fraction, Dimension]] = {
+    "m": (Fraction(1), (1, 0, 0, 0, 0)),
+    "g": (Fraction(1, 1000), (0, 1, 0, 0, 0)),
+    "s": (Fraction(1), (0, 0, 1, 0, 0)),
+    "A": (Fraction(1), (0, 0, 0, 1, 0)),
+    "K": (Fraction(1), (0, 0, 0, 0, 1)),
+    "rad": (Fraction(1), _NONE),
+    "Hz": (Fraction(1), (0, 0, -1, 0, 0)),
+    "N": (Fraction(1), (1, 1, -2, 0, 0)),
+    "Pa": (Fraction(1), (-1, 1, -2, 0, 0)),
+    "J": (Fraction(1), (2, 1, -2, 0, 0)),
+    "W": (Fraction(1), (2, 1, -3, 0, 0)),
+    "V": (Fraction(1), (2, 1, -3, -1, 0)),
+    "ohm": (Fraction(1), (2, 1, -3, -2, 0)),
+    "Ω": (Fraction(1), (2, 1, -3, -2, 0)),
+    "H": (Fraction(1), (2, 1, -2, -2, 0)),
+    "F": (Fraction(1), (-2, -1, 4, 2, 0)),
+    "T": (Fraction(1), (0, 1, -2, -1, 0)),
+}
+#: unit without a prefix → (factor to SI, dimension)
+WHOLE: dict[str, tuple[Fraction, Dimension]] = {
+    "cm": (Fraction(1, 100), (1, 0, 0, 0, 0)),
+    "inch": (Fraction("0.0254"), (1, 0, 0, 0, 0)),
+    "min": (Fraction(60), (0, 0, 1, 0, 0)),
+    "h": (Fraction(3600), (0, 0, 1, 0, 0)),
+    "deg": (_TURN / 360, _NONE),
+    "degree": (_TURN / 360, _NONE),
+    "percent": (Fraction(1, 100), _NONE),
+    "delta_degC": (Fraction(1), (0, 0, 0, 0, 1)),
+    "Δ°C": (Fraction(1), (0, 0, 0, 0, 1)),
+}
+
+
+@lru_cache(maxsize=512)
+def split_unit(text: str) -> tuple[tuple[str, int], ...]:
+    """The factors that `text` writes: (name, power) each; ValueError for anything else.
+
+    Names, `*`, `·`, `/` or a space between them, and one exponent each; nothing is evaluated.
+
+    >>> split_unit("N·m/s²")
+    (('N', 1), ('m', 1), ('s', -2))
+    """
+    factors, sign, at = [], 1, 0
+    text = _RAISED.sub(lambda found: f"^{'-' if found[1] else ''}{found[2].translate(_PLAIN)}", text).replace("℃", "°C")
+    if text.startswith("1/"):
+        text = text[1:]
+    if text.startswith("/"):
+        sign, at = -1, 1
+    for count in range(_MOST_FACTORS):
+        while text[at : at + 1].isspace():
+            at += 1
+        if at == len(text) and count == 0 and sign == 1:
+            break
+        factor = _FACTOR.match(text, at)
+        if factor is None:
+            raise ValueError(f"no unit at character {at + 1} of {quote(text)}")
+        factors.append((_SIGNS.get(factor[1], factor[1]), sign * int(factor[2] or 1)))
+        at = factor.end()
+        if at == len(text):
+            break
+        between = _BETWEEN.match(text, at)
+        if between is None:
+            raise ValueError(f"no '*' or '/' at character {at + 1} of {quote(text)}")
+        sign, at = -1 if between[1] in ("/", "per") else 1, between.end()
+    else:
+        raise ValueError(f"more than {_MOST_FACTORS} factors in {quote(text)}")
+    return tuple(factors)
+
+
+def _find_unit(name: str) -> tuple[Fraction, Dimension] | None:
+    """Factor and dimension of one name, with its prefix; None for a name that is not here."""
+    if name in WHOLE:
+        return WHOLE[name]
+    if name in PREFIXED:
+        return PREFIXED[name]
+    power, unit = PREFIXES.get(name[:1]), PREFIXED.get(name[1:])
+    if power is None or unit is None:
+        return None
+    return unit[0] * Fraction(10) ** power, unit[1]
+
+
+@lru_cache(maxsize=512)
+def _scale(text: str) -> tuple[Fraction, Dimension] | None:
+    """Factor and dimension of a whole unit; None for one that is not made of the units here."""
+    factor, powers = Fraction(1), _NONE
+    try:
+        factors = split_unit(text)
+    except ValueError:
+        return None
+    for name, power in factors:
+        found = _find_unit(name)
+        if found is None:
+            return None
+        factor *= found[0] ** power
+        a, b, c, d, e = (old + power * new for old, new in zip(powers, found[1], strict=True))
+        powers = (a, b, c, d, e)
+    return factor, powers
+
+
+def convert(number: float, text: str, unit: str) -> float | None:
+    """`number` of unit `text` in `unit`; None where that is for pint to say: another unit, or a mistake.
+
+    >>> convert(67.9, "mm", "m")
+    0.0679
+    >>> convert(1.0, "furlong", "m") is None, convert(1.0, "kg", "m") is None
+    (True, True)
+    """
+    if math.isinf(number):
+        return number if text == unit == "" else None
+    if text in _CELSIUS:  # the one with an offset: only by itself
+        return float(Fraction(repr(number)) + _ZERO_CELSIUS) if unit == "K" else None
+    here, there = _scale(text), _scale(unit)
+    if here is None or there is None or here[1] != there[1]:
+        return None
+    return float(Fraction(repr(number)) * here[0] / there[0])

@@ -1,0 +1,64 @@
+"""Numbers with units as people read them: three digits, and the prefix that suits the size."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+
+__all__ = ["format_number", "format_quantity", "format_vector"]
+
+_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"}
+#: a unit that begins with one of these takes a prefix
+_PREFIXED = frozenset({"m", "s", "A", "N", "W", "V", "Ω", "H", "T", "J", "Hz"})
+
+
+def format_number(value: float, digits: int = 3) -> str:
+    """`value` with that many digits, without an exponent where it can be read without one.
+
+    >>> format_number(0.05), format_number(1234.56), format_number(-1e-17), format_number(float("nan"))
+    ('0.05', '1235', '-1e-17', 'unknown')
+    """
+    if math.isnan(value):
+        return "unknown"
+    if value == 0.0 or math.isinf(value):
+        return "0" if value == 0.0 else "inf" if value > 0 else "-inf"
+    if 10**digits <= abs(value) < 1e6:
+        return f"{value:.0f}"
+    return f"{value:.{digits}g}"
+
+
+def format_quantity(value: float, unit: str, digits: int = 3) -> str:
+    """`value` in `unit` [SI], with a prefix where the unit takes one.
+
+    >>> format_quantity(0.0529, "N/A"), format_quantity(8000.0, "A/s"), format_quantity(298.15, "K")
+    ('52.9 mN/A', '8 kA/s', '298 K')
+    """
+    power = _choose_power(abs(value), unit, digits)
+    return f"{format_number(value / 10.0**power, digits)} {_PREFIXES[power]}{unit}".rstrip()
+
+
+def format_vector(values: Iterable[float], unit: str, digits: int = 3) -> str:
+    """Several numbers in one unit, with the prefix that suits the largest.
+
+    >>> format_vector((0.0, 0.0, 0.05), "m")
+    '(0, 0, 50) mm'
+    """
+    numbers = [float(value) for value in values]
+    largest = max((abs(value) for value in numbers if math.isfinite(value)), default=0.0)
+    power = _choose_power(largest, unit, digits)
+    scaled = [value / 10.0**power for value in numbers]
+    # What is tiny beside the largest is rounding, and reads as zero.
+    told = [format_number(0.0 if abs(value) < 1e-9 * largest / 10.0**power else value, digits) for value in scaled]
+    return f"({', '.join(told)}) {_PREFIXES[power]}{unit}".rstrip()
+
+
+def _choose_power(size: float, unit: str, digits: int) -> int:
+    """The power of ten of the prefix; 0 for a unit that takes none, as a square does: mm² is not 1e-3 m²."""
+    first = re.split("[/·²³]", unit, maxsplit=1)[0]
+    if first not in _PREFIXED or unit[len(first) :].startswith(("²", "³")):
+        return 0
+    if not math.isfinite(size) or size == 0.0:
+        return 0
+    power = 3 * math.floor(math.log10(float(f"{size:.{digits}g}")) / 3)
+    return min(max(power, min(_PREFIXES)), max(_PREFIXES))

@@ -1,0 +1,135 @@
+"""A recording for pandas and xarray, with the unit of every number in `attrs`.
+
+Neither package is loaded, or needed, before somebody asks for this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from haptorb.errors import InputError
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.row import STAGES, Field
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
+
+__all__ = ["make_data_frame", "make_dataset", "units_of"]
+
+_PLACE, _TURN, _WRENCH = ("x", "y", "z"), ("x", "y", "z", "w"), ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
+_HOOK = ("deflection", "place", "point_x", "point_y", "point_z", "force_x", "force_y", "force_z")
+#: fields with parts that have names: field → (dimension, names of the parts)
+_PARTS: dict[str, tuple[str, tuple[str, ...]]] = {
+    **dict.fromkeys(("p", "v", "w", "target", "object"), ("axis", _PLACE)),
+    **dict.fromkeys(("q", "target_q", "object_q"), ("quaternion", _TURN)),
+    **dict.fromkeys(("asked", "modelled", "given", "object_wrench"), ("component", _WRENCH)),
+    "stages": ("stage", STAGES),
+    "share": ("motion", ("translation", "rotation")),
+    "contacts": ("hook", tuple(f"{part}_{hook}" for hook in (1, 2) for part in _HOOK)),
+}
+_CHANNELS = frozenset({"wanted", "currents", "duties", "resistance", "boundary", "winding"})
+
+
+class Rows(Protocol):
+    """What is read of a recording."""
+
+    path: Path
+    fields: tuple[Field, ...]
+    rows: Array
+
+    @property
+    def t(self) -> Array:
+        """(n,) time on the loop's clock [s]."""
+
+    @property
+    def metadata(self) -> Mapping[str, Mapping[str, str]]:
+        """The device, the run and the versions."""
+
+    def __getitem__(self, name: str) -> Array:
+        """A field of all ticks, shape (n, width), or (n,) where the width is 1, in the field's own unit [SI]."""
+
+
+def units_of(field: Field) -> tuple[str, ...]:
+    """The unit of each number of `field`: a wrench's "N, N·m" are three forces and three torques.
+
+    >>> units_of(Field("asked", 6, "N, N·m", ""))
+    ('N', 'N', 'N', 'N·m', 'N·m', 'N·m')
+    """
+    units = tuple(field.unit.split(", "))
+    if len(units) == 1:
+        return units * field.width
+    if len(units) == 2 and field.width % 6 == 0:
+        return tuple(unit for unit in units for _ in range(3)) * (field.width // 6)
+    if len(units) == 4 and field.width % 8 == 0:  # of a hook: two lengths, a place, a force
+        return tuple(unit for unit, many in zip(units, (1, 1, 3, 3), strict=True) for _ in range(many)) * (
+            field.width // 8
+        )
+    return (field.unit,) * field.width
+
+
+def make_data_frame(recording: Rows) -> DataFrame:
+    """A DataFrame of all rows (n, width), one column per number; see `Recording.to_pandas`.
+
+    Units [SI] are in `attrs`. Raises InputError if pandas is not there.
+    """
+    try:
+        import pandas
+    except ImportError as cause:
+        raise InputError(f"to_pandas needs pandas ({cause}): pip install 'haptorb[notebook]'") from cause
+    names, units, about = [], {}, {}
+    for field in recording.fields:
+        for i, unit in enumerate(units_of(field)):
+            name = field.name if field.width == 1 else f"{field.name}[{i}]"
+            names.append(name)
+            units[name], about[name] = unit, field.about
+    frame = pandas.DataFrame(recording.rows, columns=names)
+    if "t" in names:
+        frame = frame.set_index("t")
+    frame.attrs = {**_notes(recording), "units": units, "about": about}
+    return frame
+
+
+def make_dataset(recording: Rows) -> Dataset:
+    """A Dataset over `t` (n,) [s], one variable per field; see `Recording.to_xarray`.
+
+    Raises InputError if xarray is not there.
+    """
+    try:
+        import xarray
+    except ImportError as cause:
+        raise InputError(f"to_xarray needs xarray ({cause}): pip install 'haptorb[notebook]'") from cause
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {}
+    for field in recording.fields:
+        attributes = {"units": field.unit, "long_name": field.about}
+        values = recording[field.name]
+        if field.name == "t":
+            coordinates["t"] = ("t", values, attributes)
+            continue
+        if values.ndim == 1:
+            variables[field.name] = ("t", values, attributes)
+            continue
+        dimension, labels = _PARTS.get(field.name, ("", ()))
+        if len(labels) == field.width:
+            coordinates[dimension] = (dimension, list(labels))
+        else:
+            dimension = "channel" if field.name in _CHANNELS else f"{field.name}_part"
+            if field.name in _CHANNELS:
+                coordinates[dimension] = (dimension, list(range(1, field.width + 1)))
+        variables[field.name] = (("t", dimension), values, attributes)
+    return xarray.Dataset(variables, coordinates, _notes(recording))
+
+
+def _notes(recording: Rows) -> dict[str, str]:
+    device, run = recording.metadata.get("device", {}), recording.metadata.get("run", {})
+    known = {
+        "recording": recording.path.name,
+        "device": device.get("name", ""),
+        "driver": run.get("driver", ""),
+        "rate_hz": run.get("rate_hz", ""),
+        "model": run.get("model", ""),
+    }
+    return {key: value for key, value in known.items() if value}

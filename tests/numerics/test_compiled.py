@@ -1,0 +1,97 @@
+"""Kernels before the compiler is loaded: they wait, and are as good as any once somebody calls one."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptorb.devices.electromagnet import ring_tool
+from haptorb.numerics.compiled import PostponedKernel
+
+PROGRAM = """
+import sys
+import numpy as np
+from haptorb.devices.electromagnet import ring_tool
+from haptorb.devices.electromagnet.ring_tool import dipole_per_ampere
+from haptorb.numerics.compiled import PostponedKernel
+
+assert "numba" not in sys.modules
+assert type(dipole_per_ampere) is PostponedKernel
+assert "point dipole" in dipole_per_ampere.__doc__
+K = np.empty((6, 1))
+dipole_per_ampere(2.407, np.array([[0.0], [0.0], [0.2077]]), np.array([0.0, 0.0, 0.05]), np.eye(3), K)
+assert "numba" in sys.modules
+held = [key for module in list(sys.modules.values()) if module.__name__.startswith("haptorb")
+        for key, value in vars(module).items() if type(value) is PostponedKernel]
+# What was imported before keeps its value, and so do modules that are read from here on.
+from haptorb.physics.sources import zonal
+dipole_per_ampere(2.407, np.array([[0.0], [0.0], [0.2077]]), np.array([0.0, 0.0, 0.05]), np.eye(3), K)
+print(round(-1e3 * float(K[2, 0]), 1), held, type(ring_tool.dipole_per_ampere).__name__, type(zonal.zonal).__name__)
+"""
+
+
+def told(program: str) -> str:
+    done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_the_first_call_loads_the_compiler_for_all_kernels() -> None:
+    assert told(PROGRAM) == "48.0 [] CPUDispatcher CPUDispatcher"
+
+
+def test_a_source_that_is_edited_before_the_first_call_is_another_state(tmp_path: Path) -> None:
+    program = """
+import sys
+from pathlib import Path
+from haptorb.numerics import compiled
+compiled._PACKAGE = Path(sys.argv[1])
+sys.path.insert(0, sys.argv[1])
+import double
+source = Path(sys.argv[1], "double.py")
+source.write_text(source.read_text().replace("2.0", "3.0"))
+print(double.double(1.0))
+"""
+    source = tmp_path / "double.py"
+    (tmp_path / "numerics").mkdir()
+    (tmp_path / "numerics" / "compiled.py").touch()
+    for expected in ("2.0", "3.0"):
+        if not source.exists():
+            source.write_text(
+                "from haptorb.numerics.compiled import kernel\n\n@kernel\ndef double(x):\n    return 2.0 * x\n"
+            )
+        environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+        done = subprocess.run(
+            [sys.executable, "-c", program, str(tmp_path)], env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.strip() == expected
+
+
+@pytest.mark.parametrize("package", ["tick", "drivers", "processes"])
+def test_what_runs_beside_a_clock_has_the_compiler_loaded(package: str) -> None:
+    assert told(f"import sys, haptorb.runtime.{package}; print('numba' in sys.modules)") == "True"
+
+
+def test_a_postponed_kernel_can_be_called_by_others_and_sent_elsewhere() -> None:
+    from numba import njit
+
+    postponed = PostponedKernel(ring_tool.axis_frame.py_func)  # type: ignore[attr-defined]
+    assert postponed.__wrapped__ is ring_tool.axis_frame.py_func  # type: ignore[attr-defined]
+    assert not hasattr(postponed, "_not_there")
+
+    @njit  # type: ignore[untyped-decorator]
+    def turn(axis, R):
+        postponed(axis, R)
+        return R[2, 2]
+
+    assert turn(np.array([0.0, 0.0, 1.0]), np.empty((3, 3))) == 1.0
+    R = np.empty((3, 3))
+    pickle.loads(pickle.dumps(postponed))(np.array([1.0, 0.0, 0.0]), R)
+    assert R[:, 2].tolist() == [1.0, 0.0, 0.0]
