@@ -1,9 +1,19 @@
 // Bundles the pages into the Python package: scripts, style sheets and documents, nothing from elsewhere.
 import { build } from "esbuild";
-import { cp, mkdir, rm } from "node:fs/promises";
+import { cp, mkdir, readFile, rm } from "node:fs/promises";
 import { fileURLToPath } from "node:url";
 
 const apps = process.argv[2] ?? fileURLToPath(new URL("../src/haptorb/apps/", import.meta.url));
+
+// The renderer carries the shaders of all its materials as text. The page has no physical or toon material: 8 kB less.
+const CHUNKS = /^var ((?:lights_physical|lights_toon|transmission|iridescence|clearcoat|envmap_physical)\w*) = "[^"]*";$/gm;
+const unusedShaders = {
+  name: "unused shaders",
+  setup: ({ onLoad }) =>
+    onLoad({ filter: /three\.module\.js$/ }, async ({ path }) => ({
+      contents: (await readFile(path, "utf8")).replace(CHUNKS, 'var $1 = "";'),
+    })),
+};
 
 /** One program's pages: emptied, bundled, and its documents copied. */
 async function bundle(out, entryPoints, documents) {
@@ -18,6 +28,7 @@ async function bundle(out, entryPoints, documents) {
     format: "esm",
     target: ["es2022", "chrome100", "firefox100", "safari16"],
     legalComments: "linked",
+    plugins: [unusedShaders],
     logLevel: "warning",
   });
   for (const [from, name] of documents) await cp(new URL(`src/${from}`, import.meta.url), `${out}/${name}`);
