@@ -85,13 +85,3 @@ def test_the_summary_is_written_as_pytest_writes_it(program: Any) -> None:
 )
 def test_a_call_without_tests_is_no_failure_but_two_are(program: Any, codes: list[int], code: int) -> None:
     assert program.combine_codes(codes) == code
-
-
-#: filled by the test below, in this process
-_TURNS: list[int] = []
-
-
-@pytest.mark.parametrize("turn", range(4))
-def test_one_process_has_all_tests_of_a_file(turn: int) -> None:
-    _TURNS.append(turn)
-    assert _TURNS == list(range(_TURNS[0], turn + 1))  # two processes would have a part each, with gaps
