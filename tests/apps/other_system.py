@@ -14,6 +14,7 @@ import select
 import signal
 import socket
 import sys
+import tempfile
 import time
 import traceback
 import warnings
@@ -66,6 +67,7 @@ def hide(system):
     for module, names in ATTRIBUTES.items():
         for name in [name for name in vars(module) if re.match(names, name)]:
             delattr(module, name)
+    tempfile._O_TMPFILE_WORKS = False  # it looked for the flag when it was imported
     load = ctypes.CDLL.__init__
 
     def load_library(self, name, *others, **more):

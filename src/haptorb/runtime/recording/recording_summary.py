@@ -49,7 +49,7 @@ class Summarized(Protocol):
 def summarize(recording: Summarized) -> str:
     """File, device, length, and what is wrong with it, in one line."""
     device = recording.metadata.get("device", {}).get("name", "unknown device")
-    wrong = [f"{_count(lost, 'row')} lost"] if (lost := _lost(recording)) else []
+    wrong = [f"{_count(lost, 'row')} lost"] if (lost := _count_lost_rows(recording)) else []
     wrong += ["cut short"] if recording.truncated else []
     told = [
         device,
@@ -76,7 +76,7 @@ def list_facts(recording: Summarized) -> list[tuple[str, str]]:
     ]
     if rows:
         facts += _figures(recording)
-    lost = _lost(recording)
+    lost = _count_lost_rows(recording)
     facts.append(("rows lost", "unknown" if lost is None else str(lost)))
     facts.append(("end", "missing: the file was cut short" if recording.truncated else "complete"))
     return [(name, text) for name, text in facts if text]
@@ -151,7 +151,7 @@ def _trips(recording: Summarized) -> int:
     return int(off[0]) + int((off[1:] & ~off[:-1]).sum())
 
 
-def _lost(recording: Summarized) -> int | None:
+def _count_lost_rows(recording: Summarized) -> int | None:
     try:
         return recording.lost
     except RecordingError:
