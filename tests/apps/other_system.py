@@ -145,7 +145,7 @@ def record(folder):
     rows = np.random.default_rng(0).normal(size=(200, layout.width))
     path = folder / "run.mcap"
     with path.open("wb") as file:
-        recorder = Recorder(file, layout, 1000.0, 0)
+        recorder = Recorder(file, layout, 1000.0, 10**18)
         recorder.append(rows)
         recorder.finish()
     recording = Recording(path)
