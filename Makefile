@@ -1,7 +1,7 @@
 # Two commands:  make run   (feel a dome)     make test   (everything that CI runs)
 # They need Python 3.11 or newer, make and the package registries; all else is fetched into .venv.
 
-# pip leaves byte code to Python (--no-compile); where Python may not write it either, every start of a process compiles
+# Installers leave byte code to Python; where Python may not write it either, every start of a process compiles
 # all of its packages again: 11 s instead of 1.
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -66,13 +66,13 @@ $(BIN)/python:
 	@sh scripts/virtual-environment $(VENV)
 
 $(VENV)/.run: $(BUILT_FROM) | $(BIN)/python
-	@echo "Installing haptorb into $(VENV) (the first time: half a minute or more) ..."
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable .
+	@echo "Installing haptorb into $(VENV) (the first time: half a minute) ..."
+	@sh scripts/install-package $(VENV) ""
 	@touch $@
 
 $(VENV)/.test: $(BUILT_FROM) | $(BIN)/python
 	@echo "Installing haptorb and its tests' packages into $(VENV) (the first time: a few minutes) ..."
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[test,bench,docs,hardware,study,trackers]'
+	@sh scripts/install-package $(VENV) "[test,bench,docs,hardware,study,trackers]"
 	@touch $(VENV)/.run $@
 
 clean:
