@@ -68,7 +68,7 @@ def run(
     duration: Annotated[float | None, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = None,
     no_watchdog: Annotated[
         bool,
-        typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE. Nobody may touch it."),
+        typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; let nobody touch the device."),
     ] = False,
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
     browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
