@@ -61,7 +61,7 @@ def toml_of(text: str) -> dict[str, Any]:
         raw = tomllib.loads(text)
     except RecursionError as cause:
         raise ValueError(f"it is nested deeper than {_DEEP} levels") from cause
-    _shallow(raw)
+    _check_depth(raw)
     return raw
 
 
@@ -71,7 +71,7 @@ def json_of(text: str | bytes) -> Any:
         raw = json.loads(text)
     except RecursionError as cause:
         raise ValueError(f"it is nested deeper than {_DEEP} levels") from cause
-    _shallow(raw)
+    _check_depth(raw)
     return raw
 
 
@@ -80,7 +80,7 @@ def open_at_once(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
-def _shallow(raw: Any) -> None:
+def _check_depth(raw: Any) -> None:
     level = [raw]
     for _ in range(_DEEP):
         level = [

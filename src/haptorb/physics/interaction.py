@@ -79,7 +79,7 @@ def wrench(
 
     def integral(level: tuple[int, int, int]) -> tuple[Array, Array]:
         points, elements = _elements(target, level, place, R)
-        _outside(source, points)
+        _check_outside(source, points)
         return filament_wrench(source.field(points), points, elements, pivot)
 
     return _refine(integral, precision, "wrench")
@@ -120,7 +120,7 @@ def wrench_on_charges(
         disc, area = _disc(magnet.inner_radius, magnet.outer_radius, 3 * level[0], level[2])
         faces = np.concatenate([disc + lift, disc - lift])
         points = faces @ R.T + place
-        _outside(source, points)
+        _check_outside(source, points)
         charge = density * np.concatenate([area, -area])
         df = charge[:, None] * source.field(points)
         dt = np.cross(points - pivot, df)
@@ -151,7 +151,7 @@ def flux_linkage(
         layers = np.concatenate([disc + height * lift for height in y])
         weight = 0.5 * coil.turns * np.concatenate([share * area for share in v])
         points = layers @ R.T + place
-        _outside(source, points)
+        _check_outside(source, points)
         flux = weight * (source.field(points) @ R[:, 2])
         return np.array([flux.sum()]), np.array([np.abs(flux).sum()])
 
@@ -165,7 +165,7 @@ def _pose(position: ArrayLike, turn: ArrayLike) -> tuple[Array, Array]:
     return place, R
 
 
-def _outside(source: Source, points: Array) -> None:
+def _check_outside(source: Source, points: Array) -> None:
     inside = source.contains(points)
     if inside.any():
         where = points[inside][0].tolist()
@@ -173,7 +173,7 @@ def _outside(source: Source, points: Array) -> None:
 
 
 @lru_cache(maxsize=64)
-def _around(steps: int) -> tuple[Array, Array]:
+def _circle_nodes(steps: int) -> tuple[Array, Array]:
     angle = 2 * np.pi * (np.arange(steps) + 0.5) / steps
     return np.cos(angle), np.sin(angle)
 
@@ -181,7 +181,7 @@ def _around(steps: int) -> tuple[Array, Array]:
 def _elements(target: RoundBody, level: tuple[int, int, int], place: Array, R: Array) -> tuple[Array, Array]:
     """Points (n, 3) [m] and current elements I dl (n, 3) [A·m] of a target's filaments, in the common frame."""
     radii, heights, currents = target.filaments(level[0], level[1])
-    cosine, sine = _around(level[2])
+    cosine, sine = _circle_nodes(level[2])
     points = np.empty((len(radii), level[2], 3))
     points[..., 0] = radii[:, None] * cosine
     points[..., 1] = radii[:, None] * sine
@@ -197,7 +197,7 @@ def _disc(inner: float, outer: float, rings: int, steps: int) -> tuple[Array, Ar
     """Points (n, 3) of a ring-shaped face at z = 0, and the area (n,) that each stands for."""
     x, w = np.polynomial.legendre.leggauss(rings)
     radii = 0.5 * (outer + inner) + 0.5 * (outer - inner) * x
-    cosine, sine = _around(steps)
+    cosine, sine = _circle_nodes(steps)
     points = np.zeros((rings, steps, 3))
     points[..., 0] = radii[:, None] * cosine
     points[..., 1] = radii[:, None] * sine

@@ -61,7 +61,7 @@ class ProgressFile:
         try:
             raw = json_of(read_bytes(self.path, _MOST, "progress", CalibrationError))
             head = {key: raw[key] for key in self._head}
-            written, results = float(raw["written"]), _sound(raw["steps"])
+            written, results = float(raw["written"]), _check_steps(raw["steps"])
         except (CalibrationError, ValueError, KeyError, TypeError, OverflowError):
             return f"{self.path} is damaged and is ignored"
         if head != self._head:
@@ -87,7 +87,7 @@ class ProgressFile:
         self.path.unlink(missing_ok=True)
 
 
-def _sound(steps: Any) -> dict[str, dict[str, Any]]:
+def _check_steps(steps: Any) -> dict[str, dict[str, Any]]:
     """`steps` if every known one has what those after it use, and its line on the screen; ValueError otherwise."""
     for name, result in dict(steps).items():
         if name not in _SHAPES or not isinstance(result, dict):

@@ -102,9 +102,9 @@ def run(
         before = signal.signal(signal.SIGTERM, _end)
         try:
             number = (
-                _alone(servo, standby, duration, json)
+                _run_without_console(servo, standby, duration, json)
                 if headless
-                else _with_console(servo, standby, duration, port, browser, json)
+                else _run_with_console(servo, standby, duration, port, browser, json)
             )
             for file in servo.trip_files:
                 say(f"last ticks before the trip: {file}")
@@ -116,7 +116,7 @@ def run(
         raise typer.Exit(128 + number)
 
 
-def _alone(servo: Servo, standby: PrestartedProcess, duration: float | None, json: bool) -> int:
+def _run_without_console(servo: Servo, standby: PrestartedProcess, duration: float | None, json: bool) -> int:
     with _open_servo(servo, standby):
         if not json:
             say(f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_nature(servo)}. Ctrl-C ends.")
@@ -131,7 +131,7 @@ def _alone(servo: Servo, standby: PrestartedProcess, duration: float | None, jso
     return number
 
 
-def _with_console(
+def _run_with_console(
     servo: Servo, standby: PrestartedProcess, duration: float | None, port: int, browser: bool, json: bool
 ) -> int:
     from time import monotonic

@@ -43,12 +43,12 @@ def monitor(
         start = clock()
         count = 0
         while clock() - start < duration:
-            yield _whole(driver, clock() - start)
+            yield _read_whole(driver, clock() - start)
             count += 1
             wait(max(0.0, start + count / rate - clock()))
 
 
-def _whole(driver: Driver, now: float) -> Sample:
+def _read_whole(driver: Driver, now: float) -> Sample:
     sample = driver.read(now)
     field = sample.field.copy()
     for _ in range(_TURNS):

@@ -62,7 +62,7 @@ class AccessGate:
         if refusal is None and not self._open(scope["path"]) and not knows(headers, self._token):
             refusal = "open the full address that the terminal printed, with the part after its #"
         if refusal is None:
-            await self.app(scope, receive, _with_policy(send))
+            await self.app(scope, receive, _add_policy(send))
         elif scope["type"] == "websocket":
             # Closing before accepting makes the server answer 403.
             await send({"type": "websocket.close", "code": 1008, "reason": refusal})
@@ -85,7 +85,7 @@ class AccessGate:
         return None
 
 
-def _with_policy(send: Send) -> Send:
+def _add_policy(send: Send) -> Send:
     """`send`, with the content policy on every answer."""
 
     async def send_with_policy(message: Message) -> None:

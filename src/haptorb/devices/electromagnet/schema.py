@@ -98,7 +98,7 @@ class MarksSection(Section):
     positions: Annotated[tuple[Point, ...], Len(3, 100)]
 
     @model_validator(mode="after")
-    def _apart(self) -> MarksSection:
+    def _check_marks(self) -> MarksSection:
         if len(self.names) != len(self.positions):
             raise ValueError(f"has {len(self.names)} names but {len(self.positions)} positions")
         if len(set(self.names)) != len(self.names):
@@ -143,7 +143,7 @@ class ElectromagnetFile(CommonFile):
         return self
 
     @model_validator(mode="after")
-    def _fits(self) -> ElectromagnetFile:
+    def _check_sizes(self) -> ElectromagnetFile:
         if len(self.coils.names) != 3:
             raise ValueError(f"coils.names must be three for a spherical electromagnet; got {len(self.coils.names)}")
         if self.dome.radius <= self.electromagnet.core_radius:

@@ -61,14 +61,14 @@ class RingSection(Section):
         return PartRing(self.latitude, self.count, self.first, self.step)
 
 
-def _few(rings: tuple[RingSection, ...]) -> tuple[RingSection, ...]:
+def _check_count(rings: tuple[RingSection, ...]) -> tuple[RingSection, ...]:
     total = sum(ring.count for ring in rings)
     if total > _MOST_PARTS:
         raise ValueError(f"must have at most {_MOST_PARTS} parts on all rings together; got {total}")
     return rings
 
 
-Rings = Annotated[tuple[RingSection, ...], Len(1, _MOST_PARTS), AfterValidator(_few)]
+Rings = Annotated[tuple[RingSection, ...], Len(1, _MOST_PARTS), AfterValidator(_check_count)]
 
 
 class MultipoleSection(Section):
@@ -95,7 +95,7 @@ class MagnetsSection(Section):
     multipole: MultipoleSection | None = None
 
     @model_validator(mode="after")
-    def _one_sign_each(self) -> MagnetsSection:
+    def _check_polarity(self) -> MagnetsSection:
         total = sum(ring.count for ring in self.rings)
         if not isinstance(self.polarity, str) and len(self.polarity) != total:
             raise ValueError(f"has {total} magnets but {len(self.polarity)} values of polarity")
@@ -121,7 +121,7 @@ class ElectromagnetsSection(Section):
     multipole: MultipoleSection | None = None
 
     @model_validator(mode="after")
-    def _has_a_winding(self) -> ElectromagnetsSection:
+    def _check_winding(self) -> ElectromagnetsSection:
         hollow(self.inner_radius, self.outer_radius)
         return self
 

@@ -61,7 +61,7 @@ class HeatSection(Section):
     stop: Annotated[q.Temperature, Positive]
 
     @model_validator(mode="after")
-    def _in_order(self) -> HeatSection:
+    def _check_order(self) -> HeatSection:
         if not self.ambient < self.warn < self.derate < self.stop:
             raise ValueError("must have ambient < warn < derate < stop")
         return self
@@ -83,7 +83,7 @@ class CoilsSection(Section):
     heat: HeatSection
 
     @model_validator(mode="after")
-    def _one_each(self) -> CoilsSection:
+    def _check_lengths(self) -> CoilsSection:
         for key in ("resistance", "inductance", "current_limit"):
             count = len(getattr(self, key))
             if count != len(self.names):

@@ -68,7 +68,7 @@ def _curvature(m: Array, r: Array, out: Array) -> None:
                     out[n, i, j, k] = c * g
 
 
-def _flat(*arrays: ArrayLike, names: tuple[str, ...]) -> tuple[tuple[int, ...], list[Array]]:
+def _flatten(*arrays: ArrayLike, names: tuple[str, ...]) -> tuple[tuple[int, ...], list[Array]]:
     checked = [vectors(array, name) for array, name in zip(arrays, names, strict=True)]
     shape = np.broadcast_shapes(*(array.shape for array in checked))
     flat = [np.ascontiguousarray(np.broadcast_to(array, shape).reshape(-1, 3)) for array in checked]
@@ -85,7 +85,7 @@ def field(moment: ArrayLike, r: ArrayLike) -> Array:
     >>> bool(abs(field((0, 0, 1.0), (0, 0, 0.1))[2] - 2e-4) < 1e-12)
     True
     """
-    shape, (m, at) = _flat(moment, r, names=("moment", "r"))
+    shape, (m, at) = _flatten(moment, r, names=("moment", "r"))
     out = np.empty_like(at)
     _field(m, at, out)
     return out.reshape(*shape, 3)
@@ -97,7 +97,7 @@ def field_gradient(moment: ArrayLike, r: ArrayLike) -> Array:
     >>> bool(abs(np.trace(field_gradient((1.0, 2, 3), (0.1, 0, 0.2)))) < 1e-15)
     True
     """
-    shape, (m, at) = _flat(moment, r, names=("moment", "r"))
+    shape, (m, at) = _flatten(moment, r, names=("moment", "r"))
     out = np.empty((len(at), 3, 3))
     _gradient(m, at, out)
     return out.reshape(*shape, 3, 3)
@@ -110,7 +110,7 @@ def force(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> Array:
     >>> bool(abs(pull[2] + 6 * MU0 * 6 / (4 * np.pi * 0.05**4)) < 1e-12)
     True
     """
-    shape, (m1, m2, at) = _flat(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
+    shape, (m1, m2, at) = _flatten(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
     gradient = np.empty((len(at), 3, 3))
     _gradient(m1, at, gradient)
     out: Array = np.einsum("nij,nj->ni", gradient, m2)
@@ -119,7 +119,7 @@ def force(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> Array:
 
 def torque(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> Array:
     """Torque (..., 3) [N·m] on `moment_2` about its own centre, at `r` from `moment_1`: m₂ × B₁."""
-    shape, (m1, m2, at) = _flat(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
+    shape, (m1, m2, at) = _flatten(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
     b = np.empty_like(at)
     _field(m1, at, b)
     return np.cross(m2, b).reshape(*shape, 3)
@@ -144,7 +144,7 @@ def force_jacobians(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> t
     >>> bool(d_r[2, 2] > 0)     # attraction weakens with distance
     True
     """
-    shape, (m1, m2, at) = _flat(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
+    shape, (m1, m2, at) = _flatten(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
     count = len(at)
     gradient = np.empty((count, 3, 3))
     curvature = np.empty((count, 3, 3, 3))
@@ -163,7 +163,7 @@ def force_jacobians(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> t
 
 def torque_jacobians(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> tuple[Array, Array, Array]:
     """Derivatives of `torque` by r [N], by moment_1 and by moment_2 [T], each (..., 3, 3), [i, k] = ∂T_i/∂·_k."""
-    shape, (m1, m2, at) = _flat(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
+    shape, (m1, m2, at) = _flatten(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
     gradient = np.empty((len(at), 3, 3))
     b = np.empty_like(at)
     _gradient(m1, at, gradient)

@@ -113,7 +113,7 @@ class MultipoleSource(Source):
         flat = np.ascontiguousarray(at.reshape(-1, 3))
         out = np.empty_like(flat)
         _field(self._soa, self.strengths, flat, out)
-        return _off_the_poles(out).reshape(at.shape)
+        return _check_poles(out).reshape(at.shape)
 
     def field_gradient(self, points: ArrayLike) -> Array:
         """(..., 3, 3) [T/m], [i, j] = ∂B_i/∂x_j."""
@@ -121,7 +121,7 @@ class MultipoleSource(Source):
         flat = np.ascontiguousarray(at.reshape(-1, 3))
         out = np.empty((len(flat), 3, 3))
         _gradient(self._soa, self.strengths, flat, out)
-        return _off_the_poles(out).reshape(*at.shape, 3)
+        return _check_poles(out).reshape(*at.shape, 3)
 
 
 def loop_poles(radius: float, loops: int, per_loop: int) -> Array:
@@ -160,7 +160,7 @@ def multipole_wrench(
     return np.concatenate([forces.sum(axis=0), np.cross(poles - pivot, forces).sum(axis=0)])
 
 
-def _off_the_poles(out: Array) -> Array:
+def _check_poles(out: Array) -> Array:
     if not np.isfinite(out).all():
         raise GeometryError("the field of a multipole model is infinite at its poles, and one of the points is a pole")
     return out

@@ -42,19 +42,19 @@ class PlacedSource(Source):
 
     def field(self, points: ArrayLike) -> Array:
         """Flux density (..., 3) [T] at `points` (..., 3) [m], both in the common frame."""
-        field: Array = self.source.field(self._own(points)) @ self.turn.T
+        field: Array = self.source.field(self._to_own_frame(points)) @ self.turn.T
         return field
 
     def field_gradient(self, points: ArrayLike) -> Array:
         """(..., 3, 3) [T/m], [i, j] = ∂B_i/∂x_j, in the common frame."""
-        gradient: Array = self.turn @ self.source.field_gradient(self._own(points)) @ self.turn.T
+        gradient: Array = self.turn @ self.source.field_gradient(self._to_own_frame(points)) @ self.turn.T
         return gradient
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """(...,) whether `points` (..., 3) [m] lie in the source's matter."""
-        return self.source.contains(self._own(points))
+        return self.source.contains(self._to_own_frame(points))
 
-    def _own(self, points: ArrayLike) -> Array:
+    def _to_own_frame(self, points: ArrayLike) -> Array:
         own: Array = (vectors(points, "points") - self.position) @ self.turn
         return own
 

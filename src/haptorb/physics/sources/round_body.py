@@ -103,7 +103,7 @@ class SheetStack:
         flat = np.ascontiguousarray(at.reshape(-1, 3))
         out = np.empty_like(flat)
         _field(flat, self.radii, self.half, self.densities, self.series, self.far2, out)
-        return _off_the_edge(out, flat).reshape(at.shape)
+        return _check_edge(out, flat).reshape(at.shape)
 
     def field_gradient(self, points: ArrayLike) -> Array:
         """(..., 3, 3) [T/m], [i, j] = ∂B_i/∂x_j; GeometryError on an edge."""
@@ -111,10 +111,10 @@ class SheetStack:
         flat = np.ascontiguousarray(at.reshape(-1, 3))
         out = np.empty((len(flat), 3, 3))
         _gradient(flat, self.radii, self.half, self.densities, self.series, self.far2, out)
-        return _off_the_edge(out, flat).reshape(*at.shape, 3)
+        return _check_edge(out, flat).reshape(*at.shape, 3)
 
 
-def _off_the_edge(out: Array, points: Array) -> Array:
+def _check_edge(out: Array, points: Array) -> Array:
     if not np.isfinite(out).all():
         bad = points[~np.isfinite(out.reshape(len(points), -1)).all(axis=1)][0]
         raise GeometryError(f"the field is infinite on the edge of the body; point {bad.tolist()} m lies on it")

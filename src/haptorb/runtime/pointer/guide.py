@@ -51,12 +51,12 @@ class DomeMotion(GuidedMotion):
         The axis is radial all the way, however the hand let go: `q` (4,) does not count.
         """
         place = np.empty(3)
-        _around(np.ascontiguousarray(p), self._rest, share, place)
+        _fill_arc(np.ascontiguousarray(p), self._rest, share, place)
         return place, upright(place)
 
 
 @kernel
-def _around(start: Array, rest: Array, s: float, p: Array) -> None:
+def _fill_arc(start: Array, rest: Array, s: float, p: Array) -> None:
     r0 = np.sqrt(start[0] ** 2 + start[1] ** 2 + start[2] ** 2)
     r1 = np.sqrt(rest[0] ** 2 + rest[1] ** 2 + rest[2] ** 2)
     for i in range(3):

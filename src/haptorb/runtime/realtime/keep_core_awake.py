@@ -67,7 +67,7 @@ def busy(before: Times, after: Times) -> float:
     return (after[0] - before[0]) / passed if passed > 0 else 0.0
 
 
-def _others(core: int) -> Times:
+def _read_other_cores(core: int) -> Times:
     """What the kernel has counted for all cores but `core`."""
     worked, passed = 0, 0
     with open("/proc/stat") as stat:
@@ -87,15 +87,15 @@ def _wait(parent: int, core: int) -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the servo's, which ends this
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-    before = _others(core)
+    before = _read_other_cores(core)
     while os.getppid() == parent:
         until = time.monotonic() + _LOOK
         while time.monotonic() < until:
             pass
-        after = _others(core)
+        after = _read_other_cores(core)
         if busy(before, after) > _MUCH:
             time.sleep(_ASIDE)
-            after = _others(core)
+            after = _read_other_cores(core)
         before = after
 
 

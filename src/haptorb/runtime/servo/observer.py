@@ -106,7 +106,7 @@ class ServoObserver(Commands):
     @property
     def tracker_refused(self) -> dict[str, int]:
         """How many messages the tracker's process has refused so far, by the reasons of `runtime.reception`."""
-        shared = self._attached
+        shared = self._memory_or_none
         return dict(tracker_facts(shared).get("refused", {})) if shared is not None else {}
 
     @property

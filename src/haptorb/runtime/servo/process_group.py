@@ -137,7 +137,7 @@ class ProcessGroup:
         over = recorder and (self._shared.words[Word.RECORDER] >= Phase.ENDED or recorder.poll() is not None)
         code = self._servo.poll()
         if self._shared.phase >= Phase.ENDED or code is not None:
-            raise ServoError(f"the servo ended: {self._why(code)}")
+            raise ServoError(f"the servo ended: {self._explain_end(code)}")
         if over:
             raise RecordingError(f"the recording ended: {self.recorder_trouble}")
 
@@ -236,7 +236,7 @@ class ProcessGroup:
         with suppress(OSError):
             os.killpg(self._servo.pid, signal.SIGKILL)  # safety: world-children
 
-    def _why(self, code: int | None) -> str:
+    def _explain_end(self, code: int | None) -> str:
         reason = self._hang or self._shared.reason.read()[1]
         if reason or self._shared.phase is Phase.ENDED:
             return reason or "on command"

@@ -230,7 +230,7 @@ class Servo(ServoObserver):
             raise
 
     @property
-    def _attached(self) -> SharedMemory | None:
+    def _memory_or_none(self) -> SharedMemory | None:
         return self._shared
 
     def _start(self, descriptor: int | None, tracker: Preparation | None, standby: PrestartedProcess | None) -> None:

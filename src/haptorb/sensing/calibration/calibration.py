@@ -100,8 +100,8 @@ class Calibration:
         if not (resistance > 0).all():
             raise CalibrationError(f"{name}: resistance_ohm must be positive; got {resistance.tolist()}")
         return cls(
-            _word(raw, "device", name),
-            _word(raw, "digest", name),
+            _check_text(raw, "device", name),
+            _check_text(raw, "digest", name),
             moments,
             numbers(raw, "uncertainty_m2", name, moments.shape),
             numbers(raw, "offsets_t", name, (None, 3)),
@@ -114,7 +114,7 @@ class Calibration:
         )
 
 
-def _word(raw: Mapping[str, Any], key: str, name: str) -> str:
+def _check_text(raw: Mapping[str, Any], key: str, name: str) -> str:
     if not isinstance(raw[key], str):
         raise CalibrationError(f"{name}: {key} must be a text; got {quote(raw[key])}")
     return str(raw[key])

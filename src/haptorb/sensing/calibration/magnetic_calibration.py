@@ -104,8 +104,8 @@ def magnetic_calibration(
             f"device '{device.name}' needs currents (n, {channels}) and fields (n, {places}, 3); "
             f"got {want.shape}, {i.shape} and {B.shape}"
         )
-    seen = np.broadcast_to(np.eye(3), (places, 3, 3)) if axes is None else _along(finite(axes, "axes"), places)
-    _conducts(device, want, i)
+    seen = np.broadcast_to(np.eye(3), (places, 3, 3)) if axes is None else _project(finite(axes, "axes"), places)
+    _check_conduction(device, want, i)
     result = _regress(device, seen, i, B)
     _check_wiring(device, result.moment_per_current)
     _check_sensors(device, seen, i, B, result)
@@ -114,7 +114,7 @@ def magnetic_calibration(
     return replace(result, repeatability=float((np.abs(odd - even) / scale).max()))
 
 
-def _along(axes: Array, places: int) -> Array:
+def _project(axes: Array, places: int) -> Array:
     """(k, 3, 3) what a sensor makes of a field: its part along the sensor's axis."""
     if axes.shape != (places, 3) or not np.allclose(np.linalg.norm(axes, axis=1), 1.0):
         raise InputError(f"axes must be {places} unit vectors; got shape {axes.shape}")
@@ -146,7 +146,7 @@ def _regress(device: SphericalElectromagnet, seen: Array, i: Array, B: Array) ->
     return MagneticCalibration(M, spread, offsets, variance**0.5, condition, 0.0)
 
 
-def _conducts(device: SphericalElectromagnet, wanted: Array, measured: Array) -> None:
+def _check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Array) -> None:
     for coil, name in enumerate(device.coils.names):
         asked = float(np.abs(wanted[:, coil]).max())
         if asked == 0.0:

@@ -61,7 +61,7 @@ def check_pivot(stands: Sequence[Touches]) -> Pivot:
     size = max(float(np.linalg.norm(found.places - found.places.mean(axis=0), axis=1).mean()), 1e-9)
     loose = _LOOSE * max(1.0, size / 0.03)  # in millimetres everything is a thousand times larger
     if found.rms > loose:
-        for name, q in _otherwise(stands).items():
+        for name, q in _list_misreadings(stands).items():
             again = pivot([Touches(one.p, turn) for one, turn in zip(stands, q, strict=True)])
             if again.rms < 0.3 * found.rms and again.rms < loose:
                 raise CalibrationError(
@@ -82,7 +82,7 @@ def check_pivot(stands: Sequence[Touches]) -> Pivot:
     return found
 
 
-def _otherwise(stands: Sequence[Touches]) -> dict[str, list[Array]]:
+def _list_misreadings(stands: Sequence[Touches]) -> dict[str, list[Array]]:
     """The quaternions as they would be meant if somebody had mixed them up."""
     first = [one.q[:, [1, 2, 3, 0]] for one in stands]
     return {

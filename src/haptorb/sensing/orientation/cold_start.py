@@ -61,7 +61,7 @@ class ColdStart:
         if count < _FEWEST:
             return None
         likeness = np.empty(len(self._nodes))
-        _alike(self._fields, field, usable, self._largest, likeness)
+        _fill_cosines(self._fields, field, usable, self._largest, likeness)
         rms = float(np.sqrt((field**2).sum() / (3 * count)))
         tried: list[Array] = []
         for node in np.argsort(-likeness)[: 40 * _CANDIDATES]:
@@ -89,7 +89,7 @@ def _try_node(
 
 
 @kernel
-def _alike(fields: Array, field: Array, usable: Array, largest: float, out: Array) -> None:
+def _fill_cosines(fields: Array, field: Array, usable: Array, largest: float, out: Array) -> None:
     """out (n,) cosine between what is read and every node's field, over the usable sensors.
 
     A reading longer than any the rotor can give is shortened to that: one broken sensor must not outvote the others.

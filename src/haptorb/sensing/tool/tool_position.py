@@ -198,7 +198,7 @@ class HallTracker(Estimator):
         misfits = (self._fields**2).sum(axis=1) - 2 * np.abs(cross)
         best, limit, covariance = math.inf, float(tracker["limit"][0]), self.covariance.copy()
         readings = self._fields.shape[1]
-        for at in _apart(self._grid, np.argsort(misfits).tolist(), 4):
+        for at in _choose_starts(self._grid, np.argsort(misfits).tolist(), 4):
             p, R = self._grid[at].copy(), rotation_to_axis(math.copysign(1.0, cross[at]) * self._grid[at])
             good, misfit = fit_anew(tracker, sensors, self._model, p, R)
             if good and misfit < best:
@@ -237,7 +237,7 @@ def _fields_at(model: ToolModel, places: Array) -> Array:
     return rows
 
 
-def _apart(places: Array, order: list[int], count: int) -> list[int]:
+def _choose_starts(places: Array, order: list[int], count: int) -> list[int]:
     """The first `count` of `order` that are at least 12 mm from each other: starts that differ."""
     chosen: list[int] = []
     for at in order:

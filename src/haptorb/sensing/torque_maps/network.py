@@ -140,7 +140,7 @@ class NetworkTorque(TorqueMap):
 
 
 @kernel
-def _own(sensors: Numbers, F: Array, field: Array, usable: Array, out: Array) -> float:
+def _fill_coil_inputs(sensors: Numbers, F: Array, field: Array, usable: Array, out: Array) -> float:
     """out (inputs,) becomes what the coil with axes F (3, 3) sees; returns 1.0 if all of it may be believed, else 0."""
     sure = 1.0
     for s in range(sensors.shape[0]):
@@ -168,7 +168,7 @@ def _forward(
         batch = batches[b]
         for q in range(4):
             c = batch[1 + q]
-            known[c] = _own(sensors[c], frames[c], field, usable, x[q])
+            known[c] = _fill_coil_inputs(sensors[c], frames[c], field, usable, x[q])
             x[q, inputs - 1] = 1.0
         weights, x0, x1, x2, x3 = hidden[batch[0]], x[0], x[1], x[2], x[3]
         for n in range(nodes):  # four coils at once: every weight is fetched once for them

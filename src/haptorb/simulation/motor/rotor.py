@@ -42,7 +42,7 @@ def angular_velocity(momentum: Array, inertia: Array, R: Array, w: Array) -> Non
 
 
 @kernel
-def _about(q: Array, momentum: Array, axis: int, dt: float, inertia: Array) -> None:
+def _rotate_about_axis(q: Array, momentum: Array, axis: int, dt: float, inertia: Array) -> None:
     """Turn freely about one principal axis: the momentum, fixed in space, turns back in the rotor's frame."""
     angle = dt * momentum[axis] / inertia[axis]
     c, s = np.cos(angle), np.sin(angle)
@@ -58,11 +58,11 @@ def _about(q: Array, momentum: Array, axis: int, dt: float, inertia: Array) -> N
 def turn(q: Array, momentum: Array, inertia: Array, dt: float) -> None:
     """A free rigid body for `dt` [s]: Strang's composition of three exact turns, symplectic and of second order."""
     half = 0.5 * dt
-    _about(q, momentum, 0, half, inertia)
-    _about(q, momentum, 1, half, inertia)
-    _about(q, momentum, 2, dt, inertia)
-    _about(q, momentum, 1, half, inertia)
-    _about(q, momentum, 0, half, inertia)
+    _rotate_about_axis(q, momentum, 0, half, inertia)
+    _rotate_about_axis(q, momentum, 1, half, inertia)
+    _rotate_about_axis(q, momentum, 2, dt, inertia)
+    _rotate_about_axis(q, momentum, 1, half, inertia)
+    _rotate_about_axis(q, momentum, 0, half, inertia)
     size = np.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
     for i in range(4):
         q[i] /= size

@@ -62,7 +62,7 @@ class Study(Part):
     _text: str = PrivateAttr("")
 
     @model_validator(mode="after")
-    def _together(self) -> Self:
+    def _check_names(self) -> Self:
         names = [condition.name for condition in self.conditions]
         if not names:
             raise ValueError("conditions must not be empty; leave out the key for a single condition")

@@ -96,7 +96,7 @@ class StoredSession:
     def reply(self, question: Question, told: str) -> None:
         """Keep what was `told` to `question`; InputError, and nothing kept, if it is no answer to it."""
         reply = question.check_reply(told)
-        last = self.prompt is None and not self._questions_after(question)
+        last = self.prompt is None and not self._open_questions(question)
         try:
             with self.engine.begin() as connection:
                 self._catch_up(connection)
@@ -132,7 +132,7 @@ class StoredSession:
             with self.engine.begin() as connection:
                 self._catch_up(connection)
                 connection.execute(trials.insert().values(**row))
-                if after.prompt is None and (self.simulated or not self._questions_after()):
+                if after.prompt is None and (self.simulated or not self._open_questions()):
                     connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=now()))
         except IntegrityError as cause:
             raise RecordingError(
@@ -249,7 +249,7 @@ class StoredSession:
             raise RecordingError(f"participant code '{self.code}' belongs to a {kind} participant: use another code")
         return int(row.id), json.loads(row.plan)
 
-    def _questions_after(self, but: Question | None = None) -> list[str]:
+    def _open_questions(self, but: Question | None = None) -> list[str]:
         """Names of the questions that are still unanswered, but for one."""
         return [q.name for q in self.study.questions if q.name not in self._replied and q != but]
 

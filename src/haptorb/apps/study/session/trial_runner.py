@@ -22,7 +22,7 @@ OVER = ("done", "left", "aborted")  #: states after which nothing comes
 _TRIAL = ("running", "time is up")
 
 
-def _nobody(kind: str, facts: dict[str, Any]) -> None:
+def _ignore_event(kind: str, facts: dict[str, Any]) -> None:
     """Who listens where nobody does."""
 
 
@@ -40,7 +40,7 @@ class TrialRunner:
 
     def __init__(
         self, sitting: StoredSession, stage: TrialDevice, recording: str | None = None,
-        mark: Callable[[str, dict[str, Any]], None] = _nobody, clock: Callable[[], float] = monotonic,
+        mark: Callable[[str, dict[str, Any]], None] = _ignore_event, clock: Callable[[], float] = monotonic,
         halt: StopSwitch | None = None,
     ) -> None:  # fmt: skip
         self.sitting, self.stage = sitting, stage
@@ -57,7 +57,7 @@ class TrialRunner:
         self._seen = 0  # trips of the stage that are kept
         self._paused_from, self._rest_left = "", 0.0
         self.state = "pause"
-        self._go_on()
+        self._continue()
         self.heed()
 
     @property
@@ -82,7 +82,7 @@ class TrialRunner:
         now = self._clock()
         passed, self._last = now - self._last, now
         self.heed()
-        self._notice()
+        self._record_trips()
         self.sitting.keep_late()
         if self.state in ("pause", "break") and now >= self._until:
             self._begin()
@@ -115,11 +115,11 @@ class TrialRunner:
         number = self.sitting.number
         # Pauses switch the coils off by hand, which is no safety event.
         trips = [trip for trip in self.stage.safety() if trip["code"] != "STOPPED"]
-        self._notice()
+        self._record_trips()
         answer = Answer(value, self.stage.position, self.seconds)
         self.sitting.answer(answer, safety=trips, recording=self.stage.course(self._recording))
         self._mark("answer", {"trial": number, "answer": value, "set_point": prompt.set_point})
-        self._go_on()
+        self._continue()
 
     def reply(self, told: str) -> None:
         """Keep the answer to the question in words."""
@@ -129,7 +129,7 @@ class TrialRunner:
             raise InputError("no question is asked now")
         self.sitting.reply(question, told)
         self._mark("reply", {"question": question.name})
-        self._go_on()
+        self._continue()
 
     def skip(self) -> None:
         """End a break early; a pause that the study file sets between trials stays."""
@@ -203,7 +203,7 @@ class TrialRunner:
             self._mark("abort", {"trial": self.sitting.number})
             self.state = "aborted"
 
-    def _go_on(self) -> None:
+    def _continue(self) -> None:
         """Whatever comes after an answer: a question, a rest, a trial or the end."""
         self.stage.rest()
         prompt = self.prompt
@@ -233,7 +233,7 @@ class TrialRunner:
              "level": prompt.level, "interval": prompt.interval, "phase": prompt.phase},
         )  # fmt: skip
 
-    def _notice(self) -> None:
+    def _record_trips(self) -> None:
         """Keep new trips; those of a trial are kept with its answer besides."""
         self.stage.look()
         fresh = self.stage.trips[self._seen :]

@@ -118,7 +118,7 @@ class Participant:
         spread = np.sqrt(recall**2 + traits.motor_noise**2 + traits.tremor**2)
         place = _move_on_sphere(guess, spread / contact * draw.standard_normal(2))
         limit = self._device.workspace_half_angle + np.radians(10.0)
-        position: Array = contact * _within(place, float(limit))
+        position: Array = contact * _limit_tilt(place, float(limit))
         return position
 
     @property
@@ -190,7 +190,7 @@ def _move_on_sphere(way: Array, step: Array) -> Array:
     return moved
 
 
-def _within(way: Array, limit: float) -> Array:
+def _limit_tilt(way: Array, limit: float) -> Array:
     """`way`, or where it leaves the workspace [rad from the top], the workspace's rim below it."""
     if way[2] >= np.cos(limit):
         return way

@@ -149,7 +149,7 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
             "pip install 'haptorb[study]' brings PostgreSQL's"
         ) from cause
     if engine.dialect.name == "sqlite":
-        event.listen(engine, "connect", _durable)
+        event.listen(engine, "connect", _set_pragmas)
     try:
         with engine.connect() as connection:
             version = _version(connection, place)
@@ -228,7 +228,7 @@ def mask_password(place: str | Path) -> str:
     return make_url(url_of(place)).render_as_string() if "://" in str(place) else str(place)
 
 
-def _durable(connection: Any, record: Any) -> None:
+def _set_pragmas(connection: Any, record: Any) -> None:
     cursor = connection.cursor()
     for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", f"busy_timeout = {_BUSY}"):
         cursor.execute(f"PRAGMA {pragma}")

@@ -62,7 +62,7 @@ def write_parquet(columns: Columns, path: str | Path, *, overwrite: bool = False
         raise RecordingError("Parquet needs pyarrow: pip install 'haptorb[study]', or export as CSV") from cause
     fields, arrays = [], []
     for name, about in COLUMNS.items():
-        array = pyarrow.array([_nothing_if_nan(value) for value in columns[name].tolist()])
+        array = pyarrow.array([_none_if_nan(value) for value in columns[name].tolist()])
         arrays.append(array)
         fields.append(pyarrow.field(name, array.type, metadata={"description": about}))
     try:
@@ -164,7 +164,7 @@ def _cell(value: Any, whole: bool, nothing: str) -> str:
     return plain(str(value)) or nothing
 
 
-def _nothing_if_nan(value: Any) -> Any:
+def _none_if_nan(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -47,7 +47,7 @@ class CoilSwitch:
             except OSError as cause:
                 raise DriverError(f"the guardian process of the I²C bus did not start: {cause}") from cause
         if self._watcher is not None and not self._watcher.ready(_STARTING):
-            self._dismiss()
+            self._release_watcher()
             raise DriverError("the guardian process of the I²C bus did not start")
 
     def beat(self, engaged: bool) -> None:
@@ -56,7 +56,7 @@ class CoilSwitch:
             try:
                 self._watcher.beat(engaged)
             except DriverError:
-                self._dismiss()
+                self._release_watcher()
                 raise
 
     def write(self, steps: list[int]) -> None:
@@ -75,12 +75,12 @@ class CoilSwitch:
     def fail(self) -> None:
         """Try once, and let the guardian try too if that was in vain."""
         if not self.off():
-            self._dismiss()
+            self._release_watcher()
         elif not self._leaving:
             with suppress(DriverError):
                 self.beat(False)
 
-    def _dismiss(self) -> None:
+    def _release_watcher(self) -> None:
         if self._watcher is not None:
             self._watcher.leave()
             self._leaving = True

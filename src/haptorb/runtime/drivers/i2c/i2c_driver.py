@@ -205,9 +205,9 @@ class I2cDriver(Driver):
         self._fault = why
         if self._switch is not None:
             self._switch.fail()
-        return DriverError(self._complaint())
+        return DriverError(self._describe_fault())
 
-    def _complaint(self) -> str:
+    def _describe_fault(self) -> str:
         if self.coil_state is CoilState.OFF:
             return self._fault
         return f"{self._fault}. COIL STATE UNKNOWN: the PWM chip has not confirmed that the coils are off"
@@ -221,7 +221,7 @@ class I2cDriver(Driver):
             raise DriverError(f"the device at {self.name} is not open; use it in a `with` block or call open() first")
         if self._fault:
             self._switch.recover()
-            raise DriverError(self._complaint())
+            raise DriverError(self._describe_fault())
         begun = self._clock()
         try:
             for i, sensor in enumerate(self._sensors):

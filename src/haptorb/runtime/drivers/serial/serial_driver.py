@@ -149,13 +149,13 @@ class SerialDriver(Driver):
         self._board = Board(self._path, answer=self._answer, clock=self._clock)
         self._opened = True
         try:
-            self._know(self._board.identity)
+            self._adopt_identity(self._board.identity)
             self._warm_up(self._board)
         except BaseException:
             self.close()
             raise
 
-    def _know(self, identity: Identity) -> None:
+    def _adopt_identity(self, identity: Identity) -> None:
         if identity.hall_axes < self._hall_axes:  # safety: board-axes
             raise DriverError(
                 f"the board at {self._path} has Hall sensors of {identity.hall_axes} axis, the tracker 'hall' needs "
