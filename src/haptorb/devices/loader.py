@@ -13,7 +13,7 @@ import numpy as np
 from haptorb.devices.device import Device
 from haptorb.devices.kind import kind_names, kind_of_name
 from haptorb.errors import DeviceError, InputError, UnknownName, quote
-from haptorb.files.text_file import read_text, toml_of
+from haptorb.files.text_file import parse_toml, read_text
 
 __all__ = ["catalogue", "load", "parse"]
 
@@ -26,7 +26,7 @@ def catalogue() -> dict[str, str]:
     """Name → title of every device that comes with the package."""
     titles = {}
     for path in sorted(_FOLDER.glob("*.toml")):
-        titles[path.stem] = str(toml_of(path.read_text(encoding="utf-8"))["title"])
+        titles[path.stem] = str(parse_toml(path.read_text(encoding="utf-8"))["title"])
     return titles
 
 
@@ -90,7 +90,7 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
 def _load_with_base(content: str, name: str, depth: int) -> tuple[dict[str, Any], str]:
     """The file's tables, laid over those of the device it is `based_on`; and all text that went into them."""
     try:
-        raw = toml_of(content)
+        raw = parse_toml(content)
     except ValueError as cause:
         raise DeviceError(f"device '{name}': not a TOML file: {cause}") from cause
     base = raw.get("based_on")

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import GeometryError, InputError, quote
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 
 __all__ = ["METALS_FROM", "TABLE_3", "Hook"]
 
@@ -132,7 +132,7 @@ class Hook:
         >>> (TABLE_3.section([0.0, 0.0054, 0.0096]) * 1e3).round(6).tolist()
         [0.6, 0.6, 2.4]
         """
-        at = finite(x, "x")
+        at = check_finite(x, "x")
         knots = [0.0, self.base_length, self.ramp_end, self.peak, self.tip]
         above = [0.0, 0.0, self.height, self.height, 0.0]
         if self.ramp_end >= self.peak:  # no flat top: one knot less

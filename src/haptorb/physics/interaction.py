@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import GeometryError, InputError, PrecisionError
-from haptorb.numerics.arrays import Array, finite, rotation, vectors
+from haptorb.numerics.arrays import Array, check_finite, rotation, vectors
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.cylinder import CylinderMagnet
 from haptorb.physics.sources.dipole import MU0
@@ -209,7 +209,7 @@ def _refine(
     integral: Callable[[tuple[int, int, int]], tuple[Array, Array]], precision: float, what: str
 ) -> BoundedValue:
     """Run through LEVELS until two in a row agree: the coarser one's error is the bound of the finer one's."""
-    if not 0 < float(finite(precision, "precision")) < 1:
+    if not 0 < float(check_finite(precision, "precision")) < 1:
         raise InputError(f"precision must be a relative error between 0 and 1; got {precision!r}")
     best: tuple[float, BoundedValue] | None = None
     last, _ = integral(LEVELS[0])

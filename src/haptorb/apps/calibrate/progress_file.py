@@ -12,7 +12,7 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, quote
 from haptorb.files.json_file import numbers
 from haptorb.files.replace_file import replace_file
-from haptorb.files.text_file import json_of, read_bytes
+from haptorb.files.text_file import parse_json, read_bytes
 
 __all__ = ["ProgressFile"]
 
@@ -59,7 +59,7 @@ class ProgressFile:
 
     def _resume(self) -> str:
         try:
-            raw = json_of(read_bytes(self.path, _MOST, "progress", CalibrationError))
+            raw = parse_json(read_bytes(self.path, _MOST, "progress", CalibrationError))
             head = {key: raw[key] for key in self._head}
             written, results = float(raw["written"]), _check_steps(raw["steps"])
         except (CalibrationError, ValueError, KeyError, TypeError, OverflowError):

@@ -67,7 +67,7 @@ class StolenTimeCounter:
         self._preempted = _count_preemptions(pid)
         self._awake = _count_idle_ticks(pid)
 
-    def took(self) -> StolenTime:
+    def measure(self) -> StolenTime:
         """What was taken since the beginning."""
         passed = [now - then for now, then in zip(_times(), self._times, strict=True)]
         total = max(sum(passed), 1)

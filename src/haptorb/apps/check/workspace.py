@@ -72,7 +72,7 @@ def shell_workspace(device: SphericalElectromagnet) -> Workspace:
         return force
 
     places = directions * distances[:, None]
-    return Workspace(places, inside, "N", "m", lambda grip: grip.holding(device.tool.mass), field)
+    return Workspace(places, inside, "N", "m", lambda grip: grip.with_mass(device.tool.mass), field)
 
 
 def tilt_workspace(device: SphericalMotor) -> Workspace:

@@ -133,9 +133,9 @@ def _run_in_terminal(
             say(f"resuming session {sitting.id} of {participant} at trial {sitting.number + 1}")
         if sitting.over:
             raise InputError(f"participant '{participant}' has already answered all trials")
-        from haptorb.apps.study.session.terminal import hold
+        from haptorb.apps.study.session.terminal import run_session
 
-        how = hold(sitting, start, _free_recording_path(db, sitting.id) if record else None)
+        how = run_session(sitting, start, _free_recording_path(db, sitting.id) if record else None)
     words = {"done": "done: thank you", "aborted": "aborted: the answers are stored"}
     say(words.get(how, f"session ended: `{again}` resumes at trial {sitting.number + 1}"))
 

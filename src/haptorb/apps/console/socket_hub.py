@@ -12,7 +12,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptorb.apps.console.force_map import ForceMapWorker
 from haptorb.apps.console.health import Health
-from haptorb.apps.console.page import ConsolePage, plain
+from haptorb.apps.console.page import ConsolePage, to_json
 from haptorb.apps.console.pointer_relay import PointerRelay
 from haptorb.apps.console.recent import RecentRows
 from haptorb.apps.console.running_servo import RunningServo
@@ -144,13 +144,13 @@ class ConsoleSocketHub:
             case _ if page is not self._pages[0]:
                 raise InputError("another page is in control; this one only watches (it may still stop)")
             case "engage":
-                self._hand.steady()
+                self._hand.end_expired_drag()
                 self._cancel_engage()
                 # The guard engages only on a fresh pose; give it time to see one. A stop in between counts.
                 # safety: console-engage-stops
                 self._engaging = asyncio.get_running_loop().call_later(FRESH, self._engage, page, self._servo.stops)
             case "home":
-                self._hand.home()
+                self._hand.let_go()
             case "mode":
                 self._servo.set_mode(str(command.get("mode"))[:_NAME])
             case "model":
@@ -193,7 +193,7 @@ class ConsoleSocketHub:
     def _notice_world(self) -> None:
         """Tell everyone, and repaint, if the world or the model that is inverted is another one than before."""
         name, values = self._servo.world
-        now = (name, {key: plain(value) for key, value in values.items()}, self._servo.model)
+        now = (name, {key: to_json(value) for key, value in values.items()}, self._servo.model)
         if now == self._world:
             return
         self._world = now
@@ -204,7 +204,7 @@ class ConsoleSocketHub:
 
     def _notice_refused(self) -> None:
         """Tell everyone when somebody else speaks to the tracker, or it jumps: nothing else would show it."""
-        counted = self._servo.tracker_refused
+        counted = self._servo.tracker_refusals
         refused = {why: counted.get(why, 0) for why in _TELLING}
         news = [f"{refused[why] - n} poses {REASONS[why]}" for why, n in self._refused.items() if refused[why] > n]
         self._refused = refused

@@ -27,7 +27,7 @@ from haptorb.apps.feel.candidates import Candidate, Candidates
 from haptorb.devices.state import State
 from haptorb.errors import InputError, RecordingError
 from haptorb.files.replace_file import replace_file
-from haptorb.files.text_file import json_of, read_bytes
+from haptorb.files.text_file import parse_json, read_bytes
 from haptorb.numerics.arrays import Array
 
 __all__ = ["COLUMNS", "SCORES", "Choice", "DesignRating", "FeelSession", "Trace"]
@@ -202,7 +202,7 @@ class FeelSession:
         found, self.skipped = [], 0
         for line in text.splitlines():
             try:
-                record = json_of(line)
+                record = parse_json(line)
                 named = record.pop("kind")
             except (ValueError, AttributeError, KeyError, TypeError):
                 self.skipped += bool(line.strip())

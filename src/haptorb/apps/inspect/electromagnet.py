@@ -23,6 +23,8 @@ __all__ = ["ElectromagnetCard"]
 class ElectromagnetCard(Card):
     """Forces are the least over the workspace, by the exact model, for a tool held radially."""
 
+    _device: SphericalElectromagnet
+
     def __init__(self, device: SphericalElectromagnet) -> None:
         self._device = device
         self._capability = shell_capability(device)

@@ -26,6 +26,8 @@ _AXES = ("X", "Y", "Z")
 class MotorCard(Card):
     """Torques are about the stator's axes, each alone, by the table of the exact model."""
 
+    _device: SphericalMotor
+
     def __init__(self, device: SphericalMotor) -> None:
         self._device = device
         self._capability = motor_capability(device)

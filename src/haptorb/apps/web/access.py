@@ -11,7 +11,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from haptorb.apps.web.token import knows
+from haptorb.apps.web.token import is_authorized
 
 __all__ = ["LOOPBACK", "AccessGate"]
 
@@ -59,7 +59,7 @@ class AccessGate:
         headers = Headers(scope=scope)
         refusal = self.refusal(headers)
         # safety: console-token
-        if refusal is None and not self._open(scope["path"]) and not knows(headers, self._token):
+        if refusal is None and not self._open(scope["path"]) and not is_authorized(headers, self._token):
             refusal = "open the full address that the terminal printed, with the part after its #"
         if refusal is None:
             await self.app(scope, receive, _add_policy(send))

@@ -21,7 +21,7 @@ from haptorb.devices.schema.sections import (
     Positive,
     Section,
     ThermometerSection,
-    hollow,
+    check_wall,
 )
 
 __all__ = ["ElectromagnetFile"]
@@ -62,7 +62,7 @@ class ToolSection(Section):
 
     @model_validator(mode="after")
     def _ring(self) -> ToolSection:
-        hollow(self.inner_radius, self.outer_radius)
+        check_wall(self.inner_radius, self.outer_radius)
         if self.tip_distance < self.length / 2:
             raise ValueError(f"tip_distance must be at least half the magnet's length ({self.length * 500:g} mm)")
         return self

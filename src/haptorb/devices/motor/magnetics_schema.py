@@ -8,9 +8,9 @@ import numpy as np
 from annotated_types import Ge, Len
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from haptorb.devices.motor.layouts import Layout, PartRing, alternating
+from haptorb.devices.motor.layouts import Layout, PartRing, alternate_signs
 from haptorb.devices.schema import quantity as q
-from haptorb.devices.schema.sections import Count, Positive, Section, hollow
+from haptorb.devices.schema.sections import Count, Positive, Section, check_wall
 from haptorb.errors import quote
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources.multipole import MultipoleSource
@@ -104,7 +104,7 @@ class MagnetsSection(Section):
     def signs(self) -> Array:
         """(p,) polarity of every magnet."""
         if isinstance(self.polarity, str):
-            return alternating([ring.count for ring in self.rings], self.polarity)
+            return alternate_signs([ring.count for ring in self.rings], self.polarity)
         return np.array(self.polarity)
 
 
@@ -122,7 +122,7 @@ class ElectromagnetsSection(Section):
 
     @model_validator(mode="after")
     def _check_winding(self) -> ElectromagnetsSection:
-        hollow(self.inner_radius, self.outer_radius)
+        check_wall(self.inner_radius, self.outer_radius)
         return self
 
 

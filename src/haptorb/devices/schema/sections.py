@@ -24,7 +24,7 @@ __all__ = [
     "SupplySection",
     "Text",
     "ThermometerSection",
-    "hollow",
+    "check_wall",
 ]
 
 Positive = Gt(0)
@@ -34,7 +34,7 @@ Text = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]*$", max_length=400)
 Point = Annotated[tuple[q.Length, ...], Len(3, 3)]
 
 
-def hollow(inner_radius: float, outer_radius: float) -> None:
+def check_wall(inner_radius: float, outer_radius: float) -> None:
     """ValueError unless a ring of these radii [m] has a wall."""
     if inner_radius >= outer_radius:
         raise ValueError(

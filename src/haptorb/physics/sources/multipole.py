@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import GeometryError, InputError
-from haptorb.numerics.arrays import Array, finite, rotation, vectors
+from haptorb.numerics.arrays import Array, check_finite, rotation, vectors
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources import round_body
 from haptorb.physics.sources.dipole import MU0
@@ -77,7 +77,7 @@ class MultipoleSource(Source):
     def __init__(self, radius: float, pole_distance: float, loop_strengths: ArrayLike, per_loop: int) -> None:
         self.radius = round_body.length(radius, "radius")
         self.pole_distance = round_body.length(pole_distance, "pole_distance")
-        self.loop_strengths = finite(loop_strengths, "loop_strengths")
+        self.loop_strengths = check_finite(loop_strengths, "loop_strengths")
         if self.loop_strengths.ndim != 1 or not len(self.loop_strengths):
             raise InputError(f"loop_strengths must be m_0 … m_k, shape (k + 1,); got {self.loop_strengths.shape}")
         if int(per_loop) != per_loop or per_loop < 1:

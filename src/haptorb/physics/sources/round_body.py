@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptorb.errors import GeometryError, InputError
-from haptorb.numerics.arrays import Array, finite, vectors
+from haptorb.numerics.arrays import Array, check_finite, vectors
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.current_sheet import sheet, sheet_gradient
 from haptorb.physics.sources.source import Source
@@ -30,7 +30,7 @@ def length(value: ArrayLike, what: str) -> float:
     >>> length(0.01, "radius")
     0.01
     """
-    number = finite(value, what)
+    number = check_finite(value, what)
     if number.ndim or number <= 0:
         raise InputError(f"{what} must be one positive length in metres; got {value!r}")
     return float(number)

@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike
 from haptorb.control.clutch.modes import MODES
 from haptorb.devices.device import Device
 from haptorb.errors import InputError, ServoError, UnknownName
-from haptorb.numerics.arrays import finite
+from haptorb.numerics.arrays import check_finite
 from haptorb.runtime.exchange.shared_memory import SharedMemory, Word, engage_request
 from haptorb.runtime.exchange.world_change import name_of, parse_answer, request
-from haptorb.runtime.pointer.guided_motion import upright
+from haptorb.runtime.pointer.guided_motion import upright_quaternion
 from haptorb.worlds.parameter import values as parameter_values
 from haptorb.worlds.world import World
 
@@ -70,13 +70,13 @@ class Commands(ABC):
         Raises InputError for another shape, a number that is not finite, or a quaternion of zeros; ServoError before
         the start.
         """
-        position = finite(p, "p")
+        position = check_finite(p, "p")
         if position.shape != (3,):
             raise InputError(f"p must have shape (3,); got {position.shape}")
         if q is None:
-            turn = upright(position)
+            turn = upright_quaternion(position)
         else:
-            turn = finite(q, "q")
+            turn = check_finite(q, "q")
             length = float(np.linalg.norm(turn)) if turn.shape == (4,) else 0.0
             if length < 1e-6:
                 raise InputError(f"q must be a quaternion (x, y, z, w) that is not zero; got {q!r}")

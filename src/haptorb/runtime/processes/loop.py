@@ -118,7 +118,7 @@ class Loop:
                 heard = now
             silence = now - max(words[Word.HEARTBEAT], heard)
             if silence > _LATE:  # safety: host-silent
-                self.reason = self._host.trouble(now, silence)
+                self.reason = self._host.explain_silence(now, silence)
                 if self.reason:
                     return Trip.HOST_SILENT
             if self._ticks % self._every == 0:

@@ -18,7 +18,7 @@ import subprocess
 import sys
 import time
 
-__all__ = ["CoreWaker", "busy"]
+__all__ = ["CoreWaker", "busy_share"]
 
 _LOOK = 0.1  #: between two looks at the other cores [s]
 _ASIDE = 0.5  #: for so long it steps aside before it looks again [s]
@@ -57,10 +57,10 @@ class CoreWaker:
             self._process.wait()
 
 
-def busy(before: Times, after: Times) -> float:
+def busy_share(before: Times, after: Times) -> float:
     """Share of the time between two looks in which the other cores had something to do; 0 for no time at all.
 
-    >>> busy((100, 1000), (130, 1040))
+    >>> busy_share((100, 1000), (130, 1040))
     0.75
     """
     passed = after[1] - before[1]
@@ -93,7 +93,7 @@ def _wait(parent: int, core: int) -> None:
         while time.monotonic() < until:
             pass
         after = _read_other_cores(core)
-        if busy(before, after) > _MUCH:
+        if busy_share(before, after) > _MUCH:
             time.sleep(_ASIDE)
             after = _read_other_cores(core)
         before = after

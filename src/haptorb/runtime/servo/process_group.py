@@ -20,7 +20,7 @@ from haptorb.runtime.exchange.black_box import BlackBox
 from haptorb.runtime.exchange.report import count_recorded
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 from haptorb.runtime.processes.prestart import PLAN, PrestartedProcess, start_module
-from haptorb.runtime.realtime.kernel_requests import urgent
+from haptorb.runtime.realtime.kernel_requests import raise_priority
 from haptorb.runtime.realtime.memory_growth import MemoryGrowth
 from haptorb.runtime.realtime.stall_time import StallTime
 
@@ -155,7 +155,7 @@ class ProcessGroup:
         )
 
     @property
-    def recorded(self) -> dict[str, int]:
+    def recorded_rows(self) -> dict[str, int]:
         """Rows in the recording, and rows that are lost to it: see `report.recorded`."""
         return count_recorded(self._shared, over=self._recorder is not None and self._recorder.poll() is not None)
 
@@ -203,7 +203,7 @@ class ProcessGroup:
         self._black_box.finish()
 
     def _beat(self) -> None:
-        urgent()  # on an overloaded computer half a second may pass before an ordinary thread has its turn
+        raise_priority()  # on an overloaded computer half a second may pass before an ordinary thread has its turn
         words = self._shared.words
         ticking, recording = StallTime(2 * _EVERY), StallTime(2 * _EVERY)
         while not self._ending.wait(_EVERY):

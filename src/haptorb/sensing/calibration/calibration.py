@@ -12,7 +12,7 @@ import numpy as np
 
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, quote
-from haptorb.files.json_file import document, numbers
+from haptorb.files.json_file import numbers, parse_document
 from haptorb.numerics.arrays import Array
 from haptorb.physics.thermal import TwoNode
 
@@ -89,7 +89,7 @@ class Calibration:
     @classmethod
     def parse(cls, text: str, name: str) -> Calibration:
         """From JSON; `name` is what mistakes are reported under. CalibrationError if it is no calibration."""
-        raw = document(text, name, "calibration", FORMAT, _KEYS, "calibrate again")
+        raw = parse_document(text, name, "calibration", FORMAT, _KEYS, "calibrate again")
         moments = numbers(raw, "moment_per_current_m2", name, (3, None))
         channels = moments.shape[1]
         if np.linalg.matrix_rank(moments) < min(3, channels):

@@ -12,7 +12,7 @@ from haptorb.numerics.compiled import kernel
 from haptorb.numerics.rotations import rotation_from_euler
 from haptorb.sensing.orientation.field_model import unpack
 from haptorb.sensing.orientation.gauss_newton import FIT, fit_orientation
-from haptorb.sensing.orientation.readings import believable
+from haptorb.sensing.orientation.readings import reading_limit
 from haptorb.sensing.orientation.spin_ambiguity import spin_period
 
 __all__ = ["ColdStart", "OrientationFix"]
@@ -49,7 +49,7 @@ class ColdStart:
         angles = np.meshgrid(tilts, tilts, turns, indexing="ij")
         self._nodes = rotation_from_euler(*(angle.ravel() for angle in angles))
         field = motor.sensor_field(self._nodes, "table")
-        self.limit = believable(motor, self._nodes, field)  #: [T]
+        self.limit = reading_limit(motor, self._nodes, field)  #: [T]
         self._largest = float(np.sqrt((field**2).sum(axis=2).max()))
         self._fields = np.ascontiguousarray(field.reshape(len(field), -1))
 

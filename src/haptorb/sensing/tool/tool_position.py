@@ -27,7 +27,7 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State, rotation_to_axis
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import GeometryError, InputError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.sensing.controller_model import ControllerModel
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.sample import Estimate, Sample
@@ -94,7 +94,7 @@ class HallTracker(Estimator):
             )
         if not 1.0 <= bandwidth <= 1000.0:
             raise InputError(f"bandwidth must be between 1 and 1000 Hz; got {bandwidth!r}")
-        lasting = np.zeros((device.sensors, 3)) if offsets is None else finite(offsets, "offsets")
+        lasting = np.zeros((device.sensors, 3)) if offsets is None else check_finite(offsets, "offsets")
         if lasting.shape != (device.sensors, 3):
             raise InputError(f"offsets must have shape ({device.sensors}, 3); got {lasting.shape}")
         self._device = device

@@ -39,7 +39,7 @@ class TrainedNetworks:
     networks: tuple[Perceptron, ...]
     record: Mapping[str, Any] = field(default_factory=dict)
 
-    def fitting(self, motor: SphericalMotor) -> tuple[Neighbourhood, ...]:
+    def select_neighbourhoods(self, motor: SphericalMotor) -> tuple[Neighbourhood, ...]:
         """The neighbourhoods of `motor` in the networks' order; InputError if they were trained for another device."""
         if self.digest != motor.digest:  # safety: network-device
             raise InputError(
@@ -112,7 +112,7 @@ class NetworkTorque(TorqueMap):
     """
 
     def __init__(self, motor: SphericalMotor, networks: TrainedNetworks) -> None:
-        groups = networks.fitting(motor)
+        groups = networks.select_neighbourhoods(motor)
         coils, nodes = len(motor.electromagnets), max(network.nodes for network in networks.networks)
         most = max(near.sensors.shape[1] for near in groups)
         inputs = _LANES * -(-(3 * most + 1) // _LANES)  # whole vectors; the last input is always 1, for the biases

@@ -15,7 +15,7 @@ import numpy as np
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import InputError
 from haptorb.files.replace_file import replace_file
-from haptorb.files.text_file import json_of, read_bytes
+from haptorb.files.text_file import parse_json, read_bytes
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import cache_folder
 from haptorb.sensing.torque_maps.network import TrainedNetworks
@@ -68,7 +68,7 @@ def read_networks(path: Path) -> TrainedNetworks:
     except InputError as cause:
         raise InputError(f"{cause}; run `haptorb train`") from cause
     try:
-        head: dict[str, Any] = json_of(line)
+        head: dict[str, Any] = parse_json(line)
         if head.get("kind") != _KIND:
             raise InputError(f"'{path}' is not a network file of this version; run `haptorb train`")
         told = head.pop("sha256")

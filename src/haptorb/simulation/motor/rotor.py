@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptorb.devices.motor.regulator import leaning
+from haptorb.devices.motor.regulator import torque_over_sine
 from haptorb.numerics.arrays import Array, Record, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.simulation.parts.hand import rotation_left
@@ -72,12 +72,12 @@ def turn(q: Array, momentum: Array, inertia: Array, dt: float) -> None:
 def kick(rotor: Record, coefficients: Array, R: Array, passive: Array, coils: Array, dt: float) -> float:
     """`dt` [s] of torque on a ROTOR at the orientation R; returns how far the end stop is pressed [rad].
 
-    passive (3,) is filled with the torque of weight and regulator, whose `coefficients` (n,) `leaning` takes; coils
-    (3,) is that of the currents [N·m].
+    passive (3,) is filled with the torque of weight and regulator, whose `coefficients` (n,) `torque_over_sine`
+    takes; coils (3,) is that of the currents [N·m].
     """
     momentum, inertia = rotor.momentum, rotor.inertia
     nx, ny, nz = R[0, 2], R[1, 2], R[2, 2]
-    back = leaning(nz, coefficients, rotor.least)
+    back = torque_over_sine(nz, coefficients, rotor.least)
     passive[0], passive[1], passive[2] = back * ny, -back * nx, 0.0  # back · ẑ_R × Ẑ
     left = np.empty(3)
     rotation_left(rotor.q, rotor.goal, left)

@@ -19,7 +19,7 @@ from haptorb.apps.study.analysis.conditions import (
     count_choices,
     rate_condition,
 )
-from haptorb.apps.study.analysis.statistics import Curve, above_chance, bootstrap, psychometric_fit, wilson
+from haptorb.apps.study.analysis.statistics import Curve, binomial_tail, bootstrap, psychometric_fit, wilson
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
 from haptorb.apps.terminal.notebook_report import NotebookReport
@@ -200,7 +200,7 @@ def _confusion(study: Study, main: Columns, index: np.ndarray[Any, Any], people:
     chance = 1 / len(numbers)
     return Confusion(
         numbers, each.sum(axis=0), matrix, low, high, float(own.mean()), (float(a), float(b)), wilson(k, n), chance,
-        above_chance(k, n, chance),
+        binomial_tail(k, n, chance),
     )  # fmt: skip
 
 

@@ -104,7 +104,7 @@ class Bayesian(Procedure):
         """Exactly what is left."""
         return len(self.intervals) - len(self.answers)
 
-    def after(self, answer: Answer) -> Bayesian:
+    def advance(self, answer: Answer) -> Bayesian:
         """With one answer more."""
         right = answer.value == self.intervals[len(self.answers)]
         return replace(self, answers=(*self.answers, (self._choice, right)))

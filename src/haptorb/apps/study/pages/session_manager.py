@@ -95,7 +95,7 @@ class SessionManager:
         """The state, in one word; "paused" from the moment at which somebody stops."""
         conduct, sitting = self.conduct, self.sitting  # the thread may put them away meanwhile
         state = conduct.state if conduct is not None else self.state
-        if self.halt.stands and sitting is not None and state not in ("starting", "waiting", "failed", *OVER):
+        if self.halt.active and sitting is not None and state not in ("starting", "waiting", "failed", *OVER):
             return "paused"
         return state
 
@@ -242,7 +242,7 @@ class SessionManager:
             self.sitting.note("declined", later=True)
             self._end("the participant did not agree", "left")
             return
-        if self.halt.stands:
+        if self.halt.active:
             raise InputError("the session is stopped: the experimenter must resume it first")
         self.sitting.note("consent")
         recording = self._recording.name if self._recording is not None else None
@@ -252,7 +252,7 @@ class SessionManager:
         """What may be asked for while the participant is asked for consent."""
         assert self.sitting is not None
         if do == "resume":
-            if self.halt.stands:
+            if self.halt.active:
                 self.halt.engage(asked)
                 self.sitting.note("resume", later=True)
         elif do == "leave":

@@ -75,7 +75,7 @@ class TerminalSession:
         """What there is to say of the present state."""
         match self._conduct.state:
             case "pause" | "break":
-                return f"{self._conduct.left:.0f} s"
+                return f"{self._conduct.rest_left:.0f} s"
             case "paused":
                 return "STOPPED: the coils are off. e continues, q ends for now, A aborts"
             case "time is up":

@@ -57,7 +57,7 @@ class Traits:
     lapse: float = 0.01  #: share of forced choices answered without attention; assumed
     between: float = 0.12  #: how much people differ: of the logarithm of every trait above
 
-    def somebody(self, draw: np.random.Generator) -> Traits:
+    def draw_person(self, draw: np.random.Generator) -> Traits:
         """Somebody in particular."""
         names = ("force_jnd", "direction_jnd_deg", "gravity_left", "motor_noise", "tremor", "recall")
         factors = np.exp(self.between * draw.standard_normal(len(names)))
@@ -71,7 +71,7 @@ class Participant:
     def __init__(self, study: Study, seed: tuple[int, ...], traits: Traits | None = None) -> None:
         self._study, self._seed = study, seed
         self._device: SphericalElectromagnet = study.load_device()
-        self.traits = (traits or Traits()).somebody(np.random.default_rng([*seed, 0]))
+        self.traits = (traits or Traits()).draw_person(np.random.default_rng([*seed, 0]))
         self._felt: dict[tuple[str, int, float], DeliveredForce] = {}
         self._ways = directions(study.points)
         self._coarse: dict[tuple[str, int, float], Array] = {}

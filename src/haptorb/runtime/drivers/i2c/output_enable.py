@@ -10,7 +10,7 @@ from collections.abc import Callable
 from haptorb.errors import DriverError
 from haptorb.runtime.drivers.i2c.tca9534 import HallSelect
 
-__all__ = ["LONGEST", "SHORTEST", "pulse", "ready"]
+__all__ = ["LONGEST", "SHORTEST", "check_output_enable", "pulse"]
 
 SHORTEST = 0.012  #: of a pulse, so that it lasts from tick to tick also when one is late [s]
 LONGEST = 0.030  #: of a pulse: coils are off that long after the last trigger, whatever stands still [s]
@@ -49,7 +49,7 @@ def pulse(select: HallSelect, clock: Callable[[], float]) -> float:
     return lasted
 
 
-def ready(select: HallSelect, clock: Callable[[], float]) -> None:
+def check_output_enable(select: HallSelect, clock: Callable[[], float]) -> None:
     """The same in a few messages, for outputs that are off: DriverError if OE stays low, or does not fall when it is
     triggered; takes at most LONGEST. OSError if the TCA9534 does not answer."""
     if _measure_duration(select, clock) is None:

@@ -74,7 +74,7 @@ class Pca9685:
         self._write(data)
         self._negative = negative
 
-    def off(self) -> bool:
+    def switch_off(self) -> bool:
         """Every output off; True if the chip confirms it: it reads back as the one that was set up, all of it off.
 
         One that does not, as after a loss of its supply, is set up again, outputs off. OSError if nobody answers.
