@@ -100,15 +100,6 @@ class Hook:
         return min(self.base_length + self.height / math.tan(self.rear), self.peak)
 
     @property
-    def flat_length(self) -> float:
-        """Length of the flat top between rear face and peak [m].
-
-        >>> round(TABLE_3.flat_length * 1e3, 2)
-        3.11
-        """
-        return self.peak - self.ramp_end
-
-    @property
     def tip(self) -> float:
         """ℓ_t, where the front face comes down to the base beam [m]."""
         return self.peak + self.height / math.tan(self.front)

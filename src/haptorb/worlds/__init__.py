@@ -16,7 +16,7 @@ from haptorb.worlds.basic.texture import Texture
 from haptorb.worlds.basic.vibration import Vibration
 from haptorb.worlds.basic.wall import Wall
 from haptorb.worlds.maps.dome import Dome
-from haptorb.worlds.maps.domes import combine_domes
+from haptorb.worlds.maps.domes import domes_apart
 from haptorb.worlds.maps.terrain import Terrain
 from haptorb.worlds.moving import Orbit, Varying
 from haptorb.worlds.snap_fit.outlet import Outlet, PublishedOutlet
@@ -43,7 +43,7 @@ __all__ = [
     "Vibration",
     "Wall",
     "World",
-    "combine_domes",
+    "domes_apart",
     "find_world",
 ]
 

@@ -53,10 +53,6 @@ class Regulator:
         values = np.array([self.torque(tilt) for tilt in tilts]) / np.sin(tilts)
         return np.asarray(chebyshev.chebfit(node, values, _NODES - 1)), low
 
-    def stiffness_at(self, cosine: float) -> float:
-        """Restoring torque over sin(tilt) [N·m], for cos(tilt); held constant beyond `greatest_tilt`."""
-        return torque_over_sine(cosine, *self.series)
-
 
 @kernel
 def torque_over_sine(cosine: float, coefficients: Array, least: float) -> float:

@@ -195,13 +195,6 @@ class SoftSphere:
         _fields(rows, self.radius, self.response(order), flat, out)
         return out.reshape(where.shape)
 
-    def compute_induced_moment(self, points: ArrayLike, charges: ArrayLike) -> Array:
-        """(3,) [A·m²] the sphere's dipole moment: −β_1 a³ Σ q ŝ/|s|², exact (only l = 1 has a dipole moment)."""
-        rows, _ = self._rows(points, charges)
-        cube = (rows[:3] ** 2).sum(axis=0) ** 1.5
-        moment: Array = -self.response(1)[0] * self.radius**3 * (rows[:3] * (rows[3] / cube)).sum(axis=1)
-        return moment
-
     def moment_in(self, field: ArrayLike) -> Array:
         """(..., 3) [A·m²] the moment that any source induces whose own field at the sphere's centre is `field` [T].
 

@@ -11,7 +11,7 @@ from haptorb.errors import InputError
 from haptorb.worlds.maps.dome import Dome
 from haptorb.worlds.world import Sum
 
-__all__ = ["combine_domes", "overlaps"]
+__all__ = ["domes_apart", "overlaps"]
 
 
 def overlaps(domes: Sequence[Dome]) -> list[tuple[int, int, float]]:
@@ -31,13 +31,13 @@ def overlaps(domes: Sequence[Dome]) -> list[tuple[int, int, float]]:
     return found
 
 
-def combine_domes(domes: Sequence[Dome]) -> Sum:
+def domes_apart(domes: Sequence[Dome]) -> Sum:
     """All `domes` at once; InputError naming the first two that are not kept apart by their cut-offs.
 
     Domes that shall overlap are simply added: `Dome(...) + Dome(...)`.
     """
     if not domes:
-        raise InputError("combine_domes needs at least one dome")
+        raise InputError("domes_apart needs at least one dome")
     for i, j, excess in overlaps(domes):
         raise InputError(
             f"domes {i} and {j} overlap by {excess:.1f} deg: make their cut_off_deg smaller or move their summits "
