@@ -16,7 +16,7 @@ from collections import Counter
 
 PYTEST = [sys.executable, "-m", "pytest", "--continue-on-collection-errors"]
 #: four processes at the most; a file's tests stay together, in the order of tests/conftest.py
-SHARED = ["-n", "logical", "--maxprocesses", "4", "--dist", "loadgroup", "--no-loadscope-reorder"]
+SHARED = ["-n", "logical", "--maxprocesses", "4", "--dist", "loadscope", "--no-loadscope-reorder"]
 ALONE = ["-n", "0"]
 NO_TESTS = 5  #: pytest's exit code where nothing was chosen: the other call may have had something
 ORDER = ("failed", "passed", "skipped", "xfailed", "xpassed", "warning", "error", "rerun")

@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -62,10 +63,22 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return True if call == "not realtime" and found and found[1] else None
 
 
-def _group(item: pytest.Item) -> str:
+def _group(nodeid: str) -> str:
     """What one process gets whole: a file, or a folder of HEAVY."""
-    parts = item.path.relative_to(ROOT).parts
-    return next((part for part in parts if part in HEAVY), "/".join(parts))
+    path = nodeid.split("::")[0]
+    return next((part for part in path.split("/") if part in HEAVY), path)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Give groups to processes. The marks that xdist has for this are without effect from pytest 9.2 on."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class GroupScheduling(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return _group(nodeid)
+
+    return GroupScheduling(config, log)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -77,9 +90,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     lacking = [name for name, found in FIRMWARE.items() if not found()]
     if lacking:
         skips["firmware"] = f"no {', '.join(lacking)} on this machine{_why_missing()}"
-    items.sort(key=lambda item: HEAVY.index(_group(item)) if _group(item) in HEAVY else len(HEAVY))
+    groups = {item: _group(item.nodeid) for item in items}
+    items.sort(key=lambda item: HEAVY.index(groups[item]) if groups[item] in HEAVY else len(HEAVY))
     for item in items:
-        item.add_marker(pytest.mark.xdist_group(_group(item)))
         beside_a_clock = item.get_closest_marker("realtime")
         # Three times at the most, and the summary counts every further try.
         if beside_a_clock and beside_a_clock.kwargs.get("retry", True):

@@ -14,6 +14,7 @@ import select
 import signal
 import socket
 import sys
+import tempfile
 import time
 import traceback
 import warnings
@@ -66,6 +67,7 @@ def hide(system):
     for module, names in ATTRIBUTES.items():
         for name in [name for name in vars(module) if re.match(names, name)]:
             delattr(module, name)
+    tempfile._O_TMPFILE_WORKS = False  # it looked for the flag when it was imported
     load = ctypes.CDLL.__init__
 
     def load_library(self, name, *others, **more):
@@ -143,7 +145,7 @@ def record(folder):
     rows = np.random.default_rng(0).normal(size=(200, layout.width))
     path = folder / "run.mcap"
     with path.open("wb") as file:
-        recorder = Recorder(file, layout, 1000.0, 0)
+        recorder = Recorder(file, layout, 1000.0, 10**18)
         recorder.append(rows)
         recorder.finish()
     recording = Recording(path)

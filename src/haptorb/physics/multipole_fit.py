@@ -163,7 +163,7 @@ def _candidates(most: int, loops: int | None, per_loop: int | None) -> list[tupl
     if per_loop is not None and per_loop < 1:
         raise InputError(f"per_loop must be 1 or more; got {per_loop}")
     pairs = []
-    for k in range(1, 16) if loops is None else [loops]:
+    for k in range(16) if loops is None else [loops]:
         if k == 0:
             pairs.append((0, 1))
             continue
@@ -173,8 +173,8 @@ def _candidates(most: int, loops: int | None, per_loop: int | None) -> list[tupl
                 pairs.append((k, n))
     if not pairs:
         raise InputError(
-            f"no model has loops {loops or 'any'} with {per_loop or 'any'} pole pairs each within {most} dipoles; "
-            "raise most_dipoles, or ask for fewer"
+            f"{loops if loops is not None else 'loops'} loops of {per_loop or '3 or more'} pole pairs need more than "
+            f"{most} dipoles; allow more dipoles, or ask for fewer loops"
         )
     return pairs
 

@@ -81,7 +81,7 @@ def test_what_differs_from_the_file_is_found():
 
 def test_faults_of_the_wiring_are_named():
     swapped, reversed_z = [1, 0, 2], np.array([1.0, 1.0, -1.0])
-    assert "coil 'x' makes the current sensor of coil 'y' answer" in told(duties=lambda d: d[swapped])
+    assert "coil 'x' changes the current sensor of coil 'y'" in told(duties=lambda d: d[swapped])
     assert "coil 'z' is negative" in told(sample=lambda s: replace(s, currents=s.currents * reversed_z))
     assert "coil 'y' carries" in told(sample=lambda s: replace(s, currents=s.currents * (1, 0, 1)))
     assert "applied no duty" in told(duties=lambda d: d * (1, 0, 1))
@@ -116,7 +116,7 @@ def test_a_tool_nearby_is_named_and_nothing_is_driven():
         (lambda s: replace(s, currents=s.currents + np.array([0, 0.5, 0])), "coil 'y' reads"),
         (lambda s: replace(s, temperatures=s.temperatures + 80), "let it cool"),
         (lambda s: replace(s, field=s.field * np.nan), "no finite reading"),
-        (lambda s: replace(s, field=s.field * np.linspace(1, 1.5, 9)[:, None]), "no dipole"),
+        (lambda s: replace(s, field=s.field * np.linspace(1, 1.5, 9)[:, None]), "not dipolar"),
     ],
 )
 def test_a_device_that_is_not_fit_is_refused(change, message):
@@ -136,7 +136,7 @@ def test_the_file_keeps_every_digit_and_names_its_device(tmp_path):
     write_calibration(found, path, overwrite=True)
     assert read_calibration(path).heat is None
     other = replace(OMNI, digest="0" * 64)
-    with pytest.raises(CalibrationError, match="not of 'omni' with file 000000000000"):
+    with pytest.raises(CalibrationError, match="not to 'omni' with file 000000000000"):
         found.apply(other)
 
 
@@ -151,7 +151,7 @@ def test_the_file_keeps_every_digit_and_names_its_device(tmp_path):
         ("residual_t", None, "finite numbers"),
         ("digest", 7, "must be a text"),
         ("heat", {"winding_capacity": 1}, "heat must be"),
-        ("extra", 1, "not a key"),
+        ("extra", 1, "'extra' is not a known key"),
     ],
 )
 def test_damaged_files_are_refused(key, value, message):

@@ -96,7 +96,7 @@ def test_all_steps_make_one_file_and_its_id_is_kept_by_the_device(tmp_path: Path
     assert found.heat.body_to_air == pytest.approx(OMNI.coils.heat.body_to_air, rel=0.25)
     assert found.heat.winding_to_body == pytest.approx(OMNI.coils.heat.winding_to_body, rel=0.25)
     assert sum("5/5" in line for line in said) == 1
-    assert any("the right way round" in line for line in said)
+    assert any("polarity correct" in line for line in said)
     assert [path.name for path in tmp_path.iterdir()] == ["omni.json"]  # nothing else is left
 
 
@@ -132,7 +132,7 @@ def test_a_step_that_fails_is_named_and_nothing_after_it_is_taken(tmp_path: Path
     [
         (lambda s: replace(s, currents=10 * s.currents), "shunt is wrong by a factor of ten"),
         (lambda s: replace(s, currents=s.currents * (1, 0, 1)), "coil 'y' carries.*unplugged"),
-        (lambda s: replace(s, currents=s.currents[[1, 0, 2]]), "current sensor of coil 'y' answer"),
+        (lambda s: replace(s, currents=s.currents[[1, 0, 2]]), "current sensor of coil 'y'"),
         (lambda s: replace(s, currents=s.currents * (1, 1, -1)), "current sensor is reversed"),
     ],
 )
@@ -296,7 +296,7 @@ def test_the_command_in_a_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert main(["calibrate", "omni", "--steps", "rest,heating"]) == 2
     with suppress(SystemExit):
         main(["calibrate", "omni", "--steps", "rest,currents"])
-    assert "needs magnetic as well" in capsys.readouterr().err
+    assert "also needs magnetic" in capsys.readouterr().err
     assert (tmp_path / "omni.calibration.json.steps").exists()
     with suppress(SystemExit):
         main(["calibrate", "omni", "--steps", "magnetic"])
@@ -351,5 +351,5 @@ def test_the_i2c_driver_is_calibrated_by_the_same_steps(factor: float, complaint
         assert guide_calibration(OMNI, driver, out, **wants) is None
         kept = json.loads((tmp_path / "omni.json.steps").read_text())["steps"]
         assert kept["currents"]["resistance_ohm"] == pytest.approx([0.6] * 3, rel=0.01)
-        assert "needs magnetic as well" in said[-1]
+        assert "also needs magnetic" in said[-1]
     assert pwm.duties().tolist() == [0, 0, 0]

@@ -31,7 +31,7 @@ def test_taken_port_says_who_to_ask_and_what_to_do(servo):
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        with pytest.raises(InputError, match=f"port {port} .* is taken.*ss -ltnp.*--port"):
+        with pytest.raises(InputError, match=f"port {port} .* is in use.*ss -ltnp.*--port"):
             Console(servo, port, felt=flat)
 
 

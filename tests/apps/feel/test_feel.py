@@ -68,4 +68,4 @@ def test_a_device_without_modes_cannot_feel_designs(capsys, tmp_path):
         capsys, str(EXAMPLE), "--device", "omni", "--headless", "--session", str(tmp_path / "s"), "--only", "firm"
     )
     assert code == 2
-    assert "two modes" in err
+    assert "two-mode" in err

@@ -82,7 +82,7 @@ def test_a_rehearsal_runs_through_sockets_and_its_file_is_taken_by_run(
     assert main(["frame", "omni", "--rehearse"]) == 2  # never over another by accident
     assert "--force" in capsys.readouterr().err
     assert main(["run", "omni", "--headless", "--tracker", "osc:1", "--frame", "omni.frame.json"]) == 2
-    assert f"that of tracker 'osc:{port}'" in capsys.readouterr().err
+    assert f"to tracker 'osc:{port}', not" in capsys.readouterr().err
 
 
 def test_what_waited_before_a_step_is_none_of_its_poses() -> None:
@@ -106,7 +106,7 @@ def test_what_waited_before_a_step_is_none_of_its_poses() -> None:
         (lambda one: one if hash(one.p) % 3 == 0 else RejectedPose("garbage"), CalibrationError, "held no valid pose"),
         (lambda one: one._replace(q=(10.0, 20.0, 30.0, 0.0)), CalibrationError, "step 'dome': .*must have length 1"),
         (lambda one: one._replace(p=(0.0, 0.0, 0.0), q=(0.0, 0.0, 0.0, 1.0)), CalibrationError, "only 1 poses"),
-        (lambda one: one._replace(p=tuple(1e3 * x for x in one.p)), CalibrationError, "speaks millimetres"),
+        (lambda one: one._replace(p=tuple(1e3 * x for x in one.p)), CalibrationError, "millimetres"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_a_session_is_refused(spoil: object, error: type[Exception], told: str) -> None:
@@ -138,7 +138,7 @@ def test_the_steps_are_the_devices_marks() -> None:
         (["omni", "--tracker", "pointer"], "already reports poses in the stator's frame"),
         (["omni", "--tracker", "replay:run.mcap"], "already reports poses in the stator's frame"),
         (["omni", "--tracker", "osk:9000"], "unknown tracker"),
-        (["omni", "--rehearse", "--tracker", "lsl:pen"], "a rehearsal speaks OSC"),
+        (["omni", "--rehearse", "--tracker", "lsl:pen"], "OSC"),
         (["omni", "--rehearse", "--out", "nowhere/omni.json"], "folder 'nowhere' does not exist"),
         (["omni"], "there is no terminal"),
     ],

@@ -458,6 +458,6 @@ def test_a_page_that_asks_for_too_much_is_told_so_and_stops_all_the_same(desk: D
         assert waits.wait(30)
         for _ in range(300):
             desk.first.socket.send(json.dumps({"do": "skip"}))
-        desk.first.until(lambda page: any("too much" in mistake for mistake in page.mistakes))
+        desk.first.until(lambda page: any("too many" in mistake for mistake in page.mistakes))
         desk.first.do("stop")
         _until(lambda: desk.servo.off)

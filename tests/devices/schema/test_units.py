@@ -61,7 +61,7 @@ def test_values_of_the_catalogue_are_the_same_to_the_last_digit_and_pint_is_not_
             if here is not None:
                 asked += 1
                 assert float(f"{here:.15g}") == float(f"{by_pint(number, unit, wanted):.15g}"), text
-    assert asked >= len(told) >= 1
+    assert asked >= len(told)  # a variant may have none of its own
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from(["mm", "inch", "deg", "N*m/rad", "1/K", "%"]))

@@ -120,7 +120,7 @@ def test_hopeless_fits_are_refused():
         fit_multipole(MAGNET, [[0, 0, 0.01], [0, 0, 0.001]])
     with pytest.raises(InputError, match="too few"):
         fit_multipole(MAGNET, [[0, 0, 0.01]], loops=4)
-    with pytest.raises(InputError, match="within 10 dipoles"):
+    with pytest.raises(InputError, match="more than 10 dipoles"):
         fit_multipole(MAGNET, REGION, loops=4, per_loop=10, most_dipoles=10)
     with pytest.raises(InputError, match="loops"):
         fit_multipole(MAGNET, REGION, loops=-1)

@@ -74,7 +74,7 @@ def test_a_world_that_only_loops_is_ended_in_order(fake_servo: Any) -> None:
 def test_a_process_that_leaves_in_the_middle_is_explained(fake_servo: Any) -> None:
     with (
         fake_servo({"act_at": AT, "act": lambda: os._exit(0)}).servo as servo,
-        pytest.raises(ServoError, match=r"ended with code 0 in the middle of a run.*os\._exit"),
+        pytest.raises(ServoError, match=r"ended with code 0.*os\._exit"),
     ):
         servo.run(30)
 

@@ -28,8 +28,8 @@ def test_it_is_told_until_it_goes_on(fake_servo: Any) -> None:
         assert servo.recording_trouble == ""
         os.kill(recorder, signal.SIGSTOP)
         try:
-            _until(servo, lambda: "stood still" in servo.recording_trouble)
-            assert "stood still" in servo.report()["recording_trouble"]
+            _until(servo, lambda: "has not written" in servo.recording_trouble)
+            assert "has not written" in servo.report()["recording_trouble"]
             before = servo.report()["ticks"]
             _until(servo, lambda: servo.report()["ticks"] > before)
             servo.check()  # the loop goes on

@@ -70,7 +70,7 @@ def test_xarray_has_named_parts_and_units(recording: Recording) -> None:
     assert float(data["asked"].sel(component="F_z").max()) == 0.25
     assert float(data["p"].sel(axis="z").mean()) == pytest.approx(0.05)
     assert float(data["currents"].sel(channel=2).min()) == -2.5
-    assert data["currents"].attrs == {"units": "A", "long_name": "currents measured"}
+    assert data["currents"].attrs == {"units": "A", "long_name": "measured currents"}
     assert data["t"].attrs["units"] == "s"
     assert data["field"].shape == (500, 6)
     assert set(data.data_vars) | {"t"} == {field.name for field in recording.fields}
@@ -80,12 +80,17 @@ def test_xarray_has_named_parts_and_units(recording: Recording) -> None:
 @pytest.mark.parametrize("layout", [RowLayout(1, 0), RowLayout(24, 48)])
 @pytest.mark.parametrize("rows", [0, 1, 3])
 def test_any_device_and_few_rows(tmp_path: Path, layout: RowLayout, rows: int) -> None:
-    few = record(tmp_path / "a.mcap", np.ones((rows, layout.width)), layout, finish=False)
+    few = record(tmp_path / "a.mcap", np.ones((rows, layout.width)), layout)
     assert few.to_pandas().shape == (rows, layout.width - 1)
     assert few.to_xarray().sizes["t"] == rows
     ElementTree.fromstring(few._repr_html_())
     assert f"{rows} row" in repr(few)
-    assert "cut short" in repr(few)
+
+
+def test_cut_short_is_said(tmp_path: Path) -> None:
+    cut = record(tmp_path / "a.mcap", np.ones((20_000, LAYOUT.width)), finish=False)
+    assert 0 < len(cut.to_pandas()) <= 20_000
+    assert "cut short" in repr(cut)
 
 
 @pytest.mark.parametrize("package", ["pandas", "xarray"])
@@ -118,6 +123,7 @@ def test_a_recording_shows_what_ran_and_the_force(recording: Recording) -> None:
 def test_numbers_that_are_none_are_shown_all_the_same(tmp_path: Path) -> None:
     rows = np.full((50, LAYOUT.width), np.nan)
     rows[:, LAYOUT["t"]] = np.arange(50)[:, None]
+    rows[:, LAYOUT["wall"]] = 0.0
     rows[3, LAYOUT["asked"]] = 1e300
     rows[4, LAYOUT["asked"]] = np.inf
     ElementTree.fromstring(record(tmp_path / "a.mcap", rows)._repr_html_())

@@ -76,7 +76,7 @@ def test_an_unplugged_coil_is_named():
 def test_swapped_coils_are_named():
     currents, fields, _ = measured(OMNI.moment_per_current[:, [0, 2, 1]])
     message = told(currents, currents, fields)
-    assert "coil 'y' makes the moment of coil 'z'" in message
+    assert "coil 'y' produces the moment of coil 'z'" in message
     assert "swap" in message
 
 

@@ -142,8 +142,8 @@ def mirrored(one: Touches) -> Touches:
 
 MIXED_UP: dict[str, tuple[Callable[[Touches], Touches], str]] = {
     "millimetres": (lambda one: Touches(1e3 * one.p, one.q), r"reports millimetres: the marks appear \d+\.?\d* times"),
-    "centimetres": (lambda one: Touches(1e2 * one.p, one.q), "speaks centimetres"),
-    "inches": (lambda one: Touches(one.p / 0.0254, one.q), "speaks inches"),
+    "centimetres": (lambda one: Touches(1e2 * one.p, one.q), "centimetres"),
+    "inches": (lambda one: Touches(one.p / 0.0254, one.q), "inches"),
     "scaled": (lambda one: Touches(1.07 * one.p, one.q), r"out of scale: the marks appear 1\.0[67]\d* times"),
     "left-handed": (mirrored, "left-handed.*send −x with the quaternion x −y −z w"),
     "w first": (lambda one: Touches(one.p, one.q[:, [3, 0, 1, 2]]), "w came first"),
@@ -184,7 +184,7 @@ def test_too_little_is_refused_with_what_to_do() -> None:
     with pytest.raises(CalibrationError, match=r"tilted by no more than .*Tilt by 20°"):
         frame_registration(upright, OMNI)
     _, still = session(6, turn=0.1)
-    with pytest.raises(CalibrationError, match=r"rolled by 3\d° only"):
+    with pytest.raises(CalibrationError, match=r"rolled by only 3\d°"):
         frame_registration(still, OMNI)
 
 

@@ -69,7 +69,7 @@ def test_the_text_is_read_back_and_the_file_is_written_whole(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("key", "value", "told"),
     [
-        ("format", "haptorb-calibration-1", "no tracker's frame that this version reads"),
+        ("format", "haptorb-calibration-1", "not a tracker's frame that this version reads"),
         ("digest", 7, "must be a text"),
         ("simulated", "no", "true or false"),
         ("shift_m", [0.0, 1.0], r"shape \(3,\)"),
@@ -79,7 +79,7 @@ def test_the_text_is_read_back_and_the_file_is_written_whole(tmp_path: Path) -> 
         ("axis", [0.0, 0.0, 0.5], "length 1"),
         ("magnet_m", [0.0, 0.0, 20.0], "more than 1 m from its rigid body"),
         ("residual_m", None, "finite"),
-        ("strange", 1, "not a key"),
+        ("strange", 1, "'strange' is not a known key"),
     ],
 )
 def test_a_file_that_is_none_says_what_was_expected(key: str, value: object, told: str) -> None:
@@ -95,9 +95,9 @@ def test_a_file_that_is_none_says_what_was_expected(key: str, value: object, tol
 
 def test_another_devices_and_another_trackers_frame_is_refused() -> None:
     assert FRAME.check_for(OMNI, "osc:9000") is FRAME
-    with pytest.raises(CalibrationError, match=r"that of device 'omni' with file .*register again"):
+    with pytest.raises(CalibrationError, match=r"device 'omni' with file .*register again"):
         FRAME.check_for(replace(OMNI, digest="0" * 64), "osc:9000")
-    with pytest.raises(CalibrationError, match="that of tracker 'osc:9000', not of 'lsl:pen'"):
+    with pytest.raises(CalibrationError, match="to tracker 'osc:9000', not to 'lsl:pen'"):
         FRAME.check_for(OMNI, "lsl:pen")
     with pytest.raises(CalibrationError, match="is not JSON"):
         TrackerFrame.parse("{", "omni.frame.json")

@@ -6,7 +6,7 @@ from importlib import import_module
 from io import StringIO
 from typing import TYPE_CHECKING, ClassVar
 
-from haptorb.display.html import preformatted_html
+from haptorb.display.html import pre_html
 from haptorb.display.presentable import Presentable
 
 if TYPE_CHECKING:
@@ -33,4 +33,4 @@ class NotebookReport(Presentable):
 
         file = StringIO()
         self.show(Console(file=file, width=_WIDTH, markup=False, emoji=False, highlight=False, color_system=None))
-        return preformatted_html(file.getvalue().rstrip())
+        return pre_html(file.getvalue().rstrip())

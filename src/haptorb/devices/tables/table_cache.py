@@ -23,6 +23,7 @@ from haptorb.files.replace_file import replace_file
 from haptorb.numerics.compiled import cache_folder
 from haptorb.physics import interaction
 from haptorb.physics.sources import (
+    bessel,
     coil,
     current_sheet,
     cylinder,
@@ -41,7 +42,7 @@ __all__ = ["load_field_table", "load_torque_table"]
 
 #: whose code makes a table's numbers: `pair_table`, and what it imports, but for what only carries numbers about
 _MAKERS = (
-    *(pair_table, interaction, coil, current_sheet, cylinder, dipole, elliptic, placement, ring, round_body),
+    *(pair_table, interaction, bessel, coil, current_sheet, cylinder, dipole, elliptic, placement, ring, round_body),
     *(winding_field, zonal),
 )
 

@@ -49,13 +49,13 @@ class Summarized(Protocol):
 def summarize(recording: Summarized) -> str:
     """File, device, length, and what is wrong with it, in one line."""
     device = recording.metadata.get("device", {}).get("name", "unknown device")
-    wrong = [f"{_count(lost, 'row')} lost"] if (lost := _count_lost(recording)) else []
+    wrong = [f"{_count(lost, 'row')} lost"] if (lost := _count_lost_rows(recording)) else []
     wrong += ["cut short"] if recording.truncated else []
     told = [
         device,
         f"{_duration(recording):.4g} s",
         _count(len(recording), "row"),
-        _count(_count_trips(recording), "trip"),
+        _count(_trips(recording), "trip"),
         *wrong,
     ]
     return f"<Recording {recording.path.name}: {', '.join(told)}>"
@@ -76,7 +76,7 @@ def list_facts(recording: Summarized) -> list[tuple[str, str]]:
     ]
     if rows:
         facts += _figures(recording)
-    lost = _count_lost(recording)
+    lost = _count_lost_rows(recording)
     facts.append(("rows lost", "unknown" if lost is None else str(lost)))
     facts.append(("end", "missing: the file was cut short" if recording.truncated else "complete"))
     return [(name, text) for name, text in facts if text]
@@ -121,7 +121,7 @@ def _figures(recording: Summarized) -> list[tuple[str, str]]:
         facts.append(("lateness", f"99 % up to {format_quantity(most, 's')}"))
     if "missed" in known:
         facts.append(("deadlines skipped", f"{np.nansum(recording['missed']):.0f}"))
-    return [*facts, ("trips", str(_count_trips(recording)))]
+    return [*facts, ("trips", str(_trips(recording)))]
 
 
 def _size(vectors: Array) -> Array:
@@ -143,7 +143,7 @@ def _duration(recording: Summarized) -> float:
     return float(t[-1] - t[0])
 
 
-def _count_trips(recording: Summarized) -> int:
+def _trips(recording: Summarized) -> int:
     """How many times the guard switched off."""
     if "guard" not in {field.name for field in recording.fields} or not len(recording):
         return 0
@@ -151,7 +151,7 @@ def _count_trips(recording: Summarized) -> int:
     return int(off[0]) + int((off[1:] & ~off[:-1]).sum())
 
 
-def _count_lost(recording: Summarized) -> int | None:
+def _count_lost_rows(recording: Summarized) -> int | None:
     try:
         return recording.lost
     except RecordingError:

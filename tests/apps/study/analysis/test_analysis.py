@@ -165,7 +165,7 @@ def test_the_report_needs_nothing_else(identify: Study, tmp_path: Path) -> None:
     sat(identify, tmp_path / "s.db", {1: 1, 2: 1, 3: 3})
     found = analysis_of(tmp_path / "s.db")
     assert repr(found).startswith(f"<Analysis of study {found.study.name!r}: {found.trials} trials; ")
-    assert "practice trials left out" in found._repr_html_()
+    assert "2 practice trials excluded" in found._repr_html_()
     text = page(found)
     assert "src='http" not in text
     assert "href" not in text

@@ -27,7 +27,7 @@ def test_procedures_end_and_refuse_to_go_on(answers: list[int], trials: int, pra
     procedure = ProcedureSequence((warm, stairs(tuple(rng.integers(1, 3, trials).tolist()))))
     for value in answers:
         if procedure.prompt is None:
-            with pytest.raises(InputError, match="over"):
+            with pytest.raises(InputError, match="complete"):
                 procedure.record_answer(Answer(value))
             break
         before = procedure.expected

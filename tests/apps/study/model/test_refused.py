@@ -25,7 +25,7 @@ FRAME = TrackerFrame(
         (("--driver", "nonsense"), "unknown driver"),
         (("--tracker", "nobody"), "unknown tracker"),
         (("--frame", "no-such.frame.json"), "no-such.frame.json"),
-        (("--tracker", "osc:9001", "--frame", "other.frame.json"), "that of tracker 'osc:9000'"),
+        (("--tracker", "osc:9001", "--frame", "other.frame.json"), "to tracker 'osc:9000', not"),
         (("--lsl", "moon"), "'computer' or 'network'"),
         (("--port", "70000"), "port must be"),
         (("--terminal",), "--participant"),

@@ -143,7 +143,7 @@ def test_a_board_that_restarted_is_not_driven_on(made: Make) -> None:
     board, driver = made()
     ticks(driver, SOME, 3)
     board.standing, board.reason = BoardMode.OFF, Reason.BROWN_OUT
-    with pytest.raises(DriverError, match=r"off by itself.*supply sagged"):
+    with pytest.raises(DriverError, match=r"supply sagged"):
         ticks(driver, SOME, 3)
     assert driver.write(SOME).tolist() == [0, 0, 0]
 
