@@ -65,6 +65,7 @@ def wrench(
     vanish; `bound` (6,) holds what was reached. Raises PrecisionError (with the best reached) and GeometryError when
     the target reaches into the source.
 
+    >>> from haptorb.physics.sources.cylinder import CylinderMagnet
     >>> magnet = CylinderMagnet(radius=0.02, length=0.04, polarization=1.3)
     >>> push = wrench(magnet, magnet, (0, 0, 0.05), np.diag([1.0, -1.0, -1.0]))    # opposed, 10 mm apart
     >>> round(float(push.value[2]), 3)

@@ -16,6 +16,7 @@ from haptorb.devices.tables.pair_table import PairTable, field_table, torque_tab
 from haptorb.errors import GeometryError, InputError, PrecisionError
 from haptorb.numerics import compiled
 from haptorb.physics.interaction import wrench
+from haptorb.physics.sources import cylinder, ring
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.cylinder import CylinderMagnet
 from haptorb.physics.sources.placement import PlacedSource
@@ -228,7 +229,8 @@ def test_another_body_distance_or_precision_is_another_table(folder):
 
 
 def test_the_code_of_all_that_makes_a_tables_numbers_is_in_its_name():
-    package, seen, waiting = Path(haptorb.__file__).parent, set(), [Path(pair_table.__file__)]
+    package, seen = Path(haptorb.__file__).parent, set()
+    waiting = [Path(module.__file__) for module in (pair_table, cylinder, ring)]
     while waiting:
         file = waiting.pop()
         if file not in seen:

@@ -40,7 +40,8 @@ from haptorb.physics.sources.round_body import RoundBody
 
 __all__ = ["load_field_table", "load_torque_table"]
 
-#: whose code makes a table's numbers: `pair_table`, and what it imports, but for what only carries numbers about
+#: whose code makes a table's numbers: `pair_table`, the magnets it is given, and what they import, but for what only
+#: carries numbers about
 _MAKERS = (
     *(pair_table, interaction, bessel, coil, current_sheet, cylinder, dipole, elliptic, placement, ring, round_body),
     *(winding_field, zonal),
