@@ -108,7 +108,7 @@ def run(
             )
             for file in servo.trip_files:
                 say(f"last ticks before the trip: {file}")
-        except _Terminated:  # while it was still starting
+        except _Termination:  # while it was still starting
             number = int(signal.SIGTERM)
         finally:
             signal.signal(signal.SIGTERM, before)
@@ -125,7 +125,7 @@ def _run_without_console(servo: Servo, standby: PrestartedProcess, duration: flo
             number = 0
         except KeyboardInterrupt:
             number = int(signal.SIGINT)
-        except _Terminated:
+        except _Termination:
             number = int(signal.SIGTERM)
         _report(servo, json)
     return number
@@ -223,9 +223,9 @@ def values_of(settings: list[str]) -> dict[str, float | tuple[float, ...]]:
     return values
 
 
-class _Terminated(BaseException):
+class _Termination(BaseException):
     """SIGTERM, on its way through `with` blocks that switch the coils off."""
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    raise _Terminated
+    raise _Termination

@@ -116,10 +116,10 @@ def run(
     else:
         from haptorb.apps.study.pages.session_manager import SessionManager
 
-        def beside(session: int) -> Path | None:
+        def find_path(session: int) -> Path | None:
             return _free_recording_path(db, session) if record else None
 
-        _run_in_browser(SessionManager(engine, known, start, beside, streams), known, participant, db, driver, port)
+        _run_in_browser(SessionManager(engine, known, start, find_path, streams), known, participant, db, driver, port)
 
 
 def _run_in_terminal(

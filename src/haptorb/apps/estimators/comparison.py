@@ -92,13 +92,13 @@ class EstimatorComparison(NotebookReport):
     def numbers(self) -> dict[str, Any]:
         """Everything as plain JSON types; not a number is null."""
 
-        def plain(value: Any) -> Any:
+        def to_json(value: Any) -> Any:
             return None if isinstance(value, float) and not np.isfinite(value) else value
 
         return {
             "device": self.device,
             "electromagnet": self.coil,
-            "rows": [{_KEYS.get(name, name): plain(value) for name, value in vars(row).items()} for row in self.rows],
+            "rows": [{_KEYS.get(name, name): to_json(value) for name, value in vars(row).items()} for row in self.rows],
             "latency_us": self.latency,
             "figure_4": {
                 "t_s": self.course.t.tolist(),
