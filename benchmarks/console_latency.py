@@ -84,7 +84,7 @@ def served(line: Connection) -> None:
         watch = StolenTimeCounter(servo.servo_pid)
         line.send(console.url)
         console.serve(until=line.poll)
-        line.send(servo.report() | {"stolen": watch.took().stolen})
+        line.send(servo.report() | {"stolen": watch.measure().stolen})
 
 
 def dragged(page: Page, x: float, y: float, seconds: float, *, again: bool) -> None:

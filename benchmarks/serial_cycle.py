@@ -65,7 +65,7 @@ def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
             if reading["standing"][0] != BoardMode.ENGAGED:
                 trips += 1
                 device.collect(1.0)
-                device.off()
+                device.switch_off()
                 device.engage(0.5, 20.0)
                 before = device.set([100, 100, 100]).rounds
         cpu, wall = time.process_time() - cpu, time.perf_counter() - wall

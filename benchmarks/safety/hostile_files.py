@@ -386,7 +386,7 @@ def kinds(folder: Path) -> list[Kind]:
 
 def _sealed(good: bytes, chance: random.Random) -> bytes:
     """A network file with another head, whose hash is right."""
-    from haptorb.sensing.torque_maps.network_file import _seal
+    from haptorb.sensing.torque_maps.network_file import _digest
 
     line, _, numbers = good.partition(b"\n")
     head = json.loads(line)
@@ -405,7 +405,7 @@ def _sealed(good: bytes, chance: random.Random) -> bytes:
     head[key] = chance.choice((*shapes, None, True, 10**400, "x" * 300, {"a": [[[]]]}))
     if chance.random() < 0.3:
         numbers = chance.choice((numbers[:-8], numbers + bytes(8), numbers[:-3], b"\xff" * len(numbers), b""))
-    return json.dumps({**head, "sha256": _seal(head, numbers)}).encode() + b"\n" + numbers
+    return json.dumps({**head, "sha256": _digest(head, numbers)}).encode() + b"\n" + numbers
 
 
 def main() -> int:

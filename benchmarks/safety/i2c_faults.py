@@ -37,7 +37,7 @@ from haptorb.runtime.drivers.i2c.i2c_chips import Port
 from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
 from haptorb.runtime.drivers.i2c.i2c_guardian import Guardian, switch_off
 from haptorb.runtime.drivers.i2c.pca9685 import Pca9685
-from haptorb.runtime.realtime.kernel_requests import punctual
+from haptorb.runtime.realtime.kernel_requests import request_real_time
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))  # the chips as their data sheets have them
 
@@ -383,7 +383,7 @@ def guardians(count: int, seed: int = 1) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {"stopped": [], "killed": []}
     with tempfile.TemporaryDirectory() as folder:
         port = SharedPort(Path(folder))
-        punctual()  # as the servo is, where it may
+        request_real_time()  # as the servo is, where it may
         with I2cDriver(load("omni"), port, thermometers=Warm, watchdog=False) as driver:
             for _ in range(count):
                 for name, deed in (("stopped", signal.SIGSTOP), ("killed", signal.SIGKILL)):

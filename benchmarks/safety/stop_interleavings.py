@@ -104,7 +104,7 @@ class Host(Commands):
         self._shared, self.now, self._changes = shared, 0.0, 0
 
     @property
-    def _attached(self) -> SharedMemory:
+    def _memory_or_none(self) -> SharedMemory:
         return self._shared
 
     def check(self) -> None:

@@ -24,14 +24,27 @@ IRREGULAR = (
 )
 #: words that end in -ed and are no participles
 VERBS = frozenset({"feed", "need", "speed", "seed", "embed", "exceed", "proceed", "succeed", "heed", "shed"})
+#: adverbs, prepositions and adjectives that said nothing of what a function did
+NO_VERBS = (
+    " about ahead alike alive alone along apart around away back before believable beside busy doubtful enough few "
+    " finite flat impatient inside later observable off ordinary others otherwise outside own plain punctual real "
+    " single somebody somewhere steady together upright urgent whole within writable wrong "
+)
 #: qualified name → why it may stay
 ALLOWED: dict[str, str] = {}
+#: class → why it may stay
+ADJECTIVES = {"Summarized": "a protocol: whatever a summary can be made of"}
 
 
 def is_participle(name: str) -> bool:
     """Whether the first word of a function's name says what was done instead of what to do."""
     word = name.strip("_").split("_")[0].lower()
     return f" {word} " in IRREGULAR or (word.endswith("ed") and word not in VERBS)
+
+
+def is_no_verb(name: str) -> bool:
+    """Whether a function's whole name is an adverb, a preposition or an adjective."""
+    return f" {name.strip('_').lower()} " in NO_VERBS
 
 
 def is_value(function: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
@@ -75,8 +88,20 @@ def past(found: list[tuple[str, Definition]]) -> list[str]:
         for name, node in found
         if not isinstance(node, ast.ClassDef)
         and not is_value(node)
-        and is_participle(node.name)
+        and (is_participle(node.name) or is_no_verb(node.name))
         and name not in ALLOWED
+    ]
+
+
+def bare(found: list[tuple[str, Definition]]) -> list[str]:
+    """Classes whose whole name is a participle: of what?"""
+    return [
+        name
+        for name, node in found
+        if isinstance(node, ast.ClassDef)
+        and sum(letter.isupper() for letter in node.name) == 1
+        and is_participle(node.name)
+        and node.name not in ADJECTIVES
     ]
 
 
@@ -92,6 +117,14 @@ def test_no_function_is_a_past_participle(ours):
     assert past(ours) == [], "what does something is called by a verb in the imperative: CONTRIBUTING, Names"
 
 
+def test_no_class_is_a_bare_past_participle(ours):
+    assert bare(ours) == [], "a class is called by a noun: CONTRIBUTING, Names"
+
+
+def test_bare_participles_of_classes_would_be_found() -> None:
+    assert bare(names("class Told: ...\nclass TrackedPose: ...\nclass Feed: ...", "m")) == ["m.Told"]
+
+
 def test_no_class_name_is_used_twice(ours):
     assert twice(ours) == {}, "each class has a name of its own, so that a search finds it"
 
@@ -99,10 +132,25 @@ def test_no_class_name_is_used_twice(ours):
 def test_what_is_allowed_is_there(ours):
     there = {name for name, _ in ours}
     assert [name for name, why in ALLOWED.items() if name not in there or not why] == []
+    classes = {node.name for _, node in ours}
+    assert [name for name, why in ADJECTIVES.items() if name not in classes or not why] == []
 
 
 @pytest.mark.parametrize(
-    "name", ["told", "_summed", "kept", "known_rate", "felt_map", "cached_torque_table", "shown", "answered", "driven"]
+    "name",
+    [
+        "told",
+        "_summed",
+        "kept",
+        "known_rate",
+        "felt_map",
+        "cached_torque_table",
+        "shown",
+        "answered",
+        "driven",
+        "_alone",
+        "within",
+    ],
 )
 def test_the_old_names_would_be_found(name: str) -> None:
     assert past(names(f"def {name}(): ...", "m")) == [f"m.{name}"]

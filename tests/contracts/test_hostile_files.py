@@ -20,7 +20,7 @@ from haptorb.apps.study.store.export import write_replies
 from haptorb.devices.loader import load, parse
 from haptorb.devices.schema.quantity import si
 from haptorb.errors import CalibrationError, DeviceError, InputError, RecordingError, UnknownName
-from haptorb.files.json_file import document, numbers
+from haptorb.files.json_file import numbers, parse_document
 from haptorb.runtime.exchange.world_change import change_world, parse_request, request
 from haptorb.runtime.recording import recording_file
 from haptorb.runtime.recording.recording import Recording
@@ -185,7 +185,9 @@ def test_a_study_takes_no_truth_and_no_text_for_a_number(text: str) -> None:
 @pytest.mark.parametrize("value", ["true", '"1"', "9" * 400, "[[1]]", "1e999", "1e300"])
 def test_a_measured_number_is_a_number(value: str) -> None:
     with pytest.raises(CalibrationError):
-        numbers(document(f'{{"format": "a", "x": {value}}}', "FILE", "a", "a", {"format", "x"}, ""), "x", "FILE", ())
+        numbers(
+            parse_document(f'{{"format": "a", "x": {value}}}', "FILE", "a", "a", {"format", "x"}, ""), "x", "FILE", ()
+        )
 
 
 @pytest.mark.parametrize("mask", [0o022, 0o077, 0o027, 0o002, 0o000])
@@ -197,7 +199,7 @@ def test_a_recording_is_as_open_as_its_owner_wants_files(tmp_path: Path, mask: i
         recording_file.complete(descriptor, temporary=False)
         after = os.fstat(descriptor).st_mode & 0o777
         os.close(descriptor)
-        place, descriptor, _ = recording_file.temporary()
+        place, descriptor, _ = recording_file.create_temporary()
         recording_file.complete(descriptor, temporary=True)
         temporary = os.fstat(descriptor).st_mode & 0o777
         os.close(descriptor)

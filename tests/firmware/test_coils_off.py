@@ -120,7 +120,7 @@ def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int,
             if float(emulator.status()["on"]) != 1:
                 continue  # the host was kept waiting and the firmware has switched off already
             which = fault(emulator, host)
-            times.append(emulator.off(patience)[which])
+            times.append(emulator.wait_for_off(patience)[which])
         finally:
             host.kill()
             host.wait()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.physics.interaction import flux_linkage, wrench
+from haptorb.physics.interaction import wrench
 from haptorb.physics.published_multipoles import load_published
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.charged_ring import ChargedRing
@@ -16,10 +16,12 @@ from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.cylinder import CylinderMagnet
 from haptorb.physics.sources.dipole import Dipole
 from haptorb.physics.sources.multipole import MultipoleSource, multipole_wrench
-from haptorb.physics.sources.placement import PlacedSource, SourceSum
+from haptorb.physics.sources.placement import PlacedSource
 from haptorb.physics.sources.ring import RingMagnet
 from haptorb.physics.sources.round_body import RoundBody
 from haptorb.physics.sources.source import Source
+from oracles.formulations import flux_linkage
+from oracles.source_sum import SourceSum
 
 TURN = Rotation.from_euler("XYZ", [25, -40, 70], degrees=True).as_matrix()
 

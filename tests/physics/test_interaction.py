@@ -9,14 +9,16 @@ from scipy.spatial.transform import Rotation
 from haptorb.devices.state import rotation_to_axis
 from haptorb.devices.tables.pair_table import torque_table
 from haptorb.errors import GeometryError, InputError, PrecisionError
-from haptorb.physics.interaction import flux_linkage, wrench, wrench_on_charges
+from haptorb.physics.interaction import wrench
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.cylinder import CylinderMagnet
 from haptorb.physics.sources.dipole import Dipole
-from haptorb.physics.sources.placement import PlacedSource, SourceSum
+from haptorb.physics.sources.placement import PlacedSource
 from haptorb.physics.sources.ring import RingMagnet
 from oracles.exact_level import exact_sensor_field, exact_torque_characteristic
+from oracles.formulations import flux_linkage, wrench_on_charges
+from oracles.source_sum import SourceSum
 
 MAGNET = CylinderMagnet(15.875e-3, 5.08e-3, 1.31)
 COIL = Coil(1000, 0.3 * 15.88e-3, 15.88e-3, 7.62e-3)

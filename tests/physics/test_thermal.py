@@ -48,8 +48,8 @@ def test_a_tick_keeps_its_precision_over_an_hour():
 
 
 def test_steady_state_is_where_it_stays():
-    assert np.allclose(COIL.rise(1e5, 17.0), COIL.steady(17.0), rtol=1e-9)
-    assert np.allclose(COIL.step(3.0) @ [*COIL.steady(17.0), 17.0], COIL.steady(17.0))
+    assert np.allclose(COIL.rise(1e5, 17.0), COIL.steady_rise(17.0), rtol=1e-9)
+    assert np.allclose(COIL.step(3.0) @ [*COIL.steady_rise(17.0), 17.0], COIL.steady_rise(17.0))
 
 
 @given(st.floats(20.0, 250.0), st.floats(0.0, 50.0), st.floats(0.0, 50.0))
@@ -104,10 +104,10 @@ def test_one_time_constant_contradicts_itself():
 )
 def test_two_nodes_hold_all_three_endurances(full, limit, inside):
     coil = endurance_fit(limit, full=full, half=full / 4, inside=inside)
-    assert coil.steady(17.0)[0] == pytest.approx(limit, rel=1e-12)
+    assert coil.steady_rise(17.0)[0] == pytest.approx(limit, rel=1e-12)
     assert coil.time_to(limit, full) == pytest.approx(5.0, rel=1e-6)
     assert coil.time_to(limit, full / 4) == pytest.approx(60.0, rel=1e-6)
-    assert (coil.steady(17.0)[0] - coil.steady(17.0)[1]) / limit == pytest.approx(inside)
+    assert (coil.steady_rise(17.0)[0] - coil.steady_rise(17.0)[1]) / limit == pytest.approx(inside)
 
 
 def test_the_fit_for_60_kelvin_in_numbers():

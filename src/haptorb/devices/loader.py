@@ -13,7 +13,7 @@ import numpy as np
 from haptorb.devices.device import Device
 from haptorb.devices.kind import kind_names, kind_of_name
 from haptorb.errors import DeviceError, InputError, UnknownName, quote
-from haptorb.files.text_file import read_text, toml_of
+from haptorb.files.text_file import parse_toml, read_text
 
 __all__ = ["catalogue", "load", "parse"]
 
@@ -26,7 +26,7 @@ def catalogue() -> dict[str, str]:
     """Name → title of every device that comes with the package."""
     titles = {}
     for path in sorted(_FOLDER.glob("*.toml")):
-        titles[path.stem] = str(toml_of(path.read_text(encoding="utf-8"))["title"])
+        titles[path.stem] = str(parse_toml(path.read_text(encoding="utf-8"))["title"])
     return titles
 
 
@@ -62,7 +62,7 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
     """
     from pydantic import ValidationError
 
-    raw, whole = _with_base(content, name, 0)
+    raw, whole = _load_with_base(content, name, 0)
     kind = raw.get("kind")
     if not isinstance(kind, str) or kind not in kind_names():
         raise DeviceError(f"device '{name}': kind must be one of {', '.join(kind_names())}; got {quote(kind)}")
@@ -71,7 +71,7 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
     try:
         # sizes that overflow, or divide by nothing, are refused here and not carried on as NaN
         with np.errstate(over="raise", invalid="raise", divide="raise"):
-            plain = {key: _plain(value, key, assumed) for key, value in raw.items()}
+            plain = {key: _strip_provenance(value, key, assumed) for key, value in raw.items()}
             file = file_class.model_validate(plain)
             digest = hashlib.sha256(whole.encode()).hexdigest()
             device: Device = file.build(assumed, digest, override=override)
@@ -87,10 +87,10 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
     return device
 
 
-def _with_base(content: str, name: str, depth: int) -> tuple[dict[str, Any], str]:
+def _load_with_base(content: str, name: str, depth: int) -> tuple[dict[str, Any], str]:
     """The file's tables, laid over those of the device it is `based_on`; and all text that went into them."""
     try:
-        raw = toml_of(content)
+        raw = parse_toml(content)
     except ValueError as cause:
         raise DeviceError(f"device '{name}': not a TOML file: {cause}") from cause
     base = raw.get("based_on")
@@ -99,7 +99,7 @@ def _with_base(content: str, name: str, depth: int) -> tuple[dict[str, Any], str
     if not isinstance(base, str) or depth > 8:
         raise DeviceError(f"device '{name}': based_on must name another device, without a cycle; got {quote(base)}")
     text, below_name = _read(base)
-    below, whole = _with_base(text, below_name, depth + 1)
+    below, whole = _load_with_base(text, below_name, depth + 1)
     return _merge(below, raw), whole + content
 
 
@@ -111,14 +111,14 @@ def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]
     return merged
 
 
-def _plain(value: Any, path: str, assumed: dict[str, str]) -> Any:
+def _strip_provenance(value: Any, path: str, assumed: dict[str, str]) -> Any:
     """The value without its provenance; what is assumed, and why, goes into `assumed`."""
     if isinstance(value, list):
-        return [_plain(part, f"{path}.{number}", assumed) for number, part in enumerate(value, 1)]
+        return [_strip_provenance(part, f"{path}.{number}", assumed) for number, part in enumerate(value, 1)]
     if not isinstance(value, Mapping):
         return value
     if "value" not in value:
-        return {key: _plain(part, f"{path}.{key}", assumed) for key, part in value.items()}
+        return {key: _strip_provenance(part, f"{path}.{key}", assumed) for key, part in value.items()}
     strange = set(value) - {"value", "unit", "assumed", "source"}
     if strange:
         raise InputError(
@@ -145,7 +145,7 @@ def _mistakes(name: str, errors: list[Any], file_class: Any) -> str:
         where = ".".join(quote(part)[1:-1] if isinstance(part, str) else str(part) for part in error["loc"]) or "file"
         kind, got = error["type"], error.get("input")
         if kind == "extra_forbidden":
-            known = _keys_at(file_class, error["loc"][:-1])
+            known = _list_keys(file_class, error["loc"][:-1])
             near = get_close_matches(str(error["loc"][-1])[:60], known, n=1, cutoff=0.5)
             what = "is not a known key" + (f"; did you mean '{near[0]}'?" if near else "")
         elif kind == "missing":
@@ -160,7 +160,7 @@ def _mistakes(name: str, errors: list[Any], file_class: Any) -> str:
     return "\n".join(lines)
 
 
-def _keys_at(model: Any, path: tuple[Any, ...]) -> list[str]:
+def _list_keys(model: Any, path: tuple[Any, ...]) -> list[str]:
     for part in path:
         field = getattr(model, "model_fields", {}).get(part)
         if field is None:

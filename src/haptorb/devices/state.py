@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from haptorb.display.html import facts_html
 from haptorb.display.quantity_text import format_number, format_vector
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, finite, rotation, vectors
+from haptorb.numerics.arrays import Array, check_finite, rotation, vectors
 from haptorb.numerics.record import record
 
 __all__ = ["State", "rotation_to_axis"]
@@ -79,7 +79,7 @@ class State:
             raise InputError("at the centre no direction is radial: give axis or R_SR")
         else:
             R = rotation_to_axis(p if axis is None else axis)
-        return cls(float(finite(t, "t")), R, p, vectors(w, "w"), vectors(v, "v"))
+        return cls(float(check_finite(t, "t")), R, p, vectors(w, "w"), vectors(v, "v"))
 
     @classmethod
     def from_rotation(cls, R_SR: ArrayLike, *, w: ArrayLike = (0.0, 0.0, 0.0), t: float = 0.0) -> State:
@@ -88,7 +88,7 @@ class State:
         >>> State.from_rotation(np.eye(3)).p.tolist()
         [0.0, 0.0, 0.0]
         """
-        return cls(float(finite(t, "t")), rotation(R_SR, "R_SR"), np.zeros(3), vectors(w, "w"), np.zeros(3))
+        return cls(float(check_finite(t, "t")), rotation(R_SR, "R_SR"), np.zeros(3), vectors(w, "w"), np.zeros(3))
 
     def __repr__(self) -> str:
         """Place and axis, and on a second line the motion, if there is any."""

@@ -8,24 +8,24 @@ from typing import Any
 import numpy as np
 
 from haptorb.errors import CalibrationError, quote
-from haptorb.files.text_file import json_of
+from haptorb.files.text_file import parse_json
 from haptorb.numerics.arrays import Array
 
-__all__ = ["document", "numbers"]
+__all__ = ["numbers", "parse_document"]
 
 _LARGEST = 1e15  #: in SI units; what is measured is smaller, and products of it must not overflow
 
 
-def document(text: str, name: str, kind: str, wanted: str, keys: Set[str], remedy: str) -> Mapping[str, Any]:
+def parse_document(text: str, name: str, kind: str, wanted: str, keys: Set[str], remedy: str) -> Mapping[str, Any]:
     """What `text` says, a `kind` of format `wanted` with `keys`; `name` is what mistakes are reported under.
 
     Raises CalibrationError, with what to do about it, for anything else.
 
-    >>> document('{"format": "a 1", "x": 2}', "FILE", "a", "a 1", {"format", "x"}, "make it again")["x"]
+    >>> parse_document('{"format": "a 1", "x": 2}', "FILE", "a", "a 1", {"format", "x"}, "make it again")["x"]
     2
     """
     try:
-        raw = json_of(text)
+        raw = parse_json(text)
     except ValueError as cause:
         raise CalibrationError(f"{name} is not JSON: {cause}") from cause
     if not isinstance(raw, Mapping) or raw.get("format") != wanted:

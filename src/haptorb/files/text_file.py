@@ -16,7 +16,7 @@ from typing import Any
 
 from haptorb.errors import HaptorbError
 
-__all__ = ["json_of", "open_at_once", "read_bytes", "read_text", "toml_of"]
+__all__ = ["open_at_once", "parse_json", "parse_toml", "read_bytes", "read_text"]
 
 _TOML = 256 * 1024  #: bytes of a TOML file
 _DEEP = 16  #: tables and lists within one another
@@ -51,7 +51,7 @@ def read_text(path: str | Path, what: str, error: type[HaptorbError], most: int 
         raise error(f"{what} {path}: cannot be read (not a text file)") from cause
 
 
-def toml_of(text: str) -> dict[str, Any]:
+def parse_toml(text: str) -> dict[str, Any]:
     """The tables that `text` describes. Raises ValueError (one line) if it is no TOML, or is nested too deep."""
     if len(text) > _TOML:
         raise ValueError(f"it is longer than {_TOML} characters")
@@ -61,17 +61,17 @@ def toml_of(text: str) -> dict[str, Any]:
         raw = tomllib.loads(text)
     except RecursionError as cause:
         raise ValueError(f"it is nested deeper than {_DEEP} levels") from cause
-    _shallow(raw)
+    _check_depth(raw)
     return raw
 
 
-def json_of(text: str | bytes) -> Any:
+def parse_json(text: str | bytes) -> Any:
     """What the JSON `text` says. Raises ValueError (one line) if it is no JSON, or is nested too deep."""
     try:
         raw = json.loads(text)
     except RecursionError as cause:
         raise ValueError(f"it is nested deeper than {_DEEP} levels") from cause
-    _shallow(raw)
+    _check_depth(raw)
     return raw
 
 
@@ -80,7 +80,7 @@ def open_at_once(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
-def _shallow(raw: Any) -> None:
+def _check_depth(raw: Any) -> None:
     level = [raw]
     for _ in range(_DEEP):
         level = [

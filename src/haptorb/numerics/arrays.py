@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptorb.errors import InputError, quote
 
-__all__ = ["Array", "Record", "Records", "fields", "finite", "rotation", "vectors"]
+__all__ = ["Array", "Record", "Records", "check_finite", "fields", "rotation", "vectors"]
 
 Array: TypeAlias = NDArray[np.float64]
 #: a structured array: records with named fields, what compiled code remembers
@@ -27,12 +27,12 @@ def fields(*named: tuple[Any, ...]) -> np.dtype[Any]:
     return np.dtype(list(named), align=True)
 
 
-def finite(value: ArrayLike, what: str) -> Array:
+def check_finite(value: ArrayLike, what: str) -> Array:
     """`value` as a float64 array, or InputError naming `what` if a number in it is not finite.
 
     Any shape (...); the unit [SI] is the caller's.
 
-    >>> finite([1, 2], "currents")
+    >>> check_finite([1, 2], "currents")
     array([1., 2.])
     """
     try:
@@ -52,7 +52,7 @@ def vectors(value: ArrayLike, what: str) -> Array:
     >>> vectors([0, 0, 1], "points").shape
     (3,)
     """
-    array = finite(value, what)
+    array = check_finite(value, what)
     if array.ndim == 0 or array.shape[-1] != 3:
         raise InputError(f"{what} must be 3-vectors, shape (..., 3); got shape {array.shape}")
     return array
@@ -64,7 +64,7 @@ def rotation(value: ArrayLike, what: str, tolerance: float = 1e-6) -> Array:
     >>> rotation(np.eye(3), "R_SR").shape
     (3, 3)
     """
-    array = finite(value, what)
+    array = check_finite(value, what)
     if array.shape[-2:] != (3, 3):
         raise InputError(f"{what} must be rotation matrices, shape (..., 3, 3); got shape {array.shape}")
     gap = np.abs(array @ np.swapaxes(array, -1, -2) - np.eye(3)).max()

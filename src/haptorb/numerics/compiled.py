@@ -103,11 +103,11 @@ def _numba() -> Any:
     """numba, with what is always wanted of it."""
     import numba
 
-    _without_gathers(numba)
+    _disable_gathers(numba)
     return numba
 
 
-def _without_gathers(numba: Any) -> None:
+def _disable_gathers(numba: Any) -> None:
     """Have tables looked up one number at a time.
 
     The microcode against "Downfall" (Intel, 2023) makes the vector instruction for it several times slower than single

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, finite, rotation
+from haptorb.numerics.arrays import Array, check_finite, rotation
 
 __all__ = ["euler_from_rotation", "rotation_from_euler"]
 
@@ -26,7 +26,7 @@ def rotation_from_euler(psi: ArrayLike, lam: ArrayLike, phi: ArrayLike) -> Array
     (5, 3, 3)
     """
     try:
-        a, b, c = np.broadcast_arrays(finite(psi, "psi"), finite(lam, "lam"), finite(phi, "phi"))
+        a, b, c = np.broadcast_arrays(check_finite(psi, "psi"), check_finite(lam, "lam"), check_finite(phi, "phi"))
     except ValueError as cause:
         if isinstance(cause, InputError):
             raise

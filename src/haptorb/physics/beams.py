@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import InputError, UnknownName
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.physics.hook import Hook
 
 __all__ = [
@@ -86,7 +86,7 @@ def appendix_b(hook: Hook, *, deflection: float | None = None, shear_ratio: floa
     h0 = hook.thickness
     L_b, L_m, H_b, tan = hook.base_length / h0, hook.peak / h0, hook.height / h0, math.tan(hook.rear)
     rho = 1.0 / (1.0 + H_b)  # (B.2a)
-    H_x = H_b if deflection is None else 1.0 + float(finite(deflection, "deflection")) / h0  # (13), or (B.2b)
+    H_x = H_b if deflection is None else 1.0 + float(check_finite(deflection, "deflection")) / h0  # (13), or (B.2b)
     a = 1.0 - L_b * tan
     return Appendix(
         plus_1=4.0 * (1.0 + 0.3 / L_b**2 * shear_ratio) * L_b**3,  # (B.3)
@@ -132,7 +132,7 @@ def compliance(
     """
     if model not in MODELS:
         raise UnknownName("beam model", str(model), MODELS)
-    at = finite(x, "x")
+    at = check_finite(x, "x")
     h0 = hook.thickness
     if at.size and (at.min() < 0.0 or at.max() > hook.tip * (1 + 1e-9)):
         raise InputError(
@@ -161,8 +161,8 @@ def force_ratio(slope: ArrayLike, friction: float, loading: bool) -> Array:
     >>> float(force_ratio(0.0, 0.134, loading=True).round(3))        # dwelling: μ itself
     0.134
     """
-    angle = math.atan(float(finite(friction, "friction")))
-    out: Array = np.tan(finite(slope, "slope") + (angle if loading else -angle))
+    angle = math.atan(float(check_finite(friction, "friction")))
+    out: Array = np.tan(check_finite(slope, "slope") + (angle if loading else -angle))
     return out
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import GeometryError, InputError, quote
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 
 __all__ = ["METALS_FROM", "TABLE_3", "Hook"]
 
@@ -100,15 +100,6 @@ class Hook:
         return min(self.base_length + self.height / math.tan(self.rear), self.peak)
 
     @property
-    def flat_length(self) -> float:
-        """Length of the flat top between rear face and peak [m].
-
-        >>> round(TABLE_3.flat_length * 1e3, 2)
-        3.11
-        """
-        return self.peak - self.ramp_end
-
-    @property
     def tip(self) -> float:
         """ℓ_t, where the front face comes down to the base beam [m]."""
         return self.peak + self.height / math.tan(self.front)
@@ -132,7 +123,7 @@ class Hook:
         >>> (TABLE_3.section([0.0, 0.0054, 0.0096]) * 1e3).round(6).tolist()
         [0.6, 0.6, 2.4]
         """
-        at = finite(x, "x")
+        at = check_finite(x, "x")
         knots = [0.0, self.base_length, self.ramp_end, self.peak, self.tip]
         above = [0.0, 0.0, self.height, self.height, 0.0]
         if self.ramp_end >= self.peak:  # no flat top: one knot less

@@ -16,15 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import GeometryError, InputError, PrecisionError
-from haptorb.numerics.arrays import Array, finite, rotation, vectors
-from haptorb.physics.sources.coil import Coil
-from haptorb.physics.sources.cylinder import CylinderMagnet
-from haptorb.physics.sources.dipole import MU0
-from haptorb.physics.sources.ring import RingMagnet
+from haptorb.numerics.arrays import Array, check_finite, rotation, vectors
 from haptorb.physics.sources.round_body import RoundBody
 from haptorb.physics.sources.source import Source
 
-__all__ = ["BoundedValue", "filament_wrench", "flux_linkage", "wrench", "wrench_on_charges"]
+__all__ = ["BoundedValue", "filament_wrench", "wrench"]
 
 #: Gauss points across, along, and steps around: balanced for flat coils near flat magnets, each row about 2.7 times the
 #: one before
@@ -69,6 +65,7 @@ def wrench(
     vanish; `bound` (6,) holds what was reached. Raises PrecisionError (with the best reached) and GeometryError when
     the target reaches into the source.
 
+    >>> from haptorb.physics.sources.cylinder import CylinderMagnet
     >>> magnet = CylinderMagnet(radius=0.02, length=0.04, polarization=1.3)
     >>> push = wrench(magnet, magnet, (0, 0, 0.05), np.diag([1.0, -1.0, -1.0]))    # opposed, 10 mm apart
     >>> round(float(push.value[2]), 3)
@@ -79,7 +76,7 @@ def wrench(
 
     def integral(level: tuple[int, int, int]) -> tuple[Array, Array]:
         points, elements = _elements(target, level, place, R)
-        _outside(source, points)
+        _check_outside(source, points)
         return filament_wrench(source.field(points), points, elements, pivot)
 
     return _refine(integral, precision, "wrench")
@@ -96,68 +93,6 @@ def filament_wrench(field: Array, points: Array, elements: Array, pivot: Array) 
     return np.concatenate([df.sum(axis=0), dt.sum(axis=0)]), gross
 
 
-def wrench_on_charges(
-    source: Source,
-    magnet: CylinderMagnet | RingMagnet,
-    position: ArrayLike,
-    turn: ArrayLike,
-    *,
-    about: ArrayLike | None = None,
-    precision: float = 1e-8,
-) -> BoundedValue:
-    """The wrench of `source` on a magnet, from magnetic charges ±M on its faces: dF = ±M B dA, a second formulation.
-
-    Arguments, result and errors are those of `wrench`. It costs more where the source is a coil, whose field is itself
-    an integral; it shares nothing with `wrench` but the fields.
-
-    Value (6,) [N, N·m] with its error bound.
-    """
-    place, R = _pose(position, turn)
-    pivot = place if about is None else vectors(about, "about")
-    lift, density = np.array([0.0, 0.0, 0.5 * magnet.length]), magnet.polarization / MU0
-
-    def integral(level: tuple[int, int, int]) -> tuple[Array, Array]:
-        disc, area = _disc(magnet.inner_radius, magnet.outer_radius, 3 * level[0], level[2])
-        faces = np.concatenate([disc + lift, disc - lift])
-        points = faces @ R.T + place
-        _outside(source, points)
-        charge = density * np.concatenate([area, -area])
-        df = charge[:, None] * source.field(points)
-        dt = np.cross(points - pivot, df)
-        gross = np.array([np.linalg.norm(df, axis=1).sum(), np.linalg.norm(dt, axis=1).sum()])
-        return np.concatenate([df.sum(axis=0), dt.sum(axis=0)]), gross
-
-    return _refine(integral, precision, "wrench on charges")
-
-
-def flux_linkage(
-    source: Source, coil: Coil, position: ArrayLike, turn: ArrayLike, *, precision: float = 1e-8
-) -> BoundedValue:
-    """Flux (1,) [Wb] of `source` linked with all turns of `coil`, whose pose is given as for `wrench`.
-
-    Every point of the bore is encircled by all turns, a point of the winding by those outside it. Its derivative by a
-    displacement or a rotation of the source is the force or torque on the source at one ampere (virtual work).
-    """
-    place, R = _pose(position, turn)
-    ri, ro = coil.inner_radius, coil.outer_radius
-    lift = np.array([0.0, 0.0, 0.5 * coil.length])
-
-    def integral(level: tuple[int, int, int]) -> tuple[Array, Array]:
-        y, v = np.polynomial.legendre.leggauss(level[1])
-        bore, bore_area = _disc(0.0, ri, 2 * level[0], level[2])
-        wire, wire_area = _disc(ri, ro, 2 * level[0], level[2])
-        turns = (ro - np.hypot(wire[:, 0], wire[:, 1])) / (ro - ri)
-        disc, area = np.concatenate([bore, wire]), np.concatenate([bore_area, wire_area * turns])
-        layers = np.concatenate([disc + height * lift for height in y])
-        weight = 0.5 * coil.turns * np.concatenate([share * area for share in v])
-        points = layers @ R.T + place
-        _outside(source, points)
-        flux = weight * (source.field(points) @ R[:, 2])
-        return np.array([flux.sum()]), np.array([np.abs(flux).sum()])
-
-    return _refine(integral, precision, "flux linkage")
-
-
 def _pose(position: ArrayLike, turn: ArrayLike) -> tuple[Array, Array]:
     place, R = vectors(position, "position"), rotation(turn, "turn")
     if place.shape != (3,) or R.shape != (3, 3):
@@ -165,7 +100,7 @@ def _pose(position: ArrayLike, turn: ArrayLike) -> tuple[Array, Array]:
     return place, R
 
 
-def _outside(source: Source, points: Array) -> None:
+def _check_outside(source: Source, points: Array) -> None:
     inside = source.contains(points)
     if inside.any():
         where = points[inside][0].tolist()
@@ -173,7 +108,7 @@ def _outside(source: Source, points: Array) -> None:
 
 
 @lru_cache(maxsize=64)
-def _around(steps: int) -> tuple[Array, Array]:
+def _circle_nodes(steps: int) -> tuple[Array, Array]:
     angle = 2 * np.pi * (np.arange(steps) + 0.5) / steps
     return np.cos(angle), np.sin(angle)
 
@@ -181,7 +116,7 @@ def _around(steps: int) -> tuple[Array, Array]:
 def _elements(target: RoundBody, level: tuple[int, int, int], place: Array, R: Array) -> tuple[Array, Array]:
     """Points (n, 3) [m] and current elements I dl (n, 3) [A·m] of a target's filaments, in the common frame."""
     radii, heights, currents = target.filaments(level[0], level[1])
-    cosine, sine = _around(level[2])
+    cosine, sine = _circle_nodes(level[2])
     points = np.empty((len(radii), level[2], 3))
     points[..., 0] = radii[:, None] * cosine
     points[..., 1] = radii[:, None] * sine
@@ -197,7 +132,7 @@ def _disc(inner: float, outer: float, rings: int, steps: int) -> tuple[Array, Ar
     """Points (n, 3) of a ring-shaped face at z = 0, and the area (n,) that each stands for."""
     x, w = np.polynomial.legendre.leggauss(rings)
     radii = 0.5 * (outer + inner) + 0.5 * (outer - inner) * x
-    cosine, sine = _around(steps)
+    cosine, sine = _circle_nodes(steps)
     points = np.zeros((rings, steps, 3))
     points[..., 0] = radii[:, None] * cosine
     points[..., 1] = radii[:, None] * sine
@@ -209,7 +144,7 @@ def _refine(
     integral: Callable[[tuple[int, int, int]], tuple[Array, Array]], precision: float, what: str
 ) -> BoundedValue:
     """Run through LEVELS until two in a row agree: the coarser one's error is the bound of the finer one's."""
-    if not 0 < float(finite(precision, "precision")) < 1:
+    if not 0 < float(check_finite(precision, "precision")) < 1:
         raise InputError(f"precision must be a relative error between 0 and 1; got {precision!r}")
     best: tuple[float, BoundedValue] | None = None
     last, _ = integral(LEVELS[0])

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.numerics.compiled import kernel
 
 __all__ = ["TwoNode", "endurance_fit", "heat_step", "single_time_constant"]
@@ -40,7 +40,7 @@ class TwoNode:
     """Two heat capacities [J/K] in a row with two conductances [W/K]; all rises are above the ambient [K].
 
     >>> coil = TwoNode(15.0, 73.0, 1.9, 1 / 3)
-    >>> coil.steady(17.0).round(2).tolist()
+    >>> coil.steady_rise(17.0).round(2).tolist()
     [59.95, 51.0]
     """
 
@@ -52,7 +52,7 @@ class TwoNode:
     def __post_init__(self) -> None:
         for name in ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air"):
             value = getattr(self, name)
-            if not float(finite(value, name)) > 0.0:
+            if not float(check_finite(value, name)) > 0.0:
                 raise InputError(f"{name} of a coil's heat must be positive; got {value}")
 
     def _system(self, heating: float = 0.0) -> tuple[Array, Array]:
@@ -77,7 +77,7 @@ class TwoNode:
         _, rates = self._system()
         return float(-1 / rates[0]), float(-1 / rates[1])
 
-    def steady(self, power: float) -> Array:
+    def steady_rise(self, power: float) -> Array:
         """(2,) rise of winding and body [K] when `power` [W] has flowed for ever."""
         body = power / self.body_to_air
         return np.array([body + power / self.winding_to_body, body])
@@ -90,21 +90,21 @@ class TwoNode:
         >>> bool((TwoNode(15.0, 73.0, 1.9, 1 / 3).step(0.0) == [[1, 0, 0], [0, 1, 0]]).all())
         True
         """
-        if not float(finite(dt, "dt")) >= 0.0:
+        if not float(check_finite(dt, "dt")) >= 0.0:
             raise InputError(f"dt must be 0 or more; got {dt} s")
         rate, (fast, slow) = self._system()
         # exp(A t) by its two eigenvalues: (e^λ₂t (A − λ₁) − e^λ₁t (A − λ₂)) / (λ₂ − λ₁), with differences kept small.
         grown = (np.expm1(slow * dt) * (rate - fast * np.eye(2)) - np.expm1(fast * dt) * (rate - slow * np.eye(2))) / (
             slow - fast
         )
-        return np.hstack([np.eye(2) + grown, -(grown @ self.steady(1.0))[:, None]])
+        return np.hstack([np.eye(2) + grown, -(grown @ self.steady_rise(1.0))[:, None]])
 
     def rise(self, t: ArrayLike, power: float, start: ArrayLike = (0.0, 0.0)) -> Array:
         """(..., 2) rise of winding and body [K] at times `t` (...) [s] under constant `power` [W]."""
-        steady = self.steady(power)
-        times = finite(t, "t")
+        steady = self.steady_rise(power)
+        times = check_finite(t, "t")
         rate, (fast, slow) = self._system()
-        gap = finite(start, "start") - steady
+        gap = check_finite(start, "start") - steady
         towards = rate @ gap
         one, two = (towards - slow * gap) / (fast - slow), (towards - fast * gap) / (slow - fast)
         rises: Array = steady + np.exp(fast * times)[..., None] * one + np.exp(slow * times)[..., None] * two
@@ -133,7 +133,7 @@ class TwoNode:
         """
         if drive not in _DRIVES:
             raise InputError(f"drive must be one of {', '.join(_DRIVES)}; got {drive!r}")
-        begin = finite(start, "start")
+        begin = check_finite(start, "start")
         if begin.shape != (2,):
             raise InputError(f"start must be the rises of winding and body, shape (2,); got {begin.shape}")
         if not (power >= 0.0 and np.isfinite(power) and np.isfinite(rise) and coefficient >= 0.0):

@@ -10,7 +10,7 @@ from haptorb.files.text_file import read_text
 from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
 
-__all__ = ["read_calibration", "read_frame", "writable", "write_calibration", "write_frame"]
+__all__ = ["check_writable", "read_calibration", "read_frame", "write_calibration", "write_frame"]
 
 _MOST = 1024 * 1024  #: bytes
 
@@ -25,7 +25,7 @@ def read_frame(path: str | Path) -> TrackerFrame:
     return TrackerFrame.parse(read_text(path, "frame", CalibrationError, _MOST), str(path))
 
 
-def writable(path: str | Path, *, overwrite: bool) -> Path:
+def check_writable(path: str | Path, *, overwrite: bool) -> Path:
     """`path`, if a calibration or frame may be written there; asked before anything is measured.
 
     Raises CalibrationError if the file exists and `overwrite` is not set, or if there is no folder for it.
@@ -46,7 +46,7 @@ def writable(path: str | Path, *, overwrite: bool) -> Path:
 def write_calibration(calibration: Calibration, path: str | Path, *, overwrite: bool = False) -> None:
     """Write the file; nothing is written half.
 
-    Raises CalibrationError for what `writable` does not allow, or if the system cannot write it.
+    Raises CalibrationError for what `check_writable` does not allow, or if the system cannot write it.
     """
     _write(calibration.text(), path, overwrite)
 
@@ -57,7 +57,7 @@ def write_frame(frame: TrackerFrame, path: str | Path, *, overwrite: bool = Fals
 
 
 def _write(text: str, path: str | Path, overwrite: bool) -> None:
-    place = writable(path, overwrite=overwrite)
+    place = check_writable(path, overwrite=overwrite)
     try:
         with replace_file(place) as part:
             part.write_text(text, encoding="utf-8")

@@ -22,7 +22,7 @@ __all__ = ["Estimator", "EstimatorChoice", "EstimatorSettings", "TrackedPose", "
 
 
 @kernel
-def _finite(p: Array, R: Array, v: Array, w: Array) -> bool:
+def _is_finite(p: Array, R: Array, v: Array, w: Array) -> bool:
     total = 0.0  # a sum is not finite as soon as one part of it is not
     for i in range(3):
         total += p[i] + v[i] + w[i]
@@ -65,7 +65,7 @@ class TrackedPose(Estimator):
         """The estimate after `sample`."""
         pose = sample.pose
         last = self._last
-        if not _finite(pose.p, pose.R_SR, pose.v, pose.w):
+        if not _is_finite(pose.p, pose.R_SR, pose.v, pose.w):
             return Estimate(last.state, last.wrench_map, False, sample.t - pose.t)
         state = State(sample.t, pose.R_SR, pose.p, pose.w, pose.v)
         try:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.soft_sphere import SoftSphere
@@ -33,7 +33,7 @@ def true_wrench(
         tool.outer_radius, tool.inner_radius, tool.length, tool.remanence, radial=radial, azimuth=azimuth
     )
     at, q = ring.points @ state.R_SR.T + state.p, ring.charges
-    moment = device.moment_per_current @ finite(currents, "currents")
+    moment = device.moment_per_current @ check_finite(currents, "currents")
     forces = q[:, None] * dipole.field(np.broadcast_to(moment, at.shape), at)
     forces = forces + SoftSphere(device.core_radius, device.core_permeability).forces(at, q, precision=1e-9)
     return np.concatenate([forces.sum(axis=0), np.cross(at - state.p, forces).sum(axis=0)])

@@ -63,7 +63,7 @@ def check(world: Any) -> None:
             wanted = f"{known.size} numbers" if isinstance(known.default, tuple) else "a finite number, not a list"
             raise InputError(f"{kind}.{name} must be {wanted}; got {quote(value)}")
         for number in value if several else (value,):
-            if isinstance(number, bool) or not isinstance(number, int | float) or not _finite(number):
+            if isinstance(number, bool) or not isinstance(number, int | float) or not _is_finite(number):
                 raise InputError(f"{kind}.{name} must be a finite number; got {quote(value)}")
             if not known.low <= number <= known.high:
                 raise InputError(
@@ -71,7 +71,7 @@ def check(world: Any) -> None:
                 )
 
 
-def _finite(number: float) -> bool:
+def _is_finite(number: float) -> bool:
     try:
         return math.isfinite(number)
     except OverflowError:  # an integer that no float can hold

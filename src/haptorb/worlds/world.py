@@ -26,11 +26,11 @@ def _cut(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
 
 
-def _tell(value: float | tuple[float, ...]) -> str:
+def _format_value(value: float | tuple[float, ...]) -> str:
     return f"({', '.join(f'{x:g}' for x in value)})" if isinstance(value, tuple) else f"{value:g}"
 
 
-def _plain(value: Any) -> Any:
+def _to_tuple(value: Any) -> Any:
     """Arrays and lists as tuples, a number of numpy's as Python's."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
@@ -68,10 +68,10 @@ class World(Presentable, ABC):
         """As a call: all parameters, or, where that is long, those that are not at their defaults."""
         known, now = _parameter.parameters(type(self)), _parameter.values(self)
         name = type(self).__name__
-        whole = f"{name}({', '.join(f'{key}={_tell(value)}' for key, value in now.items())})"
+        whole = f"{name}({', '.join(f'{key}={_format_value(value)}' for key, value in now.items())})"
         if len(whole) <= _LONGEST:
             return whole
-        other = [f"{key}={_tell(value)}" for key, value in now.items() if value != known[key].default]
+        other = [f"{key}={_format_value(value)}" for key, value in now.items() if value != known[key].default]
         return _cut(f"{name}({', '.join(other)})")
 
     def _list_facts(self) -> list[tuple[str, str]]:
@@ -84,7 +84,7 @@ class World(Presentable, ABC):
         now = _parameter.values(self)
         rows = [
             [
-                f"{one.name}: {one.about}", f"{_tell(now[one.name])} {one.unit.removeprefix('1')}".rstrip(),
+                f"{one.name}: {one.about}", f"{_format_value(now[one.name])} {one.unit.removeprefix('1')}".rstrip(),
                 f"{one.low:g} to {one.high:g}",
             ]
             for one in _parameter.parameters(type(self)).values()
@@ -98,7 +98,7 @@ class World(Presentable, ABC):
     def replace(self, **values: Any) -> Self:
         """A copy with some parameters changed; UnknownName and InputError as in the constructor."""
         _parameter.check_names(type(self), values)
-        tuples = {key: _plain(value) for key, value in values.items()}
+        tuples = {key: _to_tuple(value) for key, value in values.items()}
         return replace(self, **tuples)
 
     def __add__(self, other: World) -> Sum:

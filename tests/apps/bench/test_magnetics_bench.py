@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from haptorb.apps.bench import magnetics, peers
-from haptorb.apps.bench.contest import Contest, Result, fastest
+from haptorb.apps.bench.contest import Contest, Result, measure_fastest
 from haptorb.apps.cli import main
 
 pytest.importorskip("magpylib")
@@ -81,7 +81,7 @@ def test_ratios_are_against_our_fastest():
 
 def test_fastest_is_per_item():
     calls = []
-    assert fastest(lambda: calls.append(1), per_call=10, budget=0.001) < 1e-4
+    assert measure_fastest(lambda: calls.append(1), per_call=10, budget=0.001) < 1e-4
     assert len(calls) >= 3
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from haptorb.apps.calibrate import calibrate, thermal_record
-from haptorb.apps.calibrate.driver import door
+from haptorb.apps.calibrate.driver import make_driver
 from haptorb.apps.cli import main
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
@@ -49,7 +49,7 @@ class Rewired(Driver):
 
 def measured(device=OMNI, truth=None, **changes):
     """Calibrate `device` on a simulation of `truth`."""
-    inner, pace = door("sim", truth or device, 3)
+    inner, pace = make_driver("sim", truth or device, 3)
     driver = Rewired(inner, **changes)
     try:
         return calibrate(device, driver, pace=pace)
@@ -104,7 +104,7 @@ def test_a_tool_nearby_is_named_and_nothing_is_driven():
         return duties
 
     inner = SimDriver.of(OMNI, 2e-3)  # without the hand that holds the tool away
-    _, pace = door("sim", OMNI)
+    _, pace = make_driver("sim", OMNI)
     with pytest.raises(CalibrationError, match="take the tool"):
         calibrate(OMNI, Rewired(inner, duties=remembered), pace=pace)
     assert max(driven) == 0.0
@@ -187,7 +187,7 @@ def test_heat_from_a_table(tmp_path):
     found = thermal_record(table(tmp_path / "heat.csv", rows), OMNI).identify()
     assert found.endurance(60.0, 240.0) == pytest.approx(5.0, rel=0.1)
     assert found.endurance(60.0, 60.0) == pytest.approx(60.0, rel=0.1)
-    assert found.model.steady(17.0)[0] == pytest.approx(60.0, rel=0.1)
+    assert found.model.steady_rise(17.0)[0] == pytest.approx(60.0, rel=0.1)
     short = [f"{n},17.0,{30 + n // 4},{25 + n // 9}" for n in range(40)]
     with pytest.raises(CalibrationError, match="does not determine"):
         thermal_record(table(tmp_path / "short.csv", short), OMNI).identify()
@@ -195,7 +195,7 @@ def test_heat_from_a_table(tmp_path):
 
 def test_the_angle_between_coils_is_told():
     said = []
-    inner, pace = door("sim", OMNI)
+    inner, pace = make_driver("sim", OMNI)
     calibrate(OMNI, inner, pace=pace, say=said.append)
     x, y = OMNI.moment_per_current[:, 0], OMNI.moment_per_current[:, 1]
     truth = np.degrees(np.arccos(x @ y / np.linalg.norm(x) / np.linalg.norm(y)))
@@ -235,7 +235,7 @@ def test_heat_from_a_recording(tmp_path, monkeypatch):
     assert np.isnan(record.winding[-1])
     found = record.identify()
     assert found.endurance(60.0, 60.0) == pytest.approx(60.0, rel=0.1)
-    assert found.model.steady(17.0)[0] == pytest.approx(60.0, rel=0.1)
+    assert found.model.steady_rise(17.0)[0] == pytest.approx(60.0, rel=0.1)
     monkeypatch.setattr(Told, "digest", "e" * 64)
     with pytest.raises(CalibrationError, match="was recorded on device 'omni' with file eeee"):
         thermal_record("heat.mcap", OMNI)
@@ -271,6 +271,6 @@ def test_the_command(tmp_path, monkeypatch, capsys):
 
 def test_doors_that_are_none():
     with pytest.raises(UnknownName, match="driver"):
-        door("usb", OMNI)
+        make_driver("usb", OMNI)
     with pytest.raises(InputError, match="serial:PORT"):
-        door("serial:", OMNI)
+        make_driver("serial:", OMNI)

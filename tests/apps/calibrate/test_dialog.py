@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from haptorb.apps.calibrate.dialog import Dialog, check_steps, guide_calibration
-from haptorb.apps.calibrate.driver import door
+from haptorb.apps.calibrate.driver import make_driver
 from haptorb.apps.calibrate.heating import HeatingSchedule
 from haptorb.apps.calibrate.progress_file import ProgressFile
 from haptorb.apps.cli import main
@@ -35,7 +35,7 @@ class Bench(Driver):
     name, simulated = "bench", True
 
     def __init__(self, sample: Any = lambda s: s, truth: Any = OMNI) -> None:
-        self.inner, self.pace = door("sim", truth, 5)
+        self.inner, self.pace = make_driver("sim", truth, 5)
         self.sample, self.kept, self.opened, self.written = sample, bytes(16), 0, 0
 
     @property
@@ -87,7 +87,7 @@ def through(bench: Bench, out: Path, **wants: Any) -> Any:
 def test_all_steps_make_one_file_and_its_id_is_kept_by_the_device(tmp_path: Path) -> None:
     said: list[str] = []
     out = tmp_path / "omni.json"
-    inner, pace = door("sim", OMNI, 3)
+    inner, pace = make_driver("sim", OMNI, 3)
     course = HeatingSchedule(heating=90.0, cooling=60.0)
     found = guide_calibration(OMNI, inner, out, pace=pace, guide=Dialog(said.append), course=course)
     assert found is not None

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptorb.apps.calibrate.driver import door
+from haptorb.apps.calibrate.driver import make_driver
 from haptorb.apps.calibrate.heating import HeatingSchedule, identify_heat
 from haptorb.apps.calibrate.measure import DriverSession
 from haptorb.devices.loader import load
@@ -26,7 +26,7 @@ class Hesitant(Driver):
     name, simulated = "hesitant", True
 
     def __init__(self, trips: Iterable[float], kind: type[DriverError] = HostSilent) -> None:
-        self.inner, self.pace = door("sim", OMNI, 5)
+        self.inner, self.pace = make_driver("sim", OMNI, 5)
         self.trips, self.kind, self.off, self.live, self.engaged = sorted(trips), kind, False, False, 0
 
     def open(self) -> None:

@@ -113,10 +113,10 @@ def test_this_machine() -> None:
     assert machine.kernel
     watch = StolenTimeCounter(os.getpid())
     sum(range(2_000_000))
-    took = watch.took()
+    took = watch.measure()
     assert 0 <= took.stolen <= 1
     assert 0 <= took.others <= (os.cpu_count() or 1)
-    assert StolenTimeCounter(2**22 + 1).took().preempted == 0  # a process that is not there
+    assert StolenTimeCounter(2**22 + 1).measure().preempted == 0  # a process that is not there
 
 
 def test_dragging_stays_on_the_dome() -> None:

@@ -25,7 +25,7 @@ LATE = Setting(1000.0, 240.0, 5e-3)
 def test_the_simulated_boundary_is_within_15_percent(rate, tracker_rate, latency, grip):
     """Of the exact boundary and of the rough condition, for the whole chain with coils, drive, guard and magnets."""
     setting = Setting(rate, tracker_rate, latency, grip, GRIPS[grip])
-    loop, hand = setting.loop(OMNI), GRIPS[grip].holding(OMNI.tool.mass)
+    loop, hand = setting.loop(OMNI), GRIPS[grip].with_mass(OMNI.tool.mass)
     found = boundary(OMNI, GRIPS[grip], loop.largest(hand), rate, tracker_rate, latency, precision=0.04)
     assert found == pytest.approx(loop.largest(hand), rel=0.15)
     assert found == pytest.approx(loop.delay_bound(hand.damping), rel=0.15)
@@ -34,7 +34,7 @@ def test_the_simulated_boundary_is_within_15_percent(rate, tracker_rate, latency
 def test_the_hall_trackers_filter_is_part_of_the_loop():
     """It halves what can be rendered, as the eigenvalues say and as the simulated chain does."""
     plain, filtered = Setting(), Setting(bandwidth=100.0)
-    hand = GRIPS["light"].holding(OMNI.tool.mass)
+    hand = GRIPS["light"].with_mass(OMNI.tool.mass)
     expected = filtered.loop(OMNI).largest(hand)
     assert expected < 0.6 * plain.loop(OMNI).largest(hand)
     assert grows(OMNI, GRIPS["light"], 1.15 * expected, 1000.0, None, 0.0, hall=True)

@@ -15,7 +15,7 @@ from haptorb.control.protection.trip import CoilState, GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
-from haptorb.runtime.pointer.guided_motion import upright
+from haptorb.runtime.pointer.guided_motion import upright_quaternion
 from haptorb.runtime.row import RowLayout
 from haptorb.worlds import find_world
 from haptorb.worlds.parameter import values as parameter_values
@@ -33,7 +33,7 @@ class FakeServo:
     model = "exact"
 
     def __init__(self, device: str = "omni", world: str = "dome") -> None:
-        self.tracker_refused: dict[str, int] = {}
+        self.tracker_refusals: dict[str, int] = {}
         self.device = load(device)
         self.layout = RowLayout.of(self.device)
         self.alive = True
@@ -151,11 +151,11 @@ class FakeServo:
             "valid": float(self.valid),
             "age": 0.0,
             "p": p,
-            "q": upright(p),
+            "q": upright_quaternion(p),
             "v": 0.0,
             "w": 0.0,
             "target": self.target,
-            "target_q": upright(self.target),
+            "target_q": upright_quaternion(self.target),
             "asked": asked,
             "modelled": asked,
             "given": given,

@@ -64,7 +64,7 @@ def test_before_engaging_an_expired_drag_is_let_go(servo):
     hand = PointerRelay(servo)
     hand.point(pointer(1.0, 0.01, held=True))
     hand.release()
-    hand.steady()
+    hand.end_expired_drag()
     assert servo.count("release") == 1
 
 

@@ -374,12 +374,12 @@ def test_health_is_told_and_the_servos_end_too(client, servo):
 
 def test_poses_of_another_sender_are_told(client, servo):
     client.event("role", control=True)
-    servo.tracker_refused = {"another_sender": 7, "garbage": 100}
+    servo.tracker_refusals = {"another_sender": 7, "garbage": 100}
     told = client.event("mistake")["text"]
     assert "7 poses from another sender" in told
     assert "100" not in told
     client.events.clear()
-    servo.tracker_refused = {"another_sender": 9, "garbage": 100, "jump": 1}
+    servo.tracker_refusals = {"another_sender": 9, "garbage": 100, "jump": 1}
     assert "2 poses from another sender" in client.event("mistake")["text"]
 
 

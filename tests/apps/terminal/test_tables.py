@@ -29,7 +29,7 @@ def omni_card():
     layers = tuple(Layer(d, 1.1752, 0.5221, 0.2794, 0.1243, 0.0529, 0.1562) for d in (0.050, 0.070))
     card._capability = ShellCapability(layers, ((1.0, 4.2), (0.25, 668.0), (0.2, float("inf"))))
     able = FeasibleWrench(np.zeros((8, 3)), np.zeros((8, 3)), np.zeros((4, 3)), np.array([0.5, 0, 0.87]), 0.522, 0.0098)
-    card._feasible = [(State.at((0.0, 0.0, 0.05)), able)]
+    card._feasible_wrenches = [(State.at((0.0, 0.0, 0.05)), able)]
     card._predicted = np.diag([0.1875, 0.2045, 0.2242])
     return card.show, ["[mm]", "[mN]", "[mN·m]", "[°]", "[JND]", "[m²]", "1175", "522", "279", "124", "52.9", "15.6",
                        "2.2", "+0.1875", "tangential", "668 s"]  # fmt: skip
@@ -46,7 +46,7 @@ def pmsm_card():
     shares = np.full((3, card._device.channels), 0.125)
     card._capability = MotorCapability(np.zeros(2), 4, grid, 0.1 * grid, flat, flat, 100 * grid, shares)
     card._endurance = ((1.0, 12.0), (0.5, float("inf")))
-    card._upright = np.full((4, 3), 0.217)
+    card._righting_torques = np.full((4, 3), 0.217)
     return card.show, ["[N·m]", "[W]", "[%]", "1.23", "0.123", "+EM1", "−EM13", "7.77", "0.217"]
 
 

@@ -2,12 +2,12 @@
 
 import gc
 
-from haptorb.apps.web.server import hurry
+from haptorb.apps.web.server import prioritize
 
 
 def test_what_exists_is_not_searched_for_garbage_while_it_serves():
     assert gc.get_freeze_count() == 0
-    with hurry():
+    with prioritize():
         assert gc.get_freeze_count() > 10_000
         assert len(gc.get_objects()) < 1_000
     assert gc.get_freeze_count() == 0
@@ -16,7 +16,7 @@ def test_what_exists_is_not_searched_for_garbage_while_it_serves():
 def test_what_somebody_else_froze_stays_frozen():
     gc.freeze()
     try:
-        with hurry():
+        with prioritize():
             pass
         assert gc.get_freeze_count() > 0
     finally:

@@ -9,7 +9,7 @@ from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 
 from haptorb.apps.web.access import AccessGate
-from haptorb.apps.web.token import TOKEN, choose_token, knows
+from haptorb.apps.web.token import TOKEN, choose_token, is_authorized
 from haptorb.errors import InputError
 
 KEY = "a-token_of-22-letters0"
@@ -50,7 +50,7 @@ def test_what_cannot_be_one_is_refused(monkeypatch, given):
     ],
 )
 def test_where_it_is_shown(headers, known):
-    assert knows(Headers(headers), KEY) is known
+    assert is_authorized(Headers(headers), KEY) is known
 
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from haptorb.devices.motor.layouts import Layout, PartRing, alternating, spherical_frames
+from haptorb.devices.motor.layouts import Layout, PartRing, alternate_signs, spherical_frames
 from haptorb.errors import InputError
 
 
@@ -32,7 +32,7 @@ def test_frames_exist_at_the_poles(pole):
 
 def test_a_checkerboard_alternates_along_and_across_and_is_odd_through_the_centre_by_radial_sense():
     rings = [PartRing(np.radians(a), 12, 0.0, np.radians(30)) for a in (-15, 15)]
-    layout, signs = Layout.of_rings(1.0, rings), alternating([12, 12], "checkerboard")
+    layout, signs = Layout.of_rings(1.0, rings), alternate_signs([12, 12], "checkerboard")
     between = layout.directions @ layout.directions.T
     neighbours = (between > np.cos(np.radians(31))) & (between < 0.999)
     for i, j in zip(*np.nonzero(neighbours), strict=True):
@@ -42,9 +42,9 @@ def test_a_checkerboard_alternates_along_and_across_and_is_odd_through_the_centr
 
 
 def test_in_phase_rings_are_alike():
-    np.testing.assert_array_equal(*np.split(alternating([12, 12], "in-phase"), 2))
+    np.testing.assert_array_equal(*np.split(alternate_signs([12, 12], "in-phase"), 2))
 
 
 def test_another_pattern_is_refused():
     with pytest.raises(InputError, match="checkerboard"):
-        alternating([4], "stripes")
+        alternate_signs([4], "stripes")

@@ -62,4 +62,4 @@ def test_the_exactly_opposite_turn_has_a_way_too():
     opposite = np.array([rest[3], rest[2], -rest[1], -rest[0]])
     assert abs(opposite @ rest) < 1e-12
     for share in np.linspace(0, 1, 11):
-        assert np.linalg.norm(HandleMotion().back(np.zeros(3), opposite, share)[1]) == pytest.approx(1.0)
+        assert np.linalg.norm(HandleMotion().pose_on_return(np.zeros(3), opposite, share)[1]) == pytest.approx(1.0)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from haptorb.devices.state import rotation_to_axis
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.memory.histogram import BINS, Histogram
-from haptorb.runtime.pointer.guided_motion import DURATION, position_on_path, upright
+from haptorb.runtime.pointer.guided_motion import DURATION, position_on_path, upright_quaternion
 from haptorb.runtime.pointer.pointer import PointerSource, PointerState, PointerTracker
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -75,7 +75,7 @@ def test_the_guided_motion_is_a_hands() -> None:
 
 @given(st.lists(st.floats(-1, 1), min_size=3, max_size=3).map(np.array).filter(lambda p: np.linalg.norm(p) > 1e-3))
 def test_upright_is_the_shortest_turn(p: Array) -> None:
-    q = upright(p)
+    q = upright_quaternion(p)
     assert np.linalg.norm(q) == pytest.approx(1)
     assert _matrix(q) @ Z == pytest.approx(p / np.linalg.norm(p), abs=2e-6)
     if p[2] > -0.99 * np.linalg.norm(p):
@@ -84,8 +84,8 @@ def test_upright_is_the_shortest_turn(p: Array) -> None:
 
 def test_upright_where_no_way_is_the_shortest() -> None:
     for p in (np.zeros(3), np.array([0.0, 0.0, -0.05])):
-        assert np.linalg.norm(upright(p)) == 1.0
-    assert _matrix(upright(-Z)) @ Z == pytest.approx(-Z)
+        assert np.linalg.norm(upright_quaternion(p)) == 1.0
+    assert _matrix(upright_quaternion(-Z)) @ Z == pytest.approx(-Z)
 
 
 def test_guided_until_held_then_back_to_rest() -> None:
@@ -119,7 +119,7 @@ def test_released_anywhere(p: Array) -> None:
     hand = Hand()
     tracker = PointerTracker(hand)
     for place in (p, -position_on_path(DURATION), np.zeros(3)):
-        hand.now = PointerState(True, place, upright(place), 0.0)
+        hand.now = PointerState(True, place, upright_quaternion(place), 0.0)
         tracker.goal(0.0)
         hand.now = hand.now._replace(held=False)
         for t in np.linspace(0.0, 2.0, 50):

@@ -70,7 +70,7 @@ class Host(Commands):
         self._shared = shared
 
     @property
-    def _attached(self) -> SharedMemory:
+    def _memory_or_none(self) -> SharedMemory:
         return self._shared
 
     def check(self) -> None:
@@ -119,9 +119,9 @@ def test_another_model_is_inverted_from_the_next_tick_on() -> None:
     seen: list[float] = []
 
     def see(host: Host) -> None:
-        latest = host._attached.ring.latest()
+        latest = host._memory_or_none.ring.latest()
         assert latest is not None
-        seen.append(latest[host._attached.layout["model"]][0])
+        seen.append(latest[host._memory_or_none.layout["model"]][0])
 
     def choose(host: Host) -> None:
         see(host)

@@ -20,7 +20,7 @@ def heard(state: Callable[[int], str]) -> tuple[int, str]:
     now = [0]
     life = HostHeartbeat(lambda: state(now[0]))
     for now[0] in range(int(LATE * 1e3), 1000):
-        if why := life.trouble(now[0] * MS, now[0] * MS):
+        if why := life.explain_silence(now[0] * MS, now[0] * MS):
             return now[0], why
     raise AssertionError("never")
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptorb.runtime.realtime.keep_core_awake import CoreWaker, busy
+from haptorb.runtime.realtime.keep_core_awake import CoreWaker, busy_share
 from haptorb.runtime.servo.servo import Servo
 
 pytestmark = pytest.mark.realtime(retry=False)
@@ -74,9 +74,9 @@ def test_a_process_that_is_bound_to_no_core_keeps_none_awake() -> None:
 
 @given(ticks, ticks, ticks, ticks)
 def test_busy_is_a_share(worked: int, passed: int, more: int, later: int) -> None:
-    share = busy((worked, passed), (worked + min(more, later), passed + later))
+    share = busy_share((worked, passed), (worked + min(more, later), passed + later))
     assert 0.0 <= share <= 1.0
 
 
 def test_no_time_is_no_business() -> None:
-    assert busy((5, 10), (5, 10)) == 0.0
+    assert busy_share((5, 10), (5, 10)) == 0.0

@@ -7,14 +7,14 @@ import sys
 import pytest
 
 from haptorb.runtime.realtime import realtime_thread as steady_module
-from haptorb.runtime.realtime.realtime_thread import steady
+from haptorb.runtime.realtime.realtime_thread import prepare_thread
 
 
 def test_what_exists_is_not_looked_through_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(steady_module, "urgent", lambda: os.getpid() > 0)
+    monkeypatch.setattr(steady_module, "raise_priority", lambda: os.getpid() > 0)
     usual = sys.getswitchinterval()
     try:
-        assert steady()
+        assert prepare_thread()
         left = len(gc.get_objects())
         assert gc.get_freeze_count() > 10 * left
         assert gc.isenabled()

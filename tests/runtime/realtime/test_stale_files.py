@@ -68,7 +68,7 @@ def test_what_a_killed_program_left_goes_and_nothing_else(folder: Path) -> None:
 
 def test_the_own_files_stay_until_they_are_let_go(folder: Path) -> None:
     shared = SharedMemory.create(RowLayout.of(load("omni")))
-    path, descriptor, claim = recording_file.temporary()
+    path, descriptor, claim = recording_file.create_temporary()
     os.close(descriptor)
     with PrestartedProcess() as standby:
         assert sweep() == 0

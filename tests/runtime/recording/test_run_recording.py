@@ -14,12 +14,12 @@ from haptorb.runtime.recording.run_recording import RunRecording
 
 def test_a_named_file_is_kept_and_told(tmp_path: Path) -> None:
     place = RunRecording(tmp_path / "run.mcap", overwrite=False)
-    assert place.named is None  # not yet
+    assert place.named_path is None  # not yet
     descriptor = place.open()
     assert descriptor is not None
     os.close(descriptor)
-    assert place.named == str(tmp_path / "run.mcap")
-    assert place.temporary is None
+    assert place.named_path == str(tmp_path / "run.mcap")
+    assert place.temporary_path is None
     del place
     gc.collect()
     assert (tmp_path / "run.mcap").exists()
@@ -33,8 +33,8 @@ def test_a_temporary_file_goes_with_its_holder(tmp_path: Path, monkeypatch: pyte
     descriptor = place.open()
     assert descriptor is not None
     os.close(descriptor)
-    assert place.named is None
-    assert [place.temporary] == list(tmp_path.iterdir())
+    assert place.named_path is None
+    assert [place.temporary_path] == list(tmp_path.iterdir())
     del place
     gc.collect()
     assert list(tmp_path.iterdir()) == []
@@ -52,7 +52,7 @@ def test_where_nothing_ran_nothing_is_left(tmp_path: Path) -> None:
 def test_nowhere_is_no_file_and_nothing_to_read() -> None:
     place = RunRecording(False, overwrite=False)
     assert place.open() is None
-    assert place.named is place.temporary is None
+    assert place.named_path is place.temporary_path is None
     place.discard()
     with pytest.raises(RecordingError, match="nothing was recorded"):
         place.read()

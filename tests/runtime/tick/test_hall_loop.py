@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptorb.apps.calibrate import calibrate
-from haptorb.apps.calibrate.driver import door
+from haptorb.apps.calibrate.driver import make_driver
 from haptorb.control.protection.protection import Protection
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.loader import load
@@ -74,7 +74,7 @@ def test_who_has_no_such_tracker_is_told():
 
 def test_a_calibration_is_believed_by_the_controller_only(tmp_path):
     truth = replace(OMNI, moment_per_current=1.04 * OMNI.moment_per_current)
-    driver, pace = door("sim", truth)
+    driver, pace = make_driver("sim", truth)
     found = calibrate(OMNI, driver, pace=pace)
     tick = assemble(
         OMNI, find_world("dome")(), "sim", 1000.0, 0, "exact", PointerTracker(), estimator="hall", calibration=found

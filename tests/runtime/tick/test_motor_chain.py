@@ -197,7 +197,7 @@ def test_a_hand_that_wants_too_much_meets_the_stop():
     rig = Rig(lambda t: (0.0, np.radians(60.0), 0.0), world=Nothing()).go(0.6)
     assert np.degrees(np.arccos(rig.motor.state().R_SR[2, 2])) < 24.0
     assert rig["trip"][-1] == Trip.NONE
-    assert rig.motor.pressed > 0
+    assert rig.motor.stop_deflection > 0
 
 
 def test_two_runs_are_alike_to_the_bit():

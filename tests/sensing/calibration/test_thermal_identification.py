@@ -34,7 +34,7 @@ def test_without_noise_it_is_exact():
 def test_the_printed_endurances_follow_from_the_record(seed):
     """17 W for ever, full power 5 s, half duty 60 s (Zárate 2020 §III, §V), within 10 % from noisy readings."""
     found = thermal_identification(*record(COIL, noise=0.3, seed=seed), AMBIENT)
-    assert found.model.steady(17.0)[0] == pytest.approx(60.0, rel=0.1)
+    assert found.model.steady_rise(17.0)[0] == pytest.approx(60.0, rel=0.1)
     assert found.endurance(60.0, 240.0) == pytest.approx(5.0, rel=0.1)
     assert found.endurance(60.0, 60.0) == pytest.approx(60.0, rel=0.1)
     assert found.residual == pytest.approx(0.3, rel=0.15)
@@ -44,7 +44,7 @@ def test_the_device_file_says_the_same():
     heat = load("omni").coils.heat
     model = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
     rise = heat.derate - heat.ambient
-    assert model.steady(17.0)[0] == pytest.approx(rise, rel=0.01)
+    assert model.steady_rise(17.0)[0] == pytest.approx(rise, rel=0.01)
     assert model.time_to(rise, 240.0) == pytest.approx(5.0, rel=0.01)
     assert model.time_to(rise, 60.0) == pytest.approx(60.0, rel=0.01)
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError
-from haptorb.sensing.frame.frame_fit import FrameFit, observable
+from haptorb.sensing.frame.frame_fit import FrameFit, find_unobservable
 from haptorb.sensing.frame.frame_registration import frame_registration
 from haptorb.sensing.frame.frame_start import find_roll, fit_points, pivot, sphere
 from haptorb.sensing.frame.touches import Touches, TouchSession
@@ -108,12 +108,12 @@ def test_the_dome_alone_leaves_the_rotation_free_and_it_is_named() -> None:
     found = frame_registration(touched, OMNI)
     fit = FrameFit(touched, OMNI.marks.names, OMNI.marks.positions, OMNI.dome_radius, found.R, found.t, found.tip)
     _, J = fit.equations()
-    assert observable(J)[1] == ()
-    condition, unseen = observable(J[: len(touched.dome)])
+    assert find_unobservable(J)[1] == ()
+    condition, unseen = find_unobservable(J[: len(touched.dome)])
     assert unseen == ("turn about x", "turn about y", "turn about z")
     assert condition > 1e9
     one_mark = J[: len(touched.dome) + 3 * len(touched.marks["front"])]
-    assert "turn about x" in observable(one_mark)[1]  # the frame still turns about that mark's radius
+    assert "turn about x" in find_unobservable(one_mark)[1]  # the frame still turns about that mark's radius
 
 
 def test_the_jacobian_is_that_of_the_residuals() -> None:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from haptorb.devices.loader import load
 from haptorb.devices.motor.api import torque_characteristic
 from haptorb.devices.motor.handle import HALL_IDEAL, HANDLE_LOOSE, HallQuality
-from haptorb.devices.motor.regulator import leaning
+from haptorb.devices.motor.regulator import torque_over_sine
 from haptorb.errors import InputError, UnknownName
 from haptorb.simulation.motor.motor import SimulatedMotor
 from haptorb.simulation.motor.motor_kernels import pack_magnetics
@@ -64,7 +64,7 @@ def test_a_free_rotor_keeps_energy_and_spin(w, angles):
     for _ in range(200):
         motor.advance(DT, OFF, NOWHERE, UPRIGHT)
         energies.append(motor.energy)
-        touched = touched or motor.pressed > 0
+        touched = touched or motor.stop_deflection > 0
         momenta.append(motor.momentum[2])
     size = max(abs(energy), 1e-3)
     # an impact on the stop begins within a step: that costs a thousandth, nothing else does more than 1e-6
@@ -102,14 +102,14 @@ def test_it_rests_where_nothing_pushes_it_and_falls_where_no_regulator_holds_it(
     go(falling, 3.0)
     tilt = np.degrees(np.arccos(falling.state().R_SR[2, 2]))
     assert tilt == pytest.approx(22.5, abs=0.2)  # on the end stop, which yields by a tenth of a degree
-    assert falling.pressed > 0
+    assert falling.stop_deflection > 0
     assert np.abs(falling.state().w).max() < 1e-6
 
 
 def test_dry_friction_holds_what_is_too_weak():
     """Tilted so far that weight and regulator give half of what the bearing holds."""
     motor = SimulatedMotor(PMSM, grasp=HANDLE_LOOSE)
-    back = leaning(1.0, *PMSM.leaning)
+    back = torque_over_sine(1.0, *PMSM.leaning)
     small = np.degrees(0.5 * PMSM.rotor.dry_friction / abs(back))
     motor.place(NOWHERE, tilted(lam=float(small)))
     before = motor.state().R_SR

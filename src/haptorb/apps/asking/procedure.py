@@ -24,7 +24,7 @@ class Procedure(ABC):
         """What to ask now; None: done."""
 
     @abstractmethod
-    def after(self, answer: Answer) -> Procedure:
+    def advance(self, answer: Answer) -> Procedure:
         """The procedure after an answer that has been checked."""
 
     @property
@@ -37,7 +37,7 @@ class Procedure(ABC):
         prompt = self.prompt
         if prompt is None:
             raise InputError("this procedure is complete: no trial is left to answer")
-        return self.after(prompt.check_answer(answer))
+        return self.advance(prompt.check_answer(answer))
 
 
 @final
@@ -63,7 +63,7 @@ class FixedOrder(Procedure):
         """Exactly what is left."""
         return len(self.prompts) - self.done
 
-    def after(self, answer: Answer) -> FixedOrder:
+    def advance(self, answer: Answer) -> FixedOrder:
         """One further; what was answered does not matter here."""
         return replace(self, done=self.done + 1)
 
@@ -85,7 +85,7 @@ class ProcedureSequence(Procedure):
         """Over all parts."""
         return sum(part.expected for part in self.parts)
 
-    def after(self, answer: Answer) -> ProcedureSequence:
+    def advance(self, answer: Answer) -> ProcedureSequence:
         """The first part that is not done takes the answer."""
         at = next(n for n, part in enumerate(self.parts) if part.prompt is not None)
-        return ProcedureSequence((*self.parts[:at], self.parts[at].after(answer), *self.parts[at + 1 :]))
+        return ProcedureSequence((*self.parts[:at], self.parts[at].advance(answer), *self.parts[at + 1 :]))

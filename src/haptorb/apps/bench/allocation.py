@@ -7,7 +7,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from haptorb.apps.bench.contest import fastest
+from haptorb.apps.bench.contest import measure_fastest
 from haptorb.apps.bench.row import Metric
 from haptorb.control.allocation.minimum_power import MinimumPowerAllocator
 from haptorb.devices.motor.api import motor, torque_characteristic
@@ -36,11 +36,11 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
             for wrench_map, wrench in problems:
                 allocator.allocate(wrench_map, wrench)
 
-        own = 1e6 * fastest(ours, len(problems), budget=effort)
+        own = 1e6 * measure_fastest(ours, len(problems), budget=effort)
         peer = apart = None
         if find_spec("daqp") is not None:
             theirs = [_daqp(wrench_map.matrix[3:], wrench[3:], limit) for wrench_map, wrench in problems]
-            peer = 1e6 * fastest(lambda theirs=theirs: [one() for one in theirs], len(theirs), budget=effort)  # type: ignore[misc]
+            peer = 1e6 * measure_fastest(lambda theirs=theirs: [one() for one in theirs], len(theirs), budget=effort)  # type: ignore[misc]
             apart = max(
                 float(np.abs(allocator.allocate(*problem).currents - one()).max())
                 for problem, one in zip(problems, theirs, strict=True)

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 
-__all__ = ["Contest", "Result", "fastest"]
+__all__ = ["Contest", "Result", "measure_fastest"]
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Contest:
         figure.savefig(path, dpi=150)
 
 
-def fastest(work: Callable[[], object], per_call: int = 1, budget: float = 0.5) -> float:
+def measure_fastest(work: Callable[[], object], per_call: int = 1, budget: float = 0.5) -> float:
     """Seconds per item of the fastest of several runs; `work` does `per_call` items. The first call does not count.
 
     Garbage collection waits, as it does in the loop. Three runs at least, unless one takes longer than `budget` [s].

@@ -13,7 +13,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from haptorb.apps.bench import peers
-from haptorb.apps.bench.contest import Contest, Result, fastest
+from haptorb.apps.bench.contest import Contest, Result, measure_fastest
 from haptorb.apps.bench.row import Metric
 from haptorb.devices.loader import load
 from haptorb.devices.motor.api import motor, sensor_field, torque_characteristic
@@ -58,7 +58,7 @@ def magnetics(device: str = "pmsm", budget: float = 0.5, report: Callable[[str],
         value = work()
         seen = value[0] if per_call > 1 else value
         error = float(np.abs(seen - truth).max() / np.abs(truth).max())
-        rows.append(Result(task, who, how, fastest(work, per_call, budget), error))
+        rows.append(Result(task, who, how, measure_fastest(work, per_call, budget), error))
 
     task = f"torque per ampere of all {len(known.electromagnets)} coils, one orientation"
     winding = peers.Winding(known, *_FILAMENTS)

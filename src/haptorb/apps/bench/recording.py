@@ -32,7 +32,7 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
         tell("recording")
         speed, size = _time_recording(Path(folder, "run.mcap"), layout, many)
         tell("plain files")
-        plain = {"plain float64": _plain(Path(folder, "run.bin"), many), "JSON lines": _lines(Path(folder, "r"), many)}
+        plain = {"plain float64": _write(Path(folder, "run.bin"), many), "JSON lines": _lines(Path(folder, "r"), many)}
     out = []
     for name, (their_speed, their_size) in plain.items():
         out += [
@@ -60,7 +60,7 @@ def _time_recording(path: Path, layout: RowLayout, many: Array) -> tuple[float, 
     return len(many) / took, path.stat().st_size / len(many)
 
 
-def _plain(path: Path, many: Array) -> tuple[float, float]:
+def _write(path: Path, many: Array) -> tuple[float, float]:
     with path.open("wb") as file:
         begun = perf_counter()
         for start in range(0, len(many), _BURST):

@@ -29,11 +29,11 @@ NEEDED = ("rest", "currents", "magnetic")  #: without these there is no file
 Bar = Callable[[Step, float], AbstractContextManager[Callable[[float], None]]]
 
 
-def _silent(text: str) -> None:
+def _say_nothing(text: str) -> None:
     """Says nothing."""
 
 
-def _ready(step: Step) -> bool:
+def _is_ready(step: Step) -> bool:
     """Always ready."""
     return True
 
@@ -52,8 +52,8 @@ class Dialog:
     bar   a context for a step of so many seconds, which gives what is to be told of time passing
     """
 
-    say: Callable[[str], None] = _silent
-    ask: Callable[[Step], bool] = _ready
+    say: Callable[[str], None] = _say_nothing
+    ask: Callable[[Step], bool] = _is_ready
     bar: Bar = _no_bar
 
 

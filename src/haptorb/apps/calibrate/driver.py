@@ -12,7 +12,7 @@ from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.drivers.driver_registry import is_real, real_driver
 
-__all__ = ["door", "hold_tool"]
+__all__ = ["hold_tool", "make_driver"]
 
 _STEP = 2e-3  #: of the simulated device [s]
 _PATIENCE = 0.05  #: for an answer: six minutes of heat should not end with a moment's hesitation of the device [s]
@@ -28,7 +28,9 @@ class _ClampedHand:
     held: bool = False
 
 
-def door(name: str, device: SphericalElectromagnet, seed: int = 0, *, watchdog: bool = True) -> tuple[Driver, Pace]:
+def make_driver(
+    name: str, device: SphericalElectromagnet, seed: int = 0, *, watchdog: bool = True
+) -> tuple[Driver, Pace]:
     """The driver `name` of `device`, not open yet, and its pace; UnknownName or InputError if there is no such."""
     if is_real(name):
         return real_driver(name, device, patience=_PATIENCE, watchdog=watchdog), Pace()

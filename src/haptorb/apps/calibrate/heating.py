@@ -150,7 +150,7 @@ class _Record:
 
 def _pause(session: DriverSession, device: SphericalElectromagnet, start: float, second: int, rate: float) -> int:
     """Coils off until a second begins: which."""
-    session.again()
+    session.reengage()
     after = max(second + 1, ceil((session.now() - start + _BREATH) / _BIN))
     session.hold(np.zeros(device.channels), start + after * _BIN - session.now(), rate=rate)
     return after

@@ -71,7 +71,7 @@ def calibrate(
     with driver:
         session = DriverSession(device, driver, pace)
         say("1/3 rest: coils off, tool away")
-        ambient = session.at_rest()
+        ambient = session.measure_at_rest()
         say("2/3 currents: each coil alone at low current, compared with its current sensor")
         resistance = session.coils_conduct()
         say("3/3 magnetic: scheduled currents, measured fields")
@@ -148,12 +148,12 @@ class DriverSession:
         """On the session's clock [s]."""
         return self._pace.clock() - self._start
 
-    def again(self) -> None:
+    def reengage(self) -> None:
         """After a trip: the next duties may engage the coils, and readings are due from here on."""
         self._driver.engage()
         self._due = self._pace.clock()
 
-    def at_rest(self) -> Array:
+    def measure_at_rest(self) -> Array:
         """(m,) the coils' temperatures [K]; nothing flows and no magnet is near, or CalibrationError."""
         samples, _ = self.hold(self._off, _REST)
         device = self._device

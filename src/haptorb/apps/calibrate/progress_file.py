@@ -12,7 +12,7 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, quote
 from haptorb.files.json_file import numbers
 from haptorb.files.replace_file import replace_file
-from haptorb.files.text_file import json_of, read_bytes
+from haptorb.files.text_file import parse_json, read_bytes
 
 __all__ = ["ProgressFile"]
 
@@ -59,9 +59,9 @@ class ProgressFile:
 
     def _resume(self) -> str:
         try:
-            raw = json_of(read_bytes(self.path, _MOST, "progress", CalibrationError))
+            raw = parse_json(read_bytes(self.path, _MOST, "progress", CalibrationError))
             head = {key: raw[key] for key in self._head}
-            written, results = float(raw["written"]), _sound(raw["steps"])
+            written, results = float(raw["written"]), _check_steps(raw["steps"])
         except (CalibrationError, ValueError, KeyError, TypeError, OverflowError):
             return f"{self.path} is damaged and is ignored"
         if head != self._head:
@@ -87,7 +87,7 @@ class ProgressFile:
         self.path.unlink(missing_ok=True)
 
 
-def _sound(steps: Any) -> dict[str, dict[str, Any]]:
+def _check_steps(steps: Any) -> dict[str, dict[str, Any]]:
     """`steps` if every known one has what those after it use, and its line on the screen; ValueError otherwise."""
     for name, result in dict(steps).items():
         if name not in _SHAPES or not isinstance(result, dict):

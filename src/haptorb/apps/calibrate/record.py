@@ -74,12 +74,12 @@ def _from_table(path: Path) -> ThermalRecord:
     if not np.isfinite(table[:, [0, 1, 3]]).all():
         first = int(np.flatnonzero(~np.isfinite(table[:, [0, 1, 3]]).all(axis=1))[0]) + 2
         raise CalibrationError(f"{path}, line {first}: t_s, power_w and boundary_degc must be numbers")
-    _plausible(path, table[:, 0], np.nan_to_num(table[:, 1:], nan=0.0, posinf=np.inf, neginf=-np.inf))
+    _check_series(path, table[:, 0], np.nan_to_num(table[:, 1:], nan=0.0, posinf=np.inf, neginf=-np.inf))
     boundary = table[:, 3] + 273.15
     return ThermalRecord(table[:, 0], table[:, 1], table[:, 2] + 273.15, boundary, float(boundary[:3].mean()))
 
 
-def _plausible(path: Path, t: Array, values: Array) -> None:
+def _check_series(path: Path, t: Array, values: Array) -> None:
     """CalibrationError unless time runs forward, for a month at most, and all values are of a size that can be."""
     if not (np.abs(t) < _LONGEST).all() or not (np.diff(t) >= 0).all():
         raise CalibrationError(f"{path}: time must be in seconds and increase, for {_LONGEST:.3g} s at most")
@@ -108,7 +108,7 @@ def _from_recording(path: Path, device: Device) -> ThermalRecord:
         raise CalibrationError(f"{path} has {len(t)} complete readings; a thermal record needs at least 20")
     if currents.shape[1] != device.channels or not resistance.shape == boundary.shape == currents.shape:
         raise CalibrationError(f"{path} has {currents.shape[1]} coils, device '{device.name}' has {device.channels}")
-    _plausible(path, t, np.column_stack([currents, resistance, boundary]))
+    _check_series(path, t, np.column_stack([currents, resistance, boundary]))
     coil = int(np.argmax((currents**2).mean(axis=0)))
     i, R, edge = currents[:, coil], resistance[:, coil], boundary[:, coil]
     bins = ((t - t[0]) / _BIN).astype(int)

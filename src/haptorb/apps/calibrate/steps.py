@@ -80,7 +80,7 @@ class RestStep(Step):
 
     def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
         """Temperatures of the cold device."""
-        return {"temperatures_k": bench.session.at_rest().tolist()}
+        return {"temperatures_k": bench.session.measure_at_rest().tolist()}
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
         """In degrees."""

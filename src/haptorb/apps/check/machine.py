@@ -65,13 +65,13 @@ class StolenTimeCounter:
         self._pid = pid
         self._times = _times()
         self._preempted = _count_preemptions(pid)
-        self._awake = _idling(pid)
+        self._awake = _count_idle_ticks(pid)
 
-    def took(self) -> StolenTime:
+    def measure(self) -> StolenTime:
         """What was taken since the beginning."""
         passed = [now - then for now, then in zip(_times(), self._times, strict=True)]
         total = max(sum(passed), 1)
-        idle = passed[3] + passed[4] + max(_idling(self._pid) - self._awake, 0)
+        idle = passed[3] + passed[4] + max(_count_idle_ticks(self._pid) - self._awake, 0)
         return StolenTime(
             max(_count_preemptions(self._pid) - self._preempted, 0),
             passed[7] / total,
@@ -92,7 +92,7 @@ def _count_preemptions(pid: int) -> int:
     return 0
 
 
-def _idling(pid: int) -> int:
+def _count_idle_ticks(pid: int) -> int:
     """Processor time of the children of `pid` that run only where nobody else wants to, in the kernel's ticks."""
     ticks = 0
     for child in _text(f"/proc/{pid}/task/{pid}/children").split():

@@ -42,7 +42,7 @@ def measure_fitness(
             if int(t / _FRAME) % 30 == 0:
                 bar.update(task, completed=t)
             sleep(max(_FRAME - (monotonic() - begin - t), 0.0))
-        took = watch.took()
+        took = watch.measure()
     return Fitness(servo.report(), this_machine(), took, duration, dragging)
 
 

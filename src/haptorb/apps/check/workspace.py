@@ -58,7 +58,7 @@ def shell_workspace(device: SphericalElectromagnet) -> Workspace:
     directions = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
     distances = np.where(np.arange(_PLACES) % 4 == 0, near, rng.uniform(near, far, _PLACES))  # a tool mostly touches
 
-    def inside(p: Array) -> bool:
+    def contains(p: Array) -> bool:
         d = float(np.linalg.norm(p))
         return near <= d <= far and p[2] >= lowest * d
 
@@ -72,7 +72,7 @@ def shell_workspace(device: SphericalElectromagnet) -> Workspace:
         return force
 
     places = directions * distances[:, None]
-    return Workspace(places, inside, "N", "m", lambda grip: grip.holding(device.tool.mass), field)
+    return Workspace(places, contains, "N", "m", lambda grip: grip.with_mass(device.tool.mass), field)
 
 
 def tilt_workspace(device: SphericalMotor) -> Workspace:
@@ -97,7 +97,7 @@ def tilt_workspace(device: SphericalMotor) -> Workspace:
     def holding(grip: HandGrip) -> HandGrip:
         return HandGrip(inertia + grip.mass * arm**2, grip.damping * arm**2, grip.stiffness * arm**2)
 
-    def inside(q: Array) -> bool:
+    def contains(q: Array) -> bool:
         return bool((np.abs(q) <= tilt).all())
 
-    return Workspace(rng.uniform(-tilt, tilt, (_PLACES, 3)), inside, "N·m", "rad", holding, field)
+    return Workspace(rng.uniform(-tilt, tilt, (_PLACES, 3)), contains, "N·m", "rad", holding, field)

@@ -106,14 +106,14 @@ class WorldVerdict(NotebookReport):
         found = [f"Make the world {ENOUGH / self.margin:.3g} times weaker or wider (`--set`)."]
         setting = self.setting
         if setting.tracker_rate is not None:
-            faster = _least(lambda x: self._with(tracker_rate=x * setting.tracker_rate), 64.0)
+            faster = _least(lambda x: self._compute_factor(tracker_rate=x * setting.tracker_rate), 64.0)
             if faster is not None:
                 found.append(f"Use a tracker of {faster * setting.tracker_rate:.0f} Hz at the same latency.")
         if setting.latency > 0.0:
-            earlier = _least(lambda x: self._with(latency=setting.latency / x), 1000.0)
+            earlier = _least(lambda x: self._compute_factor(latency=setting.latency / x), 1000.0)
             if earlier is not None:
                 found.append(f"Reduce the latency to {1e3 * setting.latency / earlier:.1f} ms.")
-        quicker = _least(lambda x: self._with(rate=x * setting.rate), _FASTEST / setting.rate)
+        quicker = _least(lambda x: self._compute_factor(rate=x * setting.rate), _FASTEST / setting.rate)
         if quicker is not None:
             found.append(f"Run the servo at --rate {math.ceil(quicker * setting.rate):d}.")
         if self.margins and self.margins[0][1].damping * abs(self.loop.period) > self.hand.mass:
@@ -129,7 +129,7 @@ class WorldVerdict(NotebookReport):
     def _stiffness_held_by(self, hand: HandGrip) -> float:
         return min((_factor(self.loop, hand, one) for _, one in self.margins), default=math.inf)
 
-    def _with(self, **changes: float) -> float:
+    def _compute_factor(self, **changes: float) -> float:
         setting = replace(self.setting, **changes)  # type: ignore[arg-type]
         loop = setting.loop_with(self.loop.time_constant)
         return min((_factor(loop, self.hand, one) for _, one in self.margins), default=math.inf)

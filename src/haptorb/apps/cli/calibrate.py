@@ -46,21 +46,21 @@ def calibrate(
     """Calibrate a device: polarity, current sensing, field per ampere, heat, tool. Resumes where it was interrupted."""
     from haptorb.apps.calibrate import thermal_record
     from haptorb.apps.calibrate.dialog import Dialog, check_steps, guide_calibration
-    from haptorb.apps.calibrate.driver import door
+    from haptorb.apps.calibrate.driver import make_driver
     from haptorb.apps.progress import time_bar
     from haptorb.devices.electromagnet.api import electromagnet
     from haptorb.devices.loader import load
-    from haptorb.runtime.realtime.realtime_thread import steady
-    from haptorb.sensing.calibration_file import writable
+    from haptorb.runtime.realtime.realtime_thread import prepare_thread
+    from haptorb.sensing.calibration_file import check_writable
 
     found = electromagnet(load(device), "`haptorb calibrate`")
     if not found.sensors:
         raise InputError(f"device '{found.name}' has no field sensors; `haptorb calibrate` needs them")
     names = None if steps is None else [name.strip() for name in steps.split(",")]
     chosen = check_steps(names, () if thermal is None else ("heat",))
-    path = writable(out or Path(f"{found.name}.calibration.json"), overwrite=force)
+    path = check_writable(out or Path(f"{found.name}.calibration.json"), overwrite=force)
     heat = None if thermal is None else thermal_record(thermal, found).identify().model
-    through, pace = door(driver, found, seed, watchdog=not no_watchdog)
+    through, pace = make_driver(driver, found, seed, watchdog=not no_watchdog)
     asks = not (yes or through.simulated)
     if asks and not sys.stdin.isatty():
         raise InputError(
@@ -68,7 +68,7 @@ def calibrate(
             "device is ready for all of them (--steps selects some)"
         )
     if not through.simulated:
-        steady()  # a firmware switches off after 15 ms of silence, however busy this computer is
+        prepare_thread()  # a firmware switches off after 15 ms of silence, however busy this computer is
     result = guide_calibration(
         found, through, path, steps=chosen, heat=heat, pace=pace, restart=restart, overwrite=force,
         guide=Dialog(say, _ask if asks else lambda step: True, lambda step, seconds: time_bar(step.title, seconds)),

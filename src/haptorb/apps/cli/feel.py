@@ -59,7 +59,7 @@ def feel(
         for remark in design.remarks:
             say(f"{design.name}: {remark}")
         servo = _servo(device, design, candidates)
-        answer = _alone(servo, seconds) if headless else _at_the_console(servo, design, port)
+        answer = _run_without_console(servo, seconds) if headless else _run_with_console(servo, design, port)
         trace = _trace(servo.recording, design)
         name = kept.keep(trace) if len(trace.rows) else ""
         score = scores.get(design.name, _score(answer))
@@ -79,13 +79,13 @@ def _servo(device: str, design: Candidate, candidates: Candidates) -> Servo:
     return Servo(device, design.world, gains=MOTOR_GAINS.scale(float(candidates.gains.torque_per_motion[0])))
 
 
-def _alone(servo: Servo, seconds: float) -> str:
+def _run_without_console(servo: Servo, seconds: float) -> str:
     with servo:
         servo.run(seconds)
     return ""
 
 
-def _at_the_console(servo: Servo, design: Candidate, port: int) -> str:
+def _run_with_console(servo: Servo, design: Candidate, port: int) -> str:
     """What the person typed after feeling `design` in the browser."""
     from haptorb.apps.console import Console
 

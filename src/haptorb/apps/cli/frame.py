@@ -44,7 +44,7 @@ def frame(
     from haptorb.apps.progress import time_bar
     from haptorb.devices.loader import load
     from haptorb.runtime.trackers.tracker_registry import check_tracker, feed_of, has_feed, prepare_tracker
-    from haptorb.sensing.calibration_file import writable, write_frame
+    from haptorb.sensing.calibration_file import check_writable, write_frame
     from haptorb.sensing.frame.tracker_frame import TrackerFrame
 
     found = check_device(load(device))
@@ -54,7 +54,7 @@ def frame(
             f"tracker '{tracker}' already reports poses in the stator's frame; name a tracker with its own frame"
         )
     port = rehearsal_port(tracker) if rehearse else 0
-    path = writable(out or Path(f"{found.name}.frame.json"), overwrite=force)
+    path = check_writable(out or Path(f"{found.name}.frame.json"), overwrite=force)
     if not rehearse and not sys.stdin.isatty():
         raise InputError(
             "registering a frame prompts before every step, and there is no terminal: run it in a terminal"

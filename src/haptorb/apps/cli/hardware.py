@@ -99,13 +99,13 @@ def jog(
     from haptorb.apps.hardware.monitor import state_words
     from haptorb.devices.loader import load
     from haptorb.runtime.drivers.driver_registry import real_driver
-    from haptorb.runtime.realtime.realtime_thread import steady
+    from haptorb.runtime.realtime.realtime_thread import prepare_thread
 
     it = load(device)
     through = real_driver(
         driver, it, duty_limit=GENTLE_DUTY, current_limit=min(max(current, 0.1), 60.0), watchdog=not no_watchdog
     )
-    steady()  # the firmware switches off after 15 ms of silence, however busy this computer is
+    prepare_thread()  # the firmware switches off after 15 ms of silence, however busy this computer is
     try:
         seen = moved(it, through, coil, duty, seconds, current)
     finally:

@@ -102,13 +102,13 @@ def run(
         before = signal.signal(signal.SIGTERM, _end)
         try:
             number = (
-                _alone(servo, standby, duration, json)
+                _run_without_console(servo, standby, duration, json)
                 if headless
-                else _with_console(servo, standby, duration, port, browser, json)
+                else _run_with_console(servo, standby, duration, port, browser, json)
             )
             for file in servo.trip_files:
                 say(f"last ticks before the trip: {file}")
-        except _Terminated:  # while it was still starting
+        except _Termination:  # while it was still starting
             number = int(signal.SIGTERM)
         finally:
             signal.signal(signal.SIGTERM, before)
@@ -116,7 +116,7 @@ def run(
         raise typer.Exit(128 + number)
 
 
-def _alone(servo: Servo, standby: PrestartedProcess, duration: float | None, json: bool) -> int:
+def _run_without_console(servo: Servo, standby: PrestartedProcess, duration: float | None, json: bool) -> int:
     with _open_servo(servo, standby):
         if not json:
             say(f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_nature(servo)}. Ctrl-C ends.")
@@ -125,13 +125,13 @@ def _alone(servo: Servo, standby: PrestartedProcess, duration: float | None, jso
             number = 0
         except KeyboardInterrupt:
             number = int(signal.SIGINT)
-        except _Terminated:
+        except _Termination:
             number = int(signal.SIGTERM)
         _report(servo, json)
     return number
 
 
-def _with_console(
+def _run_with_console(
     servo: Servo, standby: PrestartedProcess, duration: float | None, port: int, browser: bool, json: bool
 ) -> int:
     from time import monotonic
@@ -223,9 +223,9 @@ def values_of(settings: list[str]) -> dict[str, float | tuple[float, ...]]:
     return values
 
 
-class _Terminated(BaseException):
+class _Termination(BaseException):
     """SIGTERM, on its way through `with` blocks that switch the coils off."""
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    raise _Terminated
+    raise _Termination

@@ -112,17 +112,17 @@ def run(
         told = {"--driver": (driver, "sim"), "--tracker": (tracker, "pointer"), "--frame": (frame, None)}
         more = [word for name, (value, usual) in told.items() if value != usual for word in (name, str(value))]
         again = join(["haptorb", "study", "run", str(file), "--terminal", "-p", str(participant), "--db", db, *more])
-        _at_terminal(known, engine, str(participant), start, db, again, record)
+        _run_in_terminal(known, engine, str(participant), start, db, again, record)
     else:
         from haptorb.apps.study.pages.session_manager import SessionManager
 
-        def beside(session: int) -> Path | None:
-            return _beside(db, session) if record else None
+        def find_path(session: int) -> Path | None:
+            return _free_recording_path(db, session) if record else None
 
-        _in_browser(SessionManager(engine, known, start, beside, streams), known, participant, db, driver, port)
+        _run_in_browser(SessionManager(engine, known, start, find_path, streams), known, participant, db, driver, port)
 
 
-def _at_terminal(
+def _run_in_terminal(
     known: Study, engine: Engine, participant: str, start: Callable[[Path | None], Servo], db: str, again: str,
     record: bool,
 ) -> None:  # fmt: skip
@@ -133,14 +133,14 @@ def _at_terminal(
             say(f"resuming session {sitting.id} of {participant} at trial {sitting.number + 1}")
         if sitting.over:
             raise InputError(f"participant '{participant}' has already answered all trials")
-        from haptorb.apps.study.session.terminal import hold
+        from haptorb.apps.study.session.terminal import run_session
 
-        how = hold(sitting, start, _beside(db, sitting.id) if record else None)
+        how = run_session(sitting, start, _free_recording_path(db, sitting.id) if record else None)
     words = {"done": "done: thank you", "aborted": "aborted: the answers are stored"}
     say(words.get(how, f"session ended: `{again}` resumes at trial {sitting.number + 1}"))
 
 
-def _in_browser(
+def _run_in_browser(
     sessions: SessionManager, known: Study, participant: str | None, db: str, driver: str, port: int
 ) -> None:
     from haptorb.apps.study.pages.server import StudyServer
@@ -286,7 +286,7 @@ def _print_forecast(known: Study) -> bool:
     return told.holds
 
 
-def _beside(db: str, session: int) -> Path:
+def _free_recording_path(db: str, session: int) -> Path:
     """A name for this stretch of the session's recording that is not taken."""
     from haptorb.apps.study.store.database import url_of
 

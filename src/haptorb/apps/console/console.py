@@ -13,7 +13,7 @@ from haptorb.apps.console.force_map_process import ForceMapProcess
 from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.site import application
 from haptorb.apps.web.browser import open_browser_at
-from haptorb.apps.web.server import HOST, bind_socket, hurry, server, signals
+from haptorb.apps.web.server import HOST, bind_socket, prioritize, server, signals
 
 __all__ = ["PORT", "Console"]
 
@@ -63,7 +63,7 @@ class Console:
             heard.append(number)
             self.close()
 
-        with signals(end), hurry():
+        with signals(end), prioritize():
             asyncio.run(self._serve(open_browser, until))
         return heard[0] if heard else None
 

@@ -40,7 +40,7 @@ class ForceMapProcess:
 
     def __call__(self, name: str, values: Mapping[str, Any], model: str, points: Array) -> tuple[Array, Flags]:
         with self._one_at_a_time:
-            process = self._running()
+            process = self._ensure_process()
             assert process.stdin is not None
             assert process.stdout is not None
             try:
@@ -58,14 +58,14 @@ class ForceMapProcess:
     def start(self) -> None:
         """Begin to load, so that the first call need not wait for it."""
         with self._one_at_a_time:
-            self._running()
+            self._ensure_process()
 
     def close(self) -> None:
         """End the process, if there is one."""
         # Not under the lock: a call that waits for an answer ends with the process.
         self._end()
 
-    def _running(self) -> subprocess.Popen[bytes]:
+    def _ensure_process(self) -> subprocess.Popen[bytes]:
         if self._process is not None and self._process.poll() is not None:
             self._end()
         if self._process is None:

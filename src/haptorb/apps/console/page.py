@@ -9,7 +9,7 @@ from typing import Any, final
 import numpy as np
 from starlette.websockets import WebSocket
 
-__all__ = ["PATIENCE", "ConsolePage", "plain"]
+__all__ = ["PATIENCE", "ConsolePage", "to_json"]
 
 PATIENCE = 5.0  #: for a page that does not take what is sent [s]
 
@@ -35,7 +35,7 @@ class ConsolePage:
         while self.events:
             event = self.events.pop(next(iter(self.events)))
             async with asyncio.timeout(PATIENCE):
-                await self.socket.send_text(json.dumps(event, allow_nan=False, default=plain))
+                await self.socket.send_text(json.dumps(event, allow_nan=False, default=to_json))
             await asyncio.sleep(0)  # if that went wrong, the server hears of it now
 
     async def send(self, frame: bytes) -> None:
@@ -45,7 +45,7 @@ class ConsolePage:
         await asyncio.sleep(0)
 
 
-def plain(value: Any) -> Any:
+def to_json(value: Any) -> Any:
     """`value` as JSON has it."""
     if isinstance(value, tuple | list | np.ndarray):
         return [float(number) for number in value]

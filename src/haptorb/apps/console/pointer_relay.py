@@ -71,12 +71,12 @@ class PointerRelay:
             self._servo.release()
         self._forget()
 
-    def home(self) -> None:
+    def let_go(self) -> None:
         """Let go of the tool altogether."""
         self._servo.release()
         self._forget()
 
-    def steady(self) -> None:
+    def end_expired_drag(self) -> None:
         """Before engaging: a drag that was left to expire is over, the hand goes home."""
         if not self.held and self._resting is None:
             self._servo.release()

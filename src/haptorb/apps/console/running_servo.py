@@ -58,7 +58,7 @@ class RunningServo(Protocol):
         ...
 
     @property
-    def tracker_refused(self) -> Mapping[str, int]:
+    def tracker_refusals(self) -> Mapping[str, int]:
         """How many messages of the tracker's senders were refused so far, by reason."""
         ...
 

@@ -42,11 +42,11 @@ def worlds(device: Device) -> list[dict[str, Any]]:
             ],
         }
         for name, kind in CATALOGUE.items()
-        if _renders(device, kind)
+        if _is_renderable(device, kind)
     ]
 
 
-def _renders(device: Device, kind: type[World]) -> bool:
+def _is_renderable(device: Device, kind: type[World]) -> bool:
     try:
         kind().for_device(device)
     except InputError:
@@ -101,7 +101,7 @@ def session(servo: RunningServo, started: str) -> dict[str, Any]:
 def world_now(servo: RunningServo) -> dict[str, Any]:
     """Name and values of the world that is felt now, the model that is inverted, and what there is to draw of it."""
     name, values = servo.world
-    plain = {key: _plain(value) for key, value in values.items()}
+    plain = {key: _to_json(value) for key, value in values.items()}
     return {
         "name": name,
         "values": plain,
@@ -110,6 +110,6 @@ def world_now(servo: RunningServo) -> dict[str, Any]:
     }
 
 
-def _plain(value: Any) -> Any:
+def _to_json(value: Any) -> Any:
     """`value` as JSON has it."""
     return list(value) if isinstance(value, tuple | list | np.ndarray) else value

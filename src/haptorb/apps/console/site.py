@@ -56,7 +56,7 @@ def application(servo: RunningServo, felt: FeltMap | None = None) -> Starlette:
     async def file(request: Request) -> Response:
         return respond(files, request.path_params.get("name", "index.html"))
 
-    async def about(request: Request) -> Response:
+    async def describe(request: Request) -> Response:
         return JSONResponse(known | {"world": world_now(servo)})
 
     @asynccontextmanager
@@ -73,7 +73,7 @@ def application(servo: RunningServo, felt: FeltMap | None = None) -> Starlette:
         routes=[
             Route("/", file),
             Route("/static/{name}", file),
-            Route("/api/session", about),
+            Route("/api/session", describe),
             WebSocketRoute("/ws", room.join),
         ],
         middleware=[Middleware(AccessGate, token=token)],

@@ -12,7 +12,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptorb.apps.console.force_map import ForceMapWorker
 from haptorb.apps.console.health import Health
-from haptorb.apps.console.page import ConsolePage, plain
+from haptorb.apps.console.page import ConsolePage, to_json
 from haptorb.apps.console.pointer_relay import PointerRelay
 from haptorb.apps.console.recent import RecentRows
 from haptorb.apps.console.running_servo import RunningServo
@@ -73,7 +73,7 @@ class ConsoleSocketHub:
             if time.monotonic() >= next_look:
                 next_look = time.monotonic() + LOOK
                 if self._pages:
-                    self._tell_all("health", **self._describe_health())
+                    self._send_to_all("health", **self._describe_health())
                 self._notice_world()
                 self._notice_refused()
             await asyncio.sleep(REFRESH)
@@ -98,14 +98,14 @@ class ConsoleSocketHub:
             page.tell("world", **self._world_event())
             if self._trouble:
                 page.tell("mistake", text=self._trouble)
-            await _first_of(self._send(page), self._listen(page))
+            await _wait_for_first(self._send(page), self._listen(page))
         except (WebSocketDisconnect, RuntimeError, TimeoutError):
             pass  # the page went away while something was on its way, or it does not listen
         finally:
             had_control = self._pages[0] is page
             self._pages.remove(page)
             if had_control:
-                self._do_not_engage()
+                self._cancel_engage()
                 self._hand.release()
             self._tell_roles()
 
@@ -114,17 +114,17 @@ class ConsoleSocketHub:
             message = await page.socket.receive()
             if message["type"] == "websocket.disconnect":
                 return
-            self._hear(page, message)
+            self._handle_message(page, message)
             await asyncio.sleep(0)  # however much one page says, the others have their turn
 
-    def _hear(self, page: ConsolePage, message: Mapping[str, Any]) -> None:
+    def _handle_message(self, page: ConsolePage, message: Mapping[str, Any]) -> None:
         """One message of a page: its pointer, or a command; a stop before all else, whoever says it and however."""
         try:
             if (text := message.get("text")) is not None:
                 if asks_to_stop(text):  # safety: console-stop-first
                     self._stop()
                 else:
-                    self._obey(page, read_command(text))
+                    self._execute(page, read_command(text))
             elif page is self._pages[0]:
                 self._hand.point(pointer(message.get("bytes") or b""))
                 page.soon.set()
@@ -133,10 +133,10 @@ class ConsoleSocketHub:
 
     def _stop(self) -> None:
         self._servo.stop()
-        self._do_not_engage()  # safety: console-stop-cancels
-        self._tell_all("stopped", by="you" if len(self._pages) == 1 else "a page")
+        self._cancel_engage()  # safety: console-stop-cancels
+        self._send_to_all("stopped", by="you" if len(self._pages) == 1 else "a page")
 
-    def _obey(self, page: ConsolePage, command: dict[str, Any]) -> None:
+    def _execute(self, page: ConsolePage, command: dict[str, Any]) -> None:
         """One command; only the page that has the control may do more than stop."""
         match command["do"]:
             case "stop":  # in letters that `asks_to_stop` does not read
@@ -144,13 +144,13 @@ class ConsoleSocketHub:
             case _ if page is not self._pages[0]:
                 raise InputError("another page is in control; this one only watches (it may still stop)")
             case "engage":
-                self._hand.steady()
-                self._do_not_engage()
+                self._hand.end_expired_drag()
+                self._cancel_engage()
                 # The guard engages only on a fresh pose; give it time to see one. A stop in between counts.
                 # safety: console-engage-stops
                 self._engaging = asyncio.get_running_loop().call_later(FRESH, self._engage, page, self._servo.stops)
             case "home":
-                self._hand.home()
+                self._hand.let_go()
             case "mode":
                 self._servo.set_mode(str(command.get("mode"))[:_NAME])
             case "model":
@@ -161,7 +161,7 @@ class ConsoleSocketHub:
                     raise InputError("the clutch is set by `engaged`, true or false")
                 self._servo.clutch(command["engaged"])
             case "world":
-                self._asked = (page, *_wish(command))
+                self._asked = (page, *_parse_world(command))
                 if self._asking is None or self._asking.done():
                     self._asking = asyncio.create_task(self._ask())
             case other:
@@ -174,7 +174,7 @@ class ConsoleSocketHub:
         except HaptorbError as mistake:
             page.tell("mistake", text=str(mistake))
 
-    def _do_not_engage(self) -> None:
+    def _cancel_engage(self) -> None:
         if self._engaging is not None:
             self._engaging.cancel()
             self._engaging = None
@@ -193,23 +193,23 @@ class ConsoleSocketHub:
     def _notice_world(self) -> None:
         """Tell everyone, and repaint, if the world or the model that is inverted is another one than before."""
         name, values = self._servo.world
-        now = (name, {key: plain(value) for key, value in values.items()}, self._servo.model)
+        now = (name, {key: to_json(value) for key, value in values.items()}, self._servo.model)
         if now == self._world:
             return
         self._world = now
         self._version += 1
-        self._tell_all("world", **self._world_event())
+        self._send_to_all("world", **self._world_event())
         if self._painter is not None:
-            self._painter.want(name, dict(values), now[2], self._version, self._send_map, self._not_painted)
+            self._painter.want(name, dict(values), now[2], self._version, self._send_map, self._report_map_failure)
 
     def _notice_refused(self) -> None:
         """Tell everyone when somebody else speaks to the tracker, or it jumps: nothing else would show it."""
-        counted = self._servo.tracker_refused
+        counted = self._servo.tracker_refusals
         refused = {why: counted.get(why, 0) for why in _TELLING}
         news = [f"{refused[why] - n} poses {REASONS[why]}" for why, n in self._refused.items() if refused[why] > n]
         self._refused = refused
         if news:
-            self._tell_all("mistake", text=f"tracker {self._servo.tracker}: refused {', '.join(news)}")
+            self._send_to_all("mistake", text=f"tracker {self._servo.tracker}: refused {', '.join(news)}")
 
     def _world_event(self) -> dict[str, Any]:
         name, values, model = self._world
@@ -221,11 +221,11 @@ class ConsoleSocketHub:
         for page in self._pages:
             page.soon.set()
 
-    def _not_painted(self, why: str) -> None:
+    def _report_map_failure(self, why: str) -> None:
         self._trouble = why
-        self._tell_all("mistake", text=why)
+        self._send_to_all("mistake", text=why)
 
-    def _tell_all(self, event: str, **what: Any) -> None:
+    def _send_to_all(self, event: str, **what: Any) -> None:
         for page in self._pages:
             page.tell(event, **what)
 
@@ -273,7 +273,7 @@ class ConsoleSocketHub:
             return
 
 
-async def _first_of(*ways: Coroutine[Any, Any, None]) -> None:
+async def _wait_for_first(*ways: Coroutine[Any, Any, None]) -> None:
     """Until one of `ways` ends; the others are cancelled."""
     tasks = [asyncio.create_task(way) for way in ways]
     try:
@@ -286,7 +286,7 @@ async def _first_of(*ways: Coroutine[Any, Any, None]) -> None:
         task.result()
 
 
-def _wish(command: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+def _parse_world(command: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """Name and values of the world that a page asks for; InputError if they cannot be one's."""
     name, values = command.get("name"), command.get("values", {})
     if not isinstance(name, str) or not isinstance(values, dict):

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from haptorb.apps.estimators.contestants import EstimatorOutput, answers, contestants
+from haptorb.apps.estimators.contestants import EstimatorOutput, collect_outputs, make_estimators
 from haptorb.apps.estimators.disturbance import Disturbance, disturbances
 from haptorb.apps.estimators.trajectories import figure_4, random_workspace, relative_error
 from haptorb.apps.terminal.notebook_report import NotebookReport
@@ -92,13 +92,13 @@ class EstimatorComparison(NotebookReport):
     def numbers(self) -> dict[str, Any]:
         """Everything as plain JSON types; not a number is null."""
 
-        def plain(value: Any) -> Any:
+        def to_json(value: Any) -> Any:
             return None if isinstance(value, float) and not np.isfinite(value) else value
 
         return {
             "device": self.device,
             "electromagnet": self.coil,
-            "rows": [{_KEYS.get(name, name): plain(value) for name, value in vars(row).items()} for row in self.rows],
+            "rows": [{_KEYS.get(name, name): to_json(value) for name, value in vars(row).items()} for row in self.rows],
             "latency_us": self.latency,
             "figure_4": {
                 "t_s": self.course.t.tolist(),
@@ -129,12 +129,12 @@ def compare(
     interval = {"figure": float(t[1]), "workspace": _ELSEWHERE}
     true = {name: motor.torque_characteristic(R, "table") @ motor.groups for name, R in places.items()}
     cases = disturbances(motor, coil)
-    known = contestants(motor, networks)
+    known = make_estimators(motor, networks)
     rows, estimated, latency = [], {}, {}
     for number, case in enumerate(cases):
         for place, (name, estimator) in enumerate(known.items()):
             said = {
-                where: answers(estimator, motor, case.readings(motor, R, seed + 1), interval[where])
+                where: collect_outputs(estimator, motor, case.readings(motor, R, seed + 1), interval[where])
                 for where, R in places.items()
             }
             rows.append(_row(motor, name, case, said, places, true, channel, share))

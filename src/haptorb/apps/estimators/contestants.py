@@ -16,7 +16,7 @@ from haptorb.sensing.torque_maps.linear_map import LinearTorque
 from haptorb.sensing.torque_maps.network import NetworkTorque, TrainedNetworks
 from haptorb.sensing.torque_maps.torque_map import FieldToTorque
 
-__all__ = ["EstimatorOutput", "answers", "contestants"]
+__all__ = ["EstimatorOutput", "collect_outputs", "make_estimators"]
 
 
 class EstimatorOutput(NamedTuple):
@@ -28,7 +28,7 @@ class EstimatorOutput(NamedTuple):
     seconds: Array  #: (n,) that each update took
 
 
-def contestants(motor: SphericalMotor, networks: TrainedNetworks) -> dict[str, Estimator]:
+def make_estimators(motor: SphericalMotor, networks: TrainedNetworks) -> dict[str, Estimator]:
     """Name → estimator by itself: network and linear map without an orientation beside them."""
     return {
         "network": FieldToTorque(motor, NetworkTorque(motor, networks)),
@@ -37,7 +37,7 @@ def contestants(motor: SphericalMotor, networks: TrainedNetworks) -> dict[str, E
     }
 
 
-def answers(estimator: Estimator, motor: SphericalMotor, readings: Array, interval: float) -> EstimatorOutput:
+def collect_outputs(estimator: Estimator, motor: SphericalMotor, readings: Array, interval: float) -> EstimatorOutput:
     """What `estimator` says to `readings` (n, k, 3) [T] that are `interval` [s] apart."""
     count = len(readings)
     K, R = np.zeros((count, 3, motor.channels)), np.full((count, 3, 3), np.nan)

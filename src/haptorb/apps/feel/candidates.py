@@ -35,7 +35,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from haptorb.control.clutch.modes import Gains
 from haptorb.devices.schema import quantity as q
 from haptorb.errors import HaptorbError, InputError, quote
-from haptorb.files.text_file import read_text, toml_of
+from haptorb.files.text_file import parse_toml, read_text
 from haptorb.physics.beams import Model
 from haptorb.physics.hook import METALS_FROM, Hook
 from haptorb.worlds import Outlet, SnapFit
@@ -146,7 +146,7 @@ def load_designs(path: str | Path) -> Candidates:
     where = str(path)
     text = read_text(path, "design file", InputError)
     try:
-        raw = toml_of(text)
+        raw = parse_toml(text)
     except ValueError as cause:
         raise InputError(f"{where}: is not TOML ({cause})") from cause
     try:

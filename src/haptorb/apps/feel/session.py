@@ -27,7 +27,7 @@ from haptorb.apps.feel.candidates import Candidate, Candidates
 from haptorb.devices.state import State
 from haptorb.errors import InputError, RecordingError
 from haptorb.files.replace_file import replace_file
-from haptorb.files.text_file import json_of, read_bytes
+from haptorb.files.text_file import parse_json, read_bytes
 from haptorb.numerics.arrays import Array
 
 __all__ = ["COLUMNS", "SCORES", "Choice", "DesignRating", "FeelSession", "Trace"]
@@ -112,13 +112,13 @@ class FeelSession:
             raise InputError(f"a score is a whole number from {SCORES[0]} to {SCORES[1]}; got {score!r}") from cause
         if trace and not (self.folder / trace).is_file():
             raise InputError(f"{self.folder}: there is no trace '{trace}'")
-        rating = DesignRating(name, design.digest, score, person, comment, _now(), trace)
+        rating = DesignRating(name, design.digest, score, person, comment, _utc_now(), trace)
         self._write("rating", rating)
         return rating
 
     def choose(self, name: str, *, person: str = "", comment: str = "") -> Choice:
         """Record that `name` is the one; a later choice replaces it, both stay on record."""
-        choice = Choice(name, self.candidates[name].digest, person, comment, _now())
+        choice = Choice(name, self.candidates[name].digest, person, comment, _utc_now())
         self._write("choice", choice)
         return choice
 
@@ -202,7 +202,7 @@ class FeelSession:
         found, self.skipped = [], 0
         for line in text.splitlines():
             try:
-                record = json_of(line)
+                record = parse_json(line)
                 named = record.pop("kind")
             except (ValueError, AttributeError, KeyError, TypeError):
                 self.skipped += bool(line.strip())
@@ -217,5 +217,5 @@ def _is_score(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and SCORES[0] <= value <= SCORES[1]
 
 
-def _now() -> str:
+def _utc_now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -110,14 +110,14 @@ def _record_stroke(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) 
     valid = 0
     while (now := monotonic()) < began + stroke.seconds:
         for one in feed.receive(_PATIENCE):
-            why = one.why if isinstance(one, RejectedPose) else _wrong(one)
+            why = one.why if isinstance(one, RejectedPose) else _describe_error(one)
             if why:
                 refused[why] = refused.get(why, 0) + 1
                 continue
             assert isinstance(one, RawPose)
             valid, last = valid + 1, monotonic()
             place, turn = np.array(one.p), np.array(one.q)
-            if len(p) < _MOST and (not p or _differs(p[-1], q[-1], place, turn)):
+            if len(p) < _MOST and (not p or _has_moved(p[-1], q[-1], place, turn)):
                 p.append(place)
                 q.append(turn)
         if now - last > _SILENT:
@@ -139,7 +139,7 @@ def _record_stroke(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) 
     return Touches.of(np.array(p), np.array(q), f"step '{stroke.name}'")
 
 
-def _wrong(one: RawPose) -> str:
+def _describe_error(one: RawPose) -> str:
     if not one.valid:
         return "lost"
     if len(one.p) != 3 or len(one.q) != 4:
@@ -147,6 +147,6 @@ def _wrong(one: RawPose) -> str:
     return "" if np.isfinite([*one.p, *one.q]).all() else "not finite"
 
 
-def _differs(p: Array, q: Array, place: Array, turn: Array) -> bool:
+def _has_moved(p: Array, q: Array, place: Array, turn: Array) -> bool:
     half = abs(float(q @ turn)) / max(float(np.linalg.norm(q) * np.linalg.norm(turn)), 1e-12)
     return float(np.linalg.norm(place - p)) > _MOVED or 2.0 * np.arccos(min(half, 1.0)) > _TURNED

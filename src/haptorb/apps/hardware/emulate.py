@@ -39,7 +39,7 @@ def emulate(
             f"{1e3 * height:g} mm"
         )
     with tempfile.TemporaryDirectory() as folder:
-        goal = None if height is None else _standing(height)
+        goal = None if height is None else _rest_pose(height)
         physics = EmulatedDevice(known, Path(folder, "physics"), goal)
         if goal is not None:
             physics.place(*goal(0.0))
@@ -53,6 +53,6 @@ def emulate(
             physics.close()
 
 
-def _standing(height: float) -> Callable[[float], tuple[Array, Array]]:
+def _rest_pose(height: float) -> Callable[[float], tuple[Array, Array]]:
     p, q = np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 0.0, 1.0])
     return lambda t: (p, q)

@@ -43,12 +43,12 @@ def monitor(
         start = clock()
         count = 0
         while clock() - start < duration:
-            yield _whole(driver, clock() - start)
+            yield _read_whole(driver, clock() - start)
             count += 1
             wait(max(0.0, start + count / rate - clock()))
 
 
-def _whole(driver: Driver, now: float) -> Sample:
+def _read_whole(driver: Driver, now: float) -> Sample:
     sample = driver.read(now)
     field = sample.field.copy()
     for _ in range(_TURNS):
@@ -71,12 +71,12 @@ def state_words(state: CoilState) -> str:
 def numbers(sample: Sample, state: CoilState = CoilState.OFF) -> dict[str, Any]:
     """The same as plain JSON types; what a sensor did not tell is null."""
 
-    def plain(values: Array) -> list[Any]:
+    def to_list(values: Array) -> list[Any]:
         return [float(one) if np.isfinite(one) else None for one in values]
 
     return {
-        "t_s": sample.t, "currents_a": plain(sample.currents), "temperatures_degc": plain(sample.temperatures - 273.15),
-        "field_t": [plain(one) for one in sample.field], "coil_state": state.name.lower(),
+        "t_s": sample.t, "currents_a": to_list(sample.currents), "temperatures_degc": to_list(sample.temperatures - 273.15),
+        "field_t": [to_list(one) for one in sample.field], "coil_state": state.name.lower(),
     }  # fmt: skip
 
 

@@ -95,11 +95,11 @@ def chips_on(bus: I2cBus, place: str, clock: Callable[[], float] = monotonic) ->
             there.append(f"{part} at {address:#04x}")
     if not there:
         return Finding(place, False, ("none of the device's chips answers",))
-    about = (*there, *missing, *_enabling(bus, clock))
+    about = (*there, *missing, *_probe_hall_select(bus, clock))
     return Finding(place, True, about, "" if missing else place)
 
 
-def _enabling(bus: I2cBus, clock: Callable[[], float]) -> Iterator[str]:
+def _probe_hall_select(bus: I2cBus, clock: Callable[[], float]) -> Iterator[str]:
     """What there is to say of the chip with the Hall sensors' axes and the trigger, and of OE."""
     select, where = HallSelect(bus), f"TCA9534 (axes of the Hall sensors, trigger of the monostable) at {_SELECT:#04x}"
     if not select.present():

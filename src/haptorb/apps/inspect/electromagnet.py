@@ -28,7 +28,7 @@ class ElectromagnetCard(Card):
     def __init__(self, device: SphericalElectromagnet) -> None:
         self._device = device
         self._capability = shell_capability(device)
-        self._feasible = _feasible(device)
+        self._feasible_wrenches = _feasible_wrenches(device)
         self._predicted = device.predict_moments()
 
     def numbers(self) -> dict[str, Any]:
@@ -67,7 +67,7 @@ class ElectromagnetCard(Card):
                     "guaranteed_torque_nm": able.guaranteed_torque,
                     "unreachable_torque_axis": able.unreachable.tolist(),
                 }
-                for state, able in self._feasible
+                for state, able in self._feasible_wrenches
             ],
             "endurance": [
                 {"share_of_full_current": share, "seconds": seconds if math.isfinite(seconds) else None}
@@ -121,7 +121,7 @@ class ElectromagnetCard(Card):
             ),
             "Feasible wrench on a radial tool, all coils together: least over all directions",
         )  # fmt: skip
-        for state, able in self._feasible:
+        for state, able in self._feasible_wrenches:
             polar = math.degrees(math.acos(min(state.p[2] / state.distance, 1.0)))
             able_table.add_row(
                 f"{state.distance * 1e3:.0f}",
@@ -158,7 +158,7 @@ class ElectromagnetCard(Card):
         """Shadows of the force polytopes at contact on the x–z plane."""
         from scipy.spatial import ConvexHull
 
-        for n, (state, able) in enumerate(self._feasible[:3]):
+        for n, (state, able) in enumerate(self._feasible_wrenches[:3]):
             flat = 1e3 * able.force[:, [0, 2]]
             outline = flat[ConvexHull(flat).vertices]
             polar = math.degrees(math.acos(min(state.p[2] / state.distance, 1.0)))
@@ -202,7 +202,7 @@ class ElectromagnetCard(Card):
         figure.savefig(path, dpi=150)
 
 
-def _feasible(device: SphericalElectromagnet) -> list[tuple[State, FeasibleWrench]]:
+def _feasible_wrenches(device: SphericalElectromagnet) -> list[tuple[State, FeasibleWrench]]:
     """At the summit, halfway and at the workspace's edge, in contact and at the shell's end."""
     found = []
     for distance in (device.contact_distance, device.contact_distance + device.shell_thickness):

@@ -32,7 +32,7 @@ class MotorCard(Card):
         self._device = device
         self._capability = motor_capability(device)
         self._endurance = endurance(device)
-        self._upright = _upright(device)
+        self._righting_torques = _righting_torques(device)
 
     def numbers(self) -> dict[str, Any]:
         """Everything on the card as plain JSON types."""
@@ -46,7 +46,7 @@ class MotorCard(Card):
             "field_sensors": device.sensors,
             "workspace_tilt_deg": math.degrees(device.workspace_tilt),
             "upright": dict(
-                zip(("tilt_rad", "regulator_nm", "weight_nm", "sum_nm"), self._upright.tolist(), strict=True)
+                zip(("tilt_rad", "regulator_nm", "weight_nm", "sum_nm"), self._righting_torques.tolist(), strict=True)
             ),
             "tilts_rad": capability.tilts.tolist(),
             "spins_per_tilt": capability.spins,
@@ -66,7 +66,7 @@ class MotorCard(Card):
     def show(self, console: Console) -> None:
         """Print it for people."""
         device, capability = self._device, self._capability
-        tilt, regulator, weight, rest = self._upright
+        tilt, regulator, weight, rest = self._righting_torques
         more = [
             (
                 "workspace",
@@ -148,8 +148,8 @@ class MotorCard(Card):
         place.set_xlabel("channel")
         place.legend(frameon=False, fontsize=8)
         place = axes[0, 4]
-        for values, name in zip(self._upright[1:], ("regulator", "weight", "both"), strict=True):
-            place.plot(np.degrees(self._upright[0]), values, label=name, linewidth=2 if name == "both" else 1)
+        for values, name in zip(self._righting_torques[1:], ("regulator", "weight", "both"), strict=True):
+            place.plot(np.degrees(self._righting_torques[0]), values, label=name, linewidth=2 if name == "both" else 1)
         place.axhline(0.0, color="0.6", linewidth=0.8)
         place.set(xlabel="tilt [°]")
         place.set_title("restoring torque [N·m]", loc="left", fontsize=10)
@@ -159,7 +159,7 @@ class MotorCard(Card):
         figure.savefig(path, dpi=150)
 
 
-def _upright(device: SphericalMotor) -> Array:
+def _righting_torques(device: SphericalMotor) -> Array:
     """(4, n): tilt [rad], and what turns the rotor back upright at zero current [N·m]: regulator, weight, both."""
     tilt = np.linspace(0.0, device.workspace_tilt, 46)
     both = np.array([device.passive(rotation_from_euler(0.0, angle, 0.0))[4] for angle in tilt])

@@ -127,7 +127,7 @@ def _contents(every: list[ReproductionResult]) -> str:
 
 def _section(one: ReproductionResult) -> str:
     rows = "".join(_row(item) for item in one.items)
-    title = f"{escape(_capital(one.of.name))} <span>· {escape(one.of.title)}</span>"
+    title = f"{escape(_capitalize(one.of.name))} <span>· {escape(one.of.title)}</span>"
     return (
         f"<section><h3 id='{_anchor(one.of)}'>{title}</h3>"
         + (_figure(one.of, one.draw) if one.draw else "")
@@ -148,7 +148,7 @@ def _row(item: Item) -> str:
     return (
         f"<tr id='{escape(item.paper)}-{escape(item.id)}'><td class='w'>{escape(item.where)}</td>"
         f"<td class='what'>{escape(item.what)}{why}</td><td class='n'>{printed}</td>"
-        f"<td class='n'>{_number(item.computed)}</td><td>{unit}</td><td class='n'>{_within(item)}</td>"
+        f"<td class='n'>{_number(item.computed)}</td><td>{unit}</td><td class='n'>{_describe_tolerance(item)}</td>"
         f"<td class='v {_class(item.verdict)}'>{escape(item.verdict)}</td></tr>"
     )
 
@@ -164,11 +164,11 @@ def _number(value: float | None) -> str:
     return f"{0.0 if abs(value) < 1e-13 else value:.5g}".replace("-", "−")
 
 
-def _capital(name: str) -> str:
+def _capitalize(name: str) -> str:
     return name[0].upper() + name[1:]
 
 
-def _within(item: Item) -> str:
+def _describe_tolerance(item: Item) -> str:
     return "exact" if item.why == ROUNDING and item.checked else _number(item.tolerance)
 
 

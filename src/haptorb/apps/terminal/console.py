@@ -33,7 +33,7 @@ def make_console(*, error: bool = False) -> Console:
     """
     from rich.console import Console
 
-    wraps = _wraps(sys.stderr if error else sys.stdout)
+    wraps = _has_width(sys.stderr if error else sys.stdout)
     return Console(stderr=error, markup=False, emoji=False, highlight=False, soft_wrap=not wraps)
 
 
@@ -98,8 +98,8 @@ def tell(text: str, indent: str = "") -> None:
 
 def _print(stream: TextIO, text: str, indent: str) -> None:
     text = fit_encoding(text, stream.encoding or "utf-8")
-    print(wrap(text, find_width(), indent) if _wraps(stream) else text, file=stream, flush=True)
+    print(wrap(text, find_width(), indent) if _has_width(stream) else text, file=stream, flush=True)
 
 
-def _wraps(stream: TextIO) -> bool:
+def _has_width(stream: TextIO) -> bool:
     return stream.isatty() or "COLUMNS" in os.environ

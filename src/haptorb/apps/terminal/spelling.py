@@ -41,7 +41,7 @@ def fit_encoding(text: str, encoding: str) -> str:
     try:
         text.encode(encoding)
     except UnicodeEncodeError:
-        return "".join(letter if _has(encoding, letter) else _spell(letter) for letter in text)
+        return "".join(letter if _can_encode(encoding, letter) else _spell(letter) for letter in text)
     return text
 
 
@@ -60,7 +60,7 @@ def _replace(error: UnicodeError) -> tuple[str, int]:
     return "".join(map(_spell, error.object[error.start : error.end])), error.end
 
 
-def _has(encoding: str, letter: str) -> bool:
+def _can_encode(encoding: str, letter: str) -> bool:
     try:
         letter.encode(encoding)
     except UnicodeEncodeError:

@@ -11,7 +11,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from haptorb.apps.web.token import knows
+from haptorb.apps.web.token import is_authorized
 
 __all__ = ["LOOPBACK", "AccessGate"]
 
@@ -59,10 +59,10 @@ class AccessGate:
         headers = Headers(scope=scope)
         refusal = self.refusal(headers)
         # safety: console-token
-        if refusal is None and not self._open(scope["path"]) and not knows(headers, self._token):
+        if refusal is None and not self._open(scope["path"]) and not is_authorized(headers, self._token):
             refusal = "open the full address that the terminal printed, with the part after its #"
         if refusal is None:
-            await self.app(scope, receive, _with_policy(send))
+            await self.app(scope, receive, _add_policy(send))
         elif scope["type"] == "websocket":
             # Closing before accepting makes the server answer 403.
             await send({"type": "websocket.close", "code": 1008, "reason": refusal})
@@ -85,7 +85,7 @@ class AccessGate:
         return None
 
 
-def _with_policy(send: Send) -> Send:
+def _add_policy(send: Send) -> Send:
     """`send`, with the content policy on every answer."""
 
     async def send_with_policy(message: Message) -> None:

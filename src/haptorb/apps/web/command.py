@@ -44,7 +44,7 @@ def command(text: str) -> dict[str, Any]:
     if len(text) > _LONGEST:
         raise InputError(f"a command must have at most {_LONGEST} characters; got {len(text)}")
     try:
-        found = json.loads(text, parse_int=_whole, parse_float=_real, parse_constant=_constant)
+        found = json.loads(text, parse_int=_parse_whole, parse_float=_parse_real, parse_constant=_constant)
     except (ValueError, RecursionError) as mistake:
         raise InputError(f"a command must be JSON: {mistake}") from mistake
     if not isinstance(found, dict):
@@ -56,13 +56,13 @@ def command(text: str) -> dict[str, Any]:
     return found
 
 
-def _whole(digits: str) -> int:
+def _parse_whole(digits: str) -> int:
     if len(digits) > _DIGITS + digits.startswith("-"):
         raise InputError(f"a whole number in a command must have at most {_DIGITS} digits; got {len(digits)}")
     return int(digits)
 
 
-def _real(digits: str) -> float:
+def _parse_real(digits: str) -> float:
     number = float(digits)
     if number in (float("inf"), float("-inf")):
         raise InputError("a number in a command must be finite; one is too large")

@@ -40,9 +40,9 @@ class Request(H11Protocol):
         while len(self._waiting) >= MOST:
             self._waiting.pop(0).abort()
         self._waiting.append(transport)
-        self.loop.call_later(LIFE, self._leave, transport)
+        self.loop.call_later(LIFE, self._end_request, transport)
 
-    def _leave(self, transport: asyncio.Transport) -> None:
+    def _end_request(self, transport: asyncio.Transport) -> None:
         if transport.get_protocol() is self:  # and has not become a page
             transport.close()
             self.loop.call_later(_END, transport.abort)
@@ -80,20 +80,20 @@ class Socket(WebSocketsSansIOProtocol):
         for one in sorted(passing, key=lambda one: one._since)[: max(0, len(passing) - MOST + 1)]:
             one.transport.abort()
         _read_in_pieces(cast("asyncio.Transport", transport))
-        self.loop.call_later(_END, self._look, False)
-        self.loop.call_later(LIFE, self._leave)
+        self.loop.call_later(_END, self._abort_if_closing, False)
+        self.loop.call_later(LIFE, self._abort_handshake)
 
-    def _leave(self) -> None:
+    def _abort_handshake(self) -> None:
         """A handshake that came to nothing."""
         if not self.handshake_complete:
             self.transport.abort()
 
-    def _look(self, closing: bool) -> None:
+    def _abort_if_closing(self, closing: bool) -> None:
         """A page that never reads also keeps what is to be said last: two looks later it is cut off."""
         if closing:
             self.transport.abort()
         elif not self.disconnected:
-            self.loop.call_later(_END, self._look, self.transport.is_closing())
+            self.loop.call_later(_END, self._abort_if_closing, self.transport.is_closing())
 
     def data_received(self, data: bytes) -> None:
         """What cannot even be refused ends the connection."""

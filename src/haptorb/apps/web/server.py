@@ -21,7 +21,7 @@ import uvicorn
 from haptorb.apps.web.connection import OwnErrorFilter, Request, Socket
 from haptorb.errors import InputError
 
-__all__ = ["HOST", "Server", "bind_socket", "hurry", "server", "signals"]
+__all__ = ["HOST", "Server", "bind_socket", "prioritize", "server", "signals"]
 
 HOST = "127.0.0.1"
 _URGENT = -10  #: niceness of the serving thread
@@ -91,7 +91,7 @@ def bind_socket(port: int) -> socket.socket:
 
 
 @contextlib.contextmanager
-def hurry() -> Generator[None, None, None]:
+def prioritize() -> Generator[None, None, None]:
     """This thread keeps a hand's pose fresh: it goes before ordinary programs, where that is permitted (on Linux).
 
     Nor is it held up by a search for garbage in what exists now, which takes as long as a pose lives; what is made from

@@ -15,7 +15,7 @@ from starlette.datastructures import Headers
 
 from haptorb.errors import InputError
 
-__all__ = ["PROTOCOL", "TOKEN", "choose_token", "knows"]
+__all__ = ["PROTOCOL", "TOKEN", "choose_token", "is_authorized"]
 
 TOKEN = "HAPTORB_TOKEN"  #: of the environment: a token that stays the same from one start to the next
 PROTOCOL = "haptorb"  #: the subprotocol that is accepted; the token is offered as a second one
@@ -34,12 +34,12 @@ def choose_token() -> str:
     return given
 
 
-def knows(headers: Headers, token: str) -> bool:
+def is_authorized(headers: Headers, token: str) -> bool:
     """Whether a request shows `token`, in a header or as a subprotocol; compared in constant time.
 
-    >>> knows(Headers({"authorization": "Bearer abc"}), "abc")
+    >>> is_authorized(Headers({"authorization": "Bearer abc"}), "abc")
     True
-    >>> knows(Headers({"sec-websocket-protocol": "haptorb, token.abd"}), "abc")
+    >>> is_authorized(Headers({"sec-websocket-protocol": "haptorb, token.abd"}), "abc")
     False
     """
     shown = [one.removeprefix("Bearer ") for one in headers.getlist("authorization") if one.startswith("Bearer ")]

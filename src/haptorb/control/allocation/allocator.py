@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.numerics.record import record
 
 __all__ = ["Allocation", "Allocator", "check_limit", "check_problem"]
@@ -48,7 +48,7 @@ def check_limit(value: ArrayLike) -> Array:
     >>> check_limit([3, 0]).tolist()
     [3.0, 0.0]
     """
-    limit = finite(value, "current_limit")
+    limit = check_finite(value, "current_limit")
     if limit.ndim != 1 or limit.size == 0:
         raise InputError(f"current_limit must have one entry per channel, shape (m,); got shape {limit.shape}")
     if (limit < 0).any():

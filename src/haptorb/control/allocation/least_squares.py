@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from haptorb.control.allocation.allocator import Allocation, Allocator, check_limit, check_problem
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, Records, fields, finite
+from haptorb.numerics.arrays import Array, Records, check_finite, fields
 from haptorb.numerics.compiled import kernel
 
 __all__ = ["LeastSquaresAllocator", "least_squares_currents"]
@@ -200,7 +200,7 @@ class LeastSquaresAllocator(Allocator):
         compensate_passive: bool = False,
     ) -> None:
         self.current_limit = check_limit(current_limit)
-        worth = finite(weights, "weights")
+        worth = check_finite(weights, "weights")
         if worth.shape != (6,) or (worth < 0).any() or not worth.any():
             raise InputError(f"weights must be six numbers, none negative, not all zero; got {weights!r}")
         if not 0.0 <= damping <= 1.0:
@@ -244,14 +244,14 @@ class LeastSquaresAllocator(Allocator):
             raise InputError(f"wrench and wrench map must be finite; got wrench {wrench!r}, map {wrench_map!r}")
         return Allocation(currents, residual, scale < 1.0, scale)
 
-    def unreachable(self, wrench_map: WrenchMap) -> Array:
+    def unreachable_directions(self, wrench_map: WrenchMap) -> Array:
         """(n, 6) orthonormal directions, among the weighted components, in which no current does anything.
 
         For torque over a single magnet: one direction, the magnet's own axis.
         """
         weights = self.weights
         weighted = np.flatnonzero(weights)
-        matrix = finite(wrench_map.matrix, "wrench map")[weighted] * weights[weighted, None]
+        matrix = check_finite(wrench_map.matrix, "wrench map")[weighted] * weights[weighted, None]
         left, values, _ = np.linalg.svd(matrix)
         rank = int((values > self.truncation * values.max(initial=0.0)).sum()) if values.any() else 0
         directions = np.zeros((len(weighted) - rank, 6))

@@ -9,7 +9,7 @@ from haptorb.control.allocation.allocator import Allocation, Allocator, check_li
 from haptorb.control.allocation.bounded_power import NOT_FINITE, solve_bounded_power
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError, UnknownName
-from haptorb.numerics.arrays import Array, finite, vectors
+from haptorb.numerics.arrays import Array, check_finite, vectors
 from haptorb.numerics.compiled import kernel
 
 __all__ = ["MinimumPowerAllocator", "minimum_power_currents"]
@@ -25,7 +25,7 @@ def minimum_power_currents(K: ArrayLike, T: ArrayLike) -> Array:
     >>> minimum_power_currents(np.eye(3), (1.0, 2.0, 3.0)).tolist()
     [1.0, 2.0, 3.0]
     """
-    k = finite(K, "K")
+    k = check_finite(K, "K")
     if k.ndim < 2 or k.shape[-2] != 3:
         raise InputError(f"K must be a torque characteristic, shape (..., 3, m); got shape {k.shape}")
     torque = vectors(T, "T")
@@ -98,7 +98,7 @@ class MinimumPowerAllocator(Allocator):
         if infeasible not in _BEYOND:
             raise UnknownName("choice for an infeasible torque", infeasible, _BEYOND)
         ones = np.ones_like(self.current_limit)
-        self.resistance = ones if resistance is None else np.ascontiguousarray(finite(resistance, "resistance"))
+        self.resistance = ones if resistance is None else np.ascontiguousarray(check_finite(resistance, "resistance"))
         if self.resistance.shape != self.current_limit.shape or not (self.resistance > 0).all():
             raise InputError(
                 f"resistance must have one entry > 0 per channel, shape {self.current_limit.shape}; got {resistance!r}"

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 
 __all__ = ["Gains", "three"]
 
 
 def three(value: ArrayLike, what: str) -> tuple[float, float, float]:
     """`value` as three finite numbers, or InputError naming `what`. Shape (3,). In the unit of `value`: [any]."""
-    numbers = finite(value, what)
+    numbers = check_finite(value, what)
     if numbers.shape != (3,):
         raise InputError(f"{what} must be three numbers; got shape {numbers.shape}")
     return float(numbers[0]), float(numbers[1]), float(numbers[2])
@@ -57,10 +57,10 @@ class Gains:
 
         Raises InputError for a negative factor.
         """
-        factor = float(finite(factor, "factor"))
+        factor = float(check_finite(factor, "factor"))
         if factor < 0:
             raise InputError(f"factor must not be negative: the torques would push the wrong way; got {factor:g}")
-        move, turn = (three(factor * finite(part, "gains"), "gains") for part in self.torques)
+        move, turn = (three(factor * check_finite(part, "gains"), "gains") for part in self.torques)
         return replace(self, translate_torque=move, rotate_torque=turn)
 
     @property

@@ -124,13 +124,13 @@ def limit_currents(g: Record, heat: Record, coils: Records, wanted: Array) -> No
     """`held` of `coils` (m,) becomes what may flow of `wanted` (m,) [A]: within limits and slew, derated when warm,
     zero when it is off."""
     if g.restarted:
-        _hold_nothing(coils)
+        _clear_currents(coils)
         g.restarted = False
     hottest = heat.hottest
     if not hottest < heat.stop:  # safety: hot-coils-trip
         trip(g, _OVERHEATED)
     if g.state == _OFF or (g.state == _TRIPPED and g.gain == 0.0):
-        _hold_nothing(coils)
+        _clear_currents(coils)
         return
     share = 1.0
     if hottest > heat.derate:
@@ -142,13 +142,13 @@ def limit_currents(g: Record, heat: Record, coils: Records, wanted: Array) -> No
     for j in range(wanted.size):
         if not np.isfinite(wanted[j]):  # safety: nan-currents-trip
             trip(g, _CURRENTS)
-            _hold_nothing(coils)
+            _clear_currents(coils)
             return
     _hold(coils, wanted, share, g.slew * g.dt)  # safety: warm-coils-are-derated
 
 
 @kernel
-def _hold_nothing(coils: Records) -> None:
+def _clear_currents(coils: Records) -> None:
     for j in range(coils.size):
         coils[j].held = 0.0
 

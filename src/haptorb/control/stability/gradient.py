@@ -76,12 +76,12 @@ def steepest(
     def look(p: Array, t: float, moving: bool) -> float:
         """The steepness at `p`; its strongest spring [N/m]."""
         nonlocal away, jump
-        G, leap = _by_place(field, p, t)
+        G, leap = _position_gradient(field, p, t)
         jump = max(jump, leap)
         at = (float(p[0]), float(p[1]), float(p[2]))
         pull, u = np.linalg.eigh(-0.5 * (G + G.T))
         away = max(away, -float(pull[0]))
-        for D in _by_velocity(field, p, t) if moving else (np.zeros((3, 3)),):
+        for D in _velocity_gradient(field, p, t) if moving else (np.zeros((3, 3)),):
             for j in range(3):
                 found.append(Steepness(float(pull[j]), float(u[:, j] @ D @ u[:, j]), at))
         for gamma in np.linalg.eigvals(-G):
@@ -102,10 +102,10 @@ def steepest(
             else:
                 reach *= 0.5
         look(p, t, True)
-    return Steepest(_critical(found, keep), away, jump)
+    return Steepest(_select_critical(found, keep), away, jump)
 
 
-def _critical(found: list[Steepness], keep: int) -> tuple[Steepness, ...]:
+def _select_critical(found: list[Steepness], keep: int) -> tuple[Steepness, ...]:
     """The strongest springs, the strongest dampers and the strongest pushing dampers, each only once."""
     by: tuple[Callable[[Steepness], float], ...] = (
         lambda one: one.stiffness.real,
@@ -121,7 +121,7 @@ def _critical(found: list[Steepness], keep: int) -> tuple[Steepness, ...]:
     return tuple(chosen)
 
 
-def _by_place(field: Field, p: Array, t: float) -> tuple[Array, float]:
+def _position_gradient(field: Field, p: Array, t: float) -> tuple[Array, float]:
     """(3, 3) ∂F/∂p [N/m], columns that jump left out, and the greatest jump [N]."""
     G, jump, still = np.zeros((3, 3)), 0.0, np.zeros(3)
     for j in range(3):
@@ -132,7 +132,7 @@ def _by_place(field: Field, p: Array, t: float) -> tuple[Array, float]:
         whole, part = float(np.linalg.norm(wide)), float(np.linalg.norm(near))
         if whole > _NOTHING and (part > _JUMP * whole or part == 0.0):  # else the force follows the step
             beside = 1.25 * step if part == 0.0 else step
-            leap = _leap(field, p - beside, p + beside, t)
+            leap = _find_jump(field, p - beside, p + beside, t)
             if leap > _NOTHING:
                 jump = max(jump, leap)
                 continue
@@ -153,11 +153,11 @@ def _greatest_jump(field: Field, places: Array, times: Array, inside: Callable[[
         if change <= max(jump, _NOTHING):
             break
         if inside(low) and inside(high):
-            jump = max(jump, _leap(field, low, high, t))
+            jump = max(jump, _find_jump(field, low, high, t))
     return jump
 
 
-def _leap(field: Field, low: Array, high: Array, t: float) -> float:
+def _find_jump(field: Field, low: Array, high: Array, t: float) -> float:
     """The jump [N] somewhere between two places: the half that changes more is halved until a slope would be gone."""
     still = np.zeros(3)
     while np.linalg.norm(high - low) > 1e-9:
@@ -169,7 +169,7 @@ def _leap(field: Field, low: Array, high: Array, t: float) -> float:
     return leap if leap > _NOTHING else 0.0
 
 
-def _by_velocity(field: Field, p: Array, t: float) -> tuple[Array, Array]:
+def _velocity_gradient(field: Field, p: Array, t: float) -> tuple[Array, Array]:
     """(3, 3) −∂F/∂v [N·s/m], symmetric: the one that brakes most and the one that pushes most, of standing still and of
     moving either way along each axis."""
     found = []

@@ -35,7 +35,7 @@ class HandGrip:
                 f"got {', '.join(f'{value:g}' for value in values)}"
             )
 
-    def holding(self, mass: float) -> HandGrip:
+    def with_mass(self, mass: float) -> HandGrip:
         """The same hand with a thing of `mass` [kg] in it."""
         return HandGrip(self.mass + mass, self.damping, self.stiffness)
 

@@ -143,7 +143,7 @@ class SphericalElectromagnet(Device):
     def wrench_map(self, state: State, model: str) -> WrenchMap:
         """(6, 3) per ampere and (6,) passive, torque about the tool's magnet; GeometryError inside the dome's core."""
         x, y, z = state.p.tolist()
-        if x * x + y * y + z * z < self._inside:
+        if x * x + y * y + z * z < self._closest_square:
             raise GeometryError(
                 f"device '{self.name}': a tool magnet at {state.distance * 1e3:.1f} mm from the centre would be inside "
                 f"the core; contact is at {self.contact_distance * 1e3:.1f} mm"
@@ -169,7 +169,7 @@ class SphericalElectromagnet(Device):
         ]
 
     @cached_property
-    def _inside(self) -> float:
+    def _closest_square(self) -> float:
         """Square of the distance below which the tool's magnet would reach into the core [m²]."""
         return (self.core_radius + 0.5 * self.tool.length) ** 2
 

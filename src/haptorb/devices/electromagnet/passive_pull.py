@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from haptorb.errors import GeometryError, PrecisionError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.soft_sphere import SoftSphere, pair_sums
@@ -139,7 +139,7 @@ class PassivePull:
         ring = ChargedRing(self.outer_radius, self.inner_radius, self.length, self.remanence, radial=3, azimuth=12)
         sphere = SoftSphere(self.core_radius, self.core_permeability)
         closest = self.core_radius + max(self.length / 2, self.outer_radius)
-        if not float(finite(self.nearest, "nearest")) > closest:
+        if not float(check_finite(self.nearest, "nearest")) > closest:
             raise GeometryError(
                 f"nearest must leave air between magnet and core, more than {closest * 1e3:.4g} mm from centre to "
                 f"centre; got {self.nearest * 1e3:.4g} mm"

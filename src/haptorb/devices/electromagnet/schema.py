@@ -21,7 +21,7 @@ from haptorb.devices.schema.sections import (
     Positive,
     Section,
     ThermometerSection,
-    hollow,
+    check_wall,
 )
 
 __all__ = ["ElectromagnetFile"]
@@ -62,7 +62,7 @@ class ToolSection(Section):
 
     @model_validator(mode="after")
     def _ring(self) -> ToolSection:
-        hollow(self.inner_radius, self.outer_radius)
+        check_wall(self.inner_radius, self.outer_radius)
         if self.tip_distance < self.length / 2:
             raise ValueError(f"tip_distance must be at least half the magnet's length ({self.length * 500:g} mm)")
         return self
@@ -98,7 +98,7 @@ class MarksSection(Section):
     positions: Annotated[tuple[Point, ...], Len(3, 100)]
 
     @model_validator(mode="after")
-    def _apart(self) -> MarksSection:
+    def _check_marks(self) -> MarksSection:
         if len(self.names) != len(self.positions):
             raise ValueError(f"has {len(self.names)} names but {len(self.positions)} positions")
         if len(set(self.names)) != len(self.names):
@@ -143,7 +143,7 @@ class ElectromagnetFile(CommonFile):
         return self
 
     @model_validator(mode="after")
-    def _fits(self) -> ElectromagnetFile:
+    def _check_sizes(self) -> ElectromagnetFile:
         if len(self.coils.names) != 3:
             raise ValueError(f"coils.names must be three for a spherical electromagnet; got {len(self.coils.names)}")
         if self.dome.radius <= self.electromagnet.core_radius:

@@ -9,7 +9,7 @@ from haptorb.devices.device import Device, require
 from haptorb.devices.loader import load
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, finite, rotation, vectors
+from haptorb.numerics.arrays import Array, check_finite, rotation, vectors
 from haptorb.numerics.compiled import kernel
 
 __all__ = ["field", "motor", "sensor_field", "torque_characteristic"]
@@ -75,7 +75,7 @@ def field(device: Device | str, R_SR: ArrayLike, points: ArrayLike, currents: Ar
         raise InputError(f"points must have shape (p, 3); got {at.shape}")
     B = known.field(R, at)
     if currents is not None:
-        flowing = finite(currents, "currents")
+        flowing = check_finite(currents, "currents")
         if flowing.shape != (known.channels,):
             raise InputError(f"currents must have shape ({known.channels},), one per channel; got {flowing.shape}")
         B = B + known.coil_field(at, flowing)
@@ -84,7 +84,7 @@ def field(device: Device | str, R_SR: ArrayLike, points: ArrayLike, currents: Ar
 
 def _orientations(R_SR: ArrayLike) -> tuple[Array, bool]:
     """(n, 3, 3) checked, and whether one orientation was given; the check is compiled, as the servo comes by here."""
-    R = np.asarray(R_SR, dtype=np.float64) if not isinstance(R_SR, str) else finite(R_SR, "R_SR")
+    R = np.asarray(R_SR, dtype=np.float64) if not isinstance(R_SR, str) else check_finite(R_SR, "R_SR")
     if R.ndim not in (2, 3) or R.shape[-2:] != (3, 3):
         raise InputError(f"R_SR must have shape (3, 3) or (n, 3, 3); got {R.shape}")
     batch = np.ascontiguousarray(R.reshape(-1, 3, 3))

@@ -10,7 +10,7 @@ import numpy as np
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 
-__all__ = ["Layout", "PartRing", "alternating", "spherical_frames"]
+__all__ = ["Layout", "PartRing", "alternate_signs", "spherical_frames"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ def spherical_frames(directions: Array) -> Array:
     return frames
 
 
-def alternating(counts: Sequence[int], pattern: str) -> Array:
+def alternate_signs(counts: Sequence[int], pattern: str) -> Array:
     """(Σ counts,) signs ±1 of the magnets of neighbouring rings, the first of them outward.
 
     "checkerboard" alternates along a ring and from ring to ring, as the distances say (along a ring and across the two
@@ -94,7 +94,7 @@ def alternating(counts: Sequence[int], pattern: str) -> Array:
 
     Raises InputError for another pattern.
 
-    >>> alternating([4, 4], "checkerboard").tolist()
+    >>> alternate_signs([4, 4], "checkerboard").tolist()
     [1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0]
     """
     if pattern not in ("checkerboard", "in-phase"):

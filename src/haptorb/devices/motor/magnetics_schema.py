@@ -8,9 +8,9 @@ import numpy as np
 from annotated_types import Ge, Len
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from haptorb.devices.motor.layouts import Layout, PartRing, alternating
+from haptorb.devices.motor.layouts import Layout, PartRing, alternate_signs
 from haptorb.devices.schema import quantity as q
-from haptorb.devices.schema.sections import Count, Positive, Section, hollow
+from haptorb.devices.schema.sections import Count, Positive, Section, check_wall
 from haptorb.errors import quote
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources.multipole import MultipoleSource
@@ -61,14 +61,14 @@ class RingSection(Section):
         return PartRing(self.latitude, self.count, self.first, self.step)
 
 
-def _few(rings: tuple[RingSection, ...]) -> tuple[RingSection, ...]:
+def _check_count(rings: tuple[RingSection, ...]) -> tuple[RingSection, ...]:
     total = sum(ring.count for ring in rings)
     if total > _MOST_PARTS:
         raise ValueError(f"must have at most {_MOST_PARTS} parts on all rings together; got {total}")
     return rings
 
 
-Rings = Annotated[tuple[RingSection, ...], Len(1, _MOST_PARTS), AfterValidator(_few)]
+Rings = Annotated[tuple[RingSection, ...], Len(1, _MOST_PARTS), AfterValidator(_check_count)]
 
 
 class MultipoleSection(Section):
@@ -95,7 +95,7 @@ class MagnetsSection(Section):
     multipole: MultipoleSection | None = None
 
     @model_validator(mode="after")
-    def _one_sign_each(self) -> MagnetsSection:
+    def _check_polarity(self) -> MagnetsSection:
         total = sum(ring.count for ring in self.rings)
         if not isinstance(self.polarity, str) and len(self.polarity) != total:
             raise ValueError(f"has {total} magnets but {len(self.polarity)} values of polarity")
@@ -104,7 +104,7 @@ class MagnetsSection(Section):
     def signs(self) -> Array:
         """(p,) polarity of every magnet."""
         if isinstance(self.polarity, str):
-            return alternating([ring.count for ring in self.rings], self.polarity)
+            return alternate_signs([ring.count for ring in self.rings], self.polarity)
         return np.array(self.polarity)
 
 
@@ -121,8 +121,8 @@ class ElectromagnetsSection(Section):
     multipole: MultipoleSection | None = None
 
     @model_validator(mode="after")
-    def _has_a_winding(self) -> ElectromagnetsSection:
-        hollow(self.inner_radius, self.outer_radius)
+    def _check_winding(self) -> ElectromagnetsSection:
+        check_wall(self.inner_radius, self.outer_radius)
         return self
 
 

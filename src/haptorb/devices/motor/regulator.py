@@ -18,7 +18,7 @@ from haptorb.numerics.compiled import kernel
 from haptorb.physics.interaction import wrench
 from haptorb.physics.sources.ring import RingMagnet
 
-__all__ = ["Regulator", "leaning"]
+__all__ = ["Regulator", "torque_over_sine"]
 
 _NODES = 14  #: tilts at which the exact torque is taken; the polynomial through them is good to 1e-6
 
@@ -45,7 +45,7 @@ class Regulator:
 
     @cached_property
     def series(self) -> tuple[Array, float]:
-        """(14,) Chebyshev coefficients of torque over sin(tilt) [N·m], and the least cosine: for `leaning`."""
+        """(14,) Chebyshev coefficients of torque over sin(tilt) [N·m], and the least cosine: for `torque_over_sine`."""
         low = float(np.cos(self.greatest_tilt))
         node = np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
         cosine = 0.5 * (1 + low) + 0.5 * (1 - low) * node
@@ -53,13 +53,9 @@ class Regulator:
         values = np.array([self.torque(tilt) for tilt in tilts]) / np.sin(tilts)
         return np.asarray(chebyshev.chebfit(node, values, _NODES - 1)), low
 
-    def stiffness_at(self, cosine: float) -> float:
-        """Restoring torque over sin(tilt) [N·m], for cos(tilt); held constant beyond `greatest_tilt`."""
-        return leaning(cosine, *self.series)
-
 
 @kernel
-def leaning(cosine: float, coefficients: Array, least: float) -> float:
+def torque_over_sine(cosine: float, coefficients: Array, least: float) -> float:
     """Torque over sin(tilt) [N·m], positive where it turns the rotor back upright: Σ a_n T_n by Clenshaw's recurrence.
 
     coefficients (n,) [N·m] over cos(tilt) from `least` to 1; held constant beyond.

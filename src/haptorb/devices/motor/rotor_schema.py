@@ -55,7 +55,7 @@ class RotorSection(Section):
     handle_length: Annotated[q.Length, Positive]
 
     @model_validator(mode="after")
-    def _is_a_body(self) -> RotorSection:
+    def _check_inertia(self) -> RotorSection:
         if 2 * max(self.inertia) > sum(self.inertia):
             raise ValueError("inertia must obey I1 ≤ I2 + I3, as every body's does")
         return self
@@ -71,7 +71,7 @@ class RegulatorRingSection(Section):
     height: q.Length
 
     @model_validator(mode="after")
-    def _is_a_ring(self) -> RegulatorRingSection:
+    def _check_ring(self) -> RegulatorRingSection:
         if self.inner_radius >= self.outer_radius:
             raise ValueError("inner_radius must be smaller than outer_radius")
         return self

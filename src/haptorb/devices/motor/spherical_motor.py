@@ -23,7 +23,7 @@ from haptorb.devices.motor.models import (
     multipole_field,
     multipole_torque,
 )
-from haptorb.devices.motor.regulator import Regulator, leaning
+from haptorb.devices.motor.regulator import Regulator, torque_over_sine
 from haptorb.devices.motor.tables import MotorTables, motor_tables
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
@@ -166,7 +166,7 @@ class SphericalMotor(Device):
         """(6,) torque on the rotor at zero current: its weight, and the regulator that holds it up [N·m]."""
         wrench = np.zeros(6)
         axis = R_SR[:, 2]
-        back = leaning(float(axis[2]), *self.leaning)
+        back = torque_over_sine(float(axis[2]), *self.leaning)
         wrench[3] = back * axis[1]  # back · ẑ_R × Ẑ
         wrench[4] = -back * axis[0]
         return wrench

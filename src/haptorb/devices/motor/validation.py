@@ -58,8 +58,8 @@ def findings(motor: SphericalMotor, groups: Sequence[Sequence[int]], *, antipoda
     found += _overlaps("magnets", "PM", motor.magnets, magnet.radius, magnet.length)
     found += _gap(motor)
     if antipodal:
-        found += _not_facing(motor.electromagnets, groups)
-    return found + _weakness(motor, groups)
+        found += _list_not_facing(motor.electromagnets, groups)
+    return found + _list_weaknesses(motor, groups)
 
 
 def _overlaps(section: str, letters: str, layout: Layout, radius: float, length: float) -> list[str]:
@@ -104,7 +104,7 @@ def _gap(motor: SphericalMotor) -> list[str]:
     return found
 
 
-def _not_facing(layout: Layout, groups: Sequence[Sequence[int]]) -> list[str]:
+def _list_not_facing(layout: Layout, groups: Sequence[Sequence[int]]) -> list[str]:
     pairs = []
     for members in groups:
         if len(members) != 2:
@@ -131,7 +131,7 @@ def workspace_sample(tilt: float, tilts: int, spins: int) -> Array:
     return rotation_from_euler(psi.ravel(), lam.ravel(), phi.ravel())
 
 
-def _weakness(motor: SphericalMotor, groups: Sequence[Sequence[int]]) -> list[str]:
+def _list_weaknesses(motor: SphericalMotor, groups: Sequence[Sequence[int]]) -> list[str]:
     """Rank and condition of the grouped torque characteristic, at the dipole model: symmetry shows there as well."""
     R = workspace_sample(motor.workspace_tilt, 5, 48)
     single = motor.torque_characteristic(R, "dipole")

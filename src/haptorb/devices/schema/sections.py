@@ -24,7 +24,7 @@ __all__ = [
     "SupplySection",
     "Text",
     "ThermometerSection",
-    "hollow",
+    "check_wall",
 ]
 
 Positive = Gt(0)
@@ -34,7 +34,7 @@ Text = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]*$", max_length=400)
 Point = Annotated[tuple[q.Length, ...], Len(3, 3)]
 
 
-def hollow(inner_radius: float, outer_radius: float) -> None:
+def check_wall(inner_radius: float, outer_radius: float) -> None:
     """ValueError unless a ring of these radii [m] has a wall."""
     if inner_radius >= outer_radius:
         raise ValueError(
@@ -61,7 +61,7 @@ class HeatSection(Section):
     stop: Annotated[q.Temperature, Positive]
 
     @model_validator(mode="after")
-    def _in_order(self) -> HeatSection:
+    def _check_order(self) -> HeatSection:
         if not self.ambient < self.warn < self.derate < self.stop:
             raise ValueError("must have ambient < warn < derate < stop")
         return self
@@ -83,7 +83,7 @@ class CoilsSection(Section):
     heat: HeatSection
 
     @model_validator(mode="after")
-    def _one_each(self) -> CoilsSection:
+    def _check_lengths(self) -> CoilsSection:
         for key in ("resistance", "inductance", "current_limit"):
             count = len(getattr(self, key))
             if count != len(self.names):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from haptorb.errors import GeometryError, InputError, PrecisionError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.physics.interaction import wrench
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.placement import PlacedSource
@@ -57,7 +57,7 @@ class PairTable:
         >>> value.tolist(), slope.tolist()
         ([[3.0]], [[-0.5]])
         """
-        chord = np.sqrt(np.maximum(2 - 2 * finite(cosine, "cosine"), 1e-30))
+        chord = np.sqrt(np.maximum(2 - 2 * check_finite(cosine, "cosine"), 1e-30))
         piece = np.minimum((chord * self.scale).astype(np.int64), len(self.cells) - 1)
         t = chord * self.scale - piece
         c = np.moveaxis(self.cells[piece].reshape(*piece.shape, self.functions, 6), -1, 0)
@@ -138,7 +138,7 @@ def field_table(
 
 
 def _distance(value: float, what: str) -> float:
-    number = finite(value, what)
+    number = check_finite(value, what)
     if number.ndim or number < 0:
         raise InputError(f"{what} must be one distance in metres, not negative; got {value!r}")
     return float(number)
@@ -147,7 +147,7 @@ def _distance(value: float, what: str) -> float:
 def _tabulate(
     exact: Callable[[Array, Callable[[], None]], Array], precision: float, progress: Progress | None
 ) -> PairTable:
-    if not 0 < float(finite(precision, "precision")) < 1:
+    if not 0 < float(check_finite(precision, "precision")) < 1:
         raise InputError(f"precision must be a relative error between 0 and 1; got {precision!r}")
     series, tail = _series(exact, precision, progress)
     cells, gap = _cells(series, _FEWEST)

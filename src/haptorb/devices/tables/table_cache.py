@@ -40,7 +40,8 @@ from haptorb.physics.sources.round_body import RoundBody
 
 __all__ = ["load_field_table", "load_torque_table"]
 
-#: whose code makes a table's numbers: `pair_table`, and what it imports, but for what only carries numbers about
+#: whose code makes a table's numbers: `pair_table`, the magnets it is given, and what they import, but for what only
+#: carries numbers about
 _MAKERS = (
     *(pair_table, interaction, bessel, coil, current_sheet, cylinder, dipole, elliptic, placement, ring, round_body),
     *(winding_field, zonal),
@@ -119,7 +120,7 @@ def _read(path: Path, name: str, functions: int) -> PairTable | None:
             and columns == 6 * functions
             and rows > 1
             and len(numbers) == 8 * rows * columns
-            and told["sha256"] == _seal(numbers, told["scale"], told["bound"])
+            and told["sha256"] == _digest(numbers, told["scale"], told["bound"])
         )
         if not sound:
             return None
@@ -129,7 +130,7 @@ def _read(path: Path, name: str, functions: int) -> PairTable | None:
         return None
 
 
-def _seal(numbers: bytes, scale: float, bound: float) -> str:
+def _digest(numbers: bytes, scale: float, bound: float) -> str:
     return hashlib.sha256(numbers + f"{scale!r} {bound!r}".encode()).hexdigest()
 
 
@@ -140,7 +141,7 @@ def _write(path: Path, name: str, table: PairTable) -> None:
         "shape": list(table.cells.shape),
         "scale": table.scale,
         "bound": table.bound,
-        "sha256": _seal(numbers, table.scale, table.bound),
+        "sha256": _digest(numbers, table.scale, table.bound),
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(path) as part:

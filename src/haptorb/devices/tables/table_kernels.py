@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["sensor_field", "sensor_field_gradient", "torque_characteristic", "torque_characteristic_gradient"]
+__all__ = ["sensor_field", "sensor_field_gradient", "torque_characteristic"]
 
 _NEAR = 1e-9  #: on the axis itself slope/x is 0/0: the slope vanishes there, and so does what it multiplies
 Places: TypeAlias = NDArray[np.int32]
@@ -71,51 +71,6 @@ def torque_characteristic(
             out[n, 0, j] = y * cz - z * cy
             out[n, 1, j] = z * cx - x * cz
             out[n, 2, j] = x * cy - y * cx
-
-
-@kernel
-def torque_characteristic_gradient(
-    cells: Array, scale: float, magnets: Array, strength: Array, coils: Array, R: Array, out: Array
-) -> None:
-    """out (n, 3, m, 3) [N·m/A/rad], [n, i, j, a] = ∂K_ij/∂δ_a.
-
-    ∂K_j/∂δ = Σ strength [k′ w wᵀ + k (u cᵀ − (u·c) 1)] with w = u × c.
-    """
-    count, last = magnets.shape[0], cells.shape[0] - 1
-    u, place, piece = np.empty((3, count)), np.empty(count), np.empty(count, np.int32)
-    for n in range(R.shape[0]):
-        _turn_axes(R[n], magnets, u)
-        for j in range(coils.shape[0]):
-            cx, cy, cz = coils[j, 0], coils[j, 1], coils[j, 2]
-            _locate_pieces(u, cx, cy, cz, scale, last, place, piece)
-            x, y, z, spin = 0.0, 0.0, 0.0, 0.0
-            xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for i in range(count):
-                ux, uy, uz, p, t = u[0, i], u[1, i], u[2, i], piece[i], place[i]
-                c0, c1, c2, c3, c4, c5 = cells[p, 0], cells[p, 1], cells[p, 2], cells[p, 3], cells[p, 4], cells[p, 5]
-                k = strength[i] * (c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5)))))
-                slope = c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5)))
-                slope *= -strength[i] * scale * scale / max(p + t, _NEAR)  # by the cosine: dx/d(u·c) = −1/x
-                wx, wy, wz = uy * cz - uz * cy, uz * cx - ux * cz, ux * cy - uy * cx
-                x += k * ux
-                y += k * uy
-                z += k * uz
-                spin += k * (ux * cx + uy * cy + uz * cz)
-                xx += slope * wx * wx
-                yy += slope * wy * wy
-                zz += slope * wz * wz
-                xy += slope * wx * wy
-                xz += slope * wx * wz
-                yz += slope * wy * wz
-            out[n, 0, j, 0] = xx + x * cx - spin
-            out[n, 0, j, 1] = xy + x * cy
-            out[n, 0, j, 2] = xz + x * cz
-            out[n, 1, j, 0] = xy + y * cx
-            out[n, 1, j, 1] = yy + y * cy - spin
-            out[n, 1, j, 2] = yz + y * cz
-            out[n, 2, j, 0] = xz + z * cx
-            out[n, 2, j, 1] = yz + z * cy
-            out[n, 2, j, 2] = zz + z * cz - spin
 
 
 @kernel

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptorb.errors import GeometryError, InputError
-from haptorb.numerics.arrays import Array, finite, rotation, vectors
+from haptorb.numerics.arrays import Array, check_finite, rotation, vectors
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.dipole import MU0
 from haptorb.physics.sources.source import Source
@@ -118,8 +118,8 @@ class ChargedRing(Source):
         azimuth: int = 8,
     ) -> None:
         for value, what in ((outer_radius, "outer_radius"), (inner_radius, "inner_radius"), (length, "length")):
-            finite(value, what)
-        finite(remanence, "remanence")
+            check_finite(value, what)
+        check_finite(remanence, "remanence")
         if not (outer_radius > inner_radius >= 0.0) or length <= 0.0:
             raise GeometryError(
                 "a ring needs outer_radius > inner_radius ≥ 0 and length > 0; got "

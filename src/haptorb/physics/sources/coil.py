@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import InputError, PrecisionError
-from haptorb.numerics.arrays import Array, finite, vectors
+from haptorb.numerics.arrays import Array, check_finite, vectors
 from haptorb.physics.sources import round_body
 from haptorb.physics.sources.bessel import integrate_bessel
 from haptorb.physics.sources.dipole import MU0
@@ -44,7 +44,7 @@ class Coil(RoundBody):
     def __init__(
         self, turns: float, inner_radius: float, outer_radius: float, length: float, precision: float = 1e-10
     ) -> None:
-        number = finite(turns, "turns")
+        number = check_finite(turns, "turns")
         if number.ndim or number <= 0:
             raise InputError(f"turns must be one positive number; got {turns!r}")
         self.turns = float(number)
@@ -152,13 +152,13 @@ class Coil(RoundBody):
 
 
 def _share(fill: float) -> float:
-    if not 0 < float(finite(fill, "fill")) <= 1:
+    if not 0 < float(check_finite(fill, "fill")) <= 1:
         raise InputError(f"fill must be a share of the winding section in (0, 1]; got {fill!r}")
     return float(fill)
 
 
 def _relative(precision: float) -> float:
-    number = finite(precision, "precision")
+    number = check_finite(precision, "precision")
     if number.ndim or not 0 < number < 1:
         raise InputError(f"precision must be a relative error between 0 and 1; got {precision!r}")
     return float(number)

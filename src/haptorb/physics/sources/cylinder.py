@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.physics.sources import round_body
 from haptorb.physics.sources.dipole import MU0
 from haptorb.physics.sources.round_body import RoundBody, SheetStack
@@ -35,7 +35,7 @@ class CylinderMagnet(RoundBody):
     def __init__(self, radius: float, length: float, polarization: float) -> None:
         self.outer_radius = round_body.length(radius, "radius")
         self.length = round_body.length(length, "length")
-        self.polarization = float(finite(polarization, "polarization"))
+        self.polarization = float(check_finite(polarization, "polarization"))
         self._sheets = SheetStack([self.outer_radius], 0.5 * self.length, [self.polarization])
 
     def __repr__(self) -> str:

@@ -15,7 +15,7 @@ from haptorb.numerics.arrays import Array, vectors
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.source import Source
 
-__all__ = ["MU0", "Dipole", "field", "field_gradient", "force", "force_jacobians", "torque", "torque_jacobians"]
+__all__ = ["MU0", "Dipole", "field", "field_gradient", "force", "torque"]
 
 MU0 = 4e-7 * np.pi  #: vacuum permeability [T·m/A], the rounded value that both papers use
 _K = MU0 / (4 * np.pi)
@@ -47,28 +47,7 @@ def _gradient(m: Array, r: Array, out: Array) -> None:
                 out[n, i, j] = c * g
 
 
-@kernel
-def _curvature(m: Array, r: Array, out: Array) -> None:
-    """out[n, i, j, k] = ∂²B_i/∂x_j∂x_k."""
-    for n in range(r.shape[0]):
-        q = 1.0 / (r[n, 0] ** 2 + r[n, 1] ** 2 + r[n, 2] ** 2)
-        c = 3.0 * _K * q * q * np.sqrt(q)
-        s = m[n, 0] * r[n, 0] + m[n, 1] * r[n, 1] + m[n, 2] * r[n, 2]
-        for i in range(3):
-            for j in range(3):
-                for k in range(3):
-                    a, b, d = r[n, i], r[n, j], r[n, k]
-                    g = 35.0 * s * q * q * a * b * d - 5.0 * q * (m[n, i] * b * d + m[n, j] * a * d + m[n, k] * a * b)
-                    if i == j:
-                        g += m[n, k] - 5.0 * q * s * d
-                    if i == k:
-                        g += m[n, j] - 5.0 * q * s * b
-                    if j == k:
-                        g += m[n, i] - 5.0 * q * s * a
-                    out[n, i, j, k] = c * g
-
-
-def _flat(*arrays: ArrayLike, names: tuple[str, ...]) -> tuple[tuple[int, ...], list[Array]]:
+def _flatten(*arrays: ArrayLike, names: tuple[str, ...]) -> tuple[tuple[int, ...], list[Array]]:
     checked = [vectors(array, name) for array, name in zip(arrays, names, strict=True)]
     shape = np.broadcast_shapes(*(array.shape for array in checked))
     flat = [np.ascontiguousarray(np.broadcast_to(array, shape).reshape(-1, 3)) for array in checked]
@@ -85,7 +64,7 @@ def field(moment: ArrayLike, r: ArrayLike) -> Array:
     >>> bool(abs(field((0, 0, 1.0), (0, 0, 0.1))[2] - 2e-4) < 1e-12)
     True
     """
-    shape, (m, at) = _flat(moment, r, names=("moment", "r"))
+    shape, (m, at) = _flatten(moment, r, names=("moment", "r"))
     out = np.empty_like(at)
     _field(m, at, out)
     return out.reshape(*shape, 3)
@@ -97,7 +76,7 @@ def field_gradient(moment: ArrayLike, r: ArrayLike) -> Array:
     >>> bool(abs(np.trace(field_gradient((1.0, 2, 3), (0.1, 0, 0.2)))) < 1e-15)
     True
     """
-    shape, (m, at) = _flat(moment, r, names=("moment", "r"))
+    shape, (m, at) = _flatten(moment, r, names=("moment", "r"))
     out = np.empty((len(at), 3, 3))
     _gradient(m, at, out)
     return out.reshape(*shape, 3, 3)
@@ -110,7 +89,7 @@ def force(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> Array:
     >>> bool(abs(pull[2] + 6 * MU0 * 6 / (4 * np.pi * 0.05**4)) < 1e-12)
     True
     """
-    shape, (m1, m2, at) = _flat(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
+    shape, (m1, m2, at) = _flatten(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
     gradient = np.empty((len(at), 3, 3))
     _gradient(m1, at, gradient)
     out: Array = np.einsum("nij,nj->ni", gradient, m2)
@@ -119,59 +98,10 @@ def force(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> Array:
 
 def torque(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> Array:
     """Torque (..., 3) [N·m] on `moment_2` about its own centre, at `r` from `moment_1`: m₂ × B₁."""
-    shape, (m1, m2, at) = _flat(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
+    shape, (m1, m2, at) = _flatten(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
     b = np.empty_like(at)
     _field(m1, at, b)
     return np.cross(m2, b).reshape(*shape, 3)
-
-
-def _unit_fields(at: Array) -> Array:
-    """(n, 3, 3) ∂B_i/∂m_l: the field of unit moments."""
-    unit = np.empty((len(at), 3, 3))
-    column = np.empty_like(at)
-    for axis in range(3):
-        m = np.zeros_like(at)
-        m[:, axis] = 1.0
-        _field(m, at, column)
-        unit[:, :, axis] = column
-    return unit
-
-
-def force_jacobians(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> tuple[Array, Array, Array]:
-    """Derivatives of `force` by r [N/m], by moment_1 and by moment_2 [N/(A·m²)], each (..., 3, 3), [i, k] = ∂F_i/∂·_k.
-
-    >>> d_r, _, _ = force_jacobians((0, 0, 1.0), (0, 0, 1.0), (0, 0, 0.05))
-    >>> bool(d_r[2, 2] > 0)     # attraction weakens with distance
-    True
-    """
-    shape, (m1, m2, at) = _flat(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
-    count = len(at)
-    gradient = np.empty((count, 3, 3))
-    curvature = np.empty((count, 3, 3, 3))
-    _gradient(m1, at, gradient)
-    _curvature(m1, at, curvature)
-    by_r = np.einsum("nijk,nj->nik", curvature, m2)
-    by_m1 = np.empty((count, 3, 3))
-    for axis in range(3):  # F = ∇(m₂·B₁) is linear in m₁: its columns are the forces of unit moments
-        unit = np.zeros_like(at)
-        unit[:, axis] = 1.0
-        column = np.empty((count, 3, 3))
-        _gradient(unit, at, column)
-        by_m1[:, :, axis] = np.einsum("nij,nj->ni", column, m2)
-    return by_r.reshape(*shape, 3, 3), by_m1.reshape(*shape, 3, 3), gradient.reshape(*shape, 3, 3)
-
-
-def torque_jacobians(moment_1: ArrayLike, moment_2: ArrayLike, r: ArrayLike) -> tuple[Array, Array, Array]:
-    """Derivatives of `torque` by r [N], by moment_1 and by moment_2 [T], each (..., 3, 3), [i, k] = ∂T_i/∂·_k."""
-    shape, (m1, m2, at) = _flat(moment_1, moment_2, r, names=("moment_1", "moment_2", "r"))
-    gradient = np.empty((len(at), 3, 3))
-    b = np.empty_like(at)
-    _gradient(m1, at, gradient)
-    _field(m1, at, b)
-    by_r = np.cross(m2[:, :, None], gradient, axis=1)
-    by_m1 = np.cross(m2[:, :, None], _unit_fields(at), axis=1)
-    by_m2 = np.cross(np.eye(3)[None], b[:, :, None], axis=1)
-    return by_r.reshape(*shape, 3, 3), by_m1.reshape(*shape, 3, 3), by_m2.reshape(*shape, 3, 3)
 
 
 class Dipole(Source):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import GeometryError, InputError
-from haptorb.numerics.arrays import Array, finite, rotation, vectors
+from haptorb.numerics.arrays import Array, check_finite, rotation, vectors
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources import round_body
 from haptorb.physics.sources.dipole import MU0
@@ -77,7 +77,7 @@ class MultipoleSource(Source):
     def __init__(self, radius: float, pole_distance: float, loop_strengths: ArrayLike, per_loop: int) -> None:
         self.radius = round_body.length(radius, "radius")
         self.pole_distance = round_body.length(pole_distance, "pole_distance")
-        self.loop_strengths = finite(loop_strengths, "loop_strengths")
+        self.loop_strengths = check_finite(loop_strengths, "loop_strengths")
         if self.loop_strengths.ndim != 1 or not len(self.loop_strengths):
             raise InputError(f"loop_strengths must be m_0 … m_k, shape (k + 1,); got {self.loop_strengths.shape}")
         if int(per_loop) != per_loop or per_loop < 1:
@@ -113,7 +113,7 @@ class MultipoleSource(Source):
         flat = np.ascontiguousarray(at.reshape(-1, 3))
         out = np.empty_like(flat)
         _field(self._soa, self.strengths, flat, out)
-        return _off_the_poles(out).reshape(at.shape)
+        return _check_poles(out).reshape(at.shape)
 
     def field_gradient(self, points: ArrayLike) -> Array:
         """(..., 3, 3) [T/m], [i, j] = ∂B_i/∂x_j."""
@@ -121,7 +121,7 @@ class MultipoleSource(Source):
         flat = np.ascontiguousarray(at.reshape(-1, 3))
         out = np.empty((len(flat), 3, 3))
         _gradient(self._soa, self.strengths, flat, out)
-        return _off_the_poles(out).reshape(*at.shape, 3)
+        return _check_poles(out).reshape(*at.shape, 3)
 
 
 def loop_poles(radius: float, loops: int, per_loop: int) -> Array:
@@ -160,7 +160,7 @@ def multipole_wrench(
     return np.concatenate([forces.sum(axis=0), np.cross(poles - pivot, forces).sum(axis=0)])
 
 
-def _off_the_poles(out: Array) -> Array:
+def _check_poles(out: Array) -> Array:
     if not np.isfinite(out).all():
         raise GeometryError("the field of a multipole model is infinite at its poles, and one of the points is a pole")
     return out

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import final
 
 import numpy as np
@@ -12,7 +11,7 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, rotation, vectors
 from haptorb.physics.sources.source import Source
 
-__all__ = ["PlacedSource", "SourceSum"]
+__all__ = ["PlacedSource"]
 
 
 @final
@@ -42,56 +41,18 @@ class PlacedSource(Source):
 
     def field(self, points: ArrayLike) -> Array:
         """Flux density (..., 3) [T] at `points` (..., 3) [m], both in the common frame."""
-        field: Array = self.source.field(self._own(points)) @ self.turn.T
+        field: Array = self.source.field(self._to_own_frame(points)) @ self.turn.T
         return field
 
     def field_gradient(self, points: ArrayLike) -> Array:
         """(..., 3, 3) [T/m], [i, j] = ∂B_i/∂x_j, in the common frame."""
-        gradient: Array = self.turn @ self.source.field_gradient(self._own(points)) @ self.turn.T
+        gradient: Array = self.turn @ self.source.field_gradient(self._to_own_frame(points)) @ self.turn.T
         return gradient
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """(...,) whether `points` (..., 3) [m] lie in the source's matter."""
-        return self.source.contains(self._own(points))
+        return self.source.contains(self._to_own_frame(points))
 
-    def _own(self, points: ArrayLike) -> Array:
+    def _to_own_frame(self, points: ArrayLike) -> Array:
         own: Array = (vectors(points, "points") - self.position) @ self.turn
         return own
-
-
-@final
-class SourceSum(Source):
-    """Several sources at once: fields and moments add (there is no soft iron here)."""
-
-    def __init__(self, sources: Sequence[Source]) -> None:
-        self.sources = tuple(sources)
-
-    @property
-    def moment(self) -> Array:
-        """(3,) [A·m²], the sum."""
-        total = np.zeros(3)
-        for source in self.sources:
-            total += source.moment
-        return total
-
-    def field(self, points: ArrayLike) -> Array:
-        """Flux density (..., 3) [T] at `points` (..., 3) [m], the sum."""
-        total = np.zeros_like(vectors(points, "points"))
-        for source in self.sources:
-            total += source.field(points)
-        return total
-
-    def field_gradient(self, points: ArrayLike) -> Array:
-        """(..., 3, 3) [T/m], [i, j] = ∂B_i/∂x_j, the sum."""
-        at = vectors(points, "points")
-        total = np.zeros((*at.shape, 3))
-        for source in self.sources:
-            total += source.field_gradient(at)
-        return total
-
-    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """(...,) whether `points` (..., 3) [m] lie in the matter of any of them."""
-        inside = np.zeros(np.asarray(points).shape[:-1], dtype=bool)
-        for source in self.sources:
-            inside |= source.contains(points)
-        return inside

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.physics.sources import round_body
 from haptorb.physics.sources.dipole import MU0
 from haptorb.physics.sources.round_body import RoundBody, SheetStack
@@ -38,7 +38,7 @@ class RingMagnet(RoundBody):
                 f"inner_radius must be below outer_radius; got {self.inner_radius} m and {self.outer_radius} m"
             )
         self.length = round_body.length(length, "length")
-        self.polarization = float(finite(polarization, "polarization"))
+        self.polarization = float(check_finite(polarization, "polarization"))
         walls = [self.outer_radius, self.inner_radius]
         self._sheets = SheetStack(walls, 0.5 * self.length, [self.polarization, -self.polarization])
 

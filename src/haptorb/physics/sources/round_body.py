@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptorb.errors import GeometryError, InputError
-from haptorb.numerics.arrays import Array, finite, vectors
+from haptorb.numerics.arrays import Array, check_finite, vectors
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.current_sheet import sheet, sheet_gradient
 from haptorb.physics.sources.source import Source
@@ -30,7 +30,7 @@ def length(value: ArrayLike, what: str) -> float:
     >>> length(0.01, "radius")
     0.01
     """
-    number = finite(value, what)
+    number = check_finite(value, what)
     if number.ndim or number <= 0:
         raise InputError(f"{what} must be one positive length in metres; got {value!r}")
     return float(number)
@@ -103,7 +103,7 @@ class SheetStack:
         flat = np.ascontiguousarray(at.reshape(-1, 3))
         out = np.empty_like(flat)
         _field(flat, self.radii, self.half, self.densities, self.series, self.far2, out)
-        return _off_the_edge(out, flat).reshape(at.shape)
+        return _check_edge(out, flat).reshape(at.shape)
 
     def field_gradient(self, points: ArrayLike) -> Array:
         """(..., 3, 3) [T/m], [i, j] = ∂B_i/∂x_j; GeometryError on an edge."""
@@ -111,10 +111,10 @@ class SheetStack:
         flat = np.ascontiguousarray(at.reshape(-1, 3))
         out = np.empty((len(flat), 3, 3))
         _gradient(flat, self.radii, self.half, self.densities, self.series, self.far2, out)
-        return _off_the_edge(out, flat).reshape(*at.shape, 3)
+        return _check_edge(out, flat).reshape(*at.shape, 3)
 
 
-def _off_the_edge(out: Array, points: Array) -> Array:
+def _check_edge(out: Array, points: Array) -> Array:
     if not np.isfinite(out).all():
         bad = points[~np.isfinite(out.reshape(len(points), -1)).all(axis=1)][0]
         raise GeometryError(f"the field is infinite on the edge of the body; point {bad.tolist()} m lies on it")

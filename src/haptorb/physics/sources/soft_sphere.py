@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import GeometryError, InputError, PrecisionError
-from haptorb.numerics.arrays import Array, finite, vectors
+from haptorb.numerics.arrays import Array, check_finite, vectors
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.dipole import MU0
 
@@ -104,7 +104,7 @@ class SoftSphere:
     permeability: float = np.inf
 
     def __post_init__(self) -> None:
-        finite(self.radius, "radius of the soft sphere")
+        check_finite(self.radius, "radius of the soft sphere")
         if self.radius <= 0.0:
             raise GeometryError(f"radius of the soft sphere must be positive; got {self.radius} m")
         if not self.permeability >= 0.0:
@@ -143,7 +143,7 @@ class SoftSphere:
         return max(terms, 2)
 
     def _rows(self, points: ArrayLike, charges: ArrayLike) -> tuple[Array, float]:
-        at, q = vectors(points, "points").reshape(-1, 3), finite(charges, "charges").reshape(-1)
+        at, q = vectors(points, "points").reshape(-1, 3), check_finite(charges, "charges").reshape(-1)
         if len(at) != len(q) or not len(q):
             raise InputError(f"one charge per point, and at least one; got {len(at)} points and {len(q)} charges")
         nearest = float(np.sqrt((at**2).sum(axis=1).min()))
@@ -168,7 +168,7 @@ class SoftSphere:
 
     def forces(self, points: ArrayLike, charges: ArrayLike, *, precision: float = 1e-10) -> Array:
         """(n, 3) [N]: on every charge, from the sphere's answer to all of them."""
-        q = finite(charges, "charges").reshape(-1, 1)
+        q = check_finite(charges, "charges").reshape(-1, 1)
         force: Array = q * self.compute_induced_field(points, charges, points, precision=precision)
         return force
 
@@ -194,13 +194,6 @@ class SoftSphere:
         out = np.zeros_like(flat)
         _fields(rows, self.radius, self.response(order), flat, out)
         return out.reshape(where.shape)
-
-    def compute_induced_moment(self, points: ArrayLike, charges: ArrayLike) -> Array:
-        """(3,) [A·m²] the sphere's dipole moment: −β_1 a³ Σ q ŝ/|s|², exact (only l = 1 has a dipole moment)."""
-        rows, _ = self._rows(points, charges)
-        cube = (rows[:3] ** 2).sum(axis=0) ** 1.5
-        moment: Array = -self.response(1)[0] * self.radius**3 * (rows[:3] * (rows[3] / cube)).sum(axis=1)
-        return moment
 
     def moment_in(self, field: ArrayLike) -> Array:
         """(..., 3) [A·m²] the moment that any source induces whose own field at the sphere's centre is `field` [T].

@@ -42,7 +42,7 @@ class HallSensors:
     no positive span.
 
     >>> radial = HallSensors([[0.0, 0.0, -0.055]], axes=1)
-    >>> field = radial.nothing()
+    >>> field = radial.empty_field()
     >>> radial.put(field, 0, 0, (0.6,))                          # 10 mT outward: along −z
     >>> field.round(4).tolist()
     [[0.0, 0.0, -0.01]]
@@ -65,7 +65,7 @@ class HallSensors:
         """(k, 3) unit vectors, stator frame, of one-axis sensors; None: each measures all three."""
         return self.radial if self.axes == 1 else None
 
-    def nothing(self) -> Array:
+    def empty_field(self) -> Array:
         """(k, 3) NaN [T]: a field of which nothing was read."""
         return np.full(self.radial.shape, np.nan)
 

@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike
 from haptorb.control.clutch.modes import MODES
 from haptorb.devices.device import Device
 from haptorb.errors import InputError, ServoError, UnknownName
-from haptorb.numerics.arrays import finite
+from haptorb.numerics.arrays import check_finite
 from haptorb.runtime.exchange.shared_memory import SharedMemory, Word, engage_request
 from haptorb.runtime.exchange.world_change import name_of, parse_answer, request
-from haptorb.runtime.pointer.guided_motion import upright
+from haptorb.runtime.pointer.guided_motion import upright_quaternion
 from haptorb.worlds.parameter import values as parameter_values
 from haptorb.worlds.world import World
 
@@ -48,14 +48,14 @@ class Commands(ABC):
 
     @property
     @abstractmethod
-    def _attached(self) -> SharedMemory | None:
+    def _memory_or_none(self) -> SharedMemory | None:
         """What the loop reads; None before the start."""
 
     @property
     def _memory(self) -> SharedMemory:
-        if self._attached is None:
+        if self._memory_or_none is None:
             raise ServoError("the servo was not started: use `with haptorb.Servo(...) as servo:`")
-        return self._attached
+        return self._memory_or_none
 
     @abstractmethod
     def check(self) -> None:
@@ -70,13 +70,13 @@ class Commands(ABC):
         Raises InputError for another shape, a number that is not finite, or a quaternion of zeros; ServoError before
         the start.
         """
-        position = finite(p, "p")
+        position = check_finite(p, "p")
         if position.shape != (3,):
             raise InputError(f"p must have shape (3,); got {position.shape}")
         if q is None:
-            turn = upright(position)
+            turn = upright_quaternion(position)
         else:
-            turn = finite(q, "q")
+            turn = check_finite(q, "q")
             length = float(np.linalg.norm(turn)) if turn.shape == (4,) else 0.0
             if length < 1e-6:
                 raise InputError(f"q must be a quaternion (x, y, z, w) that is not zero; got {q!r}")
@@ -91,7 +91,7 @@ class Commands(ABC):
     @property
     def stops(self) -> int:
         """How often `stop` was called. Read it when a person asks to engage, and pass it to `engage`."""
-        shared = self._attached
+        shared = self._memory_or_none
         return self._stopped if shared is None else int(shared.words[Word.STOP])
 
     def stop(self) -> None:
@@ -99,12 +99,12 @@ class Commands(ABC):
         tick on. May be called from any thread."""
         # Every stop has a number of its own: two threads that stop at once cannot hide one's behind the other's.
         self._stopped = number = next(self._stop_numbers)
-        shared = self._attached
+        shared = self._memory_or_none
         if shared is not None:
             shared.words[Word.STOP] = number
 
     def _carry_stops(self, shared: SharedMemory) -> None:
-        """Tell a loop that is about to start of the stops that were given before; `_attached` is `shared` already."""
+        """Tell a loop that is about to start of the earlier stops; `_memory_or_none` is `shared` already."""
         if self._stopped:
             shared.words[Word.STOP] = self._stopped
 
@@ -138,7 +138,7 @@ class Commands(ABC):
     @property
     def model(self) -> str:
         """The model of the device that the controller inverts now, or goes over to."""
-        shared = self._attached
+        shared = self._memory_or_none
         number = 0 if shared is None else int(shared.words[Word.MODEL])
         return self.device.models[number - 1] if number else self._model
 
@@ -152,7 +152,7 @@ class Commands(ABC):
     @property
     def world(self) -> tuple[str, dict[str, Any]]:
         """Name and values of the world that is felt now."""
-        shared = self._attached
+        shared = self._memory_or_none
         if shared is None or not (known := shared.words[Word.WORLD]):
             return name_of(self._first), dict(parameter_values(self._first))
         told = json.loads(shared.worlds_since(known - 1)[-1][1])

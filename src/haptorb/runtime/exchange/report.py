@@ -37,7 +37,7 @@ def loop_report(shared: SharedMemory) -> dict[str, Any]:
         "lateness_us": _percentiles(shared.lateness, (50.0, 99.0, 99.9)),
         "compute_us": _percentiles(shared.compute, (50.0, 99.0, 99.9)),
         "stage_us": _stages(shared),
-        "ahead_us": _ahead(shared),
+        "ahead_us": _lead_percentiles(shared),
         "trips": trips(shared),
         "trip_count": words[Word.TRIPS],
         "coil_state": _coil_state(shared),
@@ -114,7 +114,7 @@ def _percentiles(histogram: Histogram, which: tuple[float, ...]) -> dict[str, fl
     return found
 
 
-def _ahead(shared: SharedMemory) -> dict[str, float]:
+def _lead_percentiles(shared: SharedMemory) -> dict[str, float]:
     _, rows = shared.ring.since(0)
     times = rows[:, shared.layout["ahead"]]
     times = 1e6 * times[np.isfinite(times)]

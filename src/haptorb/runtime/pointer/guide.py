@@ -10,7 +10,7 @@ import numpy as np
 from haptorb.devices.device import Device
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
-from haptorb.runtime.pointer.guided_motion import DURATION, position_on_path, upright
+from haptorb.runtime.pointer.guided_motion import DURATION, position_on_path, upright_quaternion
 
 __all__ = ["AtRest", "DomeMotion", "GuidedMotion", "dome_guide"]
 
@@ -25,7 +25,7 @@ class GuidedMotion(ABC):
         """(3,) position [m] and (4,) quaternion (x, y, z, w) at time `t` [s]."""
 
     @abstractmethod
-    def back(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
+    def pose_on_return(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
         """(3,) position [m] and (4,) quaternion on the way to rest from where a hand let go, `p` (3,) [m] and `q` (4,);
         `share` of the way runs from 0 to 1."""
 
@@ -38,25 +38,25 @@ class DomeMotion(GuidedMotion):
 
     def __init__(self) -> None:
         self._rest = position_on_path(DURATION)
-        self.back(self._rest, upright(self._rest), 1.0)  # compiled now, and not when somebody lets go
+        self.pose_on_return(self._rest, upright_quaternion(self._rest), 1.0)  # compiled now, not when a hand lets go
 
     def at(self, t: float) -> tuple[Array, Array]:
         """(3,) the tool's magnet [m] and (4,) its turn as a quaternion (x, y, z, w), axis radial."""
         p = position_on_path(t)
-        return p, upright(p)
+        return p, upright_quaternion(p)
 
-    def back(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
+    def pose_on_return(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
         """(3,) position [m] on the way from `p` (3,) [m] along the sphere, not through the device, and (4,) quaternion.
 
         The axis is radial all the way, however the hand let go: `q` (4,) does not count.
         """
         place = np.empty(3)
-        _around(np.ascontiguousarray(p), self._rest, share, place)
-        return place, upright(place)
+        _fill_arc(np.ascontiguousarray(p), self._rest, share, place)
+        return place, upright_quaternion(place)
 
 
 @kernel
-def _around(start: Array, rest: Array, s: float, p: Array) -> None:
+def _fill_arc(start: Array, rest: Array, s: float, p: Array) -> None:
     r0 = np.sqrt(start[0] ** 2 + start[1] ** 2 + start[2] ** 2)
     r1 = np.sqrt(rest[0] ** 2 + rest[1] ** 2 + rest[2] ** 2)
     for i in range(3):
@@ -91,7 +91,7 @@ class AtRest(GuidedMotion):
         """Always the same: (3,) the device's place of rest [m], and (4,) no turn."""
         return self._rest, self._upright
 
-    def back(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
+    def pose_on_return(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
         """From `p` (3,) [m] straight back, and from `q` (4,) the short way, (3,) and (4,)."""
         upright = self._upright if q[3] >= 0.0 else -self._upright
         turned = (1.0 - share) * q + share * upright

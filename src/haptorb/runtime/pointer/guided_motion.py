@@ -12,7 +12,7 @@ import numpy as np
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["DURATION", "position_on_path", "upright"]
+__all__ = ["DURATION", "position_on_path", "upright_quaternion"]
 
 DURATION = 12.0  #: after this the hand rests [s]
 
@@ -71,10 +71,10 @@ def position_on_path(t: float) -> Array:
     return p
 
 
-def upright(p: Array) -> Array:
+def upright_quaternion(p: Array) -> Array:
     """(4,) the quaternion (x, y, z, w) that turns the tool's z axis to the direction of `p` (3,) by the shortest way.
 
-    >>> upright(np.array([0.0, -0.05, 0.0])).round(3).tolist()
+    >>> upright_quaternion(np.array([0.0, -0.05, 0.0])).round(3).tolist()
     [0.707, 0.0, 0.0, 0.707]
     """
     q = np.empty(4)

@@ -76,7 +76,7 @@ class PointerTracker(Tracker):
             p, q = guide.at(now)
         else:
             s = min(since / _RELEASE, 1.0)
-            p, q = guide.back(*self._last, s * s * s * (10.0 + s * (6.0 * s - 15.0)))
+            p, q = guide.pose_on_return(*self._last, s * s * s * (10.0 + s * (6.0 * s - 15.0)))
         return Goal(p, q, now, False)
 
     def pose(self, now: float) -> Pose:

@@ -80,18 +80,18 @@ class Loop:
         """Run to the end; True if it ended as it was told. The driver is closed and the last row published."""
         failed: Trip | None = None
         try:
-            failed = self._ticking(clock)
+            failed = self._run_ticks(clock)
         except BaseException as cause:  # also what is no `Exception`: a hang, an exit
-            self._off()  # first of all; explaining can wait
+            self._close_driver()  # first of all; explaining can wait
             failed = Trip.LOOP_FAILED
             self.reason = _explain_failure(cause)
         finally:
-            if not self._off() and failed is None:
+            if not self._close_driver() and failed is None:
                 failed = Trip.DRIVER_FAILED
             self._last_row(failed)
         return failed is None
 
-    def _off(self) -> bool:
+    def _close_driver(self) -> bool:
         """Close the driver: coils off. False, and a reason, if even that fails."""
         self.in_step = False
         try:
@@ -101,7 +101,7 @@ class Loop:
             return False
         return True
 
-    def _ticking(self, clock: Clock) -> Trip | None:
+    def _run_ticks(self, clock: Clock) -> Trip | None:
         """Tick until told to end (None) or until the host is gone (HOST_SILENT)."""
         shared, chain, row, words, at = self._shared, self._chain, self._row, self._shared.words, self._places
         schedule, period = clock.schedule, clock.schedule.period
@@ -118,7 +118,7 @@ class Loop:
                 heard = now
             silence = now - max(words[Word.HEARTBEAT], heard)
             if silence > _LATE:  # safety: host-silent
-                self.reason = self._host.trouble(now, silence)
+                self.reason = self._host.explain_silence(now, silence)
                 if self.reason:
                     return Trip.HOST_SILENT
             if self._ticks % self._every == 0:
@@ -126,7 +126,7 @@ class Loop:
                 if is_orphaned(self._parent):
                     self.reason = "the program that started the servo ended"
                     return Trip.HOST_SILENT
-            self._obey()
+            self._execute_requests()
             self.in_step = True
             self._now = schedule.time(schedule.deadline(schedule.number))
             chain.step(row, self._now)
@@ -134,11 +134,11 @@ class Loop:
             publish_row(row, ring.slot(), at, counts, self._ticks, now, lateness, skipped)
             ring.publish_slot()
             self._ticks += 1
-            self._notice()
+            self._announce_trip()
             took = monotonic_ns() - now
             count_tick(counts, self._ticks, schedule.missed, lateness, took, period)
 
-    def _obey(self) -> None:
+    def _execute_requests(self) -> None:
         """Stop, engage, clutch and change the world as the host has asked since the last tick."""
         words = self._shared.words
         stops, engage = words[Word.STOP], words[Word.ENGAGE]
@@ -179,7 +179,7 @@ class Loop:
         self._world = world
         return answer(number)
 
-    def _notice(self) -> None:
+    def _announce_trip(self) -> None:
         """Tell of a trip, once."""
         tripped = self._cells[self._guard] == _TRIPPED
         if tripped and not self._tripped:

@@ -34,7 +34,7 @@ from haptorb.runtime.processes.loop import Loop
 from haptorb.runtime.processes.prestart import PLAN
 from haptorb.runtime.realtime.clock import Clock
 from haptorb.runtime.realtime.keep_core_awake import CoreWaker
-from haptorb.runtime.realtime.kernel_requests import punctual
+from haptorb.runtime.realtime.kernel_requests import request_real_time
 from haptorb.runtime.realtime.kill_timer import KillTimer
 from haptorb.runtime.realtime.parent_death import die_with_parent, end_group, is_orphaned
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
@@ -100,7 +100,7 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
     gc.collect()
     gc.freeze()
     gc.disable()
-    facts = punctual()
+    facts = request_real_time()
     wakefulness = CoreWaker(int(facts["core"]))
     try:
         shared.facts.write(json.dumps({**facts, "awake": wakefulness.granted, "collects_garbage": gc.isenabled()}))

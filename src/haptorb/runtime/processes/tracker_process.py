@@ -16,7 +16,7 @@ from typing import Any
 
 from haptorb.errors import HaptorbError
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
-from haptorb.runtime.realtime.kernel_requests import ordinary, urgent
+from haptorb.runtime.realtime.kernel_requests import lower_priority, raise_priority
 from haptorb.runtime.realtime.parent_death import die_with_parent, is_orphaned
 from haptorb.runtime.trackers.pose_filter import PoseFilter
 from haptorb.runtime.trackers.tracker_registry import feed_of
@@ -63,7 +63,7 @@ def main(spec: Mapping[str, Any]) -> int:
         return _report_failure(shared, str(cause))
     reception = PoseFilter(feed, shared.tracked)
     words[Word.TRACKER] = Phase.RUNNING
-    urgent()  # it sleeps nearly always, and a pose that waits for its turn on a busy computer grows old
+    raise_priority()  # it sleeps nearly always, and a pose that waits for its turn on a busy computer grows old
     told, spent = monotonic(), process_time()
     try:
         while True:
@@ -71,7 +71,7 @@ def main(spec: Mapping[str, Any]) -> int:
             reception.listen(_PATIENCE)
             if (passed := monotonic() - told) > _TELL:
                 if process_time() - spent > _FLOOD * passed:
-                    ordinary()
+                    lower_priority()
                 told, spent = monotonic(), process_time()
                 shared.tracker_facts.write(json.dumps(reception.facts()))
     except _ServoEnded:

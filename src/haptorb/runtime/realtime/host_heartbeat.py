@@ -45,7 +45,7 @@ class HostHeartbeat:
         self._state = state
         self._looked = 0
 
-    def trouble(self, now: int, silence: int) -> str:
+    def explain_silence(self, now: int, silence: int) -> str:
         """Why the host is taken for dead at `now` [ns], after a `silence` [ns] of its heart; empty if it is not.
 
         To be called in every tick in which the heart is `LATE`.

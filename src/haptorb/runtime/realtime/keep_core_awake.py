@@ -18,7 +18,7 @@ import subprocess
 import sys
 import time
 
-__all__ = ["CoreWaker", "busy"]
+__all__ = ["CoreWaker", "busy_share"]
 
 _LOOK = 0.1  #: between two looks at the other cores [s]
 _ASIDE = 0.5  #: for so long it steps aside before it looks again [s]
@@ -57,17 +57,17 @@ class CoreWaker:
             self._process.wait()
 
 
-def busy(before: Times, after: Times) -> float:
+def busy_share(before: Times, after: Times) -> float:
     """Share of the time between two looks in which the other cores had something to do; 0 for no time at all.
 
-    >>> busy((100, 1000), (130, 1040))
+    >>> busy_share((100, 1000), (130, 1040))
     0.75
     """
     passed = after[1] - before[1]
     return (after[0] - before[0]) / passed if passed > 0 else 0.0
 
 
-def _others(core: int) -> Times:
+def _read_other_cores(core: int) -> Times:
     """What the kernel has counted for all cores but `core`."""
     worked, passed = 0, 0
     with open("/proc/stat") as stat:
@@ -87,15 +87,15 @@ def _wait(parent: int, core: int) -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the servo's, which ends this
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-    before = _others(core)
+    before = _read_other_cores(core)
     while os.getppid() == parent:
         until = time.monotonic() + _LOOK
         while time.monotonic() < until:
             pass
-        after = _others(core)
-        if busy(before, after) > _MUCH:
+        after = _read_other_cores(core)
+        if busy_share(before, after) > _MUCH:
             time.sleep(_ASIDE)
-            after = _others(core)
+            after = _read_other_cores(core)
         before = after
 
 

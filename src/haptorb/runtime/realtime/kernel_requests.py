@@ -12,7 +12,7 @@ from functools import cache
 
 from haptorb.runtime.realtime.core_claim import claim
 
-__all__ = ["Facts", "ordinary", "punctual", "urgent"]
+__all__ = ["Facts", "lower_priority", "raise_priority", "request_real_time"]
 
 Facts = dict[str, str | bool | int]
 
@@ -27,7 +27,7 @@ def _libc() -> ctypes.CDLL:
     return ctypes.CDLL(None, use_errno=True)
 
 
-def punctual(*, real_time: bool = True) -> Facts:
+def request_real_time(*, real_time: bool = True) -> Facts:
     """Ask for exact timers, a real-time scheduler and memory that stays; returns what was granted.
 
     Without a real-time scheduler the process is not bound to a core either: the kernel could then not move it away
@@ -51,7 +51,7 @@ def punctual(*, real_time: bool = True) -> Facts:
     }
 
 
-def urgent(number: int = 0) -> bool:
+def raise_priority(number: int = 0) -> bool:
     """Ask for this thread, or the process `number`, to come before ordinary ones, behind every loop; False if refused.
 
     For what sleeps nearly always.
@@ -59,7 +59,7 @@ def urgent(number: int = 0) -> bool:
     return _fifo(1, number)
 
 
-def ordinary() -> None:
+def lower_priority() -> None:
     """This process takes its turn like any other again."""
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

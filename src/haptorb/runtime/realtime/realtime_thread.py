@@ -5,14 +5,14 @@ from __future__ import annotations
 import gc
 import sys
 
-from haptorb.runtime.realtime.kernel_requests import urgent
+from haptorb.runtime.realtime.kernel_requests import raise_priority
 
-__all__ = ["steady"]
+__all__ = ["prepare_thread"]
 
 _TURN = 1e-4  #: how long a thread may keep the interpreter from another [s]
 
 
-def steady() -> bool:
+def prepare_thread() -> bool:
     """Come before ordinary threads, and never again look for garbage in what exists now; False if the first is refused.
 
     With all of the package loaded a full look takes 40 ms, and a firmware switches its coils off after 15 ms of
@@ -22,4 +22,4 @@ def steady() -> bool:
     sys.setswitchinterval(_TURN)
     gc.collect()
     gc.freeze()
-    return urgent()
+    return raise_priority()

@@ -78,7 +78,7 @@ def records(file: BinaryIO) -> Iterator[Schema | Channel | Metadata | Footer | B
 def _open_record(opcode: int, data: bytes, room: int, most: int) -> tuple[list[Any], int]:
     """The record itself, or what is in it; and how many bytes that was, at most `room`, in at most `most` records."""
     if opcode != Opcode.CHUNK:
-        return list(_single(opcode, data)), 0
+        return list(_parse_record(opcode, data)), 0
     chunk = Chunk.read(ReadDataStream(BytesIO(data)))
     if chunk.compression == "lz4":
         raise RecordingError("a chunk of the recording is compressed with lz4; only zstd is read (mcap compress)")
@@ -95,17 +95,17 @@ def _open_record(opcode: int, data: bytes, room: int, most: int) -> tuple[list[A
     if chunk.uncompressed_size == 0:
         return [], 0
     stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-    return _in_chunk(stream.read(length) if length else b"", most), length
+    return _parse_chunk(stream.read(length) if length else b"", most), length
 
 
-def _single(opcode: int, data: bytes) -> Iterator[Any]:
+def _parse_record(opcode: int, data: bytes) -> Iterator[Any]:
     if opcode == Opcode.MESSAGE:
         yield Block(int.from_bytes(data[:2], "little"), np.frombuffer(data, np.uint8, offset=_MESSAGE_HEAD)[None])
     elif opcode in _READ:
         yield _READ[opcode](ReadDataStream(BytesIO(data)))
 
 
-def _in_chunk(data: bytes, most: int) -> list[Any]:
+def _parse_chunk(data: bytes, most: int) -> list[Any]:
     """A chunk's records; messages that are alike in channel and size as one block: fifty times faster than singly."""
     at = 0
     found: list[Any] = []
@@ -114,7 +114,7 @@ def _in_chunk(data: bytes, most: int) -> list[Any]:
             return found
         whole = _HEAD + int.from_bytes(data[at + 1 : at + _HEAD], "little")
         if data[at] != Opcode.MESSAGE:
-            found += _single(data[at], data[at + _HEAD : at + whole])
+            found += _parse_record(data[at], data[at + _HEAD : at + whole])
             at += whole
             continue
         alike, count = data[at : at + _HEAD + 2], 1

@@ -96,13 +96,13 @@ class Recording:
     @property
     def lost(self) -> int:
         """Rows that the recorder could not fetch in time. RecordingError if the file says no number."""
-        return sum(self._whole(values, "rows") for name, values in self.notes if name == "haptorb/gap")
+        return sum(self._parse_count(values, "rows") for name, values in self.notes if name == "haptorb/gap")
 
     @property
     def layout(self) -> RowLayout:
         """The layout of `rows`. Raises RecordingError if another version of haptorb ordered them otherwise."""
         noted = self.metadata.get("layout", {})
-        layout = RowLayout(*(self._whole(noted, key) if key in noted else 0 for key in ("channels", "sensors")))
+        layout = RowLayout(*(self._parse_count(noted, key) if key in noted else 0 for key in ("channels", "sensors")))
         mine = [(field.name, field.width) for field in layout.fields if field.width]
         if mine != [(field.name, field.width) for field in self.fields]:
             raise RecordingError(f"{self.path} was written by another version of haptorb; read its fields by name")
@@ -122,7 +122,7 @@ class Recording:
                     f"{found.get(name, 0)}: another version of haptorb wrote it, or another program"
                 )
 
-    def _whole(self, values: dict[str, str], key: str) -> int:
+    def _parse_count(self, values: dict[str, str], key: str) -> int:
         text = values.get(key, "")
         if not (text.isascii() and text.isdecimal() and len(text) <= 15):
             raise RecordingError(f"{self.path}: a note's '{key}' must be a whole number; got {quote(text)}")

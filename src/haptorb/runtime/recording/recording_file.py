@@ -9,7 +9,7 @@ from pathlib import Path
 from haptorb.errors import RecordingError
 from haptorb.runtime.realtime.stale_files import RECORDING, FileLock
 
-__all__ = ["complete", "create_recording", "temporary"]
+__all__ = ["complete", "create_recording", "create_temporary"]
 
 _FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL
 
@@ -38,14 +38,14 @@ def create_recording(path: Path, *, overwrite: bool) -> int:
 def complete(descriptor: int, *, temporary: bool) -> None:
     """Lift the write protection of a recording that is whole: as any file that the user makes, and no more than that.
 
-    What others may read is for the user's umask to say; a `temporary` file stays its owner's alone.
+    What others may read is for the user's umask to say; a `create_temporary` file stays its owner's alone.
     """
     mask = os.umask(0o077)
     os.umask(mask)
     os.fchmod(descriptor, 0o600 if temporary else 0o666 & ~mask)  # safety: recording-mode
 
 
-def temporary() -> tuple[Path, int, FileLock]:
+def create_temporary() -> tuple[Path, int, FileLock]:
     """(path, descriptor, claim) of a new file in the system's temporary folder, which is ours while the claim is held.
 
     Raises RecordingError if none can be made there.

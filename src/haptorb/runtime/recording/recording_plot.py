@@ -77,7 +77,7 @@ def plot(recording: Fields, path: str | Path | None = None) -> Figure:
         axes.grid(visible=True, color="#e6e6e6", linewidth=0.7)
         axes.margins(x=0)
         _legend(axes)
-        _trips(axes, recording, t)
+        _draw_trips(axes, recording, t)
     late.set_xlabel("time [s]")
     run, device = recording.metadata.get("run", {}), recording.metadata.get("device", {})
     kind = " (simulated)" if run.get("driver") == "sim" else ""
@@ -150,7 +150,7 @@ def _lateness(axes: Axes, recording: Fields, t: Array) -> None:
     axes.set_ylabel("lateness [µs]")
 
 
-def _trips(axes: Axes, recording: Fields, t: Array) -> None:
+def _draw_trips(axes: Axes, recording: Fields, t: Array) -> None:
     """A line wherever the guard switched off."""
     tripped = recording["guard"] == 4
     begins = np.flatnonzero(tripped & ~np.concatenate(([False], tripped[:-1])))

@@ -55,7 +55,7 @@ def summarize(recording: Summarized) -> str:
         device,
         f"{_duration(recording):.4g} s",
         _count(len(recording), "row"),
-        _count(_trips(recording), "trip"),
+        _count(_count_trips(recording), "trip"),
         *wrong,
     ]
     return f"<Recording {recording.path.name}: {', '.join(told)}>"
@@ -121,7 +121,7 @@ def _figures(recording: Summarized) -> list[tuple[str, str]]:
         facts.append(("lateness", f"99 % up to {format_quantity(most, 's')}"))
     if "missed" in known:
         facts.append(("deadlines skipped", f"{np.nansum(recording['missed']):.0f}"))
-    return [*facts, ("trips", str(_trips(recording)))]
+    return [*facts, ("trips", str(_count_trips(recording)))]
 
 
 def _size(vectors: Array) -> Array:
@@ -143,7 +143,7 @@ def _duration(recording: Summarized) -> float:
     return float(t[-1] - t[0])
 
 
-def _trips(recording: Summarized) -> int:
+def _count_trips(recording: Summarized) -> int:
     """How many times the guard switched off."""
     if "guard" not in {field.name for field in recording.fields} or not len(recording):
         return 0

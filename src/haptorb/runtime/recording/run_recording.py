@@ -26,12 +26,12 @@ class RunRecording:
         self._claim: FileLock | None = None
 
     @property
-    def named(self) -> str | None:
+    def named_path(self) -> str | None:
         """The file that somebody named, once it is there; None for a temporary one or none."""
         return str(self._path) if self._where and self._path else None
 
     @property
-    def temporary(self) -> Path | None:
+    def temporary_path(self) -> Path | None:
         """The temporary file, once it is there."""
         return self._path if self._where is None else None
 
@@ -40,7 +40,7 @@ class RunRecording:
         if self._where is False:
             return None
         if self._where is None:
-            self._path, descriptor, self._claim = recording_file.temporary()
+            self._path, descriptor, self._claim = recording_file.create_temporary()
             weakref.finalize(self, self._path.unlink, missing_ok=True)
             return descriptor
         path = Path(self._where).expanduser().absolute()

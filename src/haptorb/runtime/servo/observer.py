@@ -94,9 +94,9 @@ class ServoObserver(Commands):
             "model": self.model,
             "rate_hz": self.rate,
             "seed": self.seed,
-            "recording": self._recording.named,
+            "recording": self._recording.named_path,
             **loop,
-            "recorded": children.recorded,
+            "recorded": children.recorded_rows,
             "memory_mb": children.memory.facts(),
             "warning": self.warning,
             **{name: trouble for name, trouble in troubles.items() if trouble},
@@ -104,9 +104,9 @@ class ServoObserver(Commands):
         return RunReport(found)
 
     @property
-    def tracker_refused(self) -> dict[str, int]:
+    def tracker_refusals(self) -> dict[str, int]:
         """How many messages the tracker's process has refused so far, by the reasons of `runtime.reception`."""
-        shared = self._attached
+        shared = self._memory_or_none
         return dict(tracker_facts(shared).get("refused", {})) if shared is not None else {}
 
     @property

@@ -20,7 +20,7 @@ from haptorb.runtime.exchange.black_box import BlackBox
 from haptorb.runtime.exchange.report import count_recorded
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 from haptorb.runtime.processes.prestart import PLAN, PrestartedProcess, start_module
-from haptorb.runtime.realtime.kernel_requests import urgent
+from haptorb.runtime.realtime.kernel_requests import raise_priority
 from haptorb.runtime.realtime.memory_growth import MemoryGrowth
 from haptorb.runtime.realtime.stall_time import StallTime
 
@@ -137,7 +137,7 @@ class ProcessGroup:
         over = recorder and (self._shared.words[Word.RECORDER] >= Phase.ENDED or recorder.poll() is not None)
         code = self._servo.poll()
         if self._shared.phase >= Phase.ENDED or code is not None:
-            raise ServoError(f"the servo ended: {self._why(code)}")
+            raise ServoError(f"the servo ended: {self._explain_end(code)}")
         if over:
             raise RecordingError(f"the recording ended: {self.recorder_trouble}")
 
@@ -155,7 +155,7 @@ class ProcessGroup:
         )
 
     @property
-    def recorded(self) -> dict[str, int]:
+    def recorded_rows(self) -> dict[str, int]:
         """Rows in the recording, and rows that are lost to it: see `report.recorded`."""
         return count_recorded(self._shared, over=self._recorder is not None and self._recorder.poll() is not None)
 
@@ -203,7 +203,7 @@ class ProcessGroup:
         self._black_box.finish()
 
     def _beat(self) -> None:
-        urgent()  # on an overloaded computer half a second may pass before an ordinary thread has its turn
+        raise_priority()  # on an overloaded computer half a second may pass before an ordinary thread has its turn
         words = self._shared.words
         ticking, recording = StallTime(2 * _EVERY), StallTime(2 * _EVERY)
         while not self._ending.wait(_EVERY):
@@ -236,7 +236,7 @@ class ProcessGroup:
         with suppress(OSError):
             os.killpg(self._servo.pid, signal.SIGKILL)  # safety: world-children
 
-    def _why(self, code: int | None) -> str:
+    def _explain_end(self, code: int | None) -> str:
         reason = self._hang or self._shared.reason.read()[1]
         if reason or self._shared.phase is Phase.ENDED:
             return reason or "on command"

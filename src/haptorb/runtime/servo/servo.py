@@ -23,7 +23,7 @@ from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, ServoError
-from haptorb.numerics.arrays import finite
+from haptorb.numerics.arrays import check_finite
 from haptorb.runtime.exchange import plan as plans
 from haptorb.runtime.exchange.black_box import BlackBox
 from haptorb.runtime.exchange.shared_memory import SharedMemory
@@ -214,7 +214,7 @@ class Servo(ServoObserver):
 
         Ctrl-C closes the servo first, then goes on its way.
         """
-        duration = float(finite(seconds, "seconds"))
+        duration = float(check_finite(seconds, "seconds"))
         if duration < 0:
             raise InputError(f"seconds must not be negative; got {seconds!r}")
         end = monotonic() + duration
@@ -230,7 +230,7 @@ class Servo(ServoObserver):
             raise
 
     @property
-    def _attached(self) -> SharedMemory | None:
+    def _memory_or_none(self) -> SharedMemory | None:
         return self._shared
 
     def _start(self, descriptor: int | None, tracker: Preparation | None, standby: PrestartedProcess | None) -> None:
@@ -248,7 +248,7 @@ class Servo(ServoObserver):
         if descriptor is not None:
             spec = recorder_spec(
                 self._shared, self._children.servo_pid, descriptor, self.rate,
-                temporary=self._recording.temporary, notes=self._notes(),
+                temporary=self._recording.temporary_path, notes=self._notes(),
             )  # fmt: skip
             self._children.record(json.dumps(spec), descriptor)
         if tracker is not None:

@@ -123,7 +123,7 @@ class Tick:
             sample = self.driver.read(now)
         except HaptorbError as cause:
             self._fail(Trip.DRIVER_FAILED, cause)  # safety: driver-failure-trips
-            self._off(row, now)
+            self._switch_off(row, now)
             return
         t1 = perf_counter()
         estimate = self.estimator.update(sample)
@@ -192,7 +192,7 @@ class Tick:
             self.error = f"the world called sys.exit({cause})" if leaves else f"{type(cause).__name__}: {cause}"
         self.protection.trip(reason)
 
-    def _off(self, row: Array, now: float) -> None:
+    def _switch_off(self, row: Array, now: float) -> None:
         """What is left to do when the device does not answer: try to switch off, and say so in the row."""
         try:
             self._applied = self.driver.write(self._zeros)

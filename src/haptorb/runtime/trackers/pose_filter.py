@@ -68,14 +68,14 @@ class PoseFilter:
             if isinstance(one, RejectedPose):
                 self.refused[one.why] += 1
             else:
-                self._take(one)
+                self._accept(one)
 
-    def _take(self, heard: RawPose) -> None:
+    def _accept(self, heard: RawPose) -> None:
         why = "" if isfinite(heard.stamp) and isfinite(heard.arrival) else "not_finite"
         if not why and heard.arrival - self._arrival > ANEW:
             self._stamp = float("-inf")
         if not why and heard.valid:
-            why = _wrong(heard)
+            why = _find_fault(heard)
         if not why and not heard.stamp > self._stamp:  # safety: pose-late
             why = "out_of_order"
         if why:
@@ -94,7 +94,7 @@ class PoseFilter:
             return
         p, q = np.array(heard.p, dtype=np.float64), np.array(heard.q, dtype=np.float64)
         pose = PoseRecord(True, p, q / sqrt(float(q @ q)), np.zeros(3), np.zeros(3), heard.stamp)
-        if self._feed.one_tool and self._doubtful(pose, _BURST if heard.stamp >= heard.arrival else _STEP):
+        if self._feed.one_tool and self._is_doubtful(pose, _BURST if heard.stamp >= heard.arrival else _STEP):
             self.refused["jump"] += 1
             return
         self.accepted += 1
@@ -102,7 +102,7 @@ class PoseFilter:
         self._last = self._add_velocity(pose)
         self._block.write(self._last)
 
-    def _doubtful(self, pose: PoseRecord, least: float) -> bool:
+    def _is_doubtful(self, pose: PoseRecord, least: float) -> bool:
         """Whether `pose` has jumped, or comes after one that has; `least` [s] may be missing between two stamps."""
         last = self._doubted or self._last
         jumped = last is not None and _is_jump(last, pose, max(pose.stamp - last.stamp, least))
@@ -149,7 +149,7 @@ class PoseFilter:
         }
 
 
-def _wrong(heard: RawPose) -> str:
+def _find_fault(heard: RawPose) -> str:
     """Why the pose cannot be one; nothing if it can."""
     if len(heard.p) != 3 or len(heard.q) != 4:
         return "garbage"

@@ -111,7 +111,7 @@ def feed_of(spec: dict[str, Any], descriptor: int, origin: Callable[[], float], 
 
     `origin` waits until the loop runs and tells when its clock was zero.
     """
-    feed = _own(spec, descriptor, origin)
+    feed = _open_feed(spec, descriptor, origin)
     if not frame:
         return feed
     from haptorb.runtime.trackers.framed_feed import FramedFeed
@@ -120,7 +120,7 @@ def feed_of(spec: dict[str, Any], descriptor: int, origin: Callable[[], float], 
     return FramedFeed(feed, TrackerFrame.parse(frame, "the tracker's frame"))
 
 
-def _own(spec: dict[str, Any], descriptor: int, origin: Callable[[], float]) -> Feed:
+def _open_feed(spec: dict[str, Any], descriptor: int, origin: Callable[[], float]) -> Feed:
     import socket
 
     match spec["kind"]:

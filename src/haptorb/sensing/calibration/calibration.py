@@ -12,7 +12,7 @@ import numpy as np
 
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, quote
-from haptorb.files.json_file import document, numbers
+from haptorb.files.json_file import numbers, parse_document
 from haptorb.numerics.arrays import Array
 from haptorb.physics.thermal import TwoNode
 
@@ -89,7 +89,7 @@ class Calibration:
     @classmethod
     def parse(cls, text: str, name: str) -> Calibration:
         """From JSON; `name` is what mistakes are reported under. CalibrationError if it is no calibration."""
-        raw = document(text, name, "calibration", FORMAT, _KEYS, "calibrate again")
+        raw = parse_document(text, name, "calibration", FORMAT, _KEYS, "calibrate again")
         moments = numbers(raw, "moment_per_current_m2", name, (3, None))
         channels = moments.shape[1]
         if np.linalg.matrix_rank(moments) < min(3, channels):
@@ -100,8 +100,8 @@ class Calibration:
         if not (resistance > 0).all():
             raise CalibrationError(f"{name}: resistance_ohm must be positive; got {resistance.tolist()}")
         return cls(
-            _word(raw, "device", name),
-            _word(raw, "digest", name),
+            _check_text(raw, "device", name),
+            _check_text(raw, "digest", name),
             moments,
             numbers(raw, "uncertainty_m2", name, moments.shape),
             numbers(raw, "offsets_t", name, (None, 3)),
@@ -114,7 +114,7 @@ class Calibration:
         )
 
 
-def _word(raw: Mapping[str, Any], key: str, name: str) -> str:
+def _check_text(raw: Mapping[str, Any], key: str, name: str) -> str:
     if not isinstance(raw[key], str):
         raise CalibrationError(f"{name}: {key} must be a text; got {quote(raw[key])}")
     return str(raw[key])

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, InputError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.physics.sources import dipole
 
 __all__ = ["MagneticCalibration", "excitation", "magnetic_calibration"]
@@ -96,16 +96,16 @@ def magnetic_calibration(
     Raises CalibrationError naming the coil that is unplugged, swapped or reversed, or the sensor that does not follow;
     InputError if the schedule does not excite every coil.
     """
-    want, i = finite(wanted, "wanted currents"), finite(currents, "measured currents")
-    B = finite(fields, "fields")
+    want, i = check_finite(wanted, "wanted currents"), check_finite(currents, "measured currents")
+    B = check_finite(fields, "fields")
     count, channels, places = len(i), device.channels, device.sensors
     if want.shape != (count, channels) or i.shape != (count, channels) or B.shape != (count, places, 3):
         raise InputError(
             f"device '{device.name}' needs currents (n, {channels}) and fields (n, {places}, 3); "
             f"got {want.shape}, {i.shape} and {B.shape}"
         )
-    seen = np.broadcast_to(np.eye(3), (places, 3, 3)) if axes is None else _along(finite(axes, "axes"), places)
-    _conducts(device, want, i)
+    seen = np.broadcast_to(np.eye(3), (places, 3, 3)) if axes is None else _project(check_finite(axes, "axes"), places)
+    _check_conduction(device, want, i)
     result = _regress(device, seen, i, B)
     _check_wiring(device, result.moment_per_current)
     _check_sensors(device, seen, i, B, result)
@@ -114,7 +114,7 @@ def magnetic_calibration(
     return replace(result, repeatability=float((np.abs(odd - even) / scale).max()))
 
 
-def _along(axes: Array, places: int) -> Array:
+def _project(axes: Array, places: int) -> Array:
     """(k, 3, 3) what a sensor makes of a field: its part along the sensor's axis."""
     if axes.shape != (places, 3) or not np.allclose(np.linalg.norm(axes, axis=1), 1.0):
         raise InputError(f"axes must be {places} unit vectors; got shape {axes.shape}")
@@ -146,7 +146,7 @@ def _regress(device: SphericalElectromagnet, seen: Array, i: Array, B: Array) ->
     return MagneticCalibration(M, spread, offsets, variance**0.5, condition, 0.0)
 
 
-def _conducts(device: SphericalElectromagnet, wanted: Array, measured: Array) -> None:
+def _check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Array) -> None:
     for coil, name in enumerate(device.coils.names):
         asked = float(np.abs(wanted[:, coil]).max())
         if asked == 0.0:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from haptorb.errors import CalibrationError, InputError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.physics.thermal import TwoNode
 
 __all__ = ["ThermalIdentification", "thermal_identification"]
@@ -41,8 +41,8 @@ def thermal_identification(
     `winding` may hold NaN where no current flowed and its resistance could not be measured. Raises CalibrationError if
     the record is too short, or heats too little, to determine all four values; InputError if it is no record.
     """
-    times, load = finite(t, "t"), finite(power, "power")
-    body = finite(boundary, "boundary temperatures")
+    times, load = check_finite(t, "t"), check_finite(power, "power")
+    body = check_finite(boundary, "boundary temperatures")
     copper = np.asarray(winding, dtype=np.float64)
     if not times.ndim == 1 or not times.shape == load.shape == body.shape == copper.shape:
         raise InputError(

@@ -17,6 +17,7 @@ from haptorb.sensing.frame.touches import Touches, TouchSession
 
 __all__ = [
     "check_centre",
+    "check_enough",
     "check_handedness",
     "check_marks",
     "check_pivot",
@@ -24,7 +25,6 @@ __all__ = [
     "check_scale",
     "check_sphere",
     "check_spread",
-    "enough",
 ]  # fmt: skip
 
 LEAST_DOME, LEAST_MARK, LEAST_ROLL = 30, 8, 12  #: poses that differ, for a step to tell anything
@@ -40,7 +40,7 @@ _SPREAD = np.deg2rad(35.0)  #: half angle that the touches on the dome must reac
 _WOBBLE, _ROLLED = np.deg2rad(1.5), np.deg2rad(90.0)  #: [rad]
 
 
-def enough(touched: TouchSession, names: Sequence[str]) -> None:
+def check_enough(touched: TouchSession, names: Sequence[str]) -> None:
     """There are poses to work with, for every mark of `names`."""
     wanted = [("on the dome", touched.dome, LEAST_DOME), ("while rolling", touched.roll, LEAST_ROLL)]
     missing = [name for name in names if name not in touched.marks]
@@ -61,7 +61,7 @@ def check_pivot(stands: Sequence[Touches]) -> Pivot:
     size = max(float(np.linalg.norm(found.places - found.places.mean(axis=0), axis=1).mean()), 1e-9)
     loose = _LOOSE * max(1.0, size / 0.03)  # in millimetres everything is a thousand times larger
     if found.rms > loose:
-        for name, q in _otherwise(stands).items():
+        for name, q in _list_misreadings(stands).items():
             again = pivot([Touches(one.p, turn) for one, turn in zip(stands, q, strict=True)])
             if again.rms < 0.3 * found.rms and again.rms < loose:
                 raise CalibrationError(
@@ -82,7 +82,7 @@ def check_pivot(stands: Sequence[Touches]) -> Pivot:
     return found
 
 
-def _otherwise(stands: Sequence[Touches]) -> dict[str, list[Array]]:
+def _list_misreadings(stands: Sequence[Touches]) -> dict[str, list[Array]]:
     """The quaternions as they would be meant if somebody had mixed them up."""
     first = [one.q[:, [1, 2, 3, 0]] for one in stands]
     return {

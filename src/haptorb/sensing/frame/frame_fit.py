@@ -18,7 +18,7 @@ from haptorb.errors import CalibrationError
 from haptorb.numerics.arrays import Array
 from haptorb.sensing.frame.touches import TouchSession
 
-__all__ = ["UNKNOWNS", "FrameFit", "observable"]
+__all__ = ["UNKNOWNS", "FrameFit", "find_unobservable"]
 
 UNKNOWNS = ("turn about x", "turn about y", "turn about z", "shift along x", "shift along y", "shift along z",
             "tip along the body's x", "tip along the body's y", "tip along the body's z")  # fmt: skip
@@ -88,10 +88,10 @@ class FrameFit:
                 return
 
 
-def observable(J: Array, names: tuple[str, ...] = UNKNOWNS) -> tuple[float, tuple[str, ...]]:
+def find_unobservable(J: Array, names: tuple[str, ...] = UNKNOWNS) -> tuple[float, tuple[str, ...]]:
     """(condition, what is not observable): directions of the unknowns that no equation of J (n, 9) sees, in words.
 
-    >>> observable(np.eye(9)[:8])[1]
+    >>> find_unobservable(np.eye(9)[:8])[1]
     ("tip along the body's z",)
     """
     _, s, Vt = np.linalg.svd(np.vstack([J, np.zeros((len(names), len(names)))]), full_matrices=False)

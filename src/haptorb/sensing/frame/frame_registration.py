@@ -16,7 +16,7 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, InputError
 from haptorb.numerics.arrays import Array
 from haptorb.sensing.frame import frame_checks as doubts
-from haptorb.sensing.frame.frame_fit import FrameFit, observable
+from haptorb.sensing.frame.frame_fit import FrameFit, find_unobservable
 from haptorb.sensing.frame.frame_start import find_roll, fit_points, sphere
 from haptorb.sensing.frame.touches import TouchSession
 
@@ -69,7 +69,7 @@ def frame_registration(touched: TouchSession, device: SphericalElectromagnet) ->
             f"device '{device.name}': its file has no [marks]; the dome alone leaves the frame's rotation free. "
             "Measure three places where the tip can stand, and add them"
         )
-    doubts.enough(touched, marks.names)
+    doubts.check_enough(touched, marks.names)
     stands = [touched.marks[name] for name in marks.names]
     start = doubts.check_pivot(stands)
     doubts.check_scale(start.places, marks.positions)
@@ -92,7 +92,7 @@ def frame_registration(touched: TouchSession, device: SphericalElectromagnet) ->
 
 def _judge_fit(fit: FrameFit, axis: Array, wobble: float, radius: float, tip_distance: float) -> FrameRegistration:
     left, J = fit.equations()
-    condition, unseen = observable(J)
+    condition, unseen = find_unobservable(J)
     if unseen:
         raise CalibrationError(
             f"the touches do not determine {', '.join(unseen)}. Touch all marks, and more of the dome with more tilt"

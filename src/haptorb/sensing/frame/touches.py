@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import CalibrationError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 
 __all__ = ["TouchSession", "Touches"]
 
@@ -36,7 +36,7 @@ class Touches:
 
         Raises InputError for other shapes or what is not finite, CalibrationError for what is no rotation.
         """
-        places, turns = finite(p, f"{what}: positions"), finite(q, f"{what}: quaternions")
+        places, turns = check_finite(p, f"{what}: positions"), check_finite(q, f"{what}: quaternions")
         places, turns = places.reshape(-1, 3), turns.reshape(len(places), 4)
         length = np.linalg.norm(turns, axis=1)
         if (np.abs(length - 1.0) > _UNIT).any():

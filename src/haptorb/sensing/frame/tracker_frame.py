@@ -14,7 +14,7 @@ import numpy as np
 from haptorb.devices.device import Device
 from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import CalibrationError, quote
-from haptorb.files.json_file import document, numbers
+from haptorb.files.json_file import numbers, parse_document
 from haptorb.numerics.arrays import Array, rotation
 from haptorb.numerics.quaternions import product, quaternion, rotate
 from haptorb.sensing.frame.frame_registration import FrameRegistration
@@ -123,7 +123,7 @@ class TrackerFrame:
     @classmethod
     def parse(cls, text: str, name: str) -> TrackerFrame:
         """From JSON; `name` is what mistakes are reported under. CalibrationError if it is no tracker's frame."""
-        raw = document(text, name, "tracker's frame", FORMAT, _KEYS, "register again with `haptorb frame`")
+        raw = parse_document(text, name, "tracker's frame", FORMAT, _KEYS, "register again with `haptorb frame`")
         for key in ("device", "digest", "tracker"):
             if not isinstance(raw[key], str):
                 raise CalibrationError(f"{name}: {key} must be a text; got {quote(raw[key])}")

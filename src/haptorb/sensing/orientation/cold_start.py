@@ -12,7 +12,7 @@ from haptorb.numerics.compiled import kernel
 from haptorb.numerics.rotations import rotation_from_euler
 from haptorb.sensing.orientation.field_model import unpack
 from haptorb.sensing.orientation.gauss_newton import FIT, fit_orientation
-from haptorb.sensing.orientation.readings import believable
+from haptorb.sensing.orientation.readings import reading_limit
 from haptorb.sensing.orientation.spin_ambiguity import spin_period
 
 __all__ = ["ColdStart", "OrientationFix"]
@@ -49,7 +49,7 @@ class ColdStart:
         angles = np.meshgrid(tilts, tilts, turns, indexing="ij")
         self._nodes = rotation_from_euler(*(angle.ravel() for angle in angles))
         field = motor.sensor_field(self._nodes, "table")
-        self.limit = believable(motor, self._nodes, field)  #: [T]
+        self.limit = reading_limit(motor, self._nodes, field)  #: [T]
         self._largest = float(np.sqrt((field**2).sum(axis=2).max()))
         self._fields = np.ascontiguousarray(field.reshape(len(field), -1))
 
@@ -61,7 +61,7 @@ class ColdStart:
         if count < _FEWEST:
             return None
         likeness = np.empty(len(self._nodes))
-        _alike(self._fields, field, usable, self._largest, likeness)
+        _fill_cosines(self._fields, field, usable, self._largest, likeness)
         rms = float(np.sqrt((field**2).sum() / (3 * count)))
         tried: list[Array] = []
         for node in np.argsort(-likeness)[: 40 * _CANDIDATES]:
@@ -89,7 +89,7 @@ def _try_node(
 
 
 @kernel
-def _alike(fields: Array, field: Array, usable: Array, largest: float, out: Array) -> None:
+def _fill_cosines(fields: Array, field: Array, usable: Array, largest: float, out: Array) -> None:
     """out (n,) cosine between what is read and every node's field, over the usable sensors.
 
     A reading longer than any the rotor can give is shortened to that: one broken sensor must not outvote the others.

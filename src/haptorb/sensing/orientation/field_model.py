@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptorb.devices.motor.regulator import leaning
+from haptorb.devices.motor.regulator import torque_over_sine
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.devices.tables.table_kernels import torque_characteristic
 from haptorb.numerics.arrays import Array
@@ -75,6 +75,6 @@ def torque_per_ampere(model: FieldModel, R: Array, strength: float, matrix: Arra
             K = strength * single[0, i, c]
             for j in range(matrix.shape[1]):
                 matrix[3 + i, j] += K * model.groups[c, j]
-    back = leaning(R[2, 2], model.leaning, model.least)
+    back = torque_over_sine(R[2, 2], model.leaning, model.least)
     passive[0], passive[1], passive[2] = 0.0, 0.0, 0.0
     passive[3], passive[4], passive[5] = back * R[1, 2], -back * R[0, 2], 0.0

@@ -155,7 +155,7 @@ def _judge_sensors(
 
 
 @kernel
-def _away(A: Array, B: Array) -> float:
+def _small_angle(A: Array, B: Array) -> float:
     """The angle between two orientations near to each other [rad]."""
     square = 0.0
     for i in range(3):
@@ -184,7 +184,7 @@ def fit_orientation(
         return False, rms, out_count
     for _ in range(most):
         here = R.reshape(1, 3, 3)
-        if _away(R, taken) <= _NEAR:
+        if _small_angle(R, taken) <= _NEAR:
             sensor_field(
                 model.field_cells, model.field_scale, model.magnets, model.polarity, model.sensors, here, B
             )  # fmt: skip

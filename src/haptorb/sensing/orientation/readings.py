@@ -9,10 +9,10 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 
-__all__ = ["believable", "magnet_field"]
+__all__ = ["magnet_field", "reading_limit"]
 
 
-def believable(motor: SphericalMotor, orientations: Array, field: Array) -> float:
+def reading_limit(motor: SphericalMotor, orientations: Array, field: Array) -> float:
     """A magnitude [T] that no sensor can read unless it is broken: 1.5 times the most that magnets and coils give.
 
     Over orientations (n, 3, 3), whose field (n, k, 3) [T] is given. Raises InputError where there are none.

@@ -88,7 +88,7 @@ def predict(f: Record, dt: float, p: Array, R: Array) -> None:
 
 
 @kernel
-def _turning(n: Array, rate: Array, w: Array) -> None:
+def _fill_angular_velocity(n: Array, rate: Array, w: Array) -> None:
     """w (3,) [rad/s] of an axis n that changes at `rate` [1/s]."""
     w[0], w[1], w[2] = n[1] * rate[2] - n[2] * rate[1], n[2] * rate[0] - n[0] * rate[2], n[0] * rate[1] - n[1] * rate[0]
 
@@ -99,7 +99,7 @@ def extrapolate_pose(f: Record, dt: float, p: Array, R: Array, v: Array, w: Arra
     predict(f, dt, p, R)
     for i in range(3):
         v[i] = f.velocity[i]
-    _turning(f.axis, f.axis_rate, w)
+    _fill_angular_velocity(f.axis, f.axis_rate, w)
 
 
 @kernel
@@ -141,5 +141,5 @@ def correct_pose(f: Record, dt: float, bandwidth: float, p: Array, R: Array, v: 
         f.axis_rate[i] -= along * f.axis[i]  # a unit vector moves across itself only
         p[i] = f.place[i]
         v[i] = f.velocity[i]
-    _turning(f.axis, f.axis_rate, w)
+    _fill_angular_velocity(f.axis, f.axis_rate, w)
     axis_frame(f.axis, R)

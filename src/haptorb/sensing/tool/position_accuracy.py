@@ -16,7 +16,7 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, finite, vectors
+from haptorb.numerics.arrays import Array, check_finite, vectors
 from haptorb.sensing.tool.tool_field import ToolModel, coil_field, tool_field
 
 __all__ = ["better_sensors", "position_accuracy", "with_sensors"]
@@ -46,13 +46,13 @@ def position_accuracy(
     """
     at = vectors(places, "places").reshape(-1, 3)
     along = at if axes is None else vectors(axes, "axes").reshape(-1, 3)
-    amperes = finite(currents, "currents")
+    amperes = check_finite(currents, "currents")
     if along.shape != at.shape or amperes.shape != (device.channels,):
         raise InputError(
             f"needs one axis per place and {device.channels} currents; got {at.shape}, {along.shape}, {amperes.shape}"
         )
     hall, supply = device.hall, device.supply
-    sigma = hall.noise if noise is None else float(finite(noise, "noise"))
+    sigma = hall.noise if noise is None else float(check_finite(noise, "noise"))
     if sigma < 0 or calibration < 0 or sigma + hall.step == 0:
         raise InputError(f"noise and calibration must be 0 or more, and not all of them 0; got {sigma}, {calibration}")
     per_ampere = coil_field(device).reshape(-1, device.channels)

@@ -110,7 +110,7 @@ def _variance_share(t: Record) -> float:
 
 
 @kernel
-def _doubt(t: Record, kept: float, p: Array, R: Array) -> int:
+def _find_doubt(t: Record, kept: float, p: Array, R: Array) -> int:
     covariance = t.covariance
     if not kept * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) <= 3.0 * _VAGUE * _VAGUE:
         return VAGUE
@@ -138,7 +138,7 @@ def filter_fit(tracker: Records, misfit: float, readings: int, dt: float, pose: 
         return LOST
     t.misfit += (1.0 if anew else t.share) * (square - t.misfit)
     covariance *= max(t.noise * t.noise, t.misfit)
-    why = _doubt(t, 1.0 if anew else _variance_share(t), p, R)
+    why = _find_doubt(t, 1.0 if anew else _variance_share(t), p, R)
     if why == SEEN:
         correct_pose(t.filter, dt, t.bandwidth, p, R, pose[4], pose[5])
         covariance *= _variance_share(t)

@@ -27,7 +27,7 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State, rotation_to_axis
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import GeometryError, InputError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.sensing.controller_model import ControllerModel
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.sample import Estimate, Sample
@@ -94,7 +94,7 @@ class HallTracker(Estimator):
             )
         if not 1.0 <= bandwidth <= 1000.0:
             raise InputError(f"bandwidth must be between 1 and 1000 Hz; got {bandwidth!r}")
-        lasting = np.zeros((device.sensors, 3)) if offsets is None else finite(offsets, "offsets")
+        lasting = np.zeros((device.sensors, 3)) if offsets is None else check_finite(offsets, "offsets")
         if lasting.shape != (device.sensors, 3):
             raise InputError(f"offsets must have shape ({device.sensors}, 3); got {lasting.shape}")
         self._device = device
@@ -198,7 +198,7 @@ class HallTracker(Estimator):
         misfits = (self._fields**2).sum(axis=1) - 2 * np.abs(cross)
         best, limit, covariance = math.inf, float(tracker["limit"][0]), self.covariance.copy()
         readings = self._fields.shape[1]
-        for at in _apart(self._grid, np.argsort(misfits).tolist(), 4):
+        for at in _choose_starts(self._grid, np.argsort(misfits).tolist(), 4):
             p, R = self._grid[at].copy(), rotation_to_axis(math.copysign(1.0, cross[at]) * self._grid[at])
             good, misfit = fit_anew(tracker, sensors, self._model, p, R)
             if good and misfit < best:
@@ -237,7 +237,7 @@ def _fields_at(model: ToolModel, places: Array) -> Array:
     return rows
 
 
-def _apart(places: Array, order: list[int], count: int) -> list[int]:
+def _choose_starts(places: Array, order: list[int], count: int) -> list[int]:
     """The first `count` of `order` that are at least 12 mm from each other: starts that differ."""
     chosen: list[int] = []
     for at in order:

@@ -19,7 +19,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.linalg.blas import dsyrk
 
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.sensing.torque_maps.perceptron import Perceptron, Scaling
 
 __all__ = ["TrainingResult", "fit_weights", "train_network"]
@@ -60,7 +60,7 @@ def train_network(
     >>> bool(np.abs(result.network(x) - np.sin(2 * x)).max() < 1e-2)
     True
     """
-    x, y = finite(x, "x"), finite(y, "y")
+    x, y = check_finite(x, "x"), check_finite(y, "y")
     if x.ndim != 2 or y.ndim != 2 or len(x) != len(y):
         raise InputError(f"x and y must be (samples, n) and (samples, m); got shapes {x.shape} and {y.shape}")
     for value, what in ((nodes, "nodes"), (starts, "starts"), (iterations, "iterations")):

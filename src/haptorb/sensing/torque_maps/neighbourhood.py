@@ -66,7 +66,7 @@ def neighbourhoods(motor: SphericalMotor, reach: float = REACH) -> tuple[Neighbo
         for turn in (np.eye(3), _HALF_TURN):
             own = frame @ turn
             order, pattern = _sort_directions(motor.sensor_layout.directions[near] @ own)
-            match = next((i for i, (known, _) in enumerate(found) if _alike(known, pattern)), None)
+            match = next((i for i, (known, _) in enumerate(found) if _are_equal(known, pattern)), None)
             if match is not None:
                 found[match][1].append((coil, own, near[order]))
                 break
@@ -89,5 +89,5 @@ def _sort_directions(pattern: Array) -> tuple[Numbers, Array]:
     return order, pattern[order]
 
 
-def _alike(one: Array, other: Array) -> bool:
+def _are_equal(one: Array, other: Array) -> bool:
     return one.shape == other.shape and bool(np.abs(one - other).max() < 1e-6)

@@ -39,7 +39,7 @@ class TrainedNetworks:
     networks: tuple[Perceptron, ...]
     record: Mapping[str, Any] = field(default_factory=dict)
 
-    def fitting(self, motor: SphericalMotor) -> tuple[Neighbourhood, ...]:
+    def select_neighbourhoods(self, motor: SphericalMotor) -> tuple[Neighbourhood, ...]:
         """The neighbourhoods of `motor` in the networks' order; InputError if they were trained for another device."""
         if self.digest != motor.digest:  # safety: network-device
             raise InputError(
@@ -112,7 +112,7 @@ class NetworkTorque(TorqueMap):
     """
 
     def __init__(self, motor: SphericalMotor, networks: TrainedNetworks) -> None:
-        groups = networks.fitting(motor)
+        groups = networks.select_neighbourhoods(motor)
         coils, nodes = len(motor.electromagnets), max(network.nodes for network in networks.networks)
         most = max(near.sensors.shape[1] for near in groups)
         inputs = _LANES * -(-(3 * most + 1) // _LANES)  # whole vectors; the last input is always 1, for the biases
@@ -140,7 +140,7 @@ class NetworkTorque(TorqueMap):
 
 
 @kernel
-def _own(sensors: Numbers, F: Array, field: Array, usable: Array, out: Array) -> float:
+def _fill_coil_inputs(sensors: Numbers, F: Array, field: Array, usable: Array, out: Array) -> float:
     """out (inputs,) becomes what the coil with axes F (3, 3) sees; returns 1.0 if all of it may be believed, else 0."""
     sure = 1.0
     for s in range(sensors.shape[0]):
@@ -168,7 +168,7 @@ def _forward(
         batch = batches[b]
         for q in range(4):
             c = batch[1 + q]
-            known[c] = _own(sensors[c], frames[c], field, usable, x[q])
+            known[c] = _fill_coil_inputs(sensors[c], frames[c], field, usable, x[q])
             x[q, inputs - 1] = 1.0
         weights, x0, x1, x2, x3 = hidden[batch[0]], x[0], x[1], x[2], x[3]
         for n in range(nodes):  # four coils at once: every weight is fetched once for them

@@ -15,7 +15,7 @@ import numpy as np
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import InputError
 from haptorb.files.replace_file import replace_file
-from haptorb.files.text_file import json_of, read_bytes
+from haptorb.files.text_file import parse_json, read_bytes
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import cache_folder
 from haptorb.sensing.torque_maps.network import TrainedNetworks
@@ -52,7 +52,7 @@ def write_networks(networks: TrainedNetworks, path: Path) -> None:
         "shapes": [list(part.shape) for part in parts],
         "record": dict(networks.record),
     }
-    head["sha256"] = _seal(head, numbers)
+    head["sha256"] = _digest(head, numbers)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replace_file(path) as part:
@@ -68,11 +68,11 @@ def read_networks(path: Path) -> TrainedNetworks:
     except InputError as cause:
         raise InputError(f"{cause}; run `haptorb train`") from cause
     try:
-        head: dict[str, Any] = json_of(line)
+        head: dict[str, Any] = parse_json(line)
         if head.get("kind") != _KIND:
             raise InputError(f"'{path}' is not a network file of this version; run `haptorb train`")
         told = head.pop("sha256")
-        if told != _seal(head, numbers):
+        if told != _digest(head, numbers):
             raise InputError(f"network file '{path}' has been altered or cut short: its hash does not fit; train again")
         weights = np.frombuffer(numbers, dtype="<f8").astype(np.float64)
         ends = np.cumsum([0, *(int(np.prod(shape)) for shape in head["shapes"])])
@@ -84,7 +84,7 @@ def read_networks(path: Path) -> TrainedNetworks:
             for i in range(0, len(parts), 6)
         )
         for network in networks:
-            _fits(network)
+            _check_sizes(network)
         if not all(isinstance(head[key], kind) for key, kind in (("device", str), ("digest", str), ("record", dict))):
             raise TypeError("device, digest and record")
         return TrainedNetworks(head["device"], head["digest"], float(head["reach"]), networks, head["record"])
@@ -94,7 +94,7 @@ def read_networks(path: Path) -> TrainedNetworks:
         raise InputError(f"'{path}' is not a network file; run `haptorb train`") from cause
 
 
-def _fits(network: Perceptron) -> None:
+def _check_sizes(network: Perceptron) -> None:
     """ValueError unless weights and scalings have sizes that go together."""
     inputs, outputs = len(network.inputs.mean), len(network.outputs.mean)
     nodes = len(network.hidden)
@@ -110,5 +110,5 @@ def _arrays(network: Perceptron) -> tuple[Array, ...]:
     return network.hidden, network.output, inputs.mean, inputs.spread, outputs.mean, outputs.spread
 
 
-def _seal(head: dict[str, Any], numbers: bytes) -> str:
+def _digest(head: dict[str, Any], numbers: bytes) -> str:
     return hashlib.sha256(json.dumps(head, sort_keys=True).encode() + numbers).hexdigest()

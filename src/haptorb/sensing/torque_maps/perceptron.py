@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 
 __all__ = ["Perceptron", "Scaling"]
 
@@ -74,7 +74,7 @@ class Perceptron:
         """
         if x.shape[-1] != self.hidden.shape[1] - 1:
             raise InputError(f"the network takes {self.hidden.shape[1] - 1} inputs; got {x.shape[-1]}")
-        h = np.tanh(self.inputs.to_standard(finite(x, "inputs")) @ self.hidden[:, :-1].T + self.hidden[:, -1])
+        h = np.tanh(self.inputs.to_standard(check_finite(x, "inputs")) @ self.hidden[:, :-1].T + self.hidden[:, -1])
         return self.outputs.from_standard(h @ self.output[:, :-1].T + self.output[:, -1])
 
     def fold_scalings(self) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from haptorb.numerics.arrays import Array
 from haptorb.numerics.compiled import kernel
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.orientation.least_squares import LeastSquaresOrientation
-from haptorb.sensing.orientation.readings import believable, magnet_field
+from haptorb.sensing.orientation.readings import magnet_field, reading_limit
 from haptorb.sensing.sample import Estimate, Sample
 from haptorb.sensing.torque_maps.training_set import workspace_grid
 
@@ -54,7 +54,7 @@ class FieldToTorque(Estimator):
         self._motor, self._map, self._orientation = motor, torque_map, orientation
         self._per_ampere = motor.sensor_field_per_ampere
         coarse = workspace_grid(motor, _COARSE)
-        self._limit = believable(motor, coarse, motor.sensor_field(coarse, "table"))
+        self._limit = reading_limit(motor, coarse, motor.sensor_field(coarse, "table"))
         edge = motor.workspace_tilt + _EDGE
         self._sine, self._tangent = float(np.sin(edge)), float(np.tan(edge))
         self._groups = np.ascontiguousarray(motor.groups, dtype=np.float64)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State
 from haptorb.errors import DriverError, InputError
-from haptorb.numerics.arrays import Array, Record, finite, vectors
+from haptorb.numerics.arrays import Array, Record, check_finite, vectors
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.soft_sphere import SoftSphere
@@ -122,7 +122,7 @@ class SimulatedElectromagnet(Simulation):
 
         Raises InputError for the centre, and for what is no quaternion.
         """
-        at, turned = vectors(p, "p"), finite(q, "q")
+        at, turned = vectors(p, "p"), check_finite(q, "q")
         if at.shape != (3,) or turned.shape != (4,) or not turned.any() or not at.any():
             raise InputError(
                 f"p must be a place off the centre, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}"

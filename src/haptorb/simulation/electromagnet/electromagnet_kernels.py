@@ -30,7 +30,7 @@ ELECTROMAGNET = fields(
 
 
 @kernel
-def _want(tool: Record, wish_p: Array, wish_q: Array) -> None:
+def _set_goal(tool: Record, wish_p: Array, wish_q: Array) -> None:
     """The hand's goal becomes the wish; what is not finite, or no turn, stays as it was."""
     square = 0.0
     for i in range(4):
@@ -55,7 +55,7 @@ def advance(
     """
     e = electromagnet[0]
     tool, truth, dt, count = e.tool, e.wrench, e.dt, coils.size
-    _want(tool, wish_p, wish_q)
+    _set_goal(tool, wish_p, wish_q)
     R = np.empty((3, 3))
     per_moment, per_current = np.empty((6, 3)), np.empty((6, count))
     given, total, passive = np.empty(6), np.empty(6), np.empty(6)

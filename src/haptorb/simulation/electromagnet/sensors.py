@@ -82,7 +82,7 @@ def _fill_field(magnets: Magnets, coils: Records, R: Array, p: Array, out: Array
 
 
 @kernel
-def _somewhere(tool: Record) -> bool:
+def _is_finite(tool: Record) -> bool:
     """Whether pose and motion of a TOOL are numbers."""
     total = tool.q[3]
     for i in range(3):
@@ -98,7 +98,7 @@ def sense(electromagnet: Records, coils: Records, magnets: Array, pose: Array, r
     and w; read (2 m,) currents [A], then temperatures [K]; field (k, 3) [T].
     """
     tool, s = electromagnet[0].tool, electromagnet[0].senses
-    if not _somewhere(tool):
+    if not _is_finite(tool):
         return False
     matrix(tool.q, pose[:3])
     for i in range(3):

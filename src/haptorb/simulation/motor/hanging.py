@@ -13,7 +13,7 @@ from haptorb.numerics.arrays import Array, Records
 from haptorb.simulation.motor.rotor import ROTOR
 from haptorb.simulation.parts.tool import matrix
 
-__all__ = ["hang", "potential_energy", "within"]
+__all__ = ["hang", "limit_tilt", "potential_energy"]
 
 
 def hang(device: SphericalMotor, grasp: Grasp) -> Records:
@@ -41,7 +41,7 @@ def potential_energy(coefficients: Array, least: float, cosine: float) -> float:
     return integral(1.0) - integral(max(cosine, least)) + beyond
 
 
-def within(q: Array, tilt: float) -> Array:
+def limit_tilt(q: Array, tilt: float) -> Array:
     """`q`, its tilt reduced to `tilt` about the same axis if it leans further; the spin stays.
 
     Quaternions (4,), `tilt` in [rad].

@@ -20,11 +20,11 @@ from haptorb.devices.motor.handle import Grasp, HallQuality
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.devices.state import State
 from haptorb.errors import DriverError, InputError, UnknownName
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.sample import Pose, Sample
 from haptorb.simulation.motor.hall import FAILURES, draw_halls
-from haptorb.simulation.motor.hanging import hang, potential_energy, within
+from haptorb.simulation.motor.hanging import hang, limit_tilt, potential_energy
 from haptorb.simulation.motor.motor_kernels import MOTOR, Magnetics, advance, pack_magnetics, sense
 from haptorb.simulation.motor.rotor import angular_velocity
 from haptorb.simulation.parts.coils import chop, cold_coils
@@ -119,16 +119,16 @@ class SimulatedMotor(Simulation):
 
         Raises InputError for what is no quaternion.
         """
-        turned = finite(q, "q")
+        turned = check_finite(q, "q")
         if turned.shape != (4,) or not turned.any():
             raise InputError(f"q must be a quaternion (x, y, z, w) that is not zero; got {q!r}")
-        self._rotor["q"] = within(turned / np.linalg.norm(turned), self.device.workspace_tilt)
+        self._rotor["q"] = limit_tilt(turned / np.linalg.norm(turned), self.device.workspace_tilt)
         self._rotor["momentum"] = 0.0
         self._rotor["goal"] = turned / np.linalg.norm(turned)
 
     def spin(self, w: ArrayLike) -> None:
         """Give the rotor the angular velocity `w` (3,) [rad/s], stator frame. Raises InputError for another shape."""
-        rate = finite(w, "w")
+        rate = check_finite(w, "w")
         if rate.shape != (3,):
             raise InputError(f"w must have shape (3,); got {rate.shape}")
         self._rotor["momentum"] = self._rotor["inertia"] * (self.state().R_SR.T @ rate)
@@ -213,7 +213,7 @@ class SimulatedMotor(Simulation):
         return winding
 
     @property
-    def pressed(self) -> float:
+    def stop_deflection(self) -> float:
         """How far the end stop gives way under the rotor just now [rad]; 0: it is not reached."""
         return float(self._state["pressed"][0])
 

@@ -144,7 +144,7 @@ def _characteristic(rotor: Record, ahead: float, parts: Magnetics, strength: Arr
 
 
 @kernel
-def _somewhere(rotor: Record) -> bool:
+def _is_finite(rotor: Record) -> bool:
     """Whether pose and momentum of a ROTOR are numbers."""
     total = rotor.q[3]
     for i in range(3):
@@ -164,7 +164,7 @@ def sense(
     """
     m, parts, channels = motor[0], _unpack_magnetics(magnetics), coils.size
     rotor = m.rotor
-    if not _somewhere(rotor):
+    if not _is_finite(rotor):
         return False
     matrix(rotor.q, pose[:3])
     angular_velocity(rotor.momentum, rotor.inertia, pose[:3], pose[3])

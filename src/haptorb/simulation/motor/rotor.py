@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptorb.devices.motor.regulator import leaning
+from haptorb.devices.motor.regulator import torque_over_sine
 from haptorb.numerics.arrays import Array, Record, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.simulation.parts.hand import rotation_left
@@ -42,7 +42,7 @@ def angular_velocity(momentum: Array, inertia: Array, R: Array, w: Array) -> Non
 
 
 @kernel
-def _about(q: Array, momentum: Array, axis: int, dt: float, inertia: Array) -> None:
+def _rotate_about_axis(q: Array, momentum: Array, axis: int, dt: float, inertia: Array) -> None:
     """Turn freely about one principal axis: the momentum, fixed in space, turns back in the rotor's frame."""
     angle = dt * momentum[axis] / inertia[axis]
     c, s = np.cos(angle), np.sin(angle)
@@ -58,11 +58,11 @@ def _about(q: Array, momentum: Array, axis: int, dt: float, inertia: Array) -> N
 def turn(q: Array, momentum: Array, inertia: Array, dt: float) -> None:
     """A free rigid body for `dt` [s]: Strang's composition of three exact turns, symplectic and of second order."""
     half = 0.5 * dt
-    _about(q, momentum, 0, half, inertia)
-    _about(q, momentum, 1, half, inertia)
-    _about(q, momentum, 2, dt, inertia)
-    _about(q, momentum, 1, half, inertia)
-    _about(q, momentum, 0, half, inertia)
+    _rotate_about_axis(q, momentum, 0, half, inertia)
+    _rotate_about_axis(q, momentum, 1, half, inertia)
+    _rotate_about_axis(q, momentum, 2, dt, inertia)
+    _rotate_about_axis(q, momentum, 1, half, inertia)
+    _rotate_about_axis(q, momentum, 0, half, inertia)
     size = np.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
     for i in range(4):
         q[i] /= size
@@ -72,12 +72,12 @@ def turn(q: Array, momentum: Array, inertia: Array, dt: float) -> None:
 def kick(rotor: Record, coefficients: Array, R: Array, passive: Array, coils: Array, dt: float) -> float:
     """`dt` [s] of torque on a ROTOR at the orientation R; returns how far the end stop is pressed [rad].
 
-    passive (3,) is filled with the torque of weight and regulator, whose `coefficients` (n,) `leaning` takes; coils
-    (3,) is that of the currents [N·m].
+    passive (3,) is filled with the torque of weight and regulator, whose `coefficients` (n,) `torque_over_sine`
+    takes; coils (3,) is that of the currents [N·m].
     """
     momentum, inertia = rotor.momentum, rotor.inertia
     nx, ny, nz = R[0, 2], R[1, 2], R[2, 2]
-    back = leaning(nz, coefficients, rotor.least)
+    back = torque_over_sine(nz, coefficients, rotor.least)
     passive[0], passive[1], passive[2] = back * ny, -back * nx, 0.0  # back · ẑ_R × Ẑ
     left = np.empty(3)
     rotation_left(rotor.q, rotor.goal, left)

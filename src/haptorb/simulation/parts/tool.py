@@ -52,7 +52,7 @@ def matrix(q: Array, R: Array) -> None:
 
 
 @kernel
-def _yielding(tool: Record, R: Array, rx: float, ry: float, rz: float, ux: float, uy: float, uz: float) -> float:
+def _inverse_mass(tool: Record, R: Array, rx: float, ry: float, rz: float, ux: float, uy: float, uz: float) -> float:
     """Inverse of the mass felt at arm r along the unit vector u [1/kg]: 1/m + (r×u)·I⁻¹(r×u)."""
     cx, cy, cz = ry * uz - rz * uy, rz * ux - rx * uz, rx * uy - ry * ux
     bx = R[0, 0] * cx + R[1, 0] * cy + R[2, 0] * cz
@@ -90,14 +90,14 @@ def contact(tool: Record, R: Array, dt: float, out: Array) -> float:
     vz = v[2] + w[0] * ry - w[1] * rx
     speed = vx * ux + vy * uy + vz * uz
     # A damper that would turn the motion round within a step is cut to one that stops it.
-    damping = min(dome.damping, 1.0 / (dt * _yielding(tool, R, rx, ry, rz, ux, uy, uz)))
+    damping = min(dome.damping, 1.0 / (dt * _inverse_mass(tool, R, rx, ry, rz, ux, uy, uz)))
     push = max(dome.stiffness * depth - damping * speed, 0.0)
     fx, fy, fz = push * ux, push * uy, push * uz
     sx, sy, sz = vx - speed * ux, vy - speed * uy, vz - speed * uz
     slide = np.sqrt(sx * sx + sy * sy + sz * sz)
     if slide > 1e-12:
         sx, sy, sz = sx / slide, sy / slide, sz / slide
-        stopping = slide / (dt * _yielding(tool, R, rx, ry, rz, sx, sy, sz))
+        stopping = slide / (dt * _inverse_mass(tool, R, rx, ry, rz, sx, sy, sz))
         drag = min(dome.friction * push, stopping)
         fx -= drag * sx
         fy -= drag * sy

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptorb.devices.state import State
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.numerics.compiled import kernel
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.world import World
@@ -60,7 +60,7 @@ class Guidance(World):
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
-        path = finite(self.path, "Guidance.path") if self.path else loop_path()
+        path = check_finite(self.path, "Guidance.path") if self.path else loop_path()
         if path.ndim != 2 or path.shape[1] != 3 or len(path) < 2:
             raise InputError(f"Guidance.path must be at least two points, shape (n, 3); got shape {path.shape}")
         object.__setattr__(self, "_path", np.ascontiguousarray(path))

@@ -56,7 +56,7 @@ def _height(heights: Array, u: float, v: float, out: Array) -> None:
     out[0], out[1], out[2] = h, hx * (columns - 1), hy * (rows - 1)
 
 
-def _whole(heights: ArrayLike) -> Array:
+def _check_heights(heights: ArrayLike) -> Array:
     """`heights` as an array, or InputError saying where its first hole is."""
     try:
         filled = np.ma.filled(np.ma.asarray(heights, dtype=np.float64), np.nan)
@@ -104,7 +104,7 @@ class Terrain(World):
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
-        heights = _whole(self.heights)
+        heights = _check_heights(self.heights)
         if heights.ndim != 2 or heights.shape[0] != heights.shape[1] or len(heights) < 4:
             raise InputError(f"Terrain.heights must be square, shape (n, n) with n of at least 4; got {heights.shape}")
         if np.abs(heights).max() > 1 + 1e-9:

@@ -17,7 +17,7 @@ from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.analysis.analysis import analyse
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import page, write_report
-from haptorb.apps.study.analysis.statistics import above_chance, bootstrap, psychometric_fit, sign_flip, wilson
+from haptorb.apps.study.analysis.statistics import binomial_tail, bootstrap, psychometric_fit, sign_flip, wilson
 from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.columns import COLUMNS, tidy
@@ -55,13 +55,13 @@ def test_wilson_solves_its_own_equation(kn: tuple[int, int]) -> None:
 
 @given(st.integers(0, 60), st.floats(0.01, 0.99))
 def test_chance_is_the_binomial_tail(right: int, chance: float) -> None:
-    assert above_chance(right, 60, chance) == pytest.approx(binom.sf(right - 1, 60, chance), abs=1e-12)
+    assert binomial_tail(right, 60, chance) == pytest.approx(binom.sf(right - 1, 60, chance), abs=1e-12)
 
 
 def test_guessing_is_found_to_be_guessing() -> None:
     # Answers drawn at random: accuracy near 1/25, and the test's p seldom small.
     rng = np.random.default_rng(0)
-    ps = [above_chance(int(rng.binomial(300, 1 / 25)), 300, 1 / 25) for _ in range(400)]
+    ps = [binomial_tail(int(rng.binomial(300, 1 / 25)), 300, 1 / 25) for _ in range(400)]
     assert np.mean(np.array(ps) < 0.05) < 0.08
 
 

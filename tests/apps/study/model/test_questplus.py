@@ -31,7 +31,7 @@ def test_it_asks_what_the_library_asks() -> None:
         wanted = library.next_stim
         assert asked == pytest.approx(10 ** wanted["intensity"], rel=1e-9)
         right = bool(draw.random() < (0.95 if asked > 0.15 else 0.55))
-        own = own.after(Answer(1 if right else 2))
+        own = own.advance(Answer(1 if right else 2))
         library.update(stim=wanted, outcome={"response": "right" if right else "wrong"})
     known = library.marginal_posterior["mean"]
     assert own.posterior.sum(axis=1) == pytest.approx(np.asarray(known), abs=1e-9)

@@ -72,7 +72,7 @@ def test_a_frame_reaches_the_servo_and_the_command_that_resumes(
         made.append(start(recording))  # type: ignore[operator]
         return "left"
 
-    monkeypatch.setattr("haptorb.apps.study.session.terminal.hold", hold)
+    monkeypatch.setattr("haptorb.apps.study.session.terminal.run_session", hold)
     words = ["s.toml", "--tracker", "osc:9000", "--frame", "a.frame.json", "--terminal", "-p", "P01", "--no-record"]
     with pytest.raises(SystemExit) as end:
         main(["study", "run", *words])

@@ -93,7 +93,7 @@ def test_markers_tell_a_session_in_its_order(identify: Study, tmp_path: Path) ->
         conduct.pause("test")
         now[0] += 100.0
         conduct.tick()
-        assert conduct.left == pytest.approx(2.0)  # a rest stands still in a pause
+        assert conduct.rest_left == pytest.approx(2.0)  # a rest stands still in a pause
         conduct.resume()
         now[0] += 2.0
         conduct.tick()

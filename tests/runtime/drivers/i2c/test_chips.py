@@ -64,7 +64,7 @@ def test_outputs_wait_for_stop() -> None:
 def test_always_off_wins() -> None:
     _, chip, driver = pwm()
     driver.write([4095, -4095, 3])
-    driver.off()
+    driver.switch_off()
     assert chip.duties().tolist() == [0, 0, 0]
     chip.write(bytes((0x06, 0, 0x10, 0, 0x10)))
     chip.stop()

@@ -45,7 +45,7 @@ def test_frames_arrive_whole_however_they_are_cut(sent: list[Frame], cuts: list[
         heard += parser.feed(line[at : at + step])
         at += step
     assert heard == sent
-    assert parser.damaged == 0
+    assert parser.bad_frames == 0
 
 
 @given(frames, st.binary(max_size=60).filter(lambda noise: SYNC[0] not in noise))
@@ -89,7 +89,7 @@ def test_ten_million_random_bytes_are_no_frame_and_do_not_stop_the_parser() -> N
         heard += parser.feed(bytes(noise))
         assert parser.held["end"] - parser.held["begin"] <= PAYLOAD_MAX + 7
     assert heard == []
-    assert parser.damaged > 1000
+    assert parser.bad_frames > 1000
     assert true in parser.feed(encode(true) + bytes(PAYLOAD_MAX + 7))
 
 

@@ -49,7 +49,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     )  # fmt: skip
     found = [
         _AT.says("1-cone", "how far the rotor's axis moves while φ alone turns, XYZ read as intrinsic angles", 0.0,
-                 _wander(), "1", 1e-12, "tilt and spin are then independent, as the working space demands",
+                 _axis_spread(), "1", 1e-12, "tilt and spin are then independent, as the working space demands",
                  where="eq. (1)"),
         _AT.says("2-linear", "torque by (2) against the force of all coils at once on the magnets' charges, relative",
                  0.0, np.linalg.norm(grouped @ currents - by_charges) / np.linalg.norm(by_charges), "1", 1e-4,
@@ -66,13 +66,13 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.says("6-text", "power lost between handle and target with the text's 'T_ψ (due to F_X')', relative", 0.0,
                  _imbalance(), "1", 1e-12, "(6b) is kept, with η̂ = ζ̂; the text's order loses energy", erratum="E6",
                  where="eq. (6b), §3.2"),
-        _AT.item("6-six", "independent motions of the target in the two modes", 6, _freedom(), where="§2.1"),
+        _AT.item("6-six", "independent motions of the target in the two modes", 6, _count_freedoms(), where="§2.1"),
     ]  # fmt: skip
     report(1.0)
     return tuple(found), None
 
 
-def _wander() -> float:
+def _axis_spread() -> float:
     axes = rotation_from_euler(0.3, 0.2, np.linspace(0, 6.0, 20))[:, :, 2]
     return float(np.ptp(axes, axis=0).max())
 
@@ -157,7 +157,7 @@ def _imbalance() -> float:
     return worst
 
 
-def _freedom() -> int:
+def _count_freedoms() -> int:
     return int(
         np.linalg.matrix_rank([_target_motion(mode, axis) for mode in ("translate", "rotate") for axis in range(3)])
     )

@@ -27,7 +27,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     R = rotation_from_euler(*np.radians((10.0, 5.0, 5.0)))
     by_model = torque_characteristic(device, R, "published")[:, EM17]
     work = _virtual_work(device, R)
-    printed = _as_printed(device, R)
+    printed = _equation_9_torque(device, R)
     exact = torque_characteristic(device, R, "table")[:, EM17]  # the exact model to 1e-7
     report(0.3)
     scale, shape = _scale_and_shape(device)
@@ -42,7 +42,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
             for name, model, radius in (("pm", pm, 15.875 * 4 / 5), ("em", em, 15.88 * 6 / 7))
         ),
         _AT.says("8-axis", "field 10 mm above the middle of one PM by (8), summed by hand, against the library's",
-                 1e3 * _on_axis(10e-3), 1e3 * pm.field((0, 0, 10e-3))[2], "mT", 1e-9, erratum="E1", where="eq. (8)"),
+                 1e3 * _axis_field(10e-3), 1e3 * pm.field((0, 0, 10e-3))[2], "mT", 1e-9, erratum="E1", where="eq. (8)"),
         *(
             _AT.says(f"9-printed-{axis.lower()}", f"K₁₇ about {axis} at q = (10°, 5°, 5°): as printed, and corrected",
                      printed[k], by_model[k], "N·m/A", 1e-5, "step of the numerical derivative", erratum="E5",
@@ -75,7 +75,7 @@ def _outermost(model: object) -> float:
     return float(np.hypot(poles[:, 0], poles[:, 1]).max())
 
 
-def _on_axis(z: float) -> float:
+def _axis_field(z: float) -> float:
     """B_z [T] on the axis of one PM by eq. (8), the axis pair once; l̄ = 0.2 · 0.2 inch."""
     half, total = 0.5 * 0.2 * 5.08e-3, 0.0
     for j, (strength, count) in enumerate(zip((33.5, 24.5, 57.6, 52.0, 276.1), (1, 10, 10, 10, 10), strict=True)):
@@ -104,7 +104,7 @@ def _virtual_work(device: SphericalMotor, R: Array) -> Array:
     at, q, coil, s = _poles(device, R)
 
     def energy(way: Array) -> float:
-        turned = at @ _small(way).T
+        turned = at @ _small_rotation(way).T
         apart = np.linalg.norm(turned[:, None] - coil, axis=-1)
         return float(MU0 / (4 * np.pi) * q @ (1 / apart) @ s)
 
@@ -112,14 +112,14 @@ def _virtual_work(device: SphericalMotor, R: Array) -> Array:
     return np.array([(energy(-h * e) - energy(h * e)) / (2 * h) for e in np.eye(3)])
 
 
-def _small(way: Array) -> Array:
+def _small_rotation(way: Array) -> Array:
     from scipy.spatial.transform import Rotation
 
     turn: Array = Rotation.from_rotvec(way).as_matrix()
     return turn
 
 
-def _as_printed(device: SphericalMotor, R: Array) -> Array:
+def _equation_9_torque(device: SphericalMotor, R: Array) -> Array:
     """(3,) [N·m/A] by eq. (9) word by word: force × arm, and a plus in the second bracket."""
     at, q, coil, s = _poles(device, R)
     n, v = len(q) // 2, len(s) // 2

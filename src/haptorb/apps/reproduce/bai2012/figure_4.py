@@ -74,7 +74,7 @@ def _networks(device: SphericalMotor, report: Callable[[float], None]) -> Traine
     """Those of the cache, if they are the usual ones; else trained now, and kept where the cache had none."""
     try:
         known = check_networks(device)
-        known.fitting(device)
+        known.select_neighbourhoods(device)
         if known.networks[-1].nodes == 10:
             return known
     except InputError:

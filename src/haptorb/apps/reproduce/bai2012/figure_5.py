@@ -27,7 +27,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     device = motor("pmsm")
     bare = replace(device, regulator=None)
     tilts = np.linspace(0.0, device.workspace_tilt, 30)
-    alone, held = _righting(bare, tilts), _righting(device, tilts)
+    alone, held = _righting_torque(bare, tilts), _righting_torque(device, tilts)
     report(0.5)
     R = rotation_from_euler(0.2, -0.1, 0.7)
     wanted = np.array([0, 0, 0, 0.05, 0.02, -0.03])
@@ -54,7 +54,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     ), lambda path: _draw_figure(tilts, alone, held, path)  # fmt: skip
 
 
-def _righting(device: SphericalMotor, tilts: Array) -> Array:
+def _righting_torque(device: SphericalMotor, tilts: Array) -> Array:
     """(n,) [N·m] at zero current, positive where it turns the rotor back upright."""
     return np.array([-device.passive(rotation_from_euler(tilt, 0.0, 0.0))[3] for tilt in tilts])
 

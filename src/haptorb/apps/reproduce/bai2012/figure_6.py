@@ -43,7 +43,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  "quadrature"),
         _AT.says("slope", "(11): turn of the face at the peak per deflection: δ/x as printed, and the beam's slope",
                  chord, slope, "rad/m", 0.05, "difference of the bent shape, against a quadrature", erratum="E27",
-                 corrected=_turn()),
+                 corrected=_slope_ratio()),
         _AT.exempt("alpha", "front angle α and tip ℓ_t", f"no value is printed; α = {math.degrees(hook.front):.0f}° "
                       f"(ℓ_t = {hook.tip * mm:.1f} mm) is assumed, and the outlet never touches that face"),
     )  # fmt: skip
@@ -70,7 +70,7 @@ def _work(loading: bool, friction: float = _FRICTION) -> float:
     return float(done / (0.5 * stiffness * hook.height**2))
 
 
-def _turn() -> float:
+def _slope_ratio() -> float:
     """The beam's slope at the peak over its deflection there [rad/m], by quadrature of the moment of the load."""
     hook, h0 = TABLE_3, TABLE_3.thickness
     peak, knots = hook.peak / h0, [hook.base_length / h0, hook.ramp_end / h0]

@@ -25,7 +25,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     found = [
         _AT.item("channels", "electrical inputs", 12, device.channels, where="§3"),
         _AT.says("wired", "coils that share a channel with the one that Table 2 names", 24,
-                 2 * sum(_together(device.groups, i, j) for i, j in PAIRS)),
+                 2 * sum(_are_paired(device.groups, i, j) for i, j in PAIRS)),
     ]  # fmt: skip
     for n, (i, j) in enumerate(PAIRS):
         between = np.degrees(np.arccos(np.clip(u[i - 1] @ u[j - 1], -1, 1)))
@@ -51,7 +51,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     return tuple(found), None
 
 
-def _together(groups: Array, i: int, j: int) -> bool:
+def _are_paired(groups: Array, i: int, j: int) -> bool:
     return bool((groups[i - 1] * groups[j - 1]).any())
 
 

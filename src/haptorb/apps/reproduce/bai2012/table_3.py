@@ -49,7 +49,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  0.05, "the same", erratum="E8", corrected=23.2),
         _AT.says("ramp-end", "where the ramp of β reaches h_b, over h₀", 16.0, hook.ramp_end / hook.thickness, "1",
                  0.005, "the closed forms of appendix B end it there", erratum="E8", corrected=10.82),
-        _AT.says("ramp-refused", "1 if a hook with these sizes and no flat top is refused", 1.0, float(_refuses()), "1",
+        _AT.says("ramp-refused", "1 if a hook with these sizes and no flat top is refused", 1.0, float(_rejects()), "1",
                  0.0, "what cannot be built must not be rendered", erratum="E8"),
         _AT.says("delta", "δ of each hook with the plug in, (w_p − w_s)/2", 0.75, 1e3 * _bend_hook(), "mm", 1e-6,
                  "found by the outlet's contact"),
@@ -72,7 +72,7 @@ def _shear_coefficient() -> float:
     return float(quad(lambda y: (12 * 0.5 * (0.25 - y * y)) ** 2, -0.5, 0.5)[0])  # I = 1/12, Q = (1/4 − y²)/2
 
 
-def _refuses() -> bool:
+def _rejects() -> bool:
     try:
         replace(TABLE_3, flat_top=False)
     except GeometryError:

@@ -66,13 +66,13 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.ours("em-nearest", "nearest EMs apart", _nearest(u.directions), "°"),
         _AT.ours("em-printed", "the same as printed", _nearest(printed.electromagnets.directions), "°",
                  "each spans 31.2°: coils overlap (E3)"),
-        _AT.says("printed-refused", "1 if the loader refuses the table to the letter", 1.0, float(_refuses()), "1", 0.0,
+        _AT.says("printed-refused", "1 if the loader refuses the table to the letter", 1.0, float(_rejects()), "1", 0.0,
                  "validation must find what the print hides", erratum="E3"),
         _AT.says("gap", "1 if sensors lie between the coils' outer and the magnets' inner faces", 1.0,
-                 float(_in_the_gap(device)), "1", 0.0, "60.61 mm < 62.4 mm < 65.36 mm with lengths in inches",
+                 float(_is_in_gap(device)), "1", 0.0, "60.61 mm < 62.4 mm < 65.36 mm with lengths in inches",
                  erratum="E1"),
         _AT.says("alternating", "share of nearest neighbours among the PMs with opposite polarity", 1.0,
-                 _opposite(device), "1", 0.0, "'adjacent PMs have alternating magnetization'", erratum="E4",
+                 _opposite_share(device), "1", 0.0, "'adjacent PMs have alternating magnetization'", erratum="E4",
                  where="App. A"),
     ]  # fmt: skip
     report(1.0)
@@ -88,13 +88,13 @@ def _step(longitude: Array) -> float:
     return float(steps.mean()) if np.ptp(steps) < 1e-9 else float("nan")
 
 
-def _apart(u: Array) -> Array:
+def _angles_between(u: Array) -> Array:
     angles: Array = np.degrees(np.arccos(np.clip(u @ u.T, -1, 1))) + 360 * np.eye(len(u))
     return angles
 
 
 def _nearest(u: Array) -> float:
-    return float(_apart(u).min())
+    return float(_angles_between(u).min())
 
 
 def _colatitude(u: Array) -> Array:
@@ -103,7 +103,7 @@ def _colatitude(u: Array) -> Array:
     return np.column_stack([np.cos(lon) * np.sin(lat), np.sin(lon) * np.sin(lat), np.cos(lat)])
 
 
-def _refuses() -> bool:
+def _rejects() -> bool:
     try:
         load("pmsm-printed-table")
     except DeviceError:
@@ -111,14 +111,14 @@ def _refuses() -> bool:
     return False
 
 
-def _in_the_gap(device: SphericalMotor) -> bool:
+def _is_in_gap(device: SphericalMotor) -> bool:
     below = device.electromagnets.distance + 0.5 * device.electromagnet.length
     above = device.magnets.distance - 0.5 * device.magnet.length
     return below < device.sensor_layout.distance < above
 
 
-def _opposite(device: SphericalMotor) -> float:
-    apart = _apart(device.magnets.directions)
+def _opposite_share(device: SphericalMotor) -> float:
+    apart = _angles_between(device.magnets.directions)
     i, j = np.nonzero(apart < 30.5)  # along a ring 28.9°, across the rings 30°
     return float(np.mean(device.polarity[i] * device.polarity[j] < 0))
 

@@ -33,7 +33,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     found: list[Item] = []
     for alpha in (0.0, 45.0, 90.0, 135.0, 180.0):
         a = radians(alpha)
-        force = _by_energy(a, contact, m_p)
+        force = _energy_gradient(a, contact, m_p)
         out, away = np.array([sin(a), 0, cos(a)]), np.array([cos(a), 0, -sin(a)])
         found.append(
             _AT.says(f"1-{alpha:.0f}", f"(1): F_r at α = {alpha:.0f}°, m_e = 2.5 A·m²", -2e3 * scale * cos(a),
@@ -68,7 +68,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
                  "difference over 1 %"),
         _AT.item("third", "exponent of torque by distance, 1/d³", -3.0, _exponent(device, 4), "1", 1e-3,
                  "difference over 1 %"),
-        _AT.item("flip", "turn of the dipole that swaps the greatest pull for the greatest push", 180.0, _flip(), "°",
+        _AT.item("flip", "turn of the dipole that swaps the greatest pull for the greatest push", 180.0, _angle(), "°",
                  1.0, "grid of 1°"),
         *(
             _AT.says(f"size-{d}", f"exact force over the dipole's at {d} mm", 1.0, 1 + excess, "1", 5e-4,
@@ -83,7 +83,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     return tuple(found), lambda path: _draw_figure(device, path)
 
 
-def _by_energy(alpha: float, d: float, m_p: float) -> Array:
+def _energy_gradient(alpha: float, d: float, m_p: float) -> Array:
     """(3,) force [N] on a radial tool: minus the gradient of −m_p·B of the other dipole."""
     out = np.array([sin(alpha), 0.0, cos(alpha)])
 
@@ -119,7 +119,7 @@ def _exponent(device: SphericalElectromagnet, row: int) -> float:
     return float(np.log(sizes[1] / sizes[0]) / np.log(1.005 / 0.995))
 
 
-def _flip() -> float:
+def _angle() -> float:
     angles = np.radians(np.arange(0, 360.5))
     radial = [dipole.force((sin(a), 0, cos(a)), (0, 0, 1.0), (0, 0, 0.05))[2] for a in angles]
     return float(degrees(angles[int(np.argmax(radial))] - angles[int(np.argmin(radial))]))

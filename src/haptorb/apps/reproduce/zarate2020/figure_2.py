@@ -112,7 +112,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
              float(ends[1] / ends[0]), "1", 1e-6, why="switching needs α = π: eq. (1)",
              implied=True),
         Item("fig2b-magnet", "zarate2020", "Fig. 2b", "map with θ1 = π/2 against two point dipoles, greatest error",
-             0.0, _against_dipoles(device, plain), "N", 1e-9, why="the text: then we recover a permanent magnet",
+             0.0, _compare_with_dipoles(device, plain), "N", 1e-9, why="the text: then we recover a permanent magnet",
              implied=True),
         _angle("c-zero", "angle at which the adjustable map's radial force vanishes first", 18.0,
                np.degrees(radial_zero(sharp, d)), "E13", 18.0),
@@ -144,7 +144,7 @@ def _edge(world: World, distance: float) -> float:
     return float(low)
 
 
-def _against_dipoles(device: SphericalElectromagnet, plain: World) -> float:
+def _compare_with_dipoles(device: SphericalElectromagnet, plain: World) -> float:
     """[N] the greatest difference from the force between two point dipoles: the electromagnet's points at the summit,
     the tool's radially inward, so that the summit pushes."""
     worst = 0.0

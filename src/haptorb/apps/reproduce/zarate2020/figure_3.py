@@ -52,7 +52,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.says("fall", "F_r at 60 mm over that at contact: (|r₀|/|r_p|)⁴", (5 / 6) ** 4,
                  _force(dome, 0.0, 0.06)[0] / _force(dome, 0.0, d)[0], "1", 1e-9, _EXACT),
         _AT.says("plain", "θ₁ = π/2: greatest difference to the force of two magnets, over F₀", 0.0,
-                 _from_magnets(plain) / F0, "1", 1e-9, "'we recover a permanent magnet'", erratum="E12"),
+                 _compare_with_dipoles(plain) / F0, "1", 1e-9, "'we recover a permanent magnet'", erratum="E12"),
         _AT.item("theta-1", "θ₁ = π/10 of Fig. 2, in degrees", 18.0, degrees(pi / 10), "°", 1e-9, where="Fig. 2"),
         _AT.item("theta-2", "θ₂ = 3π/10 of Fig. 2, in degrees", 54.0, degrees(3 * pi / 10), "°", 1e-9, where="Fig. 2"),
         *_inverse(device.tool.moment),
@@ -93,7 +93,7 @@ def _end(dome: Dome) -> float:
     return 0.5 * (low + high)
 
 
-def _from_magnets(dome: Dome) -> float:
+def _compare_with_dipoles(dome: Dome) -> float:
     """Greatest difference [N] between the map and a fixed dipole's force on a radial one, over 0 to 170°."""
     worst = 0.0
     for alpha in np.radians(np.arange(0, 171, 10)):

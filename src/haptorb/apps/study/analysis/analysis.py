@@ -19,7 +19,7 @@ from haptorb.apps.study.analysis.conditions import (
     count_choices,
     rate_condition,
 )
-from haptorb.apps.study.analysis.statistics import Curve, above_chance, bootstrap, psychometric_fit, wilson
+from haptorb.apps.study.analysis.statistics import Curve, binomial_tail, bootstrap, psychometric_fit, wilson
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
 from haptorb.apps.terminal.notebook_report import NotebookReport
@@ -113,11 +113,11 @@ class Analysis(NotebookReport):
         }  # fmt: skip
         if (c := self.confusion) is not None:
             found["accuracy"] = {
-                "mean": c.accuracy, "interval_95": [_or_none(x) for x in c.accuracy_95], "wilson_95": list(c.pooled_95),
+                "mean": c.accuracy, "interval_95": [_number(x) for x in c.accuracy_95], "wilson_95": list(c.pooled_95),
                 "chance": c.chance, "p_by_chance": c.p_chance,
-                "by_set_point": {str(n): _or_none(c.matrix[i, i]) for i, n in enumerate(c.numbers)},
+                "by_set_point": {str(n): _number(c.matrix[i, i]) for i, n in enumerate(c.numbers)},
             }  # fmt: skip
-            found["confusion"] = [[_or_none(x) for x in row] for row in c.matrix.tolist()]
+            found["confusion"] = [[_number(x) for x in row] for row in c.matrix.tolist()]
             found["arrows"] = [vars(arrow) for arrow in self.arrows]
         if self.rings:
             found["error_mm"] = [_numbers(ring) for ring in self.rings]
@@ -135,7 +135,7 @@ class Analysis(NotebookReport):
             found["level"] = {"parameter": levels and levels.parameter, "unit": self.study.level_unit or "1"}
         if self.thresholds:
             found["thresholds"] = {
-                name: {code: _or_none(value) for code, value in people.items()}
+                name: {code: _number(value) for code, value in people.items()}
                 for name, people in self.thresholds.items()
             }
         if self.scores:
@@ -200,7 +200,7 @@ def _confusion(study: Study, main: Columns, index: np.ndarray[Any, Any], people:
     chance = 1 / len(numbers)
     return Confusion(
         numbers, each.sum(axis=0), matrix, low, high, float(own.mean()), (float(a), float(b)), wilson(k, n), chance,
-        above_chance(k, n, chance),
+        binomial_tail(k, n, chance),
     )  # fmt: skip
 
 
@@ -258,8 +258,8 @@ def _thresholds(procedures: dict[str, Procedure]) -> dict[str, dict[str, float]]
 
 def _numbers(row: Any) -> dict[str, Any]:
     """The fields of `row`; what is not a number is None."""
-    return {key: _or_none(value) if isinstance(value, float) else value for key, value in vars(row).items()}
+    return {key: _number(value) if isinstance(value, float) else value for key, value in vars(row).items()}
 
 
-def _or_none(value: float) -> float | None:
+def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 
-__all__ = ["Curve", "above_chance", "bootstrap", "psychometric_fit", "sign_flip", "wilson"]
+__all__ = ["Curve", "binomial_tail", "bootstrap", "psychometric_fit", "sign_flip", "wilson"]
 
 
 def wilson(right: int, of: int, confidence: float = 0.95) -> tuple[float, float]:
@@ -31,10 +31,10 @@ def wilson(right: int, of: int, confidence: float = 0.95) -> tuple[float, float]
     return max(0.0, float(middle - half)), min(1.0, float(middle + half))
 
 
-def above_chance(right: int, of: int, chance: float) -> float:
+def binomial_tail(right: int, of: int, chance: float) -> float:
     """Probability of at least so many right answers by guessing: the binomial tail, exactly.
 
-    >>> round(above_chance(3, 3, 0.5), 3)
+    >>> round(binomial_tail(3, 3, 0.5), 3)
     0.125
     """
     from scipy.special import bdtrc
@@ -67,7 +67,7 @@ def sign_flip(differences: ArrayLike, *, seed: int = 0) -> float:
     >>> sign_flip([1.0, 2.0, 3.0, 4.0])
     0.125
     """
-    d = finite(differences, "differences")
+    d = check_finite(differences, "differences")
     if d.ndim != 1 or not len(d):
         raise InputError(f"needs one difference per person; got shape {d.shape}")
     if len(d) <= 14:
@@ -106,7 +106,7 @@ def psychometric_fit(
 
     With guess = 0 both tails lapse alike. The spread is kept between a hundredth and ten times the levels' range.
     """
-    x, k, n = finite(levels, "levels"), finite(yes, "yes"), finite(of, "of")
+    x, k, n = check_finite(levels, "levels"), check_finite(yes, "yes"), check_finite(of, "of")
     if len(set(x.tolist())) < 2 or not (x.shape == k.shape == n.shape) or (k > n).any() or (n <= 0).any():
         raise InputError("a psychometric fit needs at least two different levels, each with 0 ≤ yes ≤ of and of ≥ 1")
     low = lapse if guess == 0.0 else guess

@@ -51,7 +51,7 @@ class Bayesian(Procedure):
         return np.geomspace(self.least, self.most, 30)
 
     @cached_property
-    def _right(self) -> Array:
+    def _right_probability(self) -> Array:
         """(30, 40, 12) probability of a right answer by difference, threshold and slope."""
         from scipy.special import ndtr
 
@@ -69,7 +69,7 @@ class Bayesian(Procedure):
         """(40, 12) probability of every threshold and slope after the answers so far."""
         log = np.zeros((40, len(_SLOPES)))
         for asked, right in self.answers:
-            p = self._right[asked]
+            p = self._right_probability[asked]
             log += np.log(p if right else 1 - p)
         p = np.exp(log - log.max())
         normal: Array = p / p.sum()
@@ -79,7 +79,7 @@ class Bayesian(Procedure):
     def _choice(self) -> int:
         posterior = self.posterior
         best, least = 0, float("inf")
-        for n, p in enumerate(self._right):
+        for n, p in enumerate(self._right_probability):
             entropy = 0.0
             for likelihood in (p, 1 - p):
                 joint = posterior * likelihood
@@ -104,7 +104,7 @@ class Bayesian(Procedure):
         """Exactly what is left."""
         return len(self.intervals) - len(self.answers)
 
-    def after(self, answer: Answer) -> Bayesian:
+    def advance(self, answer: Answer) -> Bayesian:
         """With one answer more."""
         right = answer.value == self.intervals[len(self.answers)]
         return replace(self, answers=(*self.answers, (self._choice, right)))

@@ -70,7 +70,7 @@ class Staircase(Procedure):
         """The most that can still come."""
         return 0 if self.prompt is None else len(self.intervals) - self.done
 
-    def after(self, answer: Answer) -> Staircase:
+    def advance(self, answer: Answer) -> Staircase:
         """Harder after two right answers, easier after one wrong; in between the same again."""
         right = answer.value == self.intervals[self.done]
         way = (-1 if self.right == 1 else 0) if right else 1

@@ -26,7 +26,7 @@ from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, quote
-from haptorb.files.text_file import read_text, toml_of
+from haptorb.files.text_file import parse_toml, read_text
 from haptorb.worlds.parameter import check_names, parameters
 from haptorb.worlds.world import World
 
@@ -62,7 +62,7 @@ class Study(Part):
     _text: str = PrivateAttr("")
 
     @model_validator(mode="after")
-    def _together(self) -> Self:
+    def _check_names(self) -> Self:
         names = [condition.name for condition in self.conditions]
         if not names:
             raise ValueError("conditions must not be empty; leave out the key for a single condition")
@@ -135,7 +135,7 @@ def read_study(path: str | Path) -> Study:
 def study_of(text: str, where: str = "study") -> Study:
     """The study that `text` (TOML) describes; `where` names it in messages."""
     try:
-        raw = toml_of(text)
+        raw = parse_toml(text)
     except ValueError as cause:
         raise InputError(f"study file {where} is not TOML: {cause}") from cause
     try:

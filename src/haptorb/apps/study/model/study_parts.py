@@ -55,7 +55,7 @@ class Places(Part):
     points: Annotated[tuple[Place, ...], Field(max_length=999)] = ()
 
     @model_validator(mode="after")
-    def _one_of_both(self) -> Self:
+    def _check_points(self) -> Self:
         if bool(self.points) == (self.layout is not None):
             raise ValueError('give either layout = "published" or points, not both and not neither')
         numbers = [point.number for point in self.points]
@@ -136,7 +136,7 @@ class Question(Part):
     high: Annotated[Whole, Field(ge=-_MOST, le=_MOST)] | None = None
 
     @model_validator(mode="after")
-    def _one_kind(self) -> Self:
+    def _check_answers(self) -> Self:
         if (self.low is None) != (self.high is None) or (self.low or 0) > (self.high or 0):
             raise ValueError(f"low and high go together, low first; got {self.low} and {self.high}")
         if self.choices and self.low is not None:

@@ -12,8 +12,8 @@ from typing import Any, Self, final
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.pages.site import application
 from haptorb.apps.study.pages.socket_hub import StudySocketHub
-from haptorb.apps.study.pages.views import about, places
-from haptorb.apps.web.server import HOST, bind_socket, hurry, server, signals
+from haptorb.apps.study.pages.views import describe_study, places
+from haptorb.apps.web.server import HOST, bind_socket, prioritize, server, signals
 from haptorb.errors import ServoError
 
 __all__ = ["PORT", "StudyServer"]
@@ -50,7 +50,7 @@ class StudyServer:
         self.experimenter = f"http://{HOST}:{self.port}/experimenter#{token}"
         try:
             everything = {"places": places(reception.study), **(more or {})}
-            room = StudySocketHub(reception, token, about(reception.study, simulated), everything)
+            room = StudySocketHub(reception, token, describe_study(reception.study, simulated), everything)
             self._server = server(application(room))
         except BaseException:
             self._socket.close()
@@ -72,7 +72,7 @@ class StudyServer:
         sys.setswitchinterval(_SWITCH)
         self._reception.open()
         try:
-            with signals(end), hurry():
+            with signals(end), prioritize():
                 dead = asyncio.run(self._serve())
         finally:
             self._reception.close()

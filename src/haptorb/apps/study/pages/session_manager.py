@@ -95,7 +95,7 @@ class SessionManager:
         """The state, in one word; "paused" from the moment at which somebody stops."""
         conduct, sitting = self.conduct, self.sitting  # the thread may put them away meanwhile
         state = conduct.state if conduct is not None else self.state
-        if self.halt.stands and sitting is not None and state not in ("starting", "waiting", "failed", *OVER):
+        if self.halt.active and sitting is not None and state not in ("starting", "waiting", "failed", *OVER):
             return "paused"
         return state
 
@@ -112,7 +112,7 @@ class SessionManager:
         except Empty:
             self._next = 0.0
         else:
-            self._try(lambda: self._obey(command, asked), told)
+            self._try(lambda: self._execute(command, asked), told)
         if monotonic() >= self._next:
             self._next = monotonic() + _TICK
             # A session whose device or database went away can be resumed, so nothing is lost by ending it here.
@@ -155,7 +155,7 @@ class SessionManager:
     def _tick(self) -> None:
         if self._servo is None or self.stage is None:
             return
-        self._heed()
+        self._record_stops()
         self._servo.check()
         if self._streams is not None:
             self._streams.poses(self._servo)
@@ -164,15 +164,15 @@ class SessionManager:
             if self.conduct.state in OVER:
                 self._end("", self.conduct.state)
 
-    def _heed(self) -> None:
+    def _record_stops(self) -> None:
         """Keep the Stops of the time before the first trial; `TrialRunner` keeps the later ones."""
         if self.conduct is None and self.sitting is not None:
             for stopped in self.halt.take():
                 self.sitting.note("pause", stopped.why, at=stopped.at, later=True)
             self.sitting.keep_late()
 
-    def _obey(self, command: dict[str, Any], asked: StopCount) -> None:
-        self._heed()
+    def _execute(self, command: dict[str, Any], asked: StopCount) -> None:
+        self._record_stops()
         do = command["do"]
         if do == "begin":
             self._begin(command["code"], asked)
@@ -182,7 +182,7 @@ class SessionManager:
             return
         conduct = self.conduct
         if conduct is None and self.sitting is not None and do in ("leave", "abort", "resume"):
-            self._before_trials(do, asked)
+            self._execute_before_trials(do, asked)
             return
         if conduct is None:
             raise InputError("no session is running")
@@ -242,17 +242,17 @@ class SessionManager:
             self.sitting.note("declined", later=True)
             self._end("the participant did not agree", "left")
             return
-        if self.halt.stands:
+        if self.halt.active:
             raise InputError("the session is stopped: the experimenter must resume it first")
         self.sitting.note("consent")
         recording = self._recording.name if self._recording is not None else None
         self.conduct = TrialRunner(self.sitting, self.stage, recording, self._mark, halt=self.halt)
 
-    def _before_trials(self, do: str, asked: StopCount) -> None:
+    def _execute_before_trials(self, do: str, asked: StopCount) -> None:
         """What may be asked for while the participant is asked for consent."""
         assert self.sitting is not None
         if do == "resume":
-            if self.halt.stands:
+            if self.halt.active:
                 self.halt.engage(asked)
                 self.sitting.note("resume", later=True)
         elif do == "leave":

@@ -182,13 +182,13 @@ class StudySocketHub:
         """Whatever is new to `page`, some 25 times a second."""
         await page.socket.send_text(json.dumps({"event": "about", **about}))
         while True:
-            for text in self._news(page):
+            for text in self._collect_messages(page):
                 await page.socket.send_text(text)
             while page.mistakes:
                 await page.socket.send_text(json.dumps({"event": "mistake", "text": page.mistakes.pop(0)}))
             await asyncio.sleep(FRAME)
 
-    def _news(self, page: StudyPage) -> list[str]:
+    def _collect_messages(self, page: StudyPage) -> list[str]:
         """Messages with what is new to `page`; a fault in one of them does not keep it from the next ones."""
         news = []
         try:

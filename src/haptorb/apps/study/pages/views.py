@@ -12,12 +12,12 @@ from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.session.trial_device import TrialDevice
 
-__all__ = ["about", "for_experimenter", "for_participant", "pen", "places"]
+__all__ = ["describe_study", "for_experimenter", "for_participant", "pen", "places"]
 
 _MOST_BUTTONS = 21  #: on a rating scale; beyond that a number is typed
 
 
-def about(study: Study, simulated: bool) -> dict[str, Any]:
+def describe_study(study: Study, simulated: bool) -> dict[str, Any]:
     """What does not change: texts, places on the drawing, and the noise that is to be played.
 
     Places are drawn where they are the answers; where they are to be found freely they would give them away.
@@ -48,7 +48,7 @@ def for_participant(reception: SessionManager) -> dict[str, Any]:
     conduct, sitting, stage, halt = reception.conduct, reception.sitting, reception.stage, reception.halt
     view: dict[str, Any] = {
         "state": "failed" if reception.dead else reception.now, "session": reception.number, "task": None,
-        "question": None, "stopped": (halt.why or "by the program") if halt.stands and sitting is not None else "",
+        "question": None, "stopped": (halt.why or "by the program") if halt.active and sitting is not None else "",
         "unconfirmed": stage is not None and stage.unconfirmed,
     }  # fmt: skip
     if sitting is not None:
@@ -60,7 +60,7 @@ def for_participant(reception: SessionManager) -> dict[str, Any]:
         "trial": sitting.number,
         "done": sitting.number,
         "total": sitting.number + expected,
-        "left": round(conduct.left),
+        "left": round(conduct.rest_left),
         "off": conduct.stage.off,
         "steered": conduct.stage.steered,
         "which": conduct.which,

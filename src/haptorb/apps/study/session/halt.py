@@ -52,13 +52,13 @@ class StopSwitch:
         self._unrecorded: deque[StopEvent] = deque(maxlen=_KEPT)
 
     @property
-    def stands(self) -> bool:
+    def active(self) -> bool:
         """Whether a Stop was given, and nobody has resumed since."""
         return self._last != self._cleared
 
     def stop(self, why: str | None = "") -> None:
         """Coils off now. `why` is for the record; None: it need not be recorded, the session ends anyway."""
-        stood = self.stands
+        stood = self.active
         # The number first: `attach` sets the servo first and then looks at the number, so one of the two stops it.
         self._last = number = next(self._numbers)
         servo = self._servo
@@ -67,7 +67,7 @@ class StopSwitch:
         if not stood:
             self.why = why or ""
             if why is not None:
-                self._unrecorded.append(StopEvent(number, why, now()))
+                self._unrecorded.append(StopEvent(number, why, utc_now()))
 
     def ask(self) -> StopCount:
         """What is to travel with a request from the moment at which it arrives."""
@@ -78,7 +78,7 @@ class StopSwitch:
         """From now on Stop reaches `servo`, which need not be open yet. A Stop after `asked` holds for it already."""
         self._cleared = asked.number
         self._servo = servo
-        if self.stands:  # safety: study-stop-starting
+        if self.active:  # safety: study-stop-starting
             servo.stop()
         while self._unrecorded and self._unrecorded[0].number <= asked.number:
             self._unrecorded.popleft()
@@ -107,6 +107,6 @@ class StopSwitch:
         return [self._unrecorded.popleft() for _ in range(len(self._unrecorded))]
 
 
-def now() -> str:
+def utc_now() -> str:
     """The time of day in UTC, to the millisecond, as the database keeps it."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")

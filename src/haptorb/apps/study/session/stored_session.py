@@ -19,9 +19,9 @@ from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.model.study_parts import Question
-from haptorb.apps.study.session.halt import now
+from haptorb.apps.study.session.halt import utc_now
 from haptorb.apps.study.store.claim import SessionLock
-from haptorb.apps.study.store.database import alone, events, impatient, participants, replies, sessions, studies, trials
+from haptorb.apps.study.store.database import events, lock, participants, replies, sessions, studies, trials, try_begin
 from haptorb.errors import InputError, RecordingError
 from haptorb.version import __version__
 
@@ -96,14 +96,14 @@ class StoredSession:
     def reply(self, question: Question, told: str) -> None:
         """Keep what was `told` to `question`; InputError, and nothing kept, if it is no answer to it."""
         reply = question.check_reply(told)
-        last = self.prompt is None and not self._questions_after(question)
+        last = self.prompt is None and not self._open_questions(question)
         try:
             with self.engine.begin() as connection:
                 self._catch_up(connection)
-                row = {"session": self.id, "question": question.name, "reply": reply, "at": now()}
+                row = {"session": self.id, "question": question.name, "reply": reply, "at": utc_now()}
                 connection.execute(replies.insert().values(**row))
                 if last:
-                    connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=now()))
+                    connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=utc_now()))
         except SQLAlchemyError as cause:
             raise _storage_error(cause) from cause
         self._late.clear()
@@ -126,14 +126,14 @@ class StoredSession:
             "seconds": answer.seconds,
             "safety": json.dumps(list(safety), ensure_ascii=False),
             "recording": recording,
-            "answered": now(),
+            "answered": utc_now(),
         }
         try:
             with self.engine.begin() as connection:
                 self._catch_up(connection)
                 connection.execute(trials.insert().values(**row))
-                if after.prompt is None and (self.simulated or not self._questions_after()):
-                    connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=now()))
+                if after.prompt is None and (self.simulated or not self._open_questions()):
+                    connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=utc_now()))
         except IntegrityError as cause:
             raise RecordingError(
                 f"trial {self.number} of session {self.id} was already answered; start again"
@@ -150,7 +150,7 @@ class StoredSession:
         and nothing is raised: what was done must not wait for the record of it.
         """
         text = text.replace("\0", "").encode("utf-8", "backslashreplace").decode()  # a record is never refused
-        self._late.append({"session": self.id, "kind": kind, "trial": self.number, "at": at or now(), "text": text})
+        self._late.append({"session": self.id, "kind": kind, "trial": self.number, "at": at or utc_now(), "text": text})
         try:
             with self.engine.begin() as connection:
                 self._catch_up(connection)
@@ -167,7 +167,7 @@ class StoredSession:
             return
         self._again = monotonic() + _AGAIN
         with suppress(SQLAlchemyError):
-            with impatient(self.engine) as connection:
+            with try_begin(self.engine) as connection:
                 self._catch_up(connection)
             self._late.clear()
 
@@ -176,7 +176,7 @@ class StoredSession:
         self.note("abort", reason)
         try:
             with self.engine.begin() as connection:
-                done = {"ended": now(), "aborted": True}
+                done = {"ended": utc_now(), "aborted": True}
                 connection.execute(sessions.update().where(sessions.c.id == self.id).values(**done))
         except SQLAlchemyError as cause:
             raise _storage_error(cause) from cause
@@ -210,7 +210,7 @@ class StoredSession:
         """(id, plan) of the session of this code in this study."""
         study = self.study
         with self.engine.begin() as connection:
-            alone(connection)  # two stations must not count participants at the same moment
+            lock(connection)  # two stations must not count participants at the same moment
             if not connection.execute(select(studies.c.digest).where(studies.c.digest == study.digest)).first():
                 connection.execute(studies.insert().values(digest=study.digest, name=study.name, text=study.text))
             mine = select(participants.c.id).where(
@@ -230,7 +230,7 @@ class StoredSession:
                     participant=person[0],
                     plan=json.dumps(drawn),
                     simulated=self.simulated,
-                    started=now(),
+                    started=utc_now(),
                     versions=json.dumps({"haptorb": __version__}),
                 )
             ).inserted_primary_key
@@ -249,7 +249,7 @@ class StoredSession:
             raise RecordingError(f"participant code '{self.code}' belongs to a {kind} participant: use another code")
         return int(row.id), json.loads(row.plan)
 
-    def _questions_after(self, but: Question | None = None) -> list[str]:
+    def _open_questions(self, but: Question | None = None) -> list[str]:
         """Names of the questions that are still unanswered, but for one."""
         return [q.name for q in self.study.questions if q.name not in self._replied and q != but]
 

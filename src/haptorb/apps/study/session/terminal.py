@@ -19,10 +19,10 @@ from haptorb.apps.study.session.trial_device import TrialDevice
 from haptorb.apps.terminal import make_console, say
 from haptorb.runtime.servo.servo import Servo
 
-__all__ = ["hold"]
+__all__ = ["run_session"]
 
 
-def hold(sitting: StoredSession, start: Callable[[Path | None], Servo], recording: Path | None) -> str:
+def run_session(sitting: StoredSession, start: Callable[[Path | None], Servo], recording: Path | None) -> str:
     """'done', 'left' or 'aborted'; coils are off afterwards. `start` makes a servo that records to that file."""
     study, console, halt = sitting.study, make_console(error=True), StopSwitch()
     with Keyboard(halt) as keys:

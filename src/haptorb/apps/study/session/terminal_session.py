@@ -75,7 +75,7 @@ class TerminalSession:
         """What there is to say of the present state."""
         match self._conduct.state:
             case "pause" | "break":
-                return f"{self._conduct.left:.0f} s"
+                return f"{self._conduct.rest_left:.0f} s"
             case "paused":
                 return "STOPPED: the coils are off. e continues, q ends for now, A aborts"
             case "time is up":
@@ -106,9 +106,9 @@ class TerminalSession:
         elif conduct.state == "break" and key == "enter":
             conduct.skip()
         elif conduct.state in ("running", "time is up"):
-            self._in_trial(key)
+            self._handle_trial_key(key)
 
-    def _in_trial(self, key: str) -> None:
+    def _handle_trial_key(self, key: str) -> None:
         conduct, stage = self._conduct, self._stage
         if key == "enter":
             conduct.answer(int(self._typed) if self._typed else None)

@@ -22,7 +22,7 @@ OVER = ("done", "left", "aborted")  #: states after which nothing comes
 _TRIAL = ("running", "time is up")
 
 
-def _nobody(kind: str, facts: dict[str, Any]) -> None:
+def _ignore_event(kind: str, facts: dict[str, Any]) -> None:
     """Who listens where nobody does."""
 
 
@@ -40,7 +40,7 @@ class TrialRunner:
 
     def __init__(
         self, sitting: StoredSession, stage: TrialDevice, recording: str | None = None,
-        mark: Callable[[str, dict[str, Any]], None] = _nobody, clock: Callable[[], float] = monotonic,
+        mark: Callable[[str, dict[str, Any]], None] = _ignore_event, clock: Callable[[], float] = monotonic,
         halt: StopSwitch | None = None,
     ) -> None:  # fmt: skip
         self.sitting, self.stage = sitting, stage
@@ -57,8 +57,8 @@ class TrialRunner:
         self._seen = 0  # trips of the stage that are kept
         self._paused_from, self._rest_left = "", 0.0
         self.state = "pause"
-        self._go_on()
-        self.heed()
+        self._continue()
+        self.apply_stop()
 
     @property
     def prompt(self) -> Prompt | None:
@@ -71,7 +71,7 @@ class TrialRunner:
         return self.sitting.question if self.state == "question" else None
 
     @property
-    def left(self) -> float:
+    def rest_left(self) -> float:
         """What is left of a rest [s]."""
         if self.state == "paused":
             return self._rest_left
@@ -81,8 +81,8 @@ class TrialRunner:
         """Time passes: rests end, time limits are noticed, and trips of the device are kept."""
         now = self._clock()
         passed, self._last = now - self._last, now
-        self.heed()
-        self._notice()
+        self.apply_stop()
+        self._record_trips()
         self.sitting.keep_late()
         if self.state in ("pause", "break") and now >= self._until:
             self._begin()
@@ -96,17 +96,17 @@ class TrialRunner:
         elif self.state == "time is up":
             self.seconds += passed
 
-    def heed(self) -> None:
+    def apply_stop(self) -> None:
         """Pause if Stop was given, by whomever, and keep who gave it. The coils are off already."""
-        if self.halt.stands and self.state not in ("paused", *OVER):
-            self._rest_left = self.left
+        if self.halt.active and self.state not in ("paused", *OVER):
+            self._rest_left = self.rest_left
             self._paused_from, self.state = self.state, "paused"
         for stopped in self.halt.take():
             self._note("pause", stopped.why, stopped.at)
 
     def answer(self, value: int | None) -> None:
         """Keep the answer, durably, and go on. InputError, and the trial goes on, if it may not be answered so."""
-        self.heed()
+        self.apply_stop()
         prompt = self.prompt
         if self.state not in _TRIAL or prompt is None:
             raise InputError(f"no answer is expected now ({self.state})")
@@ -115,31 +115,31 @@ class TrialRunner:
         number = self.sitting.number
         # Pauses switch the coils off by hand, which is no safety event.
         trips = [trip for trip in self.stage.safety() if trip["code"] != "STOPPED"]
-        self._notice()
+        self._record_trips()
         answer = Answer(value, self.stage.position, self.seconds)
         self.sitting.answer(answer, safety=trips, recording=self.stage.course(self._recording))
         self._mark("answer", {"trial": number, "answer": value, "set_point": prompt.set_point})
-        self._go_on()
+        self._continue()
 
     def reply(self, told: str) -> None:
         """Keep the answer to the question in words."""
-        self.heed()
+        self.apply_stop()
         question = self.question
         if question is None:
             raise InputError("no question is asked now")
         self.sitting.reply(question, told)
         self._mark("reply", {"question": question.name})
-        self._go_on()
+        self._continue()
 
     def skip(self) -> None:
         """End a break early; a pause that the study file sets between trials stays."""
-        self.heed()
+        self.apply_stop()
         if self.state == "break":
             self._begin()
 
     def interval(self, which: int | None) -> None:
         """Let interval `which`, 1 or 2, be felt."""
-        self.heed()
+        self.apply_stop()
         prompt = self.prompt
         if not isinstance(which, int) or which not in (1, 2) or prompt is None or not prompt.interval:
             raise InputError("this trial has no such interval")
@@ -151,16 +151,16 @@ class TrialRunner:
     def pause(self, why: str = "") -> None:
         """Coils off until `resume`; a rest stands still meanwhile."""
         if self.state not in OVER:
-            if not self.halt.stands:
+            if not self.halt.active:
                 self.halt.stop(why)  # safety: study-pause
-            self.heed()
+            self.apply_stop()
 
     def resume(self, asked: StopCount | None = None) -> None:
         """Go on where `pause` was; the coils come back from zero.
 
         InputError, and nothing changes, if Stop was given after `asked`; None: it is asked for now.
         """
-        self.heed()
+        self.apply_stop()
         if self.state != "paused":
             return
         self.halt.engage(asked or self.halt.ask())
@@ -171,7 +171,7 @@ class TrialRunner:
 
     def repeat(self) -> None:
         """The trial from its beginning, with its time limit anew; that it was repeated is kept."""
-        self.heed()
+        self.apply_stop()
         prompt = self.prompt
         if self.state not in _TRIAL or prompt is None:
             raise InputError(f"there is no trial to repeat now ({self.state})")
@@ -181,7 +181,7 @@ class TrialRunner:
 
     def engage(self, asked: StopCount | None = None) -> None:
         """After a trip: coils on again, unless the guard refuses, or Stop was given after `asked`; None: now."""
-        self.heed()
+        self.apply_stop()
         if self.state == "paused":
             raise InputError("the session is paused: resume switches the coils on")
         self.halt.engage(asked or self.halt.ask())
@@ -190,7 +190,7 @@ class TrialRunner:
         """End for now: the session can be resumed at this trial. Coils off first of all."""
         if self.state not in OVER:
             self.halt.stop(None)
-            self.heed()
+            self.apply_stop()
             self._note("leave")
             self.state = "left"
 
@@ -198,12 +198,12 @@ class TrialRunner:
         """End for good. Coils off first of all, also if it cannot be kept."""
         if self.state not in OVER:
             self.halt.stop(None)
-            self.heed()
+            self.apply_stop()
             self.sitting.abort(why)
             self._mark("abort", {"trial": self.sitting.number})
             self.state = "aborted"
 
-    def _go_on(self) -> None:
+    def _continue(self) -> None:
         """Whatever comes after an answer: a question, a rest, a trial or the end."""
         self.stage.rest()
         prompt = self.prompt
@@ -233,7 +233,7 @@ class TrialRunner:
              "level": prompt.level, "interval": prompt.interval, "phase": prompt.phase},
         )  # fmt: skip
 
-    def _notice(self) -> None:
+    def _record_trips(self) -> None:
         """Keep new trips; those of a trial are kept with its answer besides."""
         self.stage.look()
         fresh = self.stage.trips[self._seen :]

@@ -130,7 +130,7 @@ def load_squared(device: SphericalElectromagnet, study: Study, prompt: Prompt) -
 def forecast(study: Study, participant: int = 0) -> Forecast:
     """Duration and heat of one session, as the `participant`-th person would have it."""
     device = study.load_device()
-    prompts = _foreseen(study, participant)
+    prompts = _list_prompts(study, participant)
     known: dict[tuple[str, int, float], Array] = {}
     loads = []
     for prompt in prompts:
@@ -154,7 +154,7 @@ def forecast(study: Study, participant: int = 0) -> Forecast:
     )
 
 
-def _foreseen(study: Study, participant: int) -> list[Prompt]:
+def _list_prompts(study: Study, participant: int) -> list[Prompt]:
     """The trials in their order; an adaptive procedure at its greatest length and strongest level."""
     found = []
     for part in procedure_of(study, plan(study, participant)).parts:

@@ -57,7 +57,7 @@ class Traits:
     lapse: float = 0.01  #: share of forced choices answered without attention; assumed
     between: float = 0.12  #: how much people differ: of the logarithm of every trait above
 
-    def somebody(self, draw: np.random.Generator) -> Traits:
+    def draw_person(self, draw: np.random.Generator) -> Traits:
         """Somebody in particular."""
         names = ("force_jnd", "direction_jnd_deg", "gravity_left", "motor_noise", "tremor", "recall")
         factors = np.exp(self.between * draw.standard_normal(len(names)))
@@ -71,7 +71,7 @@ class Participant:
     def __init__(self, study: Study, seed: tuple[int, ...], traits: Traits | None = None) -> None:
         self._study, self._seed = study, seed
         self._device: SphericalElectromagnet = study.load_device()
-        self.traits = (traits or Traits()).somebody(np.random.default_rng([*seed, 0]))
+        self.traits = (traits or Traits()).draw_person(np.random.default_rng([*seed, 0]))
         self._felt: dict[tuple[str, int, float], DeliveredForce] = {}
         self._ways = directions(study.points)
         self._coarse: dict[tuple[str, int, float], Array] = {}
@@ -118,7 +118,7 @@ class Participant:
         spread = np.sqrt(recall**2 + traits.motor_noise**2 + traits.tremor**2)
         place = _move_on_sphere(guess, spread / contact * draw.standard_normal(2))
         limit = self._device.workspace_half_angle + np.radians(10.0)
-        position: Array = contact * _within(place, float(limit))
+        position: Array = contact * _limit_tilt(place, float(limit))
         return position
 
     @property
@@ -190,7 +190,7 @@ def _move_on_sphere(way: Array, step: Array) -> Array:
     return moved
 
 
-def _within(way: Array, limit: float) -> Array:
+def _limit_tilt(way: Array, limit: float) -> Array:
     """`way`, or where it leaves the workspace [rad from the top], the workspace's rim below it."""
     if way[2] >= np.cos(limit):
         return way

@@ -139,7 +139,7 @@ def power_of(
             for k, pool in enumerate(pools)
         ]
     )
-    reached = [_fewest(row, counts, wanted) for row in shares]
+    reached = [_find_fewest(row, counts, wanted) for row in shares]
     low, high = np.percentile(shares[1:], (2.5, 97.5), axis=0)
     ends = np.sort([np.inf if n is None else n for n in reached[1:]])
     needed_95 = tuple(
@@ -207,6 +207,6 @@ def _share(pool: Array, n: int, signs: Array, alpha: float, count: int, draw: np
     return float(np.mean(p < alpha))
 
 
-def _fewest(shares: Array, counts: Sequence[int], wanted: float) -> int | None:
+def _find_fewest(shares: Array, counts: Sequence[int], wanted: float) -> int | None:
     """The fewest from which on the wanted power is reached."""
     return next((n for k, n in enumerate(counts) if (shares[k:] >= wanted).all()), None)

@@ -38,9 +38,9 @@ from haptorb.errors import RecordingError
 __all__ = [
     "FAMILY",
     "SCHEMA",
-    "alone",
     "database",
     "events",
+    "lock",
     "mask_password",
     "participants",
     "replies",
@@ -149,7 +149,7 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
             "pip install 'haptorb[study]' brings PostgreSQL's"
         ) from cause
     if engine.dialect.name == "sqlite":
-        event.listen(engine, "connect", _durable)
+        event.listen(engine, "connect", _set_pragmas)
     try:
         with engine.connect() as connection:
             version = _version(connection, place)
@@ -157,7 +157,7 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
             raise RecordingError(f"database {place} holds no study")
         if version is None or version < SCHEMA:
             with engine.begin() as connection:
-                alone(connection)
+                lock(connection)
                 version = _version(connection, place)  # another station may have been quicker
                 if version is None:
                     _tables.create_all(connection)
@@ -176,7 +176,7 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
     return engine
 
 
-def alone(connection: Connection) -> None:
+def lock(connection: Connection) -> None:
     """Nobody else gets past here until the transaction that has just begun on `connection` ends."""
     if connection.dialect.name == "sqlite":
         connection.execute(text("BEGIN IMMEDIATE"))  # Python's sqlite3 would begin only at the first change of data
@@ -209,7 +209,7 @@ _watched = {
 
 
 @contextmanager
-def impatient(engine: Engine) -> Iterator[Connection]:
+def try_begin(engine: Engine) -> Iterator[Connection]:
     """A transaction that gives up after 50 ms where another program holds the database."""
     with engine.connect() as connection:
         sqlite = engine.dialect.name == "sqlite"
@@ -228,7 +228,7 @@ def mask_password(place: str | Path) -> str:
     return make_url(url_of(place)).render_as_string() if "://" in str(place) else str(place)
 
 
-def _durable(connection: Any, record: Any) -> None:
+def _set_pragmas(connection: Any, record: Any) -> None:
     cursor = connection.cursor()
     for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", f"busy_timeout = {_BUSY}"):
         cursor.execute(f"PRAGMA {pragma}")

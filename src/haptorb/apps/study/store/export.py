@@ -21,7 +21,7 @@ from haptorb.errors import RecordingError
 from haptorb.files.replace_file import replace_file
 from haptorb.version import __version__
 
-__all__ = ["Replies", "plain", "write_bids", "write_csv", "write_parquet", "write_replies"]
+__all__ = ["Replies", "escape_formula", "write_bids", "write_csv", "write_parquet", "write_replies"]
 
 Replies = dict[str, dict[str, str]]  #: participant's code → question's name → what was answered
 
@@ -30,10 +30,10 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _NUMBER = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
 
 
-def plain(text: str) -> str:
+def escape_formula(text: str) -> str:
     """`text` for a cell that no spreadsheet takes for a formula: where it begins like one, `'` stands before it.
 
-    >>> plain("=1+1"), plain("-3"), plain("as it is")
+    >>> escape_formula("=1+1"), escape_formula("-3"), escape_formula("as it is")
     ("'=1+1", '-3', 'as it is')
     """
     return f"'{text}" if text.startswith(_FORMULA) and not _NUMBER.fullmatch(text) else text
@@ -62,7 +62,7 @@ def write_parquet(columns: Columns, path: str | Path, *, overwrite: bool = False
         raise RecordingError("Parquet needs pyarrow: pip install 'haptorb[study]', or export as CSV") from cause
     fields, arrays = [], []
     for name, about in COLUMNS.items():
-        array = pyarrow.array([_nothing_if_nan(value) for value in columns[name].tolist()])
+        array = pyarrow.array([_none_if_nan(value) for value in columns[name].tolist()])
         arrays.append(array)
         fields.append(pyarrow.field(name, array.type, metadata={"description": about}))
     try:
@@ -82,7 +82,7 @@ def write_replies(study: Study, replies: Replies, path: str | Path, *, overwrite
             writer.writerow(("participant", "question", "text", "reply"))
             for code, mine in replies.items():
                 told = ((code, q.name, q.text, mine[q.name]) for q in study.questions if q.name in mine)
-                writer.writerows(map(plain, row) for row in told)
+                writer.writerows(map(escape_formula, row) for row in told)
     except OSError as cause:
         raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
     return path
@@ -126,7 +126,7 @@ def write_bids(
         lines = ["\t".join(["participant_id", "simulated", *(question.name for question in asked)])]
         for code in codes:
             mine = {name: values[columns["participant"] == code] for name, values in columns.items()}
-            told = [plain(" ".join((replies or {}).get(code, {}).get(q.name, "n/a").split())) for q in asked]
+            told = [escape_formula(" ".join((replies or {}).get(code, {}).get(q.name, "n/a").split())) for q in asked]
             lines.append("\t".join([f"sub-{code}", "true" if mine["simulated"][0] else "false", *told]))
             place = part / f"sub-{code}" / "beh"
             place.mkdir(parents=True)
@@ -161,10 +161,10 @@ def _cell(value: Any, whole: bool, nothing: str) -> str:
         if not math.isfinite(value):
             return nothing
         return str(int(value)) if whole else repr(value)
-    return plain(str(value)) or nothing
+    return escape_formula(str(value)) or nothing
 
 
-def _nothing_if_nan(value: Any) -> Any:
+def _none_if_nan(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

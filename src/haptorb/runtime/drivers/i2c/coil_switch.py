@@ -47,7 +47,7 @@ class CoilSwitch:
             except OSError as cause:
                 raise DriverError(f"the guardian process of the I²C bus did not start: {cause}") from cause
         if self._watcher is not None and not self._watcher.ready(_STARTING):
-            self._dismiss()
+            self._release_watcher()
             raise DriverError("the guardian process of the I²C bus did not start")
 
     def beat(self, engaged: bool) -> None:
@@ -56,7 +56,7 @@ class CoilSwitch:
             try:
                 self._watcher.beat(engaged)
             except DriverError:
-                self._dismiss()
+                self._release_watcher()
                 raise
 
     def write(self, steps: list[int]) -> None:
@@ -64,23 +64,23 @@ class CoilSwitch:
         self.state = CoilState.ON  # before it is: half a message may move an output
         self._pwm.write(steps)
 
-    def off(self) -> bool:
+    def switch_off(self) -> bool:
         """Try once; True if the chip confirms that every output is off."""
         self.state = CoilState.UNKNOWN  # safety: i2c-off-unsaid
         with suppress(OSError):
-            if self._pwm.off():
+            if self._pwm.switch_off():
                 self.state = CoilState.OFF
         return self.state is CoilState.OFF
 
     def fail(self) -> None:
         """Try once, and let the guardian try too if that was in vain."""
-        if not self.off():
-            self._dismiss()
+        if not self.switch_off():
+            self._release_watcher()
         elif not self._leaving:
             with suppress(DriverError):
                 self.beat(False)
 
-    def _dismiss(self) -> None:
+    def _release_watcher(self) -> None:
         if self._watcher is not None:
             self._watcher.leave()
             self._leaving = True
@@ -89,7 +89,7 @@ class CoilSwitch:
         """What one tick does for a device that has failed: switch off until that is confirmed; then have a guardian
         again, so that a person who engages need not wait for it. Never waits."""
         if self.state is not CoilState.OFF:  # safety: i2c-reading-off
-            self.off()
+            self.switch_off()
         elif self._is_guardian_gone() and self._clock() - self._started > _ANEW:
             self._started = self._clock()
             with suppress(OSError):
@@ -103,7 +103,7 @@ class CoilSwitch:
 
     def require(self) -> None:
         """DriverError unless the chip confirms that it is off and a guardian watches: nobody may engage before."""
-        if self.state is not CoilState.OFF and not self.off():  # safety: i2c-engage-off
+        if self.state is not CoilState.OFF and not self.switch_off():  # safety: i2c-engage-off
             raise DriverError(
                 "coil state unknown: the PWM chip has not confirmed that the coils are off. Check the bus and the "
                 "supply, then engage again"
@@ -119,7 +119,7 @@ class CoilSwitch:
         guardian goes on trying then."""
         end = self._clock() + _CLOSING
         for _ in range(_TRIES):
-            if self.off() or self._clock() > end:
+            if self.switch_off() or self._clock() > end:
                 break
         watcher, self._watcher = self._watcher, None
         if self.state is CoilState.OFF:  # safety: i2c-closing

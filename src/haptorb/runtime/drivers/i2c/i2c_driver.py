@@ -96,7 +96,7 @@ class I2cDriver(Driver):
         self._over = np.zeros(CHANNELS, dtype=np.int64)
         self._currents = np.zeros(CHANNELS)
         self._currents_at = self._field_at = 0.0  # [s], by the loop's clock
-        self._field = self._hall_sensors.nothing()
+        self._field = self._hall_sensors.empty_field()
         self._applied = np.zeros(CHANNELS)
 
     @property
@@ -190,7 +190,7 @@ class I2cDriver(Driver):
             if self._hall_sensors.axes > 1:
                 self._select.setup()
             if self._watchdog:  # safety: i2c-monostable-bridged
-                output_enable.ready(self._select, self._clock)
+                output_enable.check_output_enable(self._select, self._clock)
         except (DriverError, OSError) as cause:
             raise self._fail(_explain(cause, "the I²C bus fails")) from cause
         self._fault = ""
@@ -205,9 +205,9 @@ class I2cDriver(Driver):
         self._fault = why
         if self._switch is not None:
             self._switch.fail()
-        return DriverError(self._complaint())
+        return DriverError(self._describe_fault())
 
-    def _complaint(self) -> str:
+    def _describe_fault(self) -> str:
         if self.coil_state is CoilState.OFF:
             return self._fault
         return f"{self._fault}. COIL STATE UNKNOWN: the PWM chip has not confirmed that the coils are off"
@@ -221,7 +221,7 @@ class I2cDriver(Driver):
             raise DriverError(f"the device at {self.name} is not open; use it in a `with` block or call open() first")
         if self._fault:
             self._switch.recover()
-            raise DriverError(self._complaint())
+            raise DriverError(self._describe_fault())
         begun = self._clock()
         try:
             for i, sensor in enumerate(self._sensors):
@@ -241,7 +241,7 @@ class I2cDriver(Driver):
         if (self._over >= _OVER_IN_A_ROW).any():
             coil = "xyz"[int(np.argmax(self._over))]
             raise self._fail(f"the current of coil {coil} was above its limit; look for a short circuit first")
-        field, self._field = self._field, self._hall_sensors.nothing()
+        field, self._field = self._field, self._hall_sensors.empty_field()
         return Sample(
             now, self._currents.copy(), self._thermometers.read(), field, self._pose(now),
             now - self._currents_at, now - self._field_at,
@@ -263,7 +263,7 @@ class I2cDriver(Driver):
         if self._bus is None or switch is None:
             return np.zeros(CHANNELS)
         if self._fault and switch.state is not CoilState.OFF:  # safety: i2c-writing-off
-            switch.off()
+            switch.switch_off()
         if self._fault or not (self._engaged or (self._armed and some)):
             return np.zeros(CHANNELS)
         if some:
@@ -287,7 +287,7 @@ class I2cDriver(Driver):
     def _resume_after_rest(self, switch: CoilSwitch) -> Array:
         """Nothing was wanted for a while: off, confirmed. The next duties engage again, for nothing failed."""
         self._idle = None
-        if not switch.off():
+        if not switch.switch_off():
             raise DriverError("the PWM chip does not confirm that the coils are off")
         switch.beat(False)
         self._engaged, self._armed = False, True

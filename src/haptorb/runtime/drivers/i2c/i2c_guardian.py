@@ -58,7 +58,7 @@ def switch_off(pwm: Pca9685, wait: Callable[[float], None] = sleep) -> None:
     while True:
         # Whatever the bus answers, and in whatever way it fails, there is only one thing to do.
         with suppress(Exception):
-            if pwm.off():
+            if pwm.switch_off():
                 return
         wait(_AGAIN)  # safety: guardian-tries
 

@@ -102,7 +102,7 @@ def _holder(descriptor: int) -> str:
     if not (number.isdecimal() and guardian.isdecimal() and len(number) < 9 and len(guardian) < 9):
         return "another program"
     shown = "".join(letter if letter.isprintable() else "?" for letter in program)[:80]
-    if _alive(int(number)):
+    if _is_alive(int(number)):
         return f"process {number} ({shown}): end it first"
     return (
         f"the guardian (process {guardian}) that process {number} ({shown}) left behind: it is still trying to switch "
@@ -110,7 +110,7 @@ def _holder(descriptor: int) -> str:
     )
 
 
-def _alive(number: int) -> bool:
+def _is_alive(number: int) -> bool:
     try:
         os.kill(number, 0)
     except ProcessLookupError:

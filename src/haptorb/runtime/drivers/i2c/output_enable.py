@@ -10,7 +10,7 @@ from collections.abc import Callable
 from haptorb.errors import DriverError
 from haptorb.runtime.drivers.i2c.tca9534 import HallSelect
 
-__all__ = ["LONGEST", "SHORTEST", "pulse", "ready"]
+__all__ = ["LONGEST", "SHORTEST", "check_output_enable", "pulse"]
 
 SHORTEST = 0.012  #: of a pulse, so that it lasts from tick to tick also when one is late [s]
 LONGEST = 0.030  #: of a pulse: coils are off that long after the last trigger, whatever stands still [s]
@@ -29,7 +29,7 @@ def pulse(select: HallSelect, clock: Callable[[], float]) -> float:
     For outputs that are off. Raises DriverError, saying what to wire, if OE does not follow: high without triggers,
     low at once with one, low for as long as they come, high again after them. OSError if the TCA9534 does not answer.
     """
-    if _lasts(select, clock) is None:
+    if _measure_duration(select, clock) is None:
         raise DriverError(f"OE of the PCA9685 is low although nothing triggers a monostable: {_WIRE}")
     end = clock() + 2 * LONGEST
     while (now := clock()) < end:
@@ -38,7 +38,7 @@ def pulse(select: HallSelect, clock: Callable[[], float]) -> float:
             if not select.is_enabled():
                 raise DriverError(f"OE of the PCA9685 does not stay low while its monostable is triggered: {_WIRE}")
     select.trigger()
-    lasted = _lasts(select, clock)
+    lasted = _measure_duration(select, clock)
     if lasted is None:
         raise DriverError(f"OE of the PCA9685 is still low {1e3 * LONGEST:g} ms after the last trigger: {_WIRE}")
     if lasted < SHORTEST:
@@ -49,17 +49,17 @@ def pulse(select: HallSelect, clock: Callable[[], float]) -> float:
     return lasted
 
 
-def ready(select: HallSelect, clock: Callable[[], float]) -> None:
+def check_output_enable(select: HallSelect, clock: Callable[[], float]) -> None:
     """The same in a few messages, for outputs that are off: DriverError if OE stays low, or does not fall when it is
     triggered; takes at most LONGEST. OSError if the TCA9534 does not answer."""
-    if _lasts(select, clock) is None:
+    if _measure_duration(select, clock) is None:
         raise DriverError(f"OE of the PCA9685 is low although nothing triggers a monostable: {_WIRE}")
     select.trigger()
     if not select.is_enabled():
         raise DriverError(f"OE of the PCA9685 does not fall when its monostable is triggered: {_WIRE}")
 
 
-def _lasts(select: HallSelect, clock: Callable[[], float]) -> float | None:
+def _measure_duration(select: HallSelect, clock: Callable[[], float]) -> float | None:
     """How long OE is still low [s]; None if longer than LONGEST."""
     start = clock()
     while select.is_enabled():

@@ -48,7 +48,7 @@ class Pca9685:
         self._negative = None
         try:
             self._start()
-            confirmed = self._confirms()
+            confirmed = self._is_confirmed()
         except OSError as cause:
             raise DriverError(f"no PCA9685 (PWM) at {self._address:#04x}; check wiring and address") from cause
         if not confirmed:
@@ -74,19 +74,19 @@ class Pca9685:
         self._write(data)
         self._negative = negative
 
-    def off(self) -> bool:
+    def switch_off(self) -> bool:
         """Every output off; True if the chip confirms it: it reads back as the one that was set up, all of it off.
 
         One that does not, as after a loss of its supply, is set up again, outputs off. OSError if nobody answers.
         """
         self._negative = None
         self._write(ALL_OFF)
-        if self._confirms():
+        if self._is_confirmed():
             return True
         self._start()
-        return self._confirms()
+        return self._is_confirmed()
 
-    def _confirms(self) -> bool:
+    def _is_confirmed(self) -> bool:
         """Whether it reads back as it was set up, and outputs 0 to 5 as always off. ALL_LED itself reads as zero."""
         (block,) = self._bus.transfer([(self._address, bytes((_MODE1,))), (self._address, _READ_BACK)])
         (scale,) = self._bus.transfer([(self._address, bytes((_PRE_SCALE,))), (self._address, 1)])

@@ -60,7 +60,7 @@ class Board:
         try:
             self.identity = self._identify(patience)
             self.limits = BoardLimits.parse(self._ask(Command.LIMITS, b"", 0x80 | Command.LIMITS).payload)
-            self.off()
+            self.switch_off()
         except BaseException:
             self._port.close()
             raise
@@ -71,9 +71,9 @@ class Board:
         return self._port.path
 
     @property
-    def damaged(self) -> int:
+    def bad_frames(self) -> int:
         """Frames from the firmware whose check sum was wrong."""
-        return self._parser.damaged
+        return self._parser.bad_frames
 
     def _identify(self, patience: float) -> Identity:
         end = monotonic() + patience
@@ -120,8 +120,8 @@ class Board:
 
     def _receive(self, end: float) -> int:
         """How many bytes came, waiting until `end` [s] at the latest."""
-        count = self._port.receive(self._parser.room, end - monotonic())
-        self._parser.took(count)
+        count = self._port.receive(self._parser.free_space, end - monotonic())
+        self._parser.commit(count)
         return count
 
     def _ask(self, command: Command, payload: bytes, kind: int) -> Frame:
@@ -146,7 +146,7 @@ class Board:
         """Let the coils have current, within these limits; `refusal` tells if it was refused."""
         return self._state(lambda sequence: engage(sequence, duty_limit, current_limit))
 
-    def off(self) -> BoardState:
+    def switch_off(self) -> BoardState:
         """Coils off; a trip is forgotten."""
         return self._state(lambda sequence: Frame(Command.OFF, sequence, b""))
 
@@ -215,7 +215,7 @@ class Board:
         self._port.send(self._said)
 
     @property
-    def posted(self) -> bool:
+    def is_posted(self) -> bool:
         """A question waits for its answer to be collected."""
         return self._waiting is not None
 

@@ -25,7 +25,7 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import DriverError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.hall_sensor import HallSensors
-from haptorb.runtime.realtime.kernel_requests import urgent
+from haptorb.runtime.realtime.kernel_requests import raise_priority
 from haptorb.sensing.sample import Pose
 from haptorb.simulation.registry import simulate
 
@@ -71,7 +71,7 @@ class EmulatedDevice:
         self._thread.start()
 
     def _serve(self) -> None:
-        urgent()  # the emulator waits for every answer, and firmware time with it
+        raise_priority()  # the emulator waits for every answer, and firmware time with it
         with suppress(OSError):
             while True:
                 connection, _ = self._listener.accept()
@@ -143,7 +143,7 @@ class Emulator:
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, bufsize=1
         )
-        urgent(self._process.pid)  # real hardware does not wait for its turn on this computer
+        raise_priority(self._process.pid)  # real hardware does not wait for its turn on this computer
         self._lines: Queue[str] = Queue()
         self._listener = threading.Thread(target=self._listen, name="emulator", daemon=True)
         self._listener.start()
@@ -218,7 +218,7 @@ class Emulator:
         self.expect_line("@done")
         return words
 
-    def off(self, patience: float = 20.0) -> dict[str, float]:
+    def wait_for_off(self, patience: float = 20.0) -> dict[str, float]:
         """When the coils go off next: firmware time, and milliseconds since the last byte and the last mark."""
         return {
             name: float(value) for name, value in re.findall(r"(\w+)=([-\d.]+)", self.expect_line("@off", patience))

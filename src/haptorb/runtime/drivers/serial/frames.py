@@ -155,12 +155,12 @@ class FrameParser:
         find_frame(self.line, self.held)  # compiled before anybody waits
 
     @property
-    def damaged(self) -> int:
+    def bad_frames(self) -> int:
         """Check sums that were wrong and lengths that no frame has."""
         return int(self.held["damaged"][0])
 
     @property
-    def room(self) -> memoryview:
+    def free_space(self) -> memoryview:
         """Where the next bytes go: always some, as what has been found already is given up for it."""
         begin, end = int(self._begin[0]), int(self._end[0])
         if begin:
@@ -169,7 +169,7 @@ class FrameParser:
             return self._all[end - begin :]
         return self._all[end:]
 
-    def took(self, count: int) -> None:
+    def commit(self, count: int) -> None:
         """So many bytes were put into `room`."""
         self._end[0] += count
 
@@ -193,8 +193,8 @@ class FrameParser:
         frames = []
         for begin in range(0, len(data), _CHUNK):
             part = data[begin : begin + _CHUNK]
-            self.room[: len(part)] = part
-            self.took(len(part))
+            self.free_space[: len(part)] = part
+            self.commit(len(part))
             while (frame := self.next()) is not None:
                 frames.append(frame)
         return frames

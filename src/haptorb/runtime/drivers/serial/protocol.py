@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.numerics.compiled import kernel
 from haptorb.runtime.drivers.serial.frames import HEAD, Frame, Numbers, Octets, seal_frame
 
@@ -115,9 +115,9 @@ def engage(sequence: int, duty_limit: float = 1.0, current_limit: float = 65.5) 
 
     Raises InputError for a duty that is not above 0 and at most 1, or a current not above 0 and at most 65.5 A.
     """
-    if not 0.0 < finite(duty_limit, "duty_limit") <= 1.0:
+    if not 0.0 < check_finite(duty_limit, "duty_limit") <= 1.0:
         raise InputError(f"duty_limit must be above 0 and at most 1; got {duty_limit}")
-    if not 0.0 < finite(current_limit, "current_limit") <= 65.5:
+    if not 0.0 < check_finite(current_limit, "current_limit") <= 65.5:
         raise InputError(f"current_limit must be above 0 and at most 65.5 A; got {current_limit}")
     steps = min(round(duty_limit * DUTY_STEPS), DUTY_FULL)
     return Frame(Command.ENGAGE, sequence, _ENGAGE.pack(ENGAGE_KEY, steps, round(current_limit * 1e3)))

@@ -23,7 +23,7 @@ from haptorb.runtime.drivers.serial.protocol import (
     STATE,
     THERMOMETERS,
 )
-from haptorb.runtime.drivers.serial.replies import reason, standing
+from haptorb.runtime.drivers.serial.replies import board_mode, reason
 
 __all__ = ["BLOCKS", "BOARD_READING", "READING_BYTES", "Reading", "Reply", "find_answer", "make_reading"]
 
@@ -166,7 +166,7 @@ class Reading(NamedTuple):
         r: Record = reading[0]
         count = int(r["count"])
         return cls(
-            standing(int(r["standing"])), reason(int(r["reason"])), int(r["missing"]), tuple(r["applied"].tolist()),
+            board_mode(int(r["standing"])), reason(int(r["reason"])), int(r["missing"]), tuple(r["applied"].tolist()),
             tuple(r["currents"].tolist()), int(r["axis"]), int(r["first"]), tuple(r["hall"][:count].tolist()),
             bool(r["news"]), float(r["hall_age"]), int(r["thermometer"]), float(r["temperature"]), float(r["age"]),
             int(r["errors"]), int(r["rounds"]),

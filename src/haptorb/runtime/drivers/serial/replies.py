@@ -10,7 +10,7 @@ from haptorb.errors import DriverError
 from haptorb.runtime.drivers.serial.codes import BoardMode, Reason, Refusal
 from haptorb.runtime.drivers.serial.protocol import DUTY_STEPS, PROTOCOL_VERSION
 
-__all__ = ["BoardLimits", "BoardState", "Identity", "reason", "standing", "unpack_payload"]
+__all__ = ["BoardLimits", "BoardState", "Identity", "board_mode", "reason", "unpack_payload"]
 
 
 def unpack_payload(layout: Struct, payload: bytes, what: str) -> tuple[int, ...]:
@@ -34,7 +34,7 @@ def reason(value: int) -> Reason:
     return _REASONS.get(value, Reason.NONE)
 
 
-def standing(value: int) -> BoardMode:
+def board_mode(value: int) -> BoardMode:
     """The state `value`; one that nobody knows is one in which nothing may be asked."""
     return _STANDINGS.get(value, BoardMode.TRIPPED)
 
@@ -133,4 +133,4 @@ class BoardState:
     def parse(cls, payload: bytes) -> BoardState:
         """From its payload; DriverError if that has another length."""
         state, why, missing, refusal = unpack_payload(cls._LAYOUT, payload, "state")
-        return cls(standing(state), reason(why), missing, _REFUSALS.get(refusal, Refusal.FRAME))
+        return cls(board_mode(state), reason(why), missing, _REFUSALS.get(refusal, Refusal.FRAME))

@@ -47,7 +47,7 @@ class BoardSample:
     def __init__(self, hall: HallSensors) -> None:
         self.hall = hall
         self._currents_at = self._field_at = 0.0
-        self._nothing = hall.nothing()
+        self._nothing = hall.empty_field()
         self._currents, self._temperatures = np.zeros(CHANNELS), np.full(CHANNELS, np.nan)
         self._field = self._nothing.copy()
         self._heard = np.zeros((3, len(BLOCKS)), np.bool_)
@@ -64,7 +64,7 @@ class BoardSample:
         self._field_at = sent - hall_age - _SCANNED
 
     @property
-    def whole(self) -> bool:
+    def complete(self) -> bool:
         """Every sensor has been read once."""
         return bool(self._heard[: self.hall.axes].all() and np.isfinite(self._temperatures).all())
 

@@ -121,11 +121,11 @@ class SerialDriver(Driver):
         """Write the id into the EEPROM and read it back; coils off."""
         if self._board is None:
             raise DriverError(f"the device at {self._path} is not open; nothing was stored")
-        if self._board.posted:
+        if self._board.is_posted:
             self._board.collect(self._patience)
         self._engaged = False
         self._applied = np.zeros(CHANNELS)
-        self._apply_mode(self._board.off().standing)
+        self._apply_mode(self._board.switch_off().standing)
         self._board.keep(calibration)
         return True
 
@@ -149,13 +149,13 @@ class SerialDriver(Driver):
         self._board = Board(self._path, answer=self._answer, clock=self._clock)
         self._opened = True
         try:
-            self._know(self._board.identity)
+            self._adopt_identity(self._board.identity)
             self._warm_up(self._board)
         except BaseException:
             self.close()
             raise
 
-    def _know(self, identity: Identity) -> None:
+    def _adopt_identity(self, identity: Identity) -> None:
         if identity.hall_axes < self._hall_axes:  # safety: board-axes
             raise DriverError(
                 f"the board at {self._path} has Hall sensors of {identity.hall_axes} axis, the tracker 'hall' needs "
@@ -170,7 +170,7 @@ class SerialDriver(Driver):
             self._apply_mode(reading["standing"][0])
             self._told.take(reading, 0.0)
             missing = int(reading["missing"][0])
-            if self._told.whole and not missing & _REQUIRED:
+            if self._told.complete and not missing & _REQUIRED:
                 return
             if monotonic() > end:
                 parts = "; ".join(missing_chips(missing)) or "a sensor"
@@ -193,9 +193,9 @@ class SerialDriver(Driver):
         self._lost = 0
         if self._board is not None:
             try:
-                if self._board.posted:
+                if self._board.is_posted:
                     self._board.collect(self._patience)
-                self._apply_mode(self._board.off().standing)
+                self._apply_mode(self._board.switch_off().standing)
             except DriverError as cause:
                 raise self._fail(str(cause), gone=True) from cause
 
@@ -230,7 +230,7 @@ class SerialDriver(Driver):
         self._time.tick(now)
         board = self._board or self._reconnect()
         try:
-            if not board.posted:
+            if not board.is_posted:
                 board.post(None)
             reading = self._collect_reply(board)
         except DriverError as cause:
@@ -272,7 +272,7 @@ class SerialDriver(Driver):
             return np.zeros(CHANNELS)
         try:
             if not (self._engaged or (self._armed and some)):
-                if not board.posted:
+                if not board.is_posted:
                     # safety: rest-asked
                     board.post(None)  # so that the next tick need not wait for all of the answer
                 return np.zeros(CHANNELS)
@@ -289,7 +289,7 @@ class SerialDriver(Driver):
 
     def _refusal(self, board: Board) -> str:
         """Engage; why the firmware does not want to, or nothing."""
-        if board.posted:
+        if board.is_posted:
             board.collect(self._patience)
         self._armed = False
         self._coils = CoilState.ON  # from here on it may be

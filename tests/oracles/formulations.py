@@ -1,0 +1,78 @@
+"""Other formulations of what two bodies do to each other, which share nothing with `wrench` but the fields."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.numerics.arrays import Array, vectors
+from haptorb.physics.interaction import BoundedValue, _check_outside, _disc, _pose, _refine
+from haptorb.physics.sources.coil import Coil
+from haptorb.physics.sources.cylinder import CylinderMagnet
+from haptorb.physics.sources.dipole import MU0
+from haptorb.physics.sources.ring import RingMagnet
+from haptorb.physics.sources.source import Source
+
+__all__ = ["flux_linkage", "wrench_on_charges"]
+
+
+def wrench_on_charges(
+    source: Source,
+    magnet: CylinderMagnet | RingMagnet,
+    position: ArrayLike,
+    turn: ArrayLike,
+    *,
+    about: ArrayLike | None = None,
+    precision: float = 1e-8,
+) -> BoundedValue:
+    """The wrench of `source` on a magnet, from magnetic charges ±M on its faces: dF = ±M B dA, a second formulation.
+
+    Arguments, result and errors are those of `wrench`. It costs more where the source is a coil, whose field is itself
+    an integral; it shares nothing with `wrench` but the fields.
+
+    Value (6,) [N, N·m] with its error bound.
+    """
+    place, R = _pose(position, turn)
+    pivot = place if about is None else vectors(about, "about")
+    lift, density = np.array([0.0, 0.0, 0.5 * magnet.length]), magnet.polarization / MU0
+
+    def integral(level: tuple[int, int, int]) -> tuple[Array, Array]:
+        disc, area = _disc(magnet.inner_radius, magnet.outer_radius, 3 * level[0], level[2])
+        faces = np.concatenate([disc + lift, disc - lift])
+        points = faces @ R.T + place
+        _check_outside(source, points)
+        charge = density * np.concatenate([area, -area])
+        df = charge[:, None] * source.field(points)
+        dt = np.cross(points - pivot, df)
+        gross = np.array([np.linalg.norm(df, axis=1).sum(), np.linalg.norm(dt, axis=1).sum()])
+        return np.concatenate([df.sum(axis=0), dt.sum(axis=0)]), gross
+
+    return _refine(integral, precision, "wrench on charges")
+
+
+def flux_linkage(
+    source: Source, coil: Coil, position: ArrayLike, turn: ArrayLike, *, precision: float = 1e-8
+) -> BoundedValue:
+    """Flux (1,) [Wb] of `source` linked with all turns of `coil`, whose pose is given as for `wrench`.
+
+    Every point of the bore is encircled by all turns, a point of the winding by those outside it. Its derivative by a
+    displacement or a rotation of the source is the force or torque on the source at one ampere (virtual work).
+    """
+    place, R = _pose(position, turn)
+    ri, ro = coil.inner_radius, coil.outer_radius
+    lift = np.array([0.0, 0.0, 0.5 * coil.length])
+
+    def integral(level: tuple[int, int, int]) -> tuple[Array, Array]:
+        y, v = np.polynomial.legendre.leggauss(level[1])
+        bore, bore_area = _disc(0.0, ri, 2 * level[0], level[2])
+        wire, wire_area = _disc(ri, ro, 2 * level[0], level[2])
+        turns = (ro - np.hypot(wire[:, 0], wire[:, 1])) / (ro - ri)
+        disc, area = np.concatenate([bore, wire]), np.concatenate([bore_area, wire_area * turns])
+        layers = np.concatenate([disc + height * lift for height in y])
+        weight = 0.5 * coil.turns * np.concatenate([share * area for share in v])
+        points = layers @ R.T + place
+        _check_outside(source, points)
+        flux = weight * (source.field(points) @ R[:, 2])
+        return np.array([flux.sum()]), np.array([np.abs(flux).sum()])
+
+    return _refine(integral, precision, "flux linkage")
