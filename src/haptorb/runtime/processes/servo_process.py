@@ -16,7 +16,7 @@ import shutil
 import signal
 import sys
 import traceback
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -32,6 +32,8 @@ from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.processes.calibration_match import disagreement
 from haptorb.runtime.processes.loop import Loop
 from haptorb.runtime.processes.prestart import PLAN
+from haptorb.runtime.processes.world_loader import WorldLoader
+from haptorb.runtime.processes.world_output import WorldOutput
 from haptorb.runtime.realtime.clock import Clock
 from haptorb.runtime.realtime.keep_core_awake import CoreWaker
 from haptorb.runtime.realtime.kernel_requests import punctual
@@ -40,6 +42,7 @@ from haptorb.runtime.realtime.parent_death import die_with_parent, end_group, is
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.trackers.feed_tracker import FeedTracker
 from haptorb.runtime.trackers.tracker import Tracker
+from haptorb.worlds.own.failure import keep_source
 
 __all__ = ["main"]
 
@@ -91,11 +94,19 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
     os.register_at_fork(after_in_child=partial(os._exit, _FORKED))  # safety: world-forked
     plan = plans.load(path)
     shared.announce_world(description(plan.world))
-    _rehearse(plan, shared)
+    with redirect_stdout(None):
+        _rehearse(plan, shared)
     tracker = _tracker(plan, shared)
     chain = plan.assemble(tracker)
+    for own in plan.own_worlds.values():
+        keep_source(own)
+    loader = WorldLoader(plan.device) if plan.reloads else None
     timer = KillTimer()
-    loop = Loop(chain, plan.world, shared, plan.rate, parent, timer.set)
+    loop = Loop(
+        chain, plan.world, shared, plan.rate, parent, timer.set, own_worlds=plan.own_worlds, loader=loader
+    )
+    # What a world prints, warnings included, is the host's to show; a tick must not wait for a terminal.
+    sys.stdout = sys.stderr = WorldOutput(1)
     # No collection from here on: one would hold up the loop. What is alive now is never looked at again.
     gc.collect()
     gc.freeze()

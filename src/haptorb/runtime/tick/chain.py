@@ -25,7 +25,9 @@ class Joining(Protocol):
 class Chain(Protocol):
     """Driver, estimator, world, allocator and guard in one hand; `Tick` is the real one."""
 
-    error: str  #: what a failed world or driver said
+    @property
+    def error(self) -> str:
+        """What a failed world or driver said, and where in a user's code; empty for other trips."""
 
     @property
     def driver(self) -> Driver:

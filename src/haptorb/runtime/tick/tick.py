@@ -19,13 +19,14 @@ from haptorb.control.protection.trip import Trip
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
-from haptorb.errors import HaptorbError, InputError
+from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.row import STAGES, RowLayout
 from haptorb.runtime.tick.fill_row import fill_object, fill_row
 from haptorb.sensing.estimator import Estimator
+from haptorb.worlds.own.failure import check_wrench, describe_failure
 from haptorb.worlds.world import World
 
 __all__ = ["Tick"]
@@ -56,7 +57,7 @@ class Tick:
         self.protection = Protection(device, dt, self.linkage.arm)
         self.protection.change_world(passive=self.world.passive and self.linkage.passive)
         self.layout = RowLayout.of(device)
-        self.error = ""  #: what a failed world or driver said
+        self._failure: tuple[Trip, BaseException] | None = None  # since the last engage
         self._device = device
         self._zeros = np.zeros(device.channels)
         self._applied = np.zeros(device.channels)
@@ -71,6 +72,17 @@ class Tick:
         self._rendered, self._on_thing = np.zeros(6), np.zeros(6)
         self._places = self.layout.places
         self._start = {field.name: self.layout[field.name].start for field in self.layout.fields}
+
+    @property
+    def error(self) -> str:
+        """What a failed world or driver said, and where in a user's code; empty for other trips. Read it after the
+        tick: to say it takes longer than to switch the coils off."""
+        if self._failure is None:
+            return ""
+        reason, cause = self._failure
+        if reason is not Trip.WORLD_FAILED:
+            return f"{type(cause).__name__}: {cause}"
+        return describe_failure(self.world, cause)
 
     def change_world(self, world: World) -> None:
         """Render `world` from the next tick on; the guard's slew limit takes the step out of the change.
@@ -104,7 +116,7 @@ class Tick:
             return False
         engaged = self.protection.engage()
         if engaged:
-            self.error = ""
+            self._failure = None
         return engaged
 
     def prepare(self, now: float) -> None:
@@ -165,8 +177,7 @@ class Tick:
     def _render(self, state: State) -> RenderedWrench:
         try:
             felt = self.linkage.render(self.world, state)
-            if felt.wrench.shape != (6,):
-                raise InputError(f"a world must give force and torque, shape (6,); got shape {felt.wrench.shape}")
+            check_wrench(felt.wrench)
             # Copied: in another memory layout a user's array would have the kernels compiled in the middle of a tick.
             self._rendered[:], self._on_thing[:] = felt.wrench, felt.on_thing
             self._felt_last = felt
@@ -188,8 +199,7 @@ class Tick:
 
     def _fail(self, reason: Trip, cause: BaseException) -> None:
         if not self.protection.tripped:
-            leaves = isinstance(cause, SystemExit)
-            self.error = f"the world called sys.exit({cause})" if leaves else f"{type(cause).__name__}: {cause}"
+            self._failure = (reason, cause)
         self.protection.trip(reason)
 
     def _off(self, row: Array, now: float) -> None:
