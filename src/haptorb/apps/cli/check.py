@@ -35,11 +35,12 @@ def check(
     world: Annotated[
         str | None,
         typer.Option(
-            help="Check this world, or your own (FILE.py:NAME), instead of the computer: can your loop render it stably?"
+            help="Check this world, or your own (FILE.py:NAME), and not the computer: can your loop render it stably?"
         ),
     ] = None,
     settings: Annotated[
-        list[str] | None, typer.Option("--set", help='World parameter, NAME=VALUE, NAME="VALUE UNIT" or NAME=X,Y,Z; repeatable.')
+        list[str] | None,
+        typer.Option("--set", help='World parameter, NAME=VALUE, NAME="VALUE UNIT" or NAME=X,Y,Z; repeatable.'),
     ] = None,
     tracker: Annotated[
         str | None, typer.Option(help="With --world: hall (field sensors with their filter), or hall:HZ.")

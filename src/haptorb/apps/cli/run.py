@@ -142,7 +142,17 @@ def _with_console(
     with Console(servo, port) as console, _open_servo(servo, standby):
         say(f"Open {console.url} in a browser: {servo.device.name}, {_nature(servo)}. Ctrl-C ends.")
         end = float("inf") if duration is None else monotonic() + duration
-        number = console.serve(open_browser=browser, until=lambda: monotonic() > end)
+        told = ""
+
+        def look() -> bool:
+            nonlocal told
+            now = servo.world_trouble
+            if now and not told:
+                say(now)
+            told = now
+            return monotonic() > end
+
+        number = console.serve(open_browser=browser, until=look)
         servo.check()  # a servo that died says why, and the exit code says that it did
         _report(servo, json)
     return number or 0

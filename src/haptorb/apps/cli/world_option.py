@@ -69,6 +69,4 @@ def _number(text: str, unit: str, setting: str) -> float:
 
 
 def _mistake(setting: str) -> InputError:
-    return InputError(
-        f'--set must be NAME=VALUE, NAME="VALUE UNIT" or NAME=X,Y,Z, with numbers; got {quote(setting)}'
-    )
+    return InputError(f'--set must be NAME=VALUE, NAME="VALUE UNIT" or NAME=X,Y,Z, with numbers; got {quote(setting)}')

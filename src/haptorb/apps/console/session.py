@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,32 +18,36 @@ from haptorb.runtime.trackers.tracker_registry import has_feed
 from haptorb.version import __version__
 from haptorb.worlds import CATALOGUE, World
 from haptorb.worlds.parameter import parameters
+from haptorb.worlds.parameter import values as parameter_values
 
-__all__ = ["session", "world_now", "worlds"]
+__all__ = ["session", "world_now", "worlds", "worlds_now"]
 
 _KELVIN = 273.15
 
 
-def worlds(device: Device) -> list[dict[str, Any]]:
-    """Every world that `device` can render: name, what it is, and its parameters in their order."""
+def worlds(device: Device, own: Mapping[str, World]) -> list[dict[str, Any]]:
+    """Every world that `device` can render, the user's `own` ones first: name, what it is, its parameters in order."""
+    found = [(name, type(world), parameter_values(world)) for name, world in own.items()]
+    for name, kind in CATALOGUE.items():
+        if name not in own and _renders(device, kind):
+            found.append((name, kind, {}))
     return [
         {
             "name": name,
-            "about": (kind.__doc__ or "").strip().splitlines()[0],
+            "about": next(iter((kind.__doc__ or "").strip().splitlines()), ""),
             "parameters": [
                 {
                     "name": item.name,
                     "unit": item.unit,
                     "low": item.low,
                     "high": item.high,
-                    "default": list(item.default) if isinstance(item.default, tuple) else item.default,
+                    "default": _plain(given.get(item.name, item.default)),
                     "about": item.about,
                 }
                 for item in parameters(kind).values()
             ],
         }
-        for name, kind in CATALOGUE.items()
-        if _renders(device, kind)
+        for name, kind, given in found
     ]
 
 
@@ -66,7 +71,7 @@ _WORDS = {Trip.STOPPED: "stopped", Trip.POSE_LOST: "tracker lost"}
 
 
 def session(servo: RunningServo, started: str) -> dict[str, Any]:
-    """The JSON of /api/session but for the world; `started` tells one run of the server from another."""
+    """The JSON of /api/session but for `worlds_now`; `started` tells one run of the server from another."""
     device = servo.device
     heat = device.coils.heat
     return {
@@ -89,13 +94,17 @@ def session(servo: RunningServo, started: str) -> dict[str, Any]:
             "derate": heat.derate - _KELVIN,
             "stop": heat.stop - _KELVIN,
         },
-        "worlds": worlds(device),
         "trips": {
             str(int(trip)): {"word": _WORDS.get(trip, "tripped"), "text": trip.text}
             for trip in Trip
             if trip is not Trip.NONE
         },
     }
+
+
+def worlds_now(servo: RunningServo) -> dict[str, Any]:
+    """The worlds that can be chosen, and the present one."""
+    return {"worlds": worlds(servo.device, servo.own_worlds), "world": world_now(servo)}
 
 
 def world_now(servo: RunningServo) -> dict[str, Any]:

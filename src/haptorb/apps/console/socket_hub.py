@@ -16,6 +16,7 @@ from haptorb.apps.console.page import ConsolePage, plain
 from haptorb.apps.console.pointer_relay import PointerRelay
 from haptorb.apps.console.recent import RecentRows
 from haptorb.apps.console.running_servo import RunningServo
+from haptorb.apps.console.session import worlds
 from haptorb.apps.console.target import prepare, target_scene
 from haptorb.apps.console.wire import Columns, encode_force_frame, mesh_frame, pointer, rows_frame
 from haptorb.apps.web.command import asks_to_stop
@@ -58,6 +59,7 @@ class ConsoleSocketHub:
         if servo.modes:
             prepare()
         self._world: tuple[str, dict[str, Any], str] = ("", {}, "")
+        self._own = servo.own_worlds  # as the pages know them
         self._version = 0
         self._asked: tuple[ConsolePage, str, dict[str, Any]] | None = None
         self._trouble = ""  # why there is no map of this world
@@ -79,9 +81,13 @@ class ConsoleSocketHub:
             await asyncio.sleep(REFRESH)
 
     def _describe_health(self) -> dict[str, Any]:
-        """Numbers of `Health`, whether the loop runs, and two texts that are empty while all is well."""
+        """Numbers of `Health`, whether the loop runs, and texts that are empty while all is well."""
         servo = self._servo
-        texts = {"recording_trouble": servo.recording_trouble, "warning": servo.warning}
+        texts = {
+            "recording_trouble": servo.recording_trouble,
+            "warning": servo.warning,
+            "world_trouble": servo.world_trouble,
+        }
         return {"alive": servo.alive, **texts, **self._health.look()}
 
     async def join(self, socket: WebSocket) -> None:
@@ -194,10 +200,14 @@ class ConsoleSocketHub:
         """Tell everyone, and repaint, if the world or the model that is inverted is another one than before."""
         name, values = self._servo.world
         now = (name, {key: plain(value) for key, value in values.items()}, self._servo.model)
-        if now == self._world:
+        own = self._servo.own_worlds
+        loaded = own is not self._own
+        if now == self._world and not loaded:
             return
-        self._world = now
+        self._world, self._own = now, own
         self._version += 1
+        if loaded:
+            self._tell_all("worlds", worlds=worlds(self._servo.device, own))
         self._tell_all("world", **self._world_event())
         if self._painter is not None:
             self._painter.want(name, dict(values), now[2], self._version, self._send_map, self._not_painted)

@@ -182,7 +182,9 @@ class Loop:
         if file and self._loader is not None:
             self._loader.load(number, name, Path(file))
         else:
-            self._shared.answer.write(self._change(number, name, partial(change_world, self._world, name, values, self._own)))
+            self._shared.answer.write(
+                self._change(number, name, partial(change_world, self._world, name, values, self._own))
+            )
 
     def _replace(self, loaded: LoadedWorld) -> str:
         """Know another version of an own world, and render it if that one is felt; the answer as JSON."""

@@ -102,9 +102,7 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
         keep_source(own)
     loader = WorldLoader(plan.device) if plan.reloads else None
     timer = KillTimer()
-    loop = Loop(
-        chain, plan.world, shared, plan.rate, parent, timer.set, own_worlds=plan.own_worlds, loader=loader
-    )
+    loop = Loop(chain, plan.world, shared, plan.rate, parent, timer.set, own_worlds=plan.own_worlds, loader=loader)
     # What a world prints, warnings included, is the host's to show; a tick must not wait for a terminal.
     sys.stdout = sys.stderr = WorldOutput(1)
     # No collection from here on: one would hold up the loop. What is alive now is never looked at again.

@@ -22,8 +22,8 @@ from haptorb.control.clutch.modes import Gains
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.loader import load
-from haptorb.errors import InputError, ServoError
 from haptorb.devices.state import State
+from haptorb.errors import InputError, ServoError
 from haptorb.numerics.arrays import Array, finite
 from haptorb.runtime.exchange import plan as plans
 from haptorb.runtime.exchange.black_box import BlackBox
@@ -215,7 +215,8 @@ class Servo(ServoObserver):
 
     def run(self, seconds: float) -> None:
         """Let the loop run for `seconds`. Raises ServoError as soon as it ends by itself, RecordingError if the
-        recorder does; InputError if `seconds` is negative or not finite.
+        recorder does, WorldError if the world's code fails or takes too long; InputError if `seconds` is negative or not
+        finite.
 
         Ctrl-C closes the servo first, then goes on its way.
         """
@@ -226,6 +227,7 @@ class Servo(ServoObserver):
         try:
             while True:
                 self.check()
+                self.check_world()
                 left = end - monotonic()
                 if left <= 0:
                     return

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from haptorb.errors import HaptorbError, InputError, UnknownName, quote
+from haptorb.errors import HaptorbError, InputError, UnknownName
 from haptorb.files.text_file import read_text
 from haptorb.worlds.own.function_world import make_world
 from haptorb.worlds.world import World
