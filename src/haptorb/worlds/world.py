@@ -57,7 +57,7 @@ class World(Presentable, ABC):
         return type(self).__name__.lower()
 
     @property
-    def rendered(self) -> Callable[..., Any]:
+    def wrench_code(self) -> Callable[..., Any]:
         """The code that computes the wrench, for messages about it."""
         return type(self).wrench
 

@@ -101,10 +101,10 @@ def _setting(
 
 def _judge(device: Device, world: str, settings: list[str], setting: Setting, plot: Path | None, json: bool) -> None:
     from haptorb.apps.check import draw_world, judge_world, print_world
-    from haptorb.apps.cli.world_option import chosen_world
+    from haptorb.apps.cli.world_option import choose_world_option
     from haptorb.worlds.own.world_file import WorldFile
 
-    felt = chosen_world(world, settings, device)
+    felt = choose_world_option(world, settings, device)
     verdict = judge_world(device, felt.load() if isinstance(felt, WorldFile) else felt, setting, world)
     if json:
         print_json(verdict.numbers())

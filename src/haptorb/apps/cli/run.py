@@ -84,7 +84,7 @@ def run(
 
     require_linux("`haptorb run`")
     with PrestartedProcess() as standby:  # it loads while this process does, and reads the device file
-        from haptorb.apps.cli.world_option import chosen_world
+        from haptorb.apps.cli.world_option import choose_world_option
         from haptorb.apps.progress import build_tables
         from haptorb.devices.loader import load
         from haptorb.runtime.exchange.black_box import state_folder
@@ -92,7 +92,7 @@ def run(
         from haptorb.runtime.tick.assembly import default_world
 
         found = load(device)
-        felt = chosen_world(world or default_world(found), settings or [], found)
+        felt = choose_world_option(world or default_world(found), settings or [], found)
         build_tables(found)
         servo = Servo(
             device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction, frame=frame,

@@ -1,4 +1,4 @@
-"""What `--world` and `--set` say: a world of the catalogue, or the user's own in a file, with values that have units."""
+"""What `--world` and `--set` say: a world of the catalogue, or the user's own in a file, and values with units."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from haptorb.worlds.own.world_file import WorldFile
     from haptorb.worlds.parameter import Parameter
 
-__all__ = ["chosen_world"]
+__all__ = ["choose_world_option"]
 
 
-def chosen_world(name: str, settings: list[str], device: Device) -> World | WorldFile:
+def choose_world_option(name: str, settings: list[str], device: Device) -> World | WorldFile:
     """The world `name` with `settings`; for FILE.py:NAME the file, whose world was called once as `device` has it.
 
     Raises UnknownName and InputError for names, values and code that cannot be.

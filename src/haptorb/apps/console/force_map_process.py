@@ -103,8 +103,8 @@ class ForceMapProcess:
 
 
 def main() -> None:
-    """Answer until the console closes the pipe: a device, then any number of (name, packed world or None, values, model,
-    points)."""
+    """Answer until the console closes the pipe: a device, then any number of (name, packed world or None, values,
+    model, points)."""
     os.nice(10)
     questions, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a world prints is not an answer

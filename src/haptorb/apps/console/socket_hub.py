@@ -19,6 +19,7 @@ from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.session import worlds
 from haptorb.apps.console.target import prepare, target_scene
 from haptorb.apps.console.wire import Columns, encode_force_frame, mesh_frame, pointer, rows_frame
+from haptorb.apps.console.world_request import read_world
 from haptorb.apps.web.command import asks_to_stop
 from haptorb.apps.web.command import command as read_command
 from haptorb.apps.web.token import PROTOCOL
@@ -37,7 +38,6 @@ FRESH = 0.1  #: from steadying the hand to engaging [s]
 _TELLING = ("another_sender", "stranger", "jump")  # what a tracker refuses and a person should know of
 _FULL = 1013  #: of a WebSocket that is closed: try again later
 _NAME = 64  #: of a world, a mode or a value [characters]
-_VALUES = 64  #: of a world
 
 
 @final
@@ -167,7 +167,7 @@ class ConsoleSocketHub:
                     raise InputError("the clutch is set by `engaged`, true or false")
                 self._servo.clutch(command["engaged"])
             case "world":
-                self._asked = (page, *_wish(command))
+                self._asked = (page, *read_world(command))
                 if self._asking is None or self._asking.done():
                     self._asking = asyncio.create_task(self._ask())
             case other:
@@ -294,17 +294,3 @@ async def _first_of(*ways: Coroutine[Any, Any, None]) -> None:
         await asyncio.gather(*tasks, return_exceptions=True)
     for task in done:
         task.result()
-
-
-def _wish(command: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Name and values of the world that a page asks for; InputError if they cannot be one's."""
-    name, values = command.get("name"), command.get("values", {})
-    if not isinstance(name, str) or not isinstance(values, dict):
-        raise InputError("a world needs a name (text) and values (an object)")
-    if len(name) > _NAME or len(values) > _VALUES or any(len(key) > _NAME for key in values):
-        raise InputError(f"a world has a name of at most {_NAME} characters, and at most {_VALUES} values with such")
-    for key, value in values.items():
-        numbers = value if isinstance(value, list) else [value]
-        if len(numbers) > _VALUES or not all(type(one) in (int, float) for one in numbers):
-            raise InputError(f"a world's value is a number or a list of numbers; {key} is neither")
-    return name, values

@@ -173,7 +173,8 @@ class Commands(ABC):
     def replace_own_world(self, world: World, values: Mapping[str, Any], folder: Path) -> None:
         """Render `world` with `values` in place of the own world of its name, from when the servo has loaded it.
 
-        `folder` is the servo's own. Raises InputError if the world cannot be sent, or fails there: then nothing changes.
+        `folder` is the servo's own. Raises InputError if the world cannot be sent, or fails there;
+        then nothing changes.
         """
         file = folder / f"world-{self._requests + 1}"
         try:

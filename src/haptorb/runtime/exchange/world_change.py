@@ -54,7 +54,7 @@ def parse_request(text: str) -> tuple[int, str, dict[str, Any], str]:
 
 
 def change_world(world: World, name: str, values: Mapping[str, Any], own: Mapping[str, World] | None = None) -> World:
-    """`world` with other `values` if that is its name, else one of the `own` worlds or of the catalogue's with `values`.
+    """`world` with other `values` if that is its name, else one of the `own` or the catalogue's worlds with them.
 
     Raises UnknownName for a world or value that does not exist, InputError for a value that cannot be.
     """

@@ -15,7 +15,7 @@ _PATIENCE = 0.5  #: for what is still in the pipe when the process has ended [s]
 
 @final
 class OutputReader:
-    """Copies `pipe` to standard error until its writers have ended; standard output belongs to the program's results."""
+    """Copies `pipe` to standard error until its writers have ended; standard output is for results."""
 
     def __init__(self, pipe: IO[bytes] | None) -> None:
         self._pipe = pipe

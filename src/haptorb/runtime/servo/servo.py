@@ -215,8 +215,8 @@ class Servo(ServoObserver):
 
     def run(self, seconds: float) -> None:
         """Let the loop run for `seconds`. Raises ServoError as soon as it ends by itself, RecordingError if the
-        recorder does, WorldError if the world's code fails or takes too long; InputError if `seconds` is negative or not
-        finite.
+        recorder does, WorldError if the world's code fails or takes too long; InputError if `seconds` is negative or
+        not finite.
 
         Ctrl-C closes the servo first, then goes on its way.
         """

@@ -27,7 +27,7 @@ _SETTLED = 0.03  #: for which a file that is being written must stay as it is [s
 
 
 def choose_world(given: str | World | WorldFile | Callable[[State], Array]) -> tuple[World, WorldFile | None]:
-    """The world that `given` names or is, and the file to watch if it comes from one.
+    """The world that `given` names or is, and the file to watch if it comes from one; a function returns (6,) [N, N·m].
 
     Raises UnknownName or InputError as `find_world`, `make_world` and `WorldFile.load` do.
     """

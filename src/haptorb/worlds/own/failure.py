@@ -9,7 +9,6 @@ from types import CodeType
 
 import numpy as np
 
-import haptorb
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.errors import InputError, quote
@@ -18,12 +17,12 @@ from haptorb.worlds.world import World
 
 __all__ = ["check_wrench", "describe_failure", "keep_source", "try_world"]
 
-_PACKAGE = str(Path(haptorb.__file__).parent)
+_PACKAGE = str(Path(__file__).parents[2])
 _FRAMES = 6  #: of the user's code, the innermost; a recursion has a thousand
 
 
 def check_wrench(wrench: object) -> Array:
-    """`wrench` itself. Raises InputError if it is not an array (6,); whether its numbers are finite, the guard checks."""
+    """`wrench` itself, (6,) [N, N·m]. Raises InputError if it is no such array; the guard checks its numbers."""
     if not isinstance(wrench, np.ndarray):
         raise InputError(f"wrench must return an array of 6 numbers (force, torque); got {quote(wrench)}")
     if wrench.shape != (6,):
@@ -83,5 +82,5 @@ def try_world(world: World, device: Device) -> World:
 
 def _code_of(world: World) -> CodeType | None:
     """Of the world's `wrench`, if Python code computes it that is not this package's."""
-    code = getattr(world.rendered, "__code__", None)
+    code = getattr(world.wrench_code, "__code__", None)
     return code if isinstance(code, CodeType) and not code.co_filename.startswith(_PACKAGE) else None

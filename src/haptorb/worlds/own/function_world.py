@@ -37,7 +37,7 @@ class FunctionWorld(World):
         return name if name.isidentifier() else "function"
 
     @property
-    def rendered(self) -> Callable[..., Any]:
+    def wrench_code(self) -> Callable[..., Any]:
         """The function."""
         assert self.function is not None
         return self.function

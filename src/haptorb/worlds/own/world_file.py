@@ -60,8 +60,8 @@ class WorldFile:
 
         if world.name in CATALOGUE and type(world) is not CATALOGUE[world.name]:
             raise InputError(
-                f"{where}: '{world.name}' is the name of a world of the catalogue; rename the class, so that recordings "
-                "tell them apart"
+                f"{where}: '{world.name}' is the name of a world of the catalogue; rename the class, so that "
+                "recordings tell them apart"
             )
         try:
             return world.replace(**self.values)
