@@ -43,6 +43,7 @@ from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.trackers.feed_tracker import FeedTracker
 from haptorb.runtime.trackers.tracker import Tracker
 from haptorb.worlds.own.failure import keep_source
+from haptorb.worlds.world import World
 
 __all__ = ["main"]
 
@@ -160,10 +161,15 @@ def _rehearse(plan: plans.Plan, shared: SharedMemory) -> None:
             chain.prepare(tick / plan.rate)
         for tick in range(_REHEARSAL, 2 * _REHEARSAL):
             chain.step(row, tick / plan.rate)
-        for tick, kind in enumerate(worlds.CATALOGUE.values(), start=2 * _REHEARSAL):
+        makers = (*worlds.CATALOGUE.values(), *(partial(_itself, own) for own in plan.own_worlds.values()))
+        for tick, make in enumerate(makers, start=2 * _REHEARSAL):
             with suppress(HaptorbError):  # not for this device: nobody will be able to choose it either
-                chain.change_world(kind())
+                chain.change_world(make())
                 chain.step(row, tick / plan.rate)
+
+
+def _itself(world: World) -> World:
+    return world
 
 
 def _tracker(plan: plans.Plan, shared: SharedMemory) -> Tracker:
