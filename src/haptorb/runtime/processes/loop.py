@@ -182,9 +182,8 @@ class Loop:
         if file and self._loader is not None:
             self._loader.load(number, name, Path(file))
         else:
-            self._shared.answer.write(
-                self._change(number, name, partial(change_world, self._world, name, values, self._own))
-            )
+            make = partial(change_world, self._world, name, values, self._own)
+            self._shared.answer.write(self._change(number, name, make, self._chain.change_world))
 
     def _replace(self, loaded: LoadedWorld) -> str:
         """Know another version of an own world, and render it if that one is felt; the answer as JSON."""
@@ -192,17 +191,17 @@ class Loop:
         if world is None:
             return answer(loaded.number, loaded.error)
         if loaded.name == name_of(self._world):
-            told = self._change(loaded.number, loaded.name, lambda: world)
+            told = self._change(loaded.number, loaded.name, lambda: world, self._chain.replace_world)
             if self._world is not world:
                 return told
         self._own[loaded.name] = world
         return answer(loaded.number)
 
-    def _change(self, number: int, name: str, make: Callable[[], World]) -> str:
-        """Render the world that `make` returns, for request `number`; the answer as JSON."""
+    def _change(self, number: int, name: str, make: Callable[[], World], render: Callable[[World], None]) -> str:
+        """`render` the world that `make` returns, for request `number`; the answer as JSON."""
         try:
             world = make()
-            self._chain.change_world(world)
+            render(world)
             self._shared.announce_world(description(world))
         except HaptorbError as cause:
             return answer(number, cause)

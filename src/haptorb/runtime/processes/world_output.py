@@ -29,5 +29,5 @@ class WorldOutput(TextIOBase):
     def write(self, text: str) -> int:
         """Write at once, or not at all."""
         with suppress(OSError):  # full, or nobody reads any more
-            os.write(self._descriptor, text.encode(errors="replace"))  # safety: print-never-waits
+            os.write(self._descriptor, text.encode(errors="replace"))
         return len(text)

@@ -54,5 +54,8 @@ class Chain(Protocol):
         """Invert another of the device's models, counted from 0, from the next step on; the force goes over smoothly.
         Raises InputError if the estimator cannot."""
 
+    def replace_world(self, world: World) -> None:
+        """Render another version of the world from the next step on, as `change_world`, without a step of the force."""
+
     def change_world(self, world: World) -> None:
         """Render `world` from the next step on. Raises InputError if the device cannot."""

@@ -25,6 +25,7 @@ from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.row import STAGES, RowLayout
 from haptorb.runtime.tick.fill_row import fill_object, fill_row
+from haptorb.sensing.controller_model import FADE
 from haptorb.sensing.estimator import Estimator
 from haptorb.worlds.own.failure import check_wrench, describe_failure
 from haptorb.worlds.world import World
@@ -70,6 +71,8 @@ class Tick:
         model = estimator.model
         self._model: float = device.models.index(model) if model else np.nan
         self._rendered, self._on_thing = np.zeros(6), np.zeros(6)
+        self._fade_from: Array | None = None  # (6,) wrench of before `replace_world` [N, N·m]
+        self._fade_start: float | None = None  # of the first tick after it [s]
         self._places = self.layout.places
         self._start = {field.name: self.layout[field.name].start for field in self.layout.fields}
 
@@ -95,6 +98,22 @@ class Tick:
         self.world = fitted
         self.protection.change_world(passive=fitted.passive and self.linkage.passive)
         self.world_changes += 1
+
+    def replace_world(self, world: World) -> None:
+        """Render another version of the world: the wrench goes over from the last one within `FADE`."""
+        self.change_world(world)
+        self._fade_from, self._fade_start = self._rendered.copy(), None
+
+    def _fade(self, now: float) -> None:
+        """Mix the wrench of before the change into the rendered one."""
+        assert self._fade_from is not None
+        if self._fade_start is None:
+            self._fade_start = now
+        share = (now - self._fade_start) / FADE
+        if share >= 1.0:
+            self._fade_from = None
+            return
+        self._rendered += (1.0 - share) * (self._fade_from - self._rendered)
 
     def change_model(self, number: int) -> None:
         """Invert another of the device's models, counted from 0, without a step. InputError if the estimator cannot."""
@@ -142,7 +161,7 @@ class Tick:
         if estimate.valid:  # the first valid pose starts the ramp
             protection.start(estimate)
         t2 = perf_counter()
-        felt = self._render(estimate.state)
+        felt = self._render(estimate.state, now)
         t3 = perf_counter()
         asked = protection.protect_wrench(self._rendered, estimate, sample.t)
         allocation = self._allocate(estimate.wrench_map, asked)
@@ -174,12 +193,14 @@ class Tick:
         cells[start["engaged"]] = felt.engaged
         stages[6] = perf_counter() - t6
 
-    def _render(self, state: State) -> RenderedWrench:
+    def _render(self, state: State, now: float) -> RenderedWrench:
         try:
             felt = self.linkage.render(self.world, state)
             check_wrench(felt.wrench)
             # Copied: in another memory layout a user's array would have the kernels compiled in the middle of a tick.
             self._rendered[:], self._on_thing[:] = felt.wrench, felt.on_thing
+            if self._fade_from is not None:
+                self._fade(now)
             self._felt_last = felt
             return felt
         except TickTimeout:
@@ -188,6 +209,7 @@ class Tick:
         except BaseException as cause:  # safety: world-exit-trips
             self._fail(Trip.WORLD_FAILED, cause)  # safety: world-failure-trips
             self._rendered[:] = self._on_thing[:] = 0.0
+            self._fade_from = None
             return replace(self._felt_last, wrench=self._nothing, on_thing=self._nothing)
 
     def _allocate(self, wrench_map: WrenchMap, wrench: Array) -> Allocation:
