@@ -34,7 +34,6 @@ class Groove(World):
         return wrench
 '''
 BEGIN = "wrench = np.zeros(6)"
-PLACE = (0.0, 0.0, 0.046)
 
 
 @pytest.fixture
@@ -45,11 +44,10 @@ def file(tmp_path: Path) -> Path:
 
 
 def _hold(servo: Servo, until: Any, patience: float = 10.0) -> float:
-    """Keep the tool at PLACE until something is so; the seconds that took."""
+    """Let the simulated hand move until something is so; the seconds that took."""
     begun = time.monotonic()
     while not until():
         assert time.monotonic() < begun + patience, "it did not come to pass"
-        servo.point(PLACE)
         servo.check()
         time.sleep(0.005)
     return time.monotonic() - begun
