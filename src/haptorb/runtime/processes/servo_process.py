@@ -16,6 +16,7 @@ import shutil
 import signal
 import sys
 import traceback
+from collections.abc import Callable
 from contextlib import redirect_stdout, suppress
 from functools import partial
 from importlib import import_module
@@ -161,7 +162,8 @@ def _rehearse(plan: plans.Plan, shared: SharedMemory) -> None:
             chain.prepare(tick / plan.rate)
         for tick in range(_REHEARSAL, 2 * _REHEARSAL):
             chain.step(row, tick / plan.rate)
-        makers = (*worlds.CATALOGUE.values(), *(partial(_itself, own) for own in plan.own_worlds.values()))
+        makers: list[Callable[[], World]] = [*worlds.CATALOGUE.values()]
+        makers += [partial(_itself, own) for own in plan.own_worlds.values()]
         for tick, make in enumerate(makers, start=2 * _REHEARSAL):
             with suppress(HaptorbError):  # not for this device: nobody will be able to choose it either
                 chain.change_world(make())
