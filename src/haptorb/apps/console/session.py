@@ -20,9 +20,11 @@ from haptorb.worlds import CATALOGUE, World
 from haptorb.worlds.parameter import parameters
 from haptorb.worlds.parameter import values as parameter_values
 
-__all__ = ["session", "world_now", "worlds", "worlds_now"]
+__all__ = ["read_world", "session", "world_now", "worlds", "worlds_now"]
 
 _KELVIN = 273.15
+_NAME = 64  #: of a world or a value [characters]
+_VALUES = 64  #: of a world
 
 
 def worlds(device: Device, own: Mapping[str, World]) -> list[dict[str, Any]]:
@@ -122,3 +124,17 @@ def world_now(servo: RunningServo) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     """`value` as JSON has it."""
     return list(value) if isinstance(value, tuple | list | np.ndarray) else value
+
+
+def read_world(command: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Name and values of the world that a page asks for; InputError if they cannot be one's."""
+    name, values = command.get("name"), command.get("values", {})
+    if not isinstance(name, str) or not isinstance(values, dict):
+        raise InputError("a world needs a name (text) and values (an object)")
+    if len(name) > _NAME or len(values) > _VALUES or any(len(key) > _NAME for key in values):
+        raise InputError(f"a world has a name of at most {_NAME} characters, and at most {_VALUES} values with such")
+    for key, value in values.items():
+        numbers = value if isinstance(value, list) else [value]
+        if len(numbers) > _VALUES or not all(type(one) in (int, float) for one in numbers):
+            raise InputError(f"a world's value is a number or a list of numbers; {key} is neither")
+    return name, values

@@ -16,10 +16,9 @@ from haptorb.apps.console.page import ConsolePage, plain
 from haptorb.apps.console.pointer_relay import PointerRelay
 from haptorb.apps.console.recent import RecentRows
 from haptorb.apps.console.running_servo import RunningServo
-from haptorb.apps.console.session import worlds
+from haptorb.apps.console.session import read_world, worlds
 from haptorb.apps.console.target import prepare, target_scene
 from haptorb.apps.console.wire import Columns, encode_force_frame, mesh_frame, pointer, rows_frame
-from haptorb.apps.console.world_request import read_world
 from haptorb.apps.web.command import asks_to_stop
 from haptorb.apps.web.command import command as read_command
 from haptorb.apps.web.token import PROTOCOL
