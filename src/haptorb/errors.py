@@ -11,6 +11,7 @@
     │   └── HostSilent       the hardware switched off because this computer was silent
     ├── RecordingError       a recording that cannot be written or read
     ├── ServoError           the real-time process did not start, or died
+    │   └── WorldError       the loop runs, but a world's code failed or takes too long: coils off (where is told)
     └── PlatformError        this operating system cannot do it (what it can do is told)
 
 Every message says what, where, what was expected and what to do.
@@ -35,6 +36,7 @@ __all__ = [
     "RecordingError",
     "ServoError",
     "UnknownName",
+    "WorldError",
     "quote",
 ]
 
@@ -119,6 +121,10 @@ class RecordingError(HaptorbError):
 
 class ServoError(HaptorbError):
     """The real-time process did not start, or it died."""
+
+
+class WorldError(ServoError):
+    """A world's code failed, or takes longer than a tick, and the coils are off; the message tells file and line."""
 
 
 class PlatformError(HaptorbError):

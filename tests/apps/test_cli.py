@@ -89,6 +89,10 @@ def test_the_card_as_a_picture(capsys, tmp_path, name):
         (["run", "--set", "moment"], "NAME=VALUE"),
         (["run", "--set", "moment=a"], "NAME=VALUE"),
         (["run", "--set", "summit=0,0,0"], "zero vector"),
+        (["run", "--set", "moment=2 N"], "must be a value in A·m²"),
+        (["run", "--set", "moment=9 A·m²"], "between -4 and 4"),
+        (["run", "--world", "no/such/groove.py:Groove"], "groove.py: cannot be read"),
+        (["check", "--world", "no/such/groove.py:Groove"], "groove.py: cannot be read"),
         (["run", "--headless", "--rate", "10"], "rate"),
         (["run", "--headless", "--rate", "nan"], "rate"),
         (["run", "--headless", "--duration", "-1"], "--duration"),
@@ -149,3 +153,20 @@ def test_no_output_at_all(monkeypatch):
         main(["devices"])
     assert not end.value.code
     sys.stdout.close()
+
+
+def test_a_world_of_the_user_s_own_is_checked_with_values_in_any_unit(capsys, tmp_path):
+    (tmp_path / "groove.py").write_text(
+        "from dataclasses import dataclass\nimport numpy as np\nfrom haptorb.worlds import World\n"
+        "from haptorb.worlds.parameter import parameter\n\n\n@dataclass(frozen=True)\nclass Groove(World):\n"
+        '    stiffness: float = parameter(20.0, "N/m", 0, 200, "across")\n\n'
+        "    def wrench(self, state):\n"
+        "        return np.array([0.0, -self.stiffness * state.p[1], 0.0, 0.0, 0.0, 0.0])\n"
+    )
+    world = ("check", "--world", f"{tmp_path}/groove.py:Groove", "--json")
+    code, out, _ = told(capsys, *world, "--set", "stiffness=0.05 N/mm")
+    assert code == 0
+    assert json.loads(out)["steepest"] == pytest.approx(50.0, rel=1e-3)
+    code, _, err = told(capsys, *world, "--set", "stifness=1")
+    assert code == 2
+    assert "did you mean 'stiffness'" in err

@@ -25,7 +25,7 @@ import type { Subject, Wish } from "./scene/subject";
 import { TargetPane } from "./scene/target_pane";
 import { Rumble } from "./senses/rumble";
 import { Sound } from "./senses/sound";
-import { session as fetchSession, Stranger, token, type Session, type TargetScene, type Values } from "./session";
+import { session as fetchSession, Stranger, token, type Session, type TargetScene, type Values, type World } from "./session";
 import { status, type Silence } from "./status";
 import { Vector3 } from "three";
 import type { Rows } from "./wire";
@@ -234,6 +234,9 @@ class Console {
         this.model.enable(this.control);
         this.modes?.enable(this.control);
         break;
+      case "worlds":
+        this.world.offer(event["worlds"] as World[]);
+        break;
       case "world":
         this.world.show(event["name"] as string, event["values"] as Values);
         this.model.show(event["model"] as string);
@@ -251,12 +254,15 @@ class Console {
 
   /** What a person should know beside the numbers, once; the recorder's trouble also stays in the header. */
   private notice(health: Health): void {
-    // The texts count seconds and megabytes; only that there is one is news.
-    const kinds = `${Boolean(health.recording_trouble)} ${Boolean(health.warning)}`;
+    // The texts count seconds and megabytes: that is no news.
+    const kinds = `${Boolean(health.recording_trouble)} ${health.warning.replaceAll(/\d/g, "")}`;
     if (kinds === this.noticed) return;
     this.noticed = kinds;
     const text = [health.recording_trouble && `Recording: ${health.recording_trouble}`, health.warning].filter(Boolean);
     if (text.length) this.mistake(text.join("; "));
+    else at("mistake").hidden = true;
+    // Whoever writes a world reads the place in its code for as long as it is wrong.
+    if (health.world_trouble) clearTimeout(this.mistakeTimer);
   }
 
   private mistake(text: string): void {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -49,6 +50,16 @@ class World(Presentable, ABC):
 
     def __post_init__(self) -> None:
         _parameter.check(self)
+
+    @property
+    def name(self) -> str:
+        """What it is called beside the catalogue's worlds: its class's name in lower case."""
+        return type(self).__name__.lower()
+
+    @property
+    def wrench_code(self) -> Callable[..., Any]:
+        """The code that computes the wrench, for messages about it."""
+        return type(self).wrench
 
     @abstractmethod
     def wrench(self, state: State) -> Array:

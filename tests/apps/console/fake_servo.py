@@ -17,7 +17,7 @@ from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
 from haptorb.runtime.pointer.guided_motion import upright_quaternion
 from haptorb.runtime.row import RowLayout
-from haptorb.worlds import find_world
+from haptorb.worlds import World, find_world
 from haptorb.worlds.parameter import values as parameter_values
 
 KEPT = 8191
@@ -37,7 +37,8 @@ class FakeServo:
         self.device = load(device)
         self.layout = RowLayout.of(self.device)
         self.alive = True
-        self.recording_trouble = self.warning = ""
+        self.recording_trouble = self.warning = self.world_trouble = ""
+        self.own_worlds: Mapping[str, World] = {}
         self.silent = False  #: publish nothing
         self.guard = GuardState.RUNNING
         self.trip = Trip.NONE
@@ -68,7 +69,7 @@ class FakeServo:
         self.calls.append(("world", name, values))
         if self.refuse is not None:
             raise self.refuse
-        known = self._world if name == self._name else find_world(name)()
+        known = self._world if name == self._name else self.own_worlds.get(name) or find_world(name)()
         self._world = known.replace(**(values or {}))
         self._name = name
         self._changes += 1

@@ -185,6 +185,16 @@ class Broken(World):
         return np.asarray(self.what, float)
 
 
+@dataclass(frozen=True)
+class Careless(World):
+    """Returns whatever it was given."""
+
+    what: object = None
+
+    def wrench(self, state):
+        return self.what
+
+
 @pytest.mark.parametrize(
     ("what", "reason"),
     [
@@ -215,7 +225,29 @@ def test_a_world_that_leaves_is_explained():
     rig = Rig().go(10)
     rig.tick.change_world(Broken(SystemExit(3)))
     rig.go(1)
-    assert rig.tick.error == "the world called sys.exit(3)"
+    assert rig.tick.error.splitlines()[0] == "the world called sys.exit(3)"
+
+
+def test_the_line_of_a_world_that_fails_is_told():
+    rig = Rig().go(10)
+    rig.tick.change_world(Broken(ZeroDivisionError("division by zero")))
+    rig.go(1)
+    first, place, source = rig.tick.error.splitlines()
+    assert first == "ZeroDivisionError: division by zero"
+    assert place.startswith(f'  File "{__file__}", line ')
+    assert place.endswith("in Broken.wrench")
+    assert source == "    raise self.what"
+
+
+@pytest.mark.parametrize("what", [None, (1.0, 2.0, 3.0), np.zeros((6, 1))])
+def test_a_wrench_of_another_kind_is_told_with_the_place_of_its_function(what):
+    rig = Rig().go(10)
+    rig.tick.change_world(Careless(what))
+    rig.go(1)
+    assert rig["trip"][0] == Trip.WORLD_FAILED
+    first, place, _ = rig.tick.error.splitlines()
+    assert "wrench must return an array" in first
+    assert place.startswith(f'  File "{__file__}", line {Careless.wrench.__code__.co_firstlineno}')
 
 
 def test_a_tick_that_is_ended_from_outside_is_no_failure_of_its_world():

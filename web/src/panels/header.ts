@@ -11,8 +11,9 @@ export interface Health {
   success: number | null;
   lateness_p99_us: number | null;
   pose_age_ms: number | null; // 99 % of the believed poses are younger
-  recording_trouble: string; // both are empty while all is well
+  recording_trouble: string; // all three are empty while all is well
   warning: string;
+  world_trouble: string; // a part of `warning`
 }
 
 export class Header {

@@ -35,10 +35,18 @@ export class WorldPanel {
     private readonly session: Session,
     private readonly send: (name: string, values: Values) => void,
   ) {
-    for (const { name, about } of session.worlds) this.picker.append(make("option", { value: name, title: about }, name));
+    this.offer(session.worlds);
     this.picker.addEventListener("change", () => this.send(this.picker.value, {}));
     at("reset").addEventListener("click", () => this.reset());
     this.show(session.world.name, session.world.values);
+  }
+
+  /** These worlds can be chosen; a user's own may have other parameters than before. */
+  offer(worlds: World[]): void {
+    this.session.worlds = worlds;
+    this.picker.replaceChildren(...worlds.map(({ name, about }) => make("option", { value: name, title: about }, name)));
+    this.name = ""; // whatever is told next is shown at once, with new sliders
+    this.last = 0;
   }
 
   /** The world is this now, whoever changed it. */

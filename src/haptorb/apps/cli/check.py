@@ -33,10 +33,14 @@ def check(
         bool, typer.Option("--alone", help="Measure without a client that drags and reads at 60 Hz.")
     ] = False,
     world: Annotated[
-        str | None, typer.Option(help="Check this world instead of the computer: can your loop render it stably?")
+        str | None,
+        typer.Option(
+            help="Check this world, or your own (FILE.py:NAME), and not the computer: can your loop render it stably?"
+        ),
     ] = None,
     settings: Annotated[
-        list[str] | None, typer.Option("--set", help="World parameter, NAME=VALUE or NAME=X,Y,Z; repeatable.")
+        list[str] | None,
+        typer.Option("--set", help='World parameter, NAME=VALUE, NAME="VALUE UNIT" or NAME=X,Y,Z; repeatable.'),
     ] = None,
     tracker: Annotated[
         str | None, typer.Option(help="With --world: hall (field sensors with their filter), or hall:HZ.")
@@ -96,12 +100,12 @@ def _setting(
 
 
 def _judge(device: Device, world: str, settings: list[str], setting: Setting, plot: Path | None, json: bool) -> None:
-    from haptorb import worlds
     from haptorb.apps.check import draw_world, judge_world, print_world
-    from haptorb.apps.cli.run import values_of
+    from haptorb.apps.cli.world_option import choose_world_option
+    from haptorb.worlds.own.world_file import WorldFile
 
-    felt = worlds.find_world(world)().replace(**values_of(settings))
-    verdict = judge_world(device, felt, setting, world)
+    felt = choose_world_option(world, settings, device)
+    verdict = judge_world(device, felt.load() if isinstance(felt, WorldFile) else felt, setting, world)
     if json:
         print_json(verdict.numbers())
     else:

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from haptorb.apps.terminal import print_json, say
-from haptorb.errors import InputError, quote
+from haptorb.errors import InputError
 
 if TYPE_CHECKING:
     from haptorb.runtime.processes.prestart import PrestartedProcess
     from haptorb.runtime.servo.servo import Servo
 
-__all__ = ["register", "values_of"]
+__all__ = ["register"]
 
 
 def register(app: typer.Typer) -> None:
@@ -31,11 +31,13 @@ def run(
     device: Annotated[str, typer.Argument(help="Device name, or path of a device file.")] = "omni",
     world: Annotated[
         str | None,
-        typer.Option(help="World to render (default: dome; outlet on a motor). `haptorb worlds` lists them."),
+        typer.Option(
+            help="World to render (default: dome; outlet on a motor), from `haptorb worlds`, or your own: FILE.py:NAME."
+        ),
     ] = None,
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", help="World parameter, NAME=VALUE or NAME=X,Y,Z; repeatable."),
+        typer.Option("--set", help='World parameter, NAME=VALUE, NAME="VALUE UNIT" or NAME=X,Y,Z; repeatable.'),
     ] = None,
     driver: Annotated[
         str, typer.Option(help="Driver: sim (simulated device), serial:PORT or i2c:BUS (real device).")
@@ -75,7 +77,6 @@ def run(
     json: Annotated[bool, typer.Option("--json", help="Print the report at the end as one JSON object.")] = False,
 ) -> None:
     """Run a device with a world and the console. Default: simulated Omni, dome under the stylus."""
-    values = values_of(settings or [])
     if duration is not None and not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g}")
     from haptorb.runtime.processes.prestart import PrestartedProcess
@@ -83,7 +84,7 @@ def run(
 
     require_linux("`haptorb run`")
     with PrestartedProcess() as standby:  # it loads while this process does, and reads the device file
-        from haptorb import worlds
+        from haptorb.apps.cli.world_option import choose_world_option
         from haptorb.apps.progress import build_tables
         from haptorb.devices.loader import load
         from haptorb.runtime.exchange.black_box import state_folder
@@ -91,7 +92,7 @@ def run(
         from haptorb.runtime.tick.assembly import default_world
 
         found = load(device)
-        felt = worlds.find_world(world or default_world(found))().replace(**values)
+        felt = choose_world_option(world or default_world(found), settings or [], found)
         build_tables(found)
         servo = Servo(
             device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction, frame=frame,
@@ -141,7 +142,17 @@ def _run_with_console(
     with Console(servo, port) as console, _open_servo(servo, standby):
         say(f"Open {console.url} in a browser: {servo.device.name}, {_nature(servo)}. Ctrl-C ends.")
         end = float("inf") if duration is None else monotonic() + duration
-        number = console.serve(open_browser=browser, until=lambda: monotonic() > end)
+        told = ""
+
+        def look() -> bool:
+            nonlocal told
+            now = servo.world_trouble
+            if now and not told:
+                say(now)
+            told = now
+            return monotonic() > end
+
+        number = console.serve(open_browser=browser, until=look)
         servo.check()  # a servo that died says why, and the exit code says that it did
         _report(servo, json)
     return number or 0
@@ -206,21 +217,6 @@ def _describe_tracking(name: str, poses: dict[str, Any]) -> str:
             told += f", age in use {poses['age_ms']['p50']:.1f} ms (99 %: {poses['age_ms']['p99']:.1f} ms)"
     refused = ", ".join(f"{count} {why.replace('_', ' ')}" for why, count in poses["refused"].items())
     return f"tracker {name}: {told}, lost {poses['lost']} times" + (f"; refused: {refused}" if refused else "")
-
-
-def values_of(settings: list[str]) -> dict[str, float | tuple[float, ...]]:
-    """A world's parameters from NAME=VALUE and NAME=X,Y,Z."""
-    values: dict[str, float | tuple[float, ...]] = {}
-    for setting in settings:
-        name, equals, text = setting.partition("=")
-        try:
-            numbers = tuple(float(part) for part in text.split(","))
-        except ValueError:
-            numbers = ()
-        if not equals or not numbers:
-            raise InputError(f"--set must be NAME=VALUE or NAME=X,Y,Z, with numbers; got {quote(setting)}")
-        values[name.strip()] = numbers[0] if len(numbers) == 1 else numbers
-    return values
 
 
 class _Termination(BaseException):

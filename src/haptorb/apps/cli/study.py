@@ -96,10 +96,13 @@ def run(
     from haptorb.runtime.servo.servo import Servo
 
     def start(recording: Path | None) -> Servo:
-        return Servo(
+        servo = Servo(
             known.device, "nothing", driver=driver, tracker=tracker, frame=frame, record=recording or False,
             model=known.model or None,
         )  # fmt: skip
+        if known.own_world is not None:
+            servo.add_world(known.own_world)
+        return servo
 
     start(None)  # not opened: a driver, tracker, frame or stream that is none is refused before a database is made
     streams = None

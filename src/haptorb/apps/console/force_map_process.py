@@ -11,7 +11,7 @@ import pickle
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, final
 
@@ -19,6 +19,8 @@ from haptorb.apps.console.force_map import Flags
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
+from haptorb.runtime.exchange.plan import pack, unpack
+from haptorb.worlds.world import World
 
 __all__ = ["ForceMapProcess"]
 
@@ -37,14 +39,18 @@ class ForceMapProcess:
         self._device = device
         self._process: subprocess.Popen[bytes] | None = None
         self._one_at_a_time = threading.Lock()
+        #: the user's worlds by name, which the process cannot import
+        self.own_worlds: Callable[[], Mapping[str, World]] = dict
 
     def __call__(self, name: str, values: Mapping[str, Any], model: str, points: Array) -> tuple[Array, Flags]:
         with self._one_at_a_time:
             process = self._ensure_process()
             assert process.stdin is not None
             assert process.stdout is not None
+            own = self.own_worlds().get(name)
             try:
-                pickle.dump((name, dict(values), model, points), process.stdin)
+                world = None if own is None else pack(own)
+                pickle.dump((name, world, dict(values), model, points), process.stdin)
                 process.stdin.flush()
                 answer = pickle.load(process.stdout)
             except (OSError, EOFError, pickle.UnpicklingError, ValueError) as cause:
@@ -97,7 +103,8 @@ class ForceMapProcess:
 
 
 def main() -> None:
-    """Answer until the console closes the pipe: a device, then any number of (name, values, model, points)."""
+    """Answer until the console closes the pipe: a device, then any number of (name, packed world or None, values,
+    model, points)."""
     os.nice(10)
     questions, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a world prints is not an answer
@@ -108,12 +115,13 @@ def main() -> None:
     force_map(device, find_world("nothing")(), [[0.0, 0.0, device.contact_distance]])  # loads what is compiled
     while True:
         try:
-            name, values, model, points = pickle.load(questions)
+            name, packed, values, model, points = pickle.load(questions)
         except EOFError:
             return
         answer: object
         try:
-            answer = force_map(device, find_world(name)(**values), points, model=model)
+            world = find_world(name)(**values) if packed is None else unpack(packed).replace(**values)
+            answer = force_map(device, world, points, model=model)
         except Exception as mistake:  # whatever a world's own code raises is the answer
             answer = f"{type(mistake).__name__}: {mistake}"
         try:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from haptorb.devices.device import Device
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.row import RowLayout
+from haptorb.worlds.world import World
 
 __all__ = ["RunningServo"]
 
@@ -45,6 +46,16 @@ class RunningServo(Protocol):
     @property
     def world(self) -> tuple[str, Mapping[str, Any]]:
         """Name and values of what is felt now."""
+        ...
+
+    @property
+    def own_worlds(self) -> Mapping[str, World]:
+        """Worlds beside the catalogue's that `set_world` knows, by name; another mapping after one was loaded anew."""
+        ...
+
+    @property
+    def world_trouble(self) -> str:
+        """What is wrong with the world's code, and where; empty while all is well. Part of `warning`."""
         ...
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,32 +18,38 @@ from haptorb.runtime.trackers.tracker_registry import has_feed
 from haptorb.version import __version__
 from haptorb.worlds import CATALOGUE, World
 from haptorb.worlds.parameter import parameters
+from haptorb.worlds.parameter import values as parameter_values
 
-__all__ = ["session", "world_now", "worlds"]
+__all__ = ["read_world", "session", "world_now", "worlds", "worlds_now"]
 
 _KELVIN = 273.15
+_NAME = 64  #: of a world or a value [characters]
+_VALUES = 64  #: of a world
 
 
-def worlds(device: Device) -> list[dict[str, Any]]:
-    """Every world that `device` can render: name, what it is, and its parameters in their order."""
+def worlds(device: Device, own: Mapping[str, World]) -> list[dict[str, Any]]:
+    """Every world that `device` can render, the user's `own` ones first: name, what it is, its parameters in order."""
+    found = [(name, type(world), parameter_values(world)) for name, world in own.items()]
+    for name, kind in CATALOGUE.items():
+        if name not in own and _is_renderable(device, kind):
+            found.append((name, kind, {}))
     return [
         {
             "name": name,
-            "about": (kind.__doc__ or "").strip().splitlines()[0],
+            "about": next(iter((kind.__doc__ or "").strip().splitlines()), ""),
             "parameters": [
                 {
                     "name": item.name,
                     "unit": item.unit,
                     "low": item.low,
                     "high": item.high,
-                    "default": list(item.default) if isinstance(item.default, tuple) else item.default,
+                    "default": _to_json(given.get(item.name, item.default)),
                     "about": item.about,
                 }
                 for item in parameters(kind).values()
             ],
         }
-        for name, kind in CATALOGUE.items()
-        if _is_renderable(device, kind)
+        for name, kind, given in found
     ]
 
 
@@ -66,7 +73,7 @@ _WORDS = {Trip.STOPPED: "stopped", Trip.POSE_LOST: "tracker lost"}
 
 
 def session(servo: RunningServo, started: str) -> dict[str, Any]:
-    """The JSON of /api/session but for the world; `started` tells one run of the server from another."""
+    """The JSON of /api/session but for `worlds_now`; `started` tells one run of the server from another."""
     device = servo.device
     heat = device.coils.heat
     return {
@@ -89,13 +96,17 @@ def session(servo: RunningServo, started: str) -> dict[str, Any]:
             "derate": heat.derate - _KELVIN,
             "stop": heat.stop - _KELVIN,
         },
-        "worlds": worlds(device),
         "trips": {
             str(int(trip)): {"word": _WORDS.get(trip, "tripped"), "text": trip.text}
             for trip in Trip
             if trip is not Trip.NONE
         },
     }
+
+
+def worlds_now(servo: RunningServo) -> dict[str, Any]:
+    """The worlds that can be chosen, and the present one."""
+    return {"worlds": worlds(servo.device, servo.own_worlds), "world": world_now(servo)}
 
 
 def world_now(servo: RunningServo) -> dict[str, Any]:
@@ -113,3 +124,17 @@ def world_now(servo: RunningServo) -> dict[str, Any]:
 def _to_json(value: Any) -> Any:
     """`value` as JSON has it."""
     return list(value) if isinstance(value, tuple | list | np.ndarray) else value
+
+
+def read_world(command: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Name and values of the world that a page asks for; InputError if they cannot be one's."""
+    name, values = command.get("name"), command.get("values", {})
+    if not isinstance(name, str) or not isinstance(values, dict):
+        raise InputError("a world needs a name (text) and values (an object)")
+    if len(name) > _NAME or len(values) > _VALUES or any(len(key) > _NAME for key in values):
+        raise InputError(f"a world has a name of at most {_NAME} characters, and at most {_VALUES} values with such")
+    for key, value in values.items():
+        numbers = value if isinstance(value, list) else [value]
+        if len(numbers) > _VALUES or not all(type(one) in (int, float) for one in numbers):
+            raise InputError(f"a world's value is a number or a list of numbers; {key} is neither")
+    return name, values

@@ -16,7 +16,7 @@ from starlette.routing import Route, WebSocketRoute
 
 from haptorb.apps.console.force_map import FeltMap, ForceMapWorker
 from haptorb.apps.console.running_servo import RunningServo
-from haptorb.apps.console.session import session, world_now
+from haptorb.apps.console.session import session, worlds_now
 from haptorb.apps.console.socket_hub import ConsoleSocketHub
 from haptorb.apps.web.access import AccessGate
 from haptorb.apps.web.files import page_files, respond
@@ -49,6 +49,7 @@ def application(servo: RunningServo, felt: FeltMap | None = None) -> Starlette:
         if felt is None:
             felt = process = compute(device)
             process.start()
+            process.own_worlds = lambda: servo.own_worlds
         painter = ForceMapWorker(device, felt)
     room = ConsoleSocketHub(servo, painter)
     known = session(servo, uuid4().hex)
@@ -57,7 +58,7 @@ def application(servo: RunningServo, felt: FeltMap | None = None) -> Starlette:
         return respond(files, request.path_params.get("name", "index.html"))
 
     async def describe(request: Request) -> Response:
-        return JSONResponse(known | {"world": world_now(servo)})
+        return JSONResponse(known | worlds_now(servo))
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:

@@ -16,6 +16,7 @@ from haptorb.apps.console.page import ConsolePage, to_json
 from haptorb.apps.console.pointer_relay import PointerRelay
 from haptorb.apps.console.recent import RecentRows
 from haptorb.apps.console.running_servo import RunningServo
+from haptorb.apps.console.session import read_world, worlds
 from haptorb.apps.console.target import prepare, target_scene
 from haptorb.apps.console.wire import Columns, encode_force_frame, mesh_frame, pointer, rows_frame
 from haptorb.apps.web.command import asks_to_stop
@@ -36,7 +37,6 @@ FRESH = 0.1  #: from steadying the hand to engaging [s]
 _TELLING = ("another_sender", "stranger", "jump")  # what a tracker refuses and a person should know of
 _FULL = 1013  #: of a WebSocket that is closed: try again later
 _NAME = 64  #: of a world, a mode or a value [characters]
-_VALUES = 64  #: of a world
 
 
 @final
@@ -58,6 +58,7 @@ class ConsoleSocketHub:
         if servo.modes:
             prepare()
         self._world: tuple[str, dict[str, Any], str] = ("", {}, "")
+        self._own = servo.own_worlds  # as the pages know them
         self._version = 0
         self._asked: tuple[ConsolePage, str, dict[str, Any]] | None = None
         self._trouble = ""  # why there is no map of this world
@@ -79,9 +80,13 @@ class ConsoleSocketHub:
             await asyncio.sleep(REFRESH)
 
     def _describe_health(self) -> dict[str, Any]:
-        """Numbers of `Health`, whether the loop runs, and two texts that are empty while all is well."""
+        """Numbers of `Health`, whether the loop runs, and texts that are empty while all is well."""
         servo = self._servo
-        texts = {"recording_trouble": servo.recording_trouble, "warning": servo.warning}
+        texts = {
+            "recording_trouble": servo.recording_trouble,
+            "warning": servo.warning,
+            "world_trouble": servo.world_trouble,
+        }
         return {"alive": servo.alive, **texts, **self._health.look()}
 
     async def join(self, socket: WebSocket) -> None:
@@ -161,7 +166,7 @@ class ConsoleSocketHub:
                     raise InputError("the clutch is set by `engaged`, true or false")
                 self._servo.clutch(command["engaged"])
             case "world":
-                self._asked = (page, *_parse_world(command))
+                self._asked = (page, *read_world(command))
                 if self._asking is None or self._asking.done():
                     self._asking = asyncio.create_task(self._ask())
             case other:
@@ -194,10 +199,14 @@ class ConsoleSocketHub:
         """Tell everyone, and repaint, if the world or the model that is inverted is another one than before."""
         name, values = self._servo.world
         now = (name, {key: to_json(value) for key, value in values.items()}, self._servo.model)
-        if now == self._world:
+        own = self._servo.own_worlds
+        loaded = own is not self._own
+        if now == self._world and not loaded:
             return
-        self._world = now
+        self._world, self._own = now, own
         self._version += 1
+        if loaded:
+            self._send_to_all("worlds", worlds=worlds(self._servo.device, own))
         self._send_to_all("world", **self._world_event())
         if self._painter is not None:
             self._painter.want(name, dict(values), now[2], self._version, self._send_map, self._report_map_failure)
@@ -284,17 +293,3 @@ async def _wait_for_first(*ways: Coroutine[Any, Any, None]) -> None:
         await asyncio.gather(*tasks, return_exceptions=True)
     for task in done:
         task.result()
-
-
-def _parse_world(command: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Name and values of the world that a page asks for; InputError if they cannot be one's."""
-    name, values = command.get("name"), command.get("values", {})
-    if not isinstance(name, str) or not isinstance(values, dict):
-        raise InputError("a world needs a name (text) and values (an object)")
-    if len(name) > _NAME or len(values) > _VALUES or any(len(key) > _NAME for key in values):
-        raise InputError(f"a world has a name of at most {_NAME} characters, and at most {_VALUES} values with such")
-    for key, value in values.items():
-        numbers = value if isinstance(value, list) else [value]
-        if len(numbers) > _VALUES or not all(type(one) in (int, float) for one in numbers):
-            raise InputError(f"a world's value is a number or a list of numbers; {key} is neither")
-    return name, values

@@ -75,7 +75,8 @@ def numbers(sample: Sample, state: CoilState = CoilState.OFF) -> dict[str, Any]:
         return [float(one) if np.isfinite(one) else None for one in values]
 
     return {
-        "t_s": sample.t, "currents_a": to_list(sample.currents), "temperatures_degc": to_list(sample.temperatures - 273.15),
+        "t_s": sample.t, "currents_a": to_list(sample.currents),
+        "temperatures_degc": to_list(sample.temperatures - 273.15),
         "field_t": [to_list(one) for one in sample.field], "coil_state": state.name.lower(),
     }  # fmt: skip
 

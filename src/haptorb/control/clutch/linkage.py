@@ -17,7 +17,7 @@ from haptorb.control.clutch.mode_kernels import fill_rotor_wrench, follow_rotor
 from haptorb.control.clutch.modes import MODES, Clutch, Gains, Mode, TwoModes
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
-from haptorb.errors import InputError
+from haptorb.errors import InputError, quote
 from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.record import record
 
@@ -189,7 +189,7 @@ class ModedLinkage(Linkage):
         target = State(t, pose[:3], pose[3], pose[4], pose[5])
         on_target, contacts = world.touching(target)
         if np.shape(on_target) != (6,):
-            raise InputError(f"a world must give force and torque, shape (6,); got shape {np.shape(on_target)}")
+            raise InputError(f"a world must give force and torque, shape (6,); got {quote(on_target)}")
         asked, wrench = self._asked, np.empty(6)
         asked[:] = on_target  # in another memory layout a user's array would have the kernel compiled anew
         fill_rotor_wrench(memory, asked, wrench)

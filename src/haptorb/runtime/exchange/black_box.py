@@ -79,11 +79,12 @@ class BlackBox:
         self.trips.append(tripped)
         self.files.append(None)
         if self._folder is not None:
-            writer = threading.Thread(target=self._write, args=(len(self.trips) - 1, self._folder), daemon=True)
+            error = self._shared.error.read()[1]
+            writer = threading.Thread(target=self._write, args=(len(self.trips) - 1, self._folder, error), daemon=True)
             writer.start()
             self._writers.append(writer)
 
-    def _write(self, number: int, folder: Path) -> None:
+    def _write(self, number: int, folder: Path, error: str) -> None:
         tripped = self.trips[number]
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
         name = f"{self._named}-{stamp}-{number + 1}-{tripped.trip.name.lower()}.mcap"
@@ -91,7 +92,9 @@ class BlackBox:
             folder.mkdir(parents=True, exist_ok=True)
             with replace_file(folder / name) as part, part.open("wb") as file:
                 recorder = Recorder(file, self._shared.layout, self._rate, time_ns() - monotonic_ns())
-                recorder.note("trip", {"t": repr(tripped.t), "code": tripped.trip.name, "reason": tripped.trip.text})
+                trip = tripped.trip
+                notes = {"t": repr(tripped.t), "code": trip.name, "reason": trip.text, "error": error}
+                recorder.note("trip", notes)
                 recorder.append(tripped.rows)
                 recorder.finish()
             self.files[number] = folder / name

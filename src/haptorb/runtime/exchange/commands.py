@@ -7,6 +7,7 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from itertools import count
+from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
@@ -17,15 +18,18 @@ from haptorb.control.clutch.modes import MODES
 from haptorb.devices.device import Device
 from haptorb.errors import InputError, ServoError, UnknownName
 from haptorb.numerics.arrays import check_finite
+from haptorb.runtime.exchange.plan import pack
 from haptorb.runtime.exchange.shared_memory import SharedMemory, Word, engage_request
 from haptorb.runtime.exchange.world_change import name_of, parse_answer, request
 from haptorb.runtime.pointer.guided_motion import upright_quaternion
+from haptorb.worlds import CATALOGUE
 from haptorb.worlds.parameter import values as parameter_values
 from haptorb.worlds.world import World
 
 __all__ = ["Commands"]
 
 _ANSWER = 2.0  #: longest wait for the servo's answer [s]
+_LOADED = 30.0  #: where it loads a world, which may be compiled there [s]
 
 
 class Commands(ABC):
@@ -41,6 +45,9 @@ class Commands(ABC):
 
     def __init__(self, first: World) -> None:
         self._first = first
+        name = name_of(first)
+        #: worlds beside the catalogue's that `set_world` knows, by name: the first one, if it is none of those
+        self.own_worlds = {} if type(first) is CATALOGUE.get(name) else {name: first}
         self._requests = 0
         self._requesting = threading.Lock()
         self._stop_numbers = count(1)
@@ -158,15 +165,42 @@ class Commands(ABC):
         told = json.loads(shared.worlds_since(known - 1)[-1][1])
         return told["name"], told["values"]
 
+    def add_world(self, world: World) -> None:
+        """Let `set_world` know `world` by its own name, beside the catalogue's. Raises ServoError after the start."""
+        if self._memory_or_none is not None:
+            raise ServoError("add_world comes before the start: the servo's process is given all worlds at once")
+        self.own_worlds[world.name] = world
+
     def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
         """Render the world `name` with `values` from the next tick on; values not given stay as they are, or, in a
         new world, are its defaults. Raises UnknownName or InputError if the servo refuses; then nothing changes."""
+        self._request(name, values or {})
+
+    def replace_own_world(self, world: World, values: Mapping[str, Any], folder: Path) -> None:
+        """Render `world` with `values` in place of the own world of its name, from when the servo has loaded it.
+
+        `folder` is the servo's own. Raises InputError if the world cannot be sent, or fails there;
+        then nothing changes.
+        """
+        file = folder / f"world-{self._requests + 1}"
+        try:
+            file.write_bytes(pack(world.replace(**values)))
+        except Exception as cause:
+            raise InputError(f"world '{world.name}' cannot be sent to the servo's process: {cause}") from cause
+        try:
+            self._request(world.name, {}, file)
+        finally:
+            file.unlink(missing_ok=True)
+        self.own_worlds = {**self.own_worlds, world.name: world}
+
+    def _request(self, name: str, values: Mapping[str, Any], file: Path | None = None) -> None:
         shared = self._memory
         with self._requesting:
             self.check()
             self._requests += 1
-            shared.request.write(request(self._requests, name, values or {}))
-            patience = monotonic() + _ANSWER
+            shared.request.write(request(self._requests, name, values, "" if file is None else str(file)))
+            longest = _ANSWER if file is None else _LOADED
+            patience = monotonic() + longest
             while True:
                 number, error = parse_answer(shared.answer.read()[1])
                 if number == self._requests:
@@ -175,5 +209,5 @@ class Commands(ABC):
                     return
                 self.check()
                 if monotonic() > patience:
-                    raise ServoError(f"the servo did not answer within {_ANSWER:g} s")
+                    raise ServoError(f"the servo did not answer within {longest:g} s")
                 sleep(0.0005)

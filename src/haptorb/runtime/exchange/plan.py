@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import pickle
 import sys
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
+from haptorb.devices.device import Device
 from haptorb.runtime.tick.chain import Chain
 from haptorb.runtime.trackers.tracker import Tracker
 from haptorb.worlds.world import World
 
-__all__ = ["Plan", "load", "save"]
+__all__ = ["Plan", "load", "pack", "save", "unpack"]
 
 
 @dataclass(frozen=True)
 class Plan:
     """The world at the start, and how to make the chain that renders it."""
 
+    device: Device
     world: World
     rate: float  #: [Hz]
     assemble: Callable[[Tracker], Chain]
@@ -27,17 +29,29 @@ class Plan:
     prediction: float | None  #: of a tracker's own process [s]; None: the host's pointer is the tracker
     calibration: bytes | None  #: id of what the controller believes of the device beside its file
     compiling: Callable[[], Iterator[None]]  #: its code part by part, for a first start's second process
+    own_worlds: Mapping[str, World] = field(default_factory=dict)  #: beside the catalogue's, by name
+    reloads: bool = False  #: whether one of them may be replaced while the loop runs
+
+
+def pack(what: Any) -> bytes:
+    """`what` pickled with its code and with the folders in which its modules were found."""
+    import cloudpickle
+
+    return pickle.dumps((sys.path, cloudpickle.dumps(what)))
+
+
+def unpack(content: bytes) -> Any:
+    """What was given to `pack`; only for what a process of this run has just packed."""
+    folders, packed = pickle.loads(content)
+    sys.path[:] = folders
+    return pickle.loads(packed)
 
 
 def save(plan: Plan, path: Path) -> None:
     """Write `plan` to the file `path`, with the folders in which its modules were found."""
-    import cloudpickle
-
-    path.write_bytes(pickle.dumps((sys.path, cloudpickle.dumps(plan))))
+    path.write_bytes(pack(plan))
 
 
 def load(path: Path) -> Plan:
     """The plan in the file `path`; only for files that the starting process has just written itself."""
-    folders, content = pickle.loads(path.read_bytes())
-    sys.path[:] = folders
-    return cast(Plan, pickle.loads(content))
+    return cast(Plan, unpack(path.read_bytes()))

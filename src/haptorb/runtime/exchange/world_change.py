@@ -15,7 +15,7 @@ __all__ = ["answer", "change_world", "description", "name_of", "parse_answer", "
 
 
 def name_of(world: World) -> str:
-    """The catalogue's name of a world, else its class's name in lower case.
+    """The catalogue's name of a world, else its own.
 
     >>> name_of(worlds.Nothing())
     'nothing'
@@ -24,7 +24,7 @@ def name_of(world: World) -> str:
     for name, known in worlds.CATALOGUE.items():
         if known is kind:
             return name
-    return kind.__name__.lower()
+    return world.name
 
 
 def description(world: World) -> str:
@@ -36,26 +36,34 @@ def description(world: World) -> str:
     return json.dumps({"name": name_of(world), "values": parameter_values(world)})
 
 
-def request(number: int, name: str, values: Mapping[str, Any]) -> str:
-    """The wish for another world, or other values, as JSON. Raises InputError for values that are not numbers."""
+def request(number: int, name: str, values: Mapping[str, Any], file: str = "") -> str:
+    """The wish for another world, or other values, as JSON. Raises InputError for values that are not numbers.
+
+    file: path of a packed world that replaces the own world `name`; only the host's own code may give one.
+    """
     try:
-        return json.dumps({"number": number, "name": name, "values": dict(values)}, default=list)
+        return json.dumps({"number": number, "name": name, "values": dict(values), "file": file}, default=list)
     except (TypeError, ValueError, RecursionError) as cause:
         raise InputError(f"the values of world '{name}' must be numbers or lists of numbers: {cause}") from cause
 
 
-def parse_request(text: str) -> tuple[int, str, dict[str, Any]]:
-    """(number, name, values) of a `request`."""
+def parse_request(text: str) -> tuple[int, str, dict[str, Any], str]:
+    """(number, name, values, file) of a `request`."""
     message = json.loads(text)
-    return message["number"], message["name"], message["values"]
+    return message["number"], message["name"], message["values"], message["file"]
 
 
-def change_world(world: World, name: str, values: Mapping[str, Any]) -> World:
-    """`world` with other `values` if that is its name, else the catalogue's world `name` with `values`.
+def change_world(world: World, name: str, values: Mapping[str, Any], own: Mapping[str, World] | None = None) -> World:
+    """`world` with other `values` if that is its name, else one of the `own` or the catalogue's worlds with them.
 
     Raises UnknownName for a world or value that does not exist, InputError for a value that cannot be.
     """
-    known = world if name == name_of(world) else worlds.find_world(name)()
+    if name == name_of(world):
+        known = world
+    elif own and name in own:
+        known = own[name]
+    else:
+        known = worlds.find_world(name)()
     return known.replace(**values)
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import partial
+from pathlib import Path
 from time import monotonic_ns
 from typing import final
 
@@ -17,6 +19,7 @@ from haptorb.numerics.arrays import Array, Records
 from haptorb.runtime.exchange.shared_memory import COUNTS, Phase, SharedMemory, Word, engage_stops
 from haptorb.runtime.exchange.world_change import answer, change_world, description, name_of, parse_request
 from haptorb.runtime.processes.stats import count_tick, publish_row
+from haptorb.runtime.processes.world_loader import LoadedWorld, WorldLoader
 from haptorb.runtime.realtime.clock import Clock
 from haptorb.runtime.realtime.host_heartbeat import LATE, HostHeartbeat, state_of
 from haptorb.runtime.realtime.parent_death import is_orphaned
@@ -30,6 +33,7 @@ _LATE = int(LATE * 1e9)
 _STANDSTILL = 100_000_000  #: without a tick, after which the host is given its full time anew [ns]
 _TRIPPED = float(GuardState.TRIPPED)
 _LOOK = 0.05  #: between two looks for the parent [s]
+_ERROR = 4000  #: characters of what a failed world or driver said
 _LIFE = 2.0  #: without a tick, after which the kernel ends the process [s]
 
 
@@ -45,9 +49,13 @@ class Loop:
         rate: float,
         parent: int,
         put_off: Callable[[float], None] = lambda seconds: None,
+        *,
+        own_worlds: Mapping[str, World] | None = None,
+        loader: WorldLoader | None = None,
     ) -> None:
         self._chain = chain
         self._world = world
+        self._own, self._loader = dict(own_worlds or {}), loader
         self._shared = shared
         self._parent = parent
         self._host = HostHeartbeat(state_of(parent))
@@ -163,14 +171,37 @@ class Loop:
         if self._shared.request.version != self._asked:
             self._asked, text = self._shared.request.read()
             if text:
-                self._shared.answer.write(self._change(text))
+                self._take_request(text)
+        if self._loader is not None and (loaded := self._loader.ready) is not None:
+            self._loader.ready = None
+            self._shared.answer.write(self._replace(loaded))
 
-    def _change(self, text: str) -> str:
-        """Apply a request for another world; the answer as JSON."""
-        number, name, values = parse_request(text)
+    def _take_request(self, text: str) -> None:
+        """Change the world now, or have another version of an own world loaded beside the loop."""
+        number, name, values, file = parse_request(text)
+        if file and self._loader is not None:
+            self._loader.load(number, name, Path(file))
+        else:
+            make = partial(change_world, self._world, name, values, self._own)
+            self._shared.answer.write(self._change(number, name, make, self._chain.change_world))
+
+    def _replace(self, loaded: LoadedWorld) -> str:
+        """Know another version of an own world, and render it if that one is felt; the answer as JSON."""
+        world = loaded.world
+        if world is None:
+            return answer(loaded.number, loaded.error)
+        if loaded.name == name_of(self._world):
+            told = self._change(loaded.number, loaded.name, lambda: world, self._chain.replace_world)
+            if self._world is not world:
+                return told
+        self._own[loaded.name] = world
+        return answer(loaded.number)
+
+    def _change(self, number: int, name: str, make: Callable[[], World], render: Callable[[World], None]) -> str:
+        """`render` the world that `make` returns, for request `number`; the answer as JSON."""
         try:
-            world = change_world(self._world, name, values)
-            self._chain.change_world(world)
+            world = make()
+            render(world)
             self._shared.announce_world(description(world))
         except HaptorbError as cause:
             return answer(number, cause)
@@ -183,8 +214,8 @@ class Loop:
         """Tell of a trip, once."""
         tripped = self._cells[self._guard] == _TRIPPED
         if tripped and not self._tripped:
+            self._shared.error.write(self._chain.error[:_ERROR])  # first: who sees the trip may ask for it
             self._shared.announce_trip(self._now, self._cells[self._shared.layout["trip"].start])
-            self._shared.error.write(self._chain.error[:1000])
         self._tripped = tripped
 
     def _last_row(self, failed: Trip | None) -> None:

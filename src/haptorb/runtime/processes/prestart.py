@@ -38,7 +38,7 @@ class PrestartedProcess:
         try:
             self.process = start_module(
                 "haptorb.runtime.processes.servo_process", str(self.folder), str(os.getpid()), errors=self.errors,
-                stdin=subprocess.PIPE,
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             )  # fmt: skip
         except BaseException:
             self._tidy()
@@ -91,9 +91,14 @@ def _create_folder() -> tuple[Path, FileLock]:
 
 
 def start_module(
-    module: str, *arguments: str, errors: Path, stdin: int = subprocess.DEVNULL, descriptor: int | None = None
+    module: str,
+    *arguments: str,
+    errors: Path,
+    stdin: int = subprocess.DEVNULL,
+    stdout: int = subprocess.DEVNULL,
+    descriptor: int | None = None,
 ) -> subprocess.Popen[bytes]:
-    """`python -m module arguments` in a session of its own; what it prints goes to the end of `errors`.
+    """`python -m module arguments` in a session of its own; what it says on standard error goes to the end of `errors`.
 
     Ctrl-C in the terminal then reaches the parent alone, which ends its children in order. The process may ask to die
     with its parent: it is started by a thread that lives as long as that.
@@ -102,7 +107,7 @@ def start_module(
         return start(
             [sys.executable, "-m", module, *arguments],
             stdin=stdin,
-            stdout=subprocess.DEVNULL,
+            stdout=stdout,
             stderr=file,
             start_new_session=True,
             pass_fds=() if descriptor is None else (descriptor,),

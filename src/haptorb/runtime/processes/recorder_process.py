@@ -62,7 +62,7 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
             recorder.note(name, values)
         file.flush()
         words[Word.RECORDER] = Phase.RUNNING
-        cursor = worlds = lost = 0
+        cursor = worlds = lost = errors = 0
         servo, timer = _ProcessExit(spec["servo"]), KillTimer()
         last = False
         while True:
@@ -72,6 +72,10 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
             for number, text in shared.worlds_since(worlds):
                 recorder.note("world", {"change": str(number), "tick": str(words[Word.TICKS]), "world": text})
                 worlds = number + 1
+            if shared.error.version != errors:
+                errors, text = shared.error.read()
+                if text:
+                    recorder.note("error", {"tick": str(words[Word.TICKS]), "text": text})
             before = cursor
             cursor, rows = shared.ring.since(cursor)
             gap = cursor - before - len(rows)

@@ -16,7 +16,8 @@ import shutil
 import signal
 import sys
 import traceback
-from contextlib import suppress
+from collections.abc import Callable
+from contextlib import redirect_stdout, suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -32,6 +33,8 @@ from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.processes.calibration_match import disagreement
 from haptorb.runtime.processes.loop import Loop
 from haptorb.runtime.processes.prestart import PLAN
+from haptorb.runtime.processes.world_loader import WorldLoader
+from haptorb.runtime.processes.world_output import WorldOutput
 from haptorb.runtime.realtime.clock import Clock
 from haptorb.runtime.realtime.keep_core_awake import CoreWaker
 from haptorb.runtime.realtime.kernel_requests import request_real_time
@@ -40,6 +43,8 @@ from haptorb.runtime.realtime.parent_death import die_with_parent, end_group, is
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.trackers.feed_tracker import FeedTracker
 from haptorb.runtime.trackers.tracker import Tracker
+from haptorb.worlds.own.failure import keep_source
+from haptorb.worlds.world import World
 
 __all__ = ["main"]
 
@@ -91,11 +96,17 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
     os.register_at_fork(after_in_child=partial(os._exit, _FORKED))  # safety: world-forked
     plan = plans.load(path)
     shared.announce_world(description(plan.world))
-    _rehearse(plan, shared)
+    with redirect_stdout(None):
+        _rehearse(plan, shared)
     tracker = _tracker(plan, shared)
     chain = plan.assemble(tracker)
+    for own in plan.own_worlds.values():
+        keep_source(own)
+    loader = WorldLoader(plan.device) if plan.reloads else None
     timer = KillTimer()
-    loop = Loop(chain, plan.world, shared, plan.rate, parent, timer.set)
+    loop = Loop(chain, plan.world, shared, plan.rate, parent, timer.set, own_worlds=plan.own_worlds, loader=loader)
+    # What a world prints, warnings included, is the host's to show; a tick must not wait for a terminal.
+    sys.stdout = sys.stderr = WorldOutput(1)
     # No collection from here on: one would hold up the loop. What is alive now is never looked at again.
     gc.collect()
     gc.freeze()
@@ -151,10 +162,16 @@ def _rehearse(plan: plans.Plan, shared: SharedMemory) -> None:
             chain.prepare(tick / plan.rate)
         for tick in range(_REHEARSAL, 2 * _REHEARSAL):
             chain.step(row, tick / plan.rate)
-        for tick, kind in enumerate(worlds.CATALOGUE.values(), start=2 * _REHEARSAL):
+        makers: list[Callable[[], World]] = [*worlds.CATALOGUE.values()]
+        makers += [partial(_itself, own) for own in plan.own_worlds.values()]
+        for tick, make in enumerate(makers, start=2 * _REHEARSAL):
             with suppress(HaptorbError):  # not for this device: nobody will be able to choose it either
-                chain.change_world(kind())
+                chain.change_world(make())
                 chain.step(row, tick / plan.rate)
+
+
+def _itself(world: World) -> World:
+    return world
 
 
 def _tracker(plan: plans.Plan, shared: SharedMemory) -> Tracker:

@@ -94,6 +94,11 @@ class Recording:
         return [values for name, values in self.notes if name == "haptorb/world"]
 
     @property
+    def errors(self) -> list[dict[str, str]]:
+        """What failed worlds and drivers said, in order: tick (about which), text (with file and line of a world)."""
+        return [values for name, values in self.notes if name == "haptorb/error"]
+
+    @property
     def lost(self) -> int:
         """Rows that the recorder could not fetch in time. RecordingError if the file says no number."""
         return sum(self._parse_count(values, "rows") for name, values in self.notes if name == "haptorb/gap")

@@ -5,16 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from haptorb.control.protection.trip import Trip
 from haptorb.devices.device import Device
-from haptorb.errors import ServoError
+from haptorb.errors import ServoError, WorldError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.exchange.black_box import BlackBox, TripRecord
 from haptorb.runtime.exchange.commands import Commands
 from haptorb.runtime.exchange.report import loop_report, tracker_facts
 from haptorb.runtime.exchange.run_report import RunReport
 from haptorb.runtime.exchange.shared_memory import SharedMemory
+from haptorb.runtime.exchange.world_trouble import is_tripped, slow_world, world_failure
 from haptorb.runtime.recording.run_recording import RunRecording
 from haptorb.runtime.servo.process_group import ProcessGroup
+from haptorb.runtime.servo.world_watcher import WorldWatcher
 
 if TYPE_CHECKING:
     from haptorb.runtime.recording.recording import Recording
@@ -35,6 +38,7 @@ class ServoObserver(Commands):
     _black_box: BlackBox | None
     _shared: SharedMemory | None
     _children: ProcessGroup | None
+    _watcher: WorldWatcher | None
 
     @property
     def alive(self) -> bool:
@@ -53,10 +57,29 @@ class ServoObserver(Commands):
 
     @property
     def warning(self) -> str:
-        """What a person should know of the device that answered and of the servo's memory; empty if nothing."""
+        """What a person should know of the device that answered, of the servo's memory and of the world's code; empty
+        if nothing."""
         if self._shared is None or self._children is None:
             return ""
-        return "; ".join(filter(None, (self._shared.warning.read()[1], self._children.memory.warning)))
+        found = (self._shared.warning.read()[1], self._children.memory.warning, self.world_trouble)
+        return "; ".join(filter(None, found))
+
+    @property
+    def world_trouble(self) -> str:
+        """What is wrong with the world's code: that it failed, with file and line; that it takes too long; that a
+        saved file is not used, and why. Empty while all is well."""
+        if self._shared is None:
+            return ""
+        failed = world_failure(self._shared) or slow_world(self._shared, self.rate)
+        return failed or ("" if self._watcher is None else self._watcher.trouble)
+
+    def check_world(self) -> None:
+        """Raise WorldError if the coils are off because the world's code failed, or takes too long."""
+        shared = self._memory
+        if is_tripped(shared, Trip.WORLD_FAILED) and (failed := world_failure(shared)):
+            raise WorldError(f"{failed}\nThe coils are off.")
+        if is_tripped(shared, Trip.OVERRUN) and (slow := slow_world(shared, self.rate)):
+            raise WorldError(f"{slow} The coils are off.")
 
     def check(self) -> None:
         """Raise ServoError with the servo's own reason if the loop no longer runs, RecordingError if the recorder

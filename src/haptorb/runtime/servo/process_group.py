@@ -23,6 +23,7 @@ from haptorb.runtime.processes.prestart import PLAN, PrestartedProcess, start_mo
 from haptorb.runtime.realtime.kernel_requests import raise_priority
 from haptorb.runtime.realtime.memory_growth import MemoryGrowth
 from haptorb.runtime.realtime.stall_time import StallTime
+from haptorb.runtime.servo.output_reader import OutputReader
 
 __all__ = ["ProcessGroup"]
 
@@ -61,6 +62,7 @@ class ProcessGroup:
         self._asked = False  # whether the servo was told that it is stuck
         self.memory = MemoryGrowth(standby.process.pid)
         standby.give(shared.path)
+        self._output = OutputReader(standby.process.stdout)
         self._recorder: subprocess.Popen[bytes] | None = None
         self._tracker: subprocess.Popen[bytes] | None = None
         self._compiler: subprocess.Popen[bytes] | None = None
@@ -186,6 +188,7 @@ class ProcessGroup:
                 if force is not None:
                     self._servo.send_signal(force)
         self._end_group()
+        self._output.end()
         if self._tracker:
             try:
                 self._tracker.wait(_FINISH)

@@ -10,20 +10,21 @@ import json
 import os
 import shutil
 import threading
+from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from time import monotonic, sleep
 from types import TracebackType
-from typing import TYPE_CHECKING, Literal, Self, final
+from typing import Any, Literal, Self, final
 
-from haptorb import worlds
 from haptorb.control.clutch.modes import Gains
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.loader import load
+from haptorb.devices.state import State
 from haptorb.errors import InputError, ServoError
-from haptorb.numerics.arrays import check_finite
+from haptorb.numerics.arrays import Array, check_finite
 from haptorb.runtime.exchange import plan as plans
 from haptorb.runtime.exchange.black_box import BlackBox
 from haptorb.runtime.exchange.shared_memory import SharedMemory
@@ -39,6 +40,7 @@ from haptorb.runtime.servo.device_text import text_of
 from haptorb.runtime.servo.launch import notes, recorder_spec, tracker_spec
 from haptorb.runtime.servo.observer import ServoObserver
 from haptorb.runtime.servo.process_group import ProcessGroup
+from haptorb.runtime.servo.world_watcher import WorldWatcher, choose_world
 from haptorb.runtime.tick.assembly import (
     assemble,
     check_driver,
@@ -52,10 +54,8 @@ from haptorb.runtime.trackers.tracker_registry import Preparation, check_frame, 
 from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.sensing.calibration_file import read_calibration, read_frame
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
+from haptorb.worlds.own.world_file import WorldFile
 from haptorb.worlds.world import World
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["Servo"]
 
@@ -65,7 +65,8 @@ class Servo(ServoObserver):
     """A device, a world under its mover, and the loop between them.
 
     device     name in the catalogue, path of a device file, or a Device
-    world      name in the catalogue, or a World; None: the one that shows the device best
+    world      name in the catalogue, a World, a function of a State that returns a wrench (6,), or "FILE.py:NAME"
+               (WorldFile), loaded again whenever it is saved; None: the one that shows the device best
     driver     "sim": the simulated device
     tracker    "pointer": the tool is where the hand wants it that `point` moves; "hall": the hand follows that as
                well, but where the tool is, the estimator learns from the field sensors only; "osc:PORT", "lsl:NAME",
@@ -99,7 +100,7 @@ class Servo(ServoObserver):
     def __init__(
         self,
         device: str | Path | Device,
-        world: str | World | None = None,
+        world: str | World | WorldFile | Callable[[State], Array] | None = None,
         *,
         driver: str = "sim",
         tracker: str = "pointer",
@@ -137,7 +138,7 @@ class Servo(ServoObserver):
         self.modes = modes_of(self.device)  #: that `set_mode` knows; empty where the device acts directly
         if gains is not None:
             linkage_of(self.device, gains)  # refuses here what does not fit
-        first = world if isinstance(world, World) else worlds.find_world(world or default_world(self.device))()
+        first, self._world_file = choose_world(default_world(self.device) if world is None else world)
         ServoObserver.__init__(self, first)
         first.for_device(self.device)  # refuses here, not in another process, what the device cannot render
         # Compiling in the first tick would be a silence at which a real device's firmware switches off.
@@ -153,9 +154,10 @@ class Servo(ServoObserver):
         if self.frame is not None:
             check_frame(self.frame, self.device, self.tracker, self.driver)
         self._plan = plans.Plan(
-            first, self.rate, chain, practice, self._ahead if has_feed(self.tracker) else None,
+            self.device, first, self.rate, chain, practice, self._ahead if has_feed(self.tracker) else None,
             None if self.calibration is None else self.calibration.id,
             partial(compiling, self.device, first, self.estimator, self._model, gains),
+            self.own_worlds, reloads=self._world_file is not None,
         )  # fmt: skip
         self._recording = RunRecording(record, overwrite=overwrite)
         self._trips_folder = None if black_box is None else Path(black_box).expanduser().absolute()
@@ -163,6 +165,7 @@ class Servo(ServoObserver):
         self._shared: SharedMemory | None = None
         self._children: ProcessGroup | None = None
         self._folder: Path | None = None
+        self._watcher: WorldWatcher | None = None
         self._claim: FileLock | None = None  # on the folder
 
     def open(self, standby: PrestartedProcess | None = None) -> None:
@@ -192,6 +195,8 @@ class Servo(ServoObserver):
 
     def close(self) -> None:
         """Coils off, processes ended, recording complete. May be called twice."""
+        if self._watcher is not None:
+            self._watcher.end()
         if self._children is not None:
             self._children.end()
         if self._shared is not None:
@@ -210,7 +215,8 @@ class Servo(ServoObserver):
 
     def run(self, seconds: float) -> None:
         """Let the loop run for `seconds`. Raises ServoError as soon as it ends by itself, RecordingError if the
-        recorder does; InputError if `seconds` is negative or not finite.
+        recorder does, WorldError if the world's code fails or takes too long; InputError if `seconds` is negative or
+        not finite.
 
         Ctrl-C closes the servo first, then goes on its way.
         """
@@ -221,6 +227,7 @@ class Servo(ServoObserver):
         try:
             while True:
                 self.check()
+                self.check_world()
                 left = end - monotonic()
                 if left <= 0:
                     return
@@ -258,6 +265,14 @@ class Servo(ServoObserver):
         # What `report` loads at its first percentile: while the loop runs it would hold up this program's heart.
         import_module("numpy.ma")
         self._children.wait_until_running()
+        if self._world_file is not None:
+            self._watcher = WorldWatcher(
+                self._world_file, self._plan.world, self.device, self._reload, lambda: self.world
+            )
+
+    def _reload(self, world: World, values: dict[str, Any]) -> None:
+        assert self._folder is not None
+        self.replace_own_world(world, values, self._folder)
 
     def _notes(self) -> dict[str, dict[str, str]]:
         """What a recording says of its run."""

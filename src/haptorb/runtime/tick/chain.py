@@ -25,7 +25,9 @@ class Joining(Protocol):
 class Chain(Protocol):
     """Driver, estimator, world, allocator and guard in one hand; `Tick` is the real one."""
 
-    error: str  #: what a failed world or driver said
+    @property
+    def error(self) -> str:
+        """What a failed world or driver said, and where in a user's code; empty for other trips."""
 
     @property
     def driver(self) -> Driver:
@@ -51,6 +53,9 @@ class Chain(Protocol):
     def change_model(self, number: int) -> None:
         """Invert another of the device's models, counted from 0, from the next step on; the force goes over smoothly.
         Raises InputError if the estimator cannot."""
+
+    def replace_world(self, world: World) -> None:
+        """Render another version of the world from the next step on, as `change_world`, without a step of the force."""
 
     def change_world(self, world: World) -> None:
         """Render `world` from the next step on. Raises InputError if the device cannot."""

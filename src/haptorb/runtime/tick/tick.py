@@ -19,13 +19,15 @@ from haptorb.control.protection.trip import Trip
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
-from haptorb.errors import HaptorbError, InputError
+from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.row import STAGES, RowLayout
 from haptorb.runtime.tick.fill_row import fill_object, fill_row
+from haptorb.sensing.controller_model import FADE
 from haptorb.sensing.estimator import Estimator
+from haptorb.worlds.own.failure import check_wrench, describe_failure
 from haptorb.worlds.world import World
 
 __all__ = ["Tick"]
@@ -56,7 +58,7 @@ class Tick:
         self.protection = Protection(device, dt, self.linkage.arm)
         self.protection.change_world(passive=self.world.passive and self.linkage.passive)
         self.layout = RowLayout.of(device)
-        self.error = ""  #: what a failed world or driver said
+        self._failure: tuple[Trip, BaseException] | None = None  # since the last engage
         self._device = device
         self._zeros = np.zeros(device.channels)
         self._applied = np.zeros(device.channels)
@@ -69,8 +71,21 @@ class Tick:
         model = estimator.model
         self._model: float = device.models.index(model) if model else np.nan
         self._rendered, self._on_thing = np.zeros(6), np.zeros(6)
+        self._fade_from: Array | None = None  # (6,) wrench of before `replace_world` [N, N·m]
+        self._fade_start: float | None = None  # of the first tick after it [s]
         self._places = self.layout.places
         self._start = {field.name: self.layout[field.name].start for field in self.layout.fields}
+
+    @property
+    def error(self) -> str:
+        """What a failed world or driver said, and where in a user's code; empty for other trips. Read it after the
+        tick: to say it takes longer than to switch the coils off."""
+        if self._failure is None:
+            return ""
+        reason, cause = self._failure
+        if reason is not Trip.WORLD_FAILED:
+            return f"{type(cause).__name__}: {cause}"
+        return describe_failure(self.world, cause)
 
     def change_world(self, world: World) -> None:
         """Render `world` from the next tick on; the guard's slew limit takes the step out of the change.
@@ -83,6 +98,22 @@ class Tick:
         self.world = fitted
         self.protection.change_world(passive=fitted.passive and self.linkage.passive)
         self.world_changes += 1
+
+    def replace_world(self, world: World) -> None:
+        """Render another version of the world: the wrench goes over from the last one within `FADE`."""
+        self.change_world(world)
+        self._fade_from, self._fade_start = self._rendered.copy(), None
+
+    def _fade(self, now: float) -> None:
+        """Mix the wrench of before the change into the rendered one."""
+        assert self._fade_from is not None
+        if self._fade_start is None:
+            self._fade_start = now
+        share = (now - self._fade_start) / FADE
+        if share >= 1.0:
+            self._fade_from = None
+            return
+        self._rendered += (1.0 - share) * (self._fade_from - self._rendered)
 
     def change_model(self, number: int) -> None:
         """Invert another of the device's models, counted from 0, without a step. InputError if the estimator cannot."""
@@ -104,7 +135,7 @@ class Tick:
             return False
         engaged = self.protection.engage()
         if engaged:
-            self.error = ""
+            self._failure = None
         return engaged
 
     def prepare(self, now: float) -> None:
@@ -130,7 +161,7 @@ class Tick:
         if estimate.valid:  # the first valid pose starts the ramp
             protection.start(estimate)
         t2 = perf_counter()
-        felt = self._render(estimate.state)
+        felt = self._render(estimate.state, now)
         t3 = perf_counter()
         asked = protection.protect_wrench(self._rendered, estimate, sample.t)
         allocation = self._allocate(estimate.wrench_map, asked)
@@ -162,13 +193,14 @@ class Tick:
         cells[start["engaged"]] = felt.engaged
         stages[6] = perf_counter() - t6
 
-    def _render(self, state: State) -> RenderedWrench:
+    def _render(self, state: State, now: float) -> RenderedWrench:
         try:
             felt = self.linkage.render(self.world, state)
-            if felt.wrench.shape != (6,):
-                raise InputError(f"a world must give force and torque, shape (6,); got shape {felt.wrench.shape}")
+            check_wrench(felt.wrench)
             # Copied: in another memory layout a user's array would have the kernels compiled in the middle of a tick.
             self._rendered[:], self._on_thing[:] = felt.wrench, felt.on_thing
+            if self._fade_from is not None:
+                self._fade(now)
             self._felt_last = felt
             return felt
         except TickTimeout:
@@ -177,6 +209,7 @@ class Tick:
         except BaseException as cause:  # safety: world-exit-trips
             self._fail(Trip.WORLD_FAILED, cause)  # safety: world-failure-trips
             self._rendered[:] = self._on_thing[:] = 0.0
+            self._fade_from = None
             return replace(self._felt_last, wrench=self._nothing, on_thing=self._nothing)
 
     def _allocate(self, wrench_map: WrenchMap, wrench: Array) -> Allocation:
@@ -188,8 +221,7 @@ class Tick:
 
     def _fail(self, reason: Trip, cause: BaseException) -> None:
         if not self.protection.tripped:
-            leaves = isinstance(cause, SystemExit)
-            self.error = f"the world called sys.exit({cause})" if leaves else f"{type(cause).__name__}: {cause}"
+            self._failure = (reason, cause)
         self.protection.trip(reason)
 
     def _switch_off(self, row: Array, now: float) -> None:

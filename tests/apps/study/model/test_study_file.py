@@ -105,3 +105,47 @@ def test_the_built_in_set_points_are_distinct_and_counted() -> None:
     points = list_published()
     assert [p.number for p in points] == list(range(1, 26))
     assert len({p.direction for p in points}) == 25
+
+
+HILL = """
+from dataclasses import dataclass
+import numpy as np
+from haptorb.worlds import World
+from haptorb.worlds.parameter import parameter
+with open("ran", "a") as file:
+    file.write("x")
+
+@dataclass(frozen=True)
+class Hill(World):
+    summit: tuple = parameter((0.0, 0.0, 1.0), "1", -1, 1, "direction of the summit")
+    force: float = parameter(0.2, "N", 0, 1, "everywhere, outward")
+
+    def wrench(self, state):
+        return np.append(self.force * state.p / np.linalg.norm(state.p), np.zeros(3))
+"""
+
+
+def test_a_world_beside_the_study_file_is_used_and_never_loaded_out_of_a_database(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "study"
+    folder.mkdir()
+    (folder / "hill.py").write_text(HILL)
+    file = folder / "hill.toml"
+    levels = LEVELS.format("constant").replace("1.0", "0.2") + 'parameter = "force"\nvalues = [0.1, 0.3]\n'
+    file.write_text('world = "hill.py:Hill"\n' + levels)
+    study = read_study(file)
+    assert study.world_name == "hill"
+    assert study.level_unit == "N"
+    assert study.make_world("base", 1, 0.3).force == 0.3
+    ran = len((tmp_path / "ran").read_text())
+    stored = study_of(study.text)
+    assert stored.digest == study.digest
+    assert stored.level_unit == ""
+    with pytest.raises(InputError, match="out of a database"):
+        stored.make_world("base", 1)
+    assert len((tmp_path / "ran").read_text()) == ran
+    (folder / "hill.py").write_text(HILL + "\n# other code\n")
+    assert read_study(file).digest != study.digest, "sessions with other code are another study's"
+    file.write_text('world = "hill.py:Hill"\n' + levels.replace('"force"', '"forse"'))
+    with pytest.raises(InputError, match="did you mean 'force'"):
+        read_study(file)

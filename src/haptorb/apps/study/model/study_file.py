@@ -26,16 +26,19 @@ from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, quote
-from haptorb.files.text_file import parse_toml, read_text
-from haptorb.worlds.parameter import check_names, parameters
+from haptorb.files.text_file import parse_toml, read_bytes, read_text
+from haptorb.worlds.own.failure import try_world
+from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
+from haptorb.worlds.parameter import Parameter, check_names, parameters
 from haptorb.worlds.world import World
 
 __all__ = ["PROCEDURES", "Study", "read_study", "study_of"]
 
 PROCEDURES = ("identification", "localisation", "constant", "staircase", "bayesian", "forced-choice", "rating")
 #: left out of the digest where they are not used: studies that were begun before there were such things go on
-_LATER = ("mask", "questions", "model")
+_LATER = ("mask", "questions", "model", "world_digest")
 _MISTAKES = 20  #: told at once
+_CODE = 1 << 20  #: bytes of a world's file
 _LEVELLED = ("constant", "staircase", "bayesian")
 
 
@@ -44,7 +47,8 @@ class Study(Part):
 
     name: Name
     device: str = "omni"
-    world: str = "dome"
+    world: str = "dome"  # of the catalogue, or FILE.py:NAME beside the study file
+    world_digest: Annotated[str, Field(pattern="^([0-9a-f]{64})?$")] = ""  # of that file; `read_study` adds it
     model: str = ""  # of the device, that the controller inverts; empty: the device's first
     procedure: Literal[
         "identification", "localisation", "constant", "staircase", "bayesian", "forced-choice", "rating"
@@ -60,6 +64,7 @@ class Study(Part):
     mask: Mask | None = None
     questions: Annotated[tuple[Question, ...], Field(max_length=200)] = ()
     _text: str = PrivateAttr("")
+    _own: World | None = PrivateAttr(None)
 
     @model_validator(mode="after")
     def _check_names(self) -> Self:
@@ -83,8 +88,25 @@ class Study(Part):
 
     @property
     def text(self) -> str:
-        """The study file, word for word."""
+        """The study file, word for word; before it the digest of a world's file."""
         return self._text
+
+    @property
+    def own_world(self) -> World | None:
+        """The world of FILE.py:NAME; None for one of the catalogue, and for a study out of a database."""
+        return self._own
+
+    @property
+    def world_name(self) -> str:
+        """What a servo calls the world."""
+        return self.world if self._own is None else self._own.name
+
+    @property
+    def known_parameters(self) -> dict[str, Parameter]:
+        """The world's parameters by name; none for a user's own where its file was not read."""
+        if is_world_file(self.world):
+            return {} if self._own is None else parameters(type(self._own))
+        return parameters(worlds.find_world(self.world))
 
     @property
     def digest(self) -> str:
@@ -116,11 +138,15 @@ class Study(Part):
     @property
     def level_unit(self) -> str:
         """Unit of the parameter that the levels vary; empty for plain numbers, and where nothing is varied."""
-        return "" if self.levels is None else parameters(worlds.find_world(self.world))[self.levels.parameter].unit
+        known = None if self.levels is None else self.known_parameters.get(self.levels.parameter)
+        return "" if known is None else known.unit
 
     def make_world(self, condition: str, number: int = 0, level: float | None = None) -> World:
-        """The world of one trial."""
-        return worlds.find_world(self.world)().replace(**self.values(condition, number, level))
+        """The world of one trial. Raises InputError for a user's own whose file was not read."""
+        if self._own is None and is_world_file(self.world):
+            raise InputError(f"world '{self.world}' is loaded only with its study file, not out of a database")
+        fresh = worlds.find_world(self.world)() if self._own is None else self._own
+        return fresh.replace(**self.values(condition, number, level))
 
     def load_device(self) -> SphericalElectromagnet:
         """The device; InputError if it has no dome to find places on."""
@@ -128,12 +154,19 @@ class Study(Part):
 
 
 def read_study(path: str | Path) -> Study:
-    """The study in the file `path`. Raises InputError saying what is wrong, where, and what was expected."""
-    return study_of(read_text(path, "study file", InputError), str(path))
+    """The study in the file `path`, with its world if that is in a file of its own, whose code is run.
+
+    Raises InputError saying what is wrong, where, and what was expected.
+    """
+    return study_of(read_text(path, "study file", InputError), str(path), Path(path).expanduser().parent)
 
 
-def study_of(text: str, where: str = "study") -> Study:
-    """The study that `text` (TOML) describes; `where` names it in messages."""
+def study_of(text: str, where: str = "study", folder: Path | None = None) -> Study:
+    """The study that `text` (TOML) describes; `where` names it in messages.
+
+    folder: of the study file, where a world's file is looked for; None: no file is read and no code is run, as for what
+    a database holds.
+    """
     try:
         raw = parse_toml(text)
     except ValueError as cause:
@@ -141,6 +174,10 @@ def study_of(text: str, where: str = "study") -> Study:
     try:
         study = Study.model_validate(raw)
         study._text = text
+        if is_world_file(study.world):
+            if folder is None:
+                return study
+            study = _load_world(study, parse_world_file(study.world, folder))
         _check_study(study)
     except ValidationError as cause:
         told = [f"{_place(e['loc'])}: {e['msg']}" for e in cause.errors()[:_MISTAKES]]
@@ -169,8 +206,20 @@ def _levels(study: Study) -> None:
         raise ValueError("a staircase needs levels.start between levels.least and levels.most")
 
 
+def _load_world(study: Study, file: WorldFile) -> Study:
+    """`study` with the world in `file` and the digest of its code: sessions with other code are another study's."""
+    world = try_world(file.load(), study.load_device())
+    digest = sha256(read_bytes(file.path, _CODE, "world file", InputError)).hexdigest()
+    if study.world_digest not in ("", digest):
+        raise InputError(f"world_digest is not that of {file.path}: the file has changed; leave out the key")
+    found = study.model_copy(update={"world_digest": digest})
+    found._own = world
+    found._text = study._text if study.world_digest else f'world_digest = "{digest}"\n{study._text}'
+    return found
+
+
 def _check_study(study: Study) -> None:
-    kind = worlds.find_world(study.world)
+    kind = worlds.find_world(study.world) if study.own_world is None else type(study.own_world)
     for condition in study.conditions:
         check_names(kind, {**study.parameters, **condition.parameters})
         if "summit" in {**study.parameters, **condition.parameters}:

@@ -51,7 +51,7 @@ class TrialDevice:
             condition = prompt.other or condition
             level = self.study.levels.reference if self.study.levels else None
         number = prompt.set_point or self.study.points[0].number
-        self.servo.set_world(self.study.world, self.study.values(condition, number, level))
+        self.servo.set_world(self.study.world_name, self.study.values(condition, number, level))
 
     def rest(self) -> None:
         """Between trials: nothing is felt."""

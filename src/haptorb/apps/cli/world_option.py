@@ -1,0 +1,72 @@
+"""What `--world` and `--set` say: a world of the catalogue, or the user's own in a file, and values with units."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from haptorb.errors import InputError, quote
+
+if TYPE_CHECKING:
+    from haptorb.devices.device import Device
+    from haptorb.worlds import World
+    from haptorb.worlds.own.world_file import WorldFile
+    from haptorb.worlds.parameter import Parameter
+
+__all__ = ["choose_world_option"]
+
+
+def choose_world_option(name: str, settings: list[str], device: Device) -> World | WorldFile:
+    """The world `name` with `settings`; for FILE.py:NAME the file, whose world was called once as `device` has it.
+
+    Raises UnknownName and InputError for names, values and code that cannot be.
+    """
+    from dataclasses import replace
+
+    from haptorb.worlds import find_world
+    from haptorb.worlds.own.failure import try_world
+    from haptorb.worlds.own.world_file import is_world_file, parse_world_file
+    from haptorb.worlds.parameter import parameters
+
+    if not is_world_file(name):
+        kind = find_world(name)
+        return kind().replace(**_values(settings, parameters(kind)))
+    file = parse_world_file(name)
+    world = file.load()
+    values = _values(settings, parameters(type(world)))
+    try_world(world.replace(**values), device)
+    return replace(file, values=values)
+
+
+def _values(settings: list[str], known: dict[str, Parameter]) -> dict[str, float | tuple[float, ...]]:
+    """Values by name from NAME=VALUE, with or without a unit, and NAME=X,Y,Z; names that are not known pass."""
+    values: dict[str, float | tuple[float, ...]] = {}
+    for setting in settings:
+        name, equals, text = setting.partition("=")
+        name = name.strip()
+        unit = known[name].unit if name in known else "1"
+        numbers = tuple(_number(part, unit, setting) for part in text.split(","))
+        if not equals:
+            raise _mistake(setting)
+        values[name] = numbers[0] if len(numbers) == 1 else numbers
+    return values
+
+
+def _number(text: str, unit: str, setting: str) -> float:
+    """In `unit`, which it has where it names none."""
+    from haptorb.devices.schema.quantity import si
+
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    if not text.strip()[:1].isdigit() and text.strip()[:1] not in ("+", "-", "."):
+        raise _mistake(setting)
+    plain = unit in ("", "1")
+    try:
+        return si(text, "" if plain else unit, "a number without a unit" if plain else f"a value in {unit}")
+    except ValueError as cause:
+        raise InputError(f"--set {quote(setting)}: {cause}") from cause
+
+
+def _mistake(setting: str) -> InputError:
+    return InputError(f'--set must be NAME=VALUE, NAME="VALUE UNIT" or NAME=X,Y,Z, with numbers; got {quote(setting)}')

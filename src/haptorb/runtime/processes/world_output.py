@@ -1,0 +1,33 @@
+"""What a world prints, on its way to the host's terminal: a tick never waits for whoever reads it."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from io import TextIOBase
+from typing import final
+
+__all__ = ["WorldOutput"]
+
+
+@final
+class WorldOutput(TextIOBase):
+    """Writes to the pipe `descriptor` what fits into it at once, and drops the rest: the host reads, or does not."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        os.set_blocking(descriptor, False)
+
+    def writable(self) -> bool:
+        """Yes."""
+        return True
+
+    def fileno(self) -> int:
+        """Of the pipe."""
+        return self._descriptor
+
+    def write(self, text: str) -> int:
+        """Write at once, or not at all."""
+        with suppress(OSError):  # full, or nobody reads any more
+            os.write(self._descriptor, text.encode(errors="replace"))
+        return len(text)

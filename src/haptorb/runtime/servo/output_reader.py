@@ -1,0 +1,44 @@
+"""What the servo's process prints, shown where this program's messages go: `print` in a world arrives."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from typing import IO, final
+
+__all__ = ["OutputReader", "show"]
+
+_MOST = 65536  #: bytes read at once
+_PATIENCE = 0.5  #: for what is still in the pipe when the process has ended [s]
+
+
+@final
+class OutputReader:
+    """Copies `pipe` to standard error until its writers have ended; standard output is for results."""
+
+    def __init__(self, pipe: IO[bytes] | None) -> None:
+        self._pipe = pipe
+        self._thread = threading.Thread(target=self._copy, name="haptorb-output", daemon=True)
+        if pipe is not None:
+            self._thread.start()
+
+    def end(self) -> None:
+        """The process has ended: show the rest."""
+        if self._pipe is None:
+            return
+        self._thread.join(_PATIENCE)  # a process that a world has started may hold the pipe open
+        if not self._thread.is_alive():
+            self._pipe.close()
+
+    def _copy(self) -> None:
+        assert self._pipe is not None
+        while content := os.read(self._pipe.fileno(), _MOST):
+            show(content.decode(errors="replace"))
+
+
+def show(text: str) -> None:
+    """Write `text` where messages go; nowhere in a program without standard error."""
+    if sys.stderr is not None:
+        sys.stderr.write(text)
+        sys.stderr.flush()

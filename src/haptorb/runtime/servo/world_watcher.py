@@ -1,0 +1,111 @@
+"""A world in a user's file, loaded again whenever the file is saved; an error leaves the old world running."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, final
+
+from haptorb import worlds
+from haptorb.devices.device import Device
+from haptorb.devices.state import State
+from haptorb.errors import HaptorbError, UnknownName
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.servo.output_reader import show
+from haptorb.worlds.own.failure import try_world
+from haptorb.worlds.own.function_world import make_world
+from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
+from haptorb.worlds.parameter import parameters
+from haptorb.worlds.parameter import values as parameter_values
+from haptorb.worlds.world import World
+
+__all__ = ["WorldWatcher", "choose_world", "keep_changes"]
+
+_EVERY = 0.2  #: between two looks at the file [s]
+_SETTLED = 0.03  #: for which a file that is being written must stay as it is [s]
+
+
+def choose_world(given: str | World | WorldFile | Callable[[State], Array]) -> tuple[World, WorldFile | None]:
+    """The world that `given` names or is, and the file to watch if it comes from one; a function returns (6,) [N, N·m].
+
+    Raises UnknownName or InputError as `find_world`, `make_world` and `WorldFile.load` do.
+    """
+    if isinstance(given, str) and is_world_file(given):
+        given = parse_world_file(given)
+    if isinstance(given, WorldFile):
+        return given.load(), given
+    return (worlds.find_world(given)() if isinstance(given, str) else make_world(given)), None
+
+
+def _plain(value: Any) -> Any:
+    """As JSON brings it back."""
+    return list(value) if isinstance(value, tuple) else value
+
+
+def keep_changes(old: World, values: dict[str, Any], new: World) -> dict[str, Any]:
+    """Those of `values` that a person has changed from the `old` world's and that `new` still allows."""
+    before, kept = parameter_values(old), {}
+    for name, value in values.items():
+        if name in before and value != _plain(before[name]) and name in parameters(type(new)):
+            with suppress(HaptorbError):
+                new.replace(**{name: value})
+                kept[name] = value
+    return kept
+
+
+@final
+class WorldWatcher:
+    """Looks at the file of `world` five times a second and hands every new version to `replace`, in a thread.
+
+    replace   (world, values that a person has changed) → in effect; raises HaptorbError if the servo refuses
+    """
+
+    def __init__(
+        self,
+        file: WorldFile,
+        world: World,
+        device: Device,
+        replace: Callable[[World, dict[str, Any]], None],
+        felt: Callable[[], tuple[str, dict[str, Any]]],
+    ) -> None:
+        self.trouble = ""  #: why the newest version of the file is not used; empty while it is
+        self._file, self._world, self._device = file, world, device
+        self._replace, self._felt = replace, felt
+        self._stamp = file.stamp
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="haptorb-world-file", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Look no more; a file that is being loaded is not waited for."""
+        self._ending.set()
+
+    def _watch(self) -> None:
+        while not self._ending.wait(_EVERY):
+            stamp = self._file.stamp
+            if stamp is None or stamp == self._stamp:
+                continue
+            while self._ending.wait(_SETTLED) or stamp != self._file.stamp:
+                if self._ending.is_set():
+                    return
+                stamp = self._file.stamp
+            self._stamp = stamp
+            self._load()
+
+    def _load(self) -> None:
+        path = self._file.path.name
+        try:
+            new = self._file.load()
+            if new.name != self._world.name:
+                raise UnknownName(f"world in {path}", new.name, [self._world.name])
+            try_world(new, self._device)
+            name, values = self._felt()
+            self._replace(new, keep_changes(self._world, values, new) if name == new.name else {})
+        except HaptorbError as cause:
+            if not self._ending.is_set():
+                self.trouble = f"{path} was saved, but the world from before goes on: {cause}"
+                show(f"{self.trouble}\n")
+            return
+        self._world, self.trouble = new, ""
+        show(f"{path} was saved: world '{new.name}' is loaded anew\n")

@@ -1,0 +1,155 @@
+"""A user's own world in a running servo: saved and felt, and every bug in it seen."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptorb.errors import UnknownName, WorldError
+from haptorb.runtime.servo.servo import Servo
+
+pytestmark = pytest.mark.realtime
+
+GROOVE = '''
+from dataclasses import dataclass
+import time
+import numpy as np
+from haptorb.worlds import World
+from haptorb.worlds.parameter import parameter
+
+
+@dataclass(frozen=True)
+class Groove(World):
+    """Pushes to one side."""
+
+    push: float = parameter(0.1, "N", -1, 1, "force along y")
+
+    def wrench(self, state):
+        wrench = np.zeros(6)
+        wrench[1] = self.push
+        return wrench
+'''
+BEGIN = "wrench = np.zeros(6)"
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "groove.py"
+    path.write_text(GROOVE)
+    return path
+
+
+def _hold(servo: Servo, until: Any, patience: float = 10.0) -> float:
+    """Let the simulated hand move until something is so; the seconds that took."""
+    begun = time.monotonic()
+    while not until():
+        assert time.monotonic() < begun + patience, "it did not come to pass"
+        servo.check()
+        time.sleep(0.005)
+    return time.monotonic() - begun
+
+
+def _wait(seconds: float) -> Any:
+    end = time.monotonic() + seconds
+    return lambda: time.monotonic() > end
+
+
+def test_a_saved_file_is_felt_within_a_second_and_the_force_goes_over_without_a_step(file: Path, capfd: Any) -> None:
+    with Servo("omni", f"{file}:Groove", record=False) as servo:
+        servo.set_world("groove", {"push": 0.12})
+        _hold(servo, _wait(0.8))
+        cursor, _ = servo.rows()
+        file.write_text(GROOVE.replace("= self.push", "= -self.push"))
+        took = _hold(servo, lambda: "loaded anew" in capfd.readouterr().err)
+        _hold(servo, _wait(0.2))
+        _, rows = servo.rows(cursor)
+        assert servo.world == ("groove", {"push": 0.12}), "what a person has set stays"
+        assert servo.alive
+        assert servo.world_trouble == ""
+    assert took < 1.0
+    asked = rows[:, servo.layout["asked"]][:, 1]
+    assert asked[0] == pytest.approx(0.12, rel=0.05)
+    assert asked[-1] == pytest.approx(-0.12, rel=0.05)
+    between = np.flatnonzero((asked < 0.119) & (asked > -0.119))
+    t = rows[:, servo.layout["t"].start]
+    assert t[between[-1]] - t[between[0]] < 0.05
+    assert abs(np.diff(asked)).max() < 0.24 / 5, "the force fades over, in a loop that misses a few ticks as well"
+
+
+@pytest.mark.parametrize("bug", ["return wrench[", "return None", "return 1 / 0"])
+def test_an_error_in_a_saved_file_leaves_the_old_world_running(file: Path, capfd: Any, bug: str) -> None:
+    with Servo("omni", f"{file}:Groove", record=False) as servo:
+        _hold(servo, _wait(0.5))
+        cursor, _ = servo.rows()
+        file.write_text(GROOVE.replace("return wrench", bug))
+        _hold(servo, lambda: servo.world_trouble)
+        _hold(servo, _wait(0.2))
+        assert "groove.py was saved, but the world from before goes on" in servo.world_trouble
+        assert 'groove.py", line ' in servo.world_trouble
+        assert servo.world_trouble in servo.warning
+        _, rows = servo.rows(cursor)
+        assert rows[:, servo.layout["asked"]][:, 1] == pytest.approx(0.1, rel=0.05)
+        file.write_text(GROOVE.replace("0.1,", "0.2,"))
+        _hold(servo, lambda: not servo.world_trouble)
+        assert servo.world[1] == {"push": 0.2}, "what nobody has set is as the file says"
+    assert "line " in capfd.readouterr().err
+
+
+def test_another_world_that_is_felt_stays_and_the_new_code_is_there_when_it_is_chosen(file: Path) -> None:
+    with Servo("omni", f"{file}:Groove", record=False) as servo:
+        servo.set_world("dome")
+        before = servo.own_worlds
+        file.write_text(GROOVE.replace("0.1,", "0.3,"))
+        _hold(servo, lambda: servo.own_worlds is not before)
+        assert servo.world[0] == "dome"
+        servo.set_world("groove")
+        assert servo.world == ("groove", {"push": 0.3})
+        with pytest.raises(UnknownName):
+            servo.set_world(f"{file}:Groove")
+
+
+def test_a_world_that_fails_is_told_everywhere(file: Path) -> None:
+    file.write_text(GROOVE.replace(BEGIN, f"{BEGIN}\n        if state.t > 0.5: wrench[9] = 1.0"))
+    with Servo("omni", f"{file}:Groove") as servo:
+        with pytest.raises(WorldError, match=r"IndexError: [\s\S]*groove\.py\", line \d+, in Groove\.wrench") as caught:
+            servo.run(10)
+        assert "if state.t > 0.5: wrench[9] = 1.0" in str(caught.value)
+        assert servo.alive, "a world that fails switches the coils off; a person may engage again"
+        assert "IndexError" in servo.warning
+        assert "IndexError" in servo.report()["error"]
+        file.write_text(GROOVE)
+        _hold(servo, lambda: "groove.py" not in servo.world_trouble or servo.engage())
+        servo.run(0.2)
+    assert ["IndexError" in error["text"] and "line" in error["text"] for error in servo.recording.errors] == [True]
+
+
+def test_a_slow_world_is_told_with_its_time_and_the_tick_s(file: Path) -> None:
+    file.write_text(GROOVE.replace(BEGIN, f"time.sleep(0.01); {BEGIN}"))
+    with (
+        Servo("omni", f"{file}:Groove", record=False) as servo,
+        pytest.raises(WorldError, match=r"takes 1[0-9] ms in each tick, and a tick at 1000 Hz has 1 ms"),
+    ):
+        servo.run(10)
+
+
+def test_what_a_world_prints_arrives(file: Path, capfd: Any) -> None:
+    file.write_text(GROOVE.replace(BEGIN, f'print("felt at", int(1e3 * state.t)) if state.t > 0.1 else 0; {BEGIN}'))
+    with Servo("omni", f"{file}:Groove", record=False) as servo:
+        servo.run(0.5)
+    told = capfd.readouterr().err
+    assert told.count("felt at") > 100
+    assert "felt at 0\n" not in told, "what it prints while the servo rehearses is nobody's"
+
+
+def test_a_plain_function_is_a_world() -> None:
+    def push(state):
+        return np.array([0.0, 0.15, 0.0, 0.0, 0.0, 0.0])
+
+    with Servo("omni", push, record=False) as servo:
+        _hold(servo, _wait(0.5))
+        assert servo.world == ("push", {})
+        assert servo.latest()[servo.layout["asked"]][1] == pytest.approx(0.15, rel=0.05)
