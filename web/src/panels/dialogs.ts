@@ -28,6 +28,14 @@ export function fill(session: Session, scene: DeviceScene, keys: readonly (reado
   ];
   at("facts").append(...facts.flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));
 
-  at("ask").addEventListener("click", () => at<HTMLDialogElement>("help").showModal());
-  at("device").addEventListener("click", () => at<HTMLDialogElement>("details").showModal());
+  open("ask", "help", "details");
+  open("device", "details", "help");
+}
+
+/** Not modal: STOP must work beside it. One at a time. */
+function open(button: string, dialog: string, other: string): void {
+  at(button).addEventListener("click", () => {
+    at<HTMLDialogElement>(other).close();
+    at<HTMLDialogElement>(dialog).show();
+  });
 }
