@@ -32,7 +32,9 @@ _LOOK = """(arrange) => {
     }
   };
   const all = [...document.querySelectorAll("*")], was = all.map((element) => element.scrollTop);
-  const put = (places) => all.forEach((element, n) => { if (element.scrollTop !== places[n]) element.scrollTop = places[n]; });
+  const put = (places) => all.forEach((element, n) => {
+    if (element.scrollTop !== places[n]) element.scrollTop = places[n];
+  });
   put(all.map((element) => Math.max(0, element.scrollHeight - element.clientHeight)));
   look("scrolled down");
   put(was);
@@ -67,7 +69,8 @@ _LOOK = """(arrange) => {
     if (!control.checkVisibility({ visibilityProperty: true })) continue;
     const { left, top, right, bottom } = control.getBoundingClientRect();
     const box = clip(control, [left, top, right, bottom]);
-    if (box[2] - box[0] > 1 && box[3] - box[1] > 1) boxes.push([control.id || control.title || control.tagName, control, box]);
+    const name = control.id || control.title || control.tagName;
+    if (box[2] - box[0] > 1 && box[3] - box[1] > 1) boxes.push([name, control, box]);
   }
   const pairs = [];
   boxes.forEach(([one, here, a], n) => {
