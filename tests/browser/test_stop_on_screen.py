@@ -58,6 +58,9 @@ def test_stop_works_beside_an_open_dialog(staged, fake):
     screen.until("haptorb.status === 'stopped'")
     page.get_by_role("button", name="Close").click()
     assert page.locator("dialog[open]").count() == 0
+    page.locator("#ask").click()
+    page.keyboard.press("Escape")
+    assert page.locator("dialog[open]").count() == 0
 
 
 def test_forced_colours_keep_what_colours_mean(staged):

@@ -30,6 +30,11 @@ export function fill(session: Session, scene: DeviceScene, keys: readonly (reado
 
   open("ask", "help", "details");
   open("device", "details", "help");
+  // Esc stops, and closes: a dialog that is not modal does not close by itself.
+  const close = (event: KeyboardEvent): void => {
+    if (event.key === "Escape") for (const id of ["help", "details"]) at<HTMLDialogElement>(id).close();
+  };
+  addEventListener("keydown", close, { capture: true });
 }
 
 /** Not modal: STOP must work beside it. One at a time. */
