@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from browser.screen_check import find_faults
 from haptorb.apps.console import Console
 from haptorb.control.protection.trip import Trip
 from haptorb.devices.loader import load
@@ -116,4 +117,14 @@ def test_pull_the_plug_turn_it_and_stop(motor):
     assert screen.value("wanted") == [0.0] * 12
     assert max(map(abs, screen.value("currents"))) < 0.01
     assert servo.latest()[at["trip"].start] == Trip.STOPPED
+
+    # STOP, the trip's text and both pictures' texts at every size; with 21 parameters the numbers stay in view.
+    faults = find_faults(page, {"watching": "", "mistake": "Recording: the disk is full"})
+    assert not faults, "\n".join(faults)
+    assert page.locator(".slider").count() > 15
+    for width, height in ((900, 700), (1024, 768), (1280, 800), (1440, 900)):
+        page.set_viewport_size({"width": width, "height": height})
+        for number in ("#asked", "#tilt", "#coils tr:last-child td:last-child", "#remaining"):
+            box = page.locator(number).bounding_box()
+            assert box["y"] + box["height"] <= height, f"{number} is out of view at {width}×{height}"
     assert not screen.troubles

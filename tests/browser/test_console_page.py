@@ -351,25 +351,6 @@ def test_nothing_is_cut_off_or_too_small_to_read(staged, width, height):
     assert hidden == []
 
 
-@pytest.mark.parametrize(("width", "height"), [*SIZES, (1440, 900), (390, 844)])
-def test_nothing_in_the_picture_lies_over_anything_else(staged, width, height):
-    screen = staged(width, height, query="?detail=layered")
-    screen.until("haptorb.status === 'running' && haptorb.value('p')[2] > 0")
-    screen.until("!document.getElementById('legend').hidden")
-    boxes = screen.page.evaluate(
-        """() => [...document.querySelectorAll("#legend, #arrows, #scale, #detail, #view .camera")]
-            .filter((element) => element.offsetParent !== null).map((element) => {
-              const { left, top, right, bottom } = element.getBoundingClientRect();
-              return [element.id || element.className, left, top, right, bottom];
-            })"""
-    )
-    assert len(boxes) == 5
-    for n, (one, *a) in enumerate(boxes):
-        for other, *b in boxes[n + 1 :]:
-            apart = a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
-            assert apart, f"{one} {a} lies over {other} {b}"
-
-
 def test_another_controller_model_is_chosen_with_the_keyboard(staged, fake):
     screen = staged()
     screen.until("haptorb.status === 'running'")

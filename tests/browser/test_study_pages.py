@@ -15,6 +15,8 @@ from typing import Any
 
 import pytest
 
+from browser.screen_check import find_faults
+
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 STUDY = """
@@ -172,6 +174,11 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     run.state(page, "running", 1)
     assert "Trial 2." in said.inner_text()
 
+    # STOP stays on both screens, whatever their size, also while a field has the focus.
+    assert page.evaluate("document.activeElement.id") == "typed"
+    faults = find_faults(page, {"practice": "", "mistake": "7 is not among the answers"}) + find_faults(desk)
+    assert not faults, "\n".join(faults)
+
     # By pointer: the pen is dragged, a number clicked, then confirmed.
     box = page.locator("#pad").bounding_box()
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -195,6 +202,8 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     assert page.locator("#stop").is_visible()
     assert "Stopped by the participant." in desk.locator("#alert").inner_text()
     assert unnamed(page) == unnamed(desk) == []
+    faults = find_faults(page) + find_faults(desk)  # with what they say of a Stop
+    assert not faults, "\n".join(faults)
     assert page.get_by_role("button", name="Resume").count() == 0
     desk.get_by_role("button", name="Resume").click()
     run.state(page, "running", 2)

@@ -346,9 +346,12 @@ class Console {
     const { x, y } = this.subject.anchor();
     write(hint, this.subject.hint);
     hint.hidden = false;
-    const frame = at("view");
-    const left = Math.min(x + 22, frame.clientWidth - Math.max(150, hint.offsetWidth + 12));
-    const top = Math.min(Math.max(y - 4, 8), frame.clientHeight - 40);
+    // In the part of the picture that nothing else needs; where that is too small, not at all.
+    const free = at("free");
+    const [right, bottom] = [free.clientWidth - hint.offsetWidth, free.clientHeight - hint.offsetHeight];
+    if (right < 0 || bottom < 0) hint.hidden = true;
+    const left = Math.min(Math.max(x + 22 - free.offsetLeft, 0), right);
+    const top = Math.min(Math.max(y - 4 - free.offsetTop, 0), bottom);
     hint.style.transform = `translate(${left.toFixed(0)}px, ${top.toFixed(0)}px)`;
   }
 

@@ -28,6 +28,19 @@ export function fill(session: Session, scene: DeviceScene, keys: readonly (reado
   ];
   at("facts").append(...facts.flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));
 
-  at("ask").addEventListener("click", () => at<HTMLDialogElement>("help").showModal());
-  at("device").addEventListener("click", () => at<HTMLDialogElement>("details").showModal());
+  open("ask", "help", "details");
+  open("device", "details", "help");
+  // Esc stops, and closes: a dialog that is not modal does not close by itself.
+  const close = (event: KeyboardEvent): void => {
+    if (event.key === "Escape") for (const id of ["help", "details"]) at<HTMLDialogElement>(id).close();
+  };
+  addEventListener("keydown", close, { capture: true });
+}
+
+/** Not modal: STOP must work beside it. One at a time. */
+function open(button: string, dialog: string, other: string): void {
+  at(button).addEventListener("click", () => {
+    at<HTMLDialogElement>(other).close();
+    at<HTMLDialogElement>(dialog).show();
+  });
 }
