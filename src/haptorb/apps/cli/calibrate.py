@@ -38,7 +38,7 @@ def calibrate(
     restart: Annotated[bool, typer.Option("--restart", help="Repeat steps that are already done.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     no_watchdog: Annotated[
-        bool, typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; let nobody touch the device.")
+        bool, typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; keep hands off the device.")
     ] = False,
     seed: Annotated[int, typer.Option(help="Seed of the simulated noise.")] = 0,
     json: Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")] = False,

@@ -89,7 +89,7 @@ def jog(
     current: Annotated[float, typer.Option(help="Switch off above this current [A].")] = 3.0,
     no_watchdog: Annotated[
         bool,
-        typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; let nobody touch the device."),
+        typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; keep hands off the device."),
     ] = False,
     json: JsonOption = False,
 ) -> None:

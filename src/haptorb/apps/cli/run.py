@@ -70,7 +70,7 @@ def run(
     duration: Annotated[float | None, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = None,
     no_watchdog: Annotated[
         bool,
-        typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; let nobody touch the device."),
+        typer.Option("--no-watchdog", help="Drive i2c:BUS without a monostable on OE; keep hands off the device."),
     ] = False,
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
     browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
