@@ -71,13 +71,13 @@ def state_words(state: CoilState) -> str:
 def numbers(sample: Sample, state: CoilState = CoilState.OFF) -> dict[str, Any]:
     """The same as plain JSON types; what a sensor did not tell is null."""
 
-    def to_list(values: Array) -> list[Any]:
+    def to_json(values: Array) -> list[Any]:
         return [float(one) if np.isfinite(one) else None for one in values]
 
     return {
-        "t_s": sample.t, "currents_a": to_list(sample.currents),
-        "temperatures_degc": to_list(sample.temperatures - 273.15),
-        "field_t": [to_list(one) for one in sample.field], "coil_state": state.name.lower(),
+        "t_s": sample.t, "currents_a": to_json(sample.currents),
+        "temperatures_degc": to_json(sample.temperatures - 273.15),
+        "field_t": [to_json(one) for one in sample.field], "coil_state": state.name.lower(),
     }  # fmt: skip
 
 

@@ -49,7 +49,7 @@ def _position(t: float, p: Array) -> None:
 def _turn_upright(p: Array, q: Array) -> None:
     x, y, z = p[0], p[1], p[2]
     length = math.sqrt(x * x + y * y + z * z)
-    if length == 0.0 or z <= -length * (1 - 1e-12):  # no way is the shortest
+    if length < 1e-12 or z <= -length * (1 - 1e-12):  # no direction, or no shortest way to it
         q[0], q[1], q[2], q[3] = 1.0, 0.0, 0.0, 0.0
         return
     w = length + z

@@ -158,7 +158,7 @@ class ProcessGroup:
 
     @property
     def recorded_rows(self) -> dict[str, int]:
-        """Rows in the recording, and rows that are lost to it: see `report.recorded`."""
+        """Rows in the recording, and rows that are lost to it: see `report.count_recorded`."""
         return count_recorded(self._shared, over=self._recorder is not None and self._recorder.poll() is not None)
 
     @property

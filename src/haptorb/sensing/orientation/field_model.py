@@ -29,7 +29,7 @@ class FieldModel(NamedTuple):
     coils: Array  #: (c, 3) stator frame
     groups: Array  #: (c, m)
     per_ampere: Array  #: (m, 3 k) the coils' field at the sensors [T/A]
-    leaning: Array  #: (n,) coefficients of weight and regulator, as `regulator.leaning` takes them [N·m]
+    leaning: Array  #: (n,) coefficients of weight and regulator, as `regulator.torque_over_sine` takes them [N·m]
     least: float  #: the least cosine they hold for
 
 

@@ -49,7 +49,7 @@ class Magnetics(NamedTuple):
     sensors: Array  #: (k, 3)
     groups: Array  #: (c, m)
     coil_field: Array  #: (m, 3 k) field of the coils at the sensors [T/A]
-    leaning: Array  #: (n,) coefficients of weight and regulator, as `regulator.leaning` takes them [N·m]
+    leaning: Array  #: (n,) coefficients of weight and regulator, as `regulator.torque_over_sine` takes them [N·m]
 
 
 def pack_magnetics(m: Magnetics) -> Array:
