@@ -1,8 +1,9 @@
-"""Run the tests in two calls of pytest: what only computes shares the processors, then what runs beside a clock, alone.
+"""Run the tests in three calls of pytest: what only computes shares the processors, what runs beside a clock comes in
+twos, and what needs a browser or an emulated board as well has the machine for itself.
 
     run_tests.py [--markers EXPRESSION] [pytest's arguments]
 
-The last line is pytest's summary of both calls together. The exit code is 0 only if neither call found a failure.
+The last line is pytest's summary of all calls together. The exit code is 0 only if none of them found a failure.
 """
 
 from __future__ import annotations
@@ -17,8 +18,15 @@ from collections import Counter
 PYTEST = [sys.executable, "-m", "pytest", "--continue-on-collection-errors"]
 #: four processes at the most; a file's tests stay together, in the order of tests/conftest.py
 SHARED = ["-n", "logical", "--maxprocesses", "4", "--dist", "loadscope", "--no-loadscope-reorder"]
+#: two loops at 1 kHz, each of which needs a fraction of a processor; most of their tests' time is starting processes
+IN_TWOS = ["-n", "2", "--dist", "loadscope", "--no-loadscope-reorder"]
 ALONE = ["-n", "0"]
-NO_TESTS = 5  #: pytest's exit code where nothing was chosen: the other call may have had something
+CALLS = (
+    ("not realtime", SHARED),
+    ("realtime and not (browser or firmware)", IN_TWOS),
+    ("realtime and (browser or firmware)", ALONE),
+)
+NO_TESTS = 5  #: pytest's exit code where nothing was chosen: another call may have had something
 ORDER = ("failed", "passed", "skipped", "xfailed", "xpassed", "warning", "error", "rerun")
 _SUMMARY = re.compile(r"^(?:=+ )?((?:\d+ \w+(?:, )?)+|no tests ran) in [\d.]+s(?: \(.*\))?(?: =+)?$", re.MULTILINE)
 _COUNT = re.compile(r"(\d+) (failed|passed|skipped|xfailed|xpassed|warning|error|rerun)")
@@ -70,8 +78,8 @@ def main(words: list[str]) -> int:
         markers, words = f" and ({words[1]})", words[2:]
     start = time.monotonic()
     codes, counts = [], Counter[str]()
-    for which, how in (("not realtime", [*SHARED, *words]), ("realtime", [*words, *ALONE])):
-        code, counted = run_pytest(["-m", which + markers, *how])
+    for which, how in CALLS:
+        code, counted = run_pytest(["-m", which + markers, *words, *how])
         codes.append(code)
         counts += counted
     print("\n" + format_summary(counts, time.monotonic() - start), flush=True)

@@ -1,4 +1,4 @@
-"""`make test` calls pytest twice: each test runs in one of both, and the last line adds up what they found."""
+"""`make test` calls pytest three times: each test runs in one of them, and the last line adds up what they found."""
 
 from __future__ import annotations
 
@@ -13,12 +13,16 @@ from typing import Any
 
 import pytest
 
-CONFIGURATION = "[pytest]\nmarkers =\n  realtime\n  slow\n"
+CONFIGURATION = "[pytest]\nmarkers =\n  realtime\n  slow\n  browser\n"
 FILES = (
     "import os\ndef test_shared():\n    assert 'PYTEST_XDIST_WORKER' in os.environ\n",
     "def test_fails():\n    assert False\n",
     """import os, pytest
 @pytest.mark.realtime
+def test_in_twos():
+    assert os.environ['PYTEST_XDIST_WORKER_COUNT'] == '2'
+@pytest.mark.realtime
+@pytest.mark.browser
 def test_alone():
     assert 'PYTEST_XDIST_WORKER' not in os.environ
 @pytest.mark.realtime
@@ -27,7 +31,7 @@ def test_slow_one():
     assert False
 """,
 )
-ENDS = "import os, pytest\n@pytest.mark.realtime\ndef test_ends():\n    os._exit(0)\n"
+ENDS = "import os, pytest\n@pytest.mark.realtime\n@pytest.mark.browser\ndef test_ends():\n    os._exit(0)\n"
 
 
 @pytest.fixture(scope="module")
@@ -36,12 +40,10 @@ def program(load_script: Callable[[str], ModuleType]) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("files", "said"), [(FILES, "1 failed, 2 passed"), ((FILES[0], ENDS), "1 passed, 1 error")], ids=["all", "one ends"]
+    ("files", "said"), [(FILES, "1 failed, 3 passed"), ((FILES[0], ENDS), "1 passed, 1 error")], ids=["all", "one ends"]
 )
-def test_both_calls_run_and_one_line_adds_them_up(
-    root: Path, tmp_path: Path, files: tuple[str, ...], said: str
-) -> None:
-    """The second call follows though the first fails, and a process that ends early is an error though it says 0."""
+def test_all_calls_run_and_one_line_adds_them_up(root: Path, tmp_path: Path, files: tuple[str, ...], said: str) -> None:
+    """The next call follows though the first fails, and a process that ends early is an error though it says 0."""
     (tmp_path / "pytest.ini").write_text(CONFIGURATION)
     for number, text in enumerate(files):
         (tmp_path / f"test_{number}.py").write_text(text)
