@@ -36,7 +36,7 @@ from haptorb import worlds
 from haptorb.apps.calibrate.progress_file import ProgressFile
 from haptorb.apps.calibrate.record import thermal_record
 from haptorb.apps.calibrate.steps import STEPS, calibration_of
-from haptorb.apps.cli.run import values_of
+from haptorb.apps.cli.world_option import parse_settings
 from haptorb.apps.feel.candidates import load_designs
 from haptorb.apps.feel.session import FeelSession
 from haptorb.apps.study.model.study_file import read_study
@@ -53,6 +53,7 @@ from haptorb.sensing.frame.tracker_frame import TrackerFrame
 from haptorb.sensing.torque_maps.network import TrainedNetworks
 from haptorb.sensing.torque_maps.network_file import read_networks, write_networks
 from haptorb.sensing.torque_maps.perceptron import Perceptron, Scaling
+from haptorb.worlds.parameter import parameters
 
 SLOW = 2.0  #: of the processor's time for one file [s]
 MEMORY = 512 * 1024  #: more than before, for all files of a kind [kB]
@@ -285,7 +286,7 @@ def kinds(folder: Path) -> list[Kind]:
 
     def of_parameters(path: Path) -> object:
         lines = path.read_bytes().decode("utf-8", "replace").split("\n")
-        world = worlds.Dome().replace(**values_of([line for line in lines[1:] if line]))
+        world = worlds.Dome().replace(**parse_settings([line for line in lines[1:] if line], parameters(worlds.Dome)))
         try:
             values = json.loads(lines[0])
         except (ValueError, RecursionError):
@@ -366,7 +367,7 @@ def kinds(folder: Path) -> list[Kind]:
     line = json.dumps({"kind": "rating", "design": "firm", "digest": "0" * 16, "score": 5, "person": "P", "comment": "",
                        "time": "", "trace": ""})  # fmt: skip
     choice = json.dumps({"kind": "choice", "design": "firm", "digest": "0", "person": "", "comment": "", "time": ""})
-    parameters = json.dumps({"moment": 1.5, "summit": [0.0, 0.0, 1.0]}) + "\nmoment=1.2\nsummit=0,0,1\n"
+    world_values = json.dumps({"moment": 1.5, "summit": [0.0, 0.0, 1.0]}) + "\nmoment=1.2\nsummit=0,0,1\n"
     return [
         Kind("device", (catalogue / "omni.toml").read_bytes(), ".toml", load),
         Kind("motor", (catalogue / "pmsm.toml").read_bytes(), ".toml", load),
@@ -375,7 +376,7 @@ def kinds(folder: Path) -> list[Kind]:
         Kind("study", STUDY, ".toml", read_study),
         Kind("calibration", calibration.text().encode(), ".json", of_calibration),
         Kind("frame", frame.text().encode(), ".json", of_frame),
-        Kind("parameters", parameters.encode(), ".txt", of_parameters),
+        Kind("parameters", world_values.encode(), ".txt", of_parameters),
         Kind("recording", file.getvalue(), ".mcap", of_recording, text=False, make=crafted_recording),
         Kind("network", (folder / "good.network").read_bytes(), ".network", read_networks, make=_sealed),
         Kind("progress", progress.path.read_bytes(), ".steps", of_progress),

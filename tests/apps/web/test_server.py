@@ -6,7 +6,7 @@ from haptorb.apps.web.server import prioritize
 
 
 def test_what_exists_is_not_searched_for_garbage_while_it_serves():
-    assert gc.get_freeze_count() == 0
+    gc.unfreeze()  # what other tests' loops have left in this process
     with prioritize():
         assert gc.get_freeze_count() > 10_000
         assert len(gc.get_objects()) < 1_000

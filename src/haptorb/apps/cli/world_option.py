@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from haptorb.worlds.own.world_file import WorldFile
     from haptorb.worlds.parameter import Parameter
 
-__all__ = ["choose_world_option"]
+__all__ = ["choose_world_option", "parse_settings"]
 
 
 def choose_world_option(name: str, settings: list[str], device: Device) -> World | WorldFile:
@@ -29,15 +29,15 @@ def choose_world_option(name: str, settings: list[str], device: Device) -> World
 
     if not is_world_file(name):
         kind = find_world(name)
-        return kind().replace(**_values(settings, parameters(kind)))
+        return kind().replace(**parse_settings(settings, parameters(kind)))
     file = parse_world_file(name)
     world = file.load()
-    values = _values(settings, parameters(type(world)))
+    values = parse_settings(settings, parameters(type(world)))
     try_world(world.replace(**values), device)
     return replace(file, values=values)
 
 
-def _values(settings: list[str], known: dict[str, Parameter]) -> dict[str, float | tuple[float, ...]]:
+def parse_settings(settings: list[str], known: dict[str, Parameter]) -> dict[str, float | tuple[float, ...]]:
     """Values by name from NAME=VALUE, with or without a unit, and NAME=X,Y,Z; names that are not known pass."""
     values: dict[str, float | tuple[float, ...]] = {}
     for setting in settings:

@@ -155,7 +155,7 @@ class SphericalMotor(Device):
     @cached_property
     def leaning(self) -> tuple[Array, float]:
         """(n,) coefficients of what weight and regulator do [N·m], and the least cosine, as
-        `regulator.torque_over_sine` takes them: torque over sin(tilt), positive where it turns the rotor back upright."""
+        `regulator.torque_over_sine` takes them: torque over sin(tilt), positive where it turns the rotor upright."""
         weight = self.rotor.mass * GRAVITY * self.rotor.centre_of_mass  # (h ẑ_R) × (−m g Ẑ)
         if self.regulator is None:
             return np.array([-weight]), 0.0

@@ -18,10 +18,6 @@ class WorldOutput(TextIOBase):
         self._descriptor = descriptor
         os.set_blocking(descriptor, False)
 
-    def writable(self) -> bool:
-        """Yes."""
-        return True
-
     def fileno(self) -> int:
         """Of the pipe."""
         return self._descriptor

@@ -38,7 +38,7 @@ def choose_world(given: str | World | WorldFile | Callable[[State], Array]) -> t
     return (worlds.find_world(given)() if isinstance(given, str) else make_world(given)), None
 
 
-def _plain(value: Any) -> Any:
+def _to_json(value: Any) -> Any:
     """As JSON brings it back."""
     return list(value) if isinstance(value, tuple) else value
 
@@ -47,7 +47,7 @@ def keep_changes(old: World, values: dict[str, Any], new: World) -> dict[str, An
     """Those of `values` that a person has changed from the `old` world's and that `new` still allows."""
     before, kept = parameter_values(old), {}
     for name, value in values.items():
-        if name in before and value != _plain(before[name]) and name in parameters(type(new)):
+        if name in before and value != _to_json(before[name]) and name in parameters(type(new)):
             with suppress(HaptorbError):
                 new.replace(**{name: value})
                 kept[name] = value
