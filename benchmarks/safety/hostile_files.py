@@ -293,7 +293,7 @@ def kinds(folder: Path) -> list[Kind]:
             return world
         if not isinstance(values, dict):
             return world
-        _, name, values = parse_request(request(1, "dome", values))
+        _, name, values, _ = parse_request(request(1, "dome", values))
         return change_world(world, name, values)
 
     def of_recording(path: Path) -> object:

@@ -163,7 +163,7 @@ def test_a_number_is_a_number_wherever_a_world_is_changed(value: Any) -> None:
     with pytest.raises(InputError):
         worlds.Dome().replace(moment=value)
     with pytest.raises(InputError):
-        change_world(worlds.Dome(), *parse_request(request(1, "dome", {"moment": value}))[1:])
+        change_world(worlds.Dome(), *parse_request(request(1, "dome", {"moment": value}))[1:3])
     with pytest.raises(InputError):
         worlds.Dome().replace(summit=[0.0, 0.0, value])
 

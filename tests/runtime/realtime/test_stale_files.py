@@ -40,7 +40,8 @@ from haptorb.runtime.row import RowLayout
 from haptorb.runtime.processes.prestart import _create_folder
 from haptorb.devices.loader import load
 shared_memory.folders = lambda: [Path(sys.argv[1])]
-held = _create_folder(), shared_memory.SharedMemory.create(RowLayout.of(load("omni"))), recording_file.create_temporary()
+memory = shared_memory.SharedMemory.create(RowLayout.of(load("omni")))
+held = _create_folder(), memory, recording_file.create_temporary()
 (held[0][0] / "plan").write_text("")
 print("made", flush=True)
 time.sleep(100)
