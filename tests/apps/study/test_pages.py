@@ -441,7 +441,7 @@ def test_two_experimenters_are_two_pages_of_one_session(begun: tuple[Desk, Page,
 
 
 def test_a_taken_port_is_refused_before_anybody_sits_down(desk: Desk) -> None:
-    with pytest.raises(InputError, match="is taken"):
+    with pytest.raises(InputError, match="is in use"):
         StudyServer(desk.reception, desk.host.port)
 
 
