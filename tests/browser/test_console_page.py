@@ -194,6 +194,23 @@ def test_late_word_of_a_change_does_not_undo_the_next(staged, fake, monkeypatch)
         page.wait_for_timeout(50)
 
 
+def test_word_of_the_server_leaves_what_is_being_typed(staged, fake):
+    screen = staged()
+    screen.until("haptorb.control && haptorb.status === 'running'")
+    tilt, moment = (screen.page.get_by_role("spinbutton", name=name) for name in ("summit tilt", "moment"))
+    tilt.fill("30")  # not in effect before Enter
+    fake.set_world("dome", {"moment": 1.0})
+    end = time.monotonic() + 10
+    while moment.input_value() != "1":
+        assert time.monotonic() < end
+        screen.page.wait_for_timeout(50)
+    assert tilt.input_value() == "30"
+    tilt.press("Enter")
+    while fake.world[1]["summit"][2] != pytest.approx(0.75**0.5, abs=1e-3):
+        assert time.monotonic() < end + 10, fake.world
+        screen.page.wait_for_timeout(50)
+
+
 def test_drag_beside_the_stylus_turns_the_view_only(staged, fake):
     screen = staged()
     screen.until("haptorb.control")

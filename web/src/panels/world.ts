@@ -30,6 +30,7 @@ export class WorldPanel {
   private later = 0;
   private last = 0;
   private awaited = 0;
+  private typing: HTMLInputElement | undefined; // the field with digits that are not in effect yet
 
   constructor(
     private readonly session: Session,
@@ -109,8 +110,14 @@ export class WorldPanel {
       this.push();
     };
     range.addEventListener("input", () => changed(range.valueAsNumber));
+    number.addEventListener("input", () => (this.typing = number));
     number.addEventListener("change", () => {
+      this.typing = undefined;
       changed(number.valueAsNumber);
+      this.refresh();
+    });
+    number.addEventListener("blur", () => {
+      this.typing = undefined;
       this.refresh();
     });
     const row = make(
@@ -132,7 +139,8 @@ export class WorldPanel {
       const value = entry.read(this.values);
       range.value = String(value);
       range.setAttribute("aria-valuetext", `${number.value} ${entry.unit}`);
-      if (number !== except || document.activeElement !== number) number.value = String(Number(value.toFixed(entry.unit === "°" ? 1 : 3)));
+      // What somebody is typing stays: the server's word of an earlier change may come in the middle of it.
+      if (number !== this.typing && (number !== except || document.activeElement !== number)) number.value = String(Number(value.toFixed(entry.unit === "°" ? 1 : 3)));
     }
   }
 
