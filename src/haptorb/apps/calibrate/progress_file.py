@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from time import time
 from typing import Any, final
+
+import numpy as np
 
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, quote
@@ -19,14 +21,15 @@ __all__ = ["ProgressFile"]
 FORMAT = "haptorb-calibration-steps-1"
 _MOST = 4 * 1024 * 1024  #: bytes
 _STALE = 24 * 3600.0  #: a device may have been rewired since [s]
+_COILS, _SENSORS = -1, -2  #: lengths that the device has
 #: step → what its result must have, and of which shape (None: any length)
 _SHAPES: dict[str, dict[str, tuple[int | None, ...]]] = {
-    "rest": {"temperatures_k": (None,)},
-    "currents": {"resistance_ohm": (None,)},
+    "rest": {"temperatures_k": (_COILS,)},
+    "currents": {"resistance_ohm": (_COILS,)},
     "magnetic": {
-        "moment_per_current_m2": (3, None),
-        "uncertainty_m2": (3, None),
-        "offsets_t": (None, 3),
+        "moment_per_current_m2": (3, _COILS),
+        "uncertainty_m2": (3, _COILS),
+        "offsets_t": (_SENSORS, 3),
         "residual_t": (),
         "condition": (),
         "repeatability": (),
@@ -51,6 +54,7 @@ class ProgressFile:
     ) -> None:
         self.path = out.with_name(out.name + ".steps")
         self._head = {"format": FORMAT, "device": device.name, "digest": device.digest, "driver": driver}
+        self._lengths: dict[int | None, int | None] = {_COILS: device.channels, _SENSORS: device.sensors}
         self._clock = clock
         self.results: dict[str, dict[str, Any]] = {}
         self.left = ""
@@ -61,7 +65,7 @@ class ProgressFile:
         try:
             raw = parse_json(read_bytes(self.path, _MOST, "progress", CalibrationError))
             head = {key: raw[key] for key in self._head}
-            written, results = float(raw["written"]), _check_steps(raw["steps"])
+            written, results = float(raw["written"]), _check_steps(raw["steps"], self._lengths)
         except (CalibrationError, ValueError, KeyError, TypeError, OverflowError):
             return f"{self.path} is damaged and is ignored"
         if head != self._head:
@@ -87,11 +91,13 @@ class ProgressFile:
         self.path.unlink(missing_ok=True)
 
 
-def _check_steps(steps: Any) -> dict[str, dict[str, Any]]:
+def _check_steps(steps: Any, lengths: Mapping[int | None, int | None]) -> dict[str, dict[str, Any]]:
     """`steps` if every known one has what those after it use, and its line on the screen; ValueError otherwise."""
     for name, result in dict(steps).items():
         if name not in _SHAPES or not isinstance(result, dict):
             raise ValueError(f"{name} is not a step")
         for key, shape in _SHAPES[name].items():
-            numbers(result, key, name, shape)
+            numbers(result, key, name, tuple(lengths.get(one, one) for one in shape))
+        if name == "magnetic" and not np.linalg.norm(result["moment_per_current_m2"], axis=0).all():
+            raise ValueError("a coil without a moment has no axis")
     return dict(steps)
