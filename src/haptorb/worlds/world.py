@@ -14,6 +14,7 @@ from haptorb.devices.state import State
 from haptorb.display.html import table_html
 from haptorb.display.presentable import Presentable
 from haptorb.display.quantity_text import format_number
+from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.worlds import parameter as _parameter
 
@@ -47,6 +48,8 @@ class World(Presentable, ABC):
 
     passive: ClassVar[bool] = True  #: no closed path can take energy out of it
     continuous: ClassVar[bool] = True  #: no jumps: a small step of the state is a small step of the wrench
+    #: acts on a target that a device moves through modes, whose frame is not the stator's
+    needs_target: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         _parameter.check(self)
@@ -103,7 +106,15 @@ class World(Presentable, ABC):
         return table_html(["parameter", "value", "range"], rows) if rows else ""
 
     def for_device(self, device: Device) -> World:
-        """This world as `device` must render it: itself, unless it is described in the device's own terms."""
+        """This world as `device` must render it: itself, unless it is described in the device's own terms.
+
+        Raises InputError for a device without a target, if this world needs one.
+        """
+        if self.needs_target and not device.kind.modes:
+            raise InputError(
+                f"world '{self.name}' acts on a target that a device moves through modes; device '{device.name}' "
+                f"({device.kind.title}) has none: choose another world, or a device with modes, such as pmsm"
+            )
         return self
 
     def replace(self, **values: Any) -> Self:

@@ -139,6 +139,8 @@ class Outlet(World):
     (np.float64(-11.5), np.float64(-49.6))
     """
 
+    needs_target: ClassVar[bool] = True
+
     youngs_modulus: float = parameter(113e9, "Pa", 1e9, 250e9, "E of the socket's hooks")
     poisson_ratio: float = parameter(0.41, "", 0.0, 0.49, "ν of the socket's hooks")
     friction: float = parameter(0.134, "", 0.0, 1.0, "μ between plug and hooks")
@@ -252,6 +254,7 @@ class PublishedOutlet(World):
 
     passive: ClassVar[bool] = False
     continuous: ClassVar[bool] = False
+    needs_target: ClassVar[bool] = True
 
     youngs_modulus: float = parameter(113e9, "Pa", 1e9, 250e9, "E of the socket's hooks")
     friction: float = parameter(0.134, "", 0.0, 1.0, "μ between plug and hooks")
