@@ -14,6 +14,7 @@ export interface Health {
   recording_trouble: string; // all three are empty while all is well
   warning: string;
   world_trouble: string; // a part of `warning`
+  missing_pose: string; // which pose is waited for; empty while poses are valid
 }
 
 export class Header {

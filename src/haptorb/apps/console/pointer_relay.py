@@ -2,8 +2,14 @@
 
 While a person drags, their own messages keep the pose fresh: if the page freezes or goes away in the middle of a drag
 nobody refreshes it, it expires, and the guard lets go. A browser on a busy computer stutters, though: as long as its
-socket is open, a pause of a few frames is bridged. A hand at rest has no such person behind it, so the server keeps it
-fresh for as long as the page stays connected.
+socket is open, a pause is bridged. A hand at rest has no such person behind it, so the server keeps it fresh for as
+long as the page stays connected.
+
+Two limits, `Patience`, bound how long a force may last that no person holds: what the page's main thread may be silent
+before the page's own worker drops the pose, and what the worker may be silent before this end does. A real device
+allows a quarter of a second at most; a simulated one can hurt nobody and allows a second, so that a busy computer does
+not end a demonstration. To either the device's `limits.expiry` is added, after which the guard fades the force out
+within 50 ms.
 """
 
 from __future__ import annotations
@@ -11,7 +17,7 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 
@@ -19,16 +25,30 @@ from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.wire import Pointer
 from haptorb.numerics.arrays import Array
 
-__all__ = ["PointerRelay"]
+__all__ = ["PATIENCE", "PATIENCE_SIMULATED", "Patience", "PointerRelay", "patience_for"]
+
+
+class Patience(NamedTuple):
+    """How long a held pointer stays believed without a word from whoever should renew it [s]."""
+
+    page: float  #: from the page's main thread to its worker
+    worker: float  #: from the worker to the server
+
+
+PATIENCE = Patience(page=0.25, worker=0.15)
+PATIENCE_SIMULATED = Patience(page=1.0, worker=1.0)
 
 #: how close the row's goal must be to the page's to be its answer [m]: float32 on the way
 _SAME = 1e-6
-#: the longest stutter of a page that is bridged while it holds the stylus [s]
-GRACE = 0.15
 #: a hand that was let go for so long is at rest [s]
 SETTLED = 0.5
 #: an answer that has not come by then will not come [s]
 _PATIENCE = 0.5
+
+
+def patience_for(driver: str) -> Patience:
+    """What `driver` allows: more where nothing is powered."""
+    return PATIENCE_SIMULATED if driver == "sim" else PATIENCE
 
 
 @final
@@ -37,6 +57,7 @@ class PointerRelay:
 
     def __init__(self, servo: RunningServo) -> None:
         self._servo = servo
+        self._grace = patience_for(servo.driver).worker
         self._last: tuple[Array, Array | None, float] | None = None  # what is held, and when it was last said
         self._rested = 0.0  # when it was let go
         self._resting: tuple[Array, Array | None] | None = None
@@ -59,7 +80,7 @@ class PointerRelay:
         """Refresh a hand at rest, or one whose page stutters; to be called well within the device's expiry."""
         if self._resting is not None:
             self._servo.point(*self._resting)
-        elif self._last is not None and time.monotonic() - self._last[2] < GRACE:
+        elif self._last is not None and time.monotonic() - self._last[2] < self._grace:  # safety: pointer-bridged
             self._servo.point(self._last[0], self._last[1])
 
     def release(self) -> None:
@@ -70,6 +91,11 @@ class PointerRelay:
         if self._resting is not None and time.monotonic() - self._rested > SETTLED:
             self._servo.release()
         self._forget()
+
+    def drop(self) -> None:
+        """The page is hidden or frozen: a drag is over at once, and its pose left to expire."""
+        if self._last is not None:
+            self._forget()
 
     def let_go(self) -> None:
         """Let go of the tool altogether."""
