@@ -24,7 +24,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Error, Page, sync_playwright
 
 from haptorb.apps.console import Console
 from haptorb.runtime.servo.servo import Servo
@@ -130,7 +130,11 @@ def measure(minutes: float, busy: int, device: str, browser: Browser) -> dict[st
     """Drag for `minutes` beside `busy` computing processes."""
     with running(device, busy) as (url, line):
         page = browser.new_page(viewport={"width": 1280, "height": 800})
-        page.goto(url, timeout=60_000)
+        try:
+            page.goto(url, timeout=60_000)
+        except Error as cause:
+            why = line.recv()["trips"] if line.poll(10) else cause
+            raise SystemExit(f"the page could not be opened, nothing was measured: {why}") from cause
         while not page.evaluate("window.haptorb && haptorb.control && haptorb.frames > 30"):
             if line.poll():
                 raise SystemExit(f"the loop ended by itself, nothing was measured: {line.recv()['trips']}")

@@ -3,7 +3,7 @@
 import { History } from "./history";
 import { listen } from "./keys";
 import { Link } from "./link";
-import { fill } from "./panels/dialogs";
+import { fill, uncover } from "./panels/dialogs";
 import { at, write } from "./panels/dom";
 import { Header, type Health } from "./panels/header";
 import { Legend } from "./panels/legend";
@@ -343,6 +343,7 @@ class Console {
     lost.hidden = performance.now() - this.droppedAt > NOTED;
     if (this.dropped) write(lost, `${this.dropped} samples not shown: this page was too slow`);
     this.hint(dead);
+    uncover();
     if (!dead && now - this.saidAt > SAY) {
       this.saidAt = now;
       const words = [this.readouts.sentence(this.sample), this.modes?.sentence(this.sample) ?? ""];
@@ -352,6 +353,8 @@ class Console {
 
   private hint(dead: boolean): void {
     const hint = at("hint");
+    // Whoever reads why there is no force need not be told how to feel it.
+    if (!at("alert").hidden) return void (hint.hidden = true);
     if (this.touched || dead || !this.control || !this.session.steered) return;
     const { x, y } = this.subject.anchor();
     write(hint, this.subject.hint);

@@ -37,6 +37,16 @@ export function fill(session: Session, scene: DeviceScene, keys: readonly (reado
   addEventListener("keydown", close, { capture: true });
 }
 
+/** An open dialog stays below the reason why the coils are off, which comes by itself. */
+export function uncover(): void {
+  const dialog = document.querySelector<HTMLElement>("dialog[open]");
+  if (!dialog) return;
+  const reason = at("alert");
+  const page = document.querySelector(".page")!.getBoundingClientRect();
+  const edge = reason.hidden ? 0 : Math.max(0, reason.getBoundingClientRect().bottom - page.top + 8);
+  dialog.style.setProperty("--alert", `${Math.min(edge, page.height - 120).toFixed(0)}px`);
+}
+
 /** Not modal: STOP must work beside it. One at a time. */
 function open(button: string, dialog: string, other: string): void {
   at(button).addEventListener("click", () => {
