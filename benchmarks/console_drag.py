@@ -34,6 +34,7 @@ FLAGS = (
     *("--disable-component-update", "--disable-sync"),
 )
 POSE = ("POSE_EXPIRED", "POSE_LOST")  #: the trips that a page in time never causes
+TRIPPED = "['tripped', 'tracker lost'].includes(haptorb.status)"
 HOLDING = "document.querySelector('#scene.holding') !== null"
 #: pauses between two frames above 250 ms [ms]
 WATCH = """() => {
@@ -97,11 +98,16 @@ def take_hold(page: Page) -> tuple[float, float]:
 
 
 def engage(page: Page) -> None:
-    """Begin again after a trip, as a person does."""
+    """Begin again after a trip, in two steps as a person does."""
     page.mouse.up()
-    page.get_by_role("button", name="Re-engage").click()
-    page.get_by_role("button", name="Coils on now").click()
-    page.wait_for_timeout(1500)
+    for _ in range(40):
+        page.evaluate("document.querySelector('#engage button:not(.sure)')?.click()")
+        page.wait_for_timeout(150)
+        page.evaluate("document.querySelector('#engage .sure')?.click()")
+        page.wait_for_timeout(1500)
+        if not page.evaluate(TRIPPED):
+            return
+    raise SystemExit(f"the device could not be engaged again: {page.inner_text('#alert-text')}")
 
 
 def drag(page: Page, seconds: float) -> int:
@@ -115,7 +121,7 @@ def drag(page: Page, seconds: float) -> int:
             page.mouse.move(x + 60 * math.sin(angle), y + 18 * math.sin(2 * angle))
             page.wait_for_timeout(15)
         page.wait_for_timeout(1000 * min(REST, seconds))
-        tripped = page.evaluate("['tripped', 'tracker lost'].includes(haptorb.status)")
+        tripped = page.evaluate(TRIPPED)
         if tripped:
             engage(page)
         if tripped or not page.evaluate(HOLDING):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from haptorb.control.protection.trip import CoilState, GuardState, Trip
+from haptorb.runtime.trackers.pose_source import describe_trip
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
@@ -39,10 +40,10 @@ def test_every_state_has_its_word_and_its_way_out(staged, fake):
         if trip in (Trip.NONE, Trip.CLOSING):
             continue
         fake.guard, fake.trip = GuardState.TRIPPED, trip
-        wanted = {Trip.STOPPED: "stopped", Trip.POSE_LOST: "tracker lost"}.get(trip, "tripped")
+        wanted = "stopped" if trip is Trip.STOPPED else "tripped"
         screen.until(f"haptorb.status === '{wanted}' && haptorb.value('trip')[0] === {int(trip)}")
         page.wait_for_timeout(60)
-        assert trip.text in page.locator("#alert").inner_text()
+        assert describe_trip(trip, fake.tracker) in page.locator("#alert").inner_text()
         assert page.get_by_role("button", name="Re-engage").is_visible()
     fake.guard, fake.trip = GuardState.OFF, Trip.NONE
     screen.until("haptorb.status === 'off'")

@@ -70,8 +70,11 @@ def _scene(device: Device) -> dict[str, Any]:
     return scene
 
 
-#: what the header says for a trip; every other one is just "tripped"
-_WORDS = {Trip.STOPPED: "stopped", Trip.POSE_LOST: "tracker lost"}
+def _word(trip: Trip, tracker: str) -> str:
+    """What the header says for `trip`."""
+    if trip is Trip.STOPPED:
+        return "stopped"
+    return "tracker lost" if trip is Trip.POSE_LOST and tracker != "pointer" else "tripped"
 
 
 def session(servo: RunningServo, started: str) -> dict[str, Any]:
@@ -100,7 +103,7 @@ def session(servo: RunningServo, started: str) -> dict[str, Any]:
             "stop": heat.stop - _KELVIN,
         },
         "trips": {
-            str(int(trip)): {"word": _WORDS.get(trip, "tripped"), "text": describe_trip(trip, servo.tracker)}
+            str(int(trip)): {"word": _word(trip, servo.tracker), "text": describe_trip(trip, servo.tracker)}
             for trip in Trip
             if trip is not Trip.NONE
         },
