@@ -18,7 +18,7 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.worlds import parameter as _parameter
 
-__all__ = ["Sum", "World"]
+__all__ = ["Sum", "TargetWorld", "World"]
 
 _NO_HOOKS = np.zeros((2, 8))
 _LONGEST = 160  #: characters of a `repr`
@@ -127,6 +127,17 @@ class World(Presentable, ABC):
         """Both at once."""
         parts = [part for world in (self, other) for part in (world.parts if isinstance(world, Sum) else (world,))]
         return Sum(tuple(parts))
+
+
+@dataclass(frozen=True)
+class TargetWorld(World):
+    """A world that acts on a target which a device moves through modes, such as a plug in its socket.
+
+    Its states and wrenches are the target's, in a frame that is not the stator's: a device whose tool the world would
+    act on directly refuses it.
+    """
+
+    needs_target: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)

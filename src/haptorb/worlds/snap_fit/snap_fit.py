@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from haptorb.physics.beams import Model, compliance
 from haptorb.physics.hook import Hook
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.snap_fit.sliding import sliding_push
-from haptorb.worlds.world import World
+from haptorb.worlds.world import TargetWorld
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -181,7 +181,7 @@ def _snap_fit(
 
 
 @dataclass(frozen=True)
-class SnapFit(World):
+class SnapFit(TargetWorld):
     """Snap-fit: hooks bend, click in, and hold until they are pulled out with enough force.
 
     Sizes as in `physics.Hook`. The default is a pair of ABS hooks of ordinary proportions (1.5 % strain at the root,
@@ -192,8 +192,6 @@ class SnapFit(World):
     >>> world.wrench(State.at((0.001, 0, 0), R_SR=np.eye(3), v=(0.05, 0, 0)))[0] < 0      # pulled: it holds back
     np.True_
     """
-
-    needs_target: ClassVar[bool] = True
 
     youngs_modulus: float = parameter(2.3e9, "Pa", 0.1e9, 250e9, "E of the hook's material")
     poisson_ratio: float = parameter(0.35, "", 0.0, 0.49, "ν of the hook's material")
@@ -218,7 +216,7 @@ class SnapFit(World):
     _spline: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        World.__post_init__(self)
+        TargetWorld.__post_init__(self)
         if self.hooks not in (1, 2):
             raise InputError(f"SnapFit.hooks must be 1 or 2; got {self.hooks!r}")
         hook = Hook(
