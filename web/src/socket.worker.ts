@@ -1,6 +1,6 @@
 // The socket lives in a thread of its own, so that a drag is refreshed every 12 ms however busy the page is drawing;
 // but only while the page proves that it is alive: a frozen page must not hold a powered stylus. After `patience` without
-// a sign of life the pose is dropped: the servo lets it expire.
+// a sign of life the pose is dropped: it expires, or a simulated hand lets go.
 
 import { pointerMessage, type Pointer } from "./wire";
 

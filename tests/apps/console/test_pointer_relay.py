@@ -27,6 +27,9 @@ def test_a_held_pointer_is_kept_through_a_stutter_only(servo, driver, seconds, m
         now[0] += 0.01
         hand.keep()
     assert 100 * seconds - 1 <= servo.count("point") <= 1 + 100 * seconds, "then it expires"
+    assert servo.count("release") == (driver == "sim"), "a simulated hand lets go instead"
+    hand.point(pointer(2.0, 0.02, held=True))
+    assert hand.held, "a page that comes back holds it still"
 
 
 def test_a_page_waits_longer_only_where_nothing_is_powered(servo):
@@ -35,18 +38,21 @@ def test_a_page_waits_longer_only_where_nothing_is_powered(servo):
     assert session(servo, "now")["patience"] == 0.25
 
 
-def test_a_dropped_drag_expires_and_a_resting_hand_stays(servo):
+@pytest.mark.parametrize("driver", ["serial:/dev/ttyUSB0", "sim"])
+def test_a_dropped_drag_is_over_and_a_resting_hand_stays(servo, driver):
+    servo.driver = driver
     hand = PointerRelay(servo)
     hand.point(pointer(1.0, 0.01, held=True))
     hand.drop()
     hand.keep()
     assert servo.count("point") == 1
-    assert servo.count("release") == 0
+    assert servo.count("release") == (driver == "sim")
     assert not hand.held
     hand.point(pointer(2.0, 0.01, held=False))
     hand.drop()
     hand.keep()
     assert servo.count("point") == 3
+    assert servo.count("release") == (driver == "sim")
 
 
 def test_a_resting_hand_is_kept_fresh_and_goes_home_with_the_page(servo, monkeypatch: pytest.MonkeyPatch):

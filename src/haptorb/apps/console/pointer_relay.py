@@ -7,9 +7,10 @@ long as the page stays connected.
 
 Two limits, `Patience`, bound how long a force may last that no person holds: what the page's main thread may be silent
 before the page's own worker drops the pose, and what the worker may be silent before this end does. A real device
-allows a quarter of a second at most; a simulated one can hurt nobody and allows a second, so that a busy computer does
-not end a demonstration. To either the device's `limits.expiry` is added, after which the guard fades the force out
-within 50 ms.
+allows a quarter of a second at most; then the pose expires (`limits.expiry`), the guard fades the force out within
+50 ms and trips. A simulated one can hurt nobody, and no tracker has failed: it allows a second, and then the simulated
+hand lets go and is back at its rest within 1.5 s, without a trip. A page that goes away in the middle of a drag lets
+the pose expire with either.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class PointerRelay:
 
     def __init__(self, servo: RunningServo) -> None:
         self._servo = servo
-        self._grace = patience_for(servo.driver).worker
+        self._simulated, self._grace = servo.driver == "sim", patience_for(servo.driver).worker
         self._last: tuple[Array, Array | None, float] | None = None  # what is held, and when it was last said
         self._rested = 0.0  # when it was let go
         self._resting: tuple[Array, Array | None] | None = None
@@ -80,8 +81,11 @@ class PointerRelay:
         """Refresh a hand at rest, or one whose page stutters; to be called well within the device's expiry."""
         if self._resting is not None:
             self._servo.point(*self._resting)
-        elif self._last is not None and time.monotonic() - self._last[2] < self._grace:  # safety: pointer-bridged
-            self._servo.point(self._last[0], self._last[1])
+        elif self._last is not None:
+            if time.monotonic() - self._last[2] < self._grace:  # safety: pointer-bridged
+                self._servo.point(self._last[0], self._last[1])
+            else:
+                self.drop()
 
     def release(self) -> None:
         """The page went away: a hand at rest goes home, a drag is left to expire.
@@ -93,9 +97,13 @@ class PointerRelay:
         self._forget()
 
     def drop(self) -> None:
-        """The page is hidden or frozen: a drag is over at once, and its pose left to expire."""
-        if self._last is not None:
-            self._forget()
+        """The page is hidden or hangs: a drag is over at once. A simulated hand lets go; a pose of a real device is left
+        to expire."""
+        if self._last is None:
+            return
+        if self._simulated:
+            self._servo.release()
+        self._forget()
 
     def let_go(self) -> None:
         """Let go of the tool altogether."""
