@@ -97,8 +97,8 @@ class PointerRelay:
         self._forget()
 
     def drop(self) -> None:
-        """The page is hidden or hangs: a drag is over at once. A simulated hand lets go; a pose of a real device is left
-        to expire."""
+        """The page is hidden or hangs: a drag is over. A simulated hand lets go; a real device's pose is left to
+        expire."""
         if self._last is None:
             return
         if self._simulated:
