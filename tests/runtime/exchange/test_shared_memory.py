@@ -303,11 +303,11 @@ def test_slots_do_not_touch(shared: SharedMemory) -> None:
 
 
 @settings(max_examples=20)
-@given(channels=st.integers(1, 24), sensors=st.integers(0, 48))
-def test_any_layout(channels: int, sensors: int) -> None:
-    memory = SharedMemory.create(RowLayout(channels, sensors))
+@given(channels=st.integers(1, 24), sensors=st.integers(0, 48), contacts=st.integers(0, 4))
+def test_any_layout(channels: int, sensors: int, contacts: int) -> None:
+    memory = SharedMemory.create(RowLayout(channels, sensors, contacts))
     try:
-        assert SharedMemory.attach(memory.path).layout == RowLayout(channels, sensors)
+        assert SharedMemory.attach(memory.path).layout == RowLayout(channels, sensors, contacts)
     finally:
         memory.unlink()
     memory.unlink()  # twice does no harm

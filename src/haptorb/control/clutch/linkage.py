@@ -20,6 +20,7 @@ from haptorb.devices.state import State
 from haptorb.errors import InputError, quote
 from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.record import record
+from haptorb.worlds.contact_world import ContactWorld
 
 if TYPE_CHECKING:
     from haptorb.devices.motor.spherical_motor import SphericalMotor
@@ -39,7 +40,7 @@ __all__ = [
 #: 40° of handle, which a hand can sweep within the workspace, pull the plug all the way out; else the defaults
 MOTOR_GAINS = Gains(translate=(0.024, 0.004, 0.01))
 
-NO_CONTACTS = np.zeros((2, 8))  #: of a world that has no hooks: nothing is bent, nothing pushes
+NO_CONTACTS = np.zeros((0, 8))
 _CLOSED = np.ones(2)
 _NUMBERS = {mode: number for number, mode in enumerate(MODES, start=1)}  #: of modes in a row
 
@@ -50,12 +51,6 @@ class WrenchSource(Protocol):
     def wrench(self, state: State) -> Array:
         """(6,) on the thing at `state` [N, N·m]."""
 
-    def touching(self, state: State) -> tuple[Array, Array]:
-        """(6,) the same wrench, and (2, 8) what up to two hooks do, for those who draw them.
-
-        In [N, N·m], and [m] and [N] as in `RenderedWrench`.
-        """
-
 
 @record
 class RenderedWrench:
@@ -64,7 +59,7 @@ class RenderedWrench:
     wrench        (6,) on the mover, stator frame [N, N·m]
     thing         pose and motion of what the world acts on: the mover itself, or a motor's target in its primed frame
     on_thing      (6,) wrench on it [N, N·m]
-    contacts      (2, 8) per hook: deflection [m], place along the hook [m], point (3) [m], force on the thing (3) [N]
+    contacts      (n, 8) as `ContactWorld` gives them; none of another world, or if the linkage has none to tell
     mode          0 direct, 1 translate, 2 rotate
     share         (2,) how firmly translation and rotation are joined, 0 to 1
     engaged       whether the hand wants to move the thing
@@ -187,7 +182,13 @@ class ModedLinkage(Linkage):
             raise mapping.explain_loss(R)
         self._t = t
         target = State(t, pose[:3], pose[3], pose[4], pose[5])
-        on_target, contacts = world.touching(target)
+        if isinstance(world, ContactWorld):
+            on_target, contacts = world.render_contacts(target)
+            contacts = np.ascontiguousarray(contacts, dtype=np.float64)  # for the kernel that fills the row
+            if contacts.ndim != 2 or contacts.shape[1] != 8:
+                raise InputError(f"a world must give contacts of shape (n, 8); got shape {contacts.shape}")
+        else:
+            on_target, contacts = world.wrench(target), NO_CONTACTS
         if np.shape(on_target) != (6,):
             raise InputError(f"a world must give force and torque, shape (6,); got {quote(on_target)}")
         asked, wrench = self._asked, np.empty(6)
