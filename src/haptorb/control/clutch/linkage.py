@@ -20,7 +20,6 @@ from haptorb.devices.state import State
 from haptorb.errors import InputError, quote
 from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.record import record
-from haptorb.worlds.contact_world import ContactWorld
 
 if TYPE_CHECKING:
     from haptorb.devices.motor.spherical_motor import SphericalMotor
@@ -182,14 +181,16 @@ class ModedLinkage(Linkage):
             raise mapping.explain_loss(R)
         self._t = t
         target = State(t, pose[:3], pose[3], pose[4], pose[5])
-        if isinstance(world, ContactWorld):
-            on_target, contacts = world.render_contacts(target)
-            contacts = np.ascontiguousarray(contacts, dtype=np.float64)  # for the kernel that fills the row
-            if contacts.ndim != 2 or contacts.shape[1] != 8:
-                raise InputError(f"a world must give contacts of shape (n, 8); got shape {contacts.shape}")
-        else:
+        # Not `isinstance(world, ContactWorld)`: of an abstract class that costs 0.4 µs in every tick.
+        render_contacts = getattr(world, "render_contacts", None)
+        if render_contacts is None:
             on_target, contacts = world.wrench(target), NO_CONTACTS
-        if np.shape(on_target) != (6,):
+        else:
+            on_target, contacts = render_contacts(target)
+            contacts = np.ascontiguousarray(contacts, dtype=np.float64)  # for the kernel that fills the row
+            if contacts.shape[1:] != (8,):
+                raise InputError(f"a world must give contacts of shape (n, 8); got shape {contacts.shape}")
+        if (on_target.shape if isinstance(on_target, np.ndarray) else np.shape(on_target)) != (6,):
             raise InputError(f"a world must give force and torque, shape (6,); got {quote(on_target)}")
         asked, wrench = self._asked, np.empty(6)
         asked[:] = on_target  # in another memory layout a user's array would have the kernel compiled anew
