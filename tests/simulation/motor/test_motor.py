@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from haptorb.devices.loader import load
 from haptorb.devices.motor.api import torque_characteristic
-from haptorb.devices.motor.handle import HALL_IDEAL, HANDLE_LOOSE, HallQuality
+from haptorb.devices.motor.handle import HANDLE_LOOSE, HallQuality
 from haptorb.devices.motor.regulator import torque_over_sine
 from haptorb.errors import InputError, UnknownName
 from haptorb.simulation.motor.motor import SimulatedMotor
@@ -211,7 +211,7 @@ def test_no_hand_and_no_current_brings_it_out_of_its_workspace(angles, duties):
 
 
 def test_the_sensors_read_magnets_and_coils():
-    motor = SimulatedMotor(PMSM, seed=3, quality=HALL_IDEAL)
+    motor = SimulatedMotor(PMSM, seed=3, quality=HallQuality(0.0, 0.0, 0.0))
     q = tilted(8, -6, 20)
     go(motor, 0.05, np.full(12, 0.1), q)
     sample = motor.sample(0.05, 0.05, True)

@@ -23,7 +23,6 @@ from haptorb.numerics.compiled import cache_folder
 
 __all__ = [
     "Angle",
-    "Capacitance",
     "Conductance",
     "Current",
     "Damping",
@@ -163,7 +162,6 @@ Slew = Annotated[float, _unit_validator("A/s", "a rate of current")]
 Voltage = Annotated[float, _unit_validator("V", "a voltage")]
 Resistance = Annotated[float, _unit_validator("ohm", "a resistance")]
 Inductance = Annotated[float, _unit_validator("H", "an inductance")]
-Capacitance = Annotated[float, _unit_validator("F", "a capacitance")]
 Polarization = Annotated[float, _unit_validator("T", "a flux density")]
 MomentPerCurrent = Annotated[float, _unit_validator("m**2", "a magnetic moment per current")]
 Temperature = Annotated[float, _unit_validator("K", "a temperature")]

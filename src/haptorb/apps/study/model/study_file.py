@@ -32,9 +32,8 @@ from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_
 from haptorb.worlds.parameter import Parameter, check_names, parameters
 from haptorb.worlds.world import World
 
-__all__ = ["PROCEDURES", "Study", "read_study", "study_of"]
+__all__ = ["Study", "read_study", "study_of"]
 
-PROCEDURES = ("identification", "localisation", "constant", "staircase", "bayesian", "forced-choice", "rating")
 #: left out of the digest where they are not used: studies that were begun before there were such things go on
 _LATER = ("mask", "questions", "model", "world_digest")
 _MISTAKES = 20  #: told at once

@@ -218,12 +218,6 @@ class Emulator:
         self.expect_line("@done")
         return words
 
-    def wait_for_off(self, patience: float = 20.0) -> dict[str, float]:
-        """When the coils go off next: firmware time, and milliseconds since the last byte and the last mark."""
-        return {
-            name: float(value) for name, value in re.findall(r"(\w+)=([-\d.]+)", self.expect_line("@off", patience))
-        }
-
     @property
     def pid(self) -> int:
         """Of the emulator's process."""
