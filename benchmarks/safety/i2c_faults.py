@@ -41,7 +41,7 @@ from haptorb.runtime.realtime.kernel_requests import request_real_time
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))  # the chips as their data sheets have them
 
-from oracles.chips import ChipBus
+from oracles.chips import ChipBus, Thermometers
 
 LIMIT = 0.020  #: from the first answer of the bus to registers that read zero; for noticing the guardian's end [s]
 HANG = 0.010  #: what one transfer takes that hangs [s]
@@ -66,21 +66,6 @@ class Bus:
         return answer
 serve(Bus(), 0x60)
 """
-
-
-class Warm:
-    """Thermometers that need no bus."""
-
-    def ready(self, patience: float) -> bool:
-        """At once."""
-        return True
-
-    def read(self) -> Any:
-        """(3,) [K]."""
-        return np.full(3, 300.0)
-
-    def close(self) -> None:
-        """Nothing to close."""
 
 
 class FaultyBus:
@@ -134,7 +119,7 @@ class Session:
 
     def __init__(self, bus: FaultyBus) -> None:
         self.bus = bus
-        self.driver = I2cDriver(load("omni"), bus, thermometers=Warm, clock=lambda: bus.now)
+        self.driver = I2cDriver(load("omni"), bus, thermometers=Thermometers, clock=lambda: bus.now)
         self.next = 0.0
         self.found = ""
         self.failed = False  #: the driver noticed the bus's fault
@@ -384,7 +369,7 @@ def guardians(count: int, seed: int = 1) -> dict[str, list[float]]:
     with tempfile.TemporaryDirectory() as folder:
         port = SharedPort(Path(folder))
         request_real_time()  # as the servo is, where it may
-        with I2cDriver(load("omni"), port, thermometers=Warm, watchdog=False) as driver:
+        with I2cDriver(load("omni"), port, thermometers=Thermometers, watchdog=False) as driver:
             for _ in range(count):
                 for name, deed in (("stopped", signal.SIGSTOP), ("killed", signal.SIGKILL)):
                     for _ in range(5):  # a busy computer trips by itself; that is not what is asked here
