@@ -62,7 +62,7 @@ def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
             now = int(reading["rounds"][0])
             rounds += (now - before) & 0xFF
             before = now
-            if reading["standing"][0] != BoardMode.ENGAGED:
+            if reading["mode"][0] != BoardMode.ENGAGED:
                 trips += 1
                 device.collect(1.0)
                 device.switch_off()

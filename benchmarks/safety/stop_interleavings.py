@@ -117,7 +117,7 @@ class Host(Commands):
         self.stop()
 
     def rows(self, cursor: int = 0) -> Any:
-        return self._shared.ring.since(cursor)
+        return self._shared.ring.read_since(cursor)
 
     def latest(self) -> Any:
         return self._shared.ring.latest()

@@ -118,7 +118,7 @@ def test_engaging_is_refused_while_a_coil_is_too_warm_or_nobody_knows(started: C
     emulator.wait(2.5)
     hot = device.engage()
     assert hot.refusal is Refusal.HOT
-    assert hot.standing is BoardMode.OFF
+    assert hot.mode is BoardMode.OFF
     assert "above 85 °C" in refusal(hot)
     emulator.tell("heat 1 40")
     emulator.tell("absent ds18b20-z")
@@ -268,7 +268,7 @@ def test_standing_is_off_after_close(emulator: Any, driver: SerialDriver) -> Non
     driver.close()
     assert emulator.status()["on"] == "0"
     device = Board(emulator.port, 30.0, answer=5.0)
-    assert device.read().standing is BoardMode.OFF
+    assert device.read().mode is BoardMode.OFF
     device.close()
 
 

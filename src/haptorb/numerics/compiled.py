@@ -66,16 +66,16 @@ def _digest_sources(path: Path) -> bytes:
     """
     if not path.is_relative_to(_PACKAGE):
         return b""
-    seen: dict[Path, bytes] = {}
+    digests: dict[Path, bytes] = {}
     waiting = [path]
     while waiting:
         file = waiting.pop()
-        if file not in seen:
-            seen[file], others = _neighbours(file)
+        if file not in digests:
+            digests[file], others = _neighbours(file)
             waiting.extend(others)
     digest = hashlib.sha256()
-    for file in sorted(seen):
-        digest.update(file.relative_to(_PACKAGE).as_posix().encode() + seen[file])
+    for file in sorted(digests):
+        digest.update(file.relative_to(_PACKAGE).as_posix().encode() + digests[file])
     return digest.digest()
 
 

@@ -41,7 +41,7 @@ def frictionless(**changes):
 
 def weightless(motor):
     """Neither weight nor regulator."""
-    motor._parts = motor._parts._replace(leaning=np.zeros(2))
+    motor._parts = motor._parts._replace(tilt_torque=np.zeros(2))
     motor._magnetics = pack_magnetics(motor._parts)
     return motor
 
@@ -109,7 +109,7 @@ def test_it_rests_where_nothing_pushes_it_and_falls_where_no_regulator_holds_it(
 def test_dry_friction_holds_what_is_too_weak():
     """Tilted so far that weight and regulator give half of what the bearing holds."""
     motor = SimulatedMotor(PMSM, grasp=HANDLE_LOOSE)
-    back = torque_over_sine(1.0, *PMSM.leaning)
+    back = torque_over_sine(1.0, *PMSM.tilt_torque)
     small = np.degrees(0.5 * PMSM.rotor.dry_friction / abs(back))
     motor.place(NOWHERE, tilted(lam=float(small)))
     before = motor.state().R_SR

@@ -256,12 +256,12 @@ class ConsoleSocketHub:
             end = self._recent.look()
             echo = math.nan
             if end > looked and page is self._pages[0]:
-                new = self._recent.since(looked)
+                new = self._recent.read_since(looked)
                 echo = self._hand.echo(new[:, self._target], new[:, self._turn])
             looked = end
             now = time.monotonic()
             if end > sent and (now >= due or math.isfinite(echo)):
-                rows = self._recent.since(sent)
+                rows = self._recent.read_since(sent)
                 page.dropped += end - sent - len(rows)
                 sent = end
                 await page.send(rows_frame(rows, self._index, self._t, self._tick, echo, page.dropped))

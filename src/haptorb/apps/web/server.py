@@ -134,14 +134,14 @@ def prioritize() -> Generator[None, None, None]:
 
 
 @contextlib.contextmanager
-def signals(heard: Callable[[int], None]) -> Generator[None, None, None]:
+def signals(handle: Callable[[int], None]) -> Generator[None, None, None]:
     """SIGINT and SIGTERM call `heard`, in the main thread; elsewhere nothing changes."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def handler(number: int, frame: FrameType | None) -> None:
-        heard(number)
+        handle(number)
 
     before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

@@ -201,8 +201,8 @@ class ModedLinkage(Linkage):
         """(1,) CLUTCH of a clutch that has just been put between `mover` and the target at its beginning."""
         position, attitude = self._begin
         mode, engaged = self._mode, self._engaged
-        begun = self.mapping.start(mover, mode=mode, engaged=engaged, position=position, attitude=attitude)
-        self._memory, self._t = self.mapping.memory(begun), mover.t
+        clutch = self.mapping.start(mover, mode=mode, engaged=engaged, position=position, attitude=attitude)
+        self._memory, self._t = self.mapping.memory(clutch), mover.t
         return self._memory
 
     def _aim(self) -> None:

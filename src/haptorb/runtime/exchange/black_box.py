@@ -73,7 +73,7 @@ class BlackBox:
 
     def _take(self, t: float, code: float) -> None:
         ring, at = self._shared.ring, self._shared.layout["t"].start
-        _, rows = ring.since(0)
+        _, rows = ring.read_since(0)
         until = rows[rows[:, at] <= t + 1e-9] if len(rows) else rows
         tripped = TripRecord(t, Trip(int(code)), until[-TICKS:].copy())
         self.trips.append(tripped)

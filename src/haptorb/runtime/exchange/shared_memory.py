@@ -226,8 +226,8 @@ class SharedMemory:
 
     def world_now(self) -> str:
         """Name of the world that is rendered; empty before the first."""
-        told = self.worlds_since(self.words[Word.WORLD] - 1)
-        return str(json.loads(told[-1][1])["name"]) if told else ""
+        changes = self.worlds_since(self.words[Word.WORLD] - 1)
+        return str(json.loads(changes[-1][1])["name"]) if changes else ""
 
     def announce_trip(self, t: float, code: float) -> None:
         """Note a trip; those after the first 64 are only counted."""

@@ -110,9 +110,9 @@ def _variance_share(t: Record) -> float:
 
 
 @kernel
-def _find_doubt(t: Record, kept: float, p: Array, R: Array) -> int:
+def _find_doubt(t: Record, share: float, p: Array, R: Array) -> int:
     covariance = t.covariance
-    if not kept * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) <= 3.0 * _VAGUE * _VAGUE:
+    if not share * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) <= 3.0 * _VAGUE * _VAGUE:
         return VAGUE
     distance = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
     if not t.nearest < distance < t.furthest:

@@ -179,10 +179,10 @@ def study_of(text: str, where: str = "study", folder: Path | None = None) -> Stu
             study = _load_world(study, parse_world_file(study.world, folder))
         _check_study(study)
     except ValidationError as cause:
-        told = [f"{_place(e['loc'])}: {e['msg']}" for e in cause.errors()[:_MISTAKES]]
-        more = cause.error_count() - len(told)
-        told += [f"and {more} more mistakes"] if more else []
-        raise InputError(f"study file {where}: {'; '.join(told)}") from cause
+        mistakes = [f"{_place(e['loc'])}: {e['msg']}" for e in cause.errors()[:_MISTAKES]]
+        more = cause.error_count() - len(mistakes)
+        mistakes += [f"and {more} more mistakes"] if more else []
+        raise InputError(f"study file {where}: {'; '.join(mistakes)}") from cause
     except InputError as cause:
         raise InputError(f"study file {where}: {cause}") from cause
     return study

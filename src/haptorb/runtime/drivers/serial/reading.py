@@ -41,7 +41,7 @@ _AXES = 3
 
 #: A reading in SI.
 BOARD_READING = fields(
-    ("standing", "i8"),  # a BoardMode
+    ("mode", "i8"),  # a BoardMode
     ("reason", "i8"),  # a Reason
     ("missing", "i8"),  # bits of the parts that do not answer
     ("applied", "f8", (3,)),  # duties that the coils have [1]
@@ -93,7 +93,7 @@ def _fill_reading(line: Octets, at: int, reading: Records) -> bool:
     if axis >= _AXES or thermometer >= THERMOMETERS:
         return False
     r = reading[0]
-    r.standing, r.reason, r.missing = line[at], line[at + 1], _read_unsigned(line, at + 2)
+    r.mode, r.reason, r.missing = line[at], line[at + 1], _read_unsigned(line, at + 2)
     for i in range(3):
         r.applied[i] = _read_signed(line, at + 4 + 2 * i) / DUTY_STEPS
         r.currents[i] = _read_signed(line, at + 10 + 2 * i) * 1e-3
@@ -144,7 +144,7 @@ class Reading(NamedTuple):
     rounds        of the I²C bus, wraps at 256
     """
 
-    standing: BoardMode
+    mode: BoardMode
     reason: Reason
     missing: int
     applied: tuple[float, ...]
@@ -166,7 +166,7 @@ class Reading(NamedTuple):
         r: Record = reading[0]
         count = int(r["count"])
         return cls(
-            board_mode(int(r["standing"])), reason(int(r["reason"])), int(r["missing"]), tuple(r["applied"].tolist()),
+            board_mode(int(r["mode"])), reason(int(r["reason"])), int(r["missing"]), tuple(r["applied"].tolist()),
             tuple(r["currents"].tolist()), int(r["axis"]), int(r["first"]), tuple(r["hall"][:count].tolist()),
             bool(r["news"]), float(r["hall_age"]), int(r["thermometer"]), float(r["temperature"]), float(r["age"]),
             int(r["errors"]), int(r["rounds"]),

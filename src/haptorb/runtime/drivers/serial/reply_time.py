@@ -38,5 +38,5 @@ class BoardTime:
         >>> round(board.time_of_answer(10.25), 5)         # asked a quarter of a second after the first began
         0.25025
         """
-        at, begun = self._here if asked >= self._here[1] else self._before
-        return at + (asked - begun) + _HEARD
+        at, start = self._here if asked >= self._here[1] else self._before
+        return at + (asked - start) + _HEARD
