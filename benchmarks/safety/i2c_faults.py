@@ -74,7 +74,7 @@ class FaultyBus:
     def __init__(self, at: int | None = None, lasts: float = 0.0, kind: str = "nack", seed: int = 0) -> None:
         self.chips, self.pwm, self.currents, _ = ChipBus.of_device()
         self.count = 0
-        self.begun: float | None = None
+        self.fault_start: float | None = None
         self.pins: float | None = None  #: from the first failure to pins that are low [s]
         self._at, self._lasts, self._hangs = at, lasts, kind == "hang"
         self._random = random.Random(seed)
@@ -87,15 +87,15 @@ class FaultyBus:
     @property
     def over(self) -> float | None:
         """When the bus answers again [s]; None before it fails."""
-        return None if self.begun is None else self.begun + self._lasts
+        return None if self.fault_start is None else self.fault_start + self._lasts
 
     def transfer(self, messages: Sequence[tuple[int, bytes | int]]) -> list[bytes]:
         """As chips do, unless it fails now: then a part of the first message may have arrived."""
         number, self.count = self.count, self.count + 1
         if number == self._at:
-            self.begun = self.now
-        if self.begun is not None and self.pins is None and not self.pwm.duties().any():
-            self.pins = self.now - self.begun
+            self.fault_start = self.now
+        if self.fault_start is not None and self.pins is None and not self.pwm.duties().any():
+            self.pins = self.now - self.fault_start
         if self.over is None or self.now >= self.over:
             return self.chips.transfer(messages)
         address, what = messages[0]
@@ -138,13 +138,13 @@ class Session:
             driver.write(duties)
         except DriverError:
             well = False
-            self.complained()
+            self.judge_error()
             with suppress(DriverError):
                 driver.write(NONE)
         self.look()
         return well
 
-    def complained(self) -> None:
+    def judge_error(self) -> None:
         """Was it the fault of the bus, or is that over without a consequence?"""
         over = self.bus.over
         self.failed = self.failed or (over is not None and self.bus.now <= over + 2 * HANG)
@@ -165,7 +165,7 @@ class Session:
             return
         steps: list[tuple[int, Any, float]] = [(8, SOME, 20.0), (30, NONE, 20.0), (8, SOME, 20.0), (3, SOME, 200.0)]
         if not self.all_of(steps):
-            self.tripped()
+            self.recover()
             return
         self.found = self.found or "over-current was not noticed"
 
@@ -173,7 +173,7 @@ class Session:
         """Tick through `steps`; False as soon as the driver complains."""
         return all(self.tick(duties, ampere) for count, duties, ampere in steps for _ in range(count))
 
-    def tripped(self) -> None:
+    def recover(self) -> None:
         """Zero until OFF is said; engage when it is; push; close."""
         for again in range(3):
             self.until_off()
@@ -182,7 +182,7 @@ class Session:
             try:
                 self.driver.engage()
             except DriverError:
-                self.complained()
+                self.judge_error()
                 self.look()
                 continue
             if self.all_of([(8, SOME, 20.0)]):
@@ -208,7 +208,7 @@ class Session:
 
     def shut(self) -> None:
         """Close; where that gives up, the guardian has the last word."""
-        before = self.bus.begun
+        before = self.bus.fault_start
         with suppress(DriverError):
             self.driver.close()
             self.failed |= before is None
@@ -327,7 +327,7 @@ class SharedPort(Port):
         self._listener.close()
 
 
-def noticed(port: SharedPort, driver: I2cDriver, deed: signal.Signals, ticks: int) -> float:
+def time_detection(port: SharedPort, driver: I2cDriver, deed: signal.Signals, ticks: int) -> float:
     """After `ticks` ticks do `deed` to the guardian; how long the driver drives on [s]. The coils are off then."""
     start = time.monotonic()
     done: float | None = None
@@ -352,7 +352,7 @@ def noticed(port: SharedPort, driver: I2cDriver, deed: signal.Signals, ticks: in
         time.sleep(max(0.0, start + number * TICK - time.monotonic()))
 
 
-def engaged(driver: I2cDriver) -> None:
+def engage(driver: I2cDriver) -> None:
     """A person engages, again where the last guardian is not gone yet."""
     for _ in range(50):
         with suppress(DriverError):
@@ -374,10 +374,10 @@ def guardians(count: int, seed: int = 1) -> dict[str, list[float]]:
                 for name, deed in (("stopped", signal.SIGSTOP), ("killed", signal.SIGKILL)):
                     for _ in range(5):  # a busy computer trips by itself; that is not what is asked here
                         with suppress(DriverError):
-                            found[name].append(noticed(port, driver, deed, draw.randint(5, 25)))
+                            found[name].append(time_detection(port, driver, deed, draw.randint(5, 25)))
                             break
-                        engaged(driver)
-                    engaged(driver)
+                        engage(driver)
+                    engage(driver)
         port.end()
     return found
 
@@ -388,26 +388,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--faults", type=int, default=1000)
     parser.add_argument("--guardians", type=int, default=100)
     parser.add_argument("--json", action="store_true")
-    told = parser.parse_args(arguments)
-    bus = faults(told.faults)
-    heard = guardians(told.guardians)
-    result = {**bus, **{f"{name}_ms_max": 1e3 * max(times, default=0.0) for name, times in heard.items()}}
-    in_time = {name: sum(one <= LIMIT for one in times) for name, times in heard.items()}
-    result |= {f"{name}_in_time": f"{in_time[name]} of {told.guardians}" for name in heard}
-    well = bus["off_in_time"] == told.faults and not bus["wrong"]
-    well &= all(one == told.guardians for one in in_time.values())
-    if told.json:
+    options = parser.parse_args(arguments)
+    bus = faults(options.faults)
+    detection = guardians(options.guardians)
+    result = {**bus, **{f"{name}_ms_max": 1e3 * max(times, default=0.0) for name, times in detection.items()}}
+    in_time = {name: sum(one <= LIMIT for one in times) for name, times in detection.items()}
+    result |= {f"{name}_in_time": f"{in_time[name]} of {options.guardians}" for name in detection}
+    well = bus["off_in_time"] == options.faults and not bus["wrong"]
+    well &= all(one == options.guardians for one in in_time.values())
+    if options.json:
         print(json.dumps(result | {"well": well}))
         return 0 if well else 1
     say: Callable[[str], None] = print
     say(f"bus faults at {bus['places']} transfers: registers zero and OFF within 20 ms of the bus's answer: "
-        f"{bus['off_in_time']} of {told.faults} (longest {bus['off_ms_max']:.1f} ms, "
+        f"{bus['off_in_time']} of {options.faults} (longest {bus['off_ms_max']:.1f} ms, "
         f"median {bus['off_ms_p50']:.1f} ms; {bus['rode_through']} ridden through)")  # fmt: skip
     say(f"current at the pins for at most {bus['pins_ms_max']:.1f} ms of a fault (monostable)")
     for line in bus["wrong"]:
         say(f"  {line}")
-    for name, times in heard.items():
-        say(f"guardian {name}: noticed within 20 ms {in_time[name]} of {told.guardians}, "
+    for name, times in detection.items():
+        say(f"guardian {name}: noticed within 20 ms {in_time[name]} of {options.guardians}, "
             f"longest {1e3 * max(times, default=0.0):.1f} ms")  # fmt: skip
     say("well" if well else "NOT WELL")
     return 0 if well else 1

@@ -146,10 +146,10 @@ def store_resets() -> ModuleType:
 
 @pytest.mark.parametrize("resets", [12, pytest.param(100, marks=pytest.mark.slow)])
 def test_no_reset_loses_an_id_that_was_called_kept(built: Path, tmp_path: Path, resets: int) -> None:
-    found = store_resets().tried(built, tmp_path / "port", resets, seed=1)
+    found = store_resets().try_resets(built, tmp_path / "port", resets, seed=1)
     assert found.resets == resets
     assert (found.lost, found.garbage) == (0, 0)
-    assert found.kept > 0  # resets after it
+    assert found.intact > 0  # resets after it
     assert found.old > 0  # and before
 
 

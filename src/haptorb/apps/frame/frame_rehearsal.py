@@ -86,6 +86,6 @@ def measure_miss(
     person, up = SimulatedPerson(device, still, 1).dome(n), device.tool.tip_distance
     places = person.point(tracker.tip + up * tracker.axis) @ tracker.R.T + tracker.t
     tip = person.point(found.tip + up * found.axis) @ found.R.T + found.t
-    axes, meant = tracker.R @ person.R @ tracker.axis, found.R @ person.R @ found.axis
+    axes, axis = tracker.R @ person.R @ tracker.axis, found.R @ person.R @ found.axis
     off = float(np.sqrt(((places - tip) ** 2).sum(axis=1).mean()))
-    return off, float(np.arcsin(np.clip(np.linalg.norm(np.cross(axes, meant), axis=1).max(), 0.0, 1.0)))
+    return off, float(np.arcsin(np.clip(np.linalg.norm(np.cross(axes, axis), axis=1).max(), 0.0, 1.0)))

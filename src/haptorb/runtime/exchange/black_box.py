@@ -22,7 +22,7 @@ from haptorb.runtime.recording.recorder import Recorder
 __all__ = ["TICKS", "BlackBox", "TripRecord", "state_folder"]
 
 TICKS = 100  #: kept up to each trip
-_KEPT = 50  #: files of earlier trips that stay in the folder
+_MOST = 50  #: files of earlier trips that stay in the folder
 
 
 def state_folder() -> Path:
@@ -98,7 +98,7 @@ class BlackBox:
                 recorder.append(tripped.rows)
                 recorder.finish()
             self.files[number] = folder / name
-            for old in sorted(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime)[:-_KEPT]:
+            for old in sorted(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime)[:-_MOST]:
                 old.unlink(missing_ok=True)
         except OSError:
             return  # a full disk is no reason to disturb a run; the rows are in `trips` all the same

@@ -41,7 +41,7 @@ _STEP = 0.004  #: and with one, by the clocks' comparison [s]
 _AGREED = 0.05  #: after a jump, poses must agree for so long, and at least three of them [s]
 _SMOOTHED = 0.010  #: time constant of the velocities [s]
 _SILENCE = 0.05  #: without a pose for longer is a gap [s]
-_KEPT = 2048  #: of intervals and delays, for the percentiles
+_LENGTH = 2048  #: of intervals and delays, for the percentiles
 
 
 @final
@@ -59,8 +59,8 @@ class PoseFilter:
         self.lost = 0  #: how often the tracker said that it lost the tool
         self.gaps = 0  #: silences above 50 ms
         self.refused: Counter[str] = Counter()
-        self._intervals: deque[float] = deque(maxlen=_KEPT)
-        self._delays: deque[float] = deque(maxlen=_KEPT)
+        self._intervals: deque[float] = deque(maxlen=_LENGTH)
+        self._delays: deque[float] = deque(maxlen=_LENGTH)
 
     def listen(self, patience: float) -> None:
         """Take whatever comes within `patience` [s]."""

@@ -234,7 +234,7 @@ def test_a_real_guardian_that_stops_or_dies_is_noticed(
     with I2cDriver(load("omni"), port, thermometers=Thermometers, watchdog=False) as driver:
         for _ in range(5):
             try:
-                assert script.noticed(port, driver, deed, 5) < 1.0
+                assert script.time_detection(port, driver, deed, 5) < 1.0
                 break
             except DriverError:  # this computer was busy for too long, before anything was done
                 driver.engage()

@@ -35,7 +35,7 @@ READING_BYTES = 36
 _SECOND = BLOCKS[1][0]
 _NO_TEMPERATURE = 0x7FFF
 _NO_HALL = 0xFFFF
-_TOLD = 0x80  #: in the group's number: it has been told before
+_REPEATED = 0x80  #: in the group's number: it has been told before
 _AXES = 3
 
 
@@ -89,7 +89,7 @@ def _read_signed(line: Octets, at: int) -> int:
 def _fill_reading(line: Octets, at: int, reading: Records) -> bool:
     """Fill `reading`, (1,) BOARD_READING, from the payload at `at`; False if it names what there is not."""
     group, thermometer = int(line[at + 16]), int(line[at + 27])
-    axis, block = (group & (_TOLD - 1)) // 2, group & 1
+    axis, block = (group & (_REPEATED - 1)) // 2, group & 1
     if axis >= _AXES or thermometer >= THERMOMETERS:
         return False
     r = reading[0]
@@ -97,7 +97,7 @@ def _fill_reading(line: Octets, at: int, reading: Records) -> bool:
     for i in range(3):
         r.applied[i] = _read_signed(line, at + 4 + 2 * i) / DUTY_STEPS
         r.currents[i] = _read_signed(line, at + 10 + 2 * i) * 1e-3
-    r.axis, r.news = axis, group < _TOLD
+    r.axis, r.news = axis, group < _REPEATED
     r.first, r.count = (0, _SECOND) if block == 0 else (_SECOND, HALL_SENSORS - _SECOND)
     for i in range(_SECOND):
         code = _read_unsigned(line, at + 17 + 2 * i)
