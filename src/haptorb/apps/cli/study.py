@@ -46,12 +46,10 @@ def check(file: FileArgument, json: Annotated[bool, typer.Option("--json", help=
     if json:
         from haptorb.apps.study.simulated.forecast import forecast, overlap
 
-        prediction, reach = forecast(known), overlap(known)
+        result, reach = forecast(known), overlap(known)
         about = {"study": known.name, "procedure": known.procedure, "device": known.device}
-        print_json(
-            {**about, "set_points": len(known.points), **prediction.numbers(), "overlap": reach and reach.numbers()}
-        )
-        if not prediction.holds:
+        print_json({**about, "set_points": len(known.points), **result.numbers(), "overlap": reach and reach.numbers()})
+        if not result.holds:
             raise typer.Exit(1)
         return
     tell(f"{known.name}: {known.procedure} on '{known.device}', {len(known.points)} set-points")
@@ -283,12 +281,12 @@ def _print_forecast(known: Study) -> bool:
     """Say what a session will be like; whether the thermal budget holds."""
     from haptorb.apps.study.simulated.forecast import forecast, overlap
 
-    prediction = forecast(known)
-    say(("" if prediction.holds else "warning: ") + prediction.sentence)
+    result = forecast(known)
+    say(("" if result.holds else "warning: ") + result.sentence)
     reach = overlap(known)
     if reach is not None:
         say("note: " + reach.sentence)
-    return prediction.holds
+    return result.holds
 
 
 def _free_recording_path(db: str, session: int) -> Path:

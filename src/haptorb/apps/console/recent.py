@@ -39,7 +39,7 @@ class RecentRows:
         return self.end
 
     def read_since(self, index: int) -> Array:
-        """(n, width) the rows after the first `seen`, oldest first; at least one must be newer."""
+        """(n, width) the rows after the first `index`, oldest first; at least one must be newer."""
         wanted = []
         for first, rows in reversed(self._pieces):
             if first + len(rows) <= index:

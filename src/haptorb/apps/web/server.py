@@ -135,7 +135,7 @@ def prioritize() -> Generator[None, None, None]:
 
 @contextlib.contextmanager
 def signals(handle: Callable[[int], None]) -> Generator[None, None, None]:
-    """SIGINT and SIGTERM call `heard`, in the main thread; elsewhere nothing changes."""
+    """SIGINT and SIGTERM call `handle`, in the main thread; elsewhere nothing changes."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -127,7 +127,7 @@ def _project(axes: Array, places: int) -> Array:
 def _regress(device: SphericalElectromagnet, visible: Array, i: Array, B: Array) -> MagneticCalibration:
     """Linear least squares for M and the offsets, in closed form: M = C⁻¹ D S⁻¹ from centred readings.
 
-    `seen` (k, 3, 3) is what each sensor makes of a field.
+    `visible` (k, 3, 3) is what each sensor makes of a field.
     """
     at = device.hall.positions
     U = visible @ np.stack([dipole.field(np.broadcast_to(e, at.shape), at) for e in np.eye(3)], axis=2)  # (k, 3, 3)

@@ -83,7 +83,7 @@ class SessionManager:
         return bool(self._died) and not self._thread.is_alive()
 
     def ask(self, command: dict[str, Any], respond: Respond) -> None:
-        """Obey `command` soon; `told` hears what was wrong with it, if anything was."""
+        """Obey `command` soon; `respond` hears what was wrong with it, if anything was."""
         if self._died:
             raise InputError(f"the study program has failed and closes: {self._died}")
         if self._inbox.qsize() >= _WAITING:

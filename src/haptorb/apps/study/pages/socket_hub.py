@@ -38,7 +38,7 @@ _LARGEST = 10**6  #: draft of an answer
 
 @final
 class StudyPage:
-    """One connected page. `told`: what it knows, by kind of event."""
+    """One connected page. `status`: what it knows, by kind of event."""
 
     def __init__(self, socket: WebSocket, participant: bool) -> None:
         self.socket, self.participant = socket, participant

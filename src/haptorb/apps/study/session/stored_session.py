@@ -94,7 +94,7 @@ class StoredSession:
         return self.prompt is None and self.question is None
 
     def reply(self, question: Question, text: str) -> None:
-        """Keep what was `told` to `question`; InputError, and nothing kept, if it is no answer to it."""
+        """Keep `text`, the answer to `question`; InputError, and nothing kept, if it is no answer to it."""
         reply = question.check_reply(text)
         last = self.prompt is None and not self._open_questions(question)
         try:

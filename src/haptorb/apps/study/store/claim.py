@@ -60,7 +60,7 @@ class SessionLock:
 
 
 def _lock_file(path: Path, conflict: RecordingError) -> sqlite3.Connection:
-    """Holds the empty file `path` until it is closed. Raises `taken`, or RecordingError if it cannot be made.
+    """Holds the empty file `path` until it is closed. Raises `conflict`, or RecordingError if it cannot be made.
 
     SQLite knows how each operating system locks files.
     """

@@ -28,7 +28,7 @@ def _split_reading(
     reading: Records, radial: Array, axes: int, span: float, currents: Array, temperatures: Array, field: Array,
     present: NDArray[np.bool_],
 ) -> tuple[float, float]:  # fmt: skip
-    """What a `reading` tells into currents (m,) [A], temperatures (m,) [K], field (k, 3) [T]; `heard` by axis and
+    """What a `reading` tells into currents (m,) [A], temperatures (m,) [K], field (k, 3) [T]; `present` by axis and
     block. Returns the ages of currents and field [s]."""
     r = reading[0]
     for i in range(len(currents)):
