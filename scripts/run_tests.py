@@ -43,27 +43,28 @@ def count_outcomes(text: str) -> Counter[str]:
 
 def format_summary(counts: Counter[str], seconds: float) -> str:
     """All counts as pytest writes them at its end."""
-    said = ", ".join(
+    summary = ", ".join(
         f"{counts[word]} {word}{'s' * (word in ('warning', 'error') and counts[word] > 1)}"
         for word in ORDER
         if counts[word]
     )
     minutes, rest = divmod(round(seconds), 60)
     took = f"{seconds:.2f}s ({minutes // 60}:{minutes % 60:02}:{rest:02})"
-    return f"= {said or 'no tests ran'} in {took} =".center(80, "=")  # .ci/run looks for the signs, however long it is
+    # .ci/run looks for the signs, however long it is.
+    return f"= {summary or 'no tests ran'} in {took} =".center(80, "=")
 
 
 def run_pytest(arguments: list[str]) -> tuple[int, Counter[str]]:
     """One call, shown while it runs. Returns its exit code and what it counted."""
     command = [*PYTEST, *(["--color=yes"] if sys.stdout.isatty() else []), *arguments]
-    seen = b""
+    output = b""
     with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
-        while said := os.read(process.stdout.fileno(), 65536):
-            sys.stdout.buffer.write(said)
+        while chunk := os.read(process.stdout.fileno(), 65536):
+            sys.stdout.buffer.write(chunk)
             sys.stdout.buffer.flush()
-            seen = (seen + said)[-100_000:]
-    counts = count_outcomes(seen.decode("utf-8", "replace"))
+            output = (output + chunk)[-100_000:]
+    counts = count_outcomes(output.decode("utf-8", "replace"))
     return process.returncode or int(counts["failed"] + counts["error"] > 0), counts
 
 

@@ -25,7 +25,7 @@ from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
 from haptorb.runtime.drivers.serial.emulator import Emulator
 from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
 from haptorb.runtime.drivers.sim_driver import SimDriver
-from oracles.chips import ChipBus
+from oracles.chips import ChipBus, OpenBus, Thermometers
 
 SOME = np.array([0.05, -0.03, 0.02])
 FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
@@ -52,33 +52,9 @@ class Subject:
         return sample, self.driver.write(duties)
 
 
-class _Warm:
-    def ready(self, patience: float) -> bool:
-        return True
-
-    def read(self) -> Array:
-        return np.full(3, 300.0)
-
-    def close(self) -> None:
-        return
-
-
 def simulated() -> Subject:
     driver = SimDriver.of(load("omni"), 1e-3)
     return Subject(driver, lambda: driver._duties)
-
-
-class Reopening:
-    """Chips stay where they are when a driver lets go of the bus."""
-
-    def __init__(self, bus: ChipBus) -> None:
-        self._bus = bus
-
-    def transfer(self, messages: Any) -> list[bytes]:
-        return self._bus.transfer(messages)
-
-    def close(self) -> None:
-        return
 
 
 def i2c() -> Subject:
@@ -88,7 +64,7 @@ def i2c() -> Subject:
         for chip, duty in zip(currents, pwm.duties(), strict=True):
             chip.pass_time(0.6e-3, 20.0 * float(duty))
 
-    driver = I2cDriver(load("omni"), Reopening(bus), thermometers=_Warm, clock=lambda: bus.now)
+    driver = I2cDriver(load("omni"), OpenBus(bus), thermometers=Thermometers, clock=lambda: bus.now)
     return Subject(driver, pwm.duties, coils_follow)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -120,7 +121,8 @@ def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int,
             if float(emulator.status()["on"]) != 1:
                 continue  # the host was kept waiting and the firmware has switched off already
             which = fault(emulator, host)
-            times.append(emulator.wait_for_off(patience)[which])
+            off = dict(re.findall(r"(\w+)=([-\d.]+)", emulator.expect_line("@off", patience)))
+            times.append(float(off[which]))
         finally:
             host.kill()
             host.wait()

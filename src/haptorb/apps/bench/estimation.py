@@ -54,9 +54,9 @@ def _percentiles(estimator: Estimator, samples: list[Sample]) -> tuple[float, fl
     """Median and 99 % of one update [µs], without the first hundred."""
     seconds = []
     for sample in samples:
-        begun = perf_counter()
+        start = perf_counter()
         estimate = estimator.update(sample)
-        seconds.append(perf_counter() - begun)
+        seconds.append(perf_counter() - start)
         assert estimate.valid
     median, p99 = np.percentile(seconds[100:], (50, 99)) * 1e6
     return float(median), float(p99)

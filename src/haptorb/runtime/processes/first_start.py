@@ -24,7 +24,7 @@ from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.exchange import plan as plans
-from haptorb.runtime.realtime.parent_death import die_with_parent, is_orphaned
+from haptorb.runtime.realtime.parent_death import die_with_parent, is_parent_gone
 from haptorb.runtime.tick.assembly import allocator_of, estimator_of, linkage_of
 from haptorb.runtime.tick.tick import Tick
 from haptorb.sensing.estimator import Estimator
@@ -71,7 +71,7 @@ def main(plan: Path, parent: int) -> int:
     """Compile what the plan says until that is done or the parent has gone."""
     die_with_parent()
     for _ in plans.load(plan).compiling():
-        if is_orphaned(parent):
+        if is_parent_gone(parent):
             return 1
     return 0
 

@@ -49,14 +49,14 @@ class Magnetics(NamedTuple):
     sensors: Array  #: (k, 3)
     groups: Array  #: (c, m)
     coil_field: Array  #: (m, 3 k) field of the coils at the sensors [T/A]
-    leaning: Array  #: (n,) coefficients of weight and regulator, as `regulator.torque_over_sine` takes them [N·m]
+    tilt_torque: Array  #: (n,) coefficients of weight and regulator, as `regulator.torque_over_sine` takes them [N·m]
 
 
 def pack_magnetics(m: Magnetics) -> Array:
     """(n,) `m` as compiled code takes it, each number in the unit [..] of its field."""
     return pack(
         (m.torque_scale, m.field_scale), m.torque_cells, m.field_cells, m.magnets, m.coils, m.sensors, m.groups,
-        m.coil_field, m.leaning,
+        m.coil_field, m.tilt_torque,
     )  # fmt: skip
 
 
@@ -109,7 +109,7 @@ def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, d
             given[i] = 0.0
             for k in range(channels):
                 given[i] += K[i, k] * mean[k]
-        m.pressed = kick(rotor, parts.leaning, R, passive, given, dt)
+        m.pressed = kick(rotor, parts.tilt_torque, R, passive, given, dt)
         for i in range(3):
             truth[i] += (given[i] + passive[i]) / steps
         turn(rotor.q[:], rotor.momentum[:], rotor.inertia[:], 0.5 * dt)
