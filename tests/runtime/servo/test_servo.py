@@ -235,7 +235,7 @@ def test_interrupt_in_run_closes(fake_servo: Any, monkeypatch: pytest.MonkeyPatc
     def interrupted(seconds: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("haptorb.runtime.servo.servo.sleep", interrupted)
+    monkeypatch.setattr("haptorb.runtime.servo.servo_context.sleep", interrupted)
     with pytest.raises(KeyboardInterrupt):
         made.servo.run(1.0)
     monkeypatch.undo()
