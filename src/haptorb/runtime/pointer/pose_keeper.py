@@ -24,7 +24,7 @@ _PACKAGE = str(Path(__file__).parents[2])
 class PoseKeeper:
     """Says `motion(t)`, with t [s] from the start, every 5 ms until `end`, or until `motion` raises.
 
-    say         takes the place (3,) [m] and the quaternion (4,)
+    say         takes this keeper, the place (3,) [m] and the quaternion (4,); it drops what comes after `end`
     expiry      of a pose [s]
     users_code  whether `motion` is a user's: then the thread asks for no priority, for nobody knows how long it takes
 
@@ -73,8 +73,7 @@ class PoseKeeper:
             except InputError as cause:
                 self.trouble = cause
                 return
-            if not self._ending.is_set():
-                self._say(self, pose)
+            self._say(self, pose)
 
     def _motion_at(self, t: float) -> HandPose:
         try:

@@ -76,7 +76,7 @@ class LatestRow:
         return sorted([*super().__dir__(), *self.units])
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Any:
-        return np.array(self.numbers, dtype=dtype) if copy or dtype is not None else self.numbers
+        return np.array(self.numbers, dtype=dtype) if copy else np.asarray(self.numbers, dtype=dtype)
 
     def __repr__(self) -> str:
         """When it was, what the guard does, and the main quantities with their units; two lines."""

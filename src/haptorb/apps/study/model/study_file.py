@@ -27,7 +27,7 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, quote
 from haptorb.files.text_file import parse_toml, read_bytes, read_text
-from haptorb.worlds.own.failure import try_world
+from haptorb.worlds.own.failure import fit_world, try_world
 from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
 from haptorb.worlds.parameter import Parameter, check_names, parameters
 from haptorb.worlds.world import World
@@ -246,4 +246,4 @@ def _check_study(study: Study) -> None:
         shown = [study.levels.reference, *study.levels.values, *(study.levels.reference + m for m in more)]
     for condition in study.conditions:
         for level in shown:
-            study.make_world(condition.name, study.points[0].number, level).for_device(device)
+            fit_world(study.make_world(condition.name, study.points[0].number, level), device)
