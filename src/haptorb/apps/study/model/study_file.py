@@ -22,6 +22,7 @@ from haptorb.apps.study.model.study_parts import (
     Trials,
     Value,
 )
+from haptorb.apps.terminal import announce_wait
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
@@ -208,7 +209,8 @@ def _levels(study: Study) -> None:
 
 def _load_world(study: Study, file: WorldFile) -> Study:
     """`study` with the world in `file` and the digest of its code: sessions with other code are another study's."""
-    world = try_world(file.load(), study.load_device())
+    with announce_wait(f"World file {file.path} has not returned from loading and its first call"):
+        world = try_world(file.load(), study.load_device())
     digest = sha256(read_bytes(file.path, _CODE, "world file", InputError)).hexdigest()
     if study.world_digest not in ("", digest):
         raise InputError(f"world_digest is not that of {file.path}: the file has changed; leave out the key")
