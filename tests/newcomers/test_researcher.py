@@ -93,7 +93,7 @@ def test_her_mistakes_are_told_before_anything_starts(shell: NewcomerShell) -> N
     assert "push" in said
     (shell.folder / "hill.py").write_text(HILL.replace("return np.append(force, np.zeros(3))", "return force"))
     said = shell.run("haptorb run --world hill.py:Hill --headless", code=2).stderr
-    assert "shape (6,)" in said
+    assert "wrench must return an array of shape (6,)" in said
     assert "hill.py" in said
     (shell.folder / "hills.toml").write_text(STUDY.replace("hill.py:Hill", "hil.py:Hill"))
     said = shell.run("haptorb study check hills.toml", code=2).stderr

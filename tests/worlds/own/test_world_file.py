@@ -128,7 +128,8 @@ def test_a_bug_is_found_by_one_call_before_the_coils_are_on(folder: Path, end: s
 )
 def test_a_bug_in_for_device_is_told_with_its_place(folder: Path, body: str, said: str) -> None:
     file = folder / "groove.py"
-    file.write_text(GROOVE.replace("    def wrench", f"    def for_device(self, device):\n        {body}\n\n    def wrench"))
+    method = f"    def for_device(self, device):\n        {body}\n\n    def wrench"
+    file.write_text(GROOVE.replace("    def wrench", method))
     with pytest.raises(InputError, match=said):
         try_world(WorldFile(file, "Groove").load(), load("omni"))
     with pytest.raises(InputError, match=said):
