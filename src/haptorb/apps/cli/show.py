@@ -1,4 +1,4 @@
-"""`haptorb devices`, `haptorb worlds` and `haptorb inspect`: what is there, and what it can do."""
+"""`haptorb devices`, `worlds`, `inspect` and `show`: what is there, what it can do, and what it looks like."""
 
 from __future__ import annotations
 
@@ -7,7 +7,16 @@ from typing import Annotated
 
 import typer
 
-from haptorb.apps.terminal import Column, TextTable, make_console, print_facts, print_json, print_table, print_text
+from haptorb.apps.terminal import (
+    Column,
+    TextTable,
+    make_console,
+    print_facts,
+    print_json,
+    print_table,
+    print_text,
+    tell,
+)
 from haptorb.errors import InputError
 
 __all__ = ["register"]
@@ -18,6 +27,7 @@ def register(app: typer.Typer) -> None:
     app.command()(devices)
     app.command()(worlds)
     app.command()(inspect)
+    app.command()(show)
 
 
 def devices(json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
@@ -95,6 +105,35 @@ def inspect(
         made.show(make_console())
     if plot is not None:
         made.plot(plot)
+
+
+def show(
+    device: Annotated[str, typer.Argument(help="Device name, or path of a device file.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="PNG, SVG or PDF file [DEVICE.drawing.png].")
+    ] = None,
+    view: Annotated[str, typer.Option(help="View: section, 3d or both.")] = "both",
+    azimuth: Annotated[float, typer.Option(help="Direction of the section's plane [deg], from +x towards +y.")] = 0.0,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print the parts and their places as JSON; draw with -o.")
+    ] = False,
+    override: Annotated[bool, typer.Option("--override", help="Draw a device that the validation refuses.")] = False,
+) -> None:
+    """Draw a device to scale: coils, magnets, core and sensors in section and in three dimensions."""
+    from haptorb.apps.figure_file import check_figure_file, write_figure
+    from haptorb.apps.show import describe_geometry
+    from haptorb.devices.loader import load
+
+    found = load(device, override=override)
+    path = (
+        None if json and output is None else check_figure_file(output or Path(f"{found.name}.drawing.png"), "--output")
+    )
+    if path is not None:
+        write_figure(found.draw(view, azimuth), path, "--output")
+    if json:
+        print_json(describe_geometry(found))
+    else:
+        tell(f"written: {path}")
 
 
 def _list(lines: dict[str, str], json: bool) -> None:
