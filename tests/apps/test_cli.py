@@ -66,7 +66,7 @@ def test_what_is_assumed_is_listed_with_reasons(capsys):
     assert "tool.mass " in out
 
 
-@pytest.mark.parametrize("name", ["card.png", "card.svg"])
+@pytest.mark.parametrize("name", ["card.png", "card.svg", "card.pdf"])
 def test_the_card_as_a_picture(capsys, tmp_path, name):
     code, _, _ = told(capsys, "inspect", "omni", "--plot", str(tmp_path / name))
     assert code == 0
@@ -78,7 +78,7 @@ def test_the_card_as_a_picture(capsys, tmp_path, name):
     [
         (["inspect", "omi"], "did you mean 'omni'"),
         (["inspect", "no/such/file.toml"], "cannot be read"),
-        (["inspect", "omni", "--plot", "card.pdf"], "must be a .png or .svg file"),
+        (["inspect", "omni", "--plot", "card.jpg"], "must be a .png, .svg or .pdf file"),
         (["inspect", "omni", "--plot", "/no/such/folder/card.png"], "does not exist"),
         (["worlds", "doom"], "did you mean 'dome'"),
         (["run", "omi"], "did you mean 'omni'"),

@@ -77,34 +77,39 @@ def _nature(passive: bool, continuous: bool) -> str:
 
 
 def inspect(
-    device: Annotated[str, typer.Argument(help="Device name, or path of a device file.")],
-    plot: Annotated[Path | None, typer.Option(help="Draw the figures into this PNG or SVG file.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    devices: Annotated[
+        list[str], typer.Argument(metavar="DEVICE...", help="Device names, or paths of device files: one or several.")
+    ],
+    plot: Annotated[Path | None, typer.Option(help="Draw the figures into this PNG, SVG or PDF file.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON; a list for several devices.")] = False,
     assumed: Annotated[bool, typer.Option("--assumed", help="List the assumed values with their reasons.")] = False,
     override: Annotated[bool, typer.Option("--override", help="Inspect a device that the validation refuses.")] = False,
 ) -> None:
-    """Show a device's workspace, forces, heat limits and model errors."""
+    """Show what devices can do: workspace, forces, heat limits and model errors; several side by side."""
+    from haptorb.apps.figure_file import check_figure_file, write_figure
+    from haptorb.apps.inspect import Comparison, card, name_devices
+    from haptorb.apps.progress import build_tables
     from haptorb.devices.loader import load
 
-    found = load(device, override=override)
+    found = [load(device, override=override) for device in devices]
+    labels = name_devices(found, devices)
     if assumed:
-        _list(dict(found.assumed), json)
+        if len(found) > 1:
+            raise InputError(f"--assumed lists the values of one device; got {len(found)}")
+        _list(dict(found[0].assumed), json)
         return
-    if plot is not None and plot.suffix not in (".png", ".svg"):
-        raise InputError(f"--plot must be a .png or .svg file; got '{plot}'")
-    if plot is not None and not plot.parent.is_dir():
-        raise InputError(f"--plot: the folder '{plot.parent}' does not exist")
-    from haptorb.apps.inspect.card import card
-    from haptorb.apps.progress import build_tables
-
-    build_tables(found)
-    made = card(found)
-    if json:
-        print_json(made.numbers())
-    else:
-        made.show(make_console())
     if plot is not None:
-        made.plot(plot)
+        check_figure_file(plot, "--plot")
+    for one in found:
+        build_tables(one)
+    cards = [card(one) for one in found]
+    report = cards[0] if len(cards) == 1 else Comparison(cards, labels)
+    if plot is not None:
+        write_figure(report.draw(), plot, "--plot")
+    if json:
+        print_json(report.numbers())
+    else:
+        report.show(make_console())
 
 
 def show(

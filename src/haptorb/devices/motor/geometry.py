@@ -27,7 +27,7 @@ def motor_geometry(device: SphericalMotor) -> Geometry:
         rods=(Rod("handle", np.zeros(3), np.array([0.0, 0.0, handle])),),
         reach=Reach("end of the handle", device.workspace_tilt, handle, handle),
         notes=(
-            "not stated: the rotor's shell, the bearing, the stator's body and the thickness of the handle",
+            "not stated in the device file: the rotor's shell, the bearing, the stator's body, the handle's thickness",
             *list_assumed(device.assumed, _SIZES),
         ),
     )
