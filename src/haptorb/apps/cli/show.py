@@ -77,9 +77,7 @@ def _nature(passive: bool, continuous: bool) -> str:
 
 
 def inspect(
-    devices: Annotated[
-        list[str], typer.Argument(metavar="DEVICE...", help="Device names, or paths of device files: one or several.")
-    ],
+    devices: Annotated[list[str], typer.Argument(help="Device names, or paths of device files: one or several.")],
     plot: Annotated[Path | None, typer.Option(help="Draw the figures into this PNG, SVG or PDF file.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON; a list for several devices.")] = False,
     assumed: Annotated[bool, typer.Option("--assumed", help="List the assumed values with their reasons.")] = False,
