@@ -17,7 +17,7 @@ from haptorb.apps.terminal import (
     print_text,
     tell,
 )
-from haptorb.errors import InputError
+from haptorb.errors import InputError, UnknownName
 
 __all__ = ["register"]
 
@@ -30,11 +30,26 @@ def register(app: typer.Typer) -> None:
     app.command()(show)
 
 
-def devices(json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
-    """List the devices that come with haptorb."""
+def devices(
+    name: Annotated[str | None, typer.Argument(help="Device whose file is printed, to start your own from.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """List the devices that come with haptorb; with a name, print its file: haptorb devices omni > mine.toml."""
     from haptorb.devices.loader import catalogue
 
-    _list(catalogue(), json)
+    known = catalogue()
+    if name is None:
+        _list(known, json)
+        return
+    if name not in known:
+        raise UnknownName("device", name, known)
+    from importlib.resources import files
+
+    text = (files("haptorb.devices") / "catalogue" / f"{name}.toml").read_text(encoding="utf-8")
+    if json:
+        print_json({"name": name, "file": text})
+    else:
+        print_text(make_console(), text.rstrip("\n"))
 
 
 def worlds(
