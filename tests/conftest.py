@@ -37,6 +37,7 @@ settings.load_profile("fixed")
 HEAVY = (
     *("test_tools.py", "test_result.py", "test_public_names.py", "test_house.py", "test_names.py"),
     *("test_docstrings.py", "test_docs.py", "reproduce", "test_examples.py"),
+    *("test_coils_off.py", "test_emulated_board.py"),  # of those beside a clock
 )
 _REALTIME = re.compile(r"^(pytestmark = )?.*\bmark\.realtime\b", re.MULTILINE)
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
