@@ -109,7 +109,7 @@ def test_a_mistake_is_one_message(capsys, words, said):
 
 
 def test_the_version(capsys):
-    code, out, _ = told(capsys, "--version")
+    code, out, _ = run_command(capsys, "--version")
     assert (code, out) == (0, f"haptorb {haptorb.__version__}\n")
 
 
@@ -121,7 +121,7 @@ def test_the_version(capsys):
 def test_a_device_is_an_argument_and_the_earlier_option_works(capsys, tmp_path, monkeypatch, command, words):
     monkeypatch.chdir(tmp_path)
     designs = files("haptorb.apps.feel") / "example.toml"
-    code, _, err = told(capsys, *(word.format(designs=designs) for word in command.split()), *words)
+    code, _, err = run_command(capsys, *(word.format(designs=designs) for word in command.split()), *words)
     assert code == 2
     assert "'omi'" in err
 
