@@ -3,9 +3,11 @@
 import json
 import subprocess
 import sys
+from importlib.resources import files
 
 import pytest
 
+import haptorb
 from haptorb.apps.cli import main
 from oracles import groove
 from oracles.command import run_command
@@ -57,7 +59,7 @@ def test_what_is_assumed_is_listed_with_reasons(capsys):
     assert "tool.mass " in out
 
 
-@pytest.mark.parametrize("name", ["card.png", "card.svg"])
+@pytest.mark.parametrize("name", ["card.png", "card.svg", "card.pdf"])
 def test_the_card_as_a_picture(capsys, tmp_path, name):
     code, _, _ = run_command(capsys, "inspect", "omni", "--plot", str(tmp_path / name))
     assert code == 0
@@ -69,7 +71,7 @@ def test_the_card_as_a_picture(capsys, tmp_path, name):
     [
         (["inspect", "omi"], "did you mean 'omni'"),
         (["inspect", "no/such/file.toml"], "cannot be read"),
-        (["inspect", "omni", "--plot", "card.pdf"], "must be a .png or .svg file"),
+        (["inspect", "omni", "--plot", "card.jpg"], "must be a .png, .svg or .pdf file"),
         (["inspect", "omni", "--plot", "/no/such/folder/card.png"], "does not exist"),
         (["worlds", "doom"], "did you mean 'dome'"),
         (["run", "omi"], "did you mean 'omni'"),
@@ -104,6 +106,38 @@ def test_a_mistake_is_one_message(capsys, words, said):
     assert code == 2
     assert said in err
     assert not out
+
+
+def test_the_version(capsys):
+    code, out, _ = run_command(capsys, "--version")
+    assert (code, out) == (0, f"haptorb {haptorb.__version__}\n")
+
+
+@pytest.mark.parametrize("words", [["--device", "omi"], ["--device=omi"], ["omi"]])
+@pytest.mark.parametrize(
+    "command", ["run", "inspect", "show", "check --world dome", "calibrate", "train", "hardware emulate",
+                "hardware jog x --driver serial:nowhere", "bench magnetics --plot a.png", "feel {designs} --headless"],
+)  # fmt: skip
+def test_a_device_is_an_argument_and_the_earlier_option_works(capsys, tmp_path, monkeypatch, command, words):
+    monkeypatch.chdir(tmp_path)
+    designs = files("haptorb.apps.feel") / "example.toml"
+    code, _, err = run_command(capsys, *(word.format(designs=designs) for word in command.split()), *words)
+    assert code == 2
+    assert "'omi'" in err
+
+
+def test_no_command_has_an_option_for_its_device():
+    import typer
+
+    from haptorb.apps.cli.program import app
+
+    def leaves(command):
+        inner = getattr(command, "commands", {})
+        return [leaf for one in inner.values() for leaf in leaves(one)] if inner else [command]
+
+    options = [opt for leaf in leaves(typer.main.get_command(app)) for parameter in leaf.params
+               for opt in parameter.opts if parameter.param_type_name == "option"]  # fmt: skip
+    assert "--device" not in options
 
 
 @pytest.mark.parametrize("words", [["fly"], ["run", "--hadless"], ["inspect"], ["run", "--rate", "fast"]])

@@ -7,7 +7,6 @@ on the emulated firmware.
 from __future__ import annotations
 
 import shutil
-import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from firmware.make_firmware import make_firmware
 from haptorb.control.protection.trip import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
@@ -28,7 +28,6 @@ from haptorb.runtime.drivers.sim_driver import SimDriver
 from oracles.chips import ChipBus, OpenBus, Thermometers
 
 SOME = np.array([0.05, -0.03, 0.02])
-FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 
 
 class Subject:
@@ -81,8 +80,7 @@ def subject(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Subject]
         return
     if shutil.which("avr-gcc") is None or not Path("/usr/include/simavr/sim_avr.h").exists():
         pytest.skip("gcc-avr or libsimavr-dev is not installed")
-    subprocess.run(["make", "-C", str(FIRMWARE), "all", "emulator"], check=True, capture_output=True)
-    emulator = Emulator(FIRMWARE / "build", tmp_path / "omni")
+    emulator = Emulator(make_firmware("all", "emulator"), tmp_path / "omni")
     driver = SerialDriver(load("omni"), emulator.port, patience=1.0, warm_up=90.0)
     original = driver.open
 

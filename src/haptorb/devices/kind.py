@@ -43,6 +43,7 @@ class DeviceKind:
     guide          (device) → Guide: what the simulated hand does before somebody points; by default it rests
     file           class of its device file (pydantic), with `build(assumed, digest, override=…)`; None: Python only
     tables         (device, report) → what is stored as `device.tables`, where computing it takes long
+    geometry       (device) → Geometry: bodies and places, for `haptorb show` and the console's picture
     scene          (device) → JSON for the console's picture, with "kind": one of the page's scenes; None: axes
     force_map      (device) → process that computes the force painted into the console's picture
     card           (device) → Card of `haptorb inspect`
@@ -62,6 +63,7 @@ class DeviceKind:
     guide: Part = "haptorb.runtime.pointer.guide:AtRest"
     file: Part | None = None
     tables: Part | None = None
+    geometry: Part | None = None
     scene: Part | None = None
     force_map: Part | None = None
     card: Part | None = None

@@ -126,14 +126,24 @@ def _find_source(function: Callable[..., Any]) -> Path:
 
 
 def _dispatcher(function: Callable[..., Any]) -> Any:
-    """numba's: it compiles `function` for each new combination of types."""
+    """numba's: it compiles `function` for each new combination of types, not for each constant that a kernel passes.
+
+    No kernel is called through a C pointer, so none has that entry.
+    """
     numba = _numba()
     usual = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _folder(_find_source(function)) or usual
     try:
-        return numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy")(function)
+        compiled = numba.njit(
+            cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy", no_cfunc_wrapper=True
+        )(function)
     finally:
         numba.config.CACHE_DIR = usual
+    template = compiled.get_call_template
+    compiled.get_call_template = lambda args, named: template(
+        tuple(map(numba.types.unliteral, args)), {name: numba.types.unliteral(kind) for name, kind in named.items()}
+    )
+    return compiled
 
 
 @final

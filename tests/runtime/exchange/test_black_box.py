@@ -40,6 +40,7 @@ def test_the_ticks_up_to_the_trip_are_kept_and_none_after_it(shared: SharedMemor
     box.look()
     (tripped,) = box.trips
     assert tripped.trip is Trip.OVERCURRENT
+    assert repr(tripped) == "<TripRecord at 0.299 s: overcurrent, 100 ticks>"
     assert tripped.rows[:, shared.layout["tick"]].ravel().tolist() == list(range(200, 300))
 
 

@@ -21,7 +21,7 @@ _MINE = [sys.executable, "-c", HAPTORB]
 
 def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """Medians of five starts times `effort`, compiled code at hand; the memory of one run with its console."""
-    times = max(round(5 * effort), 2)
+    times = max(round(5 * effort), 1)
     tell("starting and ending")
     _first_tick()  # whatever is not compiled yet is now
     first = median(_first_tick() for _ in range(times))

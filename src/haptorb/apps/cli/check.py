@@ -23,12 +23,12 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    duration: Annotated[float, typer.Option(help="Duration of the measurement [s].")] = 30.0,
-    rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
     device: Annotated[
         str,
-        typer.Option(help="Device name, or path of a device file; the computer is measured with a simulated device."),
+        typer.Argument(help="Device name, or path of a device file; the computer is measured with a simulated device."),
     ] = "omni",
+    duration: Annotated[float, typer.Option(help="Duration of the measurement [s].")] = 30.0,
+    rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
     alone: Annotated[
         bool, typer.Option("--alone", help="Measure without a client that drags and reads at 60 Hz.")
     ] = False,

@@ -26,7 +26,7 @@ def register(app: typer.Typer) -> None:
 
 def feel(
     designs: Annotated[Path, typer.Argument(help="TOML file of candidate designs.")],
-    device: Annotated[str, typer.Option(help="Spherical motor: device name, or path of a device file.")] = "pmsm",
+    device: Annotated[str, typer.Argument(help="Spherical motor: device name, or path of a device file.")] = "pmsm",
     only: Annotated[list[str] | None, typer.Option(help="Render only this design; repeatable.")] = None,
     session: Annotated[Path | None, typer.Option(help="Folder for ratings and traces (default: FILE-session).")] = None,
     person: Annotated[str, typer.Option(help="Code of the person who rates.")] = "",

@@ -83,7 +83,7 @@ def monitor(
 def jog(
     coil: Annotated[str, typer.Argument(help="Coil: x, y or z.")],
     driver: DriverOption,
-    device: Annotated[str, typer.Option("--device", help="Device name, or path of a device file.")] = "omni",
+    device: DeviceArgument = "omni",
     duty: Annotated[float, typer.Option(help="Peak duty, at most 0.2 in size.")] = 0.05,
     seconds: Annotated[float, typer.Option(help="Duration of the ramp up and down [s], 0.2 to 10.")] = 1.0,
     current: Annotated[float, typer.Option(help="Switch off above this current [A].")] = 3.0,
@@ -127,12 +127,12 @@ def jog(
 
 @hardware.command()
 def emulate(
+    device: Annotated[
+        str, typer.Argument(help="Spherical electromagnet: device name, or path of a device file.")
+    ] = "omni",
     port: Annotated[Path, typer.Option(help="Path of the emulated serial port.")] = Path("/tmp/haptorb-omni"),
     board: Annotated[str, typer.Option(help="Board: m328p or m2560.")] = "m328p",
     build: Annotated[Path, typer.Option(help="Build folder of `make firmware`.")] = Path("firmware/build"),
-    device: Annotated[
-        str, typer.Option("--device", help="Spherical electromagnet: device name, or path of a device file.")
-    ] = "omni",
     height: Annotated[
         float | None,
         typer.Option(help="Height of the tool's magnet above the centre [mm]; 500 is far enough for calibration."),

@@ -19,6 +19,7 @@ MOTOR = DeviceKind(
     guide="haptorb.runtime.pointer.guided_handle:handle_guide",
     file="haptorb.devices.motor.schema:MotorFile",
     tables="haptorb.devices.motor.tables:motor_tables",
+    geometry="haptorb.devices.motor.geometry:motor_geometry",
     scene="haptorb.apps.console.scenes:motor_scene",
     card="haptorb.apps.inspect.motor:MotorCard",
     workspace="haptorb.apps.check.workspace:tilt_workspace",

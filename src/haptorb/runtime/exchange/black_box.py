@@ -44,6 +44,9 @@ class TripRecord:
     trip: Trip
     rows: Array
 
+    def __repr__(self) -> str:
+        return f"<TripRecord at {self.t:.3f} s: {self.trip.name.lower().replace('_', ' ')}, {len(self.rows)} ticks>"
+
 
 @final
 class BlackBox:

@@ -60,12 +60,12 @@ def fill_row(
     at, s = places[0], state[0]
     e, g, heat, passivity = s.estimate, s.guard, s.heat, s.passivity
     row[at.t], row[at.valid], row[at.age] = s.clock.time, e.valid, e.age
-    _copy(row, at.p, e.position)
-    fill_quaternion(e.rotation, row[at.q : at.q + 4])
-    _copy(row, at.v, e.velocity)
-    _copy(row, at.w, e.angular_velocity)
+    _copy(row, at.p, e.position[:])
+    fill_quaternion(e.rotation[:], row[at.q : at.q + 4])
+    _copy(row, at.v, e.velocity[:])
+    _copy(row, at.w, e.angular_velocity[:])
     _copy(row, at.target, target)  # and target_q, which follows
-    _copy(row, at.asked, g.asked)
+    _copy(row, at.asked, g.asked[:])
     _copy(row, at.given, given)
     _copy(row, at.duties, applied)
     for i in range(6):

@@ -75,6 +75,11 @@ class StoredSession:
             self._claim.release()
             raise
 
+    def __repr__(self) -> str:
+        who = f"{self.code}, SIMULATED" if self.simulated else self.code
+        now = "everything is answered" if self.over else f"{self.number} trials answered"
+        return f"<StoredSession {self.id} of {who}, study '{self.study.name}': {now}>"
+
     @property
     def prompt(self) -> Prompt | None:
         """What to ask now; None: done."""
