@@ -18,7 +18,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from safety_markers import Marked, MarkerError, break_code, find_marked
+from safety_markers import MarkedStatement, MarkerError, break_code, find_marked
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src" / "haptorb"
@@ -316,7 +316,7 @@ class Proof:
     broken: str  # the file's text without what keeps the rule
 
 
-def collect_proofs(rules: list[tuple[str, str, str, str]], marked: dict[str, Marked]) -> list[Proof]:
+def collect_proofs(rules: list[tuple[str, str, str, str]], marked: dict[str, MarkedStatement]) -> list[Proof]:
     """A proof per rule; MarkerError unless each rule has its marker and each marker its rule."""
     names = [name for name, *_ in rules]
     if twice := sorted({name for name in names if names.count(name) > 1}):
