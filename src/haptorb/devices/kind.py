@@ -38,6 +38,7 @@ class DeviceKind:
     estimators     (device) → {name: EstimatorChoice}, the default first
     linkage        (device, gains or None) → Linkage
     modes          names of the linkage's modes; empty for one that acts directly
+    contacts       how many contacts of a `ContactWorld` its rows have room for; the linkage says what they do
     simulation     (device, seed) → Simulation, for the driver "sim"
     guide          (device) → Guide: what the simulated hand does before somebody points; by default it rests
     file           class of its device file (pydantic), with `build(assumed, digest, override=…)`; None: Python only
@@ -57,6 +58,7 @@ class DeviceKind:
     estimators: Part = "haptorb.sensing.estimator:tracker_only"
     linkage: Part = "haptorb.control.clutch.linkage:make_direct_linkage"
     modes: tuple[str, ...] = ()
+    contacts: int = 0
     simulation: Part | None = None
     guide: Part = "haptorb.runtime.pointer.guide:AtRest"
     file: Part | None = None

@@ -147,7 +147,7 @@ def _try_hands(device: Device, verdict: WorldVerdict) -> list[tuple[float, float
     with make_progress() as bar:
         for damping in bar.track((0.5, 1.0, 2.0, 5.0, 10.0), description="testing stiffness"):
             hand = replace(setting.hand, damping=damping)
-            expected = verdict.loop.largest(verdict.place.holding(hand))
+            expected = verdict.loop.largest(verdict.place.grip(hand))
             hall = setting.bandwidth is not None
             largest = boundary(device, hand, expected, setting.rate, setting.tracker_rate, setting.latency, hall=hall)
             found.append((damping, largest))

@@ -107,21 +107,21 @@ def jog(
     )
     prepare_thread()  # the firmware switches off after 15 ms of silence, however busy this computer is
     try:
-        seen = moved(it, through, coil, duty, seconds, current)
+        reading = moved(it, through, coil, duty, seconds, current)
     finally:
         (say if json else tell)(f"coils: {state_words(through.coil_state)}")
     if json:
-        print_json({"coil": seen.coil, "duty": seen.duty, "currents_a": list(seen.currents),
-                    "resistance_ohm": seen.resistance if seen.resistance == seen.resistance else None,
-                    "verdict": list(seen.verdict), "coil_state": through.coil_state.name.lower()})  # fmt: skip
-        if seen.verdict:
+        print_json({"coil": reading.coil, "duty": reading.duty, "currents_a": list(reading.currents),
+                    "resistance_ohm": reading.resistance if reading.resistance == reading.resistance else None,
+                    "verdict": list(reading.verdict), "coil_state": through.coil_state.name.lower()})  # fmt: skip
+        if reading.verdict:
             raise typer.Exit(1)
         return
-    told = ", ".join(f"{name} {one:+.3f} A" for name, one in zip(it.coils.names, seen.currents, strict=True))
-    tell(f"coil {seen.coil}: duty {seen.duty:+.4f}, currents {told}, resistance {seen.resistance:.3f} Ω")
-    for sentence in seen.verdict:
+    currents = ", ".join(f"{name} {one:+.3f} A" for name, one in zip(it.coils.names, reading.currents, strict=True))
+    tell(f"coil {reading.coil}: duty {reading.duty:+.4f}, currents {currents}, resistance {reading.resistance:.3f} Ω")
+    for sentence in reading.verdict:
         tell(f"  {sentence}", indent="    ")
-    if seen.verdict:
+    if reading.verdict:
         raise typer.Exit(1)
 
 

@@ -92,11 +92,11 @@ def print_card(device: Device, console: Console, more: Iterable[tuple[str, str]]
     names = ", ".join(coils.names) if device.channels <= 6 else f"{coils.names[0]} … {coils.names[-1]}"
     torque = f"{limits.torque * 1e3:g} mN·m" if limits.torque < 1 else f"{limits.torque:g} N·m"
     guard = f"{limits.force:g} N, {torque}, {limits.slew / 1e3:g} A/ms, poses expire after {limits.expiry * 1e3:g} ms"
-    told = [
+    facts = [
         ("channels", f"{device.channels} ({names})"),
         ("current", f"{amperes} A peak, {device.sustained_current.min():.2f} A continuous"),
         ("coils", f"{coils.resistance.min():.3g} Ω at {coils.reference_temperature - 273.15:.0f} °C"),
         ("supply", f"{device.supply.voltage:g} V, {device.supply.duty_bits}-bit duty"),
         ("guard", guard),
     ]
-    print_facts(console, [*told, *more])
+    print_facts(console, [*facts, *more])

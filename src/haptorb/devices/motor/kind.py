@@ -14,6 +14,7 @@ MOTOR = DeviceKind(
     estimators="haptorb.sensing.registry:motor_estimators",
     linkage="haptorb.control.clutch.linkage:make_moded_linkage",
     modes=("translate", "rotate"),
+    contacts=2,
     simulation="haptorb.simulation.motor.motor:SimulatedMotor",
     guide="haptorb.runtime.pointer.guided_handle:handle_guide",
     file="haptorb.devices.motor.schema:MotorFile",

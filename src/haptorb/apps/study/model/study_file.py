@@ -22,19 +22,19 @@ from haptorb.apps.study.model.study_parts import (
     Trials,
     Value,
 )
+from haptorb.apps.terminal import announce_wait
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, quote
 from haptorb.files.text_file import parse_toml, read_bytes, read_text
-from haptorb.worlds.own.failure import try_world
+from haptorb.worlds.own.failure import fit_world, try_world
 from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
 from haptorb.worlds.parameter import Parameter, check_names, parameters
 from haptorb.worlds.world import World
 
-__all__ = ["PROCEDURES", "Study", "read_study", "study_of"]
+__all__ = ["Study", "read_study", "study_of"]
 
-PROCEDURES = ("identification", "localisation", "constant", "staircase", "bayesian", "forced-choice", "rating")
 #: left out of the digest where they are not used: studies that were begun before there were such things go on
 _LATER = ("mask", "questions", "model", "world_digest")
 _MISTAKES = 20  #: told at once
@@ -180,10 +180,10 @@ def study_of(text: str, where: str = "study", folder: Path | None = None) -> Stu
             study = _load_world(study, parse_world_file(study.world, folder))
         _check_study(study)
     except ValidationError as cause:
-        told = [f"{_place(e['loc'])}: {e['msg']}" for e in cause.errors()[:_MISTAKES]]
-        more = cause.error_count() - len(told)
-        told += [f"and {more} more mistakes"] if more else []
-        raise InputError(f"study file {where}: {'; '.join(told)}") from cause
+        mistakes = [f"{_place(e['loc'])}: {e['msg']}" for e in cause.errors()[:_MISTAKES]]
+        more = cause.error_count() - len(mistakes)
+        mistakes += [f"and {more} more mistakes"] if more else []
+        raise InputError(f"study file {where}: {'; '.join(mistakes)}") from cause
     except InputError as cause:
         raise InputError(f"study file {where}: {cause}") from cause
     return study
@@ -208,7 +208,8 @@ def _levels(study: Study) -> None:
 
 def _load_world(study: Study, file: WorldFile) -> Study:
     """`study` with the world in `file` and the digest of its code: sessions with other code are another study's."""
-    world = try_world(file.load(), study.load_device())
+    with announce_wait(f"World file {file.path} has not returned from loading and its first call"):
+        world = try_world(file.load(), study.load_device())
     digest = sha256(read_bytes(file.path, _CODE, "world file", InputError)).hexdigest()
     if study.world_digest not in ("", digest):
         raise InputError(f"world_digest is not that of {file.path}: the file has changed; leave out the key")
@@ -246,4 +247,4 @@ def _check_study(study: Study) -> None:
         shown = [study.levels.reference, *study.levels.values, *(study.levels.reference + m for m in more)]
     for condition in study.conditions:
         for level in shown:
-            study.make_world(condition.name, study.points[0].number, level).for_device(device)
+            fit_world(study.make_world(condition.name, study.points[0].number, level), device)
