@@ -328,13 +328,13 @@ def try_tests(proof: Proof, folder: Path) -> str:
     `folder` holds a copy of the sources and what is compiled of it: a kernel is compiled again where what it stands on
     has changed (see `haptorb.numerics.compiled`), all others are there from the proofs before.
     """
-    path, kept = folder / "src" / proof.path.relative_to(ROOT / "src"), folder / "kept"
-    shutil.copy2(path, kept)
+    path, copy = folder / "src" / proof.path.relative_to(ROOT / "src"), folder / "kept"
+    shutil.copy2(path, copy)
     path.write_text(proof.broken, encoding="utf-8")
     try:
         broken = _run_tests(proof.tests, folder, "--cache-clear")
     finally:
-        shutil.copy2(kept, path)
+        shutil.copy2(copy, path)
     if broken != 1:
         return GREEN
     return ANYWAY if _run_tests(proof.tests, folder, "--last-failed") else RED  # what was red is tried as it is

@@ -14,33 +14,9 @@ from haptorb.runtime.servo.servo import Servo
 from haptorb.worlds.own.failure import try_world
 from haptorb.worlds.own.function_world import make_world
 from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
+from oracles import groove
 
-GROOVE = '''
-from __future__ import annotations
-from dataclasses import dataclass
-import numpy as np
-from haptorb.worlds import World
-from haptorb.worlds.parameter import parameter
-
-
-@dataclass(frozen=True)
-class Groove(World):
-    """A spring across y = 0."""
-
-    stiffness: float = parameter(20.0, "N/m", 0, 200, "across the groove")
-
-    def wrench(self, state):
-        wrench = np.zeros(6)
-        wrench[1] = -self.stiffness * state.p[1]
-        return wrench
-
-
-stiff = Groove(stiffness=50.0)
-
-
-def push(state):
-    return np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
-'''
+GROOVE = Path(groove.__file__).read_text(encoding="utf-8")
 STATE = State.at((0.0, 0.01, 0.05))
 
 
@@ -106,9 +82,9 @@ def test_names_of_files_are_told_from_names_of_worlds(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("end", "said"),
     [
-        ("return None", r"got None\n  File .*groove\.py\", line 15"),
+        ("return None", r"got None\n  File .*groove\.py\", line 19"),
         ("return wrench[:3]", r"shape \(3,\)"),
-        ("return 1 / 0", r"ZeroDivisionError: division by zero\n  File .*line 18, in Groove.wrench\n    return 1 / 0"),
+        ("return 1 / 0", r"ZeroDivisionError: division by zero\n  File .*line 22, in Groove.wrench\n    return 1 / 0"),
     ],
 )
 def test_a_bug_is_found_by_one_call_before_the_coils_are_on(folder: Path, end: str, said: str) -> None:

@@ -23,12 +23,12 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    duration: Annotated[float, typer.Option(help="Duration of the measurement [s].")] = 30.0,
-    rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
     device: Annotated[
         str,
-        typer.Option(help="Device name, or path of a device file; the computer is measured with a simulated device."),
+        typer.Argument(help="Device name, or path of a device file; the computer is measured with a simulated device."),
     ] = "omni",
+    duration: Annotated[float, typer.Option(help="Duration of the measurement [s].")] = 30.0,
+    rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
     alone: Annotated[
         bool, typer.Option("--alone", help="Measure without a client that drags and reads at 60 Hz.")
     ] = False,
@@ -147,7 +147,7 @@ def _try_hands(device: Device, verdict: WorldVerdict) -> list[tuple[float, float
     with make_progress() as bar:
         for damping in bar.track((0.5, 1.0, 2.0, 5.0, 10.0), description="testing stiffness"):
             hand = replace(setting.hand, damping=damping)
-            expected = verdict.loop.largest(verdict.place.holding(hand))
+            expected = verdict.loop.largest(verdict.place.grip(hand))
             hall = setting.bandwidth is not None
             largest = boundary(device, hand, expected, setting.rate, setting.tracker_rate, setting.latency, hall=hall)
             found.append((damping, largest))

@@ -23,7 +23,6 @@ from haptorb.numerics.compiled import cache_folder
 
 __all__ = [
     "Angle",
-    "Capacitance",
     "Conductance",
     "Current",
     "Damping",
@@ -98,19 +97,19 @@ def si(value: object, unit: str, kind: str) -> float:
             raise ValueError(f"{expected}; got {quote(value)}")
     except OverflowError as cause:
         raise ValueError(f"{expected}; got {quote(value)}") from cause
-    told = quote(f"{number} {name}") if isinstance(value, tuple) else quote(value)
+    text = quote(f"{number} {name}") if isinstance(value, tuple) else quote(value)
     unbounded = math.isinf(number) and unit == "" and (not isinstance(value, str) or "inf" in value)
     if not unbounded and not math.isfinite(number):
-        raise ValueError(f"must be a finite {kind.removeprefix('a ').removeprefix('an ')}; got {told}")
+        raise ValueError(f"must be a finite {kind.removeprefix('a ').removeprefix('an ')}; got {text}")
     try:
         converted = convert(number, name, unit)
         if converted is None:
             converted = _ask_pint(number, name, unit)
     except (ArithmeticError, AttributeError, ValueError) as cause:
-        raise ValueError(f"{expected if isinstance(value, tuple) else f'must be {kind}'}; got {told}") from cause
+        raise ValueError(f"{expected if isinstance(value, tuple) else f'must be {kind}'}; got {text}") from cause
     if not unbounded and converted != 0.0 and not 1.0 / _LARGEST <= abs(converted) <= _LARGEST:
         raise ValueError(
-            f"must be {kind} whose size is between {1 / _LARGEST:g} and {_LARGEST:g} {unit}".rstrip() + f"; got {told}"
+            f"must be {kind} whose size is between {1 / _LARGEST:g} and {_LARGEST:g} {unit}".rstrip() + f"; got {text}"
         )
     return float(f"{converted:.15g}")  # 67.9 mm is 0.0679 m, not 0.06790000000000001 m
 
@@ -163,7 +162,6 @@ Slew = Annotated[float, _unit_validator("A/s", "a rate of current")]
 Voltage = Annotated[float, _unit_validator("V", "a voltage")]
 Resistance = Annotated[float, _unit_validator("ohm", "a resistance")]
 Inductance = Annotated[float, _unit_validator("H", "an inductance")]
-Capacitance = Annotated[float, _unit_validator("F", "a capacitance")]
 Polarization = Annotated[float, _unit_validator("T", "a flux density")]
 MomentPerCurrent = Annotated[float, _unit_validator("m**2", "a magnetic moment per current")]
 Temperature = Annotated[float, _unit_validator("K", "a temperature")]

@@ -118,8 +118,8 @@ class Commands(HandCommands):
         shared = self._memory_or_none
         if shared is None or not (known := shared.words[Word.WORLD]):
             return name_of(self._first), dict(parameter_values(self._first))
-        told = json.loads(shared.worlds_since(known - 1)[-1][1])
-        return told["name"], told["values"]
+        world = json.loads(shared.worlds_since(known - 1)[-1][1])
+        return world["name"], world["values"]
 
     def add_world(self, world: World) -> None:
         """Let `set_world` know `world` by its own name, beside the catalogue's. Raises ServoError after the start."""

@@ -120,7 +120,7 @@ class ServoObserver(Commands):
 
         The last 8191 rows are kept; (new cursor − cursor − n) rows were lost to a slower reader.
         """
-        return self._memory.ring.since(cursor)
+        return self._memory.ring.read_since(cursor)
 
     def latest(self) -> LatestRow:
         """The newest tick by the names of its fields: `latest().given`, `latest()["given"]`, see `LatestRow`.
@@ -148,9 +148,9 @@ class ServoObserver(Commands):
             "model": self.model,
             "rate_hz": self.rate,
             "seed": self.seed,
-            "recording": self._recording.named_path,
+            "recording": self._recording.user_path,
             **loop,
-            "recorded": children.recorded_rows,
+            "recorded": children.recorder_counts,
             "memory_mb": children.memory.facts(),
             "warning": self.warning,
             **{name: trouble for name, trouble in troubles.items() if trouble},

@@ -46,13 +46,13 @@ def _to_json(value: Any) -> Any:
 
 def keep_changes(old: World, values: dict[str, Any], new: World) -> dict[str, Any]:
     """Those of `values` that a person has changed from the `old` world's and that `new` still allows."""
-    before, kept = parameter_values(old), {}
+    before, changes = parameter_values(old), {}
     for name, value in values.items():
         if name in before and value != _to_json(before[name]) and name in parameters(type(new)):
             with suppress(HaptorbError):
                 new.replace(**{name: value})
-                kept[name] = value
-    return kept
+                changes[name] = value
+    return changes
 
 
 @final

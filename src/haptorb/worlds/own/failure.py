@@ -36,11 +36,11 @@ def describe_failure(world: World, cause: BaseException) -> str:
     A wrench that cannot be used is raised by no line of the user's: then it is the first line of `wrench`.
     """
     if isinstance(cause, SystemExit):
-        said = f"the world called sys.exit({cause})"
+        text = f"the world called sys.exit({cause})"
     elif isinstance(cause, InputError):
-        said = str(cause)
+        text = str(cause)
     else:
-        said = f"{type(cause).__name__}: {cause}"
+        text = f"{type(cause).__name__}: {cause}"
     frames = [
         (frame.f_code, line)
         for frame, line in traceback.walk_tb(cause.__traceback__)
@@ -49,7 +49,7 @@ def describe_failure(world: World, cause: BaseException) -> str:
     code = _code_of(world)
     if not frames and code is not None:
         frames = [(code, code.co_firstlineno)]
-    lines = [said]
+    lines = [text]
     for found, line in frames[-_FRAMES:]:
         lines.append(f'  File "{found.co_filename}", line {line}, in {found.co_qualname}')
         if source := linecache.getline(found.co_filename, line).strip():

@@ -31,7 +31,7 @@ def killed(folder: Path, kills: int, *, forked: bool = False) -> dict[str, Any]:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module.killed(folder, kills, forked=forked)
+    return module.kill_workers(folder, kills, forked=forked)
 
 
 def test_a_session_is_answered_to_its_end_and_read_back(identify: Study, tmp_path: Path) -> None:

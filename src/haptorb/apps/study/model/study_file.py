@@ -33,9 +33,8 @@ from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_
 from haptorb.worlds.parameter import Parameter, check_names, parameters
 from haptorb.worlds.world import World
 
-__all__ = ["PROCEDURES", "Study", "read_study", "study_of"]
+__all__ = ["Study", "read_study", "study_of"]
 
-PROCEDURES = ("identification", "localisation", "constant", "staircase", "bayesian", "forced-choice", "rating")
 #: left out of the digest where they are not used: studies that were begun before there were such things go on
 _LATER = ("mask", "questions", "model", "world_digest")
 _MISTAKES = 20  #: told at once
@@ -181,10 +180,10 @@ def study_of(text: str, where: str = "study", folder: Path | None = None) -> Stu
             study = _load_world(study, parse_world_file(study.world, folder))
         _check_study(study)
     except ValidationError as cause:
-        told = [f"{_place(e['loc'])}: {e['msg']}" for e in cause.errors()[:_MISTAKES]]
-        more = cause.error_count() - len(told)
-        told += [f"and {more} more mistakes"] if more else []
-        raise InputError(f"study file {where}: {'; '.join(told)}") from cause
+        mistakes = [f"{_place(e['loc'])}: {e['msg']}" for e in cause.errors()[:_MISTAKES]]
+        more = cause.error_count() - len(mistakes)
+        mistakes += [f"and {more} more mistakes"] if more else []
+        raise InputError(f"study file {where}: {'; '.join(mistakes)}") from cause
     except InputError as cause:
         raise InputError(f"study file {where}: {cause}") from cause
     return study
