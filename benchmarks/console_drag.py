@@ -115,9 +115,9 @@ def drag(page: Page, seconds: float) -> int:
     end, taken = time.monotonic() + seconds, 0
     x, y = take_hold(page)
     while time.monotonic() < end:
-        begun = time.monotonic()
-        while time.monotonic() - begun < min(ROUND, seconds):
-            angle = math.pi * (time.monotonic() - begun)
+        start = time.monotonic()
+        while time.monotonic() - start < min(ROUND, seconds):
+            angle = math.pi * (time.monotonic() - start)
             page.mouse.move(x + 60 * math.sin(angle), y + 18 * math.sin(2 * angle))
             page.wait_for_timeout(15)
         page.wait_for_timeout(1000 * min(REST, seconds))

@@ -25,14 +25,14 @@ def tell_missing_pose(servo: Servo) -> Iterator[None]:
     ended = Event()
 
     def look() -> None:
-        told, patience = "", _FIRST
+        last_text, patience = "", _FIRST
         while not ended.wait(patience):
             patience = _FIRST
             text = servo.missing_pose if servo.alive else ""
-            if text and text != told:
+            if text and text != last_text:
                 say(f"{text[0].upper()}{text[1:]}")
                 patience = _AGAIN
-            told = text
+            last_text = text
 
     looking = Thread(target=look, name="missing pose", daemon=True)
     looking.start()
