@@ -118,6 +118,11 @@ class Device(Presentable, ABC):
         return 0
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        """What should be known of this device though it can be computed with: sentences."""
+        return ()
+
+    @property
     def shell(self) -> Shell | None:
         """Where a tool can be over a dome; None for a device without one."""
         return None

@@ -62,6 +62,7 @@ def facts(device: Device) -> dict[str, Any]:
             "slew_a_per_s": device.limits.slew,
             "expiry_s": device.limits.expiry,
         },
+        "remarks": list(device.remarks),
         "assumed": dict(device.assumed),
     }
 
@@ -84,3 +85,5 @@ def print_card(device: Device, console: Console, more: Iterable[tuple[str, str]]
         ("guard", guard),
     ]
     print_facts(console, [*told, *more])
+    for remark in device.remarks:
+        print_text(console, f"\n{remark[:1].upper()}{remark[1:]}.", "bold red")

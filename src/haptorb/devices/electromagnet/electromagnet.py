@@ -11,6 +11,7 @@ import numpy as np
 from haptorb.devices.device import Device, Shell
 from haptorb.devices.electromagnet.kind import ELECTROMAGNET
 from haptorb.devices.electromagnet.passive_pull import PassivePull
+from haptorb.devices.electromagnet.remarks import list_remarks
 from haptorb.devices.electromagnet.ring_tool import dipole_per_ampere, ring_per_ampere
 from haptorb.devices.electromagnet.touch_points import Marks
 from haptorb.devices.electromagnet.windings import Windings
@@ -90,6 +91,7 @@ class SphericalElectromagnet(Device):
     thermometer_step: float  #: [K]
     thermometer_noise: float  #: [K]
     windings: Windings | None = None  #: the coils' sizes, where somebody gave or assumed them
+    moments_from: str = "device file"  #: where `moment_per_current` comes from: that, "windings" or "calibration"
     marks: Marks | None = None  #: places to touch with the tip, where there are any
 
     models: tuple[str, ...] = ("exact", "published")
@@ -133,12 +135,20 @@ class SphericalElectromagnet(Device):
             nearest=self.core_radius + tool.length / 2 + 5e-3,
         )
 
+    @property
+    def core(self) -> SoftSphere:
+        """The coils' core."""
+        return SoftSphere(self.core_radius, self.core_permeability)
+
     def predict_moments(self) -> Array | None:
         """(3, 3) [m²] m_e per ampere from the coils' sizes and the core, to be held against `moment_per_current`; None
         where the sizes are not known."""
-        if self.windings is None:
-            return None
-        return self.windings.moment_per_current(SoftSphere(self.core_radius, self.core_permeability))
+        return None if self.windings is None else self.windings.moment_per_current(self.core)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What should be known of this device though it can be computed with."""
+        return list_remarks(self)
 
     def wrench_map(self, state: State, model: str) -> WrenchMap:
         """(6, 3) per ampere and (6,) passive, torque about the tool's magnet; GeometryError inside the dome's core."""
@@ -165,7 +175,9 @@ class SphericalElectromagnet(Device):
             *head,
             ("workspace", f"{angle}, magnet {contact} from the centre in contact, rendered {shell} above it"),
             ("tool", f"moment {format_quantity(self.tool.moment, 'A·m²')}, {1e3 * self.tool.mass:.3g} g"),
+            ("moments per ampere", f"from the {self.moments_from}"),
             *tail,
+            *(("remark", remark) for remark in self.remarks),
         ]
 
     @cached_property

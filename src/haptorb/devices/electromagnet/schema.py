@@ -23,6 +23,7 @@ from haptorb.devices.schema.sections import (
     ThermometerSection,
     check_wall,
 )
+from haptorb.physics.sources.soft_sphere import SoftSphere
 
 __all__ = ["ElectromagnetFile"]
 
@@ -33,7 +34,7 @@ Row3 = Annotated[tuple[q.MomentPerCurrent, ...], Len(3, 3)]
 class ElectromagnetSection(Section):
     """[electromagnet]"""
 
-    moment_per_current: Annotated[tuple[Row3, ...], Len(3, 3)]
+    moment_per_current: Annotated[tuple[Row3, ...], Len(3, 3)] | None = None
     core_radius: Annotated[q.Length, Positive]
     core_permeability: Annotated[q.Number, Gt(1)]
 
@@ -151,8 +152,13 @@ class ElectromagnetFile(CommonFile):
                 f"dome.radius ({self.dome.radius * 1e3:g} mm) must be greater than electromagnet.core_radius "
                 f"({self.electromagnet.core_radius * 1e3:g} mm)"
             )
-        moments = np.array(self.electromagnet.moment_per_current)
-        if np.linalg.cond(moments) > 100:
+        given = self.electromagnet.moment_per_current
+        if given is None and self.windings is None:
+            raise ValueError(
+                "electromagnet.moment_per_current is missing: give the measured moment per ampere of each coil, or "
+                "[windings] with turns, inner_radius, outer_radius and length to compute it from"
+            )
+        if given is not None and np.linalg.cond(np.array(given)) > 100:
             raise ValueError(
                 "electromagnet.moment_per_current is (nearly) singular: the coils' moments are linearly dependent"
             )
@@ -163,11 +169,19 @@ class ElectromagnetFile(CommonFile):
         dome, hall = self.dome, self.hall
         tool = self.tool.model_dump()
         tool["inertia"] = np.array(tool["inertia"])
+        given = self.electromagnet.moment_per_current
+        windings = None if self.windings is None else self.windings.build()
+        if given is not None:
+            moments = np.array(given)
+        elif windings is not None:
+            core = SoftSphere(self.electromagnet.core_radius, self.electromagnet.core_permeability)
+            moments = windings.moment_per_current(core)
         return SphericalElectromagnet(
             **self.common(),
             assumed=assumed,
             digest=digest,
-            moment_per_current=np.array(self.electromagnet.moment_per_current),
+            moment_per_current=moments,
+            moments_from="windings" if given is None else "device file",
             core_radius=self.electromagnet.core_radius,
             core_permeability=self.electromagnet.core_permeability,
             dome_radius=dome.radius,
@@ -179,6 +193,6 @@ class ElectromagnetFile(CommonFile):
             hall=FieldSensors(np.array(hall.positions).reshape(-1, 3), hall.noise, hall.step),
             thermometer_step=self.thermometer.step,
             thermometer_noise=self.thermometer.noise,
-            windings=None if self.windings is None else self.windings.build(),
+            windings=windings,
             marks=None if self.marks is None else self.marks.build(),
         )
