@@ -153,7 +153,7 @@ def test_moments_of_a_file_stay_and_a_difference_is_remarked():
     double = parse(OMNI_TEXT.replace("[80, 80, 80]", "[160, 160, 160]"), "x")
     assert (double.moment_per_current == OMNI.moment_per_current).all()
     remark = double.remarks[0]
-    assert "0.1953" in remark
+    assert "0.1954" in remark  # the size of m_e, what is off its axis included
     assert f"{double.predict_moments()[0, 0]:.4f}" in remark
     assert "+92 %" in remark
 

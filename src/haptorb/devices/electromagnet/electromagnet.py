@@ -148,7 +148,7 @@ class SphericalElectromagnet(Device):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What should be known of this device though it can be computed with."""
-        return list_remarks(self)
+        return list_remarks(self.coils, self.core, self.windings, self.moment_per_current, self.moments_from)
 
     def wrench_map(self, state: State, model: str) -> WrenchMap:
         """(6, 3) per ampere and (6,) passive, torque about the tool's magnet; GeometryError inside the dome's core."""

@@ -2,41 +2,36 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from haptorb.devices.device import Coils
+from haptorb.devices.electromagnet.windings import Windings
+from haptorb.numerics.arrays import Array
 from haptorb.physics.sources.coil import COPPER_RESISTIVITY
+from haptorb.physics.sources.soft_sphere import SoftSphere
 
-if TYPE_CHECKING:
-    from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-
-__all__ = ["FORCE_JND", "list_remarks", "moment_differences"]
+__all__ = ["FORCE_JND", "list_remarks"]
 
 FORCE_JND = 0.07  #: just-noticeable difference of a force, lower end of the published 7 to 10 %
 _COPPER_AT = 293.15  #: temperature of COPPER_RESISTIVITY [K]
 _MOST_FILL = np.pi / np.sqrt(12)  #: share of a section that round wires fill side by side
 
 
-def list_remarks(device: SphericalElectromagnet) -> tuple[str, ...]:
-    """Sentences about `device`; none is a pass."""
-    return (*_moments(device), *_copper(device))
-
-
-def moment_differences(device: SphericalElectromagnet) -> tuple[tuple[str, float, float], ...]:
-    """(coil, moment in use, moment from windings and core) [m²], along each coil's axis; nothing to compare: empty."""
-    predicted = device.predict_moments()
-    if predicted is None or device.moments_from == "windings":
+def list_remarks(
+    coils: Coils, core: SoftSphere, windings: Windings | None, moments: Array, moments_from: str
+) -> tuple[str, ...]:
+    """Sentences about a device whose `moments` (3, 3) [m²] per ampere come from `moments_from`; none is a pass."""
+    if windings is None:
         return ()
-    return tuple(
-        (name, float(device.moment_per_current[k, k]), float(predicted[k, k]))
-        for k, name in enumerate(device.coils.names)
-    )
+    return (*_moments(coils.names, windings.moment_per_current(core), moments, moments_from), *_copper(coils, windings))
 
 
-def _moments(device: SphericalElectromagnet) -> list[str]:
-    """One line where they differ by what a hand can feel: a force goes with the moment."""
-    pairs = moment_differences(device)
+def _moments(names: tuple[str, ...], predicted: Array, moments: Array, moments_from: str) -> list[str]:
+    """One line where they differ in size by what a hand can feel: a force goes with the moment."""
+    if moments_from == "windings":
+        return []
+    sizes = (np.linalg.norm(matrix, axis=0).tolist() for matrix in (moments, predicted))
+    pairs = list(zip(names, *sizes, strict=True))
     if not any(abs(computed / used - 1) > FORCE_JND for _, used, computed in pairs):
         return []
     told = "; ".join(
@@ -44,19 +39,16 @@ def _moments(device: SphericalElectromagnet) -> list[str]:
         for name, used, computed in pairs
     )
     origin, remedy = "moment_per_current", "correct one of them, or leave out moment_per_current to use [windings]"
-    if device.moments_from == "calibration":
+    if moments_from == "calibration":
         origin, remedy = "the calibration", "correct [windings]"
     return [f"moments differ: {told}. Forces follow {origin}, so [windings] have no effect on them; {remedy}"]
 
 
-def _copper(device: SphericalElectromagnet) -> list[str]:
-    if device.windings is None:
-        return []
-    coils = device.coils
+def _copper(coils: Coils, windings: Windings) -> list[str]:
     warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
-    fill = device.windings.fill(coils.resistance, COPPER_RESISTIVITY * warm)
+    fill = windings.fill(coils.resistance, COPPER_RESISTIVITY * warm)
     told = [
-        f"coil {name}: {device.windings.turns[k]:g} turns of copper in its section have at least "
+        f"coil {name}: {windings.turns[k]:g} turns of copper in its section have at least "
         f"{coils.resistance[k] * fill[k] / _MOST_FILL:.2g} Ω, coils.resistance says {coils.resistance[k]:g} Ω"
         for k, name in enumerate(coils.names)
         if fill[k] > _MOST_FILL
