@@ -187,6 +187,12 @@ class Device(Presentable, ABC):
         ]
 
     @property
+    def driven_current(self) -> Array:
+        """(m,) greatest current that supply and limit allow, the coils at their reference temperature [A]."""
+        driven: Array = np.minimum(self.coils.current_limit, self.supply.voltage / self.coils.resistance)
+        return driven
+
+    @property
     def sustained_current(self) -> Array:
         """(m,) the current that may flow for ever: the winding settles at the derating temperature [A]."""
         heat = self.coils.heat

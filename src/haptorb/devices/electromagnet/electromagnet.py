@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -17,6 +18,7 @@ from haptorb.devices.electromagnet.touch_points import Marks
 from haptorb.devices.electromagnet.windings import Windings
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.kind import DeviceKind
+from haptorb.devices.schema.limit_checks import list_limit_remarks
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.display.quantity_text import format_quantity
@@ -148,7 +150,21 @@ class SphericalElectromagnet(Device):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What should be known of this device though it can be computed with."""
-        return list_remarks(self.coils, self.core, self.windings, self.moment_per_current, self.moments_from)
+        moments = list_remarks(self.coils, self.core, self.windings, self.moment_per_current, self.moments_from)
+        return (*moments, *list_limit_remarks(self.coils, self.supply, self.limits, *self.greatest_wrench))
+
+    @property
+    def greatest_wrench(self) -> tuple[float, float]:
+        """Greatest force [N] and torque [N·m] on a radial tool that touches the summit, all coils at full current.
+
+        By the published model, which takes the tool for a dipole: some 15 % below the exact one.
+        """
+        corners = np.array(list(product((-1.0, 1.0), repeat=self.channels))) * self.driven_current
+        moments = corners @ self.moment_per_current.T
+        scale = MU0 * self.tool.moment / (4 * np.pi * self.contact_distance**3)
+        across, along = np.hypot(moments[:, 0], moments[:, 1]), moments[:, 2]
+        force = 3 * scale / self.contact_distance * np.hypot(across, 2 * along)
+        return float(force.max()), float((scale * across).max())
 
     def wrench_map(self, state: State, model: str) -> WrenchMap:
         """(6, 3) per ampere and (6,) passive, torque about the tool's magnet; GeometryError inside the dome's core."""

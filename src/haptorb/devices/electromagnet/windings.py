@@ -38,10 +38,18 @@ class Windings:
 
         N π (rₒ² + rₒrᵢ + rᵢ²)/3, and 4π/μ0 a³ (µ−1)/(µ+2) B(0), where a and µ are the core's and B(0) the winding's own
         field at the centre: the answer of a sphere to any field has the moment that its value at the centre gives
-        (`SoftSphere.moment_in`; Jackson, Classical Electrodynamics, §5.11). Exact for a core that does not saturate.
+        (`SoftSphere.moment_in`; Jackson, Classical Electrodynamics, §5.11). With half the length h,
+
+            B(0) = μ0 N/(2 (rₒ − rᵢ)) ln[(rₒ + √(rₒ² + h²))/(rᵢ + √(rᵢ² + h²))]
+
+        (Montgomery, Solenoid Magnet Design, §1). Exact for windings that fill their section evenly and a core that does
+        not saturate.
         """
-        origin = np.zeros((1, 3))
-        return np.array([(coil.moment[2], core.moment_in(coil.field(origin)[0])[2]) for coil in self.coils])
+        ri, ro, h = self.inner_radius, self.outer_radius, self.length / 2
+        middle = MU0 * self.turns / (2 * (ro - ri)) * np.log((ro + np.hypot(ro, h)) / (ri + np.hypot(ri, h)))
+        fields = np.stack([np.zeros(3), np.zeros(3), middle], axis=1)
+        own = [coil.moment[2] for coil in self.coils]
+        return np.stack([own, core.moment_in(fields)[:, 2]], axis=1)
 
     def moment_per_current(self, core: SoftSphere) -> Array:
         """(3, 3) [m²] m_e per ampere; diagonal, as the coils are taken to stand square on each other.
