@@ -80,6 +80,13 @@ def test_the_card_as_a_picture(capsys, tmp_path, name):
         (["inspect", "no/such/file.toml"], "cannot be read"),
         (["inspect", "omni", "--plot", "card.pdf"], "must be a .png or .svg file"),
         (["inspect", "omni", "--plot", "/no/such/folder/card.png"], "does not exist"),
+        (["inspect", "omni", "--plot", "/proc/card.png"], "--plot: cannot write '/proc/card.png'"),
+        (["feel", "designs.toml", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
+        (["check", "--world", "dome", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
+        (["estimators", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
+        (["fit-multipole", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
+        (["bench", "magnetics", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
+        (["inspect", "pmsm-printed"], "`haptorb inspect DEVICE --override`"),
         (["worlds", "doom"], "did you mean 'dome'"),
         (["run", "omi"], "did you mean 'omni'"),
         (["run", "--world", "doom"], "did you mean 'dome'"),
@@ -112,6 +119,7 @@ def test_a_mistake_is_one_message(capsys, words, said):
     code, out, err = told(capsys, *words)
     assert code == 2
     assert said in err
+    assert "=True" not in err  # which is Python's way to say it
     assert not out
 
 

@@ -138,7 +138,7 @@ def test_what_is_possible_but_idle_is_remarked_only():
     text = (files("haptorb.devices") / "catalogue" / "pmsm.toml").read_text(encoding="utf-8")
     [remark] = parse(text.replace('value = "1 N*m"', 'value = "200 N*m"'), "x").remarks
     assert "limits.torque is 200 N·m" in remark
-    with pytest.raises(DeviceError, match="limits.torque is 2000 N·m"):
+    with pytest.raises(DeviceError, match=r"limits\.torque is 2000 N·m"):
         parse(text.replace('value = "1 N*m"', 'value = "2 kN*m"'), "x")
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from haptorb.apps.terminal.figure_file import check_figure
 from haptorb.errors import InputError
 
 __all__ = ["register"]
@@ -33,8 +34,7 @@ def bench(
     import os
 
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
+    check_figure(plot)
     if store is not None and not store.parent.is_dir():
         raise InputError(f"--store: the folder '{store.parent}' does not exist")
     from haptorb.apps.bench import BENCHMARKS, magnetics, run_benchmarks

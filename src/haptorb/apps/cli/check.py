@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from haptorb.apps.terminal import make_progress, print_json
+from haptorb.apps.terminal.figure_file import check_figure
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
@@ -57,8 +58,7 @@ def check(
 ) -> None:
     """Check this computer or, with --world, whether your loop can render that world stably. Exit code 1 means no."""
     if world is not None:
-        if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-            raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
+        check_figure(plot)
         from haptorb.devices.loader import load
 
         found = load(device)

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from haptorb.apps.terminal import make_console, make_progress, print_json
+from haptorb.apps.terminal.figure_file import check_figure
 from haptorb.errors import InputError
 
 __all__ = ["register"]
@@ -32,8 +33,7 @@ def estimators(
     """Compare network, linear map and least squares under noise, offset, a dead sensor and changed magnets."""
     if not 10 <= orientations <= 100_000 or seed < 0:
         raise InputError(f"--orientations must be 10 to 100000 and --seed 0 or more; got {orientations} and {seed}")
-    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
+    check_figure(plot)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices; a second thread would only wait in a loop
     from haptorb.apps.estimators import compare, plot_comparison, print_comparison
     from haptorb.apps.progress import build_tables

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from haptorb.apps.terminal import Column, TextTable, make_console, print_json, print_table, say
+from haptorb.apps.terminal.figure_file import check_figure
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,8 +53,7 @@ def feel(
         candidates[choose]  # refuses a name that there is not before anything is felt
     if not 0 < seconds < float("inf"):
         raise InputError(f"--seconds must be greater than 0; got {seconds:g}")
-    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
+    check_figure(plot)
     kept = FeelSession(session or designs.with_name(f"{designs.stem}-session"), candidates)
     for design in wanted:
         for remark in design.remarks:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from haptorb.apps.terminal import make_console, make_progress, print_json
+from haptorb.apps.terminal.figure_file import check_figure
 from haptorb.errors import InputError
 
 __all__ = ["register"]
@@ -30,8 +31,7 @@ def fit_multipole(
     """Fit loops of dipoles to a magnet or coil in the region of its counterparts, and print the model's error there."""
     if dipoles is not None and not 1 <= dipoles <= 2000:
         raise InputError(f"--dipoles must be between 1 and 2000; got {dipoles}")
-    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
+    check_figure(plot)
     from haptorb.apps.fit import compare
     from haptorb.devices.motor.api import motor
 

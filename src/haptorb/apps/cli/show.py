@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from haptorb.apps.terminal import Column, TextTable, make_console, print_facts, print_json, print_table, print_text
-from haptorb.errors import InputError
+from haptorb.apps.terminal.figure_file import check_figure
 
 __all__ = ["register"]
 
@@ -80,10 +80,7 @@ def inspect(
     if assumed:
         _list(dict(found.assumed), json)
         return
-    if plot is not None and plot.suffix not in (".png", ".svg"):
-        raise InputError(f"--plot must be a .png or .svg file; got '{plot}'")
-    if plot is not None and not plot.parent.is_dir():
-        raise InputError(f"--plot: the folder '{plot.parent}' does not exist")
+    check_figure(plot)
     from haptorb.apps.inspect.card import card
     from haptorb.apps.progress import build_tables
 

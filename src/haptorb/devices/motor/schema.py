@@ -107,7 +107,8 @@ class MotorFile(Section):
         found = findings(motor, self.groups.coils, antipodal=self.groups.antipodal)
         if found and not override:
             lines = "\n".join(f"device '{self.name}': {line}" for line in found)
-            raise DeviceError(f"{lines}\ncorrect the file, or load it with override=True to study it as it is")
+            text = f"{lines}\ncorrect the file, or study it as it is"
+            raise DeviceError(f"{text}: override=True", command=f"{text}: `haptorb inspect DEVICE --override`")
         if not found:  # a motor whose coils cancel has no torque to compare with
             wrong = list_limit_mistakes(motor.coils, motor.supply, motor.limits, 0.0, motor.greatest_torque)
         if wrong:
