@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from importlib.resources import files
 
 import pytest
 
@@ -81,7 +82,10 @@ def test_the_card_as_a_picture(capsys, tmp_path, name):
         (["inspect", "omni", "--plot", "card.pdf"], "must be a .png or .svg file"),
         (["inspect", "omni", "--plot", "/no/such/folder/card.png"], "does not exist"),
         (["inspect", "omni", "--plot", "/proc/card.png"], "--plot: cannot write '/proc/card.png'"),
-        (["feel", "designs.toml", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
+        (
+            ["feel", str(files("haptorb.apps.feel") / "example.toml"), "--plot", "/proc/card.svg"],
+            "--plot: cannot write '/proc/card.svg'",
+        ),
         (["check", "--world", "dome", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
         (["estimators", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
         (["fit-multipole", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),

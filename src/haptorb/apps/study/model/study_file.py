@@ -237,8 +237,8 @@ def study_of(text: str, where: str = "study", folder: Path | None = None) -> Stu
         told = explain_mistakes(cause.errors(), Study)
         more = len(told) - _MISTAKES
         told = told[:_MISTAKES] + ([f"and {more} more mistakes"] if more > 0 else [])
-        lines = told[0] if len(told) == 1 else "\n  ".join(["", *told])
-        raise InputError(f"study file {where}: {lines}") from cause
+        lines = f" {told[0]}" if len(told) == 1 else "\n  ".join(["", *told])
+        raise InputError(f"study file {where}:{lines}") from cause
     except InputError as cause:
         raise InputError(f"study file {where}: {cause}") from cause
     return study
