@@ -9,6 +9,8 @@ import pytest
 
 from haptorb.apps.cli import main
 
+DESIGNS = str(files("haptorb.apps.feel") / "example.toml")
+
 
 def told(capsys, *words):
     """Exit code, standard output and error of one command."""
@@ -83,7 +85,7 @@ def test_the_card_as_a_picture(capsys, tmp_path, name):
         (["inspect", "omni", "--plot", "/no/such/folder/card.png"], "does not exist"),
         (["inspect", "omni", "--plot", "/proc/card.png"], "--plot: cannot write '/proc/card.png'"),
         (
-            ["feel", str(files("haptorb.apps.feel") / "example.toml"), "--plot", "/proc/card.svg"],
+            ["feel", DESIGNS, "--plot", "/proc/card.svg"],
             "--plot: cannot write '/proc/card.svg'",
         ),
         (["check", "--world", "dome", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
