@@ -85,9 +85,9 @@ def design_keys() -> str:
     rows = [(name, f"{E / 1e9:g}", f"{nu:g}", "yes" if metal else "no") for name, (E, nu, metal) in MATERIALS.items()]
     return "\n".join(
         [
-            f"### The file\n\n{_key_table(DesignFile)}",
-            f"### [common] and each [design.NAME]\n\n{_key_table(DesignTable, 'design.NAME.')}",
-            f"### Known materials\n\n{table(('material', 'E [GPa]', 'ν', 'metal'), rows)}",
+            f"## The file\n\n{_key_table(DesignFile)}",
+            f"## [common] and each [design.NAME]\n\n{_key_table(DesignTable, 'design.NAME.')}",
+            f"## Known materials\n\n{table(('material', 'E [GPa]', 'ν', 'metal'), rows)}",
         ]
     )
 
