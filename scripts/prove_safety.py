@@ -33,6 +33,7 @@ I2C_TESTS, LOCK_TESTS = "tests/runtime/drivers/i2c/test_i2c_faults.py", "tests/r
 SERIAL_TESTS = "tests/runtime/drivers/serial/test_serial_driver.py"
 HOSTILE_TESTS = "tests/runtime/processes/test_hostile_worlds.py"
 STALLED_TESTS = "tests/runtime/processes/test_stalled_recorder.py"
+HAND_TESTS = "tests/runtime/servo/test_hand.py"
 LEFTOVER_TESTS = "tests/runtime/realtime/test_stale_files.py"
 TICK_TESTS = "tests/runtime/tick/test_tick.py"
 FEED_TESTS, FRAMED_TESTS = "tests/runtime/trackers/test_trackers.py", "tests/runtime/trackers/test_framed_feed.py"
@@ -119,6 +120,12 @@ RULES = [
     ("sender-time", "a sender's number that tells no time is not believed", "never", SENDER_TESTS),
     ("sender-token", "a sender beyond this computer needs the token", "never", FEED_TESTS),
     ("replay-real", "a replay never moves a real device", "never", FEED_TESTS),
+    (
+        "hold-real",
+        "a pose that nobody measures is not held on a real device",
+        "never",
+        f"{HAND_TESTS}::test_no_pose_is_held_that_a_tracker_should_measure",
+    ),
     ("left-handed", "a left-handed tracker is refused", "never", FRAME_TESTS),
     ("frame-scale", "a tracker in millimetres is no frame", "always", FRAME_TESTS),
     ("frame-rehearsed", "a rehearsed frame moves no real device", "never", FRAMED_TESTS),
@@ -321,13 +328,13 @@ def try_tests(proof: Proof, folder: Path) -> str:
     `folder` holds a copy of the sources and what is compiled of it: a kernel is compiled again where what it stands on
     has changed (see `haptorb.numerics.compiled`), all others are there from the proofs before.
     """
-    path, kept = folder / "src" / proof.path.relative_to(ROOT / "src"), folder / "kept"
-    shutil.copy2(path, kept)
+    path, copy = folder / "src" / proof.path.relative_to(ROOT / "src"), folder / "kept"
+    shutil.copy2(path, copy)
     path.write_text(proof.broken, encoding="utf-8")
     try:
         broken = _run_tests(proof.tests, folder, "--cache-clear")
     finally:
-        shutil.copy2(kept, path)
+        shutil.copy2(copy, path)
     if broken != 1:
         return GREEN
     return ANYWAY if _run_tests(proof.tests, folder, "--last-failed") else RED  # what was red is tried as it is

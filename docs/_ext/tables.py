@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import io
+import os
+from contextlib import redirect_stdout
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from pydantic import BaseModel
 from sphinx.application import Sphinx
@@ -93,23 +95,17 @@ def design_keys() -> str:
 
 
 def command_line() -> str:
-    """What the commands say of themselves."""
-    program = Path(sys.executable).parent / "haptorb"
-
-    def told(*words: str) -> str:
-        environment = {
-            "COLUMNS": "86",
-            "NO_COLOR": "1",
-            "TERM": "dumb",
-            "PATH": "/usr/bin:/bin",
-            "HOME": str(Path.home()),
-        }
-        done = subprocess.run([program, *words, "--help"], capture_output=True, text=True, env=environment, check=True)
-        return "\n".join(line.rstrip() for line in done.stdout.strip("\n").splitlines())
-
+    """What the commands say of themselves, in a terminal of 86 columns; a process for each would take a second."""
     from typer.main import get_command
 
     command: Any = get_command(import_module("haptorb.apps.cli.program").app)
+    environment = {"COLUMNS": "86", "NO_COLOR": "1", "TERM": "dumb", "HOME": str(Path.home())}
+
+    def told(*words: str) -> str:
+        with patch.dict(os.environ, environment, clear=True), redirect_stdout(io.StringIO()) as said:
+            command.main([*words, "--help"], prog_name="haptorb", standalone_mode=False)
+        return "\n".join(line.rstrip() for line in said.getvalue().strip("\n").splitlines())
+
     names = sorted(name for name, one in getattr(command, "commands", {}).items() if not one.hidden)
     parts = [f"```text\n{told()}\n```\n"]
     parts += [f"## haptorb {name}\n\n```text\n{told(name)}\n```\n" for name in names]

@@ -51,7 +51,7 @@ def hostile() -> ModuleType:
 def found(hostile: ModuleType, kind: str, mutants: int, folder: Path) -> Any:
     known = {one.name: one for one in hostile.kinds(folder)}
     assert set(known) == set(KINDS)
-    told = hostile.tried(known[kind], mutants, 1, folder)
+    told = hostile.try_mutants(known[kind], mutants, 1, folder)
     assert told.refused > 0  # they were hostile
     return told
 

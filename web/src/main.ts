@@ -102,6 +102,7 @@ class Console {
     this.subject = this.scene.subject(this.stage, session);
     if (this.scene.colours === "currents") this.legend.coils(this.subject.range);
     if (this.scene.colours === "none") this.legend.arrows();
+    this.legend.device(session.scene);
     this.link = new Link(token(), {
       opened: () => void this.opened(),
       closed: (code, reason) => void this.closed(code, reason),

@@ -30,6 +30,30 @@ export interface Scene {
   kind: string;
   /** where the mover is when nobody moves it [m] */
   rest?: [number, number, number];
+  /** what the device file says of coils and magnets; the mover's as they are at rest */
+  parts?: RoundPart[];
+  sensors?: [number, number, number][];
+  marks?: [number, number, number][];
+  /** what the device file does not state */
+  notes?: string[];
+}
+
+/** A coil or a magnet, round about `axis`; lengths in metres. */
+export interface RoundPart {
+  name: string;
+  role: "coil" | "magnet" | "ring";
+  /** of a coil: the name of its current */
+  channel: string;
+  position: [number, number, number];
+  axis: [number, number, number];
+  inner_radius: number;
+  outer_radius: number;
+  length: number;
+  /** positive: its north pole is at the axis' end */
+  polarity: number;
+  moves: boolean;
+  /** false: the device file does not say how large it is */
+  stated: boolean;
 }
 
 /** A stylus with a magnet over a dome; lengths in metres, angles in radians. */
@@ -41,7 +65,6 @@ export interface DomeScene extends Scene {
   workspace: number;
   core_radius: number;
   magnet: { outer_radius: number; length: number; tip_distance: number };
-  coil_axes: [number, number, number][];
 }
 
 /** A rotor with magnets around a stator with coils, and a handle; lengths in metres, angles in radians. */
@@ -49,16 +72,8 @@ export interface MotorScene extends Scene {
   kind: "motor";
   workspace: number;
   handle_length: number;
-  magnets: { distance: number; directions: [number, number, number][]; polarity: number[]; radius: number; length: number };
-  /** `groups`: for every coil, its share of each channel's current */
-  stator: {
-    distance: number;
-    directions: [number, number, number][];
-    outer_radius: number;
-    inner_radius: number;
-    length: number;
-    groups: number[][];
-  };
+  /** for every coil, its share of each channel's current */
+  groups: number[][];
 }
 
 /** What the motor moves, in metres; see the server's `target.py`. */

@@ -5,11 +5,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from haptorb.devices.kind import DeviceKind
+from haptorb.devices.kind import DeviceKind, load_part
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.display.presentable import Presentable
@@ -135,6 +135,14 @@ class Device(Presentable, ABC):
     @abstractmethod
     def wrench_map(self, state: State, model: str) -> WrenchMap:
         """What the coils do to the mover at `state`, by one of `models`."""
+
+    def draw(self, view: str = "both", azimuth: float = 0.0) -> Any:
+        """A matplotlib figure: the drawing to scale that `haptorb show` writes; `view` is "section", "3d" or "both".
+
+        The section's plane contains z and is turned by `azimuth` [°] from +x towards +y. `figure.savefig(path)` stores
+        the figure; a notebook shows it. Raises InputError for a kind of device without geometry.
+        """
+        return load_part("haptorb.apps.show.drawing:draw_device")(self, view, azimuth)
 
     def check_model(self, model: str) -> str:
         """`model` itself, or UnknownName with what this device knows."""

@@ -39,8 +39,8 @@ def load(name: str | Path, *, override: bool = False) -> Device:
     >>> load("omni").channels
     3
     """
-    content, told = _read(str(name))
-    return parse(content, told, override=override)
+    content, source = _read(str(name))
+    return parse(content, source, override=override)
 
 
 def _read(text: str) -> tuple[str, str]:

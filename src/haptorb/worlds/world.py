@@ -19,7 +19,6 @@ from haptorb.worlds import parameter as _parameter
 
 __all__ = ["Sum", "World"]
 
-_NO_HOOKS = np.zeros((2, 8))
 _LONGEST = 160  #: characters of a `repr`
 
 
@@ -64,11 +63,6 @@ class World(Presentable, ABC):
     @abstractmethod
     def wrench(self, state: State) -> Array:
         """(6,) what the mover should feel at `state`."""
-
-    def touching(self, state: State) -> tuple[Array, Array]:
-        """(6,) the wrench at `state`, and (2, 8) what up to two hooks do: deflection [m], place along the hook from its
-        root [m], point (3) where it is touched [m], force (3) on the mover [N]; zero for hooks that there are not."""
-        return self.wrench(state), _NO_HOOKS
 
     @property
     def bound(self) -> float:

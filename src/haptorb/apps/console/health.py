@@ -27,7 +27,7 @@ class Health:
         self._valid, self._age = layout["valid"].start, layout["age"].start
         self._stages = layout["stages"]
         self._cursor = 0
-        self._kept: deque[Array] = deque()  # each (n, 5): t, missed, lateness, compute time, age of the pose
+        self._window: deque[Array] = deque()  # each (n, 5): t, missed, lateness, compute time, age of the pose
 
     def look(self) -> dict[str, float | None]:
         """Rate [Hz], share of deadlines met, 50th and 99th percentile of lateness and median compute time [µs], 99th
@@ -35,7 +35,7 @@ class Health:
         self._cursor, rows = self._servo.rows(self._cursor)
         if len(rows):
             compute = rows[:, self._stages].sum(axis=1)
-            self._kept.append(
+            self._window.append(
                 np.column_stack(
                     [
                         rows[:, self._t],
@@ -47,11 +47,11 @@ class Health:
                 )
             )
             newest = float(rows[-1, self._t])
-            while len(self._kept) > 1 and float(self._kept[0][-1, 0]) < newest - WINDOW:
-                self._kept.popleft()
+            while len(self._window) > 1 and float(self._window[0][-1, 0]) < newest - WINDOW:
+                self._window.popleft()
         else:
-            self._kept.clear()
-        if not self._kept:
+            self._window.clear()
+        if not self._window:
             return {
                 "rate_hz": None,
                 "success": None,
@@ -60,15 +60,15 @@ class Health:
                 "compute_us": None,
                 "pose_age_ms": None,
             }
-        kept = np.concatenate(list(self._kept))
-        span = float(kept[-1, 0] - kept[0, 0])
-        missed = float(np.nansum(kept[1:, 1]))
-        late = kept[:, 2][np.isfinite(kept[:, 2])]
-        spent = kept[:, 3][np.isfinite(kept[:, 3])]
-        ages = kept[:, 4][np.isfinite(kept[:, 4])]
+        window = np.concatenate(list(self._window))
+        span = float(window[-1, 0] - window[0, 0])
+        missed = float(np.nansum(window[1:, 1]))
+        late = window[:, 2][np.isfinite(window[:, 2])]
+        spent = window[:, 3][np.isfinite(window[:, 3])]
+        ages = window[:, 4][np.isfinite(window[:, 4])]
         return {
-            "rate_hz": (len(kept) - 1) / span if span > 0 else None,
-            "success": (len(kept) - 1) / (len(kept) - 1 + missed) if len(kept) > 1 else None,
+            "rate_hz": (len(window) - 1) / span if span > 0 else None,
+            "success": (len(window) - 1) / (len(window) - 1 + missed) if len(window) > 1 else None,
             "lateness_p50_us": float(np.percentile(late, 50)) * 1e6 if len(late) else None,
             "lateness_p99_us": float(np.percentile(late, 99)) * 1e6 if len(late) else None,
             "compute_us": float(np.median(spent)) * 1e6 if len(spent) else None,

@@ -244,7 +244,7 @@ class ConsoleSocketHub:
 
     async def _send(self, page: ConsolePage) -> None:
         """Frames to one page, sixty times a second; at once when they answer its pointer or tell of an event."""
-        sent = looked = self._recent.look()
+        sent = newest = self._recent.look()
         if self._painter is not None:
             await page.send(mesh_frame(self._painter.directions, self._painter.triangles))
         due = time.monotonic()
@@ -255,13 +255,13 @@ class ConsoleSocketHub:
                 await page.send(encode_force_frame(self._painter.force, self._painter.saturated, page.felt))
             end = self._recent.look()
             echo = math.nan
-            if end > looked and page is self._pages[0]:
-                new = self._recent.since(looked)
+            if end > newest and page is self._pages[0]:
+                new = self._recent.read_since(newest)
                 echo = self._hand.echo(new[:, self._target], new[:, self._turn])
-            looked = end
+            newest = end
             now = time.monotonic()
             if end > sent and (now >= due or math.isfinite(echo)):
-                rows = self._recent.since(sent)
+                rows = self._recent.read_since(sent)
                 page.dropped += end - sent - len(rows)
                 sent = end
                 await page.send(rows_frame(rows, self._index, self._t, self._tick, echo, page.dropped))

@@ -175,7 +175,7 @@ class SphericalMotor(Device):
         ]
 
     @cached_property
-    def leaning(self) -> tuple[Array, float]:
+    def tilt_torque(self) -> tuple[Array, float]:
         """(n,) coefficients of what weight and regulator do [N·m], and the least cosine, as
         `regulator.torque_over_sine` takes them: torque over sin(tilt), positive where it turns the rotor upright."""
         weight = self.rotor.mass * GRAVITY * self.rotor.centre_of_mass  # (h ẑ_R) × (−m g Ẑ)
@@ -188,7 +188,7 @@ class SphericalMotor(Device):
         """(6,) torque on the rotor at zero current: its weight, and the regulator that holds it up [N·m]."""
         wrench = np.zeros(6)
         axis = R_SR[:, 2]
-        back = torque_over_sine(float(axis[2]), *self.leaning)
+        back = torque_over_sine(float(axis[2]), *self.tilt_torque)
         wrench[3] = back * axis[1]  # back · ẑ_R × Ẑ
         wrench[4] = -back * axis[0]
         return wrench

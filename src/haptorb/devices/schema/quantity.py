@@ -26,7 +26,6 @@ from haptorb.numerics.compiled import cache_folder
 
 __all__ = [
     "Angle",
-    "Capacitance",
     "Conductance",
     "Current",
     "Damping",
@@ -104,10 +103,10 @@ def si(value: object, unit: str, kind: str) -> float:
             raise ValueError(f"{expected}; got {quote(value)}")
     except OverflowError as cause:
         raise ValueError(f"{expected}; got {quote(value)}") from cause
-    told = quote(f"{number} {name}") if isinstance(value, tuple) else quote(value)
+    text = quote(f"{number} {name}") if isinstance(value, tuple) else quote(value)
     unbounded = math.isinf(number) and unit == "" and (not isinstance(value, str) or "inf" in value)
     if not unbounded and not math.isfinite(number):
-        raise ValueError(f"must be a finite {kind.removeprefix('a ').removeprefix('an ')}; got {told}")
+        raise ValueError(f"must be a finite {kind.removeprefix('a ').removeprefix('an ')}; got {text}")
     try:
         turns = unit == "" and name in ("turn", "turns")  # of a winding, where an angle's turn is 2π
         converted = number if turns else convert(number, name, unit)
@@ -115,10 +114,10 @@ def si(value: object, unit: str, kind: str) -> float:
             converted = _ask_pint(number, name, unit)
     except (ArithmeticError, AttributeError, ValueError) as cause:
         why = explain_unit(name, unit, _is_unit)
-        raise ValueError(f"{expected if name == '' else f'must be {kind}'}; got {told}{why}") from cause
+        raise ValueError(f"{expected if name == '' else f'must be {kind}'}; got {text}{why}") from cause
     if not unbounded and converted != 0.0 and not 1.0 / _LARGEST <= abs(converted) <= _LARGEST:
         raise ValueError(
-            f"must be {kind} whose size is between {1 / _LARGEST:g} and {_LARGEST:g} {unit}".rstrip() + f"; got {told}"
+            f"must be {kind} whose size is between {1 / _LARGEST:g} and {_LARGEST:g} {unit}".rstrip() + f"; got {text}"
         )
     return float(f"{converted:.15g}")  # 67.9 mm is 0.0679 m, not 0.06790000000000001 m
 
@@ -189,7 +188,6 @@ Slew = Annotated[float, _unit_validator("A/s", "a rate of current")]
 Voltage = Annotated[float, _unit_validator("V", "a voltage")]
 Resistance = Annotated[float, _unit_validator("ohm", "a resistance")]
 Inductance = Annotated[float, _unit_validator("H", "an inductance")]
-Capacitance = Annotated[float, _unit_validator("F", "a capacitance")]
 Modulus = Annotated[float, _unit_validator("Pa", "a modulus of elasticity")]
 Polarization = Annotated[float, _unit_validator("T", "a flux density")]
 MomentPerCurrent = Annotated[float, _unit_validator("m**2", "a magnetic moment per current")]

@@ -87,7 +87,7 @@ def tracking(shared: SharedMemory) -> dict[str, Any]:
     poses_hz: different poses a second; age_ms: of the pose in use, 50th and 99th percentile. A tracker with a process
     of its own adds rate, jitter and latency [Hz, ms] of what arrived, and how many were accepted, lost and refused.
     """
-    _, rows = shared.ring.since(0)
+    _, rows = shared.ring.read_since(0)
     at = shared.layout
     t, age = rows[:, at["t"].start], rows[:, at["age"].start]
     known = np.isfinite(t) & np.isfinite(age) & (rows[:, at["valid"].start] == 1.0)
@@ -115,7 +115,7 @@ def _percentiles(histogram: Histogram, which: tuple[float, ...]) -> dict[str, fl
 
 
 def _lead_percentiles(shared: SharedMemory) -> dict[str, float]:
-    _, rows = shared.ring.since(0)
+    _, rows = shared.ring.read_since(0)
     times = rows[:, shared.layout["ahead"]]
     times = 1e6 * times[np.isfinite(times)]
     if not len(times):
@@ -124,7 +124,7 @@ def _lead_percentiles(shared: SharedMemory) -> dict[str, float]:
 
 
 def _stages(shared: SharedMemory) -> dict[str, float]:
-    _, rows = shared.ring.since(0)
+    _, rows = shared.ring.read_since(0)
     times = rows[:, shared.layout["stages"]]
     times = times[np.isfinite(times).all(axis=1)]
     if not len(times):

@@ -19,7 +19,7 @@ from typing import Any
 
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 from haptorb.runtime.realtime.kill_timer import KillTimer
-from haptorb.runtime.realtime.parent_death import end_group, is_orphaned
+from haptorb.runtime.realtime.parent_death import end_group, is_parent_gone
 from haptorb.runtime.recording.recorder import Recorder
 from haptorb.runtime.recording.recording_file import complete
 
@@ -45,7 +45,7 @@ def main(spec: Mapping[str, Any]) -> int:
         shared.words[Word.RECORDER] = Phase.FAILED
         return 1
     finally:
-        if is_orphaned(spec["parent"]):
+        if is_parent_gone(spec["parent"]):
             end_group(spec["servo"])
             shared.unlink()
             if spec["temporary"]:
@@ -77,7 +77,7 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
                 if text:
                     recorder.note("error", {"tick": str(words[Word.TICKS]), "text": text})
             before = cursor
-            cursor, rows = shared.ring.since(cursor)
+            cursor, rows = shared.ring.read_since(cursor)
             gap = cursor - before - len(rows)
             if gap:
                 recorder.note("gap", {"rows": str(gap), "after": str(recorder.written)})

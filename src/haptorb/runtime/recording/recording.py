@@ -107,7 +107,8 @@ class Recording:
     def layout(self) -> RowLayout:
         """The layout of `rows`. Raises RecordingError if another version of haptorb ordered them otherwise."""
         noted = self.metadata.get("layout", {})
-        layout = RowLayout(*(self._parse_count(noted, key) if key in noted else 0 for key in ("channels", "sensors")))
+        without = {"channels": 0, "sensors": 0, "contacts": 2}  # rows without a note of contacts had two, of any device
+        layout = RowLayout(*(self._parse_count(noted, key) if key in noted else n for key, n in without.items()))
         mine = [(field.name, field.width) for field in layout.fields if field.width]
         if mine != [(field.name, field.width) for field in self.fields]:
             raise RecordingError(f"{self.path} was written by another version of haptorb; read its fields by name")
@@ -116,7 +117,7 @@ class Recording:
     def require(self, *names: str) -> None:
         """Raise RecordingError unless there are fields `names` as wide as this version of haptorb writes them.
 
-        Those of coils and sensors may have any width.
+        Those of coils, sensors and contacts may have any width.
         """
         wide = {field.name: field.width for field in RowLayout(0, 0).fields if field.width}
         found = {field.name: field.width for field in self.fields}

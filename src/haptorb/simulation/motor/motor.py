@@ -93,7 +93,7 @@ class SimulatedMotor(Simulation):
             device.sensor_layout.directions,
             device.groups,
             device.sensor_field_per_ampere,
-            device.leaning[0],
+            device.tilt_torque[0],
         )
         self._magnetics = pack_magnetics(self._parts)
         self._failures = np.zeros(device.sensors, dtype=np.int64)
@@ -236,5 +236,5 @@ class SimulatedMotor(Simulation):
             kinetic
             + 0.5 * rotor["grip"] * float(left @ left)
             + 0.5 * rotor["stop"] * float(over) ** 2
-            + potential_energy(self._parts.leaning, float(rotor["least"]), cosine)
+            + potential_energy(self._parts.tilt_torque, float(rotor["least"]), cosine)
         )

@@ -22,6 +22,7 @@ from haptorb.apps.study.model.study_parts import (
     Trials,
     Value,
 )
+from haptorb.apps.terminal import announce_wait
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
@@ -29,14 +30,13 @@ from haptorb.devices.schema import key as m
 from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import InputError
 from haptorb.files.text_file import parse_toml, read_bytes, read_text
-from haptorb.worlds.own.failure import try_world
+from haptorb.worlds.own.failure import fit_world, try_world
 from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
 from haptorb.worlds.parameter import Parameter, check_names, parameters
 from haptorb.worlds.world import World
 
-__all__ = ["PROCEDURES", "Study", "read_study", "study_of"]
+__all__ = ["Study", "read_study", "study_of"]
 
-PROCEDURES = ("identification", "localisation", "constant", "staircase", "bayesian", "forced-choice", "rating")
 #: left out of the digest where they are not used: studies that were begun before there were such things go on
 _LATER = ("mask", "questions", "model", "world_digest")
 _MISTAKES = 20  #: told at once
@@ -234,10 +234,10 @@ def study_of(text: str, where: str = "study", folder: Path | None = None) -> Stu
             study = _load_world(study, parse_world_file(study.world, folder))
         _check_study(study)
     except ValidationError as cause:
-        told = explain_mistakes(cause.errors(), Study)
-        more = len(told) - _MISTAKES
-        told = told[:_MISTAKES] + ([f"and {more} more mistakes"] if more > 0 else [])
-        lines = f" {told[0]}" if len(told) == 1 else "\n  ".join(["", *told])
+        mistakes = explain_mistakes(cause.errors(), Study)
+        more = len(mistakes) - _MISTAKES
+        mistakes = mistakes[:_MISTAKES] + ([f"and {more} more mistakes"] if more > 0 else [])
+        lines = f" {mistakes[0]}" if len(mistakes) == 1 else "\n  ".join(["", *mistakes])
         raise InputError(f"study file {where}:{lines}") from cause
     except InputError as cause:
         raise InputError(f"study file {where}: {cause}") from cause
@@ -259,7 +259,8 @@ def _levels(study: Study) -> None:
 
 def _load_world(study: Study, file: WorldFile) -> Study:
     """`study` with the world in `file` and the digest of its code: sessions with other code are another study's."""
-    world = try_world(file.load(), study.load_device())
+    with announce_wait(f"World file {file.path} has not returned from loading and its first call"):
+        world = try_world(file.load(), study.load_device())
     digest = sha256(read_bytes(file.path, _CODE, "world file", InputError)).hexdigest()
     if study.world_digest not in ("", digest):
         raise InputError(f"world_digest is not that of {file.path}: the file has changed; leave out the key")
@@ -297,4 +298,4 @@ def _check_study(study: Study) -> None:
         shown = [study.levels.reference, *study.levels.values, *(study.levels.reference + m for m in more)]
     for condition in study.conditions:
         for level in shown:
-            study.make_world(condition.name, study.points[0].number, level).for_device(device)
+            fit_world(study.make_world(condition.name, study.points[0].number, level), device)

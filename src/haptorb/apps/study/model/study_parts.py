@@ -265,17 +265,17 @@ class Question(Part):
 
     def check_reply(self, reply: str) -> str:
         """`reply` without spaces about it; InputError if it does not answer this question."""
-        told = reply.strip()
-        if not told:
+        text = reply.strip()
+        if not text:
             raise InputError("please answer the question first")
-        if len(told) > _LONGEST:
-            raise InputError(f"the answer must have at most {_LONGEST} characters; got {len(told)}")
-        if any("\ud800" <= letter <= "\udfff" or letter == "\0" for letter in told):
+        if len(text) > _LONGEST:
+            raise InputError(f"the answer must have at most {_LONGEST} characters; got {len(text)}")
+        if any("\ud800" <= letter <= "\udfff" or letter == "\0" for letter in text):
             raise InputError("the answer contains an invalid character: please type it again")
-        if self.choices and told not in self.choices:
-            raise InputError(f"the answer must be one of {', '.join(self.choices)}; got '{told}'")
+        if self.choices and text not in self.choices:
+            raise InputError(f"the answer must be one of {', '.join(self.choices)}; got '{text}'")
         if self.low is not None and self.high is not None:
-            number = int(told) if told.removeprefix("-").isdecimal() and told.isascii() else None
+            number = int(text) if text.removeprefix("-").isdecimal() and text.isascii() else None
             if number is None or not self.low <= number <= self.high:
-                raise InputError(f"the answer must be a whole number from {self.low} to {self.high}; got '{told}'")
-        return told
+                raise InputError(f"the answer must be a whole number from {self.low} to {self.high}; got '{text}'")
+        return text

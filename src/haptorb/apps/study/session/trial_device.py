@@ -108,7 +108,7 @@ class TrialDevice:
         return force if np.isfinite(force).all() else None
 
     @property
-    def off(self) -> bool:
+    def switched_off(self) -> bool:
         """Whether the guard has the coils off."""
         row = self.servo.latest()
         return row is None or row[self.servo.layout["guard"]][0] in (0, 4)
