@@ -144,7 +144,7 @@ class Recording:
         path = Path(path)
         try:
             if path.exists() and not overwrite:
-                raise RecordingError(f"{path} exists; choose another name, or allow it to be overwritten")
+                raise RecordingError(f"{path} exists; choose another name, or replace it with overwrite=True")
         except OSError as cause:
             raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
         heads = [head for field in self.fields for head in column_heads(field)]
