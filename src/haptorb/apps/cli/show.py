@@ -99,9 +99,10 @@ def inspect(
     override: Annotated[bool, typer.Option("--override", help="Inspect a device that the validation refuses.")] = False,
 ) -> None:
     """Show what devices can do: workspace, forces, heat limits and model errors; several side by side."""
-    from haptorb.apps.figure_file import check_figure_file, write_figure
     from haptorb.apps.inspect import Comparison, card, name_devices
     from haptorb.apps.progress import build_tables
+    from haptorb.apps.terminal.figure_file import check_figure
+    from haptorb.apps.terminal.write_figure import FORMATS, write_figure
     from haptorb.devices.loader import load
 
     found = [load(device, override=override) for device in devices]
@@ -111,8 +112,7 @@ def inspect(
             raise InputError(f"--assumed lists the values of one device; got {len(found)}")
         _list(dict(found[0].assumed), json)
         return
-    if plot is not None:
-        check_figure_file(plot, "--plot")
+    check_figure(plot, FORMATS)
     for one in found:
         build_tables(one)
     cards = [card(one) for one in found]
@@ -131,27 +131,26 @@ def show(
         Path | None, typer.Option("--output", "-o", help="PNG, SVG or PDF file [DEVICE.drawing.png].")
     ] = None,
     view: Annotated[str, typer.Option(help="View: section, 3d or both.")] = "both",
-    azimuth: Annotated[float, typer.Option(help="Direction of the section's plane [deg], from +x towards +y.")] = 0.0,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print the parts and their places as JSON; draw with -o.")
-    ] = False,
+    azimuth: Annotated[float, typer.Option(help="Plane of the section [deg], from +x towards +y.")] = 0.0,
+    json: Annotated[bool, typer.Option("--json", help="Print parts and places as JSON; draw with -o only.")] = False,
     override: Annotated[bool, typer.Option("--override", help="Draw a device that the validation refuses.")] = False,
 ) -> None:
     """Draw a device to scale: coils, magnets, core and sensors in section and in three dimensions."""
-    from haptorb.apps.figure_file import check_figure_file, write_figure
     from haptorb.apps.show import describe_geometry
+    from haptorb.apps.terminal.figure_file import check_figure
+    from haptorb.apps.terminal.write_figure import FORMATS, write_figure
     from haptorb.devices.loader import load
 
     found = load(device, override=override)
-    path = (
-        None if json and output is None else check_figure_file(output or Path(f"{found.name}.drawing.png"), "--output")
-    )
-    if path is not None:
-        write_figure(found.draw(view, azimuth), path, "--output")
+    if output is None and not json:
+        output = Path(f"{found.name}.drawing.png")
+    check_figure(output, FORMATS, "--output")
+    if output is not None:
+        write_figure(found.draw(view, azimuth), output, "--output")
     if json:
         print_json(describe_geometry(found))
     else:
-        tell(f"written: {path}")
+        tell(f"written: {output}")
 
 
 def _list(lines: dict[str, str], json: bool) -> None:
