@@ -71,7 +71,7 @@ def worlds(
     console = make_console()
     world = find_world(name)
     print_text(console, f"{name}: {(world.__doc__ or '').splitlines()[0]}", "bold")
-    print_text(console, _nature(world.passive, world.continuous), "dim")
+    print_text(console, _nature(world.passive, world.continuous, world.needs_target), "dim")
     if not known:
         return
     print_text(console)
@@ -86,9 +86,10 @@ def worlds(
     print_table(console, table)
 
 
-def _nature(passive: bool, continuous: bool) -> str:
+def _nature(passive: bool, continuous: bool, needs_target: bool) -> str:
     energy = "passive: produces no energy" if passive else "active: a closed path can gain energy"
-    return f"{energy}; {'continuous' if continuous else 'discontinuous'}"
+    devices = "; for devices that move a target (motors)" if needs_target else ""
+    return f"{energy}; {'continuous' if continuous else 'discontinuous'}{devices}"
 
 
 def inspect(
@@ -99,10 +100,9 @@ def inspect(
     override: Annotated[bool, typer.Option("--override", help="Inspect a device that the validation refuses.")] = False,
 ) -> None:
     """Show what devices can do: workspace, forces, heat limits and model errors; several side by side."""
+    from haptorb.apps.figure_file import check_figure_file, write_figure
     from haptorb.apps.inspect import Comparison, card, name_devices
     from haptorb.apps.progress import build_tables
-    from haptorb.apps.terminal.figure_file import check_figure
-    from haptorb.apps.terminal.write_figure import FORMATS, write_figure
     from haptorb.devices.loader import load
 
     found = [load(device, override=override) for device in devices]
@@ -112,7 +112,8 @@ def inspect(
             raise InputError(f"--assumed lists the values of one device; got {len(found)}")
         _list(dict(found[0].assumed), json)
         return
-    check_figure(plot, FORMATS)
+    if plot is not None:
+        check_figure_file(plot, "--plot")
     for one in found:
         build_tables(one)
     cards = [card(one) for one in found]
@@ -131,21 +132,22 @@ def show(
         Path | None, typer.Option("--output", "-o", help="PNG, SVG or PDF file [DEVICE.drawing.png].")
     ] = None,
     view: Annotated[str, typer.Option(help="View: section, 3d or both.")] = "both",
-    azimuth: Annotated[float, typer.Option(help="Plane of the section [deg], from +x towards +y.")] = 0.0,
-    json: Annotated[bool, typer.Option("--json", help="Print parts and places as JSON; draw with -o only.")] = False,
+    azimuth: Annotated[float, typer.Option(help="Direction of the section's plane [deg], from +x towards +y.")] = 0.0,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print the parts and their places as JSON; draw with -o.")
+    ] = False,
     override: Annotated[bool, typer.Option("--override", help="Draw a device that the validation refuses.")] = False,
 ) -> None:
     """Draw a device to scale: coils, magnets, core and sensors in section and in three dimensions."""
+    from haptorb.apps.figure_file import check_figure_file, write_figure
     from haptorb.apps.show import describe_geometry
-    from haptorb.apps.terminal.figure_file import check_figure
-    from haptorb.apps.terminal.write_figure import FORMATS, write_figure
     from haptorb.devices.loader import load
 
     found = load(device, override=override)
     if output is None and not json:
         output = Path(f"{found.name}.drawing.png")
-    check_figure(output, FORMATS, "--output")
     if output is not None:
+        check_figure_file(output, "--output")
         write_figure(found.draw(view, azimuth), output, "--output")
     if json:
         print_json(describe_geometry(found))
