@@ -37,7 +37,8 @@ _KINDS = {
 def explain_mistakes(errors: Iterable[Any], model: type[BaseModel], most: int = 40) -> list[str]:
     """One sentence per error of `model`, each beginning with the key; elements of lists count from 1.
 
-    After `most` of them the rest is counted. Left out: that a list is too short where only its elements are wrong, which pydantic says as well.
+    After `most` of them the rest is counted. Left out: that a list is too short where only its elements are wrong,
+    which pydantic says as well.
     """
     sentences = list(dict.fromkeys(_explain(error, model) for error in errors if not _is_echo(error)))
     if len(sentences) > most:
