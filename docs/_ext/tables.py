@@ -51,8 +51,10 @@ def world_table() -> str:
     for name, world in sorted(worlds.CATALOGUE.items()):
         first = (world.__doc__ or "").strip().splitlines()[0]
         traits = ("passive" if world.passive else "active", "continuous" if world.continuous else "with jumps")
+        devices = " For devices that move a target (motors)." if world.needs_target else ""
         parts.append(
-            f"## {name}\n\n{first} Declared {' and '.join(traits)}. Class `{world.__module__}.{world.__name__}`.\n"
+            f"## {name}\n\n{first} Declared {' and '.join(traits)}.{devices} "
+            f"Class `{world.__module__}.{world.__name__}`.\n"
         )
         rows = [
             (f"`{p.name}`", p.default, f"{p.low:g} to {p.high:g}", p.unit, p.about) for p in parameters(world).values()

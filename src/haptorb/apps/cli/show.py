@@ -71,7 +71,7 @@ def worlds(
     console = make_console()
     world = find_world(name)
     print_text(console, f"{name}: {(world.__doc__ or '').splitlines()[0]}", "bold")
-    print_text(console, _nature(world.passive, world.continuous), "dim")
+    print_text(console, _nature(world.passive, world.continuous, world.needs_target), "dim")
     if not known:
         return
     print_text(console)
@@ -86,9 +86,10 @@ def worlds(
     print_table(console, table)
 
 
-def _nature(passive: bool, continuous: bool) -> str:
+def _nature(passive: bool, continuous: bool, needs_target: bool) -> str:
     energy = "passive: produces no energy" if passive else "active: a closed path can gain energy"
-    return f"{energy}; {'continuous' if continuous else 'discontinuous'}"
+    devices = "; for devices that move a target (motors)" if needs_target else ""
+    return f"{energy}; {'continuous' if continuous else 'discontinuous'}{devices}"
 
 
 def inspect(
