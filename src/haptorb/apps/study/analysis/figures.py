@@ -31,7 +31,7 @@ def figures(analysis: Analysis) -> dict[str, Figure]:
 def _new_figure(analysis: Analysis, title: str, size: tuple[float, float]) -> Figure:
     figure = Figure(figsize=size, layout="constrained")
     figure.suptitle(title, x=0.01, ha="left", fontweight="bold", color=_INK)
-    figure.supxlabel(analysis.origin, x=0.01, ha="left", fontsize=8, color=_RED if analysis.simulated else _INK)
+    figure.supxlabel(analysis.origin, x=0.01, ha="left", fontsize=8, color=_RED if analysis.marked else _INK)
     return figure
 
 
