@@ -63,7 +63,10 @@ def power(
         str | None, typer.Option(help="Measure: error, accuracy, rating, threshold or choice (default: by procedure).")
     ] = None,
     pool: Annotated[int, typer.Option(help="Number of simulated participants to draw from.")] = 40,
-    people: Annotated[list[int] | None, typer.Option(help="Number of participants to evaluate; repeatable.")] = None,
+    people: Annotated[
+        list[int] | None,
+        typer.Option(help="Number of participants to show; repeatable. The search goes below and above."),
+    ] = None,
     alpha: Annotated[float, typer.Option(help="Significance level of the test.")] = 0.05,
     wanted: Annotated[float, typer.Option("--power", help="Required probability of detecting the difference.")] = 0.8,
     seed: Annotated[int, typer.Option(help="Seed of the simulated participants.")] = 0,
