@@ -1,4 +1,4 @@
-"""What a session will be like, said before it begins."""
+"""What a session will be like, said before it begins; and which set-points a study that has begun goes on with."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 from haptorb.apps.terminal import say
 
 if TYPE_CHECKING:
+    from sqlalchemy.engine import Engine
+
     from haptorb.apps.study.model.study_file import Study
 
-__all__ = ["print_forecast"]
+__all__ = ["keep_stored_layout", "print_forecast"]
 
 
 def print_forecast(known: Study) -> bool:
@@ -22,3 +24,13 @@ def print_forecast(known: Study) -> bool:
     if reach is not None:
         say("note: " + reach.sentence)
     return told.holds
+
+
+def keep_stored_layout(engine: Engine, known: Study) -> Study:
+    """`known`, or as the database holds it from a time when another layout was called published; said to people."""
+    from haptorb.apps.study.store.columns import keep_layout
+
+    kept = keep_layout(engine, known)
+    if kept is not known:
+        say("this study was begun with 1 + 8 + 8 + 8 set-points and goes on with them (erratum E17, withdrawn)")
+    return kept

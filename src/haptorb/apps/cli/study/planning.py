@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from haptorb.apps.cli.study.forecast import print_forecast
+from haptorb.apps.cli.study.forecast import keep_stored_layout, print_forecast
 from haptorb.apps.cli.study.options import DatabaseOption, FileArgument
 from haptorb.apps.terminal import Column, TextTable, make_console, make_progress, print_json, print_table, tell
 
@@ -44,11 +44,12 @@ def simulate(
     from haptorb.apps.study.simulated.rehearsal import rehearse
     from haptorb.apps.study.store.database import database
 
-    known = read_study(file)
+    engine = database(db)
+    known = keep_stored_layout(engine, read_study(file))
     with make_progress() as bar:
         task = bar.add_task("SIMULATED trials", total=None)
         answered = rehearse(
-            database(db), known, participants, seed=seed, first=first,
+            engine, known, participants, seed=seed, first=first,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )  # fmt: skip
     tell(f"{answered} SIMULATED trials in {db}; `haptorb study analyse {db}` shows them")

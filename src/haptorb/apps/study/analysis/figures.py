@@ -96,7 +96,7 @@ def _error(analysis: Analysis) -> Figure:
         theta, [ring.mean for ring in analysis.rings], [ring.sd for ring in analysis.rings], fmt="o", color=_BLUE,
         capsize=4, label="mean ± standard deviation over trials",
     )  # fmt: skip
-    published = analysis.study.set_points.layout == "published" and analysis.study.procedure == "identification"
+    published = analysis.study.set_points.layout is not None and analysis.study.procedure == "identification"
     if published:
         axes.errorbar(
             [t + 1.4 for t in PUBLISHED_ERRORS], [m for m, _ in PUBLISHED_ERRORS.values()],

@@ -49,9 +49,9 @@ class Place(Part):
 
 
 class Places(Part):
-    """The built-in layout, or points."""
+    """A built-in layout, or points."""
 
-    layout: Literal["published"] | None = None
+    layout: Literal["published", "1-8-8-8"] | None = None
     points: Annotated[tuple[Place, ...], Field(max_length=999)] = ()
 
     @model_validator(mode="after")

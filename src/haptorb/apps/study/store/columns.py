@@ -16,7 +16,7 @@ from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.store.database import events, participants, replies, sessions, studies, trials
 from haptorb.errors import InputError, RecordingError
 
-__all__ = ["COLUMNS", "Columns", "read_replies", "read_study", "tidy"]
+__all__ = ["COLUMNS", "Columns", "keep_layout", "read_replies", "read_study", "tidy"]
 
 #: column → what it is; the data dictionary of every export
 COLUMNS = {
@@ -64,7 +64,17 @@ def read_study(engine: Engine, name: str | None = None) -> Study:
         raise InputError(
             f"several studies in this database (known: {known}): name one; versions of a study need separate databases"
         )
-    return study_of(fitting[0].text, f"'{fitting[0].name}' in the database")
+    return study_of(fitting[0].text, f"'{fitting[0].name}' in the database", stored=True)
+
+
+def keep_layout(engine: Engine, study: Study) -> Study:
+    """`study`, or, if the database holds it as an older haptorb ran it, the one with that layout called published."""
+    older = study.without_layout()
+    if older is None:
+        return study
+    with engine.connect() as connection:
+        known = set(connection.execute(select(studies.c.digest)).scalars())
+    return older if older.digest in known and study.digest not in known else study
 
 
 def tidy(engine: Engine, study: Study) -> Columns:
