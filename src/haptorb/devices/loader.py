@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.devices.kind import kind_names, kind_of_name
+from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import DeviceError, InputError, UnknownName, quote
 from haptorb.files.text_file import parse_toml, read_text
 
@@ -39,8 +39,8 @@ def load(name: str | Path, *, override: bool = False) -> Device:
     >>> load("omni").channels
     3
     """
-    content, told = _read(str(name))
-    return parse(content, told, override=override)
+    content, source = _read(str(name))
+    return parse(content, source, override=override)
 
 
 def _read(text: str) -> tuple[str, str]:
@@ -100,6 +100,12 @@ def _load_with_base(content: str, name: str, depth: int) -> tuple[dict[str, Any]
         raise DeviceError(f"device '{name}': based_on must name another device, without a cycle; got {quote(base)}")
     text, below_name = _read(base)
     below, whole = _load_with_base(text, below_name, depth + 1)
+    if raw.get("name", below.get("name")) == below.get("name"):
+        raise DeviceError(
+            f"device '{name}': name must be a name of its own, other than {quote(below.get('name'))} of the device "
+            "that it is based on: recordings and calibrations refer to a device by its name"
+        )
+    raw.setdefault("title", f"{below.get('title')} ({raw['name']})")
     return _merge(below, raw), whole + content
 
 
@@ -140,30 +146,8 @@ def _with_unit(value: Any, unit: str) -> Any:
 
 
 def _mistakes(name: str, errors: list[Any], file_class: Any) -> str:
-    lines = []
-    for error in errors[:_MISTAKES]:
-        where = ".".join(quote(part)[1:-1] if isinstance(part, str) else str(part) for part in error["loc"]) or "file"
-        kind, got = error["type"], error.get("input")
-        if kind == "extra_forbidden":
-            known = _list_keys(file_class, error["loc"][:-1])
-            near = get_close_matches(str(error["loc"][-1])[:60], known, n=1, cutoff=0.5)
-            what = "is not a known key" + (f"; did you mean '{near[0]}'?" if near else "")
-        elif kind == "missing":
-            what = "is missing"
-        elif kind == "value_error":
-            what = str(error["ctx"]["error"])
-        else:
-            what = f"{error['msg'].replace('Input should', 'must')}; got {quote(got)}"
-        lines.append(f"device '{name}': {where} {what}")
-    if len(errors) > _MISTAKES:
-        lines.append(f"device '{name}': and {len(errors) - _MISTAKES} more mistakes")
+    told = explain_mistakes(errors, file_class)
+    lines = [f"device '{name}': {line}" for line in told[:_MISTAKES]]
+    if len(told) > _MISTAKES:
+        lines.append(f"device '{name}': and {len(told) - _MISTAKES} more mistakes")
     return "\n".join(lines)
-
-
-def _list_keys(model: Any, path: tuple[Any, ...]) -> list[str]:
-    for part in path:
-        field = getattr(model, "model_fields", {}).get(part)
-        if field is None:
-            return []
-        model = field.annotation
-    return list(getattr(model, "model_fields", {}))

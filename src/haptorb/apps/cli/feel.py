@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptorb.apps.figure_file import check_figure_file
 from haptorb.apps.terminal import Column, TextTable, make_console, print_json, print_table, say
 from haptorb.errors import InputError
 
@@ -26,13 +27,13 @@ def register(app: typer.Typer) -> None:
 
 def feel(
     designs: Annotated[Path, typer.Argument(help="TOML file of candidate designs.")],
-    device: Annotated[str, typer.Option(help="Spherical motor: device name, or path of a device file.")] = "pmsm",
+    device: Annotated[str, typer.Argument(help="Spherical motor: device name, or path of a device file.")] = "pmsm",
     only: Annotated[list[str] | None, typer.Option(help="Render only this design; repeatable.")] = None,
     session: Annotated[Path | None, typer.Option(help="Folder for ratings and traces (default: FILE-session).")] = None,
     person: Annotated[str, typer.Option(help="Code of the person who rates.")] = "",
     rate: Annotated[list[str] | None, typer.Option(help="Enter a score, NAME=1…7; repeatable.")] = None,
     choose: Annotated[str | None, typer.Option(help="Record this design as the choice.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw the comparison into this PNG or SVG file.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw the comparison into this PNG, SVG or PDF file.")] = None,
     headless: Annotated[
         bool, typer.Option("--headless", help="Run without the console; a simulated hand moves the handle.")
     ] = False,
@@ -52,23 +53,23 @@ def feel(
         candidates[choose]  # refuses a name that there is not before anything is felt
     if not 0 < seconds < float("inf"):
         raise InputError(f"--seconds must be greater than 0; got {seconds:g}")
-    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
-    kept = FeelSession(session or designs.with_name(f"{designs.stem}-session"), candidates)
+    if plot is not None:
+        check_figure_file(plot, "--plot")
+    store = FeelSession(session or designs.with_name(f"{designs.stem}-session"), candidates)
     for design in wanted:
         for remark in design.remarks:
             say(f"{design.name}: {remark}")
         servo = _servo(device, design, candidates)
         answer = _run_without_console(servo, seconds) if headless else _run_with_console(servo, design, port)
         trace = _trace(servo.recording, design)
-        name = kept.keep(trace) if len(trace.rows) else ""
+        name = store.keep(trace) if len(trace.rows) else ""
         score = scores.get(design.name, _score(answer))
         if score is not None:
-            kept.rate(design.name, score, person=person, trace=name)
+            store.rate(design.name, score, person=person, trace=name)
         say(f"{design.title}: rendered for {len(trace.rows) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
     if choose is not None:
-        kept.choose(choose, person=person)
-    _compare(candidates, kept, plot, json)
+        store.choose(choose, person=person)
+    _compare(candidates, store, plot, json)
 
 
 def _servo(device: str, design: Candidate, candidates: Candidates) -> Servo:
@@ -89,11 +90,11 @@ def _run_with_console(servo: Servo, design: Candidate, port: int) -> str:
     """What the person typed after feeling `design` in the browser."""
     from haptorb.apps.console import Console
 
-    done, said = Event(), [""]
+    done, message = Event(), [""]
 
     def ask() -> None:
         try:
-            said[0] = input(f"{design.title}: type a score from 1 to 7 and press Enter (Enter alone: no score): ")
+            message[0] = input(f"{design.title}: type a score from 1 to 7 and press Enter (Enter alone: no score): ")
         except EOFError:
             return
         done.set()
@@ -105,7 +106,7 @@ def _run_with_console(servo: Servo, design: Candidate, port: int) -> str:
         servo.check()
     if number:
         raise typer.Exit(128 + number)
-    return said[0]
+    return message[0]
 
 
 def _trace(recording: Recording, design: Candidate) -> Trace:

@@ -14,13 +14,13 @@ from haptorb.numerics.arrays import Array
 from haptorb.physics.beams import Model, appendix_b, compliance
 from haptorb.physics.hook import TABLE_3
 from haptorb.worlds.parameter import parameter
-from haptorb.worlds.world import World
+from haptorb.worlds.world import TargetWorld
 
 __all__ = ["PublishedOutlet"]
 
 
 @dataclass(frozen=True)
-class PublishedOutlet(World):
+class PublishedOutlet(TargetWorld):
     """Bai 2012, eqs. (14)–(18) with errata corrected: the world of Fig. 8 (socket as in Table 3).
 
     Pulling: F_X' = −E w μ (w_p sec ε − w_s)/(Ω₊ + μΩ₋), F_Y' and T_Z' = F_Y' (h − p_x) as in (17), (18) with the
@@ -46,7 +46,7 @@ class PublishedOutlet(World):
     _omega: tuple[float, float, float] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        World.__post_init__(self)
+        TargetWorld.__post_init__(self)
         if self.surface_height not in ("corrected", "printed"):
             raise InputError(f"surface_height must be 'corrected' or 'printed'; got {self.surface_height!r}")
         if self.beam == "paper":

@@ -101,7 +101,7 @@ def test_a_csv_export_is_written_whole_or_not_at_all(
     folder = tmp_path / "out"
     folder.mkdir()
     (folder / there).write_text("mine")
-    with pytest.raises(RecordingError, match=rf"{there} exists.*--force"):
+    with pytest.raises(RecordingError, match=rf"{there} exists.*overwrite=True"):
         write_csv(identify, columns, folder / "t.csv", replies=REPLIES)
     assert listed(folder) == {there: b"mine"}
     write_csv(identify, columns, folder / "t.csv", overwrite=True, replies=REPLIES)
@@ -134,7 +134,7 @@ def test_a_folder_that_is_no_export_is_never_replaced(identify: Study, columns: 
     home.mkdir()
     write_bids(identify, columns, home, overwrite=True)  # an empty folder may be
     (home / "README").write_text("changed")
-    with pytest.raises(RecordingError, match="--force"):
+    with pytest.raises(RecordingError, match="overwrite=True"):
         write_bids(identify, columns, home)
     write_bids(identify, columns, home, overwrite=True)
     assert (home / "README").read_text(encoding="utf-8") != "changed"

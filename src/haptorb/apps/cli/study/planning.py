@@ -21,10 +21,10 @@ def check(file: FileArgument, json: Annotated[bool, typer.Option("--json", help=
     if json:
         from haptorb.apps.study.simulated.forecast import forecast, overlap
 
-        told, reach = forecast(known), overlap(known)
+        result, reach = forecast(known), overlap(known)
         about = {"study": known.name, "procedure": known.procedure, "device": known.device}
-        print_json({**about, "set_points": len(known.points), **told.numbers(), "overlap": reach and reach.numbers()})
-        if not told.holds:
+        print_json({**about, "set_points": len(known.points), **result.numbers(), "overlap": reach and reach.numbers()})
+        if not result.holds:
             raise typer.Exit(1)
         return
     tell(f"{known.name}: {known.procedure} on '{known.device}', {len(known.points)} set-points")

@@ -172,7 +172,7 @@ def analyse(study: Study, columns: Columns, procedures: dict[str, Procedure] | N
     if not len(main["trial"]):
         raise InputError(f"study '{study.name}' has only practice trials so far: there is nothing to analyse")
     people, index = np.unique(main["participant"], return_inverse=True)
-    simulated = {code for code, told in zip(main["participant"], main["simulated"], strict=True) if told}
+    simulated = {code for code, flag in zip(main["participant"], main["simulated"], strict=True) if flag}
     parts: dict[str, Any] = {}
     if study.procedure == "identification":
         parts["confusion"] = confusion = _confusion(study, main, index, len(people))
@@ -206,9 +206,9 @@ def _confusion(study: Study, main: Columns, index: np.ndarray[Any, Any], people:
     np.add.at(each, (index, asked, answered), 1.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         shares = each / each.sum(axis=2, keepdims=True)
-    seen = np.isfinite(shares)
-    matrix = np.where(seen, shares, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-    matrix[~seen.any(axis=0)] = np.nan
+    finite = np.isfinite(shares)
+    matrix = np.where(finite, shares, 0).sum(axis=0) / np.maximum(finite.sum(axis=0), 1)
+    matrix[~finite.any(axis=0)] = np.nan
     low, high = bootstrap(shares)
     right = asked == answered
     own = np.bincount(index, right, people) / np.bincount(index, minlength=people)

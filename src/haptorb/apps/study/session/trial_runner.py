@@ -58,7 +58,7 @@ class TrialRunner:
         self._during: list[dict[str, Any]] = []  # trips in this trial, however often it began
         self._until = 0.0  # end of a rest
         self._last = clock()
-        self._seen = 0  # trips of the stage that are kept
+        self._trip_count = 0  # trips of the stage that are kept
         self._paused_from, self._rest_left = "", 0.0
         self.state = "pause"
         self._continue()
@@ -89,7 +89,7 @@ class TrialRunner:
         self._notice_off()
         self.sitting.keep_late()
         rested = self.state in ("pause", "break") and now >= self._until
-        if rested or (self.state == "device off" and not self.stage.off):
+        if rested or (self.state == "device off" and not self.stage.switched_off):
             self._begin()
         elif self.state == "running":
             self.seconds += passed
@@ -134,13 +134,13 @@ class TrialRunner:
         self.repeats, self._again, self._during = 0, "", []
         self._continue()
 
-    def reply(self, told: str) -> None:
+    def reply(self, text: str) -> None:
         """Keep the answer to the question in words."""
         self.apply_stop()
         question = self.question
         if question is None:
             raise InputError("no question is asked now")
-        self.sitting.reply(question, told)
+        self.sitting.reply(question, text)
         self._mark("reply", {"question": question.name})
         self._continue()
 
@@ -237,7 +237,7 @@ class TrialRunner:
         prompt = self.prompt
         assert prompt is not None
         self._record_trips()
-        if self.stage.off:
+        if self.stage.switched_off:
             self._wait_for_device()
             return
         self.state, self.which, self.seconds = "running", 1, 0.0
@@ -261,15 +261,15 @@ class TrialRunner:
     def _notice_off(self) -> None:
         """Keep new trips; a trial in which the device was off waits until it is on, then begins anew."""
         fresh = [str(trip["code"]) for trip in self._record_trips() if trip["code"] != "NOT_WATCHED"]
-        if self.state in _TRIAL and (fresh or self.stage.off):  # safety: study-answer-off
+        if self.state in _TRIAL and (fresh or self.stage.switched_off):  # safety: study-answer-off
             self._again = f"the device was off: {', '.join(fresh)}" if fresh else "the device was off"
             self._wait_for_device()
 
     def _record_trips(self) -> list[dict[str, Any]]:
         """Keep new trips, which are returned; those of a trial are kept with its answer besides."""
         self.stage.look()
-        fresh = self.stage.trips[self._seen :]
-        self._seen += len(fresh)
+        fresh = self.stage.trips[self._trip_count :]
+        self._trip_count += len(fresh)
         for trip in fresh:
             if trip["code"] == "STOPPED":  # by hand, which is no safety event
                 continue

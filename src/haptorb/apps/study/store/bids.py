@@ -40,7 +40,8 @@ def _check_place(folder: Path, overwrite: bool) -> None:
     if not folder.is_dir():
         raise RecordingError(f"{folder} is a file: name a folder, or a file that ends in .csv or .parquet")
     if not overwrite:
-        raise RecordingError(f"{folder} exists; choose another name, or allow it to be replaced (--force)")
+        text = f"{folder} exists; choose another name, or replace it"
+        raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
     # What is replaced is gone with all that is in it, so it must be an earlier export.
     if any(folder.iterdir()) and not _is_export(folder):  # safety: export-own-folder
         raise RecordingError(

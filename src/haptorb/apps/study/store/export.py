@@ -116,7 +116,8 @@ def _write_all(files: Files, overwrite: bool) -> tuple[Path, ...]:
             if path.is_dir():
                 raise RecordingError(f"cannot write {path}: it is a folder")
             if path.exists() and not overwrite:
-                raise RecordingError(f"{path} exists; choose another name, or allow it to be replaced (--force)")
+                text = f"{path} exists; choose another name, or replace it"
+                raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
         with replace_files(list(files)) as parts:
             for part, write in zip(parts, files.values(), strict=True):
                 write(part)
