@@ -25,7 +25,8 @@ PACKAGE = ROOT / "src" / "haptorb"
 
 GUIDED_TESTS = "tests/apps/calibrate/test_dialog.py"
 CONSOLE_TESTS, PAGES_TESTS = "tests/apps/console/test_socket_hub.py", "tests/apps/study/test_pages.py"
-STOP_TESTS = "tests/apps/study/test_stop.py"
+STOP_TESTS, EXPORT_TESTS = "tests/apps/study/test_stop.py", "tests/apps/study/store/test_export.py"
+TERMINAL_TESTS = "tests/apps/study/session/test_terminal_session.py"
 HOSTILE, TRACKER_TESTS = "tests/contracts/test_hostile_files.py", "tests/contracts/test_trackers.py"
 DRIVE_TESTS, GUARD_TESTS = "tests/control/protection/test_drive.py", "tests/control/protection/test_guard.py"
 PASSIVITY_TESTS = "tests/control/protection/test_passivity.py"
@@ -192,6 +193,8 @@ RULES = [
         "uncaught",
         f"{STOP_TESTS}::test_a_fault_that_a_message_meets_takes_no_stop_from_its_page",
     ),
+    ("study-answer-off", "no answer counts while the device is off", "never", TERMINAL_TESTS),
+    ("export-own-folder", "an export replaces no folder but an earlier export", "never", EXPORT_TESTS),
     ("study-asked-before", "what was asked for in a study before a Stop is dropped, and told", "never", STOP_TESTS),
     (
         "study-stop-engaging",

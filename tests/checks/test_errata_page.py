@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 PARTS = ("Printed.", "What is wrong.", "Evidence.", "We use", "If you followed the")
-LAST = 28
+LAST = 31
 
 
 @pytest.fixture(scope="module")

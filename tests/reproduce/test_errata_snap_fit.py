@@ -8,6 +8,7 @@ import pytest
 
 from haptorb.physics.beams import force_ratio
 from haptorb.physics.hook import TABLE_3
+from haptorb.worlds import Outlet
 
 BAI = "bai2012"
 
@@ -71,3 +72,12 @@ def test_e28_the_appendix_names_beta_sigma_and_p_k(numbers, printed) -> None:
     ids = "b-b4", "b-b5a"
     assert numbers(BAI, "appendix B", *ids) == pytest.approx(printed(BAI, "appendix B", *ids), rel=1e-8)
     assert numbers(BAI, "appendix B", "b-12-thickness") == pytest.approx([4.0])
+
+
+def test_e29_the_outlets_hooks_are_bent_beyond_yield() -> None:
+    right, paper = Outlet().root_load, Outlet(beam="paper").root_load
+    assert (right.stress, paper.stress) == pytest.approx((0.89e9, 4.18e9), rel=0.005)
+    assert (right.strain, paper.strain) == pytest.approx((0.0079, 0.037), rel=0.005)
+    assert right.yield_strength == pytest.approx(0.55e9)
+    assert right.beyond_yield
+    assert paper.beyond_yield

@@ -120,7 +120,7 @@ export interface Session {
     stop: number;
   };
   worlds: World[];
-  world: { name: string; values: Values; model: string; scene: TargetScene | null };
+  world: { name: string; values: Values; model: string; scene: TargetScene | null; remarks: string[] };
   /** the guard's reasons by code: a word, and what happened and what to do */
   trips: Record<string, { word: string; text: string }>;
 }

@@ -35,6 +35,7 @@ __all__ = [
     "compliance",
     "compute_bent_shape",
     "force_ratio",
+    "root_strain",
 ]
 
 Model = Literal["paper", "timoshenko"]
@@ -149,6 +150,21 @@ def compliance(
         plus = b2 + shear * area  # Eq. (12): up to ℓ_b its integrand gives 4 X³, so one integral serves both terms
         minus = 6.0 * X * (h - 0.5) * b0 / 12.0  # Eq. (13)
     return Compliance(plus.reshape(at.shape), minus.reshape(at.shape))
+
+
+def root_strain(hook: Hook, x: ArrayLike, deflection: ArrayLike, plus: ArrayLike) -> Array:
+    """Greatest bending strain at the root of `hook`, bent by `deflection` (...) [m] under a contact at `x` (...) [m].
+
+    ε = 6 X Δ/Ω₊ with `plus` Ω₊ there: the moment F_y X at the root, where the beam has its full thickness h₀. The
+    pull's moment, some 3 % with friction on a flat top, is left out.
+
+    >>> from haptorb.physics.hook import TABLE_3
+    >>> float(root_strain(TABLE_3, TABLE_3.peak, 0.75e-3, compliance(TABLE_3, TABLE_3.peak).plus).round(5))
+    0.00789
+    """
+    bent = check_finite(deflection, "deflection") / hook.thickness
+    strain: Array = 6.0 * check_finite(x, "x") / hook.thickness * bent / check_finite(plus, "plus")
+    return strain
 
 
 def force_ratio(slope: ArrayLike, friction: float, loading: bool) -> Array:

@@ -20,7 +20,8 @@ from haptorb.worlds.maps.dome import Dome
 from haptorb.worlds.maps.domes import domes_apart
 from haptorb.worlds.maps.terrain import Terrain
 from haptorb.worlds.moving import Orbit, Varying
-from haptorb.worlds.snap_fit.outlet import Outlet, PublishedOutlet
+from haptorb.worlds.snap_fit.outlet import Outlet
+from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
 from haptorb.worlds.snap_fit.snap_fit import SnapFit
 from haptorb.worlds.world import Sum, World
 

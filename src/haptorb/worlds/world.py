@@ -72,6 +72,11 @@ class World(Presentable, ABC):
         """Greatest force that it ever asks for [N], anywhere a mover can be; inf where nobody has shown a bound."""
         return float("inf")
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What should be said about it as it is set, beside its parameters: the stress in a hook, say."""
+        return ()
+
     def _summarize(self) -> str:
         """As a call: all parameters, or, where that is long, those that are not at their defaults."""
         known, now = _parameter.parameters(type(self)), _parameter.values(self)
@@ -85,7 +90,8 @@ class World(Presentable, ABC):
     def _list_facts(self) -> list[tuple[str, str]]:
         bound = f"{format_number(self.bound)} N" if np.isfinite(self.bound) else "no bound is known"
         yes = {True: "yes", False: "no"}
-        return [("largest force", bound), ("passive", yes[self.passive]), ("continuous", yes[self.continuous])]
+        facts = [("largest force", bound), ("passive", yes[self.passive]), ("continuous", yes[self.continuous])]
+        return facts + [("remark", remark) for remark in self.remarks]
 
     def _picture_html(self) -> str:
         """Every parameter: value, unit, range and meaning."""
@@ -149,6 +155,11 @@ class Sum(World):
     def bound(self) -> float:
         """The parts' bounds together [N]."""
         return sum(part.bound for part in self.parts)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Those of all parts."""
+        return tuple(remark for part in self.parts for remark in part.remarks)
 
     def _summarize(self) -> str:
         return _cut(" + ".join(map(repr, self.parts)) or "Sum()")

@@ -210,7 +210,8 @@ def test_stop_holds_in_every_state_until_somebody_resumes(tmp_path: Path, state:
         desk.experimenter.do("resume")
         desk.first.state(state)
         assert not desk.servo.off
-        _until(lambda: [kind for kind, _ in desk.kinds()][-2:] == ["pause", "resume"])
+        after = ["pause", "resume", "repeat"] if state == "running" else ["pause", "resume"]
+        _until(lambda: [kind for kind, _ in desk.kinds()][-len(after) :] == after)
     finally:
         desk.served.close()
 

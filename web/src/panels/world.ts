@@ -40,6 +40,12 @@ export class WorldPanel {
     this.picker.addEventListener("change", () => this.send(this.picker.value, {}));
     at("reset").addEventListener("click", () => this.reset());
     this.show(session.world.name, session.world.values);
+    this.remark(session.world.remarks);
+  }
+
+  /** What should be said of the world as it is set: strain and stress of its hooks. */
+  remark(remarks: string[]): void {
+    write(at("remarks"), remarks.join(" "));
   }
 
   /** These worlds can be chosen; a user's own may have other parameters than before. */

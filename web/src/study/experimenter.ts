@@ -24,6 +24,7 @@ interface Row extends Prompt {
   answer: number | null;
   seconds: number;
   safety: string[];
+  repeats: number;
 }
 
 interface Everything extends View {
@@ -31,6 +32,10 @@ interface Everything extends View {
   pages: number;
   draft: number | null;
   code: string;
+  /** codes of people in this study's database */
+  taken: { code: string; state: string; answered: number }[];
+  /** a code that is free; empty: not known */
+  free: string;
   log: Row[];
   seconds?: number;
   trips?: Trip[];
@@ -47,6 +52,7 @@ const WORDS: Record<string, [string, string]> = {
   break: ["break", "good"],
   running: ["trial", "good"],
   "time is up": ["time is up, no answer yet", "warn"],
+  "device off": ["device off, the trial waits", "bad"],
   paused: ["STOPPED, coils off", "bad"],
   done: ["done", "off"],
   left: ["ended, resumable", "off"],
@@ -137,15 +143,38 @@ function render(): void {
   bar.value = view.done ?? 0;
   say("progress-word", total ? `${view.done ?? 0} of ${about?.procedure === "staircase" ? "at most " : ""}${total} answered` : "");
   facts();
-  alarm(inTrial);
+  alarm();
   if (!running) {
     const ends: Record<string, string> = { done: "The last session is complete.", left: "The last session can be resumed with its code.", aborted: "The last session was aborted; its answers are kept." };
     const told = view.trouble || ends[view.state];
     if (told) say("last", told);
+    codes();
   }
   safety();
   log();
   paint();
+}
+
+/** Which codes are taken, which of them continue a session, and one that is free. */
+function codes(): void {
+  const { taken, free } = view!;
+  const open = taken.filter((one) => one.state === "open");
+  const told = [
+    free ? `Free: ${free}.` : "",
+    open.length ? `To be continued: ${open.map((one) => `${one.code} (${one.answered} answered)`).join(", ")}.` : "",
+    taken.length > open.length ? `Taken: ${taken.filter((one) => one.state !== "open").map((one) => `${one.code} (${one.state})`).join(", ")}.` : "",
+  ];
+  const text = told.filter(Boolean).join(" ");
+  if (element("taken").textContent === text) return;
+  say("taken", text);
+  code.placeholder = free || "P01";
+  element("open-codes").replaceChildren(
+    ...[free, ...open.map((one) => one.code)].filter(Boolean).map((value) => {
+      const option = document.createElement("option");
+      option.value = value;
+      return option;
+    }),
+  );
 }
 
 function facts(): void {
@@ -179,11 +208,11 @@ function facts(): void {
 }
 
 /** What needs the experimenter: a Stop, a device that is off, a session that ended by itself. */
-function alarm(inTrial: boolean): void {
+function alarm(): void {
   const v = view!;
   const last = v.trips?.[v.trips.length - 1];
   const stopped = v.stopped !== "" && v.code !== "";
-  const off = inTrial && v.off === true && !stopped;
+  const off = v.off === true && !stopped; // also in a rest: the next trial would wait for it
   show("alert", stopped || off || v.state === "failed");
   show("engage", off);
   show("resume", stopped && v.state === "paused");
@@ -194,7 +223,7 @@ function alarm(inTrial: boolean): void {
     return;
   }
   say("alert-word", v.state === "failed" ? "The session ended." : "The device is off.");
-  say("alert-text", v.state === "failed" ? v.trouble : (v.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : "") + (last && last.trial === v.trial ? last.reason : "Switch it on again to continue."));
+  say("alert-text", v.state === "failed" ? v.trouble : (v.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : "") + (last && last.trial === v.trial ? last.reason : "Switch it on again to continue.") + (v.state === "device off" ? " The trial then begins anew." : ""));
 }
 
 function safety(): void {
@@ -218,7 +247,7 @@ function log(): void {
   element("log").replaceChildren(
     ...[...answered].reverse().map((row) => {
       const line = document.createElement("tr");
-      const cells = [row.trial + 1, asked(row), row.answer ?? "place", row.seconds.toFixed(1), row.safety.join(", ")];
+      const cells = [row.trial + 1, asked(row), row.answer ?? "place", row.seconds.toFixed(1), [...row.safety, ...(row.repeats ? [`began anew ${row.repeats === 1 ? "once" : `${row.repeats} times`}`] : [])].join(", ")];
       line.append(
         ...cells.map((cell) => {
           const made = document.createElement("td");

@@ -53,6 +53,8 @@ export interface View {
   left?: number;
   off?: boolean;
   steered?: boolean;
+  /** how often this trial began anew */
+  repeats?: number;
   which?: number;
   practice?: boolean;
 }

@@ -85,13 +85,13 @@ function renderTrial(task: Task): void {
   say("ask", view.state === "time is up" ? "Time is up: please answer now" : task.ask);
   show("practice", view.practice === true);
   show("pen", view.steered === true);
-  const key = `${view.session} ${view.trial} ${task.kind}`;
+  const key = `${view.session} ${view.trial} ${view.repeats} ${task.kind}`;
   if (key !== drawn) {
     drawn = key;
     worded = "";
     choose(null);
     answers(task);
-    say("polite", `${task.ask} Trial ${(view.trial ?? 0) + 1}.`);
+    say("polite", `${task.ask} Trial ${(view.trial ?? 0) + 1}${view.repeats ? ", from its beginning" : ""}.`);
     if (task.kind !== "place") typed.focus();
     else element("sure").focus();
   }
@@ -252,6 +252,8 @@ function words(state: string): [string, string] {
       return ["Next trial", ""];
     case "break":
       return ["Break", ""];
+    case "device off":
+      return ["Please wait", `The device is off; the experimenter sees why. ${view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : ""}When it is on again, this trial begins anew: answers do not count while it is off.`];
     case "paused":
       return ["Stopped", stopped()];
     case "question":
@@ -312,7 +314,7 @@ function ask(question: Question): void {
 function paint(): void {
   if (!about || !view.steered || !inTrial()) return;
   draw(pad, { limit: about.limit, places: about.places, aim: aim ?? undefined, pen });
-  say("felt", view.off ? "The device is off; the experimenter sees why." : felt(pen));
+  say("felt", felt(pen));
 }
 
 function steer(x: number, y: number): void {
@@ -359,7 +361,7 @@ addEventListener("keydown", (event) => {
   const writing = event.target instanceof HTMLTextAreaElement;
   if (wrong && !writing && event.key !== "Enter") mistake("");
   // Elsewhere the space bar presses the button that has the focus, or writes a space.
-  const stops = ["starting", "pause", "break"].includes(view.state);
+  const stops = ["starting", "pause", "break", "device off"].includes(view.state);
   if (event.key === "Escape") stop();
   if (!inTrial()) {
     if (event.key === " " && stops && !writing && !(event.target instanceof HTMLInputElement)) {

@@ -72,6 +72,8 @@ def worlds(
     world = find_world(name)
     print_text(console, f"{name}: {(world.__doc__ or '').splitlines()[0]}", "bold")
     print_text(console, _nature(world.passive, world.continuous, world.needs_target), "dim")
+    for remark in world().remarks:
+        print_text(console, remark)
     if not known:
         return
     print_text(console)

@@ -10,7 +10,7 @@ import numpy as np
 from haptorb.apps.console.pointer_relay import patience_for
 from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.scenes import axes_scene
-from haptorb.apps.console.target import target_scene
+from haptorb.apps.console.target import target_scene, world_remarks
 from haptorb.apps.console.wire import Columns
 from haptorb.control.protection.trip import Trip
 from haptorb.devices.device import Device
@@ -116,7 +116,7 @@ def worlds_now(servo: RunningServo) -> dict[str, Any]:
 
 
 def world_now(servo: RunningServo) -> dict[str, Any]:
-    """Name and values of the world that is felt now, the model that is inverted, and what there is to draw of it."""
+    """Name and values of the world that is felt now, the model that is inverted, what there is to draw and to say."""
     name, values = servo.world
     plain = {key: _to_json(value) for key, value in values.items()}
     return {
@@ -124,6 +124,7 @@ def world_now(servo: RunningServo) -> dict[str, Any]:
         "values": plain,
         "model": servo.model,
         "scene": target_scene(name, values) if servo.modes else None,
+        "remarks": world_remarks(name, values),
     }
 
 

@@ -17,7 +17,7 @@ from haptorb.apps.console.pointer_relay import PointerRelay
 from haptorb.apps.console.recent import RecentRows
 from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.session import read_world, worlds
-from haptorb.apps.console.target import prepare, target_scene
+from haptorb.apps.console.target import prepare, target_scene, world_remarks
 from haptorb.apps.console.wire import Columns, encode_force_frame, mesh_frame, pointer, rows_frame
 from haptorb.apps.web.command import asks_to_stop
 from haptorb.apps.web.command import command as read_command
@@ -218,7 +218,8 @@ class ConsoleSocketHub:
     def _world_event(self) -> dict[str, Any]:
         name, values, model = self._world
         scene = target_scene(name, values) if self._servo.modes else None
-        return {"name": name, "values": values, "model": model, "scene": scene}
+        remarks = world_remarks(name, values)
+        return {"name": name, "values": values, "model": model, "scene": scene, "remarks": remarks}
 
     def _send_map(self) -> None:
         self._trouble = ""

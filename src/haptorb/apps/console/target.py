@@ -18,7 +18,7 @@ from haptorb.physics.beams import compliance, compute_bent_shape
 from haptorb.physics.hook import Hook
 from haptorb.worlds import Outlet, SnapFit, find_world
 
-__all__ = ["prepare", "target_scene"]
+__all__ = ["prepare", "target_scene", "world_remarks"]
 
 _PLACES = 7  #: along a wedge, where the way a hook bends is told; between them it is interpolated
 _STEM = 0.8  #: of the gap between the wedges that the part of a snap-fit fills behind its edges: for the eye
@@ -45,8 +45,24 @@ def target_scene(name: str, values: Mapping[str, Any]) -> dict[str, Any] | None:
     floor     X' of the socket's floor
     force     a force of the order of those that come [N]
     """
-    plain = tuple(sorted((key, value) for key, value in values.items() if isinstance(value, int | float)))
-    return _scene(name, plain)
+    return _scene(name, _to_key(values))
+
+
+def world_remarks(name: str, values: Mapping[str, Any]) -> list[str]:
+    """What should be said about the world `name` with `values`: strain and stress of its hooks; else nothing."""
+    return _remarks(name, _to_key(values))
+
+
+def _to_key(values: Mapping[str, Any]) -> tuple[tuple[str, float], ...]:
+    return tuple(sorted((key, value) for key, value in values.items() if isinstance(value, int | float)))
+
+
+@lru_cache(maxsize=8)
+def _remarks(name: str, values: tuple[tuple[str, float], ...]) -> list[str]:
+    try:
+        return list(find_world(name)().replace(**dict(values)).remarks)
+    except HaptorbError:  # a world of the user's own that this process does not know by name
+        return []
 
 
 @lru_cache(maxsize=8)

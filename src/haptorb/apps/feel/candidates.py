@@ -19,21 +19,10 @@ from haptorb.errors import HaptorbError, InputError, quote
 from haptorb.files.text_file import parse_toml, read_text
 from haptorb.physics.beams import Model
 from haptorb.physics.hook import METALS_FROM, Hook
+from haptorb.physics.materials import MATERIALS
 from haptorb.worlds import Outlet, SnapFit
 
-__all__ = ["MATERIALS", "Candidate", "Candidates", "load_designs"]
-
-#: name → (E [Pa], ν, whether it is a metal): round handbook values at room temperature, for a first comparison
-MATERIALS = {
-    "ABS": (2.3e9, 0.35, False),
-    "PA6": (2.8e9, 0.39, False),
-    "PC": (2.3e9, 0.37, False),
-    "POM": (2.8e9, 0.35, False),
-    "PP": (1.4e9, 0.42, False),
-    "brass": (93e9, 0.35, True),
-    "phosphor bronze": (113e9, 0.41, True),
-    "spring steel": (206e9, 0.29, True),
-}
+__all__ = ["Candidate", "Candidates", "load_designs"]
 
 _MISTAKES = 40  #: told at once
 
@@ -151,8 +140,10 @@ def _candidate(name: str, file: DesignFile, values: dict[str, Any]) -> Candidate
     )  # fmt: skip
     others = {key: getattr(design, key) for key in ONLY[file.world] if getattr(design, key) is not None}
     kind: type[SnapFit] | type[Outlet] = SnapFit if file.world == "snap_fit" else Outlet
-    made = kind.of(hook, design.friction, file.beam, **others)
+    made = kind.of(hook, design.friction, file.beam, material=design.material, **others)
     remarks = list(hook.remarks(metal))
+    if made.root_load.beyond_yield:
+        remarks.append(made.root_load.sentence)
     if design.material in MATERIALS and MATERIALS[design.material][2] is not metal:
         remarks.append(f"material '{design.material}' is {'a metal' if not metal else 'no metal'}, but metal = {metal}")
     if not metal and METALS_FROM < E:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from haptorb.apps.feel.candidates import Candidate
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
-from haptorb.physics.beams import compliance
 from haptorb.worlds import Outlet
+from haptorb.worlds.snap_fit.root_load import RootLoad
 
 __all__ = ["InsertionForces", "course"]
 
@@ -22,10 +23,10 @@ class InsertionForces:
     place: Array  #: (n,) X' of the part [m], from home outwards
     going_in: Array  #: (n,) [N]
     coming_out: Array  #: (n,) [N]
-    strain: float  #: greatest at the hook's root, bent over its whole height (outlet: by the plug)
+    root: RootLoad  #: what the hook's root bears where it is bent most
 
     @property
-    def numbers(self) -> dict[str, float]:
+    def numbers(self) -> dict[str, Any]:
         """The figures that designs are compared by, SI, units in the names."""
         step = np.gradient(self.place)
         return {
@@ -34,7 +35,7 @@ class InsertionForces:
             "pull_out_force_n": float(self.coming_out.max()),
             "insertion_work_j": float((self.going_in * step).sum()),
             "pull_out_work_j": float((self.coming_out * step).sum()),
-            "root_strain": self.strain,
+            **self.root.numbers(),
         }
 
 
@@ -42,9 +43,9 @@ def course(design: Candidate, points: int = 400, speed: float = 0.1) -> Insertio
     """The course of `design` at `points` places, sliding with `speed` [m/s] (well above the creep speed)."""
     world, hook = design.world, design.hook
     if isinstance(world, Outlet):
-        reach, bent = world.arm * 1.05, 0.5 * (world.plug_width - world.opening)
+        reach = world.arm * 1.05
     else:
-        reach, bent = (hook.tip - hook.base_length) * 1.15, hook.height
+        reach = (hook.tip - hook.base_length) * 1.15
     place = np.linspace(0.0, reach, points)
 
     def force(motion: float) -> Array:
@@ -53,7 +54,4 @@ def course(design: Candidate, points: int = 400, speed: float = 0.1) -> Insertio
              for x in place]
         )  # fmt: skip
 
-    # at the root h = h₀: ε = M h₀/2EI = 6 F_y X, and F_y = Δ/Ω₊
-    top = float(compliance(hook, hook.peak, world.beam).plus)
-    strain = 6.0 * (hook.peak / hook.thickness) * (bent / hook.thickness) / top
-    return InsertionForces(place, force(-speed), -force(speed), strain)
+    return InsertionForces(place, force(-speed), -force(speed), world.root_load)

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,13 +29,15 @@ from haptorb.physics.beams import Model, compliance
 from haptorb.physics.hook import Hook
 from haptorb.worlds.contact_world import ContactWorld
 from haptorb.worlds.parameter import parameter
+from haptorb.worlds.snap_fit.hook_contact import HookContact
+from haptorb.worlds.snap_fit.root_load import RootLoad, compute_root_load
 from haptorb.worlds.snap_fit.sliding import sliding_push
 from haptorb.worlds.world import TargetWorld
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-__all__ = ["HookContact", "SnapFit"]
+__all__ = ["SnapFit"]
 
 
 #: What the kernel of a snap-fit goes by.
@@ -53,16 +55,6 @@ _SNAP = fields(
     ("start", "f8"), ("step", "f8"),  # of the table of stiffnesses [m]
     ("hooks", "i8"),
 )  # fmt: skip
-
-
-class HookContact(NamedTuple):
-    """What one hook does now, for those who draw it."""
-
-    face: str  #: "rear", "top" or "front", "" where nothing touches
-    point: Array  #: (3,) where it is touched [m]
-    force: Array  #: (3,) on the part [N]
-    deflection: float  #: how far the hook is bent [m]
-    place: float  #: where along the hook it is touched, from the root [m]
 
 
 @kernel
@@ -210,11 +202,12 @@ class SnapFit(ContactWorld, TargetWorld):
     edge: float = parameter(0.2e-3, "m", 0.02e-3, 1e-3, "half length of the rounded edges of the wedge")
     creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
     beam: Model = "timoshenko"  #: "paper" for eqs. (12) and (13) as they stand
+    material: str = "ABS"  #: whose yield strength the root's stress is compared with
     hooks: int = 2  #: 2: a pair that centres the part; 1: the part is pushed aside and wants a guide
 
     hook: Hook = field(init=False, repr=False, compare=False)
     _snap: Records = field(init=False, repr=False, compare=False)
-    _spline: Array = field(init=False, repr=False, compare=False)
+    _spline: Array = field(init=False, repr=False, compare=False)  #: (256, 4): the four of a place beside each other
 
     def __post_init__(self) -> None:
         TargetWorld.__post_init__(self)
@@ -238,12 +231,7 @@ class SnapFit(ContactWorld, TargetWorld):
         snap["recoil"], snap["half"], snap["start"], snap["step"] = recoil, self.half_width, x[0], x[1] - x[0]
         for name in ("edge", "friction", "creep", "clearance", "seat", "hooks"):
             snap[name] = getattr(self, name)
-        values = {
-            "hook": hook,
-            "_snap": snap,
-            "_spline": np.ascontiguousarray(spline.c.T),  # (256, 4): the four of a place beside each other
-        }
-        for name, value in values.items():
+        for name, value in {"hook": hook, "_snap": snap, "_spline": np.ascontiguousarray(spline.c.T)}.items():
             object.__setattr__(self, name, value)
         self._check_slides(x, spline, recoil)
 
@@ -275,6 +263,18 @@ class SnapFit(ContactWorld, TargetWorld):
             retention_deg=round(math.degrees(hook.rear), 9),
             beam=beam, **others,
         )  # fmt: skip
+
+    @property
+    def root_load(self) -> RootLoad:
+        """What the root of a hook bears where it is bent most: at the nearer end of the top, or on the rear face."""
+        places = np.linspace(self.hook.base_length, self.hook.peak, 65)[1:]
+        bent = np.maximum(self.hook.section(places) - self.hook.thickness - self.clearance, 0.0)
+        return compute_root_load(self.hook, places, bent, compliance(self.hook, places, self.beam).plus, self.material)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Strain and stress at the hooks' root."""
+        return (self.root_load.sentence,)
 
     def render_contacts(self, state: State) -> tuple[Array, Array]:
         """(6,) the wrench, and (2, 8) the hooks, first the one at +Y': see `ContactWorld`."""

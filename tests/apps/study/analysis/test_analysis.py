@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 
@@ -20,9 +19,8 @@ from haptorb.apps.study.analysis.report import page, write_report
 from haptorb.apps.study.analysis.statistics import binomial_tail, bootstrap, psychometric_fit, sign_flip, wilson
 from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.session.stored_session import StoredSession
-from haptorb.apps.study.store.columns import COLUMNS, tidy
+from haptorb.apps.study.store.columns import tidy
 from haptorb.apps.study.store.database import database
-from haptorb.apps.study.store.export import write_bids, write_csv, write_parquet
 from haptorb.errors import InputError, RecordingError
 
 WAYS = {1: (0.0, 0.0, 0.05), 2: (0.0294, 0.0, 0.0405), 3: (-0.0294, 0.0, 0.0405)}
@@ -37,11 +35,6 @@ def sat(study: Study, place: Path, answers: dict[int, int], codes: tuple[str, ..
                 value = answers[prompt.set_point]
                 sitting.answer(Answer(value, WAYS[value], 1.0))
     engine.dispose()
-
-
-def read(path: Path, separator: str) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file, delimiter=separator))
 
 
 @given(st.integers(1, 400).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
@@ -135,30 +128,6 @@ def test_participants_count_alike_however_much_they_answered(identify: Study, tm
     found = analysis_of(tmp_path / "s.db")
     assert found.confusion is not None
     assert found.confusion.accuracy == pytest.approx(0.5)
-
-
-def test_csv_parquet_and_bids_say_the_same(identify: Study, tmp_path: Path) -> None:
-    from pyarrow import parquet
-
-    sat(identify, tmp_path / "s.db", {1: 1, 2: 1, 3: 3})
-    columns = tidy(database(tmp_path / "s.db"), identify)
-    rows = read(write_csv(columns, tmp_path / "t.csv"), ",")
-    assert list(rows[0]) == list(COLUMNS)
-    assert json.loads((tmp_path / "t.json").read_text(encoding="utf-8")) == COLUMNS
-    table = parquet.read_table(write_parquet(columns, tmp_path / "t.parquet"))
-    assert table.column("answer").to_pylist() == [int(row["answer"]) for row in rows]
-    assert table.schema.field("x_m").metadata[b"description"].decode() == COLUMNS["x_m"]
-    folder = write_bids(identify, columns, tmp_path / "bids")
-    tables = sorted(folder.glob("sub-*/beh/*_beh.tsv"))
-    assert [path.name for path in tables] == ["sub-P01_task-identify_beh.tsv", "sub-P02_task-identify_beh.tsv"]
-    found = [row for path in tables for row in read(path, "\t")]
-    assert [row["answer"] for row in found] == [row["answer"] for row in rows]
-    described = json.loads((folder / "dataset_description.json").read_text(encoding="utf-8"))
-    assert {"Name", "BIDSVersion"} <= set(described)
-    with pytest.raises(RecordingError, match="exists"):
-        write_bids(identify, columns, tmp_path / "bids")
-    with pytest.raises(RecordingError, match="exists"):
-        write_csv(columns, tmp_path / "t.csv")
 
 
 def test_the_report_needs_nothing_else(identify: Study, tmp_path: Path) -> None:

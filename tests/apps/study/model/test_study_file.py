@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
+from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.model.order import balance_conditions, plan, procedure_of
-from haptorb.apps.study.model.set_points import list_published
+from haptorb.apps.study.model.set_points import list_equal_rings, list_published
 from haptorb.apps.study.model.study_file import Study, read_study, study_of
+from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.simulated.forecast import forecast, overlap
+from haptorb.apps.study.store.columns import keep_layout
+from haptorb.apps.study.store.columns import read_study as read_stored
+from haptorb.apps.study.store.database import database
 from haptorb.errors import InputError
 
 LEVELS = 'name = "x"\nprocedure = "{}"\n[levels]\nreference = 1.0\n'
@@ -84,8 +90,11 @@ def test_breaks_come_where_the_file_says() -> None:
 def test_maps_that_reach_into_each_other_are_told_by_how_much() -> None:
     told = overlap(study_of('name = "x"'))
     assert told is not None
-    # Two neighbours on the ring at 18° are 13.6° apart; two cut-offs of 54° want 108°.
-    assert told.worst == pytest.approx(108 - 13.58, abs=0.01)
+    # The nearest neighbours are 18° apart; two cut-offs of 54° want 108°.
+    assert told.worst == pytest.approx(108 - 18.0, abs=0.01)
+    equal = overlap(study_of('name = "x"\n[set_points]\nlayout = "1-8-8-8"'))
+    assert equal is not None
+    assert equal.worst == pytest.approx(108 - 13.58, abs=0.01)  # on its ring at 18°
     narrow = 'name = "x"\n[parameters]\nhalf_width_deg = 6\ncut_off_deg = 6'
     points = "[set_points]\npoints = [{number = 1, theta_deg = 0}, {number = 2, theta_deg = 18}]"
     assert overlap(study_of(f"{narrow}\n{points}")) is None
@@ -102,9 +111,35 @@ def test_a_hot_study_is_foretold_and_more_pause_holds_it() -> None:
 
 
 def test_the_built_in_set_points_are_distinct_and_counted() -> None:
-    points = list_published()
-    assert [p.number for p in points] == list(range(1, 26))
-    assert len({p.direction for p in points}) == 25
+    for points in (list_published(), list_equal_rings()):
+        assert [p.number for p in points] == list(range(1, 26))
+        assert len({p.direction for p in points}) == 25
+
+
+def test_published_means_1_4_8_12_and_the_file_that_is_kept_says_so() -> None:
+    study = study_of('name = "p"')
+    assert study.points == list_published()
+    assert study.text.startswith('published_layout = "1-4-8-12"\n')
+    assert study_of(study.text, stored=True).digest == study.digest
+    equal = study_of('name = "p"\n[set_points]\nlayout = "1-8-8-8"')
+    assert equal.points == list_equal_rings()
+    assert equal.text == 'name = "p"\n[set_points]\nlayout = "1-8-8-8"'
+
+
+def test_a_stored_study_keeps_the_set_points_that_it_ran_with(tmp_path: Path) -> None:
+    text = 'name = "p"'
+    older = study_of(text, stored=True)  # as a database of an older haptorb has it
+    assert older.points == list_equal_rings()
+    engine = database(tmp_path / "s.db")
+    assert keep_layout(engine, study_of(text)).points == list_published()
+    with StoredSession(engine, older, "P01") as sitting:
+        prompt = sitting.prompt
+        sitting.answer(Answer(prompt.set_point if prompt else 0, (0.0, 0.0, 0.05)))
+    kept = keep_layout(engine, study_of(text))
+    assert (kept.digest, kept.text, kept.points) == (older.digest, text, list_equal_rings())
+    with StoredSession(engine, kept, "P01") as sitting:
+        assert sitting.number == 1
+    assert read_stored(engine).points == list_equal_rings()
 
 
 HILL = """

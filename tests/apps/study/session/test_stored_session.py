@@ -14,10 +14,12 @@ from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store import migrations
+from haptorb.apps.study.store.bids import write_bids
 from haptorb.apps.study.store.claim import SessionLock
 from haptorb.apps.study.store.columns import COLUMNS, read_replies, read_study, tidy
 from haptorb.apps.study.store.database import SCHEMA, database
-from haptorb.apps.study.store.export import write_bids, write_replies
+from haptorb.apps.study.store.export import write_csv
+from haptorb.apps.study.store.people import list_participants
 from haptorb.errors import InputError, RecordingError
 
 HERE = (0.0, 0.0, 0.05)
@@ -43,7 +45,7 @@ def test_a_session_is_answered_to_its_end_and_read_back(identify: Study, tmp_pat
         assert "everything is answered" in repr(sitting)
     columns = tidy(engine, read_study(engine))
     assert list(columns) == list(COLUMNS)
-    assert columns["trial"].tolist() == list(range(7))
+    assert columns["trial"].tolist() == list(range(1, 8))
     assert columns["safety"].tolist().count("OVERHEATED") == 1
     top = columns["set_point"] == 1
     assert columns["distance_mm"][top] == pytest.approx(0.0, abs=1e-9)
@@ -73,9 +75,42 @@ def test_an_aborted_session_keeps_its_answers_and_is_over(identify: Study, tmp_p
 
 def test_names_are_no_codes(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
-    for code in ("Anna", "anna01", "P1", "", "P01; DROP TABLE trials", "P01\n"):
+    for code in ("Anna", "", "-01", "../P01", "P01; DROP TABLE trials", "P01\n", "P 01", "P01\u202e", "P" * 16 + "1"):
         with pytest.raises(InputError, match="never a name"):
             StoredSession(engine, identify, code)
+
+
+def test_codes_are_those_that_people_use(identify: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    for code in ("P1", "anna01", "vp-7", "S_07.b", "Ä3", "被験者12"):
+        StoredSession(engine, identify, code).close()
+    StoredSession(engine, identify, "A\u03083").close()  # Ä in two characters is the same code
+    assert [one.code for one in list_participants(engine, identify)] == [
+        "P1",
+        "anna01",
+        "vp-7",
+        "S_07.b",
+        "Ä3",
+        "被験者12",
+    ]
+    with pytest.raises(RecordingError, match=r"'p1' differs from 'P1' in capitals only"):
+        StoredSession(engine, identify, "p1")
+    with pytest.raises(RecordingError, match="kept for simulated"):
+        StoredSession(engine, identify, "SIM07")
+
+
+def test_who_took_part_is_listed_with_what_became_of_them(identify: Study, tmp_path: Path) -> None:
+    engine = database(tmp_path / "s.db")
+    for code, answers in (("P01", 7), ("P02", 2), ("P03", 1)):
+        with StoredSession(engine, identify, code) as sitting:
+            for _ in range(answers):
+                sitting.answer(Answer(1, HERE))
+            if code == "P03":
+                sitting.abort()
+    people = list_participants(engine, identify)
+    assert [(one.code, one.state, one.answered) for one in people] == [
+        ("P01", "finished", 7), ("P02", "open", 2), ("P03", "aborted", 1),
+    ]  # fmt: skip
 
 
 def test_simulated_and_real_do_not_share_a_code(identify: Study, tmp_path: Path) -> None:
@@ -175,7 +210,7 @@ def test_an_older_schema_is_brought_forward_and_its_session_goes_on(identify: St
         assert (sitting.number, sitting.question) == (3, None)
         while sitting.prompt is not None:
             sitting.answer(Answer(1, HERE))
-    assert tidy(engine, identify)["trial"].tolist() == list(range(7))
+    assert tidy(engine, identify)["trial"].tolist() == list(range(1, 8))
 
 
 def test_migrated_and_new_tables_are_the_same(tmp_path: Path) -> None:
@@ -259,11 +294,16 @@ def test_questions_are_asked_before_and_after_and_kept(tmp_path: Path) -> None:
         sitting.reply(sitting.question, "no")
         assert sitting.over
     assert read_replies(engine, study) == {"P01": {"hand": "right", "tired": "3", "remarks": "no"}}
-    path = write_replies(study, read_replies(engine, study), tmp_path / "q.csv")
+    answered = read_replies(engine, study)
+    *_, path = write_csv(study, tidy(engine, study), tmp_path / "q.csv", replies=answered)
+    assert path.name == "q-questions.csv"
     assert path.read_text(encoding="utf-8").splitlines()[2] == 'P01,tired,"How tired are you, 0 to 10?",3'
     folder = write_bids(study, tidy(engine, study), tmp_path / "bids", replies=read_replies(engine, study))
     lines = (folder / "participants.tsv").read_text(encoding="utf-8").splitlines()
-    assert lines == ["participant_id\tsimulated\thand\ttired\tremarks", "sub-P01\tfalse\tright\t3\tno"]
+    assert [line.split("\t") for line in lines] == [
+        ["participant_id", "code", "simulated", "simulated_device", "hand", "tired", "remarks"],
+        ["sub-P01", "P01", "false", "n/a", "right", "3", "no"],
+    ]
     assert "How tired" in (folder / "participants.json").read_text(encoding="utf-8")
     with pytest.raises(RecordingError, match="another code"):
         StoredSession(engine, study, "P01")

@@ -89,6 +89,7 @@ def test_markers_tell_a_session_in_its_order(identify: Study, tmp_path: Path) ->
         servo.trip(module.Trip.OVERHEATED)
         conduct.tick()
         conduct.engage()
+        conduct.tick()
         conduct.answer(1)
         conduct.pause("test")
         now[0] += 100.0
@@ -98,10 +99,13 @@ def test_markers_tell_a_session_in_its_order(identify: Study, tmp_path: Path) ->
         now[0] += 2.0
         conduct.tick()
     told = [json.loads(sample[0]) for sample in markers.samples]
-    assert [one["kind"] for one in told] == ["trial", "safety", "answer", "pause", "resume", "trial"]
+    assert [one["kind"] for one in told] == [
+        "trial", "safety", "device off", "repeat", "trial", "answer", "pause", "resume", "trial",
+    ]  # fmt: skip
     assert told[1]["code"] == "OVERHEATED"
-    assert told[2] == {"kind": "answer", "trial": 0, "answer": 1, "set_point": told[0]["set_point"]}
-    assert told[5]["trial"] == 1
+    assert told[3] == {"kind": "repeat", "trial": 1, "why": "the device was off: OVERHEATED"}
+    assert told[5] == {"kind": "answer", "trial": 1, "answer": 1, "set_point": told[0]["set_point"]}
+    assert [told[n]["trial"] for n in (0, 1, 2, 4, 8)] == [1, 1, 1, 1, 2]  # as the pages count
     assert markers.times == sorted(markers.times)
 
 

@@ -96,7 +96,7 @@ def test_a_wrong_number_is_told_and_may_be_typed_again(short: Study, tmp_path: P
 def test_leaving_keeps_what_was_answered_and_resumes_there(short: Study, tmp_path: Path) -> None:
     assert run(short, tmp_path / "s.db", "1", "enter", "q").how == "left"
     assert run(short, tmp_path / "s.db", "1", "enter").how == "done"
-    assert tidy(database(tmp_path / "s.db"), short)["trial"].tolist() == [0, 1]
+    assert tidy(database(tmp_path / "s.db"), short)["trial"].tolist() == [1, 2]
 
 
 def test_a_pause_switches_the_coils_off_and_is_no_safety_event(short: Study, tmp_path: Path) -> None:
@@ -106,14 +106,78 @@ def test_a_pause_switches_the_coils_off_and_is_no_safety_event(short: Study, tmp
     assert tidy(database(tmp_path / "s.db"), short)["safety"].tolist() == ["", ""]
     with database(tmp_path / "s.db").connect() as connection:
         kinds = connection.execute(text("SELECT kind FROM events ORDER BY id")).scalars().all()
-    assert kinds == ["begin", "pause", "resume"]
+    assert kinds == ["begin", "pause", "resume", "repeat"]
 
 
 def test_a_trip_is_marked_on_its_trial_only(short: Study, tmp_path: Path) -> None:
     servo = FakeServo()
     hot = Trip.OVERHEATED
-    run(short, tmp_path / "s.db", lambda: servo.trip(hot), "1", "enter", "1", "enter", servo=servo)
+    run(short, tmp_path / "s.db", lambda: servo.trip(hot), "1", "enter", "e", "1", "enter", "1", "enter", servo=servo)
     assert tidy(database(tmp_path / "s.db"), short)["safety"].tolist() == ["OVERHEATED", ""]
+
+
+def test_no_answer_counts_while_the_device_is_off_and_the_trial_begins_anew(short: Study, tmp_path: Path) -> None:
+    servo, answered = FakeServo(), []
+
+    def count() -> None:
+        with database(tmp_path / "s.db").connect() as connection:
+            answered.append(connection.execute(text("SELECT count(*) FROM trials")).scalar_one())
+
+    keys = [
+        "1",
+        lambda: servo.trip(Trip.POSE_EXPIRED),
+        "enter",
+        count,
+        "e",
+        count,
+        "1",
+        "2",
+        "enter",
+        count,
+        "1",
+        "enter",
+    ]
+    ran = run(short, tmp_path / "s.db", *keys, servo=servo)
+    assert (ran.how, answered) == ("done", [0, 0, 1])
+    assert any(state == "device off" and "please wait" in message for state, _, message in ran.views)
+    columns = tidy(database(tmp_path / "s.db"), short)
+    assert (columns["answer"].tolist(), columns["repeats"].tolist()) == ([12, 1], [1, 0])
+    domes = [told for told in servo.told if told[0] == "dome"]
+    assert len(domes) == 3
+    assert domes[0] == domes[1]  # the same trial, felt from its beginning
+    with database(tmp_path / "s.db").connect() as connection:
+        kept = connection.execute(text("SELECT trial, text FROM events WHERE kind = 'repeat'")).all()
+    assert [tuple(row) for row in kept] == [(0, "the device was off: POSE_EXPIRED")]
+
+
+def test_a_trip_that_is_over_before_anybody_looks_repeats_the_trial_too(short: Study, tmp_path: Path) -> None:
+    servo = FakeServo()
+
+    def blink() -> None:
+        servo.trip(Trip.POSE_EXPIRED)
+        servo.off = False
+
+    ran = run(short, tmp_path / "s.db", "1", blink, "enter", "2", "back", "1", "enter", "1", "enter", servo=servo)
+    assert ran.how == "done"
+    assert tidy(database(tmp_path / "s.db"), short)["repeats"].tolist() == [1, 0]
+
+
+def test_a_trial_waits_for_a_device_that_tripped_in_the_rest_before_it(short: Study, tmp_path: Path) -> None:
+    servo = FakeServo()
+    servo.trip(Trip.POSE_LOST)
+    ran = run(short, tmp_path / "s.db", "1", "enter", "e", "1", "enter", "1", "enter", servo=servo)
+    assert ran.how == "done"
+    assert ran.views[0][0] == "device off"
+    columns = tidy(database(tmp_path / "s.db"), short)  # nothing of a trial was felt, so none began anew
+    assert (columns["repeats"].tolist(), columns["safety"].tolist()) == ([0, 0], ["", ""])
+
+
+def test_the_driver_is_kept_with_every_trial(short: Study, tmp_path: Path) -> None:
+    servo = FakeServo()
+    servo.driver = "serial:/dev/ttyUSB0"
+    run(short, tmp_path / "s.db", "1", "enter", "q", servo=servo)
+    run(short, tmp_path / "s.db", "1", "enter")
+    assert tidy(database(tmp_path / "s.db"), short)["simulated_device"].tolist() == [False, True]
 
 
 def test_abort_asks_first(short: Study, tmp_path: Path) -> None:

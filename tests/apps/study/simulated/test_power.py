@@ -46,7 +46,7 @@ def test_without_a_difference_the_test_errs_as_often_as_it_says() -> None:
     found = power_of((pool - pool.mean()).tolist(), (8, 16, 32))
     assert all(share < 0.09 for share in found.power)
     assert found.needed is None
-    assert "more than 32" in found.sentence
+    assert "more than 500" in found.sentence
 
 
 def test_a_small_pool_says_how_little_it_knows() -> None:
@@ -58,6 +58,34 @@ def test_a_small_pool_says_how_little_it_knows() -> None:
     assert low is not None
     assert high is not None
     assert low <= (large.needed or 0) <= high
+
+
+@pytest.mark.parametrize("people", [(100,), (3,)])
+def test_the_search_goes_below_and_above_what_was_given(people: tuple[int, ...]) -> None:
+    pool = np.random.default_rng(1).standard_normal(4000)
+    pool = (pool - pool.mean()) / pool.std(ddof=1) + 0.6
+    needed = next(n for n in range(2, 500) if t_power(0.6, n) >= 0.8)
+    found = power_of(pool.tolist(), people)
+    assert found.needed == pytest.approx(needed, abs=2)
+    assert set(found.people) == {*people, found.needed}
+    assert found.power[found.people.index(found.needed or 0)] >= 0.8
+    assert all(p < 0.8 for n, p in zip(found.people, found.power, strict=True) if n < (found.needed or 0))
+    low, high = found.needed_95
+    assert (low or 0) <= (found.needed or 0) <= (high or 0)
+
+
+def test_the_answer_does_not_depend_on_what_was_given() -> None:
+    pool = (0.5 + np.random.default_rng(4).standard_normal(60)).tolist()
+    first, second = power_of(pool, (6, 24)), power_of(pool, (24, 30))
+    assert abs((first.needed or 0) - (second.needed or 0)) <= 1
+    assert first.power[first.people.index(24)] == second.power[second.people.index(24)]
+
+
+def test_with_a_clear_difference_the_test_itself_sets_the_number() -> None:
+    found = power_of([5.0, 6.0, 5.5, 6.5, 5.2, 5.8, 6.1, 5.9], (12,))
+    assert (found.needed, found.least) == (6, 6)  # 2/2⁶ < 0.05 < 2/2⁵
+    assert "with fewer than 6 the test cannot show p < 0.05" in found.sentence
+    assert power_of([5.0, 6.0, 5.5, 6.5, 5.2, 5.8, 6.1, 5.9], (12,), alpha=0.001).needed == 11  # 2/2¹¹ < 0.001
 
 
 def test_simulated_participants_find_a_weak_dome_less_exactly_and_are_called_simulated() -> None:

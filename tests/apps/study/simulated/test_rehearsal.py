@@ -19,8 +19,8 @@ from haptorb.apps.study.store.columns import tidy
 from haptorb.apps.study.store.database import database
 from haptorb.errors import InputError
 
-#: as in the paper, whose controller inverts point dipoles
-PUBLISHED = 'name = "published"\nmodel = "published"'
+#: as in the paper, whose controller inverts point dipoles; with the set-points that participants were calibrated with
+PUBLISHED = 'name = "published"\nmodel = "published"\n[set_points]\nlayout = "1-8-8-8"'
 
 
 def test_what_is_simulated_says_so_everywhere(identify: Study, tmp_path: Path) -> None:

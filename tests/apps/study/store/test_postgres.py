@@ -184,6 +184,7 @@ def test_an_older_schema_is_brought_forward(fresh: str, identify: Study) -> None
         sitting.answer(Answer(1, (0.0, 0.0, 0.05)))
     with engine.begin() as connection:
         connection.execute(text("DROP TABLE replies"))
+        connection.execute(text("ALTER TABLE trials DROP COLUMN driver"))
         connection.execute(text("UPDATE haptorb_schema SET version = 1"))
     engine.dispose()
     engine = database(fresh)

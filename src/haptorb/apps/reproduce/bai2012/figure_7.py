@@ -14,7 +14,8 @@ from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
 from haptorb.physics.beams import appendix_b
 from haptorb.physics.hook import TABLE_3
-from haptorb.worlds.snap_fit.outlet import Outlet, PublishedOutlet
+from haptorb.worlds.snap_fit.outlet import Outlet
+from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
 from haptorb.worlds.world import World
 
 __all__ = ["items"]

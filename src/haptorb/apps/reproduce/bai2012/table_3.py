@@ -15,7 +15,8 @@ from haptorb.devices.state import State
 from haptorb.errors import GeometryError
 from haptorb.physics.beams import SHEAR_COEFFICIENT
 from haptorb.physics.hook import TABLE_3
-from haptorb.worlds.snap_fit.outlet import Outlet, PublishedOutlet
+from haptorb.worlds.snap_fit.outlet import Outlet
+from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
 
 __all__ = ["items"]
 

@@ -30,7 +30,7 @@ from haptorb.runtime.trackers.tracker import Goal
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.sample import Estimate, Sample
 from haptorb.simulation.motor.motor import SimulatedMotor
-from haptorb.worlds.snap_fit.outlet import PublishedOutlet
+from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
 
 __all__ = ["ARM", "FORCE_SCALE", "TILT", "X_0", "PhaseRecord", "two_phases"]
 

@@ -1,4 +1,4 @@
-"""Zárate 2020, section IV, Figs. 8 and 9: the study's design, and what only people could answer (erratum E17)."""
+"""Zárate 2020, section IV, Figs. 8 and 9: the study's design, and what only people could answer."""
 
 from __future__ import annotations
 
@@ -35,15 +35,11 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     numbers = [[prompt["set_point"] for prompt in one] for one in prompts]
     report(0.7)
     world = study.make_world(study.conditions[0].name, points[0].number)
-    cap = (1 - cos(radians(54 + 9))) / (1 - cos(radians(9)))
     found = (
         _AT.item("points", "set-points", 25, len(points)),
         _AT.item("rings", "angles θ with an error of their own in Fig. 9", 4, len(rings), where="Fig. 9"),
         _AT.item("meridian", "set-points apart along a meridian", 18.0, np.diff(rings).mean(), "°", 1e-9, where="§I"),
-        _AT.item("nearest", "nearest set-points apart: 'evenly separated by 18°'", 18.0, apart.min(), "°", 0.01,
-                 "around the first ring", erratum="E17", corrected=13.58),
-        _AT.item("even", "points really 18° apart that would fit on that cap", 25, cap, "1", 0.5, "ratio of areas",
-                 erratum="E17", corrected=44.0),
+        _AT.item("nearest", "nearest set-points apart: 'evenly separated by 18°'", 18.0, apart.min(), "°", 1e-9),
         _AT.item("twice", "how often a person is asked for each point: 'exactly twice'", 2,
                  np.mean([set(Counter(one).values()) == {2} for one in numbers]) * 2, "1", 1e-9),
         _AT.item("per-person", "data points per user", 50, len(numbers[0])),

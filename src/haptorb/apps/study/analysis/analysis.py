@@ -79,6 +79,9 @@ class Analysis(NotebookReport):
     practice: int
     simulated: int  #: participants that are simulated
     trips: int  #: trials in which the device tripped
+    repeated: int = 0  #: trials that began anew before they were answered
+    on_simulated_device: int = 0  #: trials of people in which nobody felt a force
+    on_unknown_device: int = 0  #: trials of people, stored by an older haptorb
     confusion: Confusion | None = None
     arrows: tuple[Arrow, ...] = ()
     rings: tuple[LatitudeError, ...] = ()
@@ -97,21 +100,33 @@ class Analysis(NotebookReport):
 
     @property
     def origin(self) -> str:
-        """Who answered, in words that go onto every page and figure."""
+        """Who answered, and on what, in words that go onto every page and figure."""
+        people = f"{self.participants} participant{'' if self.participants == 1 else 's'}"
         if self.simulated == self.participants:
-            return (
-                f"SIMULATED: {self.participants} simulated participants, calibrated to Zárate 2020; no person took part"
-            )
+            return f"SIMULATED: {people.replace(' ', ' simulated ')}, calibrated to Zárate 2020; no person took part"
+        told = people
         if self.simulated:
-            return f"PARTLY SIMULATED: {self.simulated} of {self.participants} participants are simulated"
-        return f"{self.participants} participants"
+            told = f"PARTLY SIMULATED: {self.simulated} of {people} are simulated"
+        if self.on_simulated_device:
+            whole = not self.simulated and self.on_simulated_device == self.trials
+            share = "" if whole else f" in {self.on_simulated_device} of {self.trials} trials"
+            told = f"SIMULATED DEVICE{share}: nobody felt a force; {told}"
+        if self.on_unknown_device:
+            told = f"{told}; whether the device was simulated is not stored for {self.on_unknown_device} trials"
+        return told
+
+    @property
+    def marked(self) -> bool:
+        """Whether some of it is simulated, participants or device."""
+        return self.simulated > 0 or self.on_simulated_device > 0
 
     def numbers(self) -> dict[str, Any]:
         """As plain JSON types; what is not a number is None."""
         found: dict[str, Any] = {
             "study": self.study.name, "procedure": self.study.procedure, "origin": self.origin,
             "participants": self.participants, "simulated": self.simulated, "trials": self.trials,
-            "practice_trials": self.practice, "trials_with_trips": self.trips,
+            "practice_trials": self.practice, "trials_with_trips": self.trips, "repeated_trials": self.repeated,
+            "trials_on_simulated_device": self.on_simulated_device, "trials_on_unknown_device": self.on_unknown_device,
         }  # fmt: skip
         if (c := self.confusion) is not None:
             found["accuracy"] = {
@@ -176,9 +191,11 @@ def analyse(study: Study, columns: Columns, procedures: dict[str, Procedure] | N
         }
     if study.procedure == "forced-choice":
         parts["chosen"] = count_choices(main)
+    device = main["simulated_device"][~main["simulated"].astype(bool)].tolist()
     return Analysis(
         study, len(people), len(main["trial"]), int(practice.sum()), len(simulated),
-        int(np.count_nonzero(main["safety"] != "")), comparisons=compare_conditions(study, main, people), **parts,
+        int(np.count_nonzero(main["safety"] != "")), int(np.count_nonzero(main["repeats"])), device.count(True),
+        device.count(None), comparisons=compare_conditions(study, main, people), **parts,
     )  # fmt: skip
 
 

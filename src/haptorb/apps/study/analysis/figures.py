@@ -31,7 +31,7 @@ def figures(analysis: Analysis) -> dict[str, Figure]:
 def _new_figure(analysis: Analysis, title: str, size: tuple[float, float]) -> Figure:
     figure = Figure(figsize=size, layout="constrained")
     figure.suptitle(title, x=0.01, ha="left", fontweight="bold", color=_INK)
-    figure.supxlabel(analysis.origin, x=0.01, ha="left", fontsize=8, color=_RED if analysis.simulated else _INK)
+    figure.supxlabel(analysis.origin, x=0.01, ha="left", fontsize=8, color=_RED if analysis.marked else _INK)
     return figure
 
 
@@ -96,7 +96,7 @@ def _error(analysis: Analysis) -> Figure:
         theta, [ring.mean for ring in analysis.rings], [ring.sd for ring in analysis.rings], fmt="o", color=_BLUE,
         capsize=4, label="mean ± standard deviation over trials",
     )  # fmt: skip
-    published = analysis.study.set_points.layout == "published" and analysis.study.procedure == "identification"
+    published = analysis.study.set_points.layout is not None and analysis.study.procedure == "identification"
     if published:
         axes.errorbar(
             [t + 1.4 for t in PUBLISHED_ERRORS], [m for m, _ in PUBLISHED_ERRORS.values()],

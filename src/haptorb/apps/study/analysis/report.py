@@ -11,6 +11,7 @@ from typing import Any
 
 from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.analysis.figures import figures
+from haptorb.apps.study.analysis.wording import format_percent, format_range, format_value
 from haptorb.errors import InputError, RecordingError
 
 __all__ = ["page", "write_report"]
@@ -18,10 +19,12 @@ __all__ = ["page", "write_report"]
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;color:#22303c;max-width:60rem;margin:2rem auto;padding:0 1rem}
 h1{margin-bottom:.2rem}h2{margin-top:2.2rem;border-bottom:1px solid #d5dde4}
-.simulated{background:#fdecea;color:#8c1d14;border-left:5px solid #c0392b;padding:.7rem 1rem;font-weight:600}
+.simulated{position:sticky;top:0;background:#fdecea;color:#8c1d14;border-left:5px solid #c0392b;padding:.7rem 1rem;
+font-weight:600}
 table{border-collapse:collapse;margin:.8rem 0}
 th,td{padding:.25rem .8rem;text-align:right;border-bottom:1px solid #e3e9ee}
 th:first-child,td:first-child{text-align:left}th{color:#4d5f6e;font-weight:600}img{max-width:100%;height:auto}
+@media print{@page{margin-top:2.4cm}.simulated{position:fixed;top:-1.6cm;left:0;right:0;margin:0}}
 pre{white-space:pre-wrap;background:#f4f7f9;padding:1rem;font-size:13px}.quiet{color:#5b6b78;font-size:14px}
 """
 
@@ -31,26 +34,27 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
     drawn = {name: _image(data, name) for name, data in (images or _draw_figures(analysis, "png")).items()}
     body = [
         f"<h1>{escape(analysis.study.name)}</h1>",
-        f"<p class='{'simulated' if analysis.simulated else 'quiet'}'>{escape(analysis.origin)}</p>",
+        f"<p class='{'simulated' if analysis.marked else 'quiet'}'>{escape(analysis.origin)}</p>",
         f"<p>Procedure: {analysis.study.procedure}. {analysis.trials} trials answered, {analysis.practice} practice "
-        f"trials excluded; the device tripped in {analysis.trips} trials.</p>",
+        f"trials excluded; the device tripped in {analysis.trips} trials; {analysis.repeated} trials began anew before "
+        "they were answered.</p>",
     ]
     if (c := analysis.confusion) is not None:
-        low, high = c.accuracy_95
-        a, b = c.pooled_95
+        told, (a, b) = format_range(c.accuracy_95, ".1f", 100), c.pooled_95
+        over_people = "no interval over people: one participant" if told == "–" else f"95 % over people {told} %"
         body += [
             "<h2>Identification</h2>",
-            f"<p>Correct answers: <b>{_percent(c.accuracy)}</b>, averaged over participants (95 % interval over people "
-            f"{_percent(low)} to {_percent(high)}; Wilson over pooled trials {_percent(a)} to {_percent(b)}). Chance "
-            f"is {_percent(c.chance)}; probability of so many by guessing: p = {c.p_chance:.2g} (exact binomial).</p>",
+            f"<p>Correct answers: <b>{format_percent(c.accuracy)}</b>, averaged over participants ({over_people}; "
+            f"Wilson over pooled trials {format_range((a, b), '.1f', 100)} %). Chance is {format_percent(c.chance)}; "
+            f"probability of so many by guessing: p = {c.p_chance:.2g} (exact binomial).</p>",
             drawn["confusion"],
             drawn["answers"],
             _table(
-                ["set-point", "θ [deg]", "φ [deg]", "correct", "95 %", "wrong answers went to"],
+                ["set-point", "θ [deg]", "φ [deg]", "correct", "95 % [%]", "wrong answers went to"],
                 [
                     [
                         n, f"{analysis.study.point(n).theta_deg:g}", f"{analysis.study.point(n).phi_deg:g}",
-                        _percent(c.matrix[i, i]), f"{_percent(c.low[i, i])} to {_percent(c.high[i, i])}",
+                        format_percent(c.matrix[i, i]), format_range((c.low[i, i], c.high[i, i]), ".1f", 100),
                         ", ".join(f"{x.to} ({x.share:.0%} of {x.wrong})" for x in analysis.arrows if x.of == n),
                     ]
                     for i, n in enumerate(c.numbers)
@@ -59,7 +63,13 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
         ]  # fmt: skip
     if analysis.rings:
         rows = [
-            [f"{r.theta_deg:g}", r.trials, f"{r.mean:.2f}", f"{r.sd:.2f}", f"{r.low:.2f} to {r.high:.2f}"]
+            [
+                f"{r.theta_deg:g}",
+                r.trials,
+                f"{r.mean:.2f}",
+                format_value(r.sd, ".2f"),
+                format_range((r.low, r.high), ".2f"),
+            ]
             for r in analysis.rings
         ]
         body += [
@@ -73,8 +83,8 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
     if analysis.curves:
         rows = [
             [
-                name, f"{f.middle:.4g}", f"{f.middle_95[0]:.4g} to {f.middle_95[1]:.4g}", f"{f.spread:.4g}",
-                f"{f.spread_95[0]:.4g} to {f.spread_95[1]:.4g}", f"{0.6745 * f.spread:.4g}",
+                name, f"{f.middle:.4g}", format_range(f.middle_95, ".4g"), f"{f.spread:.4g}",
+                format_range(f.spread_95, ".4g"), f"{0.6745 * f.spread:.4g}",
             ]
             for name, (_, _, _, f) in analysis.curves.items()
         ]  # fmt: skip
@@ -86,25 +96,27 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
             "intervals by parametric bootstrap.</p>",
         ]
     if analysis.thresholds:
-        rows = [[n, code, f"{x:.4g}"] for n, people in analysis.thresholds.items() for code, x in people.items()]
+        rows = [
+            [n, code, format_value(x, ".4g")] for n, people in analysis.thresholds.items() for code, x in people.items()
+        ]
         body += ["<h2>Thresholds</h2>", _table(["condition", "participant", f"difference{unit}"], rows)]
     if analysis.scores:
         rows = [
-            [name, f"{x.mean:.2f}", f"{x.low:.2f} to {x.high:.2f}", f"{x.sd:.2f}", x.ratings]
+            [name, f"{x.mean:.2f}", format_range((x.low, x.high), ".2f"), format_value(x.sd, ".2f"), x.ratings]
             for name, x in analysis.scores.items()
         ]
         body += ["<h2>Ratings</h2>", _table(["condition", "mean", "95 % of the mean", "SD", "ratings"], rows)]
     if analysis.chosen:
         rows = [
-            [f"{a} over {b}", f"{k} of {n}", f"{_percent(w[0])} to {_percent(w[1])}"]
+            [f"{a} over {b}", f"{k} of {n}", format_range(w, ".1f", 100)]
             for (a, b), (k, n, w) in analysis.chosen.items()
         ]
-        body += ["<h2>Choices</h2>", _table(["chosen", "times", "Wilson 95 %"], rows)]
+        body += ["<h2>Choices</h2>", _table(["chosen", "times", "Wilson 95 % [%]"], rows)]
     if analysis.comparisons:
         rows = [
             [
                 f"{x.what} [{x.unit}]" if x.unit else x.what, f"{x.a} − {x.b}", f"{x.difference:.3g}",
-                f"{x.low:.3g} to {x.high:.3g}", x.people, f"{x.p:.3g}",
+                format_range((x.low, x.high), ".3g"), x.people, f"{x.p:.3g}",
             ]
             for x in analysis.comparisons
         ]  # fmt: skip
@@ -116,7 +128,7 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
             "intervals by bootstrap over people.</p>",
         ]
     body += ["<h2>Study file</h2>", f"<pre>{escape(analysis.study.text)}</pre>"]
-    title = f"{analysis.study.name}{' (simulated)' if analysis.simulated else ''}"
+    title = f"{analysis.study.name}{' (simulated)' if analysis.marked else ''}"
     return (
         f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{escape(title)}</title>"
         f"<meta name='viewport' content='width=device-width'><style>{_STYLE}</style></head><body>"
@@ -162,7 +174,3 @@ def _table(head: list[str], rows: list[list[Any]]) -> str:
     top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
     lines = ("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
     return f"<table><tr>{top}</tr>{''.join(lines)}</table>"
-
-
-def _percent(share: float) -> str:
-    return "–" if share != share else f"{100 * share:.1f} %"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -10,6 +9,7 @@ from rich.console import Console
 
 from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.analysis.statistics import bootstrap
+from haptorb.apps.study.analysis.wording import format_range, format_value
 from haptorb.apps.terminal import Column, TextTable, make_console, print_table, print_text
 
 __all__ = ["print_summary"]
@@ -19,13 +19,15 @@ def print_summary(analysis: Analysis, console: Console | None = None) -> None:
     """Print it for people."""
     out = console or make_console()
     print_text(out, f"{analysis.study.name}: {analysis.trials} trials, {analysis.practice} practice trials excluded")
-    print_text(out, analysis.origin, "bold red" if analysis.simulated else "dim")
+    if analysis.repeated:
+        print_text(out, f"{analysis.repeated} trials began anew: the device was off, or the experimenter repeated them")
+    print_text(out, analysis.origin, "bold red" if analysis.marked else "dim")
     if (c := analysis.confusion) is not None:
         a, b = c.pooled_95
         print_text(
             out,
-            f"\ncorrect {100 * c.accuracy:.1f} % (95 % over people {_range(c.accuracy_95, 100, '.1f')} %; Wilson over "
-            f"pooled trials {_range((a, b), 100, '.1f')} %), chance {100 * c.chance:.1f} %; by guessing: p = "
+            f"\ncorrect {100 * c.accuracy:.1f} % ({_over_people(c.accuracy_95)}Wilson over "
+            f"pooled trials {format_range((a, b), '.1f', 100)} %), chance {100 * c.chance:.1f} %; by guessing: p = "
             f"{c.p_chance:.2g} (exact binomial)",
         )
     for table in _tables(analysis):
@@ -48,8 +50,8 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
         yield _table(
             "Error over θ",
             (Column("θ", "°", "key"), Column("trials"), Column("mean", "mm"), Column("95 %", "mm"), Column("SD", "mm")),
-            ((f"{r.theta_deg:g}", str(r.trials), f"{r.mean:.2f}", _range((r.low, r.high), 1, ".2f"), f"{r.sd:.2f}")
-             for r in analysis.rings),
+            ((f"{r.theta_deg:g}", str(r.trials), f"{r.mean:.2f}", format_range((r.low, r.high), ".2f"),
+              format_value(r.sd, ".2f")) for r in analysis.rings),
         )  # fmt: skip
     unit = analysis.study.level_unit
     if analysis.curves:
@@ -57,8 +59,8 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
             "Psychometric curves, participants pooled; 95 % by parametric bootstrap",
             (Column("condition", kind="key"), Column("middle", unit), Column("95 %", unit), Column("spread", unit),
              Column("95 %", unit), Column("JND (75 %)", unit)),
-            ((name, f"{f.middle:.4g}", _range(f.middle_95, 1, ".4g"), f"{f.spread:.4g}",
-              _range(f.spread_95, 1, ".4g"), f"{0.6745 * f.spread:.3g}")
+            ((name, f"{f.middle:.4g}", format_range(f.middle_95, ".4g"), f"{f.spread:.4g}",
+              format_range(f.spread_95, ".4g"), f"{0.6745 * f.spread:.3g}")
              for name, (_, _, _, f) in analysis.curves.items()),
         )  # fmt: skip
     if analysis.thresholds:
@@ -67,14 +69,14 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
         yield _table(
             "Ratings",
             (Column("condition", kind="key"), Column("mean"), Column("95 %"), Column("SD"), Column("ratings")),
-            ((name, f"{x.mean:.2f}", _range((x.low, x.high), 1, ".2f"), f"{x.sd:.2f}", str(x.ratings))
+            ((name, f"{x.mean:.2f}", format_range((x.low, x.high), ".2f"), format_value(x.sd, ".2f"), str(x.ratings))
              for name, x in analysis.scores.items()),
         )  # fmt: skip
     if analysis.chosen:
         yield _table(
             "Choices",
             (Column("chosen", kind="text"), Column("times"), Column("Wilson 95 %", "%")),
-            ((f"{a} over {b}", f"{k} of {n}", _range(wilson, 100, ".1f"))
+            ((f"{a} over {b}", f"{k} of {n}", format_range(wilson, ".1f", 100))
              for (a, b), (k, n, wilson) in analysis.chosen.items()),
         )  # fmt: skip
     if analysis.comparisons:
@@ -83,7 +85,7 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
             (Column("measure", kind="key"), Column("difference", kind="text"), Column("mean"), Column("95 %"),
              Column("participants"), Column("p")),
             ((f"{x.what} [{x.unit}]" if x.unit else x.what, f"{x.a} − {x.b}", f"{x.difference:.3g}",
-              _range((x.low, x.high), 1, ".3g"), str(x.people), f"{x.p:.3g}") for x in analysis.comparisons),
+              format_range((x.low, x.high), ".3g"), str(x.people), f"{x.p:.3g}") for x in analysis.comparisons),
         )  # fmt: skip
 
 
@@ -94,9 +96,9 @@ def _identification(analysis: Analysis) -> TextTable:
     for i, n in enumerate(c.numbers):
         point = analysis.study.point(n)
         wrong = ", ".join(f"{x.to} ({x.share:.0%} of {x.wrong})" for x in analysis.arrows if x.of == n)
-        limits = _range((c.low[i, i], c.high[i, i]), 100, ".1f")
-        rows.append((str(n), f"{point.theta_deg:g}", f"{point.phi_deg:g}", _number(100 * c.matrix[i, i], ".1f"), limits,
-                     wrong))  # fmt: skip
+        limits = format_range((c.low[i, i], c.high[i, i]), ".1f", 100)
+        right = format_value(c.matrix[i, i], ".1f", 100)
+        rows.append((str(n), f"{point.theta_deg:g}", f"{point.phi_deg:g}", right, limits, wrong))
     columns = (
         Column("set-point", kind="key"), Column("θ", "°"), Column("φ", "°"), Column("correct", "%"),
         Column("95 %", "%"), Column("a third or more of the wrong answers went to", kind="text"),
@@ -107,10 +109,13 @@ def _identification(analysis: Analysis) -> TextTable:
 def _thresholds(analysis: Analysis, unit: str) -> TextTable:
     rows = []
     for name, people in analysis.thresholds.items():
-        rows += [(name, code, f"{value:.4g}", "") for code, value in people.items()]
-        low, high = bootstrap(list(people.values()))
+        rows += [(name, code, format_value(value, ".4g"), "") for code, value in people.items()]
+        values = np.array([value for value in people.values() if np.isfinite(value)])
+        if len(values) < 2:
+            continue
+        low, high = bootstrap(values)
         rows.append(
-            (name, "mean", f"{np.mean(list(people.values())):.4g}", _range((float(low), float(high)), 1, ".4g"))
+            (name, "mean", format_value(float(values.mean()), ".4g"), format_range((float(low), float(high)), ".4g"))
         )
     columns = (
         Column("condition", kind="key"), Column("participant", kind="key"), Column("difference", unit),
@@ -123,10 +128,7 @@ def _table(title: str, columns: tuple[Column, ...], rows: Iterable[tuple[str, ..
     return TextTable(columns, title, list(rows))
 
 
-def _range(limits: tuple[float, float], scale: float, form: str) -> str:
-    low, high = limits
-    return "–" if math.isnan(low) else f"{scale * low:{form}} to {scale * high:{form}}"
-
-
-def _number(value: float, form: str) -> str:
-    return "–" if math.isnan(value) else f"{value:{form}}"
+def _over_people(limits: tuple[float, float]) -> str:
+    """The interval over people, where there is one."""
+    told = format_range(limits, ".1f", 100)
+    return "" if told == "–" else f"95 % over people {told} %; "

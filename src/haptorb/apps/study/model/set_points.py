@@ -10,7 +10,7 @@ import numpy as np
 
 from haptorb.numerics.arrays import Array
 
-__all__ = ["SetPoint", "angles_between", "directions", "list_published", "nearest"]
+__all__ = ["SetPoint", "angles_between", "directions", "list_equal_rings", "list_published", "nearest"]
 
 
 @dataclass(frozen=True)
@@ -30,15 +30,26 @@ class SetPoint:
 
 @cache
 def list_published() -> tuple[SetPoint, ...]:
-    """The 25 of Zárate 2020 Fig. 8: one on top, eight each at θ = 18, 36 and 54 deg.
+    """The 25 of Zárate 2020 Fig. 8: 1 + 4 + 8 + 12 at θ = 0, 18, 36 and 54 deg, nearest neighbours 18.0 deg apart.
 
-    "25 evenly separated by 18°" and the four rings of Fig. 9 agree only so (erratum E17); which number belongs where
-    the figure alone tells, so they are counted from the top, ring by ring.
+    "25 evenly separated by 18°" and the four rings of Fig. 9 agree so; which number belongs where the figure alone
+    tells, so they are counted from the top, ring by ring.
 
     >>> [sum(p.theta_deg == ring for p in list_published()) for ring in (0, 18, 36, 54)]
-    [1, 8, 8, 8]
+    [1, 4, 8, 12]
     """
-    rings = [(theta, 45.0 * k) for theta in (18.0, 36.0, 54.0) for k in range(8)]
+    return _list_rings((4, 8, 12))
+
+
+@cache
+def list_equal_rings() -> tuple[SetPoint, ...]:
+    """25 as well, 1 + 8 + 8 + 8: what haptorb called published before erratum E17 was withdrawn."""
+    return _list_rings((8, 8, 8))
+
+
+def _list_rings(counts: tuple[int, ...]) -> tuple[SetPoint, ...]:
+    """One on top, then so many on each ring, 18 deg further down each time, the first of a ring at φ = 0."""
+    rings = [(18.0 * (n + 1), 360.0 * k / count) for n, count in enumerate(counts) for k in range(count)]
     return tuple(SetPoint(n + 1, theta, phi) for n, (theta, phi) in enumerate([(0.0, 0.0), *rings]))
 
 

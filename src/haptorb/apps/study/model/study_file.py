@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from haptorb import worlds
-from haptorb.apps.study.model.set_points import SetPoint, list_published
+from haptorb.apps.study.model.set_points import SetPoint, list_equal_rings, list_published
 from haptorb.apps.study.model.study_parts import (
     Condition,
     Levels,
@@ -38,7 +38,9 @@ from haptorb.worlds.world import World
 __all__ = ["Study", "read_study", "study_of"]
 
 #: left out of the digest where they are not used: studies that were begun before there were such things go on
-_LATER = ("mask", "questions", "model", "world_digest")
+_LATER = ("mask", "questions", "model", "world_digest", "published_layout")
+#: what "published" means today; a stored study without the key ran with 1 + 8 + 8 + 8
+_PUBLISHED = "1-4-8-12"
 _MISTAKES = 20  #: told at once
 _CODE = 1 << 20  #: bytes of a world's file
 _LEVELLED = ("constant", "staircase", "bayesian")
@@ -61,6 +63,13 @@ class Study(Part):
         Field(pattern="^([0-9a-f]{64})?$"),
         m.Meaning("SHA-256 of the world's own file; haptorb adds it"),
         m.Form("64 hexadecimal digits"),
+        m.Without("computed"),
+    ] = ""
+    published_layout: Annotated[
+        Literal["", "1-4-8-12"],
+        m.Meaning(
+            'what the layout "published" means; haptorb adds it, and without it a stored study has 1 + 8 + 8 + 8'
+        ),
         m.Without("computed"),
     ] = ""
     model: Annotated[
@@ -142,7 +151,7 @@ class Study(Part):
 
     @property
     def text(self) -> str:
-        """The study file, word for word; before it the digest of a world's file."""
+        """The study file, word for word; before it the digest of a world's file, and the layout called published."""
         return self._text
 
     @property
@@ -171,9 +180,21 @@ class Study(Part):
     @property
     def points(self) -> tuple[SetPoint, ...]:
         """The set-points, built in or its own."""
-        if self.set_points.layout:
+        if self.set_points.layout == "published" and self.published_layout:
             return list_published()
+        if self.set_points.layout:
+            return list_equal_rings()
         return tuple(SetPoint(p.number, p.theta_deg, p.phi_deg) for p in self.set_points.points)
+
+    def without_layout(self) -> Study | None:
+        """As an older haptorb ran it, "published" being 1 + 8 + 8 + 8; None where its file says what it means."""
+        lines, added = self._text.splitlines(keepends=True), f'published_layout = "{self.published_layout}"\n'
+        if not self.published_layout or added not in lines[:2]:  # the other may be the digest of a world's file
+            return None
+        lines.remove(added)
+        older = self.model_copy(update={"published_layout": ""})
+        older._text = "".join(lines)
+        return older
 
     def point(self, number: int) -> SetPoint:
         """The set-point called `number`."""
@@ -215,11 +236,12 @@ def read_study(path: str | Path) -> Study:
     return study_of(read_text(path, "study file", InputError), str(path), Path(path).expanduser().parent)
 
 
-def study_of(text: str, where: str = "study", folder: Path | None = None) -> Study:
+def study_of(text: str, where: str = "study", folder: Path | None = None, *, stored: bool = False) -> Study:
     """The study that `text` (TOML) describes; `where` names it in messages.
 
-    folder: of the study file, where a world's file is looked for; None: no file is read and no code is run, as for what
-    a database holds.
+    folder   of the study file, where a world's file is looked for; None: no file is read and no code is run, as for
+             what a database holds
+    stored   it is what a database holds: nothing is added to it, so it means what it meant when it was run
     """
     try:
         raw = parse_toml(text)
@@ -228,6 +250,8 @@ def study_of(text: str, where: str = "study", folder: Path | None = None) -> Stu
     try:
         study = Study.model_validate(raw)
         study._text = text
+        if not stored and study.set_points.layout == "published" and not study.published_layout:
+            study = _add_key(study, "published_layout", _PUBLISHED)
         if is_world_file(study.world):
             if folder is None:
                 return study
@@ -262,9 +286,15 @@ def _load_world(study: Study, file: WorldFile) -> Study:
     digest = sha256(read_bytes(file.path, _CODE, "world file", InputError)).hexdigest()
     if study.world_digest not in ("", digest):
         raise InputError(f"world_digest is not that of {file.path}: the file has changed; leave out the key")
-    found = study.model_copy(update={"world_digest": digest})
+    found = study if study.world_digest else _add_key(study, "world_digest", digest)
     found._own = world
-    found._text = study._text if study.world_digest else f'world_digest = "{digest}"\n{study._text}'
+    return found
+
+
+def _add_key(study: Study, key: str, value: str) -> Study:
+    """`study` with a key of its own that its file does not have; it stands before the file's text in a database."""
+    found = study.model_copy(update={key: value})
+    found._text = f'{key} = "{value}"\n{study._text}'
     return found
 
 

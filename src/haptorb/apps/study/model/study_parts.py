@@ -75,11 +75,11 @@ class Place(Part):
 
 
 class Places(Part):
-    """The built-in layout, or points."""
+    """A built-in layout, or points."""
 
     layout: Annotated[
-        Literal["published"] | None,
-        m.Meaning("the 25 set-points of Zárate et al. 2020"),
+        Literal["published", "1-8-8-8"] | None,
+        m.Meaning("the 25 set-points of Zárate et al. 2020, 1 + 4 + 8 + 12; or 25 on equal rings"),
         m.Without("none: points gives them"),
     ] = None
     points: Annotated[

@@ -16,6 +16,7 @@ from typing import Any, final
 from sqlalchemy.engine import Engine
 
 from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.pages.code_list import CodeList
 from haptorb.apps.study.pages.faults import check_text, explain_fault, try_quietly
 from haptorb.apps.study.session.halt import StopCount, StopSwitch
 from haptorb.apps.study.session.stored_session import StoredSession
@@ -58,6 +59,7 @@ class SessionManager:
         self.conduct: TrialRunner | None = None
         self.stage: TrialDevice | None = None
         self.log: list[dict[str, Any]] = []  #: answered trials of this session, newest last
+        self.codes = CodeList(engine, study)
         self._recording: Path | None = None
         self._servo: Servo | None = None
         self._inbox: SimpleQueue[tuple[dict[str, Any], StopCount, Respond]] = SimpleQueue()
@@ -102,8 +104,7 @@ class SessionManager:
     @property
     def number(self) -> int:
         """Of the session in the database; 0: none."""
-        sitting = self.sitting  # the thread may put it away meanwhile
-        return sitting.id if sitting is not None else 0
+        return sitting.id if (sitting := self.sitting) is not None else 0
 
     def step(self, wait: float = 0.0) -> None:
         """Obey the command that has waited longest, for which `wait` [s] are waited; and look at the device."""
@@ -119,6 +120,7 @@ class SessionManager:
             self._try(self._tick, None)
 
     def _run(self) -> None:
+        try_quietly(self.codes.refresh)
         try:
             while not self._ended.is_set():
                 self.step(_TICK)
@@ -180,8 +182,7 @@ class SessionManager:
         if do == "agree":
             self._agree(bool(command.get("agreed", True)))
             return
-        conduct = self.conduct
-        if conduct is None and self.sitting is not None and do in ("leave", "abort", "resume"):
+        if (conduct := self.conduct) is None and self.sitting is not None and do in ("leave", "abort", "resume"):
             self._execute_before_trials(do, asked)
             return
         if conduct is None:
@@ -262,7 +263,7 @@ class SessionManager:
             self._end("", "aborted")
 
     def _answer(self, conduct: TrialRunner, value: Any) -> None:
-        prompt, number, seconds = conduct.prompt, conduct.sitting.number, conduct.seconds
+        prompt, number, seconds, repeats = conduct.prompt, conduct.sitting.number, conduct.seconds, conduct.repeats
         if value is not None and (isinstance(value, bool) or not isinstance(value, int)):
             raise InputError(f"an answer is a whole number; got {value!r}")
         conduct.answer(value)
@@ -271,7 +272,7 @@ class SessionManager:
         row = {
             "trial": number, "answer": value, "seconds": round(seconds, 1), "safety": trips, "phase": prompt.phase,
             "set_point": prompt.set_point, "condition": prompt.condition, "level": prompt.level,
-            "interval": prompt.interval,
+            "interval": prompt.interval, "repeats": repeats,
         }  # fmt: skip
         self.log = [*self.log, row]
 
@@ -293,5 +294,6 @@ class SessionManager:
                 try_quietly(lambda: sitting.note("failed", trouble, later=True))
             try_quietly(lambda: self._mark("end", {"state": state}))
             try_quietly(sitting.close)
+            try_quietly(self.codes.refresh)
             self.state, self.trouble = state, trouble
         self.sitting = self.conduct = self.stage = None

@@ -14,6 +14,7 @@ from haptorb.apps.study.session.trial_device import TrialDevice
 
 __all__ = ["describe_study", "for_experimenter", "for_participant", "pen", "places"]
 
+_MOST_CODES = 100  #: that are shown, the newest
 _MOST_BUTTONS = 21  #: on a rating scale; beyond that a number is typed
 
 
@@ -63,6 +64,7 @@ def for_participant(reception: SessionManager) -> dict[str, Any]:
         "left": round(conduct.rest_left),
         "off": conduct.stage.switched_off,
         "steered": conduct.stage.steered,
+        "repeats": conduct.repeats,
         "which": conduct.which,
     }
     if prompt is not None:
@@ -84,6 +86,8 @@ def for_experimenter(reception: SessionManager, pages: int, draft: Any) -> dict[
         "draft": draft,
         "log": reception.log[-200:],
         "code": "",
+        "taken": list(reception.codes.taken[-_MOST_CODES:]),
+        "free": reception.codes.free,
     }
     conduct, sitting = reception.conduct, reception.sitting
     if sitting is not None:

@@ -55,9 +55,10 @@ class Screen:
             return Panel(
                 Group(*parts, Text("Enter answers · Esc STOP", style="dim")), title=Text(head), width=_WIDE + 6
             )
-        if view.state in ("break", "pause"):
-            early = "; Enter continues" if prompt.pause else ""
-            parts.append(Text(f"\n  {view.state}: {view.message}{early}\n", style="bold"))
+        if view.state in ("break", "pause", "device off"):
+            early = "; Enter continues" if prompt.pause and view.state == "break" else ""
+            word = "" if view.state == "device off" else f"{view.state}: "
+            parts.append(Text(f"\n  {word}{view.message}{early}\n", style="bold"))
         else:
             if prompt.interval:
                 task = f"interval {view.which} (Tab: the other). In which did it push harder? 1 or 2"

@@ -3,45 +3,31 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from time import monotonic
 from types import TracebackType
 from typing import Any, Self, final
 
-from sqlalchemy import func, select
+from sqlalchemy import select
 from sqlalchemy.engine import Connection, Engine
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.asking.prompt import Answer, Prompt
+from haptorb.apps.study.model.codes import check_code, fold_code, is_reserved
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.model.study_parts import Question
 from haptorb.apps.study.session.halt import utc_now
 from haptorb.apps.study.store.claim import SessionLock
 from haptorb.apps.study.store.database import events, lock, participants, replies, sessions, studies, trials, try_begin
-from haptorb.errors import InputError, RecordingError
+from haptorb.errors import RecordingError
 from haptorb.version import __version__
 
-__all__ = ["StoredSession", "check_code"]
+__all__ = ["StoredSession"]
 
 _AGAIN = 1.0  #: until the database is offered again what it did not take [s]
-_CODE = re.compile(r"[A-Z]{1,4}[0-9]{2,6}")
-
-
-def check_code(code: str) -> str:
-    """`code` itself, or InputError: capital letters and digits, so that no name slips in.
-
-    >>> check_code("P01")
-    'P01'
-    """
-    if not _CODE.fullmatch(code):
-        raise InputError(
-            f"participant code must be 1 to 4 capital letters and 2 to 6 digits, like P01 (never a name); got '{code}'"
-        )
-    return code
 
 
 @final
@@ -114,8 +100,14 @@ class StoredSession:
         self._late.clear()
         self._replied.add(question.name)
 
-    def answer(self, answer: Answer, *, safety: Sequence[dict[str, Any]] = (), recording: str | None = None) -> None:
-        """Keep `answer`: on the disk when this returns. InputError, and nothing kept, if it may not be answered so."""
+    def answer(
+        self, answer: Answer, *, safety: Sequence[dict[str, Any]] = (), recording: str | None = None,
+        driver: str | None = None,
+    ) -> None:  # fmt: skip
+        """Keep `answer`: on the disk when this returns. InputError, and nothing kept, if it may not be answered so.
+
+        `driver` of the device tells whether it was simulated.
+        """
         prompt = self.prompt
         after = self.procedure.record_answer(answer)
         assert prompt is not None
@@ -132,6 +124,7 @@ class StoredSession:
             "safety": json.dumps(list(safety), ensure_ascii=False),
             "recording": recording,
             "answered": utc_now(),
+            "driver": driver,
         }
         try:
             with self.engine.begin() as connection:
@@ -141,7 +134,7 @@ class StoredSession:
                     connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=utc_now()))
         except IntegrityError as cause:
             raise RecordingError(
-                f"trial {self.number} of session {self.id} was already answered; start again"
+                f"trial {self.number + 1} of session {self.id} was already answered; start again"
             ) from cause
         except SQLAlchemyError as cause:
             raise _storage_error(cause) from cause
@@ -218,14 +211,12 @@ class StoredSession:
             lock(connection)  # two stations must not count participants at the same moment
             if not connection.execute(select(studies.c.digest).where(studies.c.digest == study.digest)).first():
                 connection.execute(studies.insert().values(digest=study.digest, name=study.name, text=study.text))
-            mine = select(participants.c.id).where(
-                participants.c.study == study.digest, participants.c.code == self.code
-            )
-            known = connection.execute(mine).scalar_one_or_none()
-            if known is not None:
-                return self._resume(connection, known)
-            ordinals = select(func.count()).select_from(participants).where(participants.c.study == study.digest)
-            ordinal = connection.execute(ordinals).scalar_one()
+            people = select(participants.c.code, participants.c.id).where(participants.c.study == study.digest)
+            known = {str(code): int(person) for code, person in connection.execute(people).all()}
+            if self.code in known:
+                return self._resume(connection, known[self.code])
+            self._check_free(known)
+            ordinal = len(known)
             drawn = plan(study, ordinal)
             new = participants.insert().values(study=study.digest, code=self.code, ordinal=ordinal)
             person = connection.execute(new).inserted_primary_key
@@ -241,6 +232,17 @@ class StoredSession:
             ).inserted_primary_key
             assert made is not None
             return int(made[0]), drawn
+
+    def _check_free(self, known: Iterable[str]) -> None:
+        """RecordingError if nobody new may have this code, beside the `known` ones."""
+        if not self.simulated and is_reserved(self.code):
+            raise RecordingError(f"participant code '{self.code}' is kept for simulated participants: use another code")
+        for code in known:
+            if fold_code(code) == fold_code(self.code):
+                raise RecordingError(
+                    f"participant code '{self.code}' differs from '{code}' in capitals only: enter '{code}' to "
+                    "continue that session, or use another code"
+                )
 
     def _resume(self, connection: Connection, person: int) -> tuple[int, dict[str, Any]]:
         row = connection.execute(select(sessions).where(sessions.c.participant == person)).one()
@@ -273,7 +275,7 @@ class StoredSession:
             asked = procedure.prompt
             if row.number != number or asked is None or Prompt.read(json.loads(row.prompt)) != asked:
                 raise RecordingError(
-                    f"session {self.id}: trial {row.number} does not match the plan; the data were changed"
+                    f"session {self.id}: trial {row.number + 1} does not match the plan; the data were changed"
                 )
             place = None if row.x is None else (row.x, row.y, row.z)
             procedure = procedure.record_answer(Answer(row.answer, place, row.seconds))

@@ -1,7 +1,8 @@
 """Streams of the lab streaming layer (LSL) for other equipment: what happens in a session, and where the tool is.
 
-    haptorb-markers  irregular text, JSON: {"kind": "trial", "trial": 0, "set_point": 12, ...}; kinds are trial, answer,
-                     safety, interval, time is up, break, pause, resume, repeat, reply, session, leave, abort, done, end
+    haptorb-markers  irregular text, JSON: {"kind": "trial", "trial": 1, "set_point": 12, ...}; kinds are trial, answer,
+                     safety, interval, time is up, device off, break, pause, resume, repeat, reply, session, leave,
+                     abort, done, end; trials count from 1, as on the pages
     haptorb-pose     every tick: x y z [m], quaternion x y z w, valid; stamped with the time the tick began
 
 The layer's clock is this computer's monotonic one, and so is the loop's: stamps of rows need an offset only.

@@ -80,8 +80,8 @@ class TerminalSession:
                 return "STOPPED: the coils are off. e continues, q ends for now, A aborts"
             case "time is up":
                 return "time is up: please answer now"
-            case "running" if self._stage.switched_off:
-                return "the device is off: press e to switch it on again"
+            case "device off":
+                return "the device is off: please wait. e switches it on again; the trial then begins anew"
         return ""
 
     def _handle_key(self, key: str) -> None:
@@ -105,7 +105,7 @@ class TerminalSession:
             self._message = ""
         elif conduct.state == "break" and key == "enter":
             conduct.skip()
-        elif conduct.state in ("running", "time is up"):
+        elif conduct.state in ("running", "time is up", "device off"):
             self._handle_trial_key(key)
 
     def _handle_trial_key(self, key: str) -> None:

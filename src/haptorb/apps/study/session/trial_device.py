@@ -34,14 +34,11 @@ class TrialDevice:
         self.simulated = servo.driver == "sim"
         self._pen = (0.0, 0.0)  #: (x, y): angle from the top towards +x and +y [deg]
         self.trips: list[dict[str, Any]] = []  #: since the loop began, as far as `look` has looked
-        self._since_trip = 0  # of the trial
         self._cursor, self._reason = 0, 0.0
         self._since = 0.0
 
     def begin(self, prompt: Prompt) -> None:
-        """Render the first interval of `prompt`; trips and course count from here."""
-        self.look()
-        self._since_trip = len(self.trips)
+        """Render the first interval of `prompt`; the course counts from here."""
         self._since = self._time()
         self.interval(prompt, 1)
 
@@ -137,11 +134,6 @@ class TrialDevice:
         if self._cursor - before > len(rows) and before:
             found.append({"t": float(t[0]), "code": "NOT_WATCHED", "reason": "rows were lost: trips may be missing"})
         self.trips += found
-
-    def safety(self) -> list[dict[str, Any]]:
-        """Trips since the trial began."""
-        self.look()
-        return self.trips[self._since_trip :]
 
     def course(self, recording: str | None) -> str | None:
         """The part of the recording that is this trial: FILE#t=from,to on the loop's clock [s]."""

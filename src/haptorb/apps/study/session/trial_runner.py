@@ -31,8 +31,9 @@ class TrialRunner:
     """Runs `sitting` on `stage`. `tick` is to be called some fifty times a second.
 
     A Stop is carried out by `halt`, at once; here it becomes the state "paused", whatever the state was, and a record.
+    A trial in which the device was off, for whatever reason, is not answered: it begins anew when the device is on.
 
-    state      question, pause (between trials), break, running, time is up, paused, done, left, aborted
+    state      question, pause (between trials), break, running, time is up, device off, paused, done, left, aborted
     recording  file that the tool's course goes to; its name is kept with every trial
     mark       is told of everything that happens, as it happens: for streams to other equipment
     halt       knows the stage's servo and who stopped it; None: one of its own
@@ -52,6 +53,9 @@ class TrialRunner:
         self.seconds = 0.0  #: time in this trial without pauses [s]
         self.trips: list[dict[str, Any]] = []  #: safety events of the session, with the trial each came in
         self._recording, self._mark, self._clock = recording, mark, clock
+        self.repeats = 0  #: how often this trial began anew
+        self._again = ""  # why it is to begin anew
+        self._during: list[dict[str, Any]] = []  # trips in this trial, however often it began
         self._until = 0.0  # end of a rest
         self._last = clock()
         self._trip_count = 0  # trips of the stage that are kept
@@ -82,9 +86,10 @@ class TrialRunner:
         now = self._clock()
         passed, self._last = now - self._last, now
         self.apply_stop()
-        self._record_trips()
+        self._notice_off()
         self.sitting.keep_late()
-        if self.state in ("pause", "break") and now >= self._until:
+        rested = self.state in ("pause", "break") and now >= self._until
+        if rested or (self.state == "device off" and not self.stage.switched_off):
             self._begin()
         elif self.state == "running":
             self.seconds += passed
@@ -92,7 +97,7 @@ class TrialRunner:
             if limit is not None and self.seconds > limit:
                 self.stage.rest()
                 self.state = "time is up"
-                self._mark("time is up", {"trial": self.sitting.number})
+                self._mark("time is up", {"trial": self.sitting.number + 1})
         elif self.state == "time is up":
             self.seconds += passed
 
@@ -100,6 +105,9 @@ class TrialRunner:
         """Pause if Stop was given, by whomever, and keep who gave it. The coils are off already."""
         if self.halt.active and self.state not in ("paused", *OVER):
             self._rest_left = self.rest_left
+            if self.state in _TRIAL:
+                self._again = f"stopped {self.halt.why}".rstrip()
+                self.state = "device off"
             self._paused_from, self.state = self.state, "paused"
         for stopped in self.halt.take():
             self._note("pause", stopped.why, stopped.at)
@@ -107,18 +115,23 @@ class TrialRunner:
     def answer(self, value: int | None) -> None:
         """Keep the answer, durably, and go on. InputError, and the trial goes on, if it may not be answered so."""
         self.apply_stop()
+        self._notice_off()
+        if self.state == "device off":
+            raise InputError(
+                "the device is off, so this answer does not count: please wait, the trial begins anew when it is on"
+            )
         prompt = self.prompt
         if self.state not in _TRIAL or prompt is None:
             raise InputError(f"no answer is expected now ({self.state})")
         if value is None and prompt.wants_number:
             raise InputError("choose the number first, then answer")
         number = self.sitting.number
-        # Pauses switch the coils off by hand, which is no safety event.
-        trips = [trip for trip in self.stage.safety() if trip["code"] != "STOPPED"]
-        self._record_trips()
         answer = Answer(value, self.stage.position, self.seconds)
-        self.sitting.answer(answer, safety=trips, recording=self.stage.course(self._recording))
-        self._mark("answer", {"trial": number, "answer": value, "set_point": prompt.set_point})
+        self.sitting.answer(
+            answer, safety=self._during, recording=self.stage.course(self._recording), driver=self.stage.servo.driver
+        )
+        self._mark("answer", {"trial": number + 1, "answer": value, "set_point": prompt.set_point})
+        self.repeats, self._again, self._during = 0, "", []
         self._continue()
 
     def reply(self, text: str) -> None:
@@ -146,7 +159,7 @@ class TrialRunner:
         if self.state == "running":
             self.which = which
             self.stage.interval(prompt, which)
-            self._mark("interval", {"trial": self.sitting.number, "interval": which})
+            self._mark("interval", {"trial": self.sitting.number + 1, "interval": which})
 
     def pause(self, why: str = "") -> None:
         """Coils off until `resume`; a rest stands still meanwhile."""
@@ -156,7 +169,7 @@ class TrialRunner:
             self.apply_stop()
 
     def resume(self, asked: StopCount | None = None) -> None:
-        """Go on where `pause` was; the coils come back from zero.
+        """Go on where `pause` was, in a trial at its beginning; the coils come back from zero.
 
         InputError, and nothing changes, if Stop was given after `asked`; None: it is asked for now.
         """
@@ -172,12 +185,10 @@ class TrialRunner:
     def repeat(self) -> None:
         """The trial from its beginning, with its time limit anew; that it was repeated is kept."""
         self.apply_stop()
-        prompt = self.prompt
-        if self.state not in _TRIAL or prompt is None:
+        if self.state not in _TRIAL or self.prompt is None:
             raise InputError(f"there is no trial to repeat now ({self.state})")
-        self.seconds, self.which, self.state = 0.0, 1, "running"
-        self.stage.interval(prompt, 1)
-        self._note("repeat")
+        self._again = "by the experimenter"
+        self._begin()
 
     def engage(self, asked: StopCount | None = None) -> None:
         """After a trip: coils on again, unless the guard refuses, or Stop was given after `asked`; None: now."""
@@ -200,7 +211,7 @@ class TrialRunner:
             self.halt.stop(None)
             self.apply_stop()
             self.sitting.abort(why)
-            self._mark("abort", {"trial": self.sitting.number})
+            self._mark("abort", {"trial": self.sitting.number + 1})
             self.state = "aborted"
 
     def _continue(self) -> None:
@@ -222,30 +233,54 @@ class TrialRunner:
                 self._begin()
 
     def _begin(self) -> None:
+        """Let the trial begin, or wait until the device is on."""
         prompt = self.prompt
         assert prompt is not None
+        self._record_trips()
+        if self.stage.switched_off:
+            self._wait_for_device()
+            return
         self.state, self.which, self.seconds = "running", 1, 0.0
         self._last = self._clock()
         self.stage.begin(prompt)
+        if self._again:
+            self.repeats += 1
+            self._note("repeat", self._again)
+            self._again = ""
         self._mark(
             "trial",
-            {"trial": self.sitting.number, "set_point": prompt.set_point, "condition": prompt.condition,
+            {"trial": self.sitting.number + 1, "set_point": prompt.set_point, "condition": prompt.condition,
              "level": prompt.level, "interval": prompt.interval, "phase": prompt.phase},
         )  # fmt: skip
 
-    def _record_trips(self) -> None:
-        """Keep new trips; those of a trial are kept with its answer besides."""
+    def _wait_for_device(self) -> None:
+        self.stage.rest()
+        self.state = "device off"
+        self._mark("device off", {"trial": self.sitting.number + 1})
+
+    def _notice_off(self) -> None:
+        """Keep new trips; a trial in which the device was off waits until it is on, then begins anew."""
+        fresh = [str(trip["code"]) for trip in self._record_trips() if trip["code"] != "NOT_WATCHED"]
+        if self.state in _TRIAL and (fresh or self.stage.switched_off):  # safety: study-answer-off
+            self._again = f"the device was off: {', '.join(fresh)}" if fresh else "the device was off"
+            self._wait_for_device()
+
+    def _record_trips(self) -> list[dict[str, Any]]:
+        """Keep new trips, which are returned; those of a trial are kept with its answer besides."""
         self.stage.look()
         fresh = self.stage.trips[self._trip_count :]
         self._trip_count += len(fresh)
         for trip in fresh:
-            if trip["code"] == "STOPPED":
+            if trip["code"] == "STOPPED":  # by hand, which is no safety event
                 continue
+            if self.state in _TRIAL:
+                self._during.append(trip)
             known = {**trip, "trial": self.sitting.number}
             self.trips.append(known)
             self.sitting.note("safety", f"{trip['code']}: {trip['reason']}", later=True)
-            self._mark("safety", known)
+            self._mark("safety", {**known, "trial": self.sitting.number + 1})
+        return fresh
 
     def _note(self, kind: str, text: str = "", at: str | None = None) -> None:
         self.sitting.note(kind, text, at=at, later=True)
-        self._mark(kind, {"trial": self.sitting.number} | ({"why": text} if text else {}))
+        self._mark(kind, {"trial": self.sitting.number + 1} | ({"why": text} if text else {}))

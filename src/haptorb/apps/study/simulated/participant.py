@@ -8,11 +8,11 @@ more than in others.
 
 CALIBRATED, not predicted: `recall`, `recall_reach_deg`, `recall_spread`, `gravity_left`, `probes`, `forgetting` and
 `motor_noise` were chosen once so that 6 participants × 50 trials give the errors that Zárate 2020 measured (2.5, 5.7,
-6.5, 7.2 mm at θ = 0, 18, 36, 54 deg). With them 48 participants of 8 seeds give 2.3, 5.6, 6.4 and 6.8 mm (standard
-deviations 1.3, 4.3, 4.7 and 5.0; the paper's are 1.4, 4.6, 5.2 and 5.1). Single groups of six scatter about that: about
-half of the seeds lie within one standard error at all four angles, among them the default 0. The just-noticeable
-differences are from the literature. So it may say how many people a study needs, or which of two designs is likely
-found more exactly; it cannot confirm the paper.
+6.5, 7.2 mm at θ = 0, 18, 36, 54 deg), on layout 1-8-8-8. With them 48 participants of 8 seeds give 2.3, 5.6, 6.4 and
+6.8 mm (standard deviations 1.3, 4.3, 4.7 and 5.0; the paper's are 1.4, 4.6, 5.2 and 5.1). Single groups of six scatter
+about that: about half of the seeds lie within one standard error at all four angles, among them the default 0. The
+just-noticeable differences are from the literature. So it may say how many people a study needs, or which of two
+designs is likely found more exactly; it cannot confirm the paper.
 """
 
 from __future__ import annotations

@@ -2,14 +2,14 @@
 
 A pool of simulated participants sits the study once; each gives one paired difference. Groups of n are drawn from the
 pool, and the test that the analysis uses (paired, sign-flip, two-sided) is applied to each: its share of p < α is the
-power at n. What is uncertain in that because the pool is finite is stated, by drawing whole pools from the pool.
+power at n. The fewest people who reach the wanted power are searched below and above the numbers that were asked for.
+What is uncertain in that because the pool is finite is stated, by drawing whole pools from the pool.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from haptorb.apps.asking.prompt import Answer, Prompt
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.simulated.participant import Participant
+from haptorb.apps.study.simulated.power_search import MOST_PEOPLE, GroupPower
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 
@@ -33,7 +34,6 @@ MEASURES = {
 _GROUPS = 2000  #: groups drawn per number of people
 _POOLS = 80  #: pools drawn from the pool
 _FEWER = 200  #: groups drawn from each of those
-_SIGNS = 512  #: sign patterns of the test; all there are, up to 9 people
 
 
 @dataclass(frozen=True)
@@ -48,23 +48,28 @@ class Power:
     spread: float  #: its standard deviation over people
     alpha: float
     wanted: float
-    people: tuple[int, ...]
+    people: tuple[int, ...]  #: those asked for, and the fewest that reach `wanted`
     power: tuple[float, ...]  #: by people
     low: tuple[float, ...]
     high: tuple[float, ...]
-    needed: int | None  #: fewest of `people` that reach `wanted`; None: more than the most
+    needed: int | None  #: fewest that reach `wanted`; None: more than MOST_PEOPLE
     needed_95: tuple[int | None, int | None]
+    least: int  #: fewest with whom the test can show anything at this alpha
 
     @property
     def sentence(self) -> str:
         """For people."""
-        most = f"more than {self.people[-1]}"
+        most = f"more than {MOST_PEOPLE}"
         low, high = (most if n is None else str(n) for n in self.needed_95)
         needed = most if self.needed is None else f"about {self.needed}"
+        floor = ""
+        if self.needed == self.least:
+            floor = f"; with fewer than {self.least} the test cannot show p < {self.alpha:g}, whatever is found"
         return (
             f"{needed} participants (95 %: {low} to {high}) detect {self.measure} {self.a} − {self.b} = "
-            f"{self.difference:.3g} ± {self.spread:.2g} with a probability of {self.wanted:.0%} at α = {self.alpha:g}; "
-            f"predicted with {self.pool} SIMULATED participants, which is no evidence about people"
+            f"{self.difference:.3g} ± {self.spread:.2g} with a probability of {self.wanted:.0%} at α = "
+            f"{self.alpha:g}{floor}; predicted with {self.pool} SIMULATED participants, which is no evidence about "
+            "people"
         )
 
     def numbers(self) -> dict[str, Any]:
@@ -74,6 +79,7 @@ class Power:
             "simulated": True, "measure": self.measure, "a": self.a, "b": self.b, "pool": self.pool,
             "difference": self.difference, "standard_deviation": self.spread, "alpha": self.alpha,
             "wanted_power": self.wanted, "needed": self.needed, "needed_95": list(self.needed_95),
+            "least_people": self.least, "searched_up_to": MOST_PEOPLE,
             "power": [{"people": n, "power": p, "interval_95": [low, high]} for n, p, low, high in rows],
         }  # fmt: skip
 
@@ -119,35 +125,35 @@ def power_of(
     pairs: Sequence[float], people: Sequence[int] = PEOPLE, alpha: float = 0.05, wanted: float = 0.8,
     what: tuple[str, str, str] = ("difference", "a", "b"), seed: int = 0,
 ) -> Power:  # fmt: skip
-    """Power from the paired differences of a pool, by groups of `people`; `what` is (measure, a, b)."""
+    """Power from the paired differences of a pool, for groups of `people` and of the fewest who reach `wanted`.
+
+    `what` is (measure, a, b).
+    """
     if not 0 < alpha < 0.5 or not 0.1 <= wanted < 1:
         raise InputError(f"needs 0 < alpha < 0.5 and 0.1 ≤ power < 1; got {alpha:g} and {wanted:g}")
-    if not people or any(isinstance(n, bool) or not isinstance(n, int) or not 2 <= n <= 500 for n in people):
-        raise InputError(f"numbers of people must be whole, 2 to 500; got {', '.join(map(str, people)) or 'none'}")
+    if not people or any(isinstance(n, bool) or not isinstance(n, int) or not 2 <= n <= MOST_PEOPLE for n in people):
+        raise InputError(
+            f"numbers of people must be whole, 2 to {MOST_PEOPLE}; got {', '.join(map(str, people)) or 'none'}"
+        )
     d = np.asarray(pairs, dtype=float)
     d = d[np.isfinite(d)]
     if len(d) < 4:
         raise InputError("fewer than 4 simulated participants gave a difference: the procedure ends too soon")
     draw = np.random.default_rng([seed, 2])
-    counts = tuple(sorted(set(people)))
-    signs = [_signs(n, draw) for n in counts]
     # The k-th pool is the k-th resample, the 0th the pool itself; groups come from that pool with replacement.
     pools = np.vstack([d, d[draw.integers(0, len(d), (_POOLS, len(d)))]])
-    shares = np.array(
-        [
-            [_share(pool, n, s, alpha, _FEWER if k else _GROUPS, draw) for n, s in zip(counts, signs, strict=True)]
-            for k, pool in enumerate(pools)
-        ]
-    )
-    reached = [_find_fewest(row, counts, wanted) for row in shares]
-    low, high = np.percentile(shares[1:], (2.5, 97.5), axis=0)
-    ends = np.sort([np.inf if n is None else n for n in reached[1:]])
-    needed_95 = tuple(
-        None if not np.isfinite(end) else int(end) for end in (ends[int(0.025 * _POOLS)], ends[int(0.975 * _POOLS)])
-    )
+    drawn = [GroupPower(pool, alpha, _FEWER if k else _GROUPS, (seed, 3, k)) for k, pool in enumerate(pools)]
+    whole, parts = drawn[0], drawn[1:]
+    needed = whole.find_fewest(wanted, min(people))
+    counts = tuple(sorted({*people, *([] if needed is None else [needed])}))
+    shares = np.array([[part.power(n) for n in counts] for part in parts])
+    low, high = np.percentile(shares, (2.5, 97.5), axis=0)
+    ends = sorted(part.find_fewest(wanted, needed or MOST_PEOPLE) or MOST_PEOPLE + 1 for part in parts)
+    needed_95 = [None if end > MOST_PEOPLE else end for end in (ends[int(0.025 * _POOLS)], ends[int(0.975 * _POOLS)])]
     return Power(
-        *what, len(d), float(d.mean()), float(d.std(ddof=1)), alpha, wanted, counts, tuple(shares[0].tolist()),
-        tuple(low.tolist()), tuple(high.tolist()), reached[0], (needed_95[0], needed_95[1]),
+        *what, len(d), float(d.mean()), float(d.std(ddof=1)), alpha, wanted, counts,
+        tuple(whole.power(n) for n in counts), tuple(low.tolist()), tuple(high.tolist()), needed,
+        (needed_95[0], needed_95[1]), whole.least,
     )  # fmt: skip
 
 
@@ -187,26 +193,3 @@ def _measure_answer(study: Study, prompt: Prompt, answer: Answer, measure: str, 
 
 def _threshold(parts: Sequence[Procedure], name: str) -> float:
     return next((float(p.threshold) for p in parts if getattr(p, "condition", None) == name), float("nan"))  # type: ignore[attr-defined]
-
-
-def _signs(n: int, draw: np.random.Generator) -> Array:
-    """(patterns, n): all there are, or as many drawn ones, the observed among them."""
-    if 2**n <= _SIGNS:
-        return np.array(list(product((1.0, -1.0), repeat=n)))
-    drawn: Array = draw.choice((-1.0, 1.0), (_SIGNS, n))
-    drawn[0] = 1.0
-    return drawn
-
-
-def _share(pool: Array, n: int, signs: Array, alpha: float, count: int, draw: np.random.Generator) -> float:
-    """Of `count` groups of n from `pool`, how many show p < α."""
-    groups = pool[draw.integers(0, len(pool), (count, n))]
-    sums = np.abs(groups @ signs.T)
-    counts = np.abs(groups.sum(axis=1))[:, None]
-    p = np.mean(sums >= counts - 1e-12 * np.abs(groups).sum(axis=1)[:, None], axis=1)
-    return float(np.mean(p < alpha))
-
-
-def _find_fewest(shares: Array, counts: Sequence[int], wanted: float) -> int | None:
-    """The fewest from which on the wanted power is reached."""
-    return next((n for k, n in enumerate(counts) if (shares[k:] >= wanted).all()), None)

@@ -47,7 +47,7 @@ def sit(sitting: StoredSession, participant: Participant, progress: Callable[[in
     """Answer everything that is left of `sitting`; returns how many trials that were."""
     answered = 0
     while (prompt := sitting.prompt) is not None:
-        sitting.answer(participant.answer(prompt, sitting.number))
+        sitting.answer(participant.answer(prompt, sitting.number), driver="sim")
         answered += 1
         if progress is not None:
             progress(answered)

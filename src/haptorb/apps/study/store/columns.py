@@ -8,22 +8,23 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.engine import Engine
 
 from haptorb.apps.study.model.set_points import angles_between
 from haptorb.apps.study.model.study_file import Study, study_of
-from haptorb.apps.study.store.database import participants, replies, sessions, studies, trials
+from haptorb.apps.study.store.database import events, participants, replies, sessions, studies, trials
 from haptorb.errors import InputError, RecordingError
 
-__all__ = ["COLUMNS", "Columns", "read_replies", "read_study", "tidy"]
+__all__ = ["COLUMNS", "Columns", "keep_layout", "read_replies", "read_study", "tidy"]
 
 #: column → what it is; the data dictionary of every export
 COLUMNS = {
     "participant": "pseudonymous code",
     "simulated": "true: a simulated participant, not a person",
+    "simulated_device": "true: on the SIMULATED DEVICE, nobody felt a force; empty: not known, from an older haptorb",
     "session": "number of the session in the database",
-    "trial": "number of the trial in its session, from 0",
+    "trial": "number of the trial in its session, from 1, as on the pages",
     "phase": "practice (left out of every analysis) or main",
     "condition": "condition rendered",
     "other": "forced choice: the condition in the other interval",
@@ -41,6 +42,7 @@ COLUMNS = {
     "angle_deg": "angle between the directions of the tool's magnet and of the set-point [deg]",
     "seconds": "time from prompt to answer [s]",
     "safety": "reasons for which the device tripped during the trial, separated by |",
+    "repeats": "how often the trial began anew: the device was off, or the experimenter repeated it",
     "recording": "file with the recording",
     "answered": "time of the answer (UTC)",
 }
@@ -62,7 +64,17 @@ def read_study(engine: Engine, name: str | None = None) -> Study:
         raise InputError(
             f"several studies in this database (known: {known}): name one; versions of a study need separate databases"
         )
-    return study_of(fitting[0].text, f"'{fitting[0].name}' in the database")
+    return study_of(fitting[0].text, f"'{fitting[0].name}' in the database", stored=True)
+
+
+def keep_layout(engine: Engine, study: Study) -> Study:
+    """`study`, or, if the database holds it as an older haptorb ran it, the one with that layout called published."""
+    older = study.without_layout()
+    if older is None:
+        return study
+    with engine.connect() as connection:
+        known = set(connection.execute(select(studies.c.digest)).scalars())
+    return older if older.digest in known and study.digest not in known else study
 
 
 def tidy(engine: Engine, study: Study) -> Columns:
@@ -74,8 +86,14 @@ def tidy(engine: Engine, study: Study) -> Columns:
         .where(participants.c.study == study.digest)
         .order_by(participants.c.ordinal, trials.c.number)
     )
+    counted = (
+        select(events.c.session, events.c.trial, func.count())
+        .where(events.c.kind == "repeat")
+        .group_by(events.c.session, events.c.trial)
+    )
     with engine.connect() as connection:
         rows = connection.execute(query).all()
+        repeats = {(session, trial): count for session, trial, count in connection.execute(counted)}
     if not rows:
         raise RecordingError(f"study '{study.name}' has no answered trials yet")
     asked: dict[str, dict[str, Any]] = {}  # the same prompt comes again and again: read it once
@@ -96,8 +114,11 @@ def tidy(engine: Engine, study: Study) -> Columns:
     return {
         "participant": np.array([row.code for row in rows]),
         "simulated": np.array([row.simulated for row in rows]),
+        "simulated_device": np.array(
+            [None if row.driver is None else row.driver == "sim" for row in rows], dtype=object
+        ),
         "session": np.array([row.session for row in rows]),
-        "trial": np.array([row.number for row in rows]),
+        "trial": np.array([row.number + 1 for row in rows]),
         **{name: np.array([prompt[name] for prompt in prompts]) for name in ("phase", "condition", "other")},
         "set_point": number,
         "theta_deg": theta,
@@ -113,6 +134,7 @@ def tidy(engine: Engine, study: Study) -> Columns:
         "angle_deg": angles_between(position, ways),
         "seconds": np.array([row.seconds for row in rows]),
         "safety": np.array([reasons[row.safety] for row in rows]),
+        "repeats": np.array([repeats.get((row.session, row.number), 0) for row in rows]),
         "recording": np.array([row.recording or "" for row in rows]),
         "answered": np.array([row.answered for row in rows]),
     }

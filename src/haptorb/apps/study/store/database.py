@@ -95,6 +95,7 @@ trials = Table(
     Column("safety", Text, nullable=False, default="[]"),  # JSON: trips of the device during this trial
     Column("recording", Text),  # file with the tool's course
     Column("answered", String(32), nullable=False),
+    Column("driver", String(200)),  # of the device: "sim" is a simulated one; unknown before schema 3
     UniqueConstraint("session", "number"),
 )  # fmt: skip
 events = Table(

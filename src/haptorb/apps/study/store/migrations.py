@@ -24,8 +24,13 @@ def _questions(connection: Connection) -> None:
     )
 
 
+def _driver(connection: Connection) -> None:
+    """2 → 3: how the device was driven in a trial; of older trials nobody knows."""
+    connection.execute(text("ALTER TABLE trials ADD COLUMN driver VARCHAR(200)"))
+
+
 #: version → the step that leads from it to the next
-STEPS: Mapping[int, Callable[[Connection], None]] = {1: _questions}
+STEPS: Mapping[int, Callable[[Connection], None]] = {1: _questions, 2: _driver}
 
 
 def migrate(connection: Connection, version: int) -> int:

@@ -1,0 +1,97 @@
+"""What has been answered: who took part, what it says, and the data themselves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptorb.apps.cli.study.options import DatabaseArgument, NameOption
+from haptorb.apps.terminal import Column, TextTable, make_console, print_json, print_table, say, tell
+from haptorb.errors import InputError
+
+__all__ = ["analyse", "export", "participants"]
+
+
+def participants(
+    db: DatabaseArgument,
+    name: NameOption = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """List the codes that are taken, what has become of their sessions, and a code that is free."""
+    from haptorb.apps.study.model.codes import next_code
+    from haptorb.apps.study.store.columns import read_study
+    from haptorb.apps.study.store.database import database
+    from haptorb.apps.study.store.people import list_participants
+
+    engine = database(db, make=False)
+    known = read_study(engine, name)
+    people = list_participants(engine, known)
+    free = next_code(one.code for one in people)
+    if json:
+        print_json({"study": known.name, "participants": [one.numbers() for one in people], "next_free_code": free})
+        return
+    table = TextTable((Column("code", kind="key"), Column("session", kind="text"), Column("answered trials"),
+                       Column("begun (UTC)", kind="text")))  # fmt: skip
+    for one in people:
+        state = f"{one.state}, its code continues it" if one.state == "open" else one.state
+        state = f"SIMULATED, {state}" if one.simulated else state
+        table.add_row(one.code, state, str(one.answered), one.started[:16].replace("T", " "))
+    print_table(make_console(), table)
+    tell(f"next free code: {free}")
+
+
+def analyse(
+    db: DatabaseArgument,
+    name: NameOption = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for report and figures (default: STUDY-report).")
+    ] = None,
+    figures: Annotated[str, typer.Option(help="Format of the figures: svg or png.")] = "svg",
+    json: Annotated[bool, typer.Option("--json", help="Only print the numbers as JSON.")] = False,
+) -> None:
+    """Analyse the answers: confusion, accuracy, error over θ, psychometric curves; write an HTML report."""
+    from haptorb.apps.study.analysis.load_analysis import analysis_of
+
+    if figures not in ("svg", "png"):
+        raise InputError(f"--figures must be svg or png; got '{figures}'")
+    done = analysis_of(db, name)
+    if json:
+        print_json(done.numbers())
+        return
+    from haptorb.apps.study.analysis.report import write_report
+    from haptorb.apps.study.analysis.summary import print_summary
+
+    print_summary(done, make_console())
+    path = write_report(done, out or Path(f"{done.study.name}-report"), kind=figures)
+    tell(f"report: {path}")
+
+
+def export(
+    db: DatabaseArgument,
+    path: Annotated[Path, typer.Argument(help="Output: NAME.csv, NAME.parquet, or a folder for BIDS.")],
+    name: NameOption = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
+) -> None:
+    """Export all trials, one row each: CSV, Parquet, or a BIDS folder, with a data dictionary."""
+    from haptorb.apps.study.store.bids import write_bids
+    from haptorb.apps.study.store.columns import read_replies, read_study, tidy
+    from haptorb.apps.study.store.database import database
+    from haptorb.apps.study.store.export import write_csv, write_parquet
+
+    if path.suffix not in ("", ".csv", ".parquet"):
+        raise InputError(f"the output must be NAME.csv, NAME.parquet or a folder; got '{path}'")
+    engine = database(db, make=False)
+    known = read_study(engine, name)
+    columns, replies = tidy(engine, known), read_replies(engine, known)
+    if path.suffix:
+        write = write_csv if path.suffix == ".csv" else write_parquet
+        files = write(known, columns, path, overwrite=force, replies=replies)
+    else:
+        files = (write_bids(known, columns, path, overwrite=force, replies=replies),)
+    practice = int((columns["phase"] == "practice").sum())
+    more = f", {practice} of them practice" if practice else ""
+    tell(f"{len(columns['trial'])} trials{more}: {', '.join(map(str, files))}")
+    if any(told is True for told in columns["simulated_device"]):
+        say("SIMULATED DEVICE: trials in which nobody felt a force are marked in the column simulated_device")

@@ -1,0 +1,95 @@
+"""Before anybody takes part: check the study file, rehearse it, and find how many people it needs."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from haptorb.apps.cli.study.forecast import keep_stored_layout, print_forecast
+from haptorb.apps.cli.study.options import DatabaseOption, FileArgument
+from haptorb.apps.terminal import Column, TextTable, make_console, make_progress, print_json, print_table, tell
+
+__all__ = ["check", "power", "simulate"]
+
+
+def check(file: FileArgument, json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
+    """Check a study file: mistakes, duration, coil temperature, overlap of the maps."""
+    from haptorb.apps.study.model.study_file import read_study
+
+    known = read_study(file)
+    if json:
+        from haptorb.apps.study.simulated.forecast import forecast, overlap
+
+        result, reach = forecast(known), overlap(known)
+        about = {"study": known.name, "procedure": known.procedure, "device": known.device}
+        print_json({**about, "set_points": len(known.points), **result.numbers(), "overlap": reach and reach.numbers()})
+        if not result.holds:
+            raise typer.Exit(1)
+        return
+    tell(f"{known.name}: {known.procedure} on '{known.device}', {len(known.points)} set-points")
+    if not print_forecast(known):
+        raise typer.Exit(1)
+
+
+def simulate(
+    file: FileArgument,
+    db: DatabaseOption = "simulated.db",
+    participants: Annotated[int, typer.Option(help="Number of simulated participants.")] = 6,
+    first: Annotated[int, typer.Option(help="Number in the first code, SIM01 and so on.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the simulated participants.")] = 0,
+) -> None:
+    """Rehearse the study with SIMULATED participants. Their answers are no evidence about people."""
+    from haptorb.apps.study.model.study_file import read_study
+    from haptorb.apps.study.simulated.rehearsal import rehearse
+    from haptorb.apps.study.store.database import database
+
+    engine = database(db)
+    known = keep_stored_layout(engine, read_study(file))
+    with make_progress() as bar:
+        task = bar.add_task("SIMULATED trials", total=None)
+        answered = rehearse(
+            engine, known, participants, seed=seed, first=first,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )  # fmt: skip
+    tell(f"{answered} SIMULATED trials in {db}; `haptorb study analyse {db}` shows them")
+
+
+def power(
+    file: FileArgument,
+    between: Annotated[
+        tuple[str, str] | None, typer.Option(help="The two conditions to compare (default: the first two in the file).")
+    ] = None,
+    measure: Annotated[
+        str | None, typer.Option(help="Measure: error, accuracy, rating, threshold or choice (default: by procedure).")
+    ] = None,
+    pool: Annotated[int, typer.Option(help="Number of simulated participants to draw from.")] = 40,
+    people: Annotated[
+        list[int] | None,
+        typer.Option(help="Number of participants to show; repeatable. The search goes below and above."),
+    ] = None,
+    alpha: Annotated[float, typer.Option(help="Significance level of the test.")] = 0.05,
+    wanted: Annotated[float, typer.Option("--power", help="Required probability of detecting the difference.")] = 0.8,
+    seed: Annotated[int, typer.Option(help="Seed of the simulated participants.")] = 0,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Estimate how many participants a study needs. Predicted with simulated participants."""
+    from haptorb.apps.study.model.study_file import read_study
+    from haptorb.apps.study.simulated.power import PEOPLE
+    from haptorb.apps.study.simulated.power import power as foretold
+
+    known = read_study(file)
+    with make_progress() as bar:
+        task = bar.add_task("SIMULATED participants", total=None)
+        found = foretold(
+            known, between, measure, pool=pool, people=people or PEOPLE, alpha=alpha, wanted=wanted, seed=seed,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )  # fmt: skip
+    if json:
+        print_json(found.numbers())
+        return
+    table = TextTable((Column("participants"), Column("power"), Column("95 %")))
+    for n, share, low, high in zip(found.people, found.power, found.low, found.high, strict=True):
+        table.add_row(str(n), f"{share:.2f}", f"{low:.2f} to {high:.2f}")
+    print_table(make_console(), table)
+    tell(found.sentence)

@@ -1,0 +1,138 @@
+"""Run sessions: with two pages in the browser, or at the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from shlex import join
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from haptorb.apps.cli.study.forecast import keep_stored_layout, print_forecast
+from haptorb.apps.cli.study.options import DatabaseOption, FileArgument
+from haptorb.apps.terminal import say
+from haptorb.errors import InputError
+
+if TYPE_CHECKING:
+    from sqlalchemy.engine import Engine
+
+    from haptorb.apps.study.model.study_file import Study
+    from haptorb.apps.study.pages.session_manager import SessionManager
+    from haptorb.runtime.servo.servo import Servo
+
+__all__ = ["run"]
+
+
+def run(
+    file: FileArgument,
+    participant: Annotated[
+        str | None, typer.Option("--participant", "-p", help="Pseudonymous code, such as P01; optional in the browser.")
+    ] = None,
+    db: DatabaseOption = "study.db",
+    driver: Annotated[str, typer.Option(help="Driver: sim, serial:PORT or i2c:BUS.")] = "sim",
+    tracker: Annotated[
+        str, typer.Option(help="Source of the tool pose; pointer: the page, or the arrow keys.")
+    ] = "pointer",
+    frame: Annotated[
+        Path | None, typer.Option(help="Frame file, from `haptorb frame`, for a tracker with its own frame.")
+    ] = None,
+    record: Annotated[bool, typer.Option(help="Record the session beside the database.")] = True,
+    terminal: Annotated[bool, typer.Option("--terminal", help="Run in the terminal instead of the browser.")] = False,
+    lsl: Annotated[
+        str | None, typer.Option(help="Send LSL streams for other equipment, visible on this: computer or network.")
+    ] = None,
+    port: Annotated[int, typer.Option(help="Port of the pages; 0 takes any free port.")] = 8766,
+) -> None:
+    """Run sessions with a page for the participant and one for the experimenter. Resumes interrupted sessions."""
+    from haptorb.apps.study.model.codes import check_code
+    from haptorb.apps.study.model.study_file import read_study
+    from haptorb.apps.study.store.database import database
+    from haptorb.runtime.realtime.linux import require_linux
+
+    require_linux("`haptorb study run`")
+    known = read_study(file)
+    if participant is not None:
+        participant = check_code(participant)
+    elif terminal:
+        raise InputError("--terminal needs --participant CODE, such as P01")
+    if terminal and (known.mask is not None or lsl is not None):
+        raise InputError("masking noise and LSL streams need the browser: leave out --terminal")
+    print_forecast(known)
+    from haptorb.runtime.servo.servo import Servo
+
+    def start(recording: Path | None) -> Servo:
+        servo = Servo(
+            known.device, "nothing", driver=driver, tracker=tracker, frame=frame, record=recording or False,
+            model=known.model or None,
+        )  # fmt: skip
+        if known.own_world is not None:
+            servo.add_world(known.own_world)
+        return servo
+
+    start(None)  # not opened: a driver, tracker, frame or stream that is none is refused before a database is made
+    streams = None
+    if lsl is not None:
+        from haptorb.apps.study.session.streams import open_streams
+
+        streams = open_streams(lsl)
+    engine = database(db)  # before the device: without a place for answers nothing is started
+    known = keep_stored_layout(engine, known)
+    if terminal:
+        told = {"--driver": (driver, "sim"), "--tracker": (tracker, "pointer"), "--frame": (frame, None)}
+        more = [word for name, (value, usual) in told.items() if value != usual for word in (name, str(value))]
+        again = join(["haptorb", "study", "run", str(file), "--terminal", "-p", str(participant), "--db", db, *more])
+        _run_in_terminal(known, engine, str(participant), start, db, again, record)
+    else:
+        from haptorb.apps.study.pages.session_manager import SessionManager
+
+        def find_path(session: int) -> Path | None:
+            return _free_recording_path(db, session) if record else None
+
+        _run_in_browser(SessionManager(engine, known, start, find_path, streams), known, participant, db, driver, port)
+
+
+def _run_in_terminal(
+    known: Study, engine: Engine, participant: str, start: Callable[[Path | None], Servo], db: str, again: str,
+    record: bool,
+) -> None:  # fmt: skip
+    from haptorb.apps.study.session.stored_session import StoredSession
+
+    with StoredSession(engine, known, participant, simulated=False) as sitting:
+        if sitting.resumed:
+            say(f"resuming session {sitting.id} of {participant} at trial {sitting.number + 1}")
+        if sitting.over:
+            raise InputError(f"participant '{participant}' has already answered all trials")
+        from haptorb.apps.study.session.terminal import run_session
+
+        how = run_session(sitting, start, _free_recording_path(db, sitting.id) if record else None)
+    words = {"done": "done: thank you", "aborted": "aborted: the answers are stored"}
+    say(words.get(how, f"session ended: `{again}` resumes at trial {sitting.number + 1}"))
+
+
+def _run_in_browser(
+    sessions: SessionManager, known: Study, participant: str | None, db: str, driver: str, port: int
+) -> None:
+    from haptorb.apps.study.pages.server import StudyServer
+    from haptorb.apps.study.simulated.forecast import forecast
+    from haptorb.apps.study.store.database import mask_password
+
+    more = {"database": mask_password(db), "foretold": forecast(known).sentence, "code": participant or ""}
+    with StudyServer(sessions, port, simulated=driver == "sim", more=more) as host:
+        nature = "SIMULATED DEVICE" if driver == "sim" else f"driver {driver}"
+        say(f"participant:  {host.participant}\nexperimenter: {host.experimenter}\n{nature}. Ctrl-C ends.")
+        if participant is not None:
+            sessions.ask({"do": "begin", "code": participant}, say)
+        number = host.serve()
+    if number:
+        say("ended: the same command resumes an interrupted session")
+
+
+def _free_recording_path(db: str, session: int) -> Path:
+    """A name for this stretch of the session's recording that is not taken."""
+    from haptorb.apps.study.store.database import url_of
+
+    url = url_of(db)
+    folder = Path(url.removeprefix("sqlite:///")).parent if url.startswith("sqlite:///") else Path()
+    number = 1 + len(list(folder.glob(f"session-{session}-*.mcap")))
+    return folder / f"session-{session}-{number}.mcap"

@@ -1,0 +1,105 @@
+"""Data out as a folder after the Brain Imaging Data Structure (BIDS), behavioural data; the whole folder or none."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from haptorb.apps.study.model.codes import make_labels
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.store.columns import COLUMNS, Columns
+from haptorb.apps.study.store.export import Replies, escape_formula, explain_write_error, write_json, write_table
+from haptorb.errors import RecordingError
+from haptorb.files.replace_together import replace_folder
+from haptorb.version import __version__
+
+__all__ = ["write_bids"]
+
+
+def write_bids(
+    study: Study, columns: Columns, folder: str | Path, *, overwrite: bool = False, replies: Replies | None = None
+) -> Path:
+    """A table per participant, sub-LABEL/beh/sub-LABEL_task-NAME_beh.tsv, and what BIDS wants beside it.
+
+    A label is the participant's code, of which BIDS allows ASCII letters and digits only; participants.tsv has both,
+    and `replies` to the questions in words as columns. Raises RecordingError, with nothing changed, if `folder` exists
+    and `overwrite` is not set, or if it is no folder that this function wrote.
+    """
+    folder = Path(folder)
+    with explain_write_error(folder):
+        _check_place(folder, overwrite)
+        with replace_folder(folder) as part:
+            _fill_folder(study, columns, part, replies or {})
+    return folder
+
+
+def _check_place(folder: Path, overwrite: bool) -> None:
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise RecordingError(f"{folder} is a file: name a folder, or a file that ends in .csv or .parquet")
+    if not overwrite:
+        text = f"{folder} exists; choose another name, or replace it"
+        raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
+    # What is replaced is gone with all that is in it, so it must be an earlier export.
+    if any(folder.iterdir()) and not _is_export(folder):  # safety: export-own-folder
+        raise RecordingError(
+            f"{folder} is no export of haptorb, so it is not replaced: choose another name, or remove it yourself"
+        )
+
+
+def _is_export(folder: Path) -> bool:
+    try:
+        told = json.loads((folder / "dataset_description.json").read_text(encoding="utf-8"))
+        return any(made["Name"] == "haptorb" for made in told["GeneratedBy"])
+    except (OSError, ValueError, LookupError, TypeError):
+        return False
+
+
+def _fill_folder(study: Study, columns: Columns, part: Path, replies: Replies) -> None:
+    task = "".join(filter(str.isalnum, study.name))
+    people, device = bool(columns["simulated"].any()), any(told is True for told in columns["simulated_device"])
+    marks = [word for word, marked in (("SIMULATED participants", people), ("SIMULATED DEVICE", device)) if marked]
+    description = {
+        "Name": f"{study.name}{' (' + ', '.join(marks) + ')' if marks else ''}",
+        "BIDSVersion": "1.10.0",
+        "DatasetType": "raw",
+        "GeneratedBy": [{"Name": "haptorb", "Version": __version__}],
+    }
+    write_json(part / "dataset_description.json", description)
+    (part / "README").write_text(
+        f"Perceptual study '{study.name}' on device '{study.device}', run with haptorb {__version__}.\n"
+        + ("Participants whose code is SIM and a number are SIMULATED.\n" if people else "")
+        + ("Where simulated_device is true, the SIMULATED DEVICE was used: nobody felt a force.\n" if device else "")
+        + "The study file is in code/study.toml.\n",
+        encoding="utf-8",
+    )
+    (part / "code").mkdir()
+    (part / "code" / "study.toml").write_text(study.text, encoding="utf-8")
+    asked = study.questions if replies else ()
+    lines = [["participant_id", "code", "simulated", "simulated_device", *(question.name for question in asked)]]
+    for code, label in make_labels(dict.fromkeys(columns["participant"].tolist())).items():
+        mine = {name: values[columns["participant"] == code] for name, values in columns.items()}
+        told = [escape_formula(" ".join(replies.get(code, {}).get(q.name, "n/a").split())) for q in asked]
+        lines.append([f"sub-{label}", code, _word(mine["simulated"]), _word(mine["simulated_device"]), *told])
+        place = part / f"sub-{label}" / "beh"
+        place.mkdir(parents=True)
+        write_table(mine, place / f"sub-{label}_task-{task}_beh.tsv", "\t", "n/a")
+    text = "".join("\t".join(line) + "\n" for line in lines)
+    (part / "participants.tsv").write_text(text, encoding="utf-8")
+    described = {
+        "code": COLUMNS["participant"], "simulated": COLUMNS["simulated"],
+        "simulated_device": f"{COLUMNS['simulated_device']}; mixed: in some of the trials",
+        **{question.name: question.text for question in asked},
+    }  # fmt: skip
+    write_json(part / "participants.json", {name: {"Description": text} for name, text in described.items()})
+    about = {name: {"Description": text} for name, text in COLUMNS.items()}
+    write_json(part / f"task-{task}_beh.json", {"TaskName": task, "Instructions": study.instructions, **about})
+
+
+def _word(told: Any) -> str:
+    """One word for all trials of a participant."""
+    words = {None: "n/a", True: "true", False: "false"}
+    found = {words[value] for value in told.tolist()}
+    return found.pop() if len(found) == 1 else "mixed"
