@@ -18,7 +18,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from safety_markers import Marked, MarkerError, break_code, find_marked
+from safety_markers import MarkedStatement, MarkerError, break_code, find_marked
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src" / "haptorb"
@@ -69,6 +69,13 @@ RULES = [
         f"{HOSTILE}::test_a_recording_is_as_open_as_its_owner_wants_files",
     ),
     ("eeprom-kept", "an id is kept when the EEPROM has it", "replace test.values[1] by False", SERIAL_TESTS),
+    (
+        "pointer-bridged",
+        "a page that stutters for too long loses the mover",
+        "always",
+        "tests/apps/console/test_pointer_relay.py",
+    ),
+    ("cool-simulated", "real coils stay as warm as they are", "always", "tests/runtime/tick/test_cooling.py"),
     ("host-silent", "a silent host is dead", "never", "tests/runtime/processes/test_loop.py"),
     ("host-stopped", "a stopped host is dead within 100 ms", "never", "tests/runtime/realtime/test_host_heartbeat.py"),
     (
@@ -309,7 +316,7 @@ class Proof:
     broken: str  # the file's text without what keeps the rule
 
 
-def collect_proofs(rules: list[tuple[str, str, str, str]], marked: dict[str, Marked]) -> list[Proof]:
+def collect_proofs(rules: list[tuple[str, str, str, str]], marked: dict[str, MarkedStatement]) -> list[Proof]:
     """A proof per rule; MarkerError unless each rule has its marker and each marker its rule."""
     names = [name for name, *_ in rules]
     if twice := sorted({name for name in names if names.count(name) > 1}):

@@ -84,13 +84,13 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
                 lost += gap
             words[Word.LOST], words[Word.TAKEN] = lost, cursor
             recorder.append(rows)
-            words[Word.WRITTEN] = recorder.kept
+            words[Word.WRITTEN] = recorder.safe_rows
             if last and not len(rows):
                 break
         reason = shared.reason.read()[1]
         recorder.note("end", {"rows": str(recorder.written), "lost": str(lost), "reason": reason})
         recorder.finish()
-        words[Word.WRITTEN] = recorder.kept
+        words[Word.WRITTEN] = recorder.safe_rows
         # Only a complete recording may be replaced by hand; one that was cut short stays write-protected.
         complete(file.fileno(), temporary=bool(spec["temporary"]))
 
