@@ -19,8 +19,6 @@ __all__ = ["catalogue", "load", "parse"]
 
 _FOLDER = Path(__file__).parent / "catalogue"
 
-_MISTAKES = 40  #: told at once
-
 
 def catalogue() -> dict[str, str]:
     """Name → title of every device that comes with the package."""
@@ -76,7 +74,8 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
             digest = hashlib.sha256(whole.encode()).hexdigest()
             device: Device = file.build(assumed, digest, override=override)
     except ValidationError as cause:
-        raise DeviceError(_mistakes(name, cause.errors(), file_class)) from cause
+        lines = [f"device '{name}': {line}" for line in explain_mistakes(cause.errors(), file_class)]
+        raise DeviceError("\n".join(lines)) from cause
     except (ArithmeticError, np.linalg.LinAlgError, MemoryError) as cause:
         raise DeviceError(
             f"device '{name}': its values are too large, or too far apart, to compute with ({cause}); "
@@ -143,11 +142,3 @@ def _with_unit(value: Any, unit: str) -> Any:
     if isinstance(value, int | float) and not isinstance(value, bool):
         return (value, unit)
     return value
-
-
-def _mistakes(name: str, errors: list[Any], file_class: Any) -> str:
-    told = explain_mistakes(errors, file_class)
-    lines = [f"device '{name}': {line}" for line in told[:_MISTAKES]]
-    if len(told) > _MISTAKES:
-        lines.append(f"device '{name}': and {len(told) - _MISTAKES} more mistakes")
-    return "\n".join(lines)

@@ -96,8 +96,8 @@ def load_designs(path: str | Path) -> Candidates:
         try:
             designs.append(_candidate(name, file, {**common, **own}))
         except ValidationError as cause:
-            told = [error for error in cause.errors() if error["loc"][0] in own or error["loc"][0] not in common]
-            mistakes += [f"design {quote(name)}: {line}" for line in explain_mistakes(told, DesignTable)]
+            errors = [error for error in cause.errors() if error["loc"][0] in own or error["loc"][0] not in common]
+            mistakes += [f"design {quote(name)}: {line}" for line in explain_mistakes(errors, DesignTable)]
         except HaptorbError as cause:
             mistakes.append(f"design {quote(name)}: {cause}")
     if mistakes:

@@ -44,15 +44,15 @@ Modulus = Annotated[q.Modulus, Positive]
 
 def _world_range(key: str) -> m.Form:
     """What the worlds allow for `key`: in mm, GPa or degrees."""
-    told = {}
+    ranges = {}
     for name, world in (("snap_fit", SnapFit), ("outlet", Outlet)):
         known = parameters(world).get(key) or parameters(world).get(f"{key}_deg")
         if known is not None:
             scale, unit = {"m": (1e3, " mm"), "Pa": (1e-9, " GPa"), "°": (1.0, " deg")}.get(known.unit, (1.0, ""))
-            told[name] = f"{scale * known.low:g} to {scale * known.high:g}{unit}"
-    if len(set(told.values())) == 1:
-        return m.Form(next(iter(told.values())))
-    return m.Form("; ".join(f"{name}: {text}" for name, text in told.items()))
+            ranges[name] = f"{scale * known.low:g} to {scale * known.high:g}{unit}"
+    if len(set(ranges.values())) == 1:
+        return m.Form(next(iter(ranges.values())))
+    return m.Form("; ".join(f"{name}: {text}" for name, text in ranges.items()))
 
 
 def _world_default(key: str) -> m.Without:

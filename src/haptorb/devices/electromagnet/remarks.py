@@ -34,25 +34,27 @@ def _moments(names: tuple[str, ...], predicted: Array, moments: Array, moments_f
     pairs = list(zip(names, *sizes, strict=True))
     if not any(abs(computed / used - 1) > FORCE_JND for _, used, computed in pairs):
         return []
-    told = "; ".join(
+    differences = "; ".join(
         f"coil {name}: {used:.4f} m², windings and core give {computed:.4f} m² ({100 * (computed / used - 1):+.0f} %)"
         for name, used, computed in pairs
     )
     origin, remedy = "moment_per_current", "correct one of them, or leave out moment_per_current to use [windings]"
     if moments_from == "calibration":
         origin, remedy = "the calibration", "correct [windings]"
-    return [f"moments differ: {told}. Forces follow {origin}, so [windings] have no effect on them; {remedy}"]
+    return [f"moments differ: {differences}. Forces follow {origin}, so [windings] have no effect on them; {remedy}"]
 
 
 def _copper(coils: Coils, windings: Windings) -> list[str]:
     warm = 1 + coils.temperature_coefficient * (coils.reference_temperature - _COPPER_AT)
     fill = windings.fill(coils.resistance, COPPER_RESISTIVITY * warm)
-    told = [
+    coils_below = [
         f"coil {name}: {windings.turns[k]:g} turns of copper in its section have at least "
         f"{coils.resistance[k] * fill[k] / _MOST_FILL:.2g} Ω, coils.resistance says {coils.resistance[k]:g} Ω"
         for k, name in enumerate(coils.names)
         if fill[k] > _MOST_FILL
     ]
-    if not told:
+    if not coils_below:
         return []
-    return [f"resistance too low: {'; '.join(told)}. Correct coils.resistance, or the turns or sizes of [windings]"]
+    return [
+        f"resistance too low: {'; '.join(coils_below)}. Correct coils.resistance, or the turns or sizes of [windings]"
+    ]

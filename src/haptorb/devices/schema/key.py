@@ -16,7 +16,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-__all__ = ["Form", "Meaning", "Unit", "Without", "find_key", "nested_model", "unwrap"]
+__all__ = ["Form", "Meaning", "Unit", "Without", "find_key", "find_table", "unwrap"]
 
 
 @dataclass(frozen=True)
@@ -72,13 +72,13 @@ def _flatten(metadata: typing.Iterable[Any]) -> Iterator[Any]:
             yield mark
 
 
-def nested_model(annotation: Any) -> type[BaseModel] | None:
+def find_table(annotation: Any) -> type[BaseModel] | None:
     """The table that a key of this type holds, or each element of its list or table; None for a plain value."""
     bare, _ = unwrap(annotation)
     if isinstance(bare, type) and issubclass(bare, BaseModel):
         return bare
     parts = [part for part in typing.get_args(bare) if part is not Ellipsis]
-    return nested_model(parts[-1]) if typing.get_origin(bare) in (tuple, dict) and parts else None
+    return find_table(parts[-1]) if typing.get_origin(bare) in (tuple, dict) and parts else None
 
 
 def find_key(model: type[BaseModel], path: typing.Iterable[int | str]) -> tuple[Any, list[Any]] | None:

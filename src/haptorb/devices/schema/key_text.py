@@ -11,7 +11,7 @@ import annotated_types as at
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from haptorb.devices.schema.key import Form, Meaning, Unit, Without, nested_model, unwrap
+from haptorb.devices.schema.key import Form, Meaning, Unit, Without, find_table, unwrap
 from haptorb.devices.schema.quantity import QuantityKind
 from haptorb.devices.schema.unit_help import usual_units
 from haptorb.devices.schema.units import convert
@@ -35,7 +35,7 @@ def list_keys(model: type[BaseModel], prefix: str = "") -> Iterator[KeyText]:
     """Every key of `model` and of the tables in it, in the order of the file; tables before their keys."""
     for name, field in model.model_fields.items():
         yield _describe_key(prefix + name, field)
-        inner = nested_model(field.annotation)
+        inner = find_table(field.annotation)
         if inner is not None:
             yield from list_keys(inner, f"{prefix}{name}.")
 
@@ -87,7 +87,7 @@ def _describe_value(bare: Any, marks: list[Any]) -> tuple[str, str, str]:
         usual = ", ".join(usual_units(quantity.unit)[:3]) or "1"
         return quantity.kind.removeprefix("an ").removeprefix("a ").removeprefix("plain "), usual, form or _span(marks)
     origin = typing.get_origin(bare)
-    if nested_model(bare) is not None:
+    if find_table(bare) is not None:
         return ("list of tables" if origin is tuple else "table", "none", form or _length(marks) or "the keys below")
     if origin is tuple:
         return _describe_list(bare, marks, form)
@@ -135,10 +135,10 @@ def _length(marks: list[Any]) -> str:
 
 def _span(marks: list[Any]) -> str:
     signs = ((at.Gt, "gt", ">"), (at.Ge, "ge", "≥"), (at.Lt, "lt", "<"), (at.Le, "le", "≤"))
-    told = [
+    bounds = [
         f"{sign} {bound_text(getattr(mark, name), marks)}"
         for kind, name, sign in signs
         for mark in marks
         if isinstance(mark, kind)
     ]
-    return ", ".join(told) or "any"
+    return ", ".join(bounds) or "any"

@@ -36,22 +36,22 @@ def list_limit_mistakes(coils: Coils, supply: Supply, limits: Limits, force: flo
     alike: dict[str, list[str]] = {}
     for name, current, most, ohms in zip(coils.names, coils.current_limit, driven, coils.resistance, strict=True):
         if current > _UNREACHABLE * most:
-            told = (
+            text = (
                 f"is {current:g} A, but {supply.voltage:g} V drive at most "
                 f"{most:.3g} A through its {ohms:g} Ω; is its unit right?"
             )
-            alike.setdefault(told, []).append(name)
+            alike.setdefault(text, []).append(name)
             continue
         power = min(current, most) ** 2 * ohms
         time = heat.winding_capacity * (heat.stop - heat.ambient) / power
         if time < _COILS_OFF:
-            told = (
+            text = (
                 f"lets {min(current, most):.3g} A ({power:.3g} W) heat the winding with its {heat.winding_capacity:g} "
                 f"J/K past the stop temperature in {1e3 * time:.2g} ms, before the coils of a stopped computer are "
                 f"off ({1e3 * _COILS_OFF:.0f} ms): reduce it, or correct coils.heat.winding_capacity"
             )
-            alike.setdefault(told, []).append(name)
-    return [*found, *(f"coils.current_limit of coil {', '.join(names)} {told}" for told, names in alike.items())]
+            alike.setdefault(text, []).append(name)
+    return [*found, *(f"coils.current_limit of coil {', '.join(names)} {text}" for text, names in alike.items())]
 
 
 def list_limit_remarks(coils: Coils, supply: Supply, limits: Limits, force: float, torque: float) -> list[str]:

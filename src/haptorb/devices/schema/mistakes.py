@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from haptorb.devices.schema.key import Form, find_key, nested_model
+from haptorb.devices.schema.key import Form, find_key, find_table
 from haptorb.devices.schema.key_text import bound_text, meaning_of
 from haptorb.errors import quote
 
@@ -34,13 +34,16 @@ _KINDS = {
 }
 
 
-def explain_mistakes(errors: Iterable[Any], model: type[BaseModel]) -> list[str]:
+def explain_mistakes(errors: Iterable[Any], model: type[BaseModel], most: int = 40) -> list[str]:
     """One sentence per error of `model`, each beginning with the key; elements of lists count from 1.
 
-    Left out: that a list is too short where only its elements are wrong, which pydantic says as well.
+    After `most` of them the rest is counted. Left out: that a list is too short where only its elements are wrong,
+    which pydantic says as well.
     """
-    told = [_explain(error, model) for error in errors if not _is_echo(error)]
-    return list(dict.fromkeys(told))
+    sentences = list(dict.fromkeys(_explain(error, model) for error in errors if not _is_echo(error)))
+    if len(sentences) > most:
+        sentences[most:] = [f"and {len(sentences) - most} more mistakes"]
+    return sentences
 
 
 def _is_echo(error: Any) -> bool:
@@ -101,5 +104,5 @@ def _alternatives(context: Mapping[str, Any]) -> list[str]:
 
 def _list_keys(model: type[BaseModel], path: list[Any]) -> list[str]:
     found = find_key(model, path)
-    inner = None if found is None else nested_model(found[0])
+    inner = None if found is None else find_table(found[0])
     return [] if inner is None else list(inner.model_fields)

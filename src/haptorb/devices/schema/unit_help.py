@@ -64,19 +64,19 @@ def explain_unit(text: str, unit: str, is_unit: Callable[[str], bool]) -> str:
     if text == "":
         return ""
     usual = usual_units(unit)
-    told = f" (units: {', '.join(usual)})" if usual else " (this value has no unit)"
+    suitable = f" (units: {', '.join(usual)})" if usual else " (this value has no unit)"
     try:
         names = [name for name, _ in split_unit(text)]
     except ValueError as cause:
-        return f": {cause}{told}"
+        return f": {cause}{suitable}"
     for name in names:
         if name in AMBIGUOUS:
-            return f": write {AMBIGUOUS[name]}{told}"
+            return f": write {AMBIGUOUS[name]}{suitable}"
         if find_unit(name) is None and not is_unit(name):
             near = _find_near(name)
             hint = f", did you mean '{near}'?" if near else ""
-            return f": {quote(name, 20)} is no unit{hint}{told}"
-    return told
+            return f": {quote(name, 20)} is no unit{hint}{suitable}"
+    return suitable
 
 
 def _find_near(name: str) -> str | None:

@@ -234,9 +234,7 @@ def study_of(text: str, where: str = "study", folder: Path | None = None) -> Stu
             study = _load_world(study, parse_world_file(study.world, folder))
         _check_study(study)
     except ValidationError as cause:
-        mistakes = explain_mistakes(cause.errors(), Study)
-        more = len(mistakes) - _MISTAKES
-        mistakes = mistakes[:_MISTAKES] + ([f"and {more} more mistakes"] if more > 0 else [])
+        mistakes = explain_mistakes(cause.errors(), Study, _MISTAKES)
         lines = f" {mistakes[0]}" if len(mistakes) == 1 else "\n  ".join(["", *mistakes])
         raise InputError(f"study file {where}:{lines}") from cause
     except InputError as cause:
