@@ -47,12 +47,12 @@ class Groove(World):
 def read_address(process: subprocess.Popen[str]) -> tuple[str, str]:
     """Origin and token of the console that `process` serves."""
     assert process.stderr is not None
-    said = ""
+    text = ""
     for line in process.stderr:
-        said += line
+        text += line
         if found := re.search(r"Open (http://[\d.:]+)/#(\S+)", line):
             return found[1], found[2]
-    raise SystemExit(f"the console did not start:\n{said}")
+    raise SystemExit(f"the console did not start:\n{text}")
 
 
 def find_force(process: subprocess.Popen[str], origin: str, headers: dict[str, str]) -> int:
@@ -104,9 +104,9 @@ def measure_saves(saves: int) -> list[float]:
                     for number in range(saves):
                         push = PUSH if number % 2 else -PUSH
                         file.write_text(_GROOVE.format(push=push))
-                        begun = time.monotonic()
+                        start = time.monotonic()
                         wait_for_force(page, column, push)
-                        times.append(time.monotonic() - begun)
+                        times.append(time.monotonic() - start)
                 return times
             finally:
                 process.terminate()

@@ -144,15 +144,15 @@ def show(
     from haptorb.devices.loader import load
 
     found = load(device, override=override)
-    path = (
-        None if json and output is None else check_figure_file(output or Path(f"{found.name}.drawing.png"), "--output")
-    )
-    if path is not None:
-        write_figure(found.draw(view, azimuth), path, "--output")
+    if output is None and not json:
+        output = Path(f"{found.name}.drawing.png")
+    if output is not None:
+        check_figure_file(output, "--output")
+        write_figure(found.draw(view, azimuth), output, "--output")
     if json:
         print_json(describe_geometry(found))
     else:
-        tell(f"written: {path}")
+        tell(f"written: {output}")
 
 
 def _list(lines: dict[str, str], json: bool) -> None:

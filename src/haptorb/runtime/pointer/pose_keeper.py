@@ -46,12 +46,12 @@ class PoseKeeper:
         self._every = min(_EVERY, expiry / 5)
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._keep, name="haptorb-hand", daemon=True)
-        self._begun = 0.0
+        self._start_time = 0.0
         self._first = self._motion_at(0.0)
 
     def start(self) -> None:
         """Say the first pose now, and the others from a thread."""
-        self._begun = monotonic()
+        self._start_time = monotonic()
         self._say(self, self._first)
         self._thread.start()
 
@@ -69,7 +69,7 @@ class PoseKeeper:
             raise_priority()  # on a busy computer an ordinary thread may wait longer than a pose is good for
         while not self._ending.wait(self._every):
             try:
-                pose = self._motion_at(monotonic() - self._begun)
+                pose = self._motion_at(monotonic() - self._start_time)
             except InputError as cause:
                 self.trouble = cause
                 return

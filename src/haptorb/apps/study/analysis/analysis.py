@@ -19,7 +19,7 @@ from haptorb.apps.study.analysis.conditions import (
     count_choices,
     rate_condition,
 )
-from haptorb.apps.study.analysis.statistics import Curve, binomial_tail, bootstrap, psychometric_fit, wilson
+from haptorb.apps.study.analysis.statistics import PsychometricCurve, binomial_tail, bootstrap, psychometric_fit, wilson
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
 from haptorb.apps.terminal.notebook_report import NotebookReport
@@ -82,7 +82,9 @@ class Analysis(NotebookReport):
     confusion: Confusion | None = None
     arrows: tuple[Arrow, ...] = ()
     rings: tuple[LatitudeError, ...] = ()
-    curves: dict[str, tuple[Array, Array, Array, Curve]] = field(default_factory=dict)  #: (levels, yes, of, fit)
+    curves: dict[str, tuple[Array, Array, Array, PsychometricCurve]] = field(
+        default_factory=dict
+    )  #: (levels, yes, of, fit)
     thresholds: dict[str, dict[str, float]] = field(default_factory=dict)  #: condition → participant → threshold
     scores: dict[str, RatingMean] = field(default_factory=dict)  #: by condition
     chosen: dict[tuple[str, str], tuple[int, int, tuple[float, float]]] = field(default_factory=dict)
@@ -232,9 +234,9 @@ def _rings(main: Columns, index: np.ndarray[Any, Any], people: int) -> tuple[Lat
     return tuple(found)
 
 
-def _curves(study: Study, main: Columns) -> dict[str, tuple[Array, Array, Array, Curve]]:
+def _curves(study: Study, main: Columns) -> dict[str, tuple[Array, Array, Array, PsychometricCurve]]:
     """By condition: how often the comparison was called the stronger, over its level, participants pooled."""
-    found: dict[str, tuple[Array, Array, Array, Curve]] = {}
+    found: dict[str, tuple[Array, Array, Array, PsychometricCurve]] = {}
     for name in dict.fromkeys(main["condition"].tolist()):
         here = main["condition"] == name
         levels, which = np.unique(main["level"][here], return_inverse=True)
