@@ -42,6 +42,7 @@ WATCH = """() => {
   const frame = (now) => { if (now - last > 250) stalls.push(now - last); last = now; requestAnimationFrame(frame); };
   requestAnimationFrame(frame);
 }"""
+STARTS = 4  #: of the servo, if the computer is too busy even for that
 ROUND, REST = 8.0, 2.0  #: of dragging, then of holding still [s]
 
 
@@ -62,25 +63,50 @@ def compute() -> None:
 
 
 @contextmanager
-def running(device: str, busy: int) -> Iterator[tuple[str, Connection]]:
-    """Console and busy processes; the page's address, and the line over which "end" brings the report."""
+def running(device: str) -> Iterator[tuple[str, Connection]]:
+    """The console in a process of its own; the page's address, and the line over which "end" brings the report."""
     processes = multiprocessing.get_context("spawn")
     line, other = processes.Pipe()
     serving = processes.Process(target=serve, args=(other, device))
-    loops = [processes.Process(target=compute, daemon=True) for _ in range(busy)]
     serving.start()
     other.close()
     try:
-        url = line.recv()
-        for loop in loops:
-            loop.start()
-        yield url, line
+        yield line.recv(), line
     finally:
         line.close()
-        for loop in loops:
-            if loop.is_alive():
-                loop.terminate()
         serving.join()
+
+
+@contextmanager
+def computing(busy: int) -> Iterator[None]:
+    """So many processes that compute, for as long as the block lasts."""
+    loops = [multiprocessing.get_context("spawn").Process(target=compute, daemon=True) for _ in range(busy)]
+    for loop in loops:
+        loop.start()
+    try:
+        yield
+    finally:
+        for loop in loops:
+            loop.terminate()
+            loop.join()
+
+
+def open_page(browser: Browser, url: str, line: Connection) -> Page | None:
+    """The console's page with samples on it; None if the loop ended by itself on too busy a computer."""
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    try:
+        page.goto(url, timeout=60_000)
+        while not page.evaluate("window.haptorb && haptorb.control && haptorb.frames > 30"):
+            if line.poll():
+                page.close()
+                return None
+            page.wait_for_timeout(100)
+    except Error:
+        page.close()
+        if line.poll(10):
+            return None
+        raise
+    return page
 
 
 def take_hold(page: Page) -> tuple[float, float]:
@@ -134,23 +160,21 @@ def drag(page: Page, seconds: float) -> int:
 
 def measure(minutes: float, busy: int, device: str, browser: Browser) -> dict[str, Any]:
     """Drag for `minutes` beside `busy` computing processes."""
-    with running(device, busy) as (url, line):
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
-        try:
-            page.goto(url, timeout=60_000)
-        except Error as cause:
-            why = line.recv()["trips"] if line.poll(10) else cause
-            raise SystemExit(f"the page could not be opened, nothing was measured: {why}") from cause
-        while not page.evaluate("window.haptorb && haptorb.control && haptorb.frames > 30"):
-            if line.poll():
-                raise SystemExit(f"the loop ended by itself, nothing was measured: {line.recv()['trips']}")
-            page.wait_for_timeout(100)
-        page.evaluate(WATCH)
-        taken = drag(page, 60 * minutes)
-        stalls = page.evaluate("stalls")
-        page.close()
-        line.send("end")
-        report = line.recv()
+    for _ in range(STARTS):
+        with running(device) as (url, line):
+            page = open_page(browser, url, line)
+            if page is None:
+                continue
+            page.evaluate(WATCH)
+            with computing(busy):
+                taken = drag(page, 60 * minutes)
+            stalls = page.evaluate("stalls")
+            page.close()
+            line.send("end")
+            report = line.recv()
+            break
+    else:
+        raise SystemExit(f"the loop ended by itself in {STARTS} starts: nothing was measured")
     trips = [(round(trip["t"], 1), trip["code"]) for trip in report["trips"] if trip["code"] != "CLOSING"]
     return {
         "minutes": minutes,
