@@ -76,6 +76,24 @@ export interface TargetScene {
   force: number;
 }
 
+/** A session in which designs are felt and rated; what is hidden is not in it. */
+export interface FeelState {
+  title: string;
+  person: string;
+  people: string[];
+  hidden: boolean;
+  scale: [number, number];
+  number: number;
+  label: string;
+  /** which feeling it is: a rating names it */
+  feeling: string;
+  score: number | null;
+  a: number;
+  b: number;
+  designs: { number: number; label: string; score: number | null; remarks: string[] }[];
+  finished: boolean;
+}
+
 export interface Session {
   version: string;
   started: string;
@@ -102,6 +120,7 @@ export interface Session {
   };
   worlds: World[];
   world: { name: string; values: Values; model: string; scene: TargetScene | null };
+  feel: FeelState | null;
   /** the guard's reasons by code: a word, and what happened and what to do */
   trips: Record<string, { word: string; text: string }>;
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -12,11 +12,13 @@ from haptorb.apps.terminal import Column, TextTable, make_console, print_json, p
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
-    from haptorb.apps.feel import Candidate, Candidates, FeelSession, Trace
-    from haptorb.runtime.recording.recording import Recording
+    from haptorb.apps.feel import Candidate, Candidates, FeelSession
+    from haptorb.apps.feel.live_session import LiveSession
     from haptorb.runtime.servo.servo import Servo
 
 __all__ = ["register"]
+
+_EVERY = 0.05  #: between two looks at the servo's rows [s]
 
 
 def register(app: typer.Typer) -> None:
@@ -30,6 +32,9 @@ def feel(
     only: Annotated[list[str] | None, typer.Option(help="Render only this design; repeatable.")] = None,
     session: Annotated[Path | None, typer.Option(help="Folder for ratings and traces (default: FILE-session).")] = None,
     person: Annotated[str, typer.Option(help="Code of the person who rates.")] = "",
+    blind: Annotated[
+        bool, typer.Option("--blind", help="Hide names, sizes, pictures and forces of the designs in the console.")
+    ] = False,
     rate: Annotated[list[str] | None, typer.Option(help="Enter a score, NAME=1…7; repeatable.")] = None,
     choose: Annotated[str | None, typer.Option(help="Record this design as the choice.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the comparison into this PNG or SVG file.")] = None,
@@ -38,15 +43,18 @@ def feel(
     ] = False,
     seconds: Annotated[float, typer.Option(help="Duration per design without the console [s].")] = 15.0,
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
+    browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
 ) -> None:
-    """Feel designs one after another, rate each from 1 to 7, and compare them. Traces and ratings are stored."""
+    """Feel designs, rate each from 1 to 7, and compare them. At the end there is a report."""
     from haptorb.apps.feel import FeelSession, load_designs
+    from haptorb.apps.feel.live_session import LiveSession
+    from haptorb.apps.feel.session import check_person
     from haptorb.runtime.realtime.linux import require_linux
 
     require_linux("`haptorb feel`")
     candidates = load_designs(designs)
-    wanted = [candidates[name] for name in only] if only else list(candidates.designs)
+    wanted = [candidates[name] for name in dict.fromkeys(only)] if only else list(candidates.designs)
     scores = _scores(rate or [], candidates)
     if choose is not None:
         candidates[choose]  # refuses a name that there is not before anything is felt
@@ -54,87 +62,82 @@ def feel(
         raise InputError(f"--seconds must be greater than 0; got {seconds:g}")
     if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
         raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
+    person = check_person(person)
     kept = FeelSession(session or designs.with_name(f"{designs.stem}-session"), candidates)
     for design in wanted:
         for remark in design.remarks:
             say(f"{design.name}: {remark}")
-        servo = _servo(device, design, candidates)
-        answer = _run_without_console(servo, seconds) if headless else _run_with_console(servo, design, port)
-        trace = _trace(servo.recording, design)
-        name = kept.keep(trace) if len(trace.rows) else ""
-        score = scores.get(design.name, _score(answer))
-        if score is not None:
-            kept.rate(design.name, score, person=person, trace=name)
-        say(f"{design.title}: rendered for {len(trace.rows) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
+    number = 0
+    if headless:
+        for design in wanted:
+            _feel_without_console(kept, design, device, seconds, person, scores.pop(design.name, None))
+    else:
+        live = LiveSession(kept, wanted, person=person, blind=blind)
+        number = _feel_with_console(live, device, candidates, port, browser)
+    for name, score in scores.items():
+        kept.rate(name, score, person=person)
     if choose is not None:
         kept.choose(choose, person=person)
     _compare(candidates, kept, plot, json)
+    if number:
+        raise typer.Exit(128 + number)
 
 
-def _servo(device: str, design: Candidate, candidates: Candidates) -> Servo:
+def _servo(device: str, design: Candidate, candidates: Candidates, *, record: Literal[False] | None = None) -> Servo:
     from haptorb.control.clutch.linkage import MOTOR_GAINS
     from haptorb.runtime.servo.servo import Servo
 
     # The file scales torques; how far the handle moves the part is the motor's matter.
-    return Servo(device, design.world, gains=MOTOR_GAINS.scale(float(candidates.gains.torque_per_motion[0])))
+    gains = MOTOR_GAINS.scale(float(candidates.gains.torque_per_motion[0]))
+    return Servo(device, design.world, gains=gains, record=record)
 
 
-def _run_without_console(servo: Servo, seconds: float) -> str:
+def _feel_without_console(
+    kept: FeelSession, design: Candidate, device: str, seconds: float, person: str, score: int | None
+) -> None:
+    """A simulated hand pulls `design` out and puts it back; its trace is kept, and `score` if there is one."""
+    from haptorb.apps.feel.trace import Trace, trace_rows
+
+    servo = _servo(device, design, kept.candidates)
     with servo:
         servo.run(seconds)
-    return ""
-
-
-def _run_with_console(servo: Servo, design: Candidate, port: int) -> str:
-    """What the person typed after feeling `design` in the browser."""
-    from haptorb.apps.console import Console
-
-    done, said = Event(), [""]
-
-    def ask() -> None:
-        try:
-            said[0] = input(f"{design.title}: type a score from 1 to 7 and press Enter (Enter alone: no score): ")
-        except EOFError:
-            return
-        done.set()
-
-    with Console(servo, port) as console, servo:
-        say(f"Open {console.url} in a browser. Ctrl-C ends.")
-        Thread(target=ask, daemon=True).start()
-        number = console.serve(open_browser=False, until=done.is_set)
-        servo.check()
-    if number:
-        raise typer.Exit(128 + number)
-    return said[0]
-
-
-def _trace(recording: Recording, design: Candidate) -> Trace:
-    """What the part went through, tick by tick."""
-    import numpy as np
-    from scipy.spatial.transform import Rotation
-
-    from haptorb.apps.feel import Trace
-    from haptorb.devices.state import State
-
     trace = Trace(design)
-    believed = recording["valid"] > 0
-    p, q, wrench = (recording[name][believed] for name in ("object", "object_q", "object_wrench"))
-    if not len(p):
-        return trace
-    zero = np.zeros(3)
-    turns = Rotation.from_quat(q).as_matrix()
-    for t, place, R, push in zip(recording.t[believed].tolist(), p, turns, wrench, strict=True):
-        trace.append(State(t, R, place, zero, zero), push)
-    return trace
+    recording = servo.recording
+    trace.extend(trace_rows(servo.layout, recording.rows))
+    name = kept.keep(trace, person=person) if len(trace) else ""
+    if score is not None:
+        kept.rate(design.name, score, person=person, trace=name)
+    say(f"{design.title}: rendered for {len(trace) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
 
 
-def _score(answer: str) -> int | None:
-    text = answer.strip()
-    if not text:
-        return None
-    if not text.isdecimal():
-        raise InputError(f"a score must be a whole number from 1 to 7; got '{text}'")
-    return int(text)
+def _feel_with_console(live: LiveSession, device: str, candidates: Candidates, port: int, browser: bool) -> int:
+    """Designs felt and rated in page and terminal until somebody finishes; the signal's number, or 0."""
+    from haptorb.apps.console import Console
+    from haptorb.apps.feel.terminal_input import HELP, read_lines
+
+    servo = _servo(device, live.current, candidates, record=False)
+    ended = Event()
+
+    def collect() -> None:
+        while not ended.wait(_EVERY):
+            live.collect()
+
+    collecting = Thread(target=collect, name="haptorb-traces")
+    with Console(servo, port, designs=live) as console, servo:
+        live.join(servo)
+        live.news = say
+        say(f"Open {console.url} in a browser. Ctrl-C ends.\n{HELP}\nnow: {live.label}")
+        collecting.start()
+        try:
+            Thread(target=read_lines, args=(live, input, say), daemon=True).start()
+            number = console.serve(open_browser=browser, until=lambda: live.finished)
+            servo.check()
+        finally:
+            ended.set()
+            collecting.join()
+            live.collect()
+    live.close()
+    return number or 0
 
 
 def _scores(given: list[str], candidates: Candidates) -> dict[str, int]:

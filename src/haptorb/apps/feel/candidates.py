@@ -1,7 +1,7 @@
 """A file of candidate designs P: hook sizes, angles, material; checked as a whole, every mistake named.
 
 title = "Cover clip"
-world = "snap_fit"               # or "outlet"
+world = "snap_fit"               # or "outlet", or a world of your own: "groove.py:Groove", with its parameters
 beam = "timoshenko"              # or "paper"
 force_scale = 1.0                # all torques of the handle times this
 
@@ -30,29 +30,21 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from annotated_types import Gt
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from haptorb.apps.feel.materials import MATERIALS, YIELD_STRENGTHS
 from haptorb.control.clutch.modes import Gains
 from haptorb.devices.schema import quantity as q
 from haptorb.errors import HaptorbError, InputError, quote
 from haptorb.files.text_file import parse_toml, read_text
 from haptorb.physics.beams import Model
 from haptorb.physics.hook import METALS_FROM, Hook
-from haptorb.worlds import Outlet, SnapFit
+from haptorb.worlds import Outlet, SnapFit, World
+from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
+from haptorb.worlds.parameter import Parameter, parameters
+from haptorb.worlds.parameter import values as parameter_values
 
-__all__ = ["MATERIALS", "Candidate", "Candidates", "load_designs"]
-
-#: name → (E [Pa], ν, whether it is a metal): round handbook values at room temperature, for a first comparison
-MATERIALS = {
-    "ABS": (2.3e9, 0.35, False),
-    "PA6": (2.8e9, 0.39, False),
-    "PC": (2.3e9, 0.37, False),
-    "POM": (2.8e9, 0.35, False),
-    "PP": (1.4e9, 0.42, False),
-    "brass": (93e9, 0.35, True),
-    "phosphor bronze": (113e9, 0.41, True),
-    "spring steel": (206e9, 0.29, True),
-}
+__all__ = ["MATERIALS", "Candidate", "Candidates", "load_designs", "own_candidate"]
 
 _MISTAKES = 40  #: told at once
 
@@ -61,6 +53,7 @@ DesignName = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f/]+$", max_leng
 Length = Annotated[q.Length, Positive]
 Angle = Annotated[q.Angle, Positive]
 Modulus = Annotated[float, BeforeValidator(lambda value: q.si(value, "Pa", "a modulus of elasticity")), Positive]
+Strength = Annotated[float, BeforeValidator(lambda value: q.si(value, "Pa", "a stress at yield")), Positive]
 
 
 class _Design(BaseModel):
@@ -73,6 +66,7 @@ class _Design(BaseModel):
     metal: Annotated[bool, Field(strict=True)] | None = None
     youngs_modulus: Modulus | None = None
     poisson_ratio: Annotated[float, Field(ge=0, lt=0.5, strict=True)] | None = None
+    yield_strength: Strength | None = None
     friction: Annotated[float, Field(ge=0, le=1, strict=True)]
     base_length: Length
     peak: Length
@@ -93,11 +87,17 @@ class _Design(BaseModel):
 _ONLY = {"snap_fit": ("half_width", "clearance"), "outlet": ("plug_width", "opening", "arm", "lead_in")}
 
 
+def _check_world(text: str) -> str:
+    if text not in _ONLY and not is_world_file(text):
+        raise ValueError("must be 'snap_fit', 'outlet' or a file FILE.py:NAME")
+    return text
+
+
 class _File(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     title: str
-    world: Literal["snap_fit", "outlet"]
+    world: Annotated[str, AfterValidator(_check_world)]
     beam: Model = "timoshenko"
     force_scale: Annotated[float, Field(ge=1e-6, le=1e6, strict=True)] = 1.0
     common: dict[str, Any] = Field(default_factory=dict)
@@ -110,15 +110,16 @@ class Candidate:
 
     name: str
     title: str
-    material: str
-    world: SnapFit | Outlet
+    material: str  #: empty for a world of the user's own
+    world: World
     remarks: tuple[str, ...]  #: what should be said about it though it can exist
     digest: str  #: of everything that makes its feel; ratings and traces carry it
+    yield_strength: float | None = None  #: stress at which the material yields [Pa], where it is known
 
     @property
-    def hook(self) -> Hook:
-        """The hook it is about."""
-        return self.world.hook
+    def hook(self) -> Hook | None:
+        """The hook it is about; None for a world of the user's own."""
+        return self.world.hook if isinstance(self.world, SnapFit | Outlet) else None
 
 
 @dataclass(frozen=True)
@@ -155,9 +156,13 @@ def load_designs(path: str | Path) -> Candidates:
         raise InputError(_list_mistakes(where, [_explain_error(error, _File) for error in cause.errors()])) from cause
     mistakes: list[str] = []
     designs = []
+    own_file = parse_world_file(file.world, Path(path).parent) if is_world_file(file.world) else None
     for name, own in file.design.items():
+        values = {**file.common, **own}
         try:
-            designs.append(_candidate(name, file, {**file.common, **own}))
+            designs.append(
+                _candidate(name, file, values) if own_file is None else own_candidate(own_file, name, values)
+            )
         except ValidationError as cause:
             mistakes += [f"design {quote(name)}: {_explain_error(error, _Design)}" for error in cause.errors()]
         except HaptorbError as cause:
@@ -226,4 +231,31 @@ def _candidate(name: str, file: _File, values: dict[str, Any]) -> Candidate:
         )
     parts = {**hook.__dict__, **others, "friction": design.friction, "world": file.world, "beam": file.beam}
     digest = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
-    return Candidate(name, design.title or name, design.material, made, tuple(remarks), digest)
+    strength = design.yield_strength or YIELD_STRENGTHS.get(design.material)
+    return Candidate(name, design.title or name, design.material, made, tuple(remarks), digest, strength)
+
+
+def own_candidate(file: WorldFile, name: str, values: dict[str, Any]) -> Candidate:
+    """The world in `file` as a design: `values` of its parameters (SI, or texts with a unit), and a `title`.
+
+    It is loaded once: what is felt and rated stays what it was when the session began. Raises InputError as
+    `WorldFile.load` does, and for values that cannot be.
+    """
+    world = file.load()
+    known = parameters(type(world))
+    title = str(values.get("title", "")) or name
+    given = {key: value for key, value in values.items() if key != "title"}
+    made = world.replace(**{key: _own_value(key, value, known) for key, value in given.items()})
+    parts = {"file": file.path.read_bytes().hex(), "name": made.name, "values": parameter_values(made)}
+    digest = hashlib.sha256(json.dumps(parts, sort_keys=True, default=list).encode()).hexdigest()[:16]
+    return Candidate(name, title, "", made, (), digest)
+
+
+def _own_value(key: str, value: Any, known: dict[str, Parameter]) -> Any:
+    if not isinstance(value, str) or key not in known:
+        return value
+    unit = known[key].unit.removeprefix("1")
+    try:
+        return q.si(value, unit, f"a value in {unit}" if unit else "a number without a unit")
+    except ValueError as cause:
+        raise InputError(f"{key} {cause}") from cause
