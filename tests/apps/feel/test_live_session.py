@@ -10,12 +10,11 @@ import pytest
 
 import haptorb.apps.feel
 from haptorb.apps.feel import FeelSession, load_designs
-from haptorb.apps.feel.live_session import LiveSession
+from haptorb.apps.feel.live_session import LiveSession, world_key
 from haptorb.apps.feel.terminal_input import execute_line, read_lines
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
 from haptorb.runtime.row import RowLayout
-from haptorb.worlds.parameter import values
 
 EXAMPLE = Path(haptorb.apps.feel.__file__).with_name("example.toml")
 
@@ -62,7 +61,8 @@ def test_everybody_is_offered_every_design_once_before_any_twice(kept: FeelSessi
         live.rate(score)
         live.feel_next()
     assert sorted(felt) == sorted(design.name for design in kept.candidates.designs)
-    assert servo.worlds[0] == ("snap_fit", values(kept.candidates[felt[1]].world))
+    names = [design.name for design in kept.candidates.designs]
+    assert [servo.worlds[k - 1][0] for k in (1, 2, 3)] == [world_key(names.index(felt[k])) for k in (1, 2, 3)]
     assert {name: count for name, (count, _) in kept.scores("P1").items()} == dict.fromkeys(felt, 1)
     again, _ = start(kept, person="P1")  # another day: nothing is lost, and nothing is asked twice without need
     assert [one["score"] is not None for one in again.describe()["designs"]] == [True] * 4
@@ -122,7 +122,9 @@ def test_nothing_that_a_page_gets_tells_a_hidden_design(kept: FeelSession) -> No
     live.execute({"act": "hide", "hide": False})
     assert live.describe()["label"] == live.current.title
     order = [one["label"] for one in live.describe()["designs"]]
-    live.execute({"act": "hide", "hide": True})  # known numbers are no longer true
+    live.rate(7)
+    live.execute({"act": "hide", "hide": True})  # what was rated openly would tell which it is
+    assert [one["score"] for one in live.describe()["designs"] if one["score"] is not None] == [2]
     live.execute({"act": "hide", "hide": False})
     assert sorted(one["label"] for one in live.describe()["designs"]) == sorted(order)
 
@@ -158,7 +160,7 @@ def test_every_design_felt_has_its_own_trace_rated_or_not(kept: FeelSession) -> 
 def test_the_terminal_asks_again_and_ends(kept: FeelSession) -> None:
     live, _ = start(kept)
     lines, told = iter(["8", "0", "x", "", "person P9", "6", "end", "7"]), []
-    read_lines(live, lambda: next(lines), told.append)
+    read_lines(live, lines, told.append)
     assert len(told) == 3
     assert [(one.score, one.person) for one in kept.ratings()] == [(6, "P9")]
     assert next(lines) == "7"  # nothing is read after the end

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import suppress
 from pathlib import Path
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -113,28 +115,42 @@ def _feel_without_console(
 def _feel_with_console(live: LiveSession, device: str, candidates: Candidates, port: int, browser: bool) -> int:
     """Designs felt and rated in page and terminal until somebody finishes; the signal's number, or 0."""
     from haptorb.apps.console import Console
-    from haptorb.apps.feel.terminal_input import HELP, read_lines
+    from haptorb.apps.console.target import target_scene
+    from haptorb.apps.feel.live_session import world_key
+    from haptorb.apps.feel.terminal_input import HELP, read_lines, wait_for_lines
+    from haptorb.apps.web.server import freeze_garbage
+    from haptorb.runtime.exchange.world_change import name_of
+    from haptorb.worlds.parameter import values as parameter_values
 
+    for design in live.designs:  # computed now: while the servo runs, a hand would wait for it
+        target_scene(name_of(design.world), parameter_values(design.world))
     servo = _servo(device, live.current, candidates, record=False)
+    for number, design in enumerate(live.designs):
+        servo.add_world(design.world, world_key(number))
     ended = Event()
 
     def collect() -> None:
         while not ended.wait(_EVERY):
             live.collect()
 
-    collecting = Thread(target=collect, name="haptorb-traces")
-    with Console(servo, port, designs=live) as console, servo:
+    def listen() -> None:
+        with suppress(OSError, ValueError):  # no standard input at all
+            read_lines(live, wait_for_lines(sys.stdin.fileno(), ended.is_set), say)
+
+    threads = [Thread(target=collect, name="haptorb-traces"), Thread(target=listen, name="haptorb-terminal")]
+    with Console(servo, port, designs=live) as console, freeze_garbage(), servo:
         live.join(servo)
         live.news = say
         say(f"Open {console.url} in a browser. Ctrl-C ends.\n{HELP}\nnow: {live.label}")
-        collecting.start()
+        for thread in threads:
+            thread.start()
         try:
-            Thread(target=read_lines, args=(live, input, say), daemon=True).start()
             number = console.serve(open_browser=browser, until=lambda: live.finished)
             servo.check()
         finally:
             ended.set()
-            collecting.join()
+            for thread in threads:
+                thread.join()
             live.collect()
     live.close()
     return number or 0

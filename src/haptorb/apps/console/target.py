@@ -49,7 +49,7 @@ def target_scene(name: str, values: Mapping[str, Any]) -> dict[str, Any] | None:
     return _scene(name, plain)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=128)  # as many designs as a feel session has
 def _scene(name: str, values: tuple[tuple[str, float], ...]) -> dict[str, Any] | None:
     try:
         world = find_world(name)().replace(**dict(values))

@@ -7,6 +7,7 @@ calls the methods. A rating is on the disk before its method returns.
 from __future__ import annotations
 
 import random
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from threading import RLock
@@ -14,18 +15,22 @@ from typing import Any, Protocol, final
 from uuid import uuid4
 
 from haptorb.apps.feel.candidates import Candidate
+from haptorb.apps.feel.records import DesignRating
 from haptorb.apps.feel.session import SCORES, FeelSession, check_person
 from haptorb.apps.feel.trace import Trace, trace_rows
 from haptorb.errors import InputError, UnknownName, quote
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.exchange.world_change import name_of
 from haptorb.runtime.row import RowLayout
-from haptorb.worlds.parameter import values as parameter_values
 
-__all__ = ["FeltServo", "LiveSession"]
+__all__ = ["FeltServo", "LiveSession", "world_key"]
 
 _LONGEST = 600_000  #: ticks of one feeling that are kept: ten minutes
 _SLOTS = ("a", "b")
+
+
+def world_key(number: int) -> str:
+    """The name by which a session's servo knows the world of design `number`, from 0 on: not a world's own name."""
+    return f"design {number}"
 
 
 class FeltServo(Protocol):
@@ -79,7 +84,7 @@ class LiveSession:
         facts: Mapping[str, Any] | None = None,
         seed: int | None = None,
     ) -> None:
-        self._session, self._designs = session, designs
+        self._session, self.designs = session, tuple(designs)
         self._facts = dict(facts or {})
         self._random = random.Random(seed)
         self._lock = RLock()
@@ -119,14 +124,13 @@ class LiveSession:
     def _order(self) -> list[Candidate]:
         """The designs as they are numbered for this person: shuffled, so that numbers and turns tell nothing."""
         if self.person not in self._orders:
-            self._orders[self.person] = self._random.sample(self._designs, len(self._designs))
+            self._orders[self.person] = self._random.sample(self.designs, len(self.designs))
         return self._orders[self.person]
 
     def describe(self) -> dict[str, Any]:
         """Everything that the page shows, as plain JSON types; nothing in it tells a hidden design."""
         with self._lock:
-            order, scores = self._order, self._session.scores(self.person)
-            last = {one.design: one.score for one in self._session.ratings() if one.person == self.person}
+            order, last = self._order, {one.design: one.score for one in self._list_ratings()}
             return {
                 "title": self._session.candidates.title,
                 "person": self.person,
@@ -142,7 +146,7 @@ class LiveSession:
                     {
                         "number": number,
                         "label": self._label(design),
-                        "score": last.get(design.name) if scores[design.name][0] else None,
+                        "score": last.get(design.name),
                         "remarks": [] if self._blind else list(design.remarks),
                     }
                     for number, design in enumerate(order, 1)
@@ -150,6 +154,16 @@ class LiveSession:
                 "finished": self.finished,
                 **self._facts,
             }
+
+    def _list_ratings(self) -> list[DesignRating]:
+        """Those of this person of designs as they are now; while designs are hidden, those from when they were, too:
+        another score would tell which is which."""
+        now = {design.name: design.digest for design in self.designs}
+        return [
+            one
+            for one in self._session.ratings()
+            if one.person == self.person and now.get(one.design) == one.digest and (one.blind or not self._blind)
+        ]
 
     def _label(self, design: Candidate) -> str:
         return f"Design {1 + self._order.index(design)}" if self._blind else design.title
@@ -204,17 +218,17 @@ class LiveSession:
             self.feel(self._find_next(self.current))
 
     def _find_next(self, after: Candidate | None) -> Candidate:
-        order, scores = self._order, self._session.scores(self.person)
+        order, rated = self._order, Counter(one.design for one in self._list_ratings())
         start = 0 if after is None else 1 + order.index(after)
         turns = [order[(start + k) % len(order)] for k in range(len(order))]
-        return min(turns, key=lambda design: scores[design.name][0])  # the first of those
+        return min(turns, key=lambda design: rated[design.name])  # the first of those
 
     def feel(self, design: Candidate) -> None:
         """Render `design` from the next tick on; a new feeling begins, also of the same design."""
         with self._lock:
             self._check_running()
             if self._servo is not None:
-                self._servo.set_world(name_of(design.world), parameter_values(design.world))
+                self._servo.set_world(world_key(self.designs.index(design)))
                 self._world += 1
             else:
                 self._feelings.pop(self._world)
@@ -270,7 +284,7 @@ class LiveSession:
     # what the servo does
 
     def join(self, servo: FeltServo) -> None:
-        """From now on designs are rendered by `servo`, which renders `current` already."""
+        """From now on designs are rendered by `servo`, which renders `current` and knows all by their `world_key`."""
         self._servo = servo
 
     def collect(self) -> None:

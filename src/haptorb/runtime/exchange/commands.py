@@ -165,11 +165,12 @@ class Commands(ABC):
         told = json.loads(shared.worlds_since(known - 1)[-1][1])
         return told["name"], told["values"]
 
-    def add_world(self, world: World) -> None:
-        """Let `set_world` know `world` by its own name, beside the catalogue's. Raises ServoError after the start."""
+    def add_world(self, world: World, name: str = "") -> None:
+        """Let `set_world` know `world` by `name`, or its own one, beside the catalogue's; without values, it takes no
+        time to make. Raises ServoError after the start."""
         if self._memory_or_none is not None:
             raise ServoError("add_world comes before the start: the servo's process is given all worlds at once")
-        self.own_worlds[world.name] = world
+        self.own_worlds[name or world.name] = world
 
     def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
         """Render the world `name` with `values` from the next tick on; values not given stay as they are, or, in a
