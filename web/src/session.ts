@@ -91,6 +91,8 @@ export interface FeelState {
   a: number;
   b: number;
   designs: { number: number; label: string; score: number | null; remarks: string[] }[];
+  /** all torques of the handle times `now`; `hand`: force in the hand per force on the part */
+  gain: { now: number; low: number; high: number; reason: string; hand: number };
   finished: boolean;
 }
 

@@ -10,8 +10,9 @@ import pytest
 
 import haptorb.apps.feel
 from haptorb.apps.feel import FeelSession, load_designs
-from haptorb.apps.feel.live_session import LiveSession, world_key
+from haptorb.apps.feel.live_session import LiveSession
 from haptorb.apps.feel.terminal_input import execute_line, read_lines
+from haptorb.apps.feel.trace_collector import world_key
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
 from haptorb.runtime.row import RowLayout
@@ -30,6 +31,9 @@ class Servo:
 
     def set_world(self, name: str, given: Any = None) -> None:
         self.worlds.append((name, given))
+
+    def set_torque_scale(self, scale: float) -> None:
+        self.scale = scale
 
     def tick(self, x: float, n: int = 1) -> None:
         row = self.layout.empty()
@@ -122,6 +126,7 @@ def test_nothing_that_a_page_gets_tells_a_hidden_design(kept: FeelSession) -> No
     live.execute({"act": "hide", "hide": False})
     assert live.describe()["label"] == live.current.title
     order = [one["label"] for one in live.describe()["designs"]]
+    live.feel_next()
     live.rate(7)
     live.execute({"act": "hide", "hide": True})  # what was rated openly would tell which it is
     assert [one["score"] for one in live.describe()["designs"] if one["score"] is not None] == [2]

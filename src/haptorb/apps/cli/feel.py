@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from contextlib import suppress
 from pathlib import Path
-from threading import Event, Thread
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,9 +11,7 @@ from haptorb.apps.terminal import Column, TextTable, make_console, print_json, p
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
-    from haptorb.apps.feel import Candidate, Candidates, FeelSession
-    from haptorb.apps.feel.live_session import LiveSession
-    from haptorb.runtime.servo.servo import Servo
+    from haptorb.apps.feel import Candidates, FeelSession
 
 __all__ = ["register"]
 
@@ -29,7 +24,14 @@ def register(app: typer.Typer) -> None:
 
 
 def feel(
-    designs: Annotated[Path, typer.Argument(help="TOML file of candidate designs.")],
+    designs: Annotated[Path | None, typer.Argument(help="TOML file of candidate designs.")] = None,
+    world: Annotated[
+        list[str] | None, typer.Option(help="Instead of a file: a world of your own, FILE.py:NAME; repeatable.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help='World parameter of --world, NAME=VALUE or NAME="VALUE UNIT"; repeatable.'),
+    ] = None,
     device: Annotated[str, typer.Option(help="Spherical motor: device name, or path of a device file.")] = "pmsm",
     only: Annotated[list[str] | None, typer.Option(help="Render only this design; repeatable.")] = None,
     session: Annotated[Path | None, typer.Option(help="Folder for ratings and traces (default: FILE-session).")] = None,
@@ -49,13 +51,17 @@ def feel(
     json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
 ) -> None:
     """Feel designs, rate each from 1 to 7, and compare them. At the end there is a report."""
-    from haptorb.apps.feel import FeelSession, load_designs
+    from haptorb.apps.cli.feel_session.choice import DesignChoice
+    from haptorb.apps.cli.feel_session.running import feel_with_console, feel_without_console, find_scale
+    from haptorb.apps.feel import FeelSession
     from haptorb.apps.feel.live_session import LiveSession
+    from haptorb.apps.feel.report import write_report
     from haptorb.apps.feel.session import check_person
     from haptorb.runtime.realtime.linux import require_linux
 
     require_linux("`haptorb feel`")
-    candidates = load_designs(designs)
+    choice = DesignChoice.of(designs, world or [], settings or [])
+    candidates = choice.load()
     wanted = [candidates[name] for name in dict.fromkeys(only)] if only else list(candidates.designs)
     scores = _scores(rate or [], candidates)
     if choose is not None:
@@ -65,95 +71,28 @@ def feel(
     if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
         raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
     person = check_person(person)
-    kept = FeelSession(session or designs.with_name(f"{designs.stem}-session"), candidates)
+    motor, scale = find_scale(device, wanted, candidates)
+    kept = FeelSession(session or choice.folder, candidates)
     for design in wanted:
         for remark in design.remarks:
             say(f"{design.name}: {remark}")
+    say(f"True scale: {scale.sentence}.")
     number = 0
     if headless:
         for design in wanted:
-            _feel_without_console(kept, design, device, seconds, person, scores.pop(design.name, None))
+            feel_without_console(kept, design, device, seconds, person, scores.pop(design.name, None))
     else:
-        live = LiveSession(kept, wanted, person=person, blind=blind)
-        number = _feel_with_console(live, device, candidates, port, browser)
+        live = LiveSession(kept, wanted, person=person, blind=blind, limits=scale.unknown_limits)
+        number = feel_with_console(live, choice, device, scale, port, browser)
     for name, score in scores.items():
         kept.rate(name, score, person=person)
     if choose is not None:
         kept.choose(choose, person=person)
+    facts = (f"Simulated device '{motor.name}': no hardware was driven.", f"True scale: {scale.sentence}.")
+    say(f"report: {write_report(kept, kept.folder / 'report.html', facts)}")
     _compare(candidates, kept, plot, json)
     if number:
         raise typer.Exit(128 + number)
-
-
-def _servo(device: str, design: Candidate, candidates: Candidates, *, record: Literal[False] | None = None) -> Servo:
-    from haptorb.control.clutch.linkage import MOTOR_GAINS
-    from haptorb.runtime.servo.servo import Servo
-
-    # The file scales torques; how far the handle moves the part is the motor's matter.
-    gains = MOTOR_GAINS.scale(float(candidates.gains.torque_per_motion[0]))
-    return Servo(device, design.world, gains=gains, record=record)
-
-
-def _feel_without_console(
-    kept: FeelSession, design: Candidate, device: str, seconds: float, person: str, score: int | None
-) -> None:
-    """A simulated hand pulls `design` out and puts it back; its trace is kept, and `score` if there is one."""
-    from haptorb.apps.feel.trace import Trace, trace_rows
-
-    servo = _servo(device, design, kept.candidates)
-    with servo:
-        servo.run(seconds)
-    trace = Trace(design)
-    recording = servo.recording
-    trace.extend(trace_rows(servo.layout, recording.rows))
-    name = kept.keep(trace, person=person) if len(trace) else ""
-    if score is not None:
-        kept.rate(design.name, score, person=person, trace=name)
-    say(f"{design.title}: rendered for {len(trace) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
-
-
-def _feel_with_console(live: LiveSession, device: str, candidates: Candidates, port: int, browser: bool) -> int:
-    """Designs felt and rated in page and terminal until somebody finishes; the signal's number, or 0."""
-    from haptorb.apps.console import Console
-    from haptorb.apps.console.target import target_scene
-    from haptorb.apps.feel.live_session import world_key
-    from haptorb.apps.feel.terminal_input import HELP, read_lines, wait_for_lines
-    from haptorb.apps.web.server import freeze_garbage
-    from haptorb.runtime.exchange.world_change import name_of
-    from haptorb.worlds.parameter import values as parameter_values
-
-    for design in live.designs:  # computed now: while the servo runs, a hand would wait for it
-        target_scene(name_of(design.world), parameter_values(design.world))
-    servo = _servo(device, live.current, candidates, record=False)
-    for number, design in enumerate(live.designs):
-        servo.add_world(design.world, world_key(number))
-    ended = Event()
-
-    def collect() -> None:
-        while not ended.wait(_EVERY):
-            live.collect()
-
-    def listen() -> None:
-        with suppress(OSError, ValueError):  # no standard input at all
-            read_lines(live, wait_for_lines(sys.stdin.fileno(), ended.is_set), say)
-
-    threads = [Thread(target=collect, name="haptorb-traces"), Thread(target=listen, name="haptorb-terminal")]
-    with Console(servo, port, designs=live) as console, freeze_garbage(), servo:
-        live.join(servo)
-        live.news = say
-        say(f"Open {console.url} in a browser. Ctrl-C ends.\n{HELP}\nnow: {live.label}")
-        for thread in threads:
-            thread.start()
-        try:
-            number = console.serve(open_browser=browser, until=lambda: live.finished)
-            servo.check()
-        finally:
-            ended.set()
-            for thread in threads:
-                thread.join()
-            live.collect()
-    live.close()
-    return number or 0
 
 
 def _scores(given: list[str], candidates: Candidates) -> dict[str, int]:

@@ -9,57 +9,20 @@ from __future__ import annotations
 import random
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from threading import RLock
-from typing import Any, Protocol, final
+from typing import Any, final
 from uuid import uuid4
 
-from haptorb.apps.feel.candidates import Candidate
+from haptorb.apps.feel.candidates import Candidate, Candidates
+from haptorb.apps.feel.page_commands import check_slot, execute_command
 from haptorb.apps.feel.records import DesignRating
 from haptorb.apps.feel.session import SCORES, FeelSession, check_person
-from haptorb.apps.feel.trace import Trace, trace_rows
+from haptorb.apps.feel.trace import Trace
+from haptorb.apps.feel.trace_collector import FeltServo, LiveFeeling, TraceCollector, keep_feeling, world_key
+from haptorb.apps.feel.true_scale import SMALLEST, ScaleLimits
 from haptorb.errors import InputError, UnknownName, quote
-from haptorb.numerics.arrays import Array
-from haptorb.runtime.row import RowLayout
 
-__all__ = ["FeltServo", "LiveSession", "world_key"]
-
-_LONGEST = 600_000  #: ticks of one feeling that are kept: ten minutes
-_SLOTS = ("a", "b")
-
-
-def world_key(number: int) -> str:
-    """The name by which a session's servo knows the world of design `number`, from 0 on: not a world's own name."""
-    return f"design {number}"
-
-
-class FeltServo(Protocol):
-    """What a session needs of a servo."""
-
-    @property
-    def layout(self) -> RowLayout:
-        """Which numbers of a row are what."""
-        ...
-
-    def rows(self, cursor: int = 0) -> tuple[int, Array]:
-        """All rows (n, width) since `cursor`, and the cursor after them."""
-        ...
-
-    def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
-        """Returns when the servo took it."""
-        ...
-
-
-@dataclass
-class _Now:
-    """One feeling, from when a design is chosen until the next one is."""
-
-    trace: Trace
-    file: str  #: of the trace
-    id: str
-    person: str
-    blind: bool
-    score: int | None = None
+__all__ = ["LiveSession"]
 
 
 @final
@@ -70,7 +33,7 @@ class LiveSession:
     designs   that can be felt, in the file's order
     person    code of who feels them; "" for none
     blind     whether names, sizes and pictures are hidden
-    facts     more that the page shows, such as the true scale
+    limits    how strong the designs may be felt
     seed      of the random order; None: another one each time
     """
 
@@ -81,19 +44,19 @@ class LiveSession:
         *,
         person: str = "",
         blind: bool = False,
-        facts: Mapping[str, Any] | None = None,
+        limits: ScaleLimits | None = None,
         seed: int | None = None,
     ) -> None:
         self._session, self.designs = session, tuple(designs)
-        self._facts = dict(facts or {})
+        self.limits = limits or ScaleLimits()
         self._random = random.Random(seed)
         self._lock = RLock()
         self._orders: dict[str, list[Candidate]] = {}  # by person
         self._servo: FeltServo | None = None
         self._cursor = 0
-        self._feelings: dict[int, _Now] = {}  # by number of the world in the servo's rows
-        self._world = 0
+        self._felt = TraceCollector()
         self._blind = blind
+        self._scale = 1.0
         self.person = check_person(person)
         self.finished = False
         self.version = 0  #: another number after every change
@@ -101,9 +64,14 @@ class LiveSession:
         order = self._order
         self._pair = {"a": order[0], "b": order[1 % len(order)]}
         self._now = self._start(self._find_next(None))
-        self._feelings[0] = self._now
+        self._felt.begin(self._now)
 
     # what there is
+
+    @property
+    def candidates(self) -> Candidates:
+        """The file that the designs are from."""
+        return self._session.candidates
 
     @property
     def current(self) -> Candidate:
@@ -152,7 +120,13 @@ class LiveSession:
                     for number, design in enumerate(order, 1)
                 ],
                 "finished": self.finished,
-                **self._facts,
+                "gain": {
+                    "now": self._scale,
+                    "low": SMALLEST,
+                    "high": self.limits.largest,
+                    "reason": self.limits.reason,
+                    "hand": self.limits.hand_per_part * self._scale,
+                },
             }
 
     def _list_ratings(self) -> list[DesignRating]:
@@ -171,27 +145,8 @@ class LiveSession:
     # what a person does
 
     def execute(self, command: Mapping[str, Any]) -> None:
-        """What a page asks for: {"act": NAME, ...}. Raises InputError for what cannot be."""
-        match command.get("act"):
-            case "rate":
-                self.rate(command.get("score"), str(command.get("feeling", "")))
-            case "next":
-                self.feel_next()
-            case "feel":
-                self.feel(self._design(command.get("number")))
-            case "slot":
-                self.feel(self._pair[_check_slot(command.get("slot"))])
-            case "pair":
-                self.set_pair(_check_slot(command.get("slot")), self._design(command.get("number")))
-            case "person":
-                self.set_person(str(command.get("person", "")))
-            case "hide":
-                self.set_blind(command.get("hide") is True)
-            case "finish":
-                self.finish()
-            case other:
-                known = "rate, next, feel, slot, pair, person, hide, finish"
-                raise InputError(f"unknown act {quote(other)} of a feel session (known: {known})")
+        """What a page asks for, as in `page_commands`. Raises InputError for what cannot be."""
+        execute_command(self, command)
 
     def rate(self, score: object, feeling: str = "") -> None:
         """Keep what the person says of the design that is felt now, again if they change their mind.
@@ -229,15 +184,13 @@ class LiveSession:
             self._check_running()
             if self._servo is not None:
                 self._servo.set_world(world_key(self.designs.index(design)))
-                self._world += 1
-            else:
-                self._feelings.pop(self._world)
-            self._now = self._feelings[self._world] = self._start(design)
+            self._now = self._start(design)
+            self._felt.begin(self._now, served=self._servo is not None)
             self._tell(f"now: {self.label}")
 
     def feel_slot(self, slot: str) -> None:
         """Render what stands in slot "a" or "b"."""
-        self.feel(self._pair[_check_slot(slot)])
+        self.feel(self._pair[check_slot(slot)])
 
     def set_pair(self, slot: str, design: Candidate) -> None:
         """Put `design` into slot "a" or "b"."""
@@ -275,6 +228,27 @@ class LiveSession:
                 self._now.blind = False
             self._tell("designs hidden" if blind else f"designs shown; now: {self.label}")
 
+    def set_scale(self, scale: object) -> None:
+        """All torques of the handle times `scale` from now on, as far as stability and the device allow; a new feeling
+        begins."""
+        with self._lock:
+            self._check_running()
+            largest = self.limits.largest
+            if isinstance(scale, bool) or not isinstance(scale, int | float) or not SMALLEST <= scale <= largest:
+                wanted = f"between {SMALLEST:g} and {largest:.3g} ({self.limits.reason})"
+                raise InputError(f"the gain must lie {wanted}; got {quote(scale)}")
+            if self._servo is not None:
+                self._servo.set_torque_scale(float(scale))
+            self._scale = float(scale)
+            self.feel(self.current)
+            self._tell(f"gain {scale:g}")
+
+    def set_limits(self, limits: ScaleLimits) -> None:
+        """What is known by now of how strong the designs may be felt."""
+        with self._lock:
+            self.limits = limits
+            self._tell(f"gain: up to {limits.largest:.3g}, {limits.reason}")
+
     def finish(self) -> None:
         """The session ends; its servo is to be closed by who opened it."""
         with self._lock:
@@ -290,37 +264,26 @@ class LiveSession:
     def collect(self) -> None:
         """Take the servo's new rows into the traces; to be called several times a second."""
         with self._lock:
-            servo = self._servo
-            if servo is None:
+            if self._servo is None:
                 return
-            self._cursor, rows = servo.rows(self._cursor)
-            worlds = rows[:, servo.layout["world"].start]
-            for number, now in self._feelings.items():
-                room = _LONGEST - len(now.trace)
-                now.trace.extend(trace_rows(servo.layout, rows[worlds == number][: max(room, 0)]))
-            ended = [number for number in self._feelings if len(worlds) and number < worlds[-1]]
-            done = [self._feelings.pop(number) for number in ended]
-        for now in done:
-            self._keep(now, gently=True)
+            self._cursor, rows = self._servo.rows(self._cursor)
+            done = self._felt.collect(self._servo.layout, rows)
+        for feeling in done:
+            keep_feeling(self._session, feeling, gently=True)
 
     def close(self) -> None:
         """Keep the traces of what was felt last; after the servo has ended."""
         with self._lock:
-            left, self._feelings = list(self._feelings.values()), {}
-        for now in left:
-            self._keep(now, gently=False)
+            left = self._felt.end()
+        for feeling in left:
+            keep_feeling(self._session, feeling, gently=False)
 
-    def _keep(self, now: _Now, *, gently: bool) -> None:
-        if len(now.trace):
-            self._session.keep(
-                now.trace, name=now.file, person=now.person, feeling=now.id, blind=now.blind, gently=gently
-            )
-
-    def _start(self, design: Candidate) -> _Now:
+    def _start(self, design: Candidate) -> LiveFeeling:
         file = self._session.reserve(design.name)
-        return _Now(Trace(design), file, uuid4().hex[:12], self.person, self._blind)
+        return LiveFeeling(Trace(design), file, uuid4().hex[:12], self.person, self._blind, self._scale)
 
-    def _design(self, number: object) -> Candidate:
+    def design_of(self, number: object) -> Candidate:
+        """The design with this number in the person's order; UnknownName if there is none."""
         order = self._order
         if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= len(order):
             raise UnknownName("number of a design", str(number)[:20], [str(1 + k) for k in range(len(order))])
@@ -333,9 +296,3 @@ class LiveSession:
     def _tell(self, text: str) -> None:
         self.version += 1
         self.news(text)
-
-
-def _check_slot(slot: object) -> str:
-    if slot not in _SLOTS:
-        raise UnknownName("slot", str(slot)[:20], _SLOTS)
-    return str(slot)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from haptorb.control.clutch.modes import MODES
 from haptorb.devices.device import Device
-from haptorb.errors import InputError, ServoError, UnknownName
+from haptorb.errors import InputError, ServoError, UnknownName, quote
 from haptorb.numerics.arrays import check_finite
 from haptorb.runtime.exchange.plan import pack
 from haptorb.runtime.exchange.shared_memory import SharedMemory, Word, engage_request
@@ -26,7 +26,9 @@ from haptorb.worlds import CATALOGUE
 from haptorb.worlds.parameter import values as parameter_values
 from haptorb.worlds.world import World
 
-__all__ = ["Commands"]
+__all__ = ["LARGEST_SCALE", "Commands"]
+
+LARGEST_SCALE = 100.0  #: of a motor's torques
 
 _ANSWER = 2.0  #: longest wait for the servo's answer [s]
 _LOADED = 30.0  #: where it loads a world, which may be compiled there [s]
@@ -141,6 +143,18 @@ class Commands(ABC):
         if not self.modes:
             raise InputError(f"device '{self.device.name}' has no clutch; its mover acts directly")
         self._memory.words[Word.CLUTCH] = 1 if engaged else 2
+
+    def set_torque_scale(self, scale: float) -> None:
+        """Multiply all torques of a motor's handle by `scale`, above 0 and up to 100, sliding there without a step.
+
+        Motion stays as it is, so the wrench on the target is felt weaker or stronger. 1: as the gains say. Raises
+        InputError for another number, or a device without modes.
+        """
+        if not self.modes:
+            raise InputError(f"device '{self.device.name}' has no torque scale; its mover acts directly")
+        if isinstance(scale, bool) or not isinstance(scale, int | float) or not 1e-6 <= scale <= LARGEST_SCALE:
+            raise InputError(f"torque scale must be above 0 and at most {LARGEST_SCALE:g}; got {quote(scale)}")
+        self._memory.words[Word.SCALE] = round(scale * 1e6)
 
     @property
     def model(self) -> str:

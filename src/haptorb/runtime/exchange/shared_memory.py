@@ -66,6 +66,7 @@ class Word(IntEnum):
     MODE = 20  #: 0: as it is, else number of the mode from 1 on
     CLUTCH = 21  #: 0: as it is, 1: engaged, 2: let go
     MODEL = 22  #: 0: as it is, else number of the device's model from 1 on
+    SCALE = 23  #: 0: as it is, else the scale of a motor's torques, in millionths
     POINTER = 24  #: and the nine after it
     # servo → host
     PID = 40
