@@ -42,7 +42,7 @@ def draw_forces(design: Candidate, run: InsertionForces, traces: Sequence[Array]
     axes = figure.subplots()
     for rows in traces:
         some = rows[:: max(1, len(rows) * len(traces) // _DOTS)]
-        axes.plot(some[:, _X] * 1e3, -some[:, _FX], ".", color="C1", markersize=2, alpha=0.5)
+        axes.plot(some[:, _X] * 1e3, -some[:, _FX], ".", color="C1", markersize=2, alpha=0.5, rasterized=True)
     axes.plot([], [], ".", color="C1", label="felt" if traces else "not felt yet")
     axes.plot(run.place * 1e3, run.coming_out, "C0", label="pull out, computed")
     axes.plot(run.place * 1e3, -run.going_in, "C0--", label="insert, computed")
@@ -63,5 +63,5 @@ def _make_figure(width: float, height: float) -> Figure:
 
 def _save(figure: Figure) -> bytes:
     data = BytesIO()
-    figure.savefig(data, format="svg")
+    figure.savefig(data, format="svg", dpi=150)
     return data.getvalue()
