@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 
 import haptorb.apps.feel
-from haptorb.apps.feel import FeelSession, load_designs
+from haptorb.apps.check.world import ENOUGH
+from haptorb.apps.cli.feel_session.limits import find_limits
+from haptorb.apps.feel import FeelSession, course, load_designs
 from haptorb.apps.feel.live_session import LiveSession
 from haptorb.apps.feel.terminal_input import execute_line, read_lines
 from haptorb.apps.feel.trace_collector import world_key
+from haptorb.apps.feel.true_scale import ScaleLimits, TrueScale
+from haptorb.control.clutch.linkage import MOTOR_GAINS
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
 from haptorb.runtime.row import RowLayout
@@ -183,3 +187,41 @@ def test_a_folder_of_other_designs_is_refused(kept: FeelSession, tmp_path: Path)
     with pytest.raises(InputError, match=r"firm.*none of which is in this file.*--session"):
         FeelSession(kept.folder, load_designs(other))
     assert len(kept.ratings()) == 1
+
+
+def test_the_gain_goes_as_far_as_stability_and_device_allow(kept: FeelSession) -> None:
+    live, servo = start(kept)
+    for wrong in (1.5, 0.0, -1, float("nan"), "1", True, None):  # nobody knows yet what is stable
+        with pytest.raises(InputError, match="gain"):
+            live.execute({"act": "scale", "scale": wrong})
+    assert not hasattr(servo, "scale")
+    live.set_limits(ScaleLimits(2.2, "the stability check allows 2.2"))
+    live.execute({"act": "scale", "scale": 2})
+    assert servo.scale == 2.0
+    assert live.describe()["gain"]["hand"] == pytest.approx(0.4)
+    with pytest.raises(InputError, match="stability check allows"):
+        live.set_scale(2.3)
+    servo.tick(1e-3)
+    live.collect()
+    live.close()
+    assert [one.scale for one in kept.feelings()] == [2.0]
+
+
+def test_the_true_scale_and_its_limits() -> None:
+    scale = TrueScale.of(load("pmsm"), MOTOR_GAINS)
+    assert scale.hand_per_part == pytest.approx(0.2)
+    assert "1 N at the part is 0.2 N in the hand" in scale.sentence
+    designs = load_designs(EXAMPLE).designs
+    peak = max(course(design).coming_out.max() for design in designs)
+    saturating = find_limits(scale, designs, margin=1e3)
+    assert saturating.largest * scale.lever * peak == pytest.approx(load("pmsm").limits.torque)
+    assert "N·m" in saturating.reason
+    stable = find_limits(scale, designs, margin=3.0)
+    assert stable.largest == pytest.approx(3.0 / ENOUGH)
+    assert "stability check" in stable.reason
+    assert find_limits(scale, designs, None).largest == 1.0
+    already = find_limits(scale, designs, margin=0.6)
+    assert already.largest == 1.0
+    assert "above what is possible" in already.reason
+    with pytest.raises(InputError, match="two-mode handle"):
+        TrueScale.of(load("omni"), MOTOR_GAINS)

@@ -22,6 +22,7 @@ __all__ = ["AGREE", "PeakComparison", "compare_peaks"]
 AGREE = 0.05  #: share of the computed peak within which the felt one agrees
 _QUICK = 0.1  #: speed at which all friction is there [m/s], as in `course`
 _STILL = 1e-4  #: slower than this is no motion [m/s]
+_MIDDLE, _STRAIGHT = 5e-5, 0.3  #: within which a part is in the middle [m], and straight [°]
 _SHARE = 0.01  #: of the computed peak: smaller causes are left out
 _T, _X, _FX = (COLUMNS.index(name) for name in ("t_s", "x_m", "fx_n"))
 _ASKED, _GIVEN, _GAIN, _SATURATED = (len(COLUMNS) + HAND.index(name) for name in HAND)
@@ -114,6 +115,8 @@ def _explain_place(x: float, peak_at: float, reached: float, sign: float) -> str
 def _explain_aside(row: Array) -> str:
     aside = float(np.hypot(row[_X + 1], row[_X + 2]))
     turn = 2.0 * np.degrees(np.arccos(np.clip(abs(row[COLUMNS.index("qw")]), 0.0, 1.0)))
+    if aside < _MIDDLE and turn < _STRAIGHT:
+        return "the loop's own estimate of the speed in this tick:"
     return f"not in the middle ({1e3 * aside:.1f} mm aside, turned by {turn:.1f}°):"
 
 
