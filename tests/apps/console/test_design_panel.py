@@ -74,6 +74,7 @@ def test_one_page_rates_and_every_page_shows_it(console: Console, live: LiveSess
             assert "whole number from 1 to 7" in hear(first, "mistake")["text"]
         do(first, act="rate", score=5, feeling=feeling)
         assert hear(second, "feel", score=5)["feeling"] == feeling
+        hear(first, "feel", score=5)
         live.feel_next()  # in the terminal
         assert hear(first, "feel", score=None)["feeling"] != feeling
         do(first, act="rate", score=1, feeling=feeling)  # of what the page showed before
