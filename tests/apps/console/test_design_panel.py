@@ -15,6 +15,7 @@ from websockets.sync.client import ClientConnection, connect
 import haptorb.apps.feel
 from haptorb.apps.console import Console
 from haptorb.apps.feel import FeelSession, load_designs
+from haptorb.apps.feel.design_panel import DesignPanel
 from haptorb.apps.feel.live_session import LiveSession
 
 pytestmark = pytest.mark.realtime
@@ -31,7 +32,7 @@ def live(tmp_path: Path) -> LiveSession:
 @pytest.fixture
 def console(servo: Any, live: LiveSession) -> Iterator[Console]:
     flat = lambda name, values, model, points: (0 * points[:, 0], points[:, 0] > 9)  # noqa: E731
-    with Console(servo, 0, felt=flat, designs=live) as console:
+    with Console(servo, 0, felt=flat, designs=DesignPanel(live)) as console:
         serving = threading.Thread(target=console.serve)
         serving.start()
         yield console

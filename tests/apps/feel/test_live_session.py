@@ -12,6 +12,7 @@ import haptorb.apps.feel
 from haptorb.apps.check.world import ENOUGH
 from haptorb.apps.cli.feel_session.limits import find_limits
 from haptorb.apps.feel import FeelSession, course, load_designs
+from haptorb.apps.feel.design_panel import DesignPanel
 from haptorb.apps.feel.live_session import LiveSession
 from haptorb.apps.feel.terminal_input import execute_line, read_lines
 from haptorb.apps.feel.trace_collector import world_key
@@ -106,15 +107,15 @@ def test_wrong_scores_change_nothing(kept: FeelSession) -> None:
     before = live.describe()
     for wrong in (0, 8, -1, 3.0, "5", True, None, 10**30):
         with pytest.raises(InputError, match="whole number from 1 to 7"):
-            live.execute({"act": "rate", "score": wrong, "feeling": before["feeling"]})
+            DesignPanel(live).execute({"act": "rate", "score": wrong, "feeling": before["feeling"]})
     for number in (0, 5, "1", None):
         with pytest.raises(UnknownName):
-            live.execute({"act": "feel", "number": number})
+            DesignPanel(live).execute({"act": "feel", "number": number})
     for command in ({"act": "dance"}, {}, {"act": "pair", "slot": "c", "number": 1}, {"act": ["rate"]}):
         with pytest.raises(InputError):
-            live.execute(command)
+            DesignPanel(live).execute(command)
     with pytest.raises(InputError, match="code"):
-        live.execute({"act": "person", "person": "x" * 41})
+        DesignPanel(live).execute({"act": "person", "person": "x" * 41})
     assert live.describe() == before
     assert kept.ratings() == ()
 
@@ -127,22 +128,22 @@ def test_nothing_that_a_page_gets_tells_a_hidden_design(kept: FeelSession) -> No
         assert design.title not in told
     live.rate(2)
     assert kept.ratings()[0].blind
-    live.execute({"act": "hide", "hide": False})
+    DesignPanel(live).execute({"act": "hide", "hide": False})
     assert live.describe()["label"] == live.current.title
     order = [one["label"] for one in live.describe()["designs"]]
     live.feel_next()
     live.rate(7)
-    live.execute({"act": "hide", "hide": True})  # what was rated openly would tell which it is
+    DesignPanel(live).execute({"act": "hide", "hide": True})  # what was rated openly would tell which it is
     assert [one["score"] for one in live.describe()["designs"] if one["score"] is not None] == [2]
-    live.execute({"act": "hide", "hide": False})
+    DesignPanel(live).execute({"act": "hide", "hide": False})
     assert sorted(one["label"] for one in live.describe()["designs"]) == sorted(order)
 
 
 def test_a_and_b_are_felt_by_their_slot(kept: FeelSession) -> None:
     live, _ = start(kept)
-    live.execute({"act": "pair", "slot": "a", "number": 3})
-    live.execute({"act": "pair", "slot": "b", "number": 1})
-    live.execute({"act": "slot", "slot": "a"})
+    DesignPanel(live).execute({"act": "pair", "slot": "a", "number": 3})
+    DesignPanel(live).execute({"act": "pair", "slot": "b", "number": 1})
+    DesignPanel(live).execute({"act": "slot", "slot": "a"})
     first = live.describe()
     assert (first["a"], first["b"], first["number"]) == (3, 1, 3)
     execute_line(live, "b")
@@ -193,10 +194,10 @@ def test_the_gain_goes_as_far_as_stability_and_device_allow(kept: FeelSession) -
     live, servo = start(kept)
     for wrong in (1.5, 0.0, -1, float("nan"), "1", True, None):  # nobody knows yet what is stable
         with pytest.raises(InputError, match="gain"):
-            live.execute({"act": "scale", "scale": wrong})
+            DesignPanel(live).execute({"act": "scale", "scale": wrong})
     assert not hasattr(servo, "scale")
     live.set_limits(ScaleLimits(2.2, "the stability check allows 2.2"))
-    live.execute({"act": "scale", "scale": 2})
+    DesignPanel(live).execute({"act": "scale", "scale": 2})
     assert servo.scale == 2.0
     assert live.describe()["gain"]["hand"] == pytest.approx(0.4)
     with pytest.raises(InputError, match="stability check allows"):

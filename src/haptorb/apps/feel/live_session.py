@@ -1,20 +1,19 @@
 """A feel session while its servo runs: what is felt now, by whom, and what they say of it. Page and terminal share it.
 
-All state is here, so that both show the same: the page sends commands (`execute`) and shows `describe`, the terminal
-calls the methods. A rating is on the disk before its method returns.
+All state is here, so that both show the same: `DesignPanel` executes what a page sends, `terminal_input` the terminal's
+lines. A rating is on the disk before its method returns.
 """
 
 from __future__ import annotations
 
 import random
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from threading import RLock
 from typing import Any, final
 from uuid import uuid4
 
 from haptorb.apps.feel.candidates import Candidate, Candidates
-from haptorb.apps.feel.page_commands import check_slot, execute_command
 from haptorb.apps.feel.records import DesignRating
 from haptorb.apps.feel.session import SCORES, FeelSession, check_person
 from haptorb.apps.feel.trace import Trace
@@ -22,7 +21,9 @@ from haptorb.apps.feel.trace_collector import FeltServo, LiveFeeling, TraceColle
 from haptorb.apps.feel.true_scale import SMALLEST, ScaleLimits
 from haptorb.errors import InputError, UnknownName, quote
 
-__all__ = ["LiveSession"]
+__all__ = ["LiveSession", "check_slot"]
+
+_SLOTS = ("a", "b")
 
 
 @final
@@ -85,7 +86,7 @@ class LiveSession:
 
     @property
     def label(self) -> str:
-        """What the present design is called before the person: its title, or a number while it is hidden."""
+        """What the present design is called before the person: its title, or a number."""
         return self._label(self.current)
 
     @property
@@ -133,20 +134,13 @@ class LiveSession:
         """Those of this person of designs as they are now; while designs are hidden, those from when they were, too:
         another score would tell which is which."""
         now = {design.name: design.digest for design in self.designs}
-        return [
-            one
-            for one in self._session.ratings()
-            if one.person == self.person and now.get(one.design) == one.digest and (one.blind or not self._blind)
-        ]
+        given = (one for one in self._session.ratings() if one.person == self.person)
+        return [one for one in given if now.get(one.design) == one.digest and (one.blind or not self._blind)]
 
     def _label(self, design: Candidate) -> str:
         return f"Design {1 + self._order.index(design)}" if self._blind else design.title
 
     # what a person does
-
-    def execute(self, command: Mapping[str, Any]) -> None:
-        """What a page asks for, as in `page_commands`. Raises InputError for what cannot be."""
-        execute_command(self, command)
 
     def rate(self, score: object, feeling: str = "") -> None:
         """Keep what the person says of the design that is felt now, again if they change their mind.
@@ -296,3 +290,10 @@ class LiveSession:
     def _tell(self, text: str) -> None:
         self.version += 1
         self.news(text)
+
+
+def check_slot(slot: object) -> str:
+    """`slot` itself, "a" or "b"; UnknownName for anything else."""
+    if slot not in _SLOTS:
+        raise UnknownName("slot", str(slot)[:20], _SLOTS)
+    return str(slot)

@@ -74,6 +74,7 @@ def feel_with_console(
     """Designs felt and rated in page and terminal until somebody finishes; the signal's number, or 0."""
     from haptorb.apps.console import Console
     from haptorb.apps.console.target import target_scene
+    from haptorb.apps.feel.design_panel import DesignPanel
     from haptorb.apps.feel.terminal_input import HELP, read_lines, wait_for_lines
     from haptorb.apps.feel.trace_collector import world_key
     from haptorb.apps.web.server import freeze_garbage
@@ -103,7 +104,7 @@ def feel_with_console(
             live.set_limits(find_limits(scale, live.designs, margin))
 
     threads = [Thread(target=work, name=f"haptorb-{work.__name__}") for work in (collect, listen, judge)]
-    with Console(servo, port, designs=live) as console, freeze_garbage(), servo:
+    with Console(servo, port, designs=DesignPanel(live)) as console, freeze_garbage(), servo:
         live.join(servo)
         live.news = say
         say(f"Open {console.url} in a browser. Ctrl-C ends.\n{HELP}\nnow: {live.label}")
