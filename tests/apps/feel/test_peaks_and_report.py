@@ -86,9 +86,11 @@ class Page(HTMLParser):
         self.pictures: list[str] = []
         self.foreign: list[str] = []
         self.text = ""
+        self.tags: set[str] = set()
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
         for name, value in attrs:
             if name in ("src", "href") and not (value or "").startswith("data:"):
                 self.foreign.append(f"{tag} {value}")
@@ -116,6 +118,7 @@ def test_the_report_has_geometry_forces_stress_and_everybodys_ratings(tmp_path: 
     session.choose("firm")
     page = Page(make_report(session, ("Simulated device 'pmsm'.", "True scale.")))
     assert not page.foreign
+    assert "b" not in page.tags  # a title is text
     assert len(page.pictures) == 8
     for words in ("plain <b>&", "anna", "ben", "6 (blind)", "steeper rear face (chosen)", "they agree", "HOOK YIELDS",
                   "not known (yield_strength", "Simulated device 'pmsm'.", "ABS yields at 45 MPa"):  # fmt: skip
