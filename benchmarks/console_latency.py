@@ -61,7 +61,7 @@ EMPTY = """([width, height]) => {
 HOLDING = "document.querySelector('#scene.holding') !== null"
 
 
-def taken(page: Page) -> tuple[float, float]:
+def take_stylus(page: Page) -> tuple[float, float]:
     """Press the mouse on the stylus, which the guided hand moves on meanwhile; the place [px]."""
     for _ in range(100):
         _, magnet, end = page.evaluate("haptorb.stylus()")
@@ -75,7 +75,7 @@ def taken(page: Page) -> tuple[float, float]:
     raise SystemExit("the stylus could not be taken: nothing was measured")
 
 
-def served(line: Connection) -> None:
+def serve(line: Connection) -> None:
     """The simulated Omni and its console, until the other end of `line` says so; then how the loop fared."""
     omni = load("omni")
     # A computer that draws with its processor stutters: the drag must go on to be measured.
@@ -87,7 +87,7 @@ def served(line: Connection) -> None:
         line.send(servo.report() | {"stolen": watch.measure().stolen})
 
 
-def dragged(page: Page, x: float, y: float, seconds: float, *, again: bool) -> None:
+def drag(page: Page, x: float, y: float, seconds: float, *, again: bool) -> None:
     """Draw figures of eight about (x, y) [px]; `again`: take the stylus again where the page let go of it."""
     for k in range(int(seconds * 40)):
         angle = 2 * math.pi * k / 80
@@ -95,17 +95,17 @@ def dragged(page: Page, x: float, y: float, seconds: float, *, again: bool) -> N
         page.wait_for_timeout(25)
         if again and k % 40 == 39 and not page.evaluate(HOLDING):  # a page that stuttered has let go
             page.mouse.up()
-            x, y = taken(page)
+            x, y = take_stylus(page)
 
 
-def measured(seconds: float, detail: str) -> dict[str, Any]:
+def measure(seconds: float, detail: str) -> dict[str, Any]:
     """Drag for `seconds`; the percentiles of the latency [ms], and how the loop fared.
 
     detail   a level of the page's drawing, or "" for what the page chooses itself
     """
     processes = multiprocessing.get_context("spawn")
     line, other = processes.Pipe()
-    serving = processes.Process(target=served, args=(other,))
+    serving = processes.Process(target=serve, args=(other,))
     serving.start()
     other.close()  # or the death at that end would go unnoticed here
     try:
@@ -119,7 +119,7 @@ def measured(seconds: float, detail: str) -> dict[str, Any]:
                     raise SystemExit(f"the loop ended by itself, nothing was measured: {line.recv()['trips']}")
                 page.wait_for_timeout(100)
             page.evaluate(PACES)
-            dragged(page, *taken(page), seconds, again=True)
+            drag(page, *take_stylus(page), seconds, again=True)
             page.mouse.up()
             times = sorted(page.evaluate("haptorb.latencies"))
             parts, costs = page.evaluate("haptorb.parts"), page.evaluate("haptorb.costs")
@@ -132,7 +132,7 @@ def measured(seconds: float, detail: str) -> dict[str, Any]:
             empty.route("**/empty", lambda route: route.fulfill(body="<!doctype html>", content_type="text/html"))
             empty.goto(url + "empty")
             empty.evaluate(EMPTY, size)
-            dragged(empty, size[0] / 2, size[1] / 2, seconds / 2, again=False)
+            drag(empty, size[0] / 2, size[1] / 2, seconds / 2, again=False)
             least = {name: statistics.median(empty.evaluate(name)) for name in ("told", "drawn")}
             renderer = empty.evaluate(
                 "(() => { const gl = document.createElement('canvas').getContext('webgl2');"
@@ -170,7 +170,7 @@ def main() -> None:
     parser.add_argument("--detail", default="", help="hold this level of drawing: full, layered or least")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     given = parser.parse_args()
-    result = measured(given.seconds, given.detail)
+    result = measure(given.seconds, given.detail)
     if given.json:
         print(json.dumps(result))
     else:

@@ -106,11 +106,11 @@ def again(once: Callable[[], Array], run: _Run) -> Array:
     return once()
 
 
-def measured(pace: float, count: int, ticks: int) -> dict[str, float]:
+def measure(pace: float, count: int, ticks: int) -> dict[str, float]:
     """rms and worst of both cases."""
     device = clamp_tool(electromagnet(load("omni")))
     places, weights = shell_places(device, count)
-    told: dict[str, float] = {"places": len(places)}
+    figures: dict[str, float] = {"places": len(places)}
     with tempfile.TemporaryDirectory() as folder:
         run = _Run(device, folder, pace)
         try:
@@ -120,16 +120,16 @@ def measured(pace: float, count: int, ticks: int) -> dict[str, float]:
             for driving, case in ((False, "currents off"), (True, "currents swinging by 5 A")):
                 each = [again(partial(errors, p, driving, run, ticks, n), run) for n, p in enumerate(places)]
                 rms = np.array([np.sqrt((one**2).mean(axis=0)) if len(one) else (math.nan,) * 2 for one in each])
-                told[f"rms over the shell, {case} [mm]"] = 1e3 * float(np.sqrt(weights @ rms[:, 0] ** 2))
-                told[f"rms at the worst place, {case} [mm]"] = 1e3 * float(rms[:, 0].max())
-                told[f"worst of all ticks, {case} [mm]"] = 1e3 * max(float(one[:, 0].max(initial=0)) for one in each)
-                told[f"rms of the axis, {case} [deg]"] = math.degrees(float(np.sqrt(weights @ rms[:, 1] ** 2)))
-                told[f"ticks in which it was found, {case} [%]"] = 100 * float(
+                figures[f"rms over the shell, {case} [mm]"] = 1e3 * float(np.sqrt(weights @ rms[:, 0] ** 2))
+                figures[f"rms at the worst place, {case} [mm]"] = 1e3 * float(rms[:, 0].max())
+                figures[f"worst of all ticks, {case} [mm]"] = 1e3 * max(float(one[:, 0].max(initial=0)) for one in each)
+                figures[f"rms of the axis, {case} [deg]"] = math.degrees(float(np.sqrt(weights @ rms[:, 1] ** 2)))
+                figures[f"ticks in which it was found, {case} [%]"] = 100 * float(
                     weights @ np.array([len(one) / ticks for one in each])
                 )
         finally:
             run.close()
-    return told
+    return figures
 
 
 def main() -> None:
@@ -140,7 +140,7 @@ def main() -> None:
     parser.add_argument("--ticks", type=int, default=300)
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    result = measured(given.pace, given.places, given.ticks)
+    result = measure(given.pace, given.places, given.ticks)
     if given.json:
         print(json.dumps(result))
         return

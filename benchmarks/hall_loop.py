@@ -36,7 +36,7 @@ def run(port: Path, seconds: float, rate: float, tracker: str) -> dict[str, Any]
     return report
 
 
-def measured(runs: int, seconds: float, rate: float, tracker: str) -> dict[str, Any]:
+def measure(runs: int, seconds: float, rate: float, tracker: str) -> dict[str, Any]:
     """What came of each run, and how many ended well."""
     with tempfile.TemporaryDirectory() as folder:
         port = Path(folder, "omni")
@@ -70,7 +70,7 @@ def main() -> None:
     parser.add_argument("--tracker", default="hall", help="hall, or pointer: nobody says where the tool is")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    result = measured(given.runs, given.seconds, given.rate, given.tracker)
+    result = measure(given.runs, given.seconds, given.rate, given.tracker)
     if given.json:
         print(json.dumps(result))
         return

@@ -31,13 +31,13 @@ from haptorb.runtime.drivers.serial.serial_port import BAUD
 BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"
 
 
-def _worked(number: int) -> float:
+def processor_time(number: int) -> float:
     """Processor time that the process `number` has taken [s]."""
     fields = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
+def measure(board: str, pace: float, cycles: int) -> dict[str, float]:
     """Numbers of one run: a frame every millisecond of firmware time, signs changing every 20 ms."""
     with tempfile.TemporaryDirectory() as folder, Emulator(BUILD, Path(folder, "port"), board) as emulator:
         device = Board(emulator.port, answer=2.0)
@@ -49,7 +49,7 @@ def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
         emulator.status()
         start = float(emulator.status()["t"])
         trips = rounds = 0
-        cpu, wall, emulating = time.process_time(), time.perf_counter(), _worked(emulator.pid)
+        cpu, wall, emulating = time.process_time(), time.perf_counter(), processor_time(emulator.pid)
         deadline = wall
         for k in range(cycles):  # as the driver does: collect the answer to the last frame, send the next
             deadline = max(deadline + 1e-3 / pace, time.perf_counter() - 1e-3 / pace)
@@ -62,14 +62,14 @@ def measured(board: str, pace: float, cycles: int) -> dict[str, float]:
             now = int(reading["rounds"][0])
             rounds += (now - before) & 0xFF
             before = now
-            if reading["standing"][0] != BoardMode.ENGAGED:
+            if reading["mode"][0] != BoardMode.ENGAGED:
                 trips += 1
                 device.collect(1.0)
                 device.switch_off()
                 device.engage(0.5, 20.0)
                 before = device.set([100, 100, 100]).rounds
         cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-        emulating = _worked(emulator.pid) - emulating
+        emulating = processor_time(emulator.pid) - emulating
         words = emulator.status()
         device.collect(1.0)
         took = np.empty(300)
@@ -107,7 +107,7 @@ def main() -> None:
     parser.add_argument("--board", default="m328p")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    result = measured(given.board, given.pace, given.cycles)
+    result = measure(given.board, given.pace, given.cycles)
     if given.json:
         print(json.dumps(result))
         return

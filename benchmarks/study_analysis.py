@@ -21,7 +21,7 @@ from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.database import database, trials
 
 
-def filled(place: Path, count: int) -> None:
+def fill_database(place: Path, count: int) -> None:
     """A database with `count` answered trials of the published study, 6 participants."""
     each = max(1, round(count / 6 / 25))
     study = study_of(f'name = "timed"\n[trials]\nrepetitions = {each}')
@@ -45,11 +45,11 @@ def filled(place: Path, count: int) -> None:
                 connection.execute(trials.insert(), rows)
 
 
-def measured(count: int) -> dict[str, float]:
+def measure(count: int) -> dict[str, float]:
     """Seconds for numbers and for the report, figures included, after one warm-up."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder, "s.db")
-        filled(place, count)
+        fill_database(place, count)
         analysis = analysis_of(place)
         start = time.perf_counter()
         analysis = analysis_of(place)
@@ -64,7 +64,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=300)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    found = measured(options.trials)
+    found = measure(options.trials)
     if options.json:
         print(json.dumps(found))
     else:

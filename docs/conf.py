@@ -21,6 +21,7 @@ extensions = [
     "sphinxcontrib.bibtex",
     "sphinx_gallery.gen_gallery",
     "plain_docstrings",
+    "quick_references",
     "room_pages",
     "tables",
 ]

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-KEPT = ("PATH", "LANG", "SSL_CERT_FILE", "REQUESTS_CA_BUNDLE", "NODE_EXTRA_CA_CERTS")
+ENVIRONMENT = ("PATH", "LANG", "SSL_CERT_FILE", "REQUESTS_CA_BUNDLE", "NODE_EXTRA_CA_CERTS")
 SETTINGS = (".config/pip", ".npmrc")  # of the registries, in a home
 MARKED = re.compile(r"(<!-- first-run -->) \d+ s (<!-- /first-run -->)")
 
@@ -34,21 +34,23 @@ def seconds() -> float:
                 shutil.copy(mine, home / name)
         subprocess.run(["git", "clone", "--quiet", str(ROOT), str(clone)], check=True)
         here = {
-            k: v for k, v in os.environ.items() if k in KEPT or k.startswith("PIP_") or k.lower().endswith("_proxy")
+            k: v
+            for k, v in os.environ.items()
+            if k in ENVIRONMENT or k.startswith("PIP_") or k.lower().endswith("_proxy")
         }
-        begun = time.monotonic()
+        start = time.monotonic()
         making = subprocess.Popen(
             ["make", "run", "ARGS=--port 0"], cwd=clone, env={**here, "HOME": str(home)}, text=True,
             stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True,
         )  # fmt: skip
         assert making.stderr is not None
-        said = []
+        lines = []
         try:
             for line in making.stderr:
-                said.append(line)
+                lines.append(line)
                 if "http://127.0.0.1" in line:
-                    return time.monotonic() - begun
-            raise SystemExit(f"`make run` ended before the console was up:\n{''.join(said)}")
+                    return time.monotonic() - start
+            raise SystemExit(f"`make run` ended before the console was up:\n{''.join(lines)}")
         finally:
             os.killpg(making.pid, signal.SIGTERM)  # make and the program that it became
             making.communicate()

@@ -18,7 +18,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from safety_markers import Marked, MarkerError, break_code, find_marked
+from safety_markers import MarkedStatement, MarkerError, break_code, find_marked
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src" / "haptorb"
@@ -33,6 +33,7 @@ I2C_TESTS, LOCK_TESTS = "tests/runtime/drivers/i2c/test_i2c_faults.py", "tests/r
 SERIAL_TESTS = "tests/runtime/drivers/serial/test_serial_driver.py"
 HOSTILE_TESTS = "tests/runtime/processes/test_hostile_worlds.py"
 STALLED_TESTS = "tests/runtime/processes/test_stalled_recorder.py"
+HAND_TESTS = "tests/runtime/servo/test_hand.py"
 LEFTOVER_TESTS = "tests/runtime/realtime/test_stale_files.py"
 TICK_TESTS = "tests/runtime/tick/test_tick.py"
 FEED_TESTS, FRAMED_TESTS = "tests/runtime/trackers/test_trackers.py", "tests/runtime/trackers/test_framed_feed.py"
@@ -68,6 +69,13 @@ RULES = [
         f"{HOSTILE}::test_a_recording_is_as_open_as_its_owner_wants_files",
     ),
     ("eeprom-kept", "an id is kept when the EEPROM has it", "replace test.values[1] by False", SERIAL_TESTS),
+    (
+        "pointer-bridged",
+        "a page that stutters for too long loses the mover",
+        "always",
+        "tests/apps/console/test_pointer_relay.py",
+    ),
+    ("cool-simulated", "real coils stay as warm as they are", "always", "tests/runtime/tick/test_cooling.py"),
     ("host-silent", "a silent host is dead", "never", "tests/runtime/processes/test_loop.py"),
     ("host-stopped", "a stopped host is dead within 100 ms", "never", "tests/runtime/realtime/test_host_heartbeat.py"),
     (
@@ -119,6 +127,12 @@ RULES = [
     ("sender-time", "a sender's number that tells no time is not believed", "never", SENDER_TESTS),
     ("sender-token", "a sender beyond this computer needs the token", "never", FEED_TESTS),
     ("replay-real", "a replay never moves a real device", "never", FEED_TESTS),
+    (
+        "hold-real",
+        "a pose that nobody measures is not held on a real device",
+        "never",
+        f"{HAND_TESTS}::test_no_pose_is_held_that_a_tracker_should_measure",
+    ),
     ("left-handed", "a left-handed tracker is refused", "never", FRAME_TESTS),
     ("frame-scale", "a tracker in millimetres is no frame", "always", FRAME_TESTS),
     ("frame-rehearsed", "a rehearsed frame moves no real device", "never", FRAMED_TESTS),
@@ -302,7 +316,7 @@ class Proof:
     broken: str  # the file's text without what keeps the rule
 
 
-def collect_proofs(rules: list[tuple[str, str, str, str]], marked: dict[str, Marked]) -> list[Proof]:
+def collect_proofs(rules: list[tuple[str, str, str, str]], marked: dict[str, MarkedStatement]) -> list[Proof]:
     """A proof per rule; MarkerError unless each rule has its marker and each marker its rule."""
     names = [name for name, *_ in rules]
     if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -321,13 +335,13 @@ def try_tests(proof: Proof, folder: Path) -> str:
     `folder` holds a copy of the sources and what is compiled of it: a kernel is compiled again where what it stands on
     has changed (see `haptorb.numerics.compiled`), all others are there from the proofs before.
     """
-    path, kept = folder / "src" / proof.path.relative_to(ROOT / "src"), folder / "kept"
-    shutil.copy2(path, kept)
+    path, copy = folder / "src" / proof.path.relative_to(ROOT / "src"), folder / "kept"
+    shutil.copy2(path, copy)
     path.write_text(proof.broken, encoding="utf-8")
     try:
         broken = _run_tests(proof.tests, folder, "--cache-clear")
     finally:
-        shutil.copy2(kept, path)
+        shutil.copy2(copy, path)
     if broken != 1:
         return GREEN
     return ANYWAY if _run_tests(proof.tests, folder, "--last-failed") else RED  # what was red is tried as it is

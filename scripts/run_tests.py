@@ -1,5 +1,5 @@
 """Run the tests in three calls of pytest: what only computes shares the processors, what runs beside a clock comes in
-twos, and what needs a browser or an emulated board as well has the machine for itself.
+twos, and what needs a browser as well, which draws on every processor, has the machine for itself.
 
     run_tests.py [--markers EXPRESSION] [pytest's arguments]
 
@@ -18,13 +18,13 @@ from collections import Counter
 PYTEST = [sys.executable, "-m", "pytest", "--continue-on-collection-errors"]
 #: four processes at the most; a file's tests stay together, in the order of tests/conftest.py
 SHARED = ["-n", "logical", "--maxprocesses", "4", "--dist", "loadscope", "--no-loadscope-reorder"]
-#: two loops at 1 kHz, each of which needs a fraction of a processor; most of their tests' time is starting processes
+#: two loops at 1 kHz or emulated boards, each of which needs a fraction of a processor and mostly waits
 IN_TWOS = ["-n", "2", "--dist", "loadscope", "--no-loadscope-reorder"]
 ALONE = ["-n", "0"]
 CALLS = (
     ("not realtime", SHARED),
-    ("realtime and not (browser or firmware)", IN_TWOS),
-    ("realtime and (browser or firmware)", ALONE),
+    ("realtime and not browser", IN_TWOS),
+    ("realtime and browser", ALONE),
 )
 NO_TESTS = 5  #: pytest's exit code where nothing was chosen: another call may have had something
 ORDER = ("failed", "passed", "skipped", "xfailed", "xpassed", "warning", "error", "rerun")
@@ -43,27 +43,28 @@ def count_outcomes(text: str) -> Counter[str]:
 
 def format_summary(counts: Counter[str], seconds: float) -> str:
     """All counts as pytest writes them at its end."""
-    said = ", ".join(
+    summary = ", ".join(
         f"{counts[word]} {word}{'s' * (word in ('warning', 'error') and counts[word] > 1)}"
         for word in ORDER
         if counts[word]
     )
     minutes, rest = divmod(round(seconds), 60)
     took = f"{seconds:.2f}s ({minutes // 60}:{minutes % 60:02}:{rest:02})"
-    return f"= {said or 'no tests ran'} in {took} =".center(80, "=")  # .ci/run looks for the signs, however long it is
+    # .ci/run looks for the signs, however long it is.
+    return f"= {summary or 'no tests ran'} in {took} =".center(80, "=")
 
 
 def run_pytest(arguments: list[str]) -> tuple[int, Counter[str]]:
     """One call, shown while it runs. Returns its exit code and what it counted."""
     command = [*PYTEST, *(["--color=yes"] if sys.stdout.isatty() else []), *arguments]
-    seen = b""
+    output = b""
     with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
-        while said := os.read(process.stdout.fileno(), 65536):
-            sys.stdout.buffer.write(said)
+        while chunk := os.read(process.stdout.fileno(), 65536):
+            sys.stdout.buffer.write(chunk)
             sys.stdout.buffer.flush()
-            seen = (seen + said)[-100_000:]
-    counts = count_outcomes(seen.decode("utf-8", "replace"))
+            output = (output + chunk)[-100_000:]
+    counts = count_outcomes(output.decode("utf-8", "replace"))
     return process.returncode or int(counts["failed"] + counts["error"] > 0), counts
 
 

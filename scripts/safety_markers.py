@@ -40,7 +40,7 @@ class MarkerError(Exception):
 
 
 @dataclass(frozen=True)
-class Marked:
+class MarkedStatement:
     """A statement that keeps a rule."""
 
     path: Path
@@ -48,9 +48,9 @@ class Marked:
     node: ast.AST
 
 
-def find_marked(sources: Path) -> dict[str, Marked]:
+def find_marked(sources: Path) -> dict[str, MarkedStatement]:
     """The marked statements of all Python files below `sources` by the markers' names; each name stands once."""
-    marked: dict[str, Marked] = {}
+    marked: dict[str, MarkedStatement] = {}
     for path in sorted(sources.rglob("*.py")):
         text = path.read_text(encoding="utf-8")
         if not _LOOKS_LIKE.search(text):
@@ -58,7 +58,7 @@ def find_marked(sources: Path) -> dict[str, Marked]:
         for name, node in _read_markers(text, path):
             if name in marked:
                 raise MarkerError(f"two statements are marked '{name}': in {marked[name].path} and in {path}")
-            marked[name] = Marked(path, text, node)
+            marked[name] = MarkedStatement(path, text, node)
     return marked
 
 
@@ -92,7 +92,7 @@ def _locate(node: ast.AST) -> tuple[int, int]:
     return node.lineno, node.col_offset
 
 
-def break_code(marked: Marked, mutation: str) -> str:
+def break_code(marked: MarkedStatement, mutation: str) -> str:
     """The file's text with the marked statement broken; MarkerError if `mutation` does not fit or changes nothing."""
     try:
         node, words = _mutate(marked, mutation)
@@ -113,7 +113,7 @@ def _dump(text: str) -> str:
     return ast.dump(ast.parse(text))
 
 
-def _mutate(marked: Marked, mutation: str) -> tuple[ast.AST, str]:
+def _mutate(marked: MarkedStatement, mutation: str) -> tuple[ast.AST, str]:
     """What is replaced, and by which text."""
     kind, _, rest = mutation.partition(" ")
     if whole := {"drop": "pass", "return": "return"}.get(mutation):
@@ -196,6 +196,6 @@ def _replace(text: str, node: ast.AST, words: str) -> str:
     return (before + words.encode() + after).decode()
 
 
-def _quote(marked: Marked) -> str:
+def _quote(marked: MarkedStatement) -> str:
     first = ast.get_source_segment(marked.text, marked.node) or ""
     return f"`{first.splitlines()[0]}` ({marked.path}:{marked.node.lineno})"

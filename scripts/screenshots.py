@@ -55,7 +55,7 @@ def fake_servo() -> Any:
     return module.FakeServo()
 
 
-def _tripped(reason: Trip) -> Callable[[Any], None]:
+def _trip(reason: Trip) -> Callable[[Any], None]:
     def put(servo: Any) -> None:
         servo.guard, servo.trip = GuardState.TRIPPED, reason
 
@@ -66,15 +66,15 @@ def _warm(servo: Any) -> None:
     servo.winding = np.array([317.0, 341.0, 305.0])
 
 
-def _derated(servo: Any) -> None:
+def _derate(servo: Any) -> None:
     servo.guard, servo.winding = GuardState.DERATED, np.array([322.0, 361.0, 311.0])
 
 
-def _saturated(servo: Any) -> None:
+def _saturate(servo: Any) -> None:
     servo.set_world("dome", {"moment": 4.0, "half_width_deg": 30.0, "cut_off_deg": 80.0})
 
 
-def _tilted(servo: Any) -> None:
+def _tilt(servo: Any) -> None:
     servo.set_world("dome", {"summit": (0.3, -0.4, 0.866), "moment": -2.4})
 
 
@@ -86,22 +86,22 @@ def _silent(servo: Any) -> None:
     servo.silent = True
 
 
-def _ended(servo: Any) -> None:
+def _end(servo: Any) -> None:
     servo.alive = False
 
 
 STATES: dict[str, Callable[[Any], None]] = {
     "running": lambda servo: None,
     "warm": _warm,
-    "derated": _derated,
-    "stopped": _tripped(Trip.STOPPED),
-    "tripped": _tripped(Trip.POSE_EXPIRED),
-    "tracker-lost": _tripped(Trip.POSE_LOST),
-    "at-the-limit": _saturated,
-    "pulling": _tilted,
+    "derated": _derate,
+    "stopped": _trip(Trip.STOPPED),
+    "tripped": _trip(Trip.POSE_EXPIRED),
+    "tracker-lost": _trip(Trip.POSE_LOST),
+    "at-the-limit": _saturate,
+    "pulling": _tilt,
     "nothing": _nothing,
     "waiting": _silent,
-    "disconnected": _ended,
+    "disconnected": _end,
 }
 
 
@@ -155,7 +155,7 @@ def take_film(path: Path) -> None:
         page.goto(f"{console.origin}/?detail=full#{console.token}")
         _until(page, "!document.getElementById('legend').hidden")
         page.evaluate("document.getElementById('hint').remove()")
-        begun = time.monotonic()
+        start = time.monotonic()
         for k in range(60):
             turn = 2 * np.pi * k / 60
             servo.target = servo.at(20 + 18 * np.sin(turn), -60 + 75 * np.sin(2 * turn), 0.0475)
@@ -163,7 +163,7 @@ def take_film(path: Path) -> None:
             page.wait_for_timeout(50)
             picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
             frames.append(picture.resize((960, 600), Image.Resampling.LANCZOS))
-        pause = int(1e3 * (time.monotonic() - begun) / len(frames))
+        pause = int(1e3 * (time.monotonic() - start) / len(frames))
         browser.close()
         console.close()
         serving.join()

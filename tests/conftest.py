@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +37,7 @@ settings.load_profile("fixed")
 HEAVY = (
     *("test_tools.py", "test_result.py", "test_public_names.py", "test_house.py", "test_names.py"),
     *("test_docstrings.py", "test_docs.py", "reproduce", "test_examples.py"),
+    *("test_coils_off.py", "test_emulated_board.py"),  # of those beside a clock
 )
 _REALTIME = re.compile(r"^(pytestmark = )?.*\bmark\.realtime\b", re.MULTILINE)
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
@@ -100,6 +103,22 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for marker, reason in skips.items():
             if item.get_closest_marker(marker):
                 item.add_marker(pytest.mark.skip(reason=reason))
+
+
+_TURN = sys.getswitchinterval()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown() -> None:
+    """Be an ordinary program again after a command that talked to a firmware, and came before all others for that.
+
+    What it leaves to this process is its until it ends: the tests after it would starve those of the other process.
+    """
+    if sys.getswitchinterval() != _TURN:
+        sys.setswitchinterval(_TURN)
+        gc.unfreeze()
+    if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK != os.SCHED_OTHER:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 @pytest.fixture(scope="session")

@@ -46,11 +46,11 @@ def steal() -> float:
         return int(file.readline().split()[8]) / os.sysconf("SC_CLK_TCK")
 
 
-def missed(trip: TripRecord, servo: Servo) -> float:
+def share_missed(trip: TripRecord, servo: Servo) -> float:
     """Share of the deadlines of the last 0.2 s before `trip` that were missed."""
     wall = trip.rows[:, servo.layout["wall"]][:, 0]
-    begun = wall[wall >= wall[-1] - 0.2]
-    return 1.0 - (len(begun) - 1) / (servo.rate * (wall[-1] - wall[0] if len(begun) == len(wall) else 0.2))
+    window = wall[wall >= wall[-1] - 0.2]
+    return 1.0 - (len(window) - 1) / (servo.rate * (wall[-1] - wall[0] if len(window) == len(wall) else 0.2))
 
 
 class Judge:
@@ -63,7 +63,7 @@ class Judge:
 
     def judge(self, servo: Servo, tripped: TripRecord, pauses: list[float], at: float) -> None:
         """Print one trip and its verdict."""
-        share, pause = missed(tripped, servo), max(pauses)
+        share, pause = share_missed(tripped, servo), max(pauses)
         so = {Trip.OVERRUN: share > 0.2, Trip.POSE_EXPIRED: pause > 0.05, Trip.HOST_SILENT: pause > 0.1}
         really = so.get(tripped.trip, False)
         self.trips += 1
@@ -80,10 +80,10 @@ class Judge:
         """Seconds for which one servo rendered: `seconds`, or less where a trip that was really so ended it."""
         with Servo(device, record=False) as servo:
             distance = getattr(servo.device, "contact_distance", 0.05)
-            begun = last = monotonic()
+            start = last = monotonic()
             pauses, known = [0.0] * 30, 0
             try:
-                while (t := monotonic() - begun) < seconds:
+                while (t := monotonic() - start) < seconds:
                     servo.point(place(t, distance))
                     pauses = [*pauses[1:], monotonic() - last]
                     last, self._held_up = monotonic(), max(self._held_up, pauses[-1])
@@ -97,7 +97,7 @@ class Judge:
                 if max(pauses) < 0.4:  # it ends after half a second of silence
                     raise
                 print(f"started again: {ended}", flush=True)
-                t = last - begun
+                t = last - start
             report = servo.report()
         self.ticks += report["ticks"]
         self.missed += report["ticks"] - round(report["success_rate"] * report["ticks"])

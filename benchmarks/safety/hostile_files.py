@@ -125,7 +125,7 @@ def mcap_text(text: bytes) -> bytes:
 MAGIC = b"\x89MCAP0\r\n"
 
 
-def crafted_recording(good: bytes, chance: random.Random) -> bytes:
+def craft_recording(good: bytes, chance: random.Random) -> bytes:
     """A file whose frame is right and whose content is not: check sums fit, so that it is looked into."""
     name, topic = b"haptorb/msg/Tick", b"/haptorb/tick"
     field_line = chance.choice(
@@ -168,7 +168,7 @@ class Kind:
 
 
 @dataclass
-class Found:
+class Outcomes:
     """What the files of a kind did."""
 
     files: int = 0
@@ -179,16 +179,16 @@ class Found:
     wrong: list[str] = field(default_factory=list)  #: what should not have happened
 
 
-def tried(kind: Kind, mutants: int, seed: int, folder: Path) -> Found:
+def try_mutants(kind: Kind, mutants: int, seed: int, folder: Path) -> Outcomes:
     """Read so many mutants of `kind` in `folder`."""
-    chance, found, before = random.Random(f"{kind.name} {seed}"), Found(), _memory()
-    kind.read(_written(folder, kind, kind.good))
+    chance, found, before = random.Random(f"{kind.name} {seed}"), Outcomes(), _memory()
+    kind.read(_write(folder, kind, kind.good))
     for number in range(mutants):
         if kind.make is not None and number % 3 == 0:
             data = kind.make(kind.good, chance)
         else:
             data = mutant(kind.good, chance, text=kind.text)
-        path, begun = _written(folder, kind, data), time.process_time()
+        path, start = _write(folder, kind, data), time.process_time()
         found.files += 1
         try:
             with warnings.catch_warnings():
@@ -202,7 +202,7 @@ def tried(kind: Kind, mutants: int, seed: int, folder: Path) -> Found:
                 found.wrong.append(f"{kind.name} {number}: a message of {len(message)} characters: {message[:200]!r}")
         except Exception:
             found.wrong.append(f"{kind.name} {number}: {traceback.format_exc(limit=-4)}")
-        took = time.process_time() - begun
+        took = time.process_time() - start
         found.slowest = max(found.slowest, took)
         if took > SLOW:
             found.wrong.append(f"{kind.name} {number}: {took:.1f} s")
@@ -216,7 +216,7 @@ def _memory() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
-def _written(folder: Path, kind: Kind, data: bytes) -> Path:
+def _write(folder: Path, kind: Kind, data: bytes) -> Path:
     path = folder / f"file{kind.ending}"
     path.write_bytes(data)
     return path
@@ -377,15 +377,15 @@ def kinds(folder: Path) -> list[Kind]:
         Kind("calibration", calibration.text().encode(), ".json", of_calibration),
         Kind("frame", frame.text().encode(), ".json", of_frame),
         Kind("parameters", world_values.encode(), ".txt", of_parameters),
-        Kind("recording", file.getvalue(), ".mcap", of_recording, text=False, make=crafted_recording),
-        Kind("network", (folder / "good.network").read_bytes(), ".network", read_networks, make=_sealed),
+        Kind("recording", file.getvalue(), ".mcap", of_recording, text=False, make=craft_recording),
+        Kind("network", (folder / "good.network").read_bytes(), ".network", read_networks, make=_seal),
         Kind("progress", progress.path.read_bytes(), ".steps", of_progress),
         Kind("ratings", f"{line}\n{choice}\n{line}\n".encode(), ".jsonl", of_ratings),
         Kind("thermal", THERMAL.encode(), ".csv", of_thermal),
     ]
 
 
-def _sealed(good: bytes, chance: random.Random) -> bytes:
+def _seal(good: bytes, chance: random.Random) -> bytes:
     """A network file with another head, whose hash is right."""
     from haptorb.sensing.torque_maps.network_file import _digest
 
@@ -423,7 +423,7 @@ def main() -> int:
             if given.only and kind.name not in given.only:
                 continue
             mutants = given.mutants // 10 if kind.name in ("motor", "variant") else given.mutants
-            found = tried(kind, mutants, given.seed, folder)
+            found = try_mutants(kind, mutants, given.seed, folder)
             wrong += len(found.wrong)
             print(
                 f"{kind.name:12} {found.files:6} files: {found.read} read, {found.refused} refused, "

@@ -116,7 +116,7 @@ def attack(port: int, connections: int, seconds: float, token: str = "", pages: 
     return counts
 
 
-def asked(port: int) -> dict[str, int]:
+def ask_without_token(port: int) -> dict[str, int]:
     """What somebody without the token is answered, by what was asked for."""
     import socket
 
@@ -149,7 +149,7 @@ def another() -> dict[str, Any]:
         os.setgid(NOBODY)
         os.setuid(NOBODY)
     if not connections:
-        return {"uid": os.getuid(), **asked(port)}
+        return {"uid": os.getuid(), **ask_without_token(port)}
     return attack(port, connections, seconds, token, pages)
 
 
@@ -159,7 +159,7 @@ def _other(port: int, connections: int = 0, seconds: float = 0.0, token: str = "
     return dict(json.loads(done.stdout))
 
 
-def served(line: Connection) -> None:
+def serve(line: Connection) -> None:
     """The console and its servo; says where it is, and at the end how it went."""
     from haptorb.apps.console import Console
     from haptorb.runtime.servo.servo import Servo
@@ -239,10 +239,10 @@ def _times(answers: list[tuple[float, float]]) -> dict[str, float]:
     return {"median_ms": round(statistics.median(times), 1), "worst_ms": round(times[-1], 1)}
 
 
-def measured(connections: int, seconds: float) -> dict[str, Any]:
+def measure(connections: int, seconds: float) -> dict[str, Any]:
     """What came of it."""
     line, other = multiprocessing.get_context("spawn").Pipe()
-    serving = multiprocessing.get_context("spawn").Process(target=served, args=(other,))
+    serving = multiprocessing.get_context("spawn").Process(target=serve, args=(other,))
     serving.start()
     other.close()
     port, token = line.recv()
@@ -268,11 +268,11 @@ def measured(connections: int, seconds: float) -> dict[str, Any]:
         while attacking.is_alive():
             peak = max(peak, _memory(serving.pid))
             time.sleep(0.02)
-        begun = time.monotonic()
+        start = time.monotonic()
         time.sleep(1.0)
         line.send("trips")
         trips = line.recv()[ignored + len(busy) :]
-        answered = any(when > begun for when, _ in holder.answers)
+        answered = any(when > start for when, _ in holder.answers)
         return {
             "another_account": stranger,
             "hostile_answers": found,
@@ -304,7 +304,7 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     given = parser.parse_args()
     try:
-        result = measured(given.connections, given.seconds)
+        result = measure(given.connections, given.seconds)
     except (EOFError, BrokenPipeError):
         print("nothing can be said: the loop ended by itself; its reason stands above")
         return 2

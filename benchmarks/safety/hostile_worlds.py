@@ -30,7 +30,7 @@ from haptorb.errors import DriverError
 from haptorb.runtime.drivers.serial.serial_port import SerialPort
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 
-GONE, TOLD = 3.0, 2.0  #: limits [s]
+GONE, REPORT_TIME = 3.0, 2.0  #: limits [s]
 UNDER_WAY = 0.3  #: from the world's misbehaviour to the host's end [s]
 STOPPED = 0.1 + 0.02  #: limit: the promise, and what a look at the memory takes [s]
 
@@ -108,7 +108,7 @@ with haptorb.Servo("omni", Mine()) as servo:
 """
 
 
-def gone(pid: int) -> bool:
+def is_gone(pid: int) -> bool:
     """Whether a process ended; one that only waits to be collected counts."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
@@ -127,13 +127,13 @@ def session(leader: int) -> list[int]:
     return found
 
 
-def seconds_until(condition: Callable[[], bool], begun: float, patience: float = 15.0) -> float:
+def seconds_until(condition: Callable[[], bool], start: float, patience: float = 15.0) -> float:
     """From `begun` until it is true; infinite if it never is."""
     while not condition():
-        if time.monotonic() > begun + patience:
+        if time.monotonic() > start + patience:
             return float("inf")
         time.sleep(0.002)
-    return time.monotonic() - begun
+    return time.monotonic() - start
 
 
 class Run:
@@ -155,8 +155,8 @@ class Run:
             [sys.executable, str(script)], stdout=subprocess.PIPE, text=True, env={**os.environ, "TMPDIR": str(folder)}
         )
         assert self.host.stdout is not None
-        self._told = self.host.stdout
-        servo, recorder, *files = self._told.readline().split()
+        self._output = self.host.stdout
+        servo, recorder, *files = self._output.readline().split()
         self.servo, self.recorder, self.files = int(servo), int(recorder), [Path(file) for file in files]
 
     def misbehave(self) -> float:
@@ -164,9 +164,9 @@ class Run:
         self._flag.touch()
         return time.monotonic()
 
-    def told(self) -> str:
+    def read_report(self) -> str:
         """What the host was told, as soon as it was."""
-        return self._told.readline().removeprefix("told").strip()
+        return self._output.readline().removeprefix("told").strip()
 
     def free(self) -> bool:
         """Whether another program can have the port."""
@@ -176,7 +176,7 @@ class Run:
             return False
         return True
 
-    def left(self) -> int:
+    def count_files(self) -> int:
         """How many of its files are still there."""
         return sum(file.exists() for file in self.files)
 
@@ -207,37 +207,37 @@ class Tally:
         self.dead: list[Run] = []
         self.starts = self.unclean = self.failed = 0
 
-    def begun(self) -> None:
+    def start_run(self) -> None:
         """A run has started: nothing of the dead may be there."""
         if self.dead:
             self.starts += 1
-            self.unclean += any(run.left() for run in self.dead)
+            self.unclean += any(run.count_files() for run in self.dead)
         self.dead.clear()
 
 
 def hostile(folder: Path, world: str, event: str, tally: Tally) -> None:
     """One world, one end of the host; prints a line."""
     with running(folder, world) as run:
-        tally.begun()
-        begun = run.misbehave()
-        told, said = 0.0, ""
+        tally.start_run()
+        start = run.misbehave()
+        delay, report = 0.0, ""
         if event == "nothing":
-            said = run.told()
-            told = time.monotonic() - begun
-            begun = begun if said != "nothing" else time.monotonic()
+            report = run.read_report()
+            delay = time.monotonic() - start
+            start = start if report != "nothing" else time.monotonic()
         else:
             time.sleep(UNDER_WAY)
-            begun = time.monotonic()
+            start = time.monotonic()
             run.host.send_signal(signal.SIGKILL if event == "killed" else signal.SIGTERM)
-        ended = seconds_until(lambda: gone(run.servo) and not session(run.servo), begun)
-        free = seconds_until(run.free, begun)
-        well = max(ended, free) <= GONE and told <= (TOLD if said != "nothing" else GONE)
+        ended = seconds_until(lambda: is_gone(run.servo) and not session(run.servo), start)
+        free = seconds_until(run.free, start)
+        well = max(ended, free) <= GONE and delay <= (REPORT_TIME if report != "nothing" else GONE)
         tally.failed += not well
         tally.dead.append(run)
-        heard = f"told {told:.2f} s" if said not in ("", "nothing") else ""
+        text = f"told {delay:.2f} s" if report not in ("", "nothing") else ""
         print(
             f"{'' if well else 'FAILED ':>7}{world:<40} {event:<8} gone {ended:5.2f} s  port free {free:5.2f} s  "
-            f"{heard:<12} {said[:70]}",
+            f"{text:<12} {report[:70]}",
             flush=True,
         )
 
@@ -245,7 +245,7 @@ def hostile(folder: Path, world: str, event: str, tally: Tally) -> None:
 def crash(folder: Path, tally: Tally) -> None:
     """All processes of a run killed at once."""
     with running(folder, "raises") as run:
-        tally.begun()
+        tally.start_run()
         everyone = (run.host.pid, run.servo, run.recorder)
         for number in (signal.SIGSTOP, signal.SIGKILL):
             for pid in everyone:
@@ -256,25 +256,25 @@ def crash(folder: Path, tally: Tally) -> None:
 def stop(folder: Path, tally: Tally) -> float:
     """The host stopped; milliseconds until the loop has closed the driver and said so."""
     with running(folder, "raises") as run:
-        tally.begun()
+        tally.start_run()
         shared = SharedMemory.attach(run.files[0])
         time.sleep(0.5)
-        begun = time.monotonic()
+        start = time.monotonic()
         run.host.send_signal(signal.SIGSTOP)
-        after = seconds_until(lambda: bool(shared.words[Word.TRIPS]) or shared.phase >= Phase.ENDED, begun)
+        after = seconds_until(lambda: bool(shared.words[Word.TRIPS]) or shared.phase >= Phase.ENDED, start)
         tally.dead.append(run)
         return 1e3 * after
 
 
-def busy(folder: Path, seconds: float, tally: Tally) -> str:
+def run_busy(folder: Path, seconds: float, tally: Tally) -> str:
     """What a host was told that computes for so long beside busy processes; empty for nothing."""
     others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
     try:
         with running(folder, "raises", seconds) as run:
-            tally.begun()
-            said = run.told()
+            tally.start_run()
+            report = run.read_report()
             tally.dead.append(run)
-            return "" if said == "nothing" else said
+            return "" if report == "nothing" else report
     finally:
         for other in others:
             other.kill()
@@ -304,12 +304,12 @@ def main() -> int:
             print(f"host stopped {len(times)} times: coils off after {times[len(times) // 2]:.0f} ms, at most "
                   f"{times[-1]:.0f} ms; {late} later than {1e3 * STOPPED:.0f} ms")  # fmt: skip
         if options.busy:
-            said = busy(folder, options.busy, tally)
+            report = run_busy(folder, options.busy, tally)
             # The computer is too busy on purpose: a loop that misses its deadlines says so.
-            tally.failed += bool(said) and "OVERRUN" not in said
-            print(f"host computing for {options.busy:g} s beside busy processes: told {said or 'nothing'}")
+            tally.failed += bool(report) and "OVERRUN" not in report
+            print(f"host computing for {options.busy:g} s beside busy processes: told {report or 'nothing'}")
         with running(folder, "raises"):
-            tally.begun()
+            tally.start_run()
     well = not tally.failed and not tally.unclean
     print(
         f"{'Kept' if well else 'NOT kept'}: {tally.failed} limits broken; after {tally.starts - tally.unclean} of "

@@ -41,7 +41,7 @@ from haptorb.runtime.realtime.kernel_requests import request_real_time
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))  # the chips as their data sheets have them
 
-from oracles.chips import ChipBus
+from oracles.chips import ChipBus, Thermometers
 
 LIMIT = 0.020  #: from the first answer of the bus to registers that read zero; for noticing the guardian's end [s]
 HANG = 0.010  #: what one transfer takes that hangs [s]
@@ -68,28 +68,13 @@ serve(Bus(), 0x60)
 """
 
 
-class Warm:
-    """Thermometers that need no bus."""
-
-    def ready(self, patience: float) -> bool:
-        """At once."""
-        return True
-
-    def read(self) -> Any:
-        """(3,) [K]."""
-        return np.full(3, 300.0)
-
-    def close(self) -> None:
-        """Nothing to close."""
-
-
 class FaultyBus:
     """Simulated chips whose bus fails from transfer `at` on for `lasts` [s]."""
 
     def __init__(self, at: int | None = None, lasts: float = 0.0, kind: str = "nack", seed: int = 0) -> None:
         self.chips, self.pwm, self.currents, _ = ChipBus.of_device()
         self.count = 0
-        self.begun: float | None = None
+        self.fault_start: float | None = None
         self.pins: float | None = None  #: from the first failure to pins that are low [s]
         self._at, self._lasts, self._hangs = at, lasts, kind == "hang"
         self._random = random.Random(seed)
@@ -102,15 +87,15 @@ class FaultyBus:
     @property
     def over(self) -> float | None:
         """When the bus answers again [s]; None before it fails."""
-        return None if self.begun is None else self.begun + self._lasts
+        return None if self.fault_start is None else self.fault_start + self._lasts
 
     def transfer(self, messages: Sequence[tuple[int, bytes | int]]) -> list[bytes]:
         """As chips do, unless it fails now: then a part of the first message may have arrived."""
         number, self.count = self.count, self.count + 1
         if number == self._at:
-            self.begun = self.now
-        if self.begun is not None and self.pins is None and not self.pwm.duties().any():
-            self.pins = self.now - self.begun
+            self.fault_start = self.now
+        if self.fault_start is not None and self.pins is None and not self.pwm.duties().any():
+            self.pins = self.now - self.fault_start
         if self.over is None or self.now >= self.over:
             return self.chips.transfer(messages)
         address, what = messages[0]
@@ -134,7 +119,7 @@ class Session:
 
     def __init__(self, bus: FaultyBus) -> None:
         self.bus = bus
-        self.driver = I2cDriver(load("omni"), bus, thermometers=Warm, clock=lambda: bus.now)
+        self.driver = I2cDriver(load("omni"), bus, thermometers=Thermometers, clock=lambda: bus.now)
         self.next = 0.0
         self.found = ""
         self.failed = False  #: the driver noticed the bus's fault
@@ -153,13 +138,13 @@ class Session:
             driver.write(duties)
         except DriverError:
             well = False
-            self.complained()
+            self.judge_error()
             with suppress(DriverError):
                 driver.write(NONE)
         self.look()
         return well
 
-    def complained(self) -> None:
+    def judge_error(self) -> None:
         """Was it the fault of the bus, or is that over without a consequence?"""
         over = self.bus.over
         self.failed = self.failed or (over is not None and self.bus.now <= over + 2 * HANG)
@@ -180,7 +165,7 @@ class Session:
             return
         steps: list[tuple[int, Any, float]] = [(8, SOME, 20.0), (30, NONE, 20.0), (8, SOME, 20.0), (3, SOME, 200.0)]
         if not self.all_of(steps):
-            self.tripped()
+            self.recover()
             return
         self.found = self.found or "over-current was not noticed"
 
@@ -188,7 +173,7 @@ class Session:
         """Tick through `steps`; False as soon as the driver complains."""
         return all(self.tick(duties, ampere) for count, duties, ampere in steps for _ in range(count))
 
-    def tripped(self) -> None:
+    def recover(self) -> None:
         """Zero until OFF is said; engage when it is; push; close."""
         for again in range(3):
             self.until_off()
@@ -197,7 +182,7 @@ class Session:
             try:
                 self.driver.engage()
             except DriverError:
-                self.complained()
+                self.judge_error()
                 self.look()
                 continue
             if self.all_of([(8, SOME, 20.0)]):
@@ -223,7 +208,7 @@ class Session:
 
     def shut(self) -> None:
         """Close; where that gives up, the guardian has the last word."""
-        before = self.bus.begun
+        before = self.bus.fault_start
         with suppress(DriverError):
             self.driver.close()
             self.failed |= before is None
@@ -342,7 +327,7 @@ class SharedPort(Port):
         self._listener.close()
 
 
-def noticed(port: SharedPort, driver: I2cDriver, deed: signal.Signals, ticks: int) -> float:
+def time_detection(port: SharedPort, driver: I2cDriver, deed: signal.Signals, ticks: int) -> float:
     """After `ticks` ticks do `deed` to the guardian; how long the driver drives on [s]. The coils are off then."""
     start = time.monotonic()
     done: float | None = None
@@ -367,7 +352,7 @@ def noticed(port: SharedPort, driver: I2cDriver, deed: signal.Signals, ticks: in
         time.sleep(max(0.0, start + number * TICK - time.monotonic()))
 
 
-def engaged(driver: I2cDriver) -> None:
+def engage(driver: I2cDriver) -> None:
     """A person engages, again where the last guardian is not gone yet."""
     for _ in range(50):
         with suppress(DriverError):
@@ -384,15 +369,15 @@ def guardians(count: int, seed: int = 1) -> dict[str, list[float]]:
     with tempfile.TemporaryDirectory() as folder:
         port = SharedPort(Path(folder))
         request_real_time()  # as the servo is, where it may
-        with I2cDriver(load("omni"), port, thermometers=Warm, watchdog=False) as driver:
+        with I2cDriver(load("omni"), port, thermometers=Thermometers, watchdog=False) as driver:
             for _ in range(count):
                 for name, deed in (("stopped", signal.SIGSTOP), ("killed", signal.SIGKILL)):
                     for _ in range(5):  # a busy computer trips by itself; that is not what is asked here
                         with suppress(DriverError):
-                            found[name].append(noticed(port, driver, deed, draw.randint(5, 25)))
+                            found[name].append(time_detection(port, driver, deed, draw.randint(5, 25)))
                             break
-                        engaged(driver)
-                    engaged(driver)
+                        engage(driver)
+                    engage(driver)
         port.end()
     return found
 
@@ -403,26 +388,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--faults", type=int, default=1000)
     parser.add_argument("--guardians", type=int, default=100)
     parser.add_argument("--json", action="store_true")
-    told = parser.parse_args(arguments)
-    bus = faults(told.faults)
-    heard = guardians(told.guardians)
-    result = {**bus, **{f"{name}_ms_max": 1e3 * max(times, default=0.0) for name, times in heard.items()}}
-    in_time = {name: sum(one <= LIMIT for one in times) for name, times in heard.items()}
-    result |= {f"{name}_in_time": f"{in_time[name]} of {told.guardians}" for name in heard}
-    well = bus["off_in_time"] == told.faults and not bus["wrong"]
-    well &= all(one == told.guardians for one in in_time.values())
-    if told.json:
+    options = parser.parse_args(arguments)
+    bus = faults(options.faults)
+    detection = guardians(options.guardians)
+    result = {**bus, **{f"{name}_ms_max": 1e3 * max(times, default=0.0) for name, times in detection.items()}}
+    in_time = {name: sum(one <= LIMIT for one in times) for name, times in detection.items()}
+    result |= {f"{name}_in_time": f"{in_time[name]} of {options.guardians}" for name in detection}
+    well = bus["off_in_time"] == options.faults and not bus["wrong"]
+    well &= all(one == options.guardians for one in in_time.values())
+    if options.json:
         print(json.dumps(result | {"well": well}))
         return 0 if well else 1
     say: Callable[[str], None] = print
     say(f"bus faults at {bus['places']} transfers: registers zero and OFF within 20 ms of the bus's answer: "
-        f"{bus['off_in_time']} of {told.faults} (longest {bus['off_ms_max']:.1f} ms, "
+        f"{bus['off_in_time']} of {options.faults} (longest {bus['off_ms_max']:.1f} ms, "
         f"median {bus['off_ms_p50']:.1f} ms; {bus['rode_through']} ridden through)")  # fmt: skip
     say(f"current at the pins for at most {bus['pins_ms_max']:.1f} ms of a fault (monostable)")
     for line in bus["wrong"]:
         say(f"  {line}")
-    for name, times in heard.items():
-        say(f"guardian {name}: noticed within 20 ms {in_time[name]} of {told.guardians}, "
+    for name, times in detection.items():
+        say(f"guardian {name}: noticed within 20 ms {in_time[name]} of {options.guardians}, "
             f"longest {1e3 * max(times, default=0.0):.1f} ms")  # fmt: skip
     say("well" if well else "NOT WELL")
     return 0 if well else 1

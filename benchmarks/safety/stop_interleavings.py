@@ -117,7 +117,7 @@ class Host(Commands):
         self.stop()
 
     def rows(self, cursor: int = 0) -> Any:
-        return self._shared.ring.since(cursor)
+        return self._shared.ring.read_since(cursor)
 
     def latest(self) -> Any:
         return self._shared.ring.latest()
@@ -198,7 +198,7 @@ class WoundLoop(asyncio.SelectorEventLoop):
             self.run_forever()
 
 
-class Broken(Exception):
+class BrokenPromise(Exception):
     """A promise was not kept."""
 
 
@@ -229,7 +229,7 @@ class Trial:
         self.study.enter(self.experimenter)
         self.stopped, self.engaged = 0, 1  # the last deed of either kind, by number; the start engages by itself
         self.number = 1
-        self.kept: list[tuple[int, int]] = []  # stop counts that were read for an engage to come
+        self.stops: list[tuple[int, int]] = []  # stop counts that were read for an engage to come
         self.off, self.gain = True, 0.0
         self.trail: list[str] = []
         self.plan: list[tuple[int, Callable[[], None]]] = []
@@ -261,11 +261,11 @@ class Trial:
         self.host.engage()
 
     def python_ask(self) -> None:
-        self.kept.append((self.host.stops, self.engage_given()))
+        self.stops.append((self.host.stops, self.engage_given()))
 
     def python_engage_late(self) -> None:
-        if self.kept:
-            stops, _ = self.kept.pop(self.random.randrange(len(self.kept)))
+        if self.stops:
+            stops, _ = self.stops.pop(self.random.randrange(len(self.stops)))
             self.host.engage(stops)
 
     def page(self) -> Socket:
@@ -378,14 +378,14 @@ class Trial:
         # A pose that expired fades for 50 ms; that is on its way to off, and a Stop ends it at once.
         on = state in ENGAGED or bool(row[at["duties"]].any()) or gain > 0.0
         if on and self.engaged < self.stopped:
-            raise Broken(f"on after a Stop, guard {state}, gain {gain:g}")
+            raise BrokenPromise(f"on after a Stop, guard {state}, gain {gain:g}")
         rise = gain - self.gain
         if state in ENGAGED and rise > RAMP:
-            raise Broken(f"the gain rose from {self.gain:g} to {gain:g}")
+            raise BrokenPromise(f"the gain rose from {self.gain:g} to {gain:g}")
         if state in ENGAGED and self.off:
             self.done["off to on"] += 1
             if gain > RAMP:
-                raise Broken(f"on with a gain of {gain:g}")
+                raise BrokenPromise(f"on with a gain of {gain:g}")
         self.done["ticks"] += 1
         self.off, self.gain = state not in ENGAGED, gain
 

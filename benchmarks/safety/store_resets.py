@@ -28,11 +28,11 @@ BOOT = 0.05  #: of firmware time until it listens: a question that it misses cos
 
 
 @dataclass
-class Found:
+class ResetCounts:
     """What the ids were after the resets."""
 
     resets: int = 0
-    kept: int = 0  #: called kept before the reset, and kept
+    intact: int = 0  #: called kept before the reset, and kept
     new: int = 0  #: not called kept yet, and there all the same
     old: int = 0  #: not called kept yet, and the one before is there
     lost: int = 0  #: called kept, and not there
@@ -40,9 +40,9 @@ class Found:
     torn: int = 0  #: bytes of the EEPROM that a reset tore
 
 
-def tried(build: Path, port: Path, resets: int, seed: int = 0, board: str = "m328p") -> Found:
+def try_resets(build: Path, port: Path, resets: int, seed: int = 0, board: str = "m328p") -> ResetCounts:
     """Reset the emulated `board` so many times; `port` is where its line will be."""
-    chance, found, before = random.Random(seed), Found(), bytes(16)
+    chance, found, before = random.Random(seed), ResetCounts(), bytes(16)
     with Emulator(build, port, board) as emulator:
         device = Board(emulator.port, 30.0, answer=5.0)
         try:
@@ -57,7 +57,7 @@ def tried(build: Path, port: Path, resets: int, seed: int = 0, board: str = "m32
                 found.resets += 1
                 there = _there(device)
                 if called_kept:
-                    found.kept += there == wanted
+                    found.intact += there == wanted
                     found.lost += there != wanted
                 else:
                     found.new += there == wanted
@@ -88,9 +88,9 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        found = tried(BUILD, Path(folder) / "port", given.resets, given.seed, given.board)
+        found = try_resets(BUILD, Path(folder) / "port", given.resets, given.seed, given.board)
     print(
-        f"{found.resets} resets, {found.torn} torn bytes: {found.kept + found.lost} after the id was called kept, "
+        f"{found.resets} resets, {found.torn} torn bytes: {found.intact + found.lost} after the id was called kept, "
         f"{found.lost} of them lost; before that {found.new} new and {found.old} old ids"
     )
     good = not (found.lost or found.garbage)

@@ -61,7 +61,7 @@ class World:
         self.depth = 0  # of things that happen within others
         self.broken: list[str] = []
         self.switched_on, self.resumed = 0, 0
-        self.said: list[str] = []
+        self.messages: list[str] = []
         self.stopped_last = False  #: whether the last Stop came after the last request to switch on
         self.reception = SessionManager(None, study, self._start, sit=lambda *_: Paper(self))  # type: ignore[arg-type]
         self.room = StudySocketHub(self.reception, "token", {}, {})
@@ -93,7 +93,7 @@ class World:
             things += [self.step] * 4
         what = draw.choice(things)
         what()
-        self.said.append(what.__name__)
+        self.messages.append(what.__name__)
         self.check(what.__name__)
 
     def step(self) -> None:
@@ -138,7 +138,7 @@ class World:
             self.servo.trip(self.draw.choice([Trip.POSE_LOST, Trip.OVERHEATED]))
             if self.draw.random() < 0.1:
                 self.servo.alive = False
-                self.servo.off()
+                self.servo.switch_off()
 
     def depart(self) -> None:
         """A participant's page is closed and another one opened, or the experimenter ends the session."""
@@ -159,7 +159,7 @@ class World:
             return
         servo.tick()
         if servo.gain > 0 and self.stopped_last:
-            self.broken.append(f"on after a Stop, after {after}: {' '.join(self.said[-12:])}")
+            self.broken.append(f"on after a Stop, after {after}: {' '.join(self.messages[-12:])}")
         if servo.jumped:
             self.broken.append(f"came on without a ramp, after {after}")
 
@@ -173,7 +173,7 @@ class Servo:
         self._world, self.device, self.layout = world, world.device, world.layout
         self.alive, self.open_, self.stops = True, False, 0
         self.guard, self.reason, self.gain, self.jumped = GuardState.OFF, Trip.NONE, 0.0, False
-        self._seen = 0
+        self._stops_seen = 0
         self._engage: int | None = None
 
     def open(self) -> None:
@@ -186,9 +186,9 @@ class Servo:
         """Coils off for good."""
         self._world.meanwhile()
         self.open_ = False
-        self.off()
+        self.switch_off()
 
-    def off(self) -> None:
+    def switch_off(self) -> None:
         """Coils off, without a reason that could be cleared."""
         self.guard, self.gain = GuardState.TRIPPED, 0.0
         self.reason = self.reason or Trip.CLOSING
@@ -215,8 +215,8 @@ class Servo:
         if not (self.open_ and self.alive):
             self.gain = 0.0
             return
-        if self.stops != self._seen:
-            self._seen = self.stops
+        if self.stops != self._stops_seen:
+            self._stops_seen = self.stops
             self.trip(Trip.STOPPED)
         before, engaged = self.gain, self._engage == self.stops and self._engage is not None
         self._engage = None
@@ -277,21 +277,21 @@ class Paper:
         """What is asked in words."""
         return self.study.questions[0] if self._asked else None
 
-    def _kept(self) -> None:
+    def check_kept(self) -> None:
         self._world.meanwhile()
         if self._world.draw.random() < 0.05:
             raise RecordingError("the database is locked")
 
-    def reply(self, question: Any, told: str) -> None:
+    def reply(self, question: Any, text: str) -> None:
         """Keep it."""
-        question.check_reply(told)
-        self._kept()
+        question.check_reply(text)
+        self.check_kept()
         self._asked = False
 
     def answer(self, answer: Answer, **more: Any) -> None:
         """Keep it."""
         after = self.procedure.record_answer(answer)
-        self._kept()
+        self.check_kept()
         self.procedure, self.number = after, self.number + 1
 
     def note(self, kind: str, text: str = "", *, at: str | None = None, later: bool = False) -> None:
@@ -299,7 +299,7 @@ class Paper:
         if later:
             self._world.meanwhile()
         else:
-            self._kept()
+            self.check_kept()
 
     def keep_late(self) -> None:
         """What could not be kept is kept."""
@@ -307,7 +307,7 @@ class Paper:
 
     def abort(self, reason: str = "") -> None:
         """End for good."""
-        self._kept()
+        self.check_kept()
 
     def close(self) -> None:
         """Somebody else's."""
@@ -323,13 +323,13 @@ def study_interleavings(interleavings: int, seed: int = 1) -> SimpleNamespace:
     for _ in range(interleavings):
         world = World(draw, study, device, procedure)
         if draw.random() < 0.8:  # most begin in the middle of things
-            for told in (
+            for line in (
                 '{"do":"begin","code":"P01"}',
                 '{"do":"agree"}',
                 '{"do":"reply","question":"before","reply":"yes"}',
             ):
-                world.room.hear(world.experimenter if "begin" in told else world.first, told)
-                world.stopped_last = False if "begin" in told else world.stopped_last
+                world.room.hear(world.experimenter if "begin" in line else world.first, line)
+                world.stopped_last = False if "begin" in line else world.stopped_last
                 world.step()
                 world.check("the beginning")
         for _ in range(STEPS):

@@ -60,25 +60,25 @@ for place in map(str.strip, sys.stdin):  # a pipe of its own for each: no line o
 """
 
 
-class Started:
+class StartedWorker:
     """A worker of its own: `kill` ends it and gives what it had told since its first line."""
 
     def __init__(self, worker: Path, database: Path) -> None:
         self._process = subprocess.Popen([sys.executable, str(worker), str(database)], stdout=subprocess.PIPE)
         assert self._process.stdout is not None
-        self._told = self._process.stdout
-        self.first = self._told.readline()
+        self._output = self._process.stdout
+        self.first = self._output.readline()
 
     def kill(self) -> bytes:
         """SIGKILL, and the rest."""
         os.kill(self._process.pid, signal.SIGKILL)
-        rest = self._told.read()
+        rest = self._output.read()
         self._process.wait()
-        self._told.close()
+        self._output.close()
         return rest
 
 
-class Forked:
+class ForkedWorker:
     """The same, forked by a process that has imported everything."""
 
     def __init__(self, parent: subprocess.Popen[bytes], pipe: Path) -> None:
@@ -88,21 +88,21 @@ class Forked:
         parent.stdin.write(f"{pipe}\n".encode())
         parent.stdin.flush()
         self._pid = int(parent.stdout.readline())
-        self._told = pipe.open("rb")
-        self.first = self._told.readline()
+        self._output = pipe.open("rb")
+        self.first = self._output.readline()
 
     def kill(self) -> bytes:
         """SIGKILL, and the rest."""
         os.kill(self._pid, signal.SIGKILL)
-        with self._told:
-            return self._told.read()
+        with self._output:
+            return self._output.read()
 
 
-def killed(folder: Path, kills: int, seed: int = 4, *, forked: bool = False) -> dict[str, Any]:
+def kill_workers(folder: Path, kills: int, seed: int = 4, *, forked: bool = False) -> dict[str, Any]:
     """Kill `kills` times; counts over all answers that were told as kept, and seconds from start to the next trial."""
     worker, draw = folder / "worker.py", random.Random(seed)
     worker.write_text(WORKER, encoding="utf-8")
-    told: set[tuple[int, int]] = set()
+    acknowledged: set[tuple[int, int]] = set()
     resumed: list[float] = []
     middle = repeated = 0
     parent = None
@@ -112,7 +112,10 @@ def killed(folder: Path, kills: int, seed: int = 4, *, forked: bool = False) -> 
     try:
         for number in range(kills):
             start = time.perf_counter()
-            one = Started(worker, folder / "s.db") if parent is None else Forked(parent, folder / f"told-{number}")
+            if parent is None:
+                one: StartedWorker | ForkedWorker = StartedWorker(worker, folder / "s.db")
+            else:
+                one = ForkedWorker(parent, folder / f"told-{number}")
             resumed.append(time.perf_counter() - start)
             time.sleep(draw.uniform(0.0, 0.5))
             # A line that the kill cut short tells nothing.
@@ -120,10 +123,10 @@ def killed(folder: Path, kills: int, seed: int = 4, *, forked: bool = False) -> 
                 kind, session, trial = line.split()
                 what = (int(session), int(trial))
                 if kind == "kept":
-                    repeated += what in told
-                    told.add(what)
+                    repeated += what in acknowledged
+                    acknowledged.add(what)
                 else:
-                    repeated += what in told  # asked again although it was answered
+                    repeated += what in acknowledged  # asked again although it was answered
                     middle += int(trial) > 0
     finally:
         if parent is not None:
@@ -139,8 +142,8 @@ def killed(folder: Path, kills: int, seed: int = 4, *, forked: bool = False) -> 
     gaps = sum(numbers != list(range(len(numbers))) for numbers in sessions.values())
     resumed.sort()
     return {
-        "kills": kills, "answers_told": len(told), "answers_kept": len(rows), "sessions": len(sessions),
-        "lost": len(told - set(rows)) + gaps + (not whole), "doubled": repeated + len(rows) - len(set(rows)),
+        "kills": kills, "answers_told": len(acknowledged), "answers_kept": len(rows), "sessions": len(sessions),
+        "lost": len(acknowledged - set(rows)) + gaps + (not whole), "doubled": repeated + len(rows) - len(set(rows)),
         "in_the_middle": middle, "resume_s_median": resumed[len(resumed) // 2], "resume_s_max": resumed[-1],
     }  # fmt: skip
 
@@ -152,7 +155,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        found = killed(Path(folder), options.kills)
+        found = kill_workers(Path(folder), options.kills)
     if options.json:
         print(json.dumps(found))
     else:

@@ -87,11 +87,11 @@ class Client:
     def _listen(self) -> None:
         try:
             for message in self._socket:
-                told = json.loads(message)
-                if told["event"] == "view":
-                    self.view = told["is"]
-                elif told["event"] == "mistake":
-                    self.mistakes.append(told["text"])
+                event = json.loads(message)
+                if event["event"] == "view":
+                    self.view = event["is"]
+                elif event["event"] == "mistake":
+                    self.mistakes.append(event["text"])
         except ConnectionClosed:
             return
 
@@ -103,14 +103,14 @@ class Client:
 
     def until(self, *states: str) -> None:
         """Wait for one of `states`."""
-        waited(lambda: self.view.get("state") in states, lambda: f"{states}, not {self.view}; {self.mistakes}")
+        wait_for(lambda: self.view.get("state") in states, lambda: f"{states}, not {self.view}; {self.mistakes}")
 
     def close(self) -> None:
         """Go away."""
         self._stack.close()
 
 
-def waited(holds: Callable[[], object], what: Callable[[], str] | str) -> None:
+def wait_for(holds: Callable[[], object], what: Callable[[], str] | str) -> None:
     """Return when `holds`."""
     end = time.monotonic() + 300
     while not holds():
@@ -119,7 +119,7 @@ def waited(holds: Callable[[], object], what: Callable[[], str] | str) -> None:
         time.sleep(0.002)
 
 
-def studied(state: str, repetitions: int) -> Study:
+def make_study(state: str, repetitions: int) -> Study:
     """A study that comes into `state` at least `repetitions` times."""
     rest = {"pause": "pause_seconds = 600", "break": "break_every = 1\nbreak_seconds = 600"}.get(
         state, "pause_seconds = 0.0"
@@ -144,7 +144,7 @@ class Scene:
         self.servo: Servo | None = None
         self.stops: list[float] = []
         self._codes = 0
-        self.reception = SessionManager(self.engine, studied(state, repetitions), self._start)
+        self.reception = SessionManager(self.engine, make_study(state, repetitions), self._start)
         self.host = StudyServer(self.reception, 0)
         self._serving = threading.Thread(target=self.host.serve)
         self._serving.start()
@@ -159,11 +159,11 @@ class Scene:
         servo = Servo("omni", "nothing", record=False)
         stop = servo.stop
 
-        def told() -> None:
+        def stop_and_note() -> None:
             stop()
             self.stops.append(time.monotonic())
 
-        servo.stop = told  # type: ignore[method-assign]
+        servo.stop = stop_and_note  # type: ignore[method-assign]
         self.servo = servo
         return servo
 
@@ -232,15 +232,15 @@ def off_at(servo: Servo, cursor: int) -> tuple[float, int]:
         time.sleep(0.001)
 
 
-def measured(state: str, folder: Path, repetitions: int, lock: float) -> dict[str, Any]:
+def measure(state: str, folder: Path, repetitions: int, lock: float) -> dict[str, Any]:
     """Times of all Stops in `state` [ms], and what went wrong."""
-    scene, told, off, wrong = Scene(state, folder, repetitions), [], [], []
+    scene, delays, off, wrong = Scene(state, folder, repetitions), [], [], []
     locker = Locker(scene.place)
     try:
         for repetition in range(repetitions):
             scene.reach()
             if state not in ("starting", "paused"):
-                waited(scene.on, "the device is on")
+                wait_for(scene.on, "the device is on")
             locker.do("lock")
             since = time.monotonic()
             scene.block()
@@ -250,8 +250,8 @@ def measured(state: str, folder: Path, repetitions: int, lock: float) -> dict[st
             for n in range(3):
                 scene.stops.clear()
                 sent = pages[(repetition + n) % 3].do("stop")
-                waited(lambda: scene.stops, "the servo's stop")
-                told.append(1e3 * (scene.stops[0] - sent))
+                wait_for(lambda: scene.stops, "the servo's stop")
+                delays.append(1e3 * (scene.stops[0] - sent))
                 if n == 0 and servo is not None and state not in ("starting", "paused"):
                     at, cursor = off_at(servo, cursor)
                     off.append(1e3 * (at - sent))
@@ -262,7 +262,7 @@ def measured(state: str, folder: Path, repetitions: int, lock: float) -> dict[st
             locker.do("free")
             scene.experimenter.until("paused")
             wanted = 1 if state == "paused" else repetition + 1
-            waited(lambda wanted=wanted: recorded(scene) >= wanted, "the record of the Stop")  # type: ignore[misc]
+            wait_for(lambda wanted=wanted: count_pauses(scene) >= wanted, "the record of the Stop")  # type: ignore[misc]
             servo = scene.servo
             assert servo is not None
             _, rows = servo.rows(0 if state == "starting" else cursor)
@@ -271,10 +271,10 @@ def measured(state: str, folder: Path, repetitions: int, lock: float) -> dict[st
     finally:
         locker.close()
         scene.close()
-    return {"state": state, "told_ms": told, "off_ms": off, "wrong": wrong}
+    return {"state": state, "told_ms": delays, "off_ms": off, "wrong": wrong}
 
 
-def recorded(scene: Scene) -> int:
+def count_pauses(scene: Scene) -> int:
     """How many pauses are on record."""
     with scene.engine.connect() as connection:
         return int(connection.execute(text("SELECT count(*) FROM events WHERE kind = 'pause'")).scalar_one())
@@ -291,7 +291,7 @@ def main() -> int:
     found = []
     with tempfile.TemporaryDirectory() as folder:
         for state in options.states:
-            found.append(measured(state, Path(folder), options.repetitions, options.lock))
+            found.append(measure(state, Path(folder), options.repetitions, options.lock))
             if not options.json:
                 times = ", ".join(
                     f"{name} {statistics.median(one):.1f} ms (at most {max(one):.1f})"

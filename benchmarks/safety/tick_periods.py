@@ -28,7 +28,7 @@ from haptorb.runtime.trackers.tracker import Goal
 from haptorb.worlds.world import World
 
 MS = 1e-3
-SEEN, ABOVE, SOON = 2.0, 2.0, 0.2  #: the limits [K], [K], [s]
+OBSERVER_ERROR, ABOVE, SOON = 2.0, 2.0, 0.2  #: the limits [K], [K], [s]
 AGAIN = 300  #: from a trip to engaging [ms]
 CASES: dict[str, tuple[int, ...]] = {
     **{f"ticks of {period} ms": (period,) for period in (1, 2, 3, 5, 8, 12, 19, 20, 21, 30, 50)},
@@ -89,7 +89,7 @@ def main() -> int:
     for name, steps in CASES.items():
         error, above, longest, count = try_case(steps, seconds)
         met = len(steps) / sum(steps)
-        good = error <= SEEN and above <= ABOVE and longest <= SOON and (count > 0) == (met < 0.8)
+        good = error <= OBSERVER_ERROR and above <= ABOVE and longest <= SOON and (count > 0) == (met < 0.8)
         well &= good
         after = f"{longest:.3f} s" if count else "-"
         print(
@@ -98,7 +98,7 @@ def main() -> int:
         )
     print(
         "kept" if well else "NOT kept",
-        f": observer within {SEEN:g} K, winding at most {ABOVE:g} K above stop, OVERRUN in {SOON:g} s",
+        f": observer within {OBSERVER_ERROR:g} K, winding at most {ABOVE:g} K above stop, OVERRUN in {SOON:g} s",
     )
     return 0 if well else 1
 

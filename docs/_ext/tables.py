@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import typing
-from collections.abc import Iterator
+import io
+import os
+from contextlib import redirect_stdout
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from pydantic import BaseModel
 from sphinx.application import Sphinx
 
 import haptorb
 from haptorb import worlds
+from haptorb.apps.feel.candidates import MATERIALS
+from haptorb.apps.feel.design_file import DesignFile, DesignTable
+from haptorb.apps.study.model.study_file import Study
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.kind import kind_names, kind_of_name
+from haptorb.devices.schema.key_text import list_keys
 from haptorb.runtime.row import RowLayout
 from haptorb.worlds.parameter import parameters
 
@@ -47,8 +51,10 @@ def world_table() -> str:
     for name, world in sorted(worlds.CATALOGUE.items()):
         first = (world.__doc__ or "").strip().splitlines()[0]
         traits = ("passive" if world.passive else "active", "continuous" if world.continuous else "with jumps")
+        devices = " For devices that move a target (motors)." if world.needs_target else ""
         parts.append(
-            f"## {name}\n\n{first} Declared {' and '.join(traits)}. Class `{world.__module__}.{world.__name__}`.\n"
+            f"## {name}\n\n{first} Declared {' and '.join(traits)}.{devices} "
+            f"Class `{world.__module__}.{world.__name__}`.\n"
         )
         rows = [
             (f"`{p.name}`", p.default, f"{p.low:g} to {p.high:g}", p.unit, p.about) for p in parameters(world).values()
@@ -58,73 +64,50 @@ def world_table() -> str:
     return "\n".join(parts)
 
 
-def _models(annotation: object) -> Iterator[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    for part in typing.get_args(annotation):
-        yield from _models(part)
-
-
-def _kind_of_value(field: Any) -> str:
-    text = " ".join(str(part) for part in (field.annotation, *field.metadata))
-    values = import_module("haptorb.devices.schema.quantity")
-    for part in _leaves(field.annotation, tuple(field.metadata)):
-        for name in values.__all__:
-            if getattr(values, name) is part or part in getattr(getattr(values, name), "__metadata__", ()):
-                return ("list of " if "tuple" in text else "") + _words(name)
-    if "Literal" in text:
-        return ", ".join(f'"{value}"' for value in typing.get_args(field.annotation))
-    return "list of names" if "tuple" in text else "number" if "int" in text else "text"
-
-
-def _leaves(annotation: object, metadata: tuple[object, ...]) -> Iterator[object]:
-    yield annotation
-    yield from metadata
-    yield from getattr(annotation, "__metadata__", ())
-    for part in typing.get_args(annotation):
-        yield from _leaves(part, ())
-
-
-def _words(name: str) -> str:
-    return "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in name).strip()
-
-
-def _keys(model: type[BaseModel], prefix: str) -> Iterator[tuple[str, str]]:
-    for name, field in model.model_fields.items():
-        inner = list(_models(field.annotation))
-        if inner:
-            yield from _keys(inner[0], f"{prefix}{name}.")
-        else:
-            yield f"`{prefix}{name}`", _kind_of_value(field)
+def _key_table(model: type[BaseModel], prefix: str = "") -> str:
+    """Every key of a file as a row."""
+    head = ("key", "meaning", "value", "unit", "range", "default")
+    rows = [
+        (f"`{key.path}`", key.meaning, key.value, key.unit, key.range.replace("<", "\\<"), key.default)
+        for key in list_keys(model, prefix)
+    ]
+    return table(head, rows)
 
 
 def device_keys() -> str:
     """Every key of every kind of device file."""
-    parts = []
-    for kind in kind_names():
-        file = kind_of_name(kind).part("file")
-        parts.append(f'### kind = "{kind}"\n\n{table(("key", "value"), list(_keys(file, "")))}')
-    return "\n".join(parts)
+    return "\n".join(f'### kind = "{name}"\n\n{_key_table(kind_of_name(name).part("file"))}' for name in kind_names())
+
+
+def study_keys() -> str:
+    """Every key of a study file."""
+    return _key_table(Study)
+
+
+def design_keys() -> str:
+    """Every key of a file of snap-fit designs, of one design and of the known materials."""
+    rows = [(name, f"{E / 1e9:g}", f"{nu:g}", "yes" if metal else "no") for name, (E, nu, metal) in MATERIALS.items()]
+    return "\n".join(
+        [
+            f"## The file\n\n{_key_table(DesignFile)}",
+            f"## [common] and each [design.NAME]\n\n{_key_table(DesignTable, 'design.NAME.')}",
+            f"## Known materials\n\n{table(('material', 'E [GPa]', 'ν', 'metal'), rows)}",
+        ]
+    )
 
 
 def command_line() -> str:
-    """What the commands say of themselves."""
-    program = Path(sys.executable).parent / "haptorb"
-
-    def told(*words: str) -> str:
-        environment = {
-            "COLUMNS": "86",
-            "NO_COLOR": "1",
-            "TERM": "dumb",
-            "PATH": "/usr/bin:/bin",
-            "HOME": str(Path.home()),
-        }
-        done = subprocess.run([program, *words, "--help"], capture_output=True, text=True, env=environment, check=True)
-        return "\n".join(line.rstrip() for line in done.stdout.strip("\n").splitlines())
-
+    """What the commands say of themselves, in a terminal of 86 columns; a process for each would take a second."""
     from typer.main import get_command
 
     command: Any = get_command(import_module("haptorb.apps.cli.program").app)
+    environment = {"COLUMNS": "86", "NO_COLOR": "1", "TERM": "dumb", "HOME": str(Path.home())}
+
+    def told(*words: str) -> str:
+        with patch.dict(os.environ, environment, clear=True), redirect_stdout(io.StringIO()) as said:
+            command.main([*words, "--help"], prog_name="haptorb", standalone_mode=False)
+        return "\n".join(line.rstrip() for line in said.getvalue().strip("\n").splitlines())
+
     names = sorted(name for name, one in getattr(command, "commands", {}).items() if not one.hidden)
     parts = [f"```text\n{told()}\n```\n"]
     parts += [f"## haptorb {name}\n\n```text\n{told(name)}\n```\n" for name in names]
@@ -144,6 +127,8 @@ PAGES = {
     "trip-table": trip_table,
     "world-table": world_table,
     "device-keys": device_keys,
+    "study-keys": study_keys,
+    "design-keys": design_keys,
     "command-line": command_line,
 }
 

@@ -3,48 +3,43 @@
 import json
 import subprocess
 import sys
+from importlib.resources import files
 
 import pytest
 
+import haptorb
 from haptorb.apps.cli import main
+from oracles import groove
+from oracles.command import run_command
 
-
-def told(capsys, *words):
-    """Exit code, standard output and error of one command."""
-    try:
-        code = main(list(words))
-    except SystemExit as end:
-        code = int(end.code or 0)
-    out, err = capsys.readouterr()
-    assert "Traceback" not in out + err
-    return code, out, err
+DESIGNS = str(files("haptorb.apps.feel") / "example.toml")
 
 
 def test_devices_and_worlds_are_one_line_each(capsys):
-    code, out, _ = told(capsys, "devices")
+    code, out, _ = run_command(capsys, "devices")
     assert code == 0
     assert any(line.startswith("omni ") for line in out.splitlines())
-    code, out, _ = told(capsys, "worlds")
+    code, out, _ = run_command(capsys, "worlds")
     assert code == 0
     assert any(line.startswith("dome ") for line in out.splitlines())
 
 
 def test_lists_as_json(capsys):
-    assert "omni" in json.loads(told(capsys, "devices", "--json")[1])
-    assert "dome" in json.loads(told(capsys, "worlds", "--json")[1])
-    names = [item["name"] for item in json.loads(told(capsys, "worlds", "dome", "--json")[1])]
+    assert "omni" in json.loads(run_command(capsys, "devices", "--json")[1])
+    assert "dome" in json.loads(run_command(capsys, "worlds", "--json")[1])
+    names = [item["name"] for item in json.loads(run_command(capsys, "worlds", "dome", "--json")[1])]
     assert names == ["summit", "half_width_deg", "cut_off_deg", "moment"]
 
 
 def test_a_world_shows_its_parameters(capsys):
-    code, out, _ = told(capsys, "worlds", "dome")
+    code, out, _ = run_command(capsys, "worlds", "dome")
     assert code == 0
     assert "half_width_deg" in out
     assert "5 … 90 deg" in out
 
 
 def test_the_card_of_omni_in_numbers(capsys):
-    card = json.loads(told(capsys, "inspect", "omni", "--json")[1])
+    card = json.loads(run_command(capsys, "inspect", "omni", "--json")[1])
     contact = card["layers"][0]
     assert contact["distance_m"] == pytest.approx(0.050)
     assert contact["dipole_error"] == pytest.approx(0.156, abs=5e-4)  # E16
@@ -55,20 +50,20 @@ def test_the_card_of_omni_in_numbers(capsys):
 
 
 def test_the_card_of_omni_for_people(capsys):
-    code, out, _ = told(capsys, "inspect", "omni")
+    code, out, _ = run_command(capsys, "inspect", "omni")
     assert code == 0
     assert "assumed: " in out
     assert "15.6" in out
 
 
 def test_what_is_assumed_is_listed_with_reasons(capsys):
-    _, out, _ = told(capsys, "inspect", "omni", "--assumed")
+    _, out, _ = run_command(capsys, "inspect", "omni", "--assumed")
     assert "tool.mass " in out
 
 
-@pytest.mark.parametrize("name", ["card.png", "card.svg"])
+@pytest.mark.parametrize("name", ["card.png", "card.svg", "card.pdf"])
 def test_the_card_as_a_picture(capsys, tmp_path, name):
-    code, _, _ = told(capsys, "inspect", "omni", "--plot", str(tmp_path / name))
+    code, _, _ = run_command(capsys, "inspect", "omni", "--plot", str(tmp_path / name))
     assert code == 0
     assert (tmp_path / name).stat().st_size > 5000
 
@@ -78,8 +73,18 @@ def test_the_card_as_a_picture(capsys, tmp_path, name):
     [
         (["inspect", "omi"], "did you mean 'omni'"),
         (["inspect", "no/such/file.toml"], "cannot be read"),
-        (["inspect", "omni", "--plot", "card.pdf"], "must be a .png or .svg file"),
+        (["inspect", "omni", "--plot", "card.jpg"], "must be a .png, .svg or .pdf file"),
         (["inspect", "omni", "--plot", "/no/such/folder/card.png"], "does not exist"),
+        (["inspect", "omni", "--plot", "/proc/card.png"], "--plot: cannot write '/proc/card.png'"),
+        (
+            ["feel", DESIGNS, "--plot", "/proc/card.svg"],
+            "--plot: cannot write '/proc/card.svg'",
+        ),
+        (["check", "--world", "dome", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
+        (["estimators", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
+        (["fit-multipole", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
+        (["bench", "magnetics", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
+        (["inspect", "pmsm-printed"], "`haptorb inspect DEVICE --override`"),
         (["worlds", "doom"], "did you mean 'dome'"),
         (["run", "omi"], "did you mean 'omni'"),
         (["run", "--world", "doom"], "did you mean 'dome'"),
@@ -109,15 +114,48 @@ def test_the_card_as_a_picture(capsys, tmp_path, name):
     ],
 )
 def test_a_mistake_is_one_message(capsys, words, said):
-    code, out, err = told(capsys, *words)
+    code, out, err = run_command(capsys, *words)
     assert code == 2
     assert said in err
+    assert "=True" not in err  # which is Python's way to say it
     assert not out
+
+
+def test_the_version(capsys):
+    code, out, _ = run_command(capsys, "--version")
+    assert (code, out) == (0, f"haptorb {haptorb.__version__}\n")
+
+
+@pytest.mark.parametrize("words", [["--device", "omi"], ["--device=omi"], ["omi"]])
+@pytest.mark.parametrize(
+    "command", ["run", "inspect", "show", "check --world dome", "calibrate", "train", "hardware emulate",
+                "hardware jog x --driver serial:nowhere", "bench magnetics --plot a.png", "feel {designs} --headless"],
+)  # fmt: skip
+def test_a_device_is_an_argument_and_the_earlier_option_works(capsys, tmp_path, monkeypatch, command, words):
+    monkeypatch.chdir(tmp_path)
+    designs = files("haptorb.apps.feel") / "example.toml"
+    code, _, err = run_command(capsys, *(word.format(designs=designs) for word in command.split()), *words)
+    assert code == 2
+    assert "'omi'" in err
+
+
+def test_no_command_has_an_option_for_its_device():
+    import typer
+
+    from haptorb.apps.cli.program import app
+
+    def leaves(command):
+        inner = getattr(command, "commands", {})
+        return [leaf for one in inner.values() for leaf in leaves(one)] if inner else [command]
+
+    options = [opt for leaf in leaves(typer.main.get_command(app)) for parameter in leaf.params
+               for opt in parameter.opts if parameter.param_type_name == "option"]  # fmt: skip
+    assert "--device" not in options
 
 
 @pytest.mark.parametrize("words", [["fly"], ["run", "--hadless"], ["inspect"], ["run", "--rate", "fast"]])
 def test_a_wrong_command_line(capsys, words):
-    code, _, err = told(capsys, *words)
+    code, _, err = run_command(capsys, *words)
     assert code == 2
     assert err
 
@@ -125,7 +163,7 @@ def test_a_wrong_command_line(capsys, words):
 def test_a_recording_is_not_overwritten(capsys, tmp_path):
     path = tmp_path / "a.mcap"
     path.write_text("precious")
-    code, _, err = told(capsys, "run", "--headless", "--duration", "1", "--record", str(path))
+    code, _, err = run_command(capsys, "run", "--headless", "--duration", "1", "--record", str(path))
     assert code == 2
     assert "--force" in err
     assert path.read_text() == "precious"
@@ -155,18 +193,11 @@ def test_no_output_at_all(monkeypatch):
     sys.stdout.close()
 
 
-def test_a_world_of_the_user_s_own_is_checked_with_values_in_any_unit(capsys, tmp_path):
-    (tmp_path / "groove.py").write_text(
-        "from dataclasses import dataclass\nimport numpy as np\nfrom haptorb.worlds import World\n"
-        "from haptorb.worlds.parameter import parameter\n\n\n@dataclass(frozen=True)\nclass Groove(World):\n"
-        '    stiffness: float = parameter(20.0, "N/m", 0, 200, "across")\n\n'
-        "    def wrench(self, state):\n"
-        "        return np.array([0.0, -self.stiffness * state.p[1], 0.0, 0.0, 0.0, 0.0])\n"
-    )
-    world = ("check", "--world", f"{tmp_path}/groove.py:Groove", "--json")
-    code, out, _ = told(capsys, *world, "--set", "stiffness=0.05 N/mm")
+def test_a_world_of_the_user_s_own_is_checked_with_values_in_any_unit(capsys):
+    world = ("check", "--world", f"{groove.__file__}:Groove", "--json")
+    code, out, _ = run_command(capsys, *world, "--set", "stiffness=0.05 N/mm")
     assert code == 0
     assert json.loads(out)["steepest"] == pytest.approx(50.0, rel=1e-3)
-    code, _, err = told(capsys, *world, "--set", "stifness=1")
+    code, _, err = run_command(capsys, *world, "--set", "stifness=1")
     assert code == 2
     assert "did you mean 'stiffness'" in err

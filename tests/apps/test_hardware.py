@@ -22,7 +22,7 @@ from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.servo.servo import Servo
-from oracles.chips import TCA9534, ChipBus
+from oracles.chips import TCA9534, ChipBus, Thermometers
 
 
 class Time:
@@ -41,17 +41,6 @@ class Time:
         self.then()
 
 
-class _Warm:
-    def ready(self, patience: float) -> bool:
-        return True
-
-    def read(self) -> Array:
-        return np.full(3, 300.0)
-
-    def close(self) -> None:
-        return
-
-
 def wired(matrix: Array) -> tuple[I2cDriver, Time, ChipBus]:
     """A driver whose measured currents are `matrix` (3, 3) [A] times the duties."""
     bus, pwm, currents, _ = ChipBus.of_device()
@@ -62,7 +51,7 @@ def wired(matrix: Array) -> tuple[I2cDriver, Time, ChipBus]:
             chip.pass_time(0.6e-3, float(current))
 
     time.then = follow
-    return I2cDriver(load("omni"), bus, thermometers=_Warm, clock=lambda: bus.now), time, bus
+    return I2cDriver(load("omni"), bus, thermometers=Thermometers, clock=lambda: bus.now), time, bus
 
 
 def moved(matrix: Array, coil: str = "y", duty: float = 0.05) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ def main() -> None:
     def answer(question: dict[str, Any]) -> Any:
         match question["what"]:
             case "latest":
-                return servo.latest().tolist()
+                return servo.latest().numbers.tolist()
             case "rows":
                 cursor, rows = servo.rows(question["cursor"])
                 return [cursor, rows[:, question["columns"]].tolist()]

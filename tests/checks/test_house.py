@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
+import tomllib
 from collections import Counter
 from graphlib import CycleError, TopologicalSorter
+from itertools import pairwise
 from pathlib import Path, PurePosixPath
 
 import pytest
@@ -54,3 +57,28 @@ def test_imports_make_no_circle_those_for_types_counted_too() -> None:
         list(TopologicalSorter(_imports()).static_order())
     except CycleError as circle:
         pytest.fail(" → ".join(circle.args[1]))
+
+
+def test_the_picture_of_the_house_shows_every_floor_from_the_top_down() -> None:
+    page = next((ROOT / "docs" / "decisions").glob("0001-*.md")).read_text(encoding="utf-8")
+    pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    contracts = {
+        contract["containers"][0]: [re.split(r" [|:] ", layer) for layer in contract["layers"]]
+        for contract in pyproject["tool"]["importlinter"]["contracts"]
+        if contract["type"] == "layers"
+    }
+    rooms, room = dict[str, list[str]](), ""
+    known = {name for layer in contracts["haptorb"] for name in layer}
+    for line in page.split("```text")[1].split("```")[0].splitlines():
+        room = line[15:26].strip() or room
+        assert not room or room in known or room.startswith("─"), f"there is no room '{room}'"
+        parts = re.split(r"\s{3,}", line[26:].strip())  # one of names, or name, explanation, name, explanation
+        rooms.setdefault(room, []).extend(re.findall(r"\w+", " ".join(parts[::2])))
+    assert set(rooms) >= known - {"version"}
+    for container, layers in contracts.items():
+        if container == "haptorb":
+            continue
+        words = rooms[container.removeprefix("haptorb.")]
+        places = [[words.index(name) if name in words else -1 for name in layer] for layer in layers]
+        assert -1 not in [place for layer in places for place in layer], (container, "a room is missing in the picture")
+        assert all(max(above) < min(below) for above, below in pairwise(places)), (container, "in another order")

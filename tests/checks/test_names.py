@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -30,6 +30,8 @@ NO_VERBS = (
     " finite flat impatient inside later observable off ordinary others otherwise outside own plain punctual real "
     " single somebody somewhere steady together upright urgent whole within writable wrong "
 )
+#: participles that, alone, do not say what a variable, parameter or field holds
+EMPTY = frozenset(["told", "heard", "overheard", "said", "kept", "seen", "begun", "meant", "looked"])
 #: qualified name → why it may stay
 ALLOWED: dict[str, str] = {}
 #: class → why it may stay
@@ -73,13 +75,39 @@ def names(source: str, where: str) -> list[tuple[str, Definition]]:
     return list(named(ast.parse(source).body, where))
 
 
+def variables(source: str, where: str) -> Iterator[tuple[str, str]]:
+    """(place, name) of every parameter, variable and attribute that gets a value."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.arg):
+            yield f"{where}:{node.lineno}", node.arg
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield f"{where}:{node.lineno}", node.id
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield f"{where}:{node.lineno}", node.attr
+
+
+def empty(found: Iterable[tuple[str, str]]) -> list[str]:
+    return [f"{where} {name}" for where, name in found if name.strip("_").lower() in EMPTY]
+
+
+def sources(root: Path, *folders: str) -> dict[str, str]:
+    """Module or file → text of every Python file in `folders`."""
+    return {
+        ".".join(path.relative_to(root / folder).with_suffix("").parts): path.read_text(encoding="utf-8")
+        for folder in folders
+        for path in sorted((root / folder).rglob("*.py"))
+    }
+
+
 @pytest.fixture(scope="module")
 def ours(root: Path) -> list[tuple[str, Definition]]:
-    found = []
-    for path in sorted((root / "src").rglob("*.py")):
-        module = ".".join(path.relative_to(root / "src").with_suffix("").parts)
-        found += names(path.read_text(), module)
-    return found
+    return [found for module, text in sources(root, "src").items() for found in names(text, module)]
+
+
+@pytest.fixture(scope="module")
+def beside(root: Path) -> list[tuple[str, Definition]]:
+    """Of what is run beside the package."""
+    return [found for file, text in sources(root, "scripts", "benchmarks").items() for found in names(text, file)]
 
 
 def past(found: list[tuple[str, Definition]]) -> list[str]:
@@ -113,12 +141,28 @@ def twice(found: list[tuple[str, Definition]]) -> dict[str, list[str]]:
     return {name: where for name, where in places.items() if len(where) > 1}
 
 
-def test_no_function_is_a_past_participle(ours):
-    assert past(ours) == [], "what does something is called by a verb in the imperative: CONTRIBUTING, Names"
+def test_no_function_is_a_past_participle(ours, beside):
+    assert past(ours + beside) == [], "what does something is called by a verb in the imperative: CONTRIBUTING, Names"
 
 
-def test_no_class_is_a_bare_past_participle(ours):
-    assert bare(ours) == [], "a class is called by a noun: CONTRIBUTING, Names"
+def test_no_class_is_a_bare_past_participle(ours, beside):
+    assert bare(ours + beside) == [], "a class is called by a noun: CONTRIBUTING, Names"
+
+
+def test_no_variable_is_a_participle_that_does_not_say_what_it_holds(root: Path) -> None:
+    texts = sources(root, "src", "scripts", "benchmarks")
+    assert [name for where, text in texts.items() for name in empty(variables(text, where))] == [], (
+        "a value is called by a noun: CONTRIBUTING, Names"
+    )
+
+
+@pytest.mark.parametrize(
+    "source",
+    ["told = 1", "def f(heard): ...", "class A:\n    def f(self):\n        self._kept = 1", "for seen in (): ..."],
+)
+def test_empty_participles_would_be_found(source: str) -> None:
+    assert len(empty(variables(source, "m"))) == 1
+    assert not empty(variables("reply, received, feed = 1, 2, 3", "m"))
 
 
 def test_bare_participles_of_classes_would_be_found() -> None:

@@ -7,7 +7,6 @@ on the emulated firmware.
 from __future__ import annotations
 
 import shutil
-import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from firmware.make_firmware import make_firmware
 from haptorb.control.protection.trip import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
@@ -25,10 +25,9 @@ from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
 from haptorb.runtime.drivers.serial.emulator import Emulator
 from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
 from haptorb.runtime.drivers.sim_driver import SimDriver
-from oracles.chips import ChipBus
+from oracles.chips import ChipBus, OpenBus, Thermometers
 
 SOME = np.array([0.05, -0.03, 0.02])
-FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 
 
 class Subject:
@@ -52,33 +51,9 @@ class Subject:
         return sample, self.driver.write(duties)
 
 
-class _Warm:
-    def ready(self, patience: float) -> bool:
-        return True
-
-    def read(self) -> Array:
-        return np.full(3, 300.0)
-
-    def close(self) -> None:
-        return
-
-
 def simulated() -> Subject:
     driver = SimDriver.of(load("omni"), 1e-3)
     return Subject(driver, lambda: driver._duties)
-
-
-class Reopening:
-    """Chips stay where they are when a driver lets go of the bus."""
-
-    def __init__(self, bus: ChipBus) -> None:
-        self._bus = bus
-
-    def transfer(self, messages: Any) -> list[bytes]:
-        return self._bus.transfer(messages)
-
-    def close(self) -> None:
-        return
 
 
 def i2c() -> Subject:
@@ -88,7 +63,7 @@ def i2c() -> Subject:
         for chip, duty in zip(currents, pwm.duties(), strict=True):
             chip.pass_time(0.6e-3, 20.0 * float(duty))
 
-    driver = I2cDriver(load("omni"), Reopening(bus), thermometers=_Warm, clock=lambda: bus.now)
+    driver = I2cDriver(load("omni"), OpenBus(bus), thermometers=Thermometers, clock=lambda: bus.now)
     return Subject(driver, pwm.duties, coils_follow)
 
 
@@ -105,8 +80,7 @@ def subject(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Subject]
         return
     if shutil.which("avr-gcc") is None or not Path("/usr/include/simavr/sim_avr.h").exists():
         pytest.skip("gcc-avr or libsimavr-dev is not installed")
-    subprocess.run(["make", "-C", str(FIRMWARE), "all", "emulator"], check=True, capture_output=True)
-    emulator = Emulator(FIRMWARE / "build", tmp_path / "omni")
+    emulator = Emulator(make_firmware("all", "emulator"), tmp_path / "omni")
     driver = SerialDriver(load("omni"), emulator.port, patience=1.0, warm_up=90.0)
     original = driver.open
 

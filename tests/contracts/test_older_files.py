@@ -26,6 +26,12 @@ def test_a_recording_opens_and_its_fields_are_found_by_name(tmp_path: Path) -> N
     recording.to_csv(tmp_path / "rows.csv")
 
 
+def test_rows_that_had_two_contacts_on_every_device_keep_their_layout() -> None:
+    recording = Recording(OLDER / "omni_contacts.mcap")
+    assert recording.layout == RowLayout(channels=3, sensors=recording.layout.sensors, contacts=2)
+    assert recording["contacts"].shape == (20, 16)
+
+
 def test_a_calibration_is_believed_of_its_device() -> None:
     calibration = read_calibration(OLDER / "omni.calibration.json")
     assert calibration.apply(load("omni")).channels == 3

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from firmware.make_firmware import make_firmware
 from haptorb.runtime.drivers.serial.emulator import Emulator
-
-FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 
 
 @pytest.fixture(scope="session")
@@ -22,9 +20,7 @@ def built() -> Path:
             pytest.skip(f"{tool} is not installed (Debian: apt-get install {package})")
     if not any(Path(folder, "simavr", "sim_avr.h").exists() for folder in ("/usr/include", "/usr/local/include")):
         pytest.skip("libsimavr is not installed (Debian: apt-get install libsimavr-dev libelf-dev)")
-    made = subprocess.run(["make", "-C", str(FIRMWARE), "all", "emulator"], capture_output=True, text=True, check=False)
-    assert made.returncode == 0, made.stdout + made.stderr
-    return FIRMWARE / "build"
+    return make_firmware("all", "emulator")
 
 
 @pytest.fixture

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from firmware.make_firmware import make_firmware
 from haptorb.errors import DriverError
 from haptorb.runtime.drivers.serial.emulator import Emulator
 
@@ -120,7 +123,8 @@ def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int,
             if float(emulator.status()["on"]) != 1:
                 continue  # the host was kept waiting and the firmware has switched off already
             which = fault(emulator, host)
-            times.append(emulator.wait_for_off(patience)[which])
+            off = dict(re.findall(r"(\w+)=([-\d.]+)", emulator.expect_line("@off", patience)))
+            times.append(float(off[which]))
         finally:
             host.kill()
             host.wait()
@@ -166,6 +170,24 @@ def test_a_hung_program_is_restarted_by_the_watchdog(emulator: Any) -> None:
     assert int(emulator.status()["resets"]) == before + 1
 
 
+@pytest.fixture(scope="module")
+def broken(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str, str], Path]:
+    """A function that builds the board's firmware with one thing wrong, each once; the emulator is the usual one."""
+
+    @cache
+    def build(file: str, right: str, wrong: str) -> Path:
+        folder = tmp_path_factory.mktemp("broken") / "firmware"
+        shutil.copytree(built.parent, folder, ignore=shutil.ignore_patterns("build"))
+        source = folder / file
+        assert right in source.read_text()
+        source.write_text(source.read_text().replace(right, wrong))
+        make_firmware("build/omni-m328p.elf", folder=folder)
+        shutil.copy(built / "emulator", folder / "build")
+        return folder / "build"
+
+    return build
+
+
 @pytest.mark.parametrize(
     ("file", "right", "wrong", "fault"),
     [
@@ -181,16 +203,15 @@ def test_a_hung_program_is_restarted_by_the_watchdog(emulator: Any) -> None:
     ids=["silence too long, host killed", "silence too long, garbage", "stop button ignored"],
 )
 def test_the_tests_above_can_fail(
-    built: Path, tmp_path: Path, file: str, right: str, wrong: str, fault: Callable[[Any, Any], str]
+    broken: Callable[[str, str, str], Path],
+    tmp_path: Path,
+    file: str,
+    right: str,
+    wrong: str,
+    fault: Callable[[Any, Any], str],
 ) -> None:
     """A firmware broken on purpose keeps its coils on for longer than it may."""
-    broken = tmp_path / "firmware"
-    shutil.copytree(built.parent, broken, ignore=shutil.ignore_patterns("build"))
-    source = broken / file
-    assert right in source.read_text()
-    source.write_text(source.read_text().replace(right, wrong))
-    subprocess.run(["make", "-C", str(broken), "boards", "emulator"], check=True, capture_output=True)
-    with Emulator(broken / "build", tmp_path / "port") as emulator:
+    with Emulator(broken(file, right, wrong), tmp_path / "port") as emulator:
         if fault is button:
             with pytest.raises(DriverError, match="did not say '@off'"):
                 off_times(emulator, fault, 1, patience=3.0)

@@ -118,7 +118,7 @@ def test_engaging_is_refused_while_a_coil_is_too_warm_or_nobody_knows(started: C
     emulator.wait(2.5)
     hot = device.engage()
     assert hot.refusal is Refusal.HOT
-    assert hot.standing is BoardMode.OFF
+    assert hot.mode is BoardMode.OFF
     assert "above 85 °C" in refusal(hot)
     emulator.tell("heat 1 40")
     emulator.tell("absent ds18b20-z")
@@ -146,10 +146,10 @@ def store_resets() -> ModuleType:
 
 @pytest.mark.parametrize("resets", [12, pytest.param(100, marks=pytest.mark.slow)])
 def test_no_reset_loses_an_id_that_was_called_kept(built: Path, tmp_path: Path, resets: int) -> None:
-    found = store_resets().tried(built, tmp_path / "port", resets, seed=1)
+    found = store_resets().try_resets(built, tmp_path / "port", resets, seed=1)
     assert found.resets == resets
     assert (found.lost, found.garbage) == (0, 0)
-    assert found.kept > 0  # resets after it
+    assert found.intact > 0  # resets after it
     assert found.old > 0  # and before
 
 
@@ -268,7 +268,7 @@ def test_standing_is_off_after_close(emulator: Any, driver: SerialDriver) -> Non
     driver.close()
     assert emulator.status()["on"] == "0"
     device = Board(emulator.port, 30.0, answer=5.0)
-    assert device.read().standing is BoardMode.OFF
+    assert device.read().mode is BoardMode.OFF
     device.close()
 
 

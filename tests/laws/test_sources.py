@@ -15,12 +15,13 @@ from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.cylinder import CylinderMagnet
 from haptorb.physics.sources.dipole import Dipole
-from haptorb.physics.sources.multipole import MultipoleSource, multipole_wrench
+from haptorb.physics.sources.multipole import MultipoleSource
 from haptorb.physics.sources.placement import PlacedSource
 from haptorb.physics.sources.ring import RingMagnet
 from haptorb.physics.sources.round_body import RoundBody
 from haptorb.physics.sources.source import Source
 from oracles.formulations import flux_linkage
+from oracles.multipole_wrench import multipole_wrench
 from oracles.source_sum import SourceSum
 
 TURN = Rotation.from_euler("XYZ", [25, -40, 70], degrees=True).as_matrix()

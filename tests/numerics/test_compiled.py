@@ -7,12 +7,13 @@ import pickle
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from haptorb.devices.electromagnet import ring_tool
-from haptorb.numerics.compiled import PostponedKernel
+from haptorb.numerics.compiled import PostponedKernel, kernel, load_compiler
 
 PROGRAM = """
 import sys
@@ -95,3 +96,21 @@ def test_a_postponed_kernel_can_be_called_by_others_and_sent_elsewhere() -> None
     R = np.empty((3, 3))
     pickle.loads(pickle.dumps(postponed))(np.array([1.0, 0.0, 0.0]), R)
     assert R[:, 2].tolist() == [1.0, 0.0, 0.0]
+
+
+def test_a_kernel_is_compiled_once_for_all_constants_that_others_pass() -> None:
+    from numba import njit
+
+    load_compiler()
+    double: Any = kernel(_double)
+
+    def total() -> int:
+        return double(1) + double(2) + double(3)  # type: ignore[no-any-return]
+
+    compiled: Any = njit(total)  # without a cache, so that what it calls is compiled now
+    assert compiled() == 12
+    assert [str(signature) for signature in double.signatures] == ["(int64,)"]
+
+
+def _double(number: int) -> int:
+    return 2 * number

@@ -1,1 +1,1 @@
-"""Independent computations and imitations of hardware, which the product is checked against."""
+"""Independent computations, imitations of hardware, and what a user writes: what the product is checked against."""

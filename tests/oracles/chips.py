@@ -16,7 +16,7 @@ import numpy as np
 
 from haptorb.numerics.arrays import Array
 
-__all__ = ["INA219", "MAX11616", "PCA9685", "TCA9534", "Chip", "ChipBus", "Monostable"]
+__all__ = ["INA219", "MAX11616", "PCA9685", "TCA9534", "Chip", "ChipBus", "Monostable", "OpenBus", "Thermometers"]
 
 
 _BYTE = 9 / 400e3  #: eight bits and an acknowledgement [s]
@@ -322,3 +322,34 @@ class ChipBus:
     def close(self) -> None:
         """May be called twice."""
         self.closed = True
+
+
+@final
+class OpenBus:
+    """A bus that stays open when a driver lets go of it."""
+
+    def __init__(self, bus: ChipBus) -> None:
+        self._bus = bus
+
+    def transfer(self, messages: Sequence[tuple[int, bytes | int]]) -> list[bytes]:
+        """As the bus itself."""
+        return self._bus.transfer(messages)
+
+    def close(self) -> None:
+        """The bus stays open."""
+
+
+@final
+class Thermometers:
+    """Three coils at 300 K, without a bus."""
+
+    def ready(self, patience: float) -> bool:
+        """At once."""
+        return True
+
+    def read(self) -> Array:
+        """(3,) [K]."""
+        return np.full(3, 300.0)
+
+    def close(self) -> None:
+        """Nothing to close."""

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from haptorb.errors import InputError
-from haptorb.physics.thermal import TwoNode, endurance_fit, heat_step, single_time_constant
+from haptorb.physics.thermal import TwoNode, heat_step, single_time_constant
+from oracles.endurance_fit import endurance_fit
 
 COIL = TwoNode(15.0, 73.0, 1.9, 1 / 3)
 coils = st.builds(TwoNode, st.floats(1, 50), st.floats(20, 500), st.floats(0.2, 10), st.floats(0.05, 3))

@@ -5,6 +5,8 @@ export interface Column {
   offset: number;
   width: number;
   unit: string;
+  /** of each number in a CSV file, with its own unit, as recordings have them */
+  heads: string[];
   about: string;
 }
 
@@ -30,6 +32,30 @@ export interface Scene {
   kind: string;
   /** where the mover is when nobody moves it [m] */
   rest?: [number, number, number];
+  /** what the device file says of coils and magnets; the mover's as they are at rest */
+  parts?: RoundPart[];
+  sensors?: [number, number, number][];
+  marks?: [number, number, number][];
+  /** what the device file does not state */
+  notes?: string[];
+}
+
+/** A coil or a magnet, round about `axis`; lengths in metres. */
+export interface RoundPart {
+  name: string;
+  role: "coil" | "magnet" | "ring";
+  /** of a coil: the name of its current */
+  channel: string;
+  position: [number, number, number];
+  axis: [number, number, number];
+  inner_radius: number;
+  outer_radius: number;
+  length: number;
+  /** positive: its north pole is at the axis' end */
+  polarity: number;
+  moves: boolean;
+  /** false: the device file does not say how large it is */
+  stated: boolean;
 }
 
 /** A stylus with a magnet over a dome; lengths in metres, angles in radians. */
@@ -41,7 +67,6 @@ export interface DomeScene extends Scene {
   workspace: number;
   core_radius: number;
   magnet: { outer_radius: number; length: number; tip_distance: number };
-  coil_axes: [number, number, number][];
 }
 
 /** A rotor with magnets around a stator with coils, and a handle; lengths in metres, angles in radians. */
@@ -49,16 +74,8 @@ export interface MotorScene extends Scene {
   kind: "motor";
   workspace: number;
   handle_length: number;
-  magnets: { distance: number; directions: [number, number, number][]; polarity: number[]; radius: number; length: number };
-  /** `groups`: for every coil, its share of each channel's current */
-  stator: {
-    distance: number;
-    directions: [number, number, number][];
-    outer_radius: number;
-    inner_radius: number;
-    length: number;
-    groups: number[][];
-  };
+  /** for every coil, its share of each channel's current */
+  groups: number[][];
 }
 
 /** What the motor moves, in metres; see the server's `target.py`. */
@@ -102,6 +119,8 @@ export interface Session {
   simulated: boolean;
   /** whether the pointer on this page is the tracker; else dragging moves nothing */
   steered: boolean;
+  /** after so long without a sign of life a page that holds the mover loses it [s] */
+  patience: number;
   device: { name: string; title: string; source: string };
   /** the picture: "dome", "motor", or another name, which is drawn as axes and a marker */
   scene: Scene;

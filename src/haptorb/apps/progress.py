@@ -44,15 +44,15 @@ def time_bar(title: str, seconds: float) -> Iterator[Callable[[float], None]]:
     if not screen.isatty():
         yield lambda more: None
         return
-    told = drawn = 0.0
+    total = drawn = 0.0
 
     def advance(more: float) -> None:
-        nonlocal told, drawn
-        told += more
-        if told - drawn >= _DRAWN:
-            drawn = told
-            full = round(_WIDTH * min(told / seconds, 1.0))
-            screen.write(f"\r    {title} {'━' * full}{' ' * (_WIDTH - full)} {max(seconds - told, 0.0):4.0f} s ")
+        nonlocal total, drawn
+        total += more
+        if total - drawn >= _DRAWN:
+            drawn = total
+            full = round(_WIDTH * min(total / seconds, 1.0))
+            screen.write(f"\r    {title} {'━' * full}{' ' * (_WIDTH - full)} {max(seconds - total, 0.0):4.0f} s ")
             screen.flush()
 
     try:

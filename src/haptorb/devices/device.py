@@ -5,11 +5,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from haptorb.devices.kind import DeviceKind
+from haptorb.devices.kind import DeviceKind, load_part
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.display.presentable import Presentable
@@ -118,6 +118,11 @@ class Device(Presentable, ABC):
         return 0
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        """What should be known of this device though it can be computed with: sentences."""
+        return ()
+
+    @property
     def shell(self) -> Shell | None:
         """Where a tool can be over a dome; None for a device without one."""
         return None
@@ -130,6 +135,14 @@ class Device(Presentable, ABC):
     @abstractmethod
     def wrench_map(self, state: State, model: str) -> WrenchMap:
         """What the coils do to the mover at `state`, by one of `models`."""
+
+    def draw(self, view: str = "both", azimuth: float = 0.0) -> Any:
+        """A matplotlib figure: the drawing to scale that `haptorb show` writes; `view` is "section", "3d" or "both".
+
+        The section's plane contains z and is turned by `azimuth` [°] from +x towards +y. `figure.savefig(path)` stores
+        the figure; a notebook shows it. Raises InputError for a kind of device without geometry.
+        """
+        return load_part("haptorb.apps.show.drawing:draw_device")(self, view, azimuth)
 
     def check_model(self, model: str) -> str:
         """`model` itself, or UnknownName with what this device knows."""
@@ -180,6 +193,12 @@ class Device(Presentable, ABC):
             ("assumed", f"{len(self.assumed)} values that the source does not give, see `.assumed`"),
             ("digest", self.digest[:12]),
         ]
+
+    @property
+    def driven_current(self) -> Array:
+        """(m,) greatest current that supply and limit allow, the coils at their reference temperature [A]."""
+        driven: Array = np.minimum(self.coils.current_limit, self.supply.voltage / self.coils.resistance)
+        return driven
 
     @property
     def sustained_current(self) -> Array:

@@ -38,10 +38,12 @@ class DeviceKind:
     estimators     (device) → {name: EstimatorChoice}, the default first
     linkage        (device, gains or None) → Linkage
     modes          names of the linkage's modes; empty for one that acts directly
+    contacts       how many contacts of a `ContactWorld` its rows have room for; the linkage says what they do
     simulation     (device, seed) → Simulation, for the driver "sim"
     guide          (device) → Guide: what the simulated hand does before somebody points; by default it rests
     file           class of its device file (pydantic), with `build(assumed, digest, override=…)`; None: Python only
     tables         (device, report) → what is stored as `device.tables`, where computing it takes long
+    geometry       (device) → Geometry: bodies and places, for `haptorb show` and the console's picture
     scene          (device) → JSON for the console's picture, with "kind": one of the page's scenes; None: axes
     force_map      (device) → process that computes the force painted into the console's picture
     card           (device) → Card of `haptorb inspect`
@@ -56,10 +58,12 @@ class DeviceKind:
     estimators: Part = "haptorb.sensing.estimator:tracker_only"
     linkage: Part = "haptorb.control.clutch.linkage:make_direct_linkage"
     modes: tuple[str, ...] = ()
+    contacts: int = 0
     simulation: Part | None = None
     guide: Part = "haptorb.runtime.pointer.guide:AtRest"
     file: Part | None = None
     tables: Part | None = None
+    geometry: Part | None = None
     scene: Part | None = None
     force_map: Part | None = None
     card: Part | None = None

@@ -92,10 +92,10 @@ class State:
 
     def __repr__(self) -> str:
         """Place and axis, and on a second line the motion, if there is any."""
-        told = dict(self._list_facts())
+        facts = dict(self._list_facts())
         still = not (self.v.any() or self.w.any())
-        motion = "" if still else f"\n v {told['velocity v']}, w {told['angular velocity w']}"
-        return f"<State at t = {told['time t']}: p {told['position p']}, axis {told['axis']}{motion}>"
+        motion = "" if still else f"\n v {facts['velocity v']}, w {facts['angular velocity w']}"
+        return f"<State at t = {facts['time t']}: p {facts['position p']}, axis {facts['axis']}{motion}>"
 
     def _repr_html_(self) -> str:
         return facts_html("State of the mover", self._list_facts())

@@ -69,10 +69,10 @@ def curves_svg(x: Array, curves: Sequence[tuple[str, Array]], x_title: str, y_ti
     1
     """
     values = [y[np.isfinite(y)] for _, y in curves]
-    seen = np.concatenate([np.zeros(1), *values])
-    if len(x) < 2 or seen.size < 3 or not x[-1] > x[0]:
+    ordinates = np.concatenate([np.zeros(1), *values])
+    if len(x) < 2 or ordinates.size < 3 or not x[-1] > x[0]:
         return ""
-    low, high = float(seen.min()), float(seen.max())
+    low, high = float(ordinates.min()), float(ordinates.max())
     span = high - low or 1.0
     right, top = _WIDTH - 8, 20  # the names stand above
 

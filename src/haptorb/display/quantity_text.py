@@ -49,8 +49,8 @@ def format_vector(values: Iterable[float], unit: str, digits: int = 3) -> str:
     power = _choose_power(largest, unit, digits)
     scaled = [value / 10.0**power for value in numbers]
     # What is tiny beside the largest is rounding, and reads as zero.
-    told = [format_number(0.0 if abs(value) < 1e-9 * largest / 10.0**power else value, digits) for value in scaled]
-    return f"({', '.join(told)}) {_PREFIXES[power]}{unit}".rstrip()
+    texts = [format_number(0.0 if abs(value) < 1e-9 * largest / 10.0**power else value, digits) for value in scaled]
+    return f"({', '.join(texts)}) {_PREFIXES[power]}{unit}".rstrip()
 
 
 def _choose_power(size: float, unit: str, digits: int) -> int:

@@ -27,7 +27,7 @@ from typing import Any, TypeVar, cast, final
 __all__ = ["PostponedKernel", "cache_folder", "kernel", "load_compiler"]
 
 _PACKAGE = Path(__file__).resolve().parent.parent
-_KEPT = 4  #: compiled versions of a file kept beside each other, for people who switch branches
+_MOST = 4  #: compiled versions of a file kept beside each other, for people who switch branches
 _IMPORT = re.compile(r"^\s*from haptorb((?:\.\w+)*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -66,16 +66,16 @@ def _digest_sources(path: Path) -> bytes:
     """
     if not path.is_relative_to(_PACKAGE):
         return b""
-    seen: dict[Path, bytes] = {}
+    digests: dict[Path, bytes] = {}
     waiting = [path]
     while waiting:
         file = waiting.pop()
-        if file not in seen:
-            seen[file], others = _neighbours(file)
+        if file not in digests:
+            digests[file], others = _neighbours(file)
             waiting.extend(others)
     digest = hashlib.sha256()
-    for file in sorted(seen):
-        digest.update(file.relative_to(_PACKAGE).as_posix().encode() + seen[file])
+    for file in sorted(digests):
+        digest.update(file.relative_to(_PACKAGE).as_posix().encode() + digests[file])
     return digest.digest()
 
 
@@ -90,7 +90,7 @@ def _folder(path: Path) -> str:
         folder = root / state.hexdigest()[:16]
         folder.mkdir(parents=True, exist_ok=True)
         folder.touch()
-        old = sorted(root.iterdir(), key=lambda entry: entry.stat().st_mtime)[:-_KEPT]
+        old = sorted(root.iterdir(), key=lambda entry: entry.stat().st_mtime)[:-_MOST]
     except OSError:
         return ""  # a read-only home: numba falls back to its own choice
     for entry in old:
@@ -126,14 +126,24 @@ def _find_source(function: Callable[..., Any]) -> Path:
 
 
 def _dispatcher(function: Callable[..., Any]) -> Any:
-    """numba's: it compiles `function` for each new combination of types."""
+    """numba's: it compiles `function` for each new combination of types, not for each constant that a kernel passes.
+
+    No kernel is called through a C pointer, so none has that entry.
+    """
     numba = _numba()
     usual = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _folder(_find_source(function)) or usual
     try:
-        return numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy")(function)
+        compiled = numba.njit(
+            cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy", no_cfunc_wrapper=True
+        )(function)
     finally:
         numba.config.CACHE_DIR = usual
+    template = compiled.get_call_template
+    compiled.get_call_template = lambda args, named: template(
+        tuple(map(numba.types.unliteral, args)), {name: numba.types.unliteral(kind) for name, kind in named.items()}
+    )
+    return compiled
 
 
 @final

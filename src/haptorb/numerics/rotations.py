@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array, check_finite, rotation
+from haptorb.numerics.arrays import Array, check_finite
 
-__all__ = ["euler_from_rotation", "rotation_from_euler"]
+__all__ = ["rotation_from_euler"]
 
 
 def rotation_from_euler(psi: ArrayLike, lam: ArrayLike, phi: ArrayLike) -> Array:
@@ -38,19 +38,3 @@ def rotation_from_euler(psi: ArrayLike, lam: ArrayLike, phi: ArrayLike) -> Array
         [sa * sc - ca * sb * cc, sa * cc + ca * sb * sc, ca * cb],
     ]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def euler_from_rotation(R_SR: ArrayLike) -> Array:
-    """(..., 3) angles (ψ, λ, φ) [rad], λ in [−90°, 90°], ψ and φ in (−180°, 180°].
-
-    At λ = ±90° only ψ ± φ is determined; there φ = 0. Such a tilt is far outside any ball joint's workspace.
-
-    >>> euler_from_rotation(rotation_from_euler(0.1, -0.2, 2.0)).round(12).tolist()
-    [0.1, -0.2, 2.0]
-    """
-    R = rotation(R_SR, "R_SR")
-    lam = np.arctan2(R[..., 0, 2], np.hypot(R[..., 0, 0], R[..., 0, 1]))
-    locked = np.hypot(R[..., 0, 0], R[..., 0, 1]) < 1e-12
-    psi = np.where(locked, np.arctan2(R[..., 2, 1], R[..., 1, 1]), np.arctan2(-R[..., 1, 2], R[..., 2, 2]))
-    phi = np.where(locked, 0.0, np.arctan2(-R[..., 0, 1], R[..., 0, 0]))
-    return np.stack([psi, lam, phi], axis=-1)

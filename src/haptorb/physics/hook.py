@@ -137,13 +137,13 @@ class Hook:
         >>> [remark[:14] for remark in replace(TABLE_3, youngs_modulus=1.13e9).remarks(metal=True)]
         ['youngs_modulus']
         """
-        said = []
+        texts = []
         if metal and self.youngs_modulus < METALS_FROM:
-            said.append(
+            texts.append(
                 f"youngs_modulus {self.youngs_modulus / 1e9:.4g} GPa is far too low for a metal (copper alloys: about "
                 f"100 GPa). Bai 2012's Table 3 has this misprint (erratum E7: 1.13 GPa for 113 GPa)"
             )
-        return tuple(said)
+        return tuple(texts)
 
 
 #: The socket of Bai 2012, Table 3, with E = 113 GPa (erratum E7) and a flat top (E8). α is not given: 30° assumed, the

@@ -116,11 +116,11 @@ def fit_multipole(
             rough.append((min(tries), k, n))
             if progress is not None:
                 progress(done, total)
-        seen, pairs = len(pairs), [(k, n) for _, k, n in sorted(rough)[:_FINALISTS]]
+        count, pairs = len(pairs), [(k, n) for _, k, n in sorted(rough)[:_FINALISTS]]
     else:
-        seen, total = 0, len(pairs)
+        count, total = 0, len(pairs)
     best: tuple[float, int, int, float] | None = None
-    for done, (k, n) in enumerate(pairs, seen + 1):
+    for done, (k, n) in enumerate(pairs, count + 1):
         if pole_distance is None:
             found = minimize_scalar(
                 lambda ratio, k=k, n=n: _strengths(body, at, exact, k, n, ratio * body.length)[1],

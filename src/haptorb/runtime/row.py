@@ -33,15 +33,16 @@ class Field:
 
 @dataclass(frozen=True)
 class RowLayout:
-    """Which numbers of a row are what, for a device with `channels` coils and `sensors` field sensors."""
+    """Which numbers of a row are what, with `channels` coils, `sensors` field sensors and room for `contacts`."""
 
     channels: int
     sensors: int
+    contacts: int = 0
 
     @classmethod
     def of(cls, device: Device) -> RowLayout:
         """The layout for `device`."""
-        return cls(device.channels, device.sensors)
+        return cls(device.channels, device.sensors, device.kind.contacts)
 
     @cached_property
     def fields(self) -> tuple[Field, ...]:
@@ -87,7 +88,12 @@ class RowLayout:
             Field("object", 3, "m", "position of the object: the mover, or a motor's target (X', Y', Z')"),
             Field("object_q", 4, "1", "orientation of the object as a quaternion (x, y, z, w)"),
             Field("object_wrench", 6, "N, N·m", "wrench of the world on the object, before modes and guard"),
-            Field("contacts", 16, "m, m, m, N", "two hooks: deflection, contact from the root, point (3), force (3)"),
+            Field(
+                "contacts",
+                8 * self.contacts,
+                "m, m, m, N",
+                "each contact at the object: deflection, place from the root, point (3), force (3)",
+            ),
             Field(
                 "energy",
                 1,

@@ -15,6 +15,7 @@ from haptorb.worlds.basic.stick_slip import StickSlip
 from haptorb.worlds.basic.texture import Texture
 from haptorb.worlds.basic.vibration import Vibration
 from haptorb.worlds.basic.wall import Wall
+from haptorb.worlds.contact_world import ContactWorld
 from haptorb.worlds.maps.dome import Dome
 from haptorb.worlds.maps.domes import domes_apart
 from haptorb.worlds.maps.terrain import Terrain
@@ -25,6 +26,7 @@ from haptorb.worlds.world import Sum, World
 
 __all__ = [
     "CATALOGUE",
+    "ContactWorld",
     "Detents",
     "Dome",
     "Fluid",

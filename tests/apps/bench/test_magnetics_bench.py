@@ -93,6 +93,7 @@ def test_fastest_is_per_item():
         ["--effort", "nan"],
         ["--plot", "x.pdf"],
         ["--plot", "x.png", "--device", "omni"],
+        ["magnetics", "omni", "--plot", "x.png"],
         ["tick", "--plot", "x.png"],
         ["--store", "/no/such/folder/x.json"],
     ],

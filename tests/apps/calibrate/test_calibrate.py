@@ -12,11 +12,12 @@ from haptorb.apps.calibrate.driver import make_driver
 from haptorb.apps.cli import main
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
-from haptorb.physics.thermal import TwoNode, endurance_fit
+from haptorb.physics.thermal import TwoNode
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.sensing.calibration_file import read_calibration, write_calibration
+from oracles.endurance_fit import endurance_fit
 
 OMNI = load("omni")
 

@@ -311,27 +311,7 @@ def test_the_i2c_driver_is_calibrated_by_the_same_steps(factor: float, complaint
     """On simulated chips, whose currents follow the duties; `factor` is what a wrong shunt makes of them."""
     from haptorb.apps.calibrate.measure import Pace
     from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
-    from oracles.chips import ChipBus
-
-    class Warm:
-        def ready(self, patience: float) -> bool:
-            return True
-
-        def read(self) -> Any:
-            return np.full(3, 300.0)
-
-        def close(self) -> None:
-            return
-
-    class Reopening:
-        def __init__(self, bus: ChipBus) -> None:
-            self._bus = bus
-
-        def transfer(self, messages: Any) -> list[bytes]:
-            return self._bus.transfer(messages)
-
-        def close(self) -> None:
-            return
+    from oracles.chips import ChipBus, OpenBus, Thermometers
 
     bus, pwm, currents, _ = ChipBus.of_device()
     now = [0.0]
@@ -341,7 +321,7 @@ def test_the_i2c_driver_is_calibrated_by_the_same_steps(factor: float, complaint
         for chip, duty in zip(currents, pwm.duties(), strict=True):
             chip.pass_time(2e-3, 20.0 * factor * float(duty))
 
-    driver = I2cDriver(OMNI, Reopening(bus), thermometers=Warm, clock=lambda: bus.now)
+    driver = I2cDriver(OMNI, OpenBus(bus), thermometers=Thermometers, clock=lambda: bus.now)
     steps, out, said = check_steps(["rest", "currents"]), tmp_path / "omni.json", []
     wants: dict[str, Any] = {"steps": steps, "pace": Pace(lambda: now[0], wait), "guide": Dialog(said.append)}
     if complaint:

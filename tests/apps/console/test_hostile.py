@@ -68,5 +68,5 @@ def test_many_that_mean_no_good_take_neither_place_nor_control(console, servo, h
 
 
 def test_what_another_account_is_answered(console, servo, hostile):
-    assert set(hostile.asked(console.port).values()) == {403}
+    assert set(hostile.ask_without_token(console.port).values()) == {403}
     assert servo.calls == []

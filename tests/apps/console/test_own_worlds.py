@@ -16,23 +16,11 @@ from websockets.sync.client import ClientConnection, connect
 from haptorb.apps.console.force_map_process import ForceMapProcess
 from haptorb.devices.loader import load
 from haptorb.simulation.force_map import force_map
-from haptorb.worlds import World
 from haptorb.worlds.own.world_file import WorldFile
 from haptorb.worlds.parameter import parameter
+from oracles.groove import Groove
 
 pytestmark = pytest.mark.realtime
-
-
-@dataclass(frozen=True)
-class Groove(World):
-    """A groove along x."""
-
-    stiffness: float = parameter(20.0, "N/m", 0, 200, "across the groove")
-
-    def wrench(self, state):
-        wrench = np.zeros(6)
-        wrench[1] = -self.stiffness * state.p[1]
-        return wrench
 
 
 @dataclass(frozen=True)
@@ -65,7 +53,7 @@ def test_it_is_offered_with_sliders_and_told_anew_after_it_was_loaded_again(cons
     servo.own_worlds = {"groove": Groove(stiffness=30.0)}
     told = httpx.get(f"{console.origin}/api/session", headers=_headers(console)).json()
     groove = _describe(told["worlds"], "groove")
-    assert groove["about"] == "A groove along x."
+    assert groove["about"] == "A spring across y = 0."
     assert [(p["name"], p["default"], p["high"], p["unit"]) for p in groove["parameters"]] == [
         ("stiffness", 30.0, 200, "N/m")
     ]

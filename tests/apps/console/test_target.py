@@ -46,7 +46,7 @@ def test_drawn_hook_of_the_outlet_meets_the_drawn_plug_where_the_world_says_they
     world, scene = Outlet(), target_scene("outlet", {})
     along, section, bends = hook_of(scene)
     state = State.at((0.004, 0, 0), R_SR=np.eye(3), v=(0.01, 0, 0))
-    _, hooks = world.touching(state)
+    _, hooks = world.render_contacts(state)
     for hook, side in zip(hooks, (1.0, -1.0), strict=True):
         deflection, place, x, y = hook[:4]
         inner = scene["back"] - np.interp(place, along, section) + deflection * np.interp(place, along, bends[0])
@@ -59,7 +59,7 @@ def test_drawn_hook_of_the_outlet_meets_the_drawn_plug_where_the_world_says_they
 def test_drawn_hook_of_the_snap_fit_meets_the_edge():
     world, scene = SnapFit(), target_scene("snap_fit", {})
     along, section, bends = hook_of(scene)
-    _, hooks = world.touching(State.at((0.0032, 0, 0), R_SR=np.eye(3), v=(0.01, 0, 0)))
+    _, hooks = world.render_contacts(State.at((0.0032, 0, 0), R_SR=np.eye(3), v=(0.01, 0, 0)))
     deflection, place, x, y = hooks[0, :4]
     assert deflection > 1e-3
     k = int(np.argmin(np.abs(np.array(scene["at"]) - place)))

@@ -100,11 +100,11 @@ def test_a_metal_among_the_plastics_is_remarked_upon(tmp_path: Path) -> None:
     [
         ('"0.6 mm"', '"0.6 kg"', "thickness must be a length; got '0.6 kg'"),
         ('"0.6 mm"', "0.6", "thickness must be a length with its unit"),
-        ('"0.6 mm"', '"-0.6 mm"', "thickness input should be greater than 0"),
-        ("0.134", "7", "friction input should be less than or equal to 1; got 7"),
+        ('"0.6 mm"', '"-0.6 mm"', "thickness must be greater than 0"),
+        ("0.134", "7", "friction must be at most 1; got 7"),
         ('thickness = "0.6 mm"', "", "thickness is missing"),
-        ("thickness", "thicknes", "thicknes is not a key of this file; did you mean 'thickness'?"),
-        ("friction", "poisson_ratio = 0.6\nfriction", "poisson_ratio input should be less than 0.5; got 0.6"),
+        ("thickness", "thicknes", "thicknes is not a known key; did you mean 'thickness'?"),
+        ("friction", "poisson_ratio = 0.6\nfriction", "poisson_ratio must be less than 0.5; got 0.6"),
         ('"phosphor bronze"', '"phosphor bronce"', "did you mean 'phosphor bronze'?"),
         (
             'world = "outlet"',

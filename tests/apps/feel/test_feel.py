@@ -6,27 +6,17 @@ from pathlib import Path
 import pytest
 
 import haptorb.apps.feel
-from haptorb.apps.cli import main
+from oracles.command import run_command
 
 EXAMPLE = Path(haptorb.apps.feel.__file__).parent / "example.toml"
-
-
-def told(capsys, *words):
-    try:
-        code = main(["feel", *words])
-    except SystemExit as end:
-        code = int(end.code or 0)
-    out, err = capsys.readouterr()
-    assert "Traceback" not in out + err
-    return code, out, err
 
 
 def test_one_design_is_felt_rated_and_kept(capsys, tmp_path):
     folder = tmp_path / "session"
     plot = tmp_path / "comparison.png"
-    code, out, err = told(
-        capsys, str(EXAMPLE), "--headless", "--seconds", "3", "--only", "firm", "--rate", "firm=6", "--choose", "firm",
-        "--session", str(folder), "--plot", str(plot), "--json", "--person", "P1",
+    code, out, err = run_command(
+        capsys, "feel", str(EXAMPLE), "--headless", "--seconds", "3", "--only", "firm", "--rate", "firm=6",
+        "--choose", "firm", "--session", str(folder), "--plot", str(plot), "--json", "--person", "P1",
     )  # fmt: skip
     assert code == 0, err
     table = json.loads(out)
@@ -56,7 +46,7 @@ def test_one_design_is_felt_rated_and_kept(capsys, tmp_path):
     ],
 )
 def test_a_mistake_is_one_message(capsys, tmp_path, words, said):
-    code, out, err = told(capsys, *words, "--headless", "--session", str(tmp_path / "s"))
+    code, out, err = run_command(capsys, "feel", *words, "--headless", "--session", str(tmp_path / "s"))
     assert code == 2
     assert said in err
     assert not out
@@ -64,8 +54,17 @@ def test_a_mistake_is_one_message(capsys, tmp_path, words, said):
 
 
 def test_a_device_without_modes_cannot_feel_designs(capsys, tmp_path):
-    code, _, err = told(
-        capsys, str(EXAMPLE), "--device", "omni", "--headless", "--session", str(tmp_path / "s"), "--only", "firm"
+    code, _, err = run_command(
+        capsys,
+        "feel",
+        str(EXAMPLE),
+        "--device",
+        "omni",
+        "--headless",
+        "--session",
+        str(tmp_path / "s"),
+        "--only",
+        "firm",
     )
     assert code == 2
     assert "two-mode" in err

@@ -38,7 +38,7 @@ def test_text_names_axes_channels_and_coils(made):
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
 def test_plot_is_written(made, tmp_path, suffix):
     path = tmp_path / f"card{suffix}"
-    made.plot(path)
+    made.draw().savefig(path)
     assert path.stat().st_size > 10_000
 
 

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptorb.apps.cli import main
 from haptorb.apps.reproduce import (
     Item,
     Reproduction,
@@ -22,18 +21,9 @@ from haptorb.apps.reproduce import (
 from haptorb.apps.reproduce.bai2012.two_phases import two_phases
 from haptorb.apps.reproduce.item import exempt
 from haptorb.errors import UnknownName
+from oracles.command import run_command
 
 FORCE = Item("x", "bai2012", "Fig. 8", "a force", 1.0, 1.04, "N", 0.05, why="as stiff as that")
-
-
-def told(capsys, *words):
-    try:
-        code = main(list(words))
-    except SystemExit as end:
-        code = int(end.code or 0)
-    out, err = capsys.readouterr()
-    assert "Traceback" not in out + err
-    return code, out, err
 
 
 @pytest.mark.parametrize(
@@ -80,7 +70,7 @@ def test_the_registry():
     ],
 )
 def test_a_mistake_is_one_message(capsys, words, said):
-    code, out, err = told(capsys, "reproduce", *words)
+    code, out, err = run_command(capsys, "reproduce", *words)
     assert code == 2
     assert said in err
     assert not out
@@ -90,11 +80,11 @@ def test_a_mistake_is_one_message(capsys, words, said):
 def test_a_report_is_not_overwritten(capsys, tmp_path, ending):
     (tmp_path / f"bai2012-table-3.{ending}").write_text("precious")
     words = ("reproduce", "bai2012", "--table", "3", "--out", str(tmp_path))
-    code, _, err = told(capsys, *words)
+    code, _, err = run_command(capsys, *words)
     assert code == 2
     assert "--force" in err
     assert [path.read_text() for path in tmp_path.iterdir()] == ["precious"]
-    assert told(capsys, *words, "--force")[0] == 0
+    assert run_command(capsys, *words, "--force")[0] == 0
     assert (tmp_path / f"bai2012-table-3.{ending}").read_text() != "precious"
 
 
@@ -108,16 +98,16 @@ def test_a_broken_item_is_told_and_ends_with_1(capsys, tmp_path, monkeypatch):
 
     monkeypatch.setattr(registry, "import_module", lambda name: Broken)
     words = ("reproduce", "bai2012", "--table", "3", "--out", str(tmp_path))
-    code, out, _ = told(capsys, *words)
+    code, out, _ = run_command(capsys, *words)
     assert code == 1
     assert "1 differs" in out
     assert "class='v bad'>differs<" in (tmp_path / "bai2012-table-3.html").read_text()
     monkeypatch.undo()
-    assert told(capsys, *words, "--force")[0] == 0
+    assert run_command(capsys, *words, "--force")[0] == 0
 
 
 def test_the_entries_of_the_json(capsys, tmp_path):
-    code, out, _ = told(capsys, "reproduce", "zarate2020", "--figure", "3", "--out", str(tmp_path), "--json")
+    code, out, _ = run_command(capsys, "reproduce", "zarate2020", "--figure", "3", "--out", str(tmp_path), "--json")
     entries = json.loads(out)
     assert code == 0
     assert entries == json.loads((tmp_path / "zarate2020-figure-3.json").read_text())
@@ -196,7 +186,7 @@ def test_figures_of_the_quick_ones_are_drawn(quick, tmp_path):
 
 @pytest.mark.slow
 def test_figure_8_by_the_command(capsys, tmp_path):
-    code, out, _ = told(capsys, "reproduce", "bai2012", "--figure", "8", "--out", str(tmp_path), "--json")
+    code, out, _ = run_command(capsys, "reproduce", "bai2012", "--figure", "8", "--out", str(tmp_path), "--json")
     items = {item["id"]: item for item in json.loads(out)}
     assert code == 0
     assert items["fig8-fx"]["computed"] == pytest.approx(49.7, abs=0.1)

@@ -190,10 +190,10 @@ def identification():
 
 
 def curves():
-    from haptorb.apps.study.analysis.statistics import Curve
+    from haptorb.apps.study.analysis.statistics import PsychometricCurve
 
     nothing = np.array([0.0, 1.0])
-    curve = Curve(2.345, 0.4567, 0.0, 0.02, (2.2, 2.5), (0.4, 0.51))
+    curve = PsychometricCurve(2.345, 0.4567, 0.0, 0.02, (2.2, 2.5), (0.4, 0.51))
     show = study(
         'name = "c"\nprocedure = "constant"\n[levels]\nparameter = "moment"\nreference = 2.0\nvalues = [1.5, 2.5]\n',
         curves={"base": (nothing, nothing, nothing, curve)},

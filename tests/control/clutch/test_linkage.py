@@ -202,12 +202,23 @@ def test_what_cannot_be_is_refused():
         ModedLinkage().render(Outlet(), rotor(0, 0.0, 1.5, 0.0))
 
 
-def test_contacts_are_told():
+def test_contacts_of_the_world_are_in_what_the_linkage_gives():
     linkage = ModedLinkage(position=(2e-3, 0, 0))
     felt = linkage.render(Outlet(), rotor(0, 0, 0, 0))
     assert felt.contacts[:, 0] == pytest.approx(0.75e-3)
     assert felt.contacts[:, 2] == pytest.approx(Outlet().arm)
     assert felt.contacts[0, 5:] == pytest.approx(-felt.contacts[1, 5:], abs=1e-9)
-    one = SnapFit(hooks=1).touching(State.at((1e-3, 0, 0), R_SR=np.eye(3)))[1]
+    one = SnapFit(hooks=1).render_contacts(State.at((1e-3, 0, 0), R_SR=np.eye(3)))[1]
     assert one[0].any()
     assert not one[1].any()
+    assert linkage.render(Nothing(), rotor(1, 0, 0, 0)).contacts.shape == (0, 8)
+
+
+class Wrong(Outlet):
+    def render_contacts(self, state):
+        return super().render_contacts(state)[0], [[1.0, 2.0]]
+
+
+def test_contacts_of_another_shape_are_refused():
+    with pytest.raises(InputError, match=r"shape \(n, 8\); got shape \(1, 2\)"):
+        ModedLinkage().render(Wrong(), rotor(0, 0, 0, 0))

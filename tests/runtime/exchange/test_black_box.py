@@ -40,6 +40,7 @@ def test_the_ticks_up_to_the_trip_are_kept_and_none_after_it(shared: SharedMemor
     box.look()
     (tripped,) = box.trips
     assert tripped.trip is Trip.OVERCURRENT
+    assert repr(tripped) == "<TripRecord at 0.299 s: overcurrent, 100 ticks>"
     assert tripped.rows[:, shared.layout["tick"]].ravel().tolist() == list(range(200, 300))
 
 
@@ -55,7 +56,7 @@ def test_a_trip_right_after_the_start_has_fewer(shared: SharedMemory) -> None:
 def test_files_are_recordings_and_the_oldest_go(
     shared: SharedMemory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("haptorb.runtime.exchange.black_box._KEPT", 2)
+    monkeypatch.setattr("haptorb.runtime.exchange.black_box._MOST", 2)
     box = BlackBox(shared, "omni", 1000.0, tmp_path / "trips")
     for n in range(4):
         ticks(shared, 200 * n, 200)

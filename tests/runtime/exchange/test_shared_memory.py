@@ -63,7 +63,7 @@ def test_ring_against_a_list(capacity: int, bursts: list[int]) -> None:
             ring.publish(np.full(3, float(written)))
             written += 1
         before = cursor
-        cursor, rows = ring.since(cursor)
+        cursor, rows = ring.read_since(cursor)
         assert cursor == written
         kept = min(written - before, capacity - 1)  # the slot after the newest may be written just now
         assert rows[:, 0].tolist() == list(range(written - kept, written))
@@ -78,7 +78,7 @@ def test_ring_with_any_cursor(cursor: int) -> None:
     ring = _ring(8)
     for i in range(20):
         ring.publish(np.full(3, float(i)))
-    end, rows = ring.since(cursor)
+    end, rows = ring.read_since(cursor)
     assert end == 20
     assert len(rows) == min(max(20 - cursor, 0), 7)
 
@@ -86,10 +86,10 @@ def test_ring_with_any_cursor(cursor: int) -> None:
 def test_rows_are_copies() -> None:
     ring = _ring(4)
     ring.publish(np.zeros(3))
-    _, rows = ring.since(0)
+    _, rows = ring.read_since(0)
     ring.publish(np.ones(3))
     rows[:] = 7.0
-    assert ring.since(0)[1].tolist() == [[0, 0, 0], [1, 1, 1]]
+    assert ring.read_since(0)[1].tolist() == [[0, 0, 0], [1, 1, 1]]
 
 
 def test_rows_that_were_overtaken_while_they_were_copied() -> None:
@@ -106,7 +106,7 @@ def test_rows_that_were_overtaken_while_they_were_copied() -> None:
     for i in range(20):
         ring.publish(np.full(3, float(i)))
     ring._words = Rising()  # type: ignore[assignment]
-    end, rows = ring.since(0)
+    end, rows = ring.read_since(0)
     assert end == 20
     assert rows[:, 0].tolist() == [16, 17, 18, 19]  # 13 to 15 may have been overwritten
 
@@ -124,7 +124,7 @@ def test_no_torn_rows(shared: SharedMemory, capacity: int) -> None:
         cursor, lost, seen, last = 0, 0, 0, 0.0
         while seen < 20_000:
             before = cursor
-            cursor, rows = ring.since(cursor)
+            cursor, rows = ring.read_since(cursor)
             lost += cursor - before - len(rows)
             if not len(rows):
                 continue
@@ -303,11 +303,11 @@ def test_slots_do_not_touch(shared: SharedMemory) -> None:
 
 
 @settings(max_examples=20)
-@given(channels=st.integers(1, 24), sensors=st.integers(0, 48))
-def test_any_layout(channels: int, sensors: int) -> None:
-    memory = SharedMemory.create(RowLayout(channels, sensors))
+@given(channels=st.integers(1, 24), sensors=st.integers(0, 48), contacts=st.integers(0, 4))
+def test_any_layout(channels: int, sensors: int, contacts: int) -> None:
+    memory = SharedMemory.create(RowLayout(channels, sensors, contacts))
     try:
-        assert SharedMemory.attach(memory.path).layout == RowLayout(channels, sensors)
+        assert SharedMemory.attach(memory.path).layout == RowLayout(channels, sensors, contacts)
     finally:
         memory.unlink()
     memory.unlink()  # twice does no harm

@@ -68,7 +68,7 @@ def test_it_ends_with_a_servo_that_is_killed() -> None:
 def test_a_process_that_is_bound_to_no_core_keeps_none_awake() -> None:
     for core in (-1, 10_000):
         wakefulness = CoreWaker(core)
-        assert not wakefulness.granted
+        assert not wakefulness.awake
         wakefulness.end()
 
 

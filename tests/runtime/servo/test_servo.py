@@ -206,6 +206,18 @@ def test_run_refuses_what_is_no_time(running: Servo, seconds: Any) -> None:
     running.check()
 
 
+def test_it_says_in_one_line_what_it_is_and_what_it_does(fake_servo: Any) -> None:
+    servo = fake_servo(world="dome").servo
+    who = "<Servo of omni, world 'dome', driver sim, tracker pointer, 1000 Hz: "
+    assert repr(servo) == f"{who}not started>"
+    with servo:
+        assert repr(servo) == f"{who}running, given (0, 300, 400) mN>"
+        servo.stop()
+        _until(servo, lambda: servo.latest().guard == 4)
+        assert repr(servo) == f"{who}running, coils off. Stopped by hand. Re-engage when you are ready.>"
+    assert repr(servo) == f"{who}the servo ended: on command>"
+
+
 def test_nothing_works_before_the_start(fake_servo: Any) -> None:
     servo = fake_servo().servo
     assert not servo.alive
@@ -215,6 +227,7 @@ def test_nothing_works_before_the_start(fake_servo: Any) -> None:
         servo.report,
         lambda: servo.point((0, 0, 1)),
         lambda: servo.rows(0),
+        servo.latest,
     ):
         with pytest.raises(ServoError, match="not started"):
             use()
@@ -235,7 +248,7 @@ def test_interrupt_in_run_closes(fake_servo: Any, monkeypatch: pytest.MonkeyPatc
     def interrupted(seconds: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("haptorb.runtime.servo.servo.sleep", interrupted)
+    monkeypatch.setattr("haptorb.runtime.servo.servo_context.sleep", interrupted)
     with pytest.raises(KeyboardInterrupt):
         made.servo.run(1.0)
     monkeypatch.undo()

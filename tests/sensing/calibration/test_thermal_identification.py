@@ -5,8 +5,9 @@ import pytest
 
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError
-from haptorb.physics.thermal import TwoNode, endurance_fit
+from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.calibration.thermal_identification import thermal_identification
+from oracles.endurance_fit import endurance_fit
 
 AMBIENT = 298.15
 COIL = endurance_fit(60.0)

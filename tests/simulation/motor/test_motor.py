@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from haptorb.devices.loader import load
 from haptorb.devices.motor.api import torque_characteristic
-from haptorb.devices.motor.handle import HALL_IDEAL, HANDLE_LOOSE, HallQuality
+from haptorb.devices.motor.handle import HANDLE_LOOSE, HallQuality
 from haptorb.devices.motor.regulator import torque_over_sine
 from haptorb.errors import InputError, UnknownName
 from haptorb.simulation.motor.motor import SimulatedMotor
@@ -41,7 +41,7 @@ def frictionless(**changes):
 
 def weightless(motor):
     """Neither weight nor regulator."""
-    motor._parts = motor._parts._replace(leaning=np.zeros(2))
+    motor._parts = motor._parts._replace(tilt_torque=np.zeros(2))
     motor._magnetics = pack_magnetics(motor._parts)
     return motor
 
@@ -109,7 +109,7 @@ def test_it_rests_where_nothing_pushes_it_and_falls_where_no_regulator_holds_it(
 def test_dry_friction_holds_what_is_too_weak():
     """Tilted so far that weight and regulator give half of what the bearing holds."""
     motor = SimulatedMotor(PMSM, grasp=HANDLE_LOOSE)
-    back = torque_over_sine(1.0, *PMSM.leaning)
+    back = torque_over_sine(1.0, *PMSM.tilt_torque)
     small = np.degrees(0.5 * PMSM.rotor.dry_friction / abs(back))
     motor.place(NOWHERE, tilted(lam=float(small)))
     before = motor.state().R_SR
@@ -211,7 +211,7 @@ def test_no_hand_and_no_current_brings_it_out_of_its_workspace(angles, duties):
 
 
 def test_the_sensors_read_magnets_and_coils():
-    motor = SimulatedMotor(PMSM, seed=3, quality=HALL_IDEAL)
+    motor = SimulatedMotor(PMSM, seed=3, quality=HallQuality(0.0, 0.0, 0.0))
     q = tilted(8, -6, 20)
     go(motor, 0.05, np.full(12, 0.1), q)
     sample = motor.sample(0.05, 0.05, True)

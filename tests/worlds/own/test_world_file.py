@@ -10,36 +10,13 @@ import pytest
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
+from haptorb.runtime.servo.servo import Servo
 from haptorb.worlds.own.failure import try_world
 from haptorb.worlds.own.function_world import make_world
 from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
+from oracles import groove
 
-GROOVE = '''
-from __future__ import annotations
-from dataclasses import dataclass
-import numpy as np
-from haptorb.worlds import World
-from haptorb.worlds.parameter import parameter
-
-
-@dataclass(frozen=True)
-class Groove(World):
-    """A spring across y = 0."""
-
-    stiffness: float = parameter(20.0, "N/m", 0, 200, "across the groove")
-
-    def wrench(self, state):
-        wrench = np.zeros(6)
-        wrench[1] = -self.stiffness * state.p[1]
-        return wrench
-
-
-stiff = Groove(stiffness=50.0)
-
-
-def push(state):
-    return np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
-'''
+GROOVE = Path(groove.__file__).read_text(encoding="utf-8")
 STATE = State.at((0.0, 0.01, 0.05))
 
 
@@ -105,9 +82,9 @@ def test_names_of_files_are_told_from_names_of_worlds(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("end", "said"),
     [
-        ("return None", r"got None\n  File .*groove\.py\", line 15"),
+        ("return None", r"got None\n  File .*groove\.py\", line 19"),
         ("return wrench[:3]", r"shape \(3,\)"),
-        ("return 1 / 0", r"ZeroDivisionError: division by zero\n  File .*line 18, in Groove.wrench\n    return 1 / 0"),
+        ("return 1 / 0", r"ZeroDivisionError: division by zero\n  File .*line 22, in Groove.wrench\n    return 1 / 0"),
     ],
 )
 def test_a_bug_is_found_by_one_call_before_the_coils_are_on(folder: Path, end: str, said: str) -> None:
@@ -115,6 +92,33 @@ def test_a_bug_is_found_by_one_call_before_the_coils_are_on(folder: Path, end: s
     file.write_text(GROOVE.replace("return wrench\n\n", end + "\n\n"))
     with pytest.raises(InputError, match=said):
         try_world(WorldFile(file, "Groove").load(), load("omni"))
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ("return 1 / 0", r"ZeroDivisionError: division by zero\n  File .*groove\.py\", line \d+, in Groove.for_device"),
+        ("raise SystemExit(3)", r"sys\.exit\(3\)\n  File .*groove\.py"),
+        ("pass", r"for_device of world 'groove' must return the World for the device, itself perhaps; got None"),
+    ],
+)
+def test_a_bug_in_for_device_is_told_with_its_place(folder: Path, body: str, said: str) -> None:
+    file = folder / "groove.py"
+    method = f"    def for_device(self, device):\n        {body}\n\n    def wrench"
+    file.write_text(GROOVE.replace("    def wrench", method))
+    with pytest.raises(InputError, match=said):
+        try_world(WorldFile(file, "Groove").load(), load("omni"))
+    with pytest.raises(InputError, match=said):
+        Servo("omni", f"{file}:Groove")
+
+
+def test_a_world_that_does_not_fit_the_device_says_so_itself(folder: Path) -> None:
+    class Refusing(WorldFile(folder / "groove.py", "Groove").load().__class__):  # type: ignore[misc]
+        def for_device(self, device):
+            raise InputError("it needs a dome")
+
+    with pytest.raises(InputError, match=r"^it needs a dome$"):
+        try_world(Refusing(), load("omni"))
 
 
 def test_what_is_no_world_is_refused_with_what_is_wanted() -> None:

@@ -1,7 +1,7 @@
 // What the keys do, and what the device is.
 
 import type { DeviceScene } from "../scene/device_scene";
-import type { Session } from "../session";
+import type { Scene, Session } from "../session";
 import { at, make } from "./dom";
 
 const FEEL = [
@@ -30,6 +30,7 @@ export function fill(session: Session, scene: DeviceScene, keys: readonly (reado
     [`${scene.gives} limit`, `${limits[scene.gives]} ${scene.gives === "torque" ? "N·m" : "N"}`],
     ["current limit", new Set(limits.current).size === 1 ? `${limits.current[0]} A in each of ${coils.length}` : coils.map((name, i) => `${name} ${limits.current[i]!.toFixed(0)} A`).join(", ")],
     ["winding", `warm ${limits.warn.toFixed(0)}, derated ${limits.derate.toFixed(0)}, off ${limits.stop.toFixed(0)} °C`],
+    ...sizes(session.scene),
     ["a pose expires", `after ${(1000 * limits.expiry).toFixed(0)} ms`],
     ["haptorb", session.version],
   ];
@@ -42,6 +43,31 @@ export function fill(session: Session, scene: DeviceScene, keys: readonly (reado
     if (event.key === "Escape") for (const id of ["help", "details"]) at<HTMLDialogElement>(id).close();
   };
   addEventListener("keydown", close, { capture: true });
+}
+
+/** An open dialog stays below the reason why the coils are off, which comes by itself. */
+export function uncover(): void {
+  const dialog = document.querySelector<HTMLElement>("dialog[open]");
+  if (!dialog) return;
+  const reason = at("alert");
+  const page = document.querySelector(".page")!.getBoundingClientRect();
+  const edge = reason.hidden ? 0 : Math.max(0, reason.getBoundingClientRect().bottom - page.top + 8);
+  dialog.style.setProperty("--alert", `${Math.min(edge, page.height - 120).toFixed(0)}px`);
+}
+
+/** How large the coils of the picture are, by the device file, and what it does not state. */
+function sizes({ parts = [], notes = [] }: Scene): [string, string][] {
+  const millimetres = (length: number): string => `${+(1000 * length).toFixed(2)}`;
+  const coils = new Map<string, string[]>();
+  for (const coil of parts.filter(({ role, stated }) => role === "coil" && stated)) {
+    const told = `radii ${millimetres(coil.inner_radius)} to ${millimetres(coil.outer_radius)} mm, ${millimetres(coil.length)} mm long`;
+    coils.set(told, [...(coils.get(told) ?? []), coil.name]);
+  }
+  const told = [...coils].map(([size, names]): [string, string] => {
+    const some = names.length > 6 ? [names[0], "…", names.at(-1)] : names;
+    return [`coil${names.length > 1 ? "s" : ""} ${some.join(" ")}`, size];
+  });
+  return [...told, ...notes.map((note): [string, string] => ["drawing", note])];
 }
 
 /** Not modal: STOP must work beside it. One at a time. */

@@ -1,12 +1,15 @@
 // The colour bar with its newtons, the scale bar, and a mark at what is felt now.
 
 import { dot, norm, type Sample } from "../sample";
+import type { Scene } from "../session";
 import { mapPixels, onThemeChange } from "../theme";
 import { at, make, shown, write } from "./dom";
 
 export class Legend {
   private range = 0;
   private felt = true;
+  /** what is not drawn to scale */
+  private loose = "";
 
   constructor(private readonly words: readonly [string, string] = [" pushes", " pulls"]) {
     onThemeChange(() => this.paint());
@@ -32,6 +35,14 @@ export class Legend {
   /** Without colours: the arrows alone. */
   arrows(): void {
     at("arrows").hidden = false;
+  }
+
+  /** What the picture shows of the device file. */
+  device({ parts = [], sensors = [] }: Scene): void {
+    if (sensors.length) {
+      at("arrows").append(make("li", {}, make("span", { className: "chip", ariaHidden: "true" }), "field sensor"));
+    }
+    if (parts.some(({ stated }) => !stated)) this.loose = ", coils not to scale";
   }
 
   /** The colours are the coils' currents, full at ±`range` amperes; the arrows are torques. */
@@ -64,7 +75,7 @@ export class Legend {
     const millimetres = [5, 10, 20, 50].find((mm) => mm * pixels > 45) ?? 100;
     const box = at("scale");
     box.querySelector<HTMLElement>("span")!.style.width = `${millimetres * pixels}px`;
-    write(box.querySelector("b")!, `${millimetres} mm`);
+    write(box.querySelector("b")!, `${millimetres} mm${this.loose}`);
   }
 
   private paint(): void {

@@ -1,4 +1,5 @@
-// Any device: the stator's axes, a marker where the mover is, the way that it came, and the force on it.
+// Any device: the stator's axes, its coils where the server knows them, a marker where the mover is, the way that it
+// came, and the force on it.
 
 import {
   BufferAttribute,
@@ -12,10 +13,11 @@ import {
   Vector3,
 } from "three";
 import type { Sample, Vector } from "../sample";
-import type { Session } from "../session";
+import type { Scene, Session } from "../session";
 import { css, onThemeChange } from "../theme";
 import { Arrow } from "./arrow";
 import { Goal } from "./goal";
+import { chips, partsOf, placePart } from "./parts";
 import type { Stage } from "./stage";
 import type { Subject, Wish } from "./subject";
 
@@ -49,11 +51,11 @@ export class AxesSubject implements Subject {
 
   constructor(
     private readonly stage: Stage,
-    rest: Vector,
+    scene: Scene,
     limits: Session["limits"],
   ) {
     const touch = (): void => stage.touch();
-    this.wish = new Vector3(...rest);
+    this.wish = new Vector3(...(scene.rest ?? [0, 0, 0]));
     this.arrowScale = LONGEST / limits.force;
     this.goal = new Goal(touch);
     this.asked = new Arrow(false, "--asked", 0.35, 7, touch);
@@ -67,6 +69,8 @@ export class AxesSubject implements Subject {
     });
     this.marker.visible = false;
     this.group.add(...axes, this.way, this.marker);
+    const copper = new MeshPhongMaterial({ color: "#a8623a", specular: "#442", shininess: 30 });
+    this.group.add(...partsOf(scene, "coil").map((coil) => placePart(coil, copper)), chips(scene));
     stage.canvas.ariaLabel =
       "Axes, and a marker for the mover. Arrow keys move it as seen here, plus and minus along z, question mark lists all keys.";
     stage.scene.add(this.group, this.goal.group, this.given.mesh, this.asked.mesh);

@@ -12,17 +12,17 @@ import {
   MeshLambertMaterial,
   MeshPhongMaterial,
   SphereGeometry,
-  TorusGeometry,
   Vector2,
-  Vector3,
 } from "three";
 import type { DomeScene } from "../session";
 import { css, onThemeChange } from "../theme";
+import { chips, partsOf, placePart } from "./parts";
 
 const MM = 1000;
 /** how a coil looks without current, and at its limit */
 const COPPER = new Color("#a8623a");
 const HOT = new Color("#ffcf5a");
+const DOT = 0.8; // mm: an engraved mark
 const SEEN = 0.08; // share of the greatest current that can be told from the next
 
 export class Body {
@@ -30,6 +30,7 @@ export class Body {
   private readonly coils: MeshPhongMaterial[] = [];
   private readonly glowing: number[] = [];
   private readonly base = new MeshLambertMaterial();
+  private readonly ink = new MeshLambertMaterial();
   private readonly edge = new LineBasicMaterial({ transparent: true, opacity: 0.55 });
 
   constructor(tool: DomeScene, changed: () => void) {
@@ -39,19 +40,24 @@ export class Body {
       new MeshPhongMaterial({ color: "#7d8794", specular: "#667", shininess: 40 }),
     );
     this.group.add(core);
-    tool.coil_axes.forEach((axis, i) => {
-      // Three nested windings between core and shell; the paper gives their axes, the radii are for the eye.
+    for (const coil of partsOf(tool, "coil")) {
       const material = new MeshPhongMaterial({ color: COPPER, specular: "#442", shininess: 30 });
-      const ring = new Mesh(new TorusGeometry((0.6 + 0.115 * i) * radius, 0.055 * radius, 10, 72), material);
-      ring.scale.z = 2.2;
-      ring.quaternion.setFromUnitVectors(new Vector3(0, 0, 1), new Vector3(...axis).normalize());
+      // Of unknown size: seen through, as it could be another.
+      if (!coil.stated) Object.assign(material, { transparent: true, opacity: 0.45 });
       this.coils.push(material);
-      this.group.add(ring);
-    });
+      this.group.add(placePart(coil, material));
+    }
+    this.group.add(chips(tool));
+    for (const mark of tool.marks ?? []) {
+      const dot = new Mesh(new SphereGeometry(DOT, 12, 8), this.ink);
+      dot.position.set(...mark).multiplyScalar(MM);
+      this.group.add(dot);
+    }
     this.group.add(this.foot(radius));
     this.group.add(this.workspace(radius * 1.004, tool.workspace));
     const dress = (): void => {
       this.base.color.set(css("--base"));
+      this.ink.color.set(css("--text"));
       this.edge.color.set(css("--text"));
       changed();
     };

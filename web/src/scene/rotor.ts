@@ -9,25 +9,22 @@ import {
   Group,
   InstancedMesh,
   LatheGeometry,
-  Matrix4,
   Mesh,
   MeshBasicMaterial,
   MeshLambertMaterial,
   MeshPhongMaterial,
-  Quaternion,
   SphereGeometry,
   SRGBColorSpace,
   TorusGeometry,
   Vector2,
   Vector3,
   type BufferGeometry,
-  type Material,
 } from "three";
-import type { MotorScene } from "../session";
+import type { MotorScene, RoundPart } from "../session";
 import { css, mapped, onThemeChange } from "../theme";
+import { chips, partsOf, placeEach, placePart, roundBody } from "./parts";
 
 const MM = 1000;
-const UP = new Vector3(0, 0, 1);
 const GRIP = 13; // mm, radius of the handle's ball: for the eye
 
 export class Rotor {
@@ -37,9 +34,12 @@ export class Rotor {
   private readonly frame = new MeshLambertMaterial();
   private readonly grip = new MeshPhongMaterial({ specular: "#556", shininess: 40 });
   private readonly base = new MeshLambertMaterial();
+  private readonly steel = new MeshPhongMaterial({ color: "#8c97a6", specular: "#8899aa", shininess: 60 });
   private readonly poles: { mesh: InstancedMesh<BufferGeometry, MeshPhongMaterial>; north: boolean }[] = [];
   private readonly colour = new Color();
   private last: ArrayLike<number> = [];
+  private readonly magnet: RoundPart;
+  private readonly coil: RoundPart;
 
   constructor(
     private readonly mover: MotorScene,
@@ -47,9 +47,14 @@ export class Rotor {
     readonly range: number,
     changed: () => void,
   ) {
-    this.coils = this.wound();
-    this.stator.add(this.coils, this.foot());
-    this.magnets();
+    const coils = partsOf(mover, "coil");
+    const magnets = partsOf(mover, "magnet");
+    // Alike in size and distance: the file gives one for all.
+    [this.coil, this.magnet] = [coils[0]!, magnets[0]!];
+    this.coils = this.wound(coils);
+    this.stator.add(this.coils, this.foot(), chips(mover));
+    this.magnets(magnets);
+    for (const ring of partsOf(mover, "ring")) (ring.moves ? this.group : this.stator).add(placePart(ring, this.steel));
     this.shell();
     const dress = (): void => {
       this.frame.color.set(css("--base"));
@@ -66,7 +71,7 @@ export class Rotor {
   /** Coils take the colour of their current: one channel drives several, some the other way round. */
   glow(currents: ArrayLike<number>): void {
     this.last = Array.from(currents);
-    this.mover.stator.groups.forEach((row, k) => {
+    this.mover.groups.forEach((row, k) => {
       let current = 0;
       row.forEach((sign, channel) => (current += sign * (currents[channel] ?? 0)));
       const [r, g, b] = mapped((current || 0) / this.range);
@@ -90,44 +95,41 @@ export class Rotor {
   }
 
   private get radius(): number {
-    return (this.mover.magnets.distance + this.mover.magnets.length / 2) * MM;
+    return (distanceOf(this.magnet) + this.magnet.length / 2) * MM;
   }
 
-  private wound(): InstancedMesh {
-    const { directions, distance, outer_radius, inner_radius, length } = this.mover.stator;
-    const [outer, inner, half] = [outer_radius * MM, inner_radius * MM, (length * MM) / 2];
-    const profile = [
-      [inner, -half],
-      [outer, -half],
-      [outer, half],
-      [inner, half],
-      [inner, -half],
-    ].map(([x, y]) => new Vector2(x, y));
-    const winding = new LatheGeometry(profile, 28).rotateX(Math.PI / 2);
+  private wound(coils: readonly RoundPart[]): InstancedMesh {
     const material = new MeshLambertMaterial({ side: DoubleSide, flatShading: true });
-    return placed(winding, material, directions, distance * MM);
+    return placeEach(roundBody(this.coil, 28), material, coils.map((coil) => coil.position), coils.map((coil) => coil.axis));
   }
 
-  private magnets(): void {
-    const { directions, polarity, distance, radius, length } = this.mover.magnets;
+  private magnets(magnets: readonly RoundPart[]): void {
+    const { outer_radius: radius, length } = this.magnet;
     for (const north of [true, false]) {
-      const some = directions.filter((_, i) => polarity[i]! > 0 === north);
+      const some = magnets.filter((magnet) => magnet.polarity > 0 === north);
+      const axes = some.map((magnet) => magnet.axis);
       // A clear disc in a firm rim: what it hides, the coils, is what one wants to see.
       const rim = new MeshPhongMaterial({ specular: "#445", shininess: 30, side: DoubleSide });
       const wall = new CylinderGeometry(radius * MM, radius * MM, length * MM, 32, 1, true).rotateX(Math.PI / 2);
-      const mesh = placed(wall, rim, some, distance * MM);
+      const mesh = placeEach(wall, rim, some.map((magnet) => magnet.position), axes);
       this.poles.push({ mesh, north });
       const face = new MeshBasicMaterial({ map: letter(north), transparent: true, depthWrite: false });
-      const letters = placed(new CircleGeometry(radius * MM, 32), face, some, this.radius, true);
+      const letters = placeEach(new CircleGeometry(radius * MM, 32), face, some.map((magnet) => this.face(magnet)), axes, true);
       letters.renderOrder = 2;
       this.group.add(mesh, letters);
     }
   }
 
+  /** The middle of a magnet's outer face [m]. */
+  private face({ position, axis, length }: RoundPart): [number, number, number] {
+    return position.map((x, i) => x + (axis[i]! * length) / 2) as [number, number, number];
+  }
+
   private shell(): void {
-    const { distance, radius, length, directions } = this.mover.magnets;
-    const far = (distance + length / 2) * MM + 1;
-    const top = Math.max(...directions.map((d) => Math.asin(d[2]))) + Math.asin(radius / distance) + 0.06;
+    const { outer_radius } = this.magnet;
+    const far = this.radius + 1;
+    const highest = Math.max(...partsOf(this.mover, "magnet").map(({ axis }) => Math.asin(axis[2])));
+    const top = highest + Math.asin(outer_radius / distanceOf(this.magnet)) + 0.06;
     const band = (latitude: number, thick: number): Mesh => {
       const ring = new Mesh(new TorusGeometry(far * Math.cos(latitude), thick, 10, 96), this.frame);
       ring.position.z = far * Math.sin(latitude);
@@ -169,9 +171,8 @@ export class Rotor {
 
   /** Core, column and plate. */
   private foot(): Group {
-    const { distance, length } = this.mover.stator;
     const group = new Group();
-    const inner = (distance - length / 2) * MM - 1;
+    const inner = (distanceOf(this.coil) - this.coil.length / 2) * MM - 1;
     group.add(new Mesh(new SphereGeometry(inner, 40, 28), this.base));
     const profile = [
       [0, -inner],
@@ -188,28 +189,8 @@ export class Rotor {
   }
 }
 
-/** One instance per direction, its z axis outward. */
-function placed<M extends Material>(
-  geometry: BufferGeometry,
-  material: M,
-  directions: readonly (readonly [number, number, number])[],
-  distance: number,
-  upright = false,
-): InstancedMesh<BufferGeometry, M> {
-  const mesh = new InstancedMesh(geometry, material, directions.length);
-  mesh.frustumCulled = false;
-  const at = new Matrix4();
-  directions.forEach((d, i) => {
-    const out = new Vector3(...d).normalize();
-    const turn = new Quaternion().setFromUnitVectors(UP, out);
-    if (upright) {
-      const east = new Vector3().crossVectors(UP, out).normalize();
-      turn.setFromRotationMatrix(new Matrix4().makeBasis(east, new Vector3().crossVectors(out, east), out));
-    }
-    mesh.setMatrixAt(i, at.compose(out.multiplyScalar(distance), turn, new Vector3(1, 1, 1)));
-  });
-  return mesh;
-}
+/** From the motor's centre [m]. */
+const distanceOf = ({ position }: RoundPart): number => Math.hypot(...position);
 
 /** A faint disc with the pole's letter. */
 function letter(north: boolean): CanvasTexture {

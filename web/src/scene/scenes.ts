@@ -40,7 +40,7 @@ const AXES: DeviceScene = {
     const [x, y, z] = session.scene.rest ?? [0, 0, 0];
     return { azimuth: -62, elevation: 26, distance: 262, centre: [x * MM, y * MM, z * MM] };
   },
-  subject: (stage, session) => new AxesSubject(stage, session.scene.rest ?? [0, 0, 0], session.limits),
+  subject: (stage, session) => new AxesSubject(stage, session.scene, session.limits),
   readings: (session) => new PlaceReadouts(session),
 };
 

@@ -92,8 +92,8 @@ class Contest:
             seconds = [row.seconds or 0.0 for row in rows]
             colours = ["C0" if row.who == "haptorb" else "C1" for row in rows]
             bars = place.barh([f"{row.who}: {row.how}" for row in rows], seconds, color=colours)
-            told = [f"{spell_time(row.seconds or 0.0)}, error {row.error or 0.0:.0e}" for row in rows]
-            place.bar_label(bars, told, padding=4, fontsize=8)
+            labels = [f"{spell_time(row.seconds or 0.0)}, error {row.error or 0.0:.0e}" for row in rows]
+            place.bar_label(bars, labels, padding=4, fontsize=8)
             place.set(xscale="log", xlabel="time per orientation [s]", xlim=(None, 60 * max(seconds)))
             place.set_title(task, loc="left", fontsize=10)
             place.grid(axis="x", alpha=0.3)

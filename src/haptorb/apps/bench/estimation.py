@@ -16,10 +16,12 @@ from haptorb.sensing.sample import Pose, Sample
 from haptorb.sensing.torque_maps.linear_map import LinearTorque
 from haptorb.sensing.torque_maps.network import NetworkTorque, train
 from haptorb.sensing.torque_maps.torque_map import FieldToTorque
+from haptorb.sensing.torque_maps.training_set import workspace_grid
 
 __all__ = ["rows"]
 
 _PERIOD = 1e-3
+_GRID = (9, 9, 32)  #: orientations that are learnt from
 
 
 def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
@@ -33,13 +35,14 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     rest, none, cool = np.zeros(3), np.zeros(device.channels), np.full(device.channels, 293.0)
     nobody = Pose(0.0, np.eye(3), rest, rest, rest, False)
     samples = [Sample(float(at), none, cool, reading, nobody) for at, reading in zip(t, field, strict=True)]
-    tell("training a network")  # how well does not change how long it takes
-    networks = NetworkTorque(device, train(device, starts=1, iterations=2, grid=(9, 9, 32)))
+    tell("training")  # how well does not change how long an update takes
+    networks = NetworkTorque(device, train(device, starts=1, iterations=2, grid=_GRID))
+    linear = LinearTorque(device, orientations=workspace_grid(device, _GRID))
     out = []
     for name, estimator, limit in (
         ("least squares", LeastSquaresOrientation(device), 40.0),
         ("network", FieldToTorque(device, networks), 15.0),
-        ("linear map", FieldToTorque(device, LinearTorque(device)), None),
+        ("linear map", FieldToTorque(device, linear), None),
     ):
         tell(name)
         median, p99 = _percentiles(estimator, samples)
@@ -54,9 +57,9 @@ def _percentiles(estimator: Estimator, samples: list[Sample]) -> tuple[float, fl
     """Median and 99 % of one update [µs], without the first hundred."""
     seconds = []
     for sample in samples:
-        begun = perf_counter()
+        start = perf_counter()
         estimate = estimator.update(sample)
-        seconds.append(perf_counter() - begun)
+        seconds.append(perf_counter() - start)
         assert estimate.valid
     median, p99 = np.percentile(seconds[100:], (50, 99)) * 1e6
     return float(median), float(p99)

@@ -56,8 +56,8 @@ def magnetics(device: str = "pmsm", budget: float = 0.5, report: Callable[[str],
             rows.append(Result(task, who, how, None, None))
             return
         value = work()
-        seen = value[0] if per_call > 1 else value
-        error = float(np.abs(seen - truth).max() / np.abs(truth).max())
+        result = value[0] if per_call > 1 else value
+        error = float(np.abs(result - truth).max() / np.abs(truth).max())
         rows.append(Result(task, who, how, measure_fastest(work, per_call, budget), error))
 
     task = f"torque per ampere of all {len(known.electromagnets)} coils, one orientation"

@@ -25,56 +25,56 @@ def loop(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """The servo in its own process with a client that drags, 30 s times `effort`."""
     seconds = max(30.0 * effort, 3.0)
     tell(f"{seconds:.0f} s of 1 kHz")
-    told = _run_and_parse([sys.executable, "-c", HAPTORB, "check", "--duration", f"{seconds:g}", "--json"])
-    if isinstance(told, str):
-        return [Metric("loop", "servo at 1 kHz with a client that drags", None, "", note=told)]
+    facts = _run_and_parse([sys.executable, "-c", HAPTORB, "check", "--duration", f"{seconds:g}", "--json"])
+    if isinstance(facts, str):
+        return [Metric("loop", "servo at 1 kHz with a client that drags", None, "", note=facts)]
     return [
-        Metric("loop", "ticks in time", told["success_rate"], "1", limit=0.999, at_least=True),
-        Metric("loop", "lateness, 99 %", told["lateness_us"]["p99"], "µs", limit=150.0),
-        Metric("loop", "compute per tick, median", told["compute_us"]["p50"], "µs", limit=60.0),
-        Metric("loop", "compute per tick, 99 %", told["compute_us"]["p99"], "µs"),
+        Metric("loop", "ticks in time", facts["success_rate"], "1", limit=0.999, at_least=True),
+        Metric("loop", "lateness, 99 %", facts["lateness_us"]["p99"], "µs", limit=150.0),
+        Metric("loop", "compute per tick, median", facts["compute_us"]["p50"], "µs", limit=60.0),
+        Metric("loop", "compute per tick, 99 %", facts["compute_us"]["p99"], "µs"),
     ]
 
 
 def console(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """From a drag in a real browser to the force drawn, 30 s times `effort`."""
     tell("a browser that drags")
-    told = _script("console_latency", "--seconds", f"{max(30 * effort, 2):g}")
-    if isinstance(told, str):
-        return [Metric("console", "from drag to force shown, median", None, "ms", limit=25.0, note=told)]
-    drawn = f"renderer {told['renderer']}"
+    facts = _script("console_latency", "--seconds", f"{max(30 * effort, 2):g}")
+    if isinstance(facts, str):
+        return [Metric("console", "from drag to force shown, median", None, "ms", limit=25.0, note=facts)]
+    drawn = f"renderer {facts['renderer']}"
     return [
-        Metric("console", "from drag to force shown, median", told["median_ms"], "ms", limit=25.0, note=drawn),
-        Metric("console", "the same, 90 %", told["p90_ms"], "ms"),
-        Metric("console", "from drag to force arrived, median", told["arrived_median_ms"], "ms"),
-        Metric("console", "ticks in time beside the browser", told["success_rate"], "1", limit=0.999, at_least=True),
-        Metric("console", "processor time that a virtual machine's host kept", told["stolen_share"], "1"),
+        Metric("console", "from drag to force shown, median", facts["median_ms"], "ms", limit=25.0, note=drawn),
+        Metric("console", "the same, 90 %", facts["p90_ms"], "ms"),
+        Metric("console", "from drag to force arrived, median", facts["arrived_median_ms"], "ms"),
+        Metric("console", "ticks in time beside the browser", facts["success_rate"], "1", limit=0.999, at_least=True),
+        Metric("console", "processor time that a virtual machine's host kept", facts["stolen_share"], "1"),
     ]
 
 
 def serial(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """Set and read back three coils through the emulated firmware, 2000 times `effort`."""
     tell("the emulated firmware")
-    told = _script("serial_cycle", "--cycles", str(max(int(2000 * effort), 200)))
+    facts = _script("serial_cycle", "--cycles", str(max(int(2000 * effort), 200)))
     what = "set three coils and read back, emulated firmware, median"
-    if isinstance(told, str):
-        return [Metric("serial", what, None, "ms", limit=1.0, note=told)]
+    if isinstance(facts, str):
+        return [Metric("serial", what, None, "ms", limit=1.0, note=facts)]
     return [
-        Metric("serial", what, told["round trip on this computer, median [ms]"], "ms", limit=1.0),
-        Metric("serial", "the same, 99 %", told["round trip on this computer, 99 % [ms]"], "ms"),
-        Metric("serial", "processor of the host", told["host CPU [%]"], "%", limit=10.0),
+        Metric("serial", what, facts["round trip on this computer, median [ms]"], "ms", limit=1.0),
+        Metric("serial", "the same, 99 %", facts["round trip on this computer, 99 % [ms]"], "ms"),
+        Metric("serial", "processor of the host", facts["host CPU [%]"], "%", limit=10.0),
     ]
 
 
 def study(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """Numbers and report of a study of 300 trials."""
     tell("300 trials")
-    told = _script("study_analysis", "--trials", "300")
-    if isinstance(told, str):
-        return [Metric("study", "analysis of 300 trials, report included", None, "s", note=told)]
+    facts = _script("study_analysis", "--trials", "300")
+    if isinstance(facts, str):
+        return [Metric("study", "analysis of 300 trials, report included", None, "s", note=facts)]
     return [
-        Metric("study", "analysis of 300 trials, numbers", told["numbers_s"], "s"),
-        Metric("study", "analysis of 300 trials, report included", told["with_report_s"], "s"),
+        Metric("study", "analysis of 300 trials, numbers", facts["numbers_s"], "s"),
+        Metric("study", "analysis of 300 trials, report included", facts["with_report_s"], "s"),
     ]
 
 
@@ -89,9 +89,9 @@ def _run_and_parse(command: list[str]) -> dict[str, Any] | str:
     """What the command printed, or in a few words why it printed nothing."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
-        told: dict[str, Any] = json.loads(done.stdout)
+        facts: dict[str, Any] = json.loads(done.stdout)
     except subprocess.TimeoutExpired:
         return "took longer than ten minutes"
     except json.JSONDecodeError:
         return f"failed: {(done.stderr.strip().splitlines() or ['no message'])[-1][:120]}"
-    return told
+    return facts

@@ -25,8 +25,8 @@ _RATE, _BURST = 1000.0, 20  #: rows that the recorder finds when it looks
 def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """Rows of a real run, written again and again; a servo at 1 kHz needs a thousand a second."""
     tell("a run to record")
-    taken = _run(max(2.0 * effort, 0.5))
-    many = np.concatenate([taken] * max(1, round(20_000 * effort / len(taken))))
+    run = _run(max(2.0 * effort, 0.5))
+    many = np.concatenate([run] * max(1, round(20_000 * effort / len(run))))
     layout = RowLayout.of(load("omni"))
     with TemporaryDirectory() as folder:
         tell("recording")
@@ -52,30 +52,30 @@ def _run(seconds: float) -> Array:
 def _time_recording(path: Path, layout: RowLayout, many: Array) -> tuple[float, float]:
     with path.open("wb") as file:
         recorder = Recorder(file, layout, _RATE, time_ns())
-        begun = perf_counter()
+        t0 = perf_counter()
         for start in range(0, len(many), _BURST):
             recorder.append(many[start : start + _BURST])
-        took = perf_counter() - begun
+        took = perf_counter() - t0
         recorder.finish()
     return len(many) / took, path.stat().st_size / len(many)
 
 
 def _write(path: Path, many: Array) -> tuple[float, float]:
     with path.open("wb") as file:
-        begun = perf_counter()
+        t0 = perf_counter()
         for start in range(0, len(many), _BURST):
             file.write(many[start : start + _BURST].tobytes())
             file.flush()
-        took = perf_counter() - begun
+        took = perf_counter() - t0
     return len(many) / took, path.stat().st_size / len(many)
 
 
 def _lines(path: Path, many: Array) -> tuple[float, float]:
     with path.open("w") as file:
-        begun = perf_counter()
+        t0 = perf_counter()
         for start in range(0, len(many), _BURST):
             for row in many[start : start + _BURST].tolist():
                 file.write(json.dumps(row) + "\n")
             file.flush()
-        took = perf_counter() - begun
+        took = perf_counter() - t0
     return len(many) / took, path.stat().st_size / len(many)

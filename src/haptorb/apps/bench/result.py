@@ -109,10 +109,10 @@ class BenchResult(NotebookReport):
         for row in self.rows:
             if row.benchmark in wanted and not (short and row.limit is None and not row.peer):
                 what, *rest, note = _cells(row)
-                said = f"{row.benchmark}: {what}"
+                label = f"{row.benchmark}: {what}"
                 if note and len(note) <= (_SHORT if short else 1000):
-                    said += f" ({note})"
-                lines.append("| " + " | ".join([said, *rest]) + " |")
+                    label += f" ({note})"
+                lines.append("| " + " | ".join([label, *rest]) + " |")
         return "\n".join(lines) + "\n"
 
 

@@ -21,19 +21,19 @@ _MINE = [sys.executable, "-c", HAPTORB]
 
 def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """Medians of five starts times `effort`, compiled code at hand; the memory of one run with its console."""
-    times = max(round(5 * effort), 2)
+    times = max(round(5 * effort), 1)
     tell("starting and ending")
     _first_tick()  # whatever is not compiled yet is now
     first = median(_first_tick() for _ in range(times))
-    told = median(_run(*_MINE, "--help") for _ in range(times))
+    help_time = median(_run(*_MINE, "--help") for _ in range(times))
     read = median(_run(sys.executable, "-c", "import haptorb; haptorb.load('pmsm')") for _ in range(times))
-    taken = _memory()
+    megabytes = _memory()
     return [
         Metric("start", "`haptorb run`, from the command to the first tick, median", first, "s", limit=4.0),
-        Metric("start", "`haptorb --help`, median", told, "s", limit=0.4),
+        Metric("start", "`haptorb --help`, median", help_time, "s", limit=0.4),
         Metric("start", "a device file read by a Python program, median", read, "s", limit=1.0),
-        Metric("start", "memory of servo, console and what belongs to them", taken, "MB", limit=400.0,
-            note="" if taken is not None else "measured on Linux only"),
+        Metric("start", "memory of servo, console and what belongs to them", megabytes, "MB", limit=400.0,
+            note="" if megabytes is not None else "measured on Linux only"),
     ]  # fmt: skip
 
 
@@ -41,19 +41,19 @@ def _first_tick() -> float:
     """[s] from the command to the loop's first tick, on the clock that all processes share."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "run.mcap"
-        begun = monotonic()
+        start = monotonic()
         subprocess.run(
             [*_MINE, "run", "--headless", "--duration", "0.1", "--json", "--record", str(file)],
             check=True, capture_output=True,
         )  # fmt: skip
-        return float(Recording(file)["wall"][0]) - begun
+        return float(Recording(file)["wall"][0]) - start
 
 
 def _run(*command: str) -> float:
     """[s] that a program takes from its start to its end."""
-    begun = monotonic()
+    start = monotonic()
     subprocess.run(command, check=True, capture_output=True)
-    return monotonic() - begun
+    return monotonic() - start
 
 
 def _memory() -> float | None:

@@ -58,9 +58,9 @@ def _time_ticks(device: Device, estimator: str, ticks: int) -> tuple[list[float]
     try:
         with driver:
             for n in range(ticks + 200):
-                begun = perf_counter()
+                start = perf_counter()
                 tick.step(row, n * _DT)
-                took = perf_counter() - begun
+                took = perf_counter() - start
                 if n >= 200:  # compiled, settled
                     whole.append(1e6 * took)
                     chain.append(1e6 * float(row[stages][1:-1].sum()))

@@ -30,9 +30,9 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     output = rng.normal(0.0, 0.3, (y.shape[1], _NODES + 1))
     tell("Levenberg–Marquardt")
     fit_weights(x[:200], y[:200], hidden, output, iterations=1)
-    begun = perf_counter()
+    t0 = perf_counter()
     *_, course = fit_weights(x, y, hidden, output, iterations=steps)
-    own, goal = perf_counter() - begun, float(course[-1])
+    own, goal = perf_counter() - t0, float(course[-1])
     what = f"{len(x)} samples, {x.shape[1]} inputs, {_NODES} nodes, to an rms of {goal:.4f}"
     out = []
     for name, run in (("SciPy L-BFGS-B", _lbfgs), ("SciPy least_squares trf", _trf)):
@@ -104,14 +104,14 @@ class _Network:
 
 
 def _lbfgs(x: Array, y: Array, hidden: Array, output: Array, goal: float, seconds: float) -> tuple[float, float]:
-    network, begun = _Network(x, y, hidden, output, goal, seconds), perf_counter()
+    network, t0 = _Network(x, y, hidden, output, goal, seconds), perf_counter()
     with suppress(_TargetReached):
         minimize(network.error, network.start, jac=True, method="L-BFGS-B", options={"maxiter": 10**6, "maxfun": 10**6})
-    return perf_counter() - begun, network.best
+    return perf_counter() - t0, network.best
 
 
 def _trf(x: Array, y: Array, hidden: Array, output: Array, goal: float, seconds: float) -> tuple[float, float]:
-    network, begun = _Network(x, y, hidden, output, goal, seconds), perf_counter()
+    network, t0 = _Network(x, y, hidden, output, goal, seconds), perf_counter()
     with suppress(_TargetReached):
         least_squares(network.residual, network.start, jac=network.jacobian, method="trf")
-    return perf_counter() - begun, network.best
+    return perf_counter() - t0, network.best

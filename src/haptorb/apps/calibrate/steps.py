@@ -243,9 +243,9 @@ def _likeness(device: SphericalElectromagnet, field: Array, axes: Array | None) 
             for turn in np.radians((0.0, 60.0, 120.0, 180.0, 240.0, 300.0)):
                 up = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
                 tool_field(model, (device.contact_distance + height) * up, rotation_to_axis(up), B, J)
-                seen = B if axes is None else np.einsum("ki,ki->k", B, axes)[:, None] * axes
-                size = float(np.linalg.norm(seen) * np.linalg.norm(field))
-                cosine = float((seen * field).sum()) / size if size > 0 else 0.0
+                visible = B if axes is None else np.einsum("ki,ki->k", B, axes)[:, None] * axes
+                size = float(np.linalg.norm(visible) * np.linalg.norm(field))
+                cosine = float((visible * field).sum()) / size if size > 0 else 0.0
                 if abs(cosine) > abs(best):
-                    best, strength = cosine, float(np.linalg.norm(field) / np.linalg.norm(seen))
+                    best, strength = cosine, float(np.linalg.norm(field) / np.linalg.norm(visible))
     return best, strength

@@ -42,8 +42,8 @@ class Fitness(NotebookReport):
     printer: ClassVar[str] = "haptorb.apps.check.show:print_fitness"
 
     def _summarize(self) -> str:
-        told = ", ".join(f"{verdict.what} {verdict.measured}" for verdict in self.verdicts)
-        return f"<Fitness: this computer is {'fit' if self.fit else 'not fit'}: {told}>"
+        verdicts = ", ".join(f"{verdict.what} {verdict.measured}" for verdict in self.verdicts)
+        return f"<Fitness: this computer is {'fit' if self.fit else 'not fit'}: {verdicts}>"
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:

@@ -29,13 +29,13 @@ class LateTracker(Driver):
     def __init__(self, inner: Driver, rate: float | None, latency: float) -> None:
         self._inner, self._period, self._latency = inner, None if rate is None else 1 / rate, latency
         self._history: deque[tuple[float, Pose]] = deque(maxlen=4096)
-        self._told: Pose | None = None
+        self._last: Pose | None = None
 
     def open(self) -> None:
         """Open what is behind."""
         self._inner.open()
         self._history.clear()
-        self._told = None
+        self._last = None
 
     def close(self) -> None:
         """Coils off."""
@@ -48,12 +48,12 @@ class LateTracker(Driver):
         at = now - self._latency
         if self._period is not None:
             at = floor(at / self._period + 1e-9) * self._period
-        if self._told is None:
-            self._told = replace(sample.pose, t=now, v=np.zeros(3))
-        elif at > self._told.t + 1e-9:
+        if self._last is None:
+            self._last = replace(sample.pose, t=now, v=np.zeros(3))
+        elif at > self._last.t + 1e-9:
             p, R = self._pose_at(at)
-            self._told = Pose(at, R, p, sample.pose.w, (p - self._told.p) / (at - self._told.t), True)
-        return replace(sample, pose=self._told)
+            self._last = Pose(at, R, p, sample.pose.w, (p - self._last.p) / (at - self._last.t), True)
+        return replace(sample, pose=self._last)
 
     def _pose_at(self, at: float) -> tuple[Array, Array]:
         for then, pose in reversed(self._history):

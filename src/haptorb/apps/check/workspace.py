@@ -31,14 +31,14 @@ class Workspace:
     inside   whether a place belongs to it
     force    "N" or "N·m"
     length   "m" or "rad"
-    holding  a grip as it is met in these coordinates, with the mover in it
+    grip     a grip as it is met in these coordinates, with the mover in it
     """
 
     places: Array
     inside: Callable[[Array], bool]
     force: str
     length: str
-    holding: Callable[[HandGrip], HandGrip]
+    grip: Callable[[HandGrip], HandGrip]
     field: Callable[[World], Field]
 
 
@@ -94,10 +94,10 @@ def tilt_workspace(device: SphericalMotor) -> Workspace:
 
         return torque
 
-    def holding(grip: HandGrip) -> HandGrip:
-        return HandGrip(inertia + grip.mass * arm**2, grip.damping * arm**2, grip.stiffness * arm**2)
+    def grip_of(hand: HandGrip) -> HandGrip:
+        return HandGrip(inertia + hand.mass * arm**2, hand.damping * arm**2, hand.stiffness * arm**2)
 
     def contains(q: Array) -> bool:
         return bool((np.abs(q) <= tilt).all())
 
-    return Workspace(rng.uniform(-tilt, tilt, (_PLACES, 3)), contains, "N·m", "rad", holding, field)
+    return Workspace(rng.uniform(-tilt, tilt, (_PLACES, 3)), contains, "N·m", "rad", grip_of, field)

@@ -183,7 +183,7 @@ def judge_world(device: Device, world: World, setting: Setting, name: str = "") 
         )
     place = workspace(device)
     steep = steepest(place.field(world), place.places, place.inside)
-    loop, hand = setting.loop(device), place.holding(setting.hand)
+    loop, hand = setting.loop(device), place.grip(setting.hand)
     return WorldVerdict(device.name, name or type(world).__name__, world.passive, setting, loop, hand, place, steep)
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from haptorb.apps.figure_file import check_figure_file
 from haptorb.errors import InputError
 
 __all__ = ["register"]
@@ -18,14 +19,18 @@ def register(app: typer.Typer) -> None:
 
 
 def bench(
-    names: Annotated[list[str] | None, typer.Argument(help="Benchmarks to run (default: all).")] = None,
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="Benchmarks to run (default: all); with --plot a spherical motor, name or file (default: pmsm).",
+        ),
+    ] = None,
     effort: Annotated[float, typer.Option(help="Length of the measurements, 0 to 10; 0.1 is short and noisy.")] = 1.0,
     store: Annotated[
         Path | None, typer.Option(help="Store the result in this JSON file, which README and docs quote.")
     ] = None,
-    device: Annotated[str, typer.Option(help="Spherical motor of the comparison that --plot draws.")] = "pmsm",
     plot: Annotated[
-        Path | None, typer.Option(help="Draw the comparison of magnetics into this PNG or SVG file.")
+        Path | None, typer.Option(help="Draw the comparison of magnetics into this PNG, SVG or PDF file.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
@@ -33,18 +38,21 @@ def bench(
     import os
 
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
+    if plot is not None:
+        check_figure_file(plot, "--plot")
     if store is not None and not store.parent.is_dir():
         raise InputError(f"--store: the folder '{store.parent}' does not exist")
     from haptorb.apps.bench import BENCHMARKS, magnetics, run_benchmarks
     from haptorb.apps.terminal import make_console, print_json, show_status
 
     if plot is not None:
-        if names not in (None, [], ["magnetics"]):
-            raise InputError("--plot draws the comparison of magnetics: use haptorb bench magnetics --plot FILE")
+        motors = [name for name in names or [] if name != "magnetics"]
+        if len(motors) > 1 or (motors[:1] and motors[0] in BENCHMARKS):
+            raise InputError(
+                "--plot draws the comparison of magnetics: use haptorb bench magnetics [DEVICE] --plot FILE"
+            )
         with show_status("magnetics") as status:
-            magnetics(device, 0.5 * effort, lambda text: status.update(text)).plot(plot)
+            magnetics(motors[0] if motors else "pmsm", 0.5 * effort, lambda text: status.update(text)).plot(plot)
         return
     command = " ".join(["haptorb bench", *(names or []), *([f"--effort {effort:g}"] if effort != 1.0 else [])])
     with show_status("compiling") as status:

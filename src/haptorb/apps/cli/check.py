@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptorb.apps.figure_file import check_figure_file
 from haptorb.apps.terminal import make_progress, print_json
 from haptorb.errors import InputError
 
@@ -23,12 +24,12 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    duration: Annotated[float, typer.Option(help="Duration of the measurement [s].")] = 30.0,
-    rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
     device: Annotated[
         str,
-        typer.Option(help="Device name, or path of a device file; the computer is measured with a simulated device."),
+        typer.Argument(help="Device name, or path of a device file; the computer is measured with a simulated device."),
     ] = "omni",
+    duration: Annotated[float, typer.Option(help="Duration of the measurement [s].")] = 30.0,
+    rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
     alone: Annotated[
         bool, typer.Option("--alone", help="Measure without a client that drags and reads at 60 Hz.")
     ] = False,
@@ -52,13 +53,15 @@ def check(
     grip: Annotated[
         str, typer.Option(help="Grip of the hand: loose, light, firm, or MASS,DAMPING,STIFFNESS in kg, N·s/m, N/m.")
     ] = "light",
-    plot: Annotated[Path | None, typer.Option(help="With --world: draw the Z-width into this PNG or SVG file.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="With --world: draw the Z-width into this PNG, SVG or PDF file.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Check this computer or, with --world, whether your loop can render that world stably. Exit code 1 means no."""
     if world is not None:
-        if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-            raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
+        if plot is not None:
+            check_figure_file(plot, "--plot")
         from haptorb.devices.loader import load
 
         found = load(device)
@@ -147,7 +150,7 @@ def _try_hands(device: Device, verdict: WorldVerdict) -> list[tuple[float, float
     with make_progress() as bar:
         for damping in bar.track((0.5, 1.0, 2.0, 5.0, 10.0), description="testing stiffness"):
             hand = replace(setting.hand, damping=damping)
-            expected = verdict.loop.largest(verdict.place.holding(hand))
+            expected = verdict.loop.largest(verdict.place.grip(hand))
             hall = setting.bandwidth is not None
             largest = boundary(device, hand, expected, setting.rate, setting.tracker_rate, setting.latency, hall=hall)
             found.append((damping, largest))

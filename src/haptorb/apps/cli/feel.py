@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptorb.apps.figure_file import check_figure_file
 from haptorb.apps.terminal import Column, TextTable, make_console, print_json, print_table, say
 from haptorb.errors import InputError
 
@@ -32,7 +33,7 @@ def feel(
         list[str] | None,
         typer.Option("--set", help='World parameter of --world, NAME=VALUE or NAME="VALUE UNIT"; repeatable.'),
     ] = None,
-    device: Annotated[str, typer.Option(help="Spherical motor: device name, or path of a device file.")] = "pmsm",
+    device: Annotated[str, typer.Argument(help="Spherical motor: device name, or path of a device file.")] = "pmsm",
     only: Annotated[list[str] | None, typer.Option(help="Render only this design; repeatable.")] = None,
     session: Annotated[Path | None, typer.Option(help="Folder for ratings and traces (default: FILE-session).")] = None,
     person: Annotated[str, typer.Option(help="Code of the person who rates.")] = "",
@@ -41,7 +42,7 @@ def feel(
     ] = False,
     rate: Annotated[list[str] | None, typer.Option(help="Enter a score, NAME=1…7; repeatable.")] = None,
     choose: Annotated[str | None, typer.Option(help="Record this design as the choice.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw the comparison into this PNG or SVG file.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw the comparison into this PNG, SVG or PDF file.")] = None,
     headless: Annotated[
         bool, typer.Option("--headless", help="Run without the console; a simulated hand moves the handle.")
     ] = False,
@@ -68,8 +69,8 @@ def feel(
         candidates[choose]  # refuses a name that there is not before anything is felt
     if not 0 < seconds < float("inf"):
         raise InputError(f"--seconds must be greater than 0; got {seconds:g}")
-    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
+    if plot is not None:
+        check_figure_file(plot, "--plot")
     person = check_person(person)
     motor, scale = find_scale(device, wanted, candidates)
     kept = FeelSession(session or choice.folder, candidates)

@@ -83,7 +83,7 @@ def monitor(
 def jog(
     coil: Annotated[str, typer.Argument(help="Coil: x, y or z.")],
     driver: DriverOption,
-    device: Annotated[str, typer.Option("--device", help="Device name, or path of a device file.")] = "omni",
+    device: DeviceArgument = "omni",
     duty: Annotated[float, typer.Option(help="Peak duty, at most 0.2 in size.")] = 0.05,
     seconds: Annotated[float, typer.Option(help="Duration of the ramp up and down [s], 0.2 to 10.")] = 1.0,
     current: Annotated[float, typer.Option(help="Switch off above this current [A].")] = 3.0,
@@ -107,32 +107,32 @@ def jog(
     )
     prepare_thread()  # the firmware switches off after 15 ms of silence, however busy this computer is
     try:
-        seen = moved(it, through, coil, duty, seconds, current)
+        reading = moved(it, through, coil, duty, seconds, current)
     finally:
         (say if json else tell)(f"coils: {state_words(through.coil_state)}")
     if json:
-        print_json({"coil": seen.coil, "duty": seen.duty, "currents_a": list(seen.currents),
-                    "resistance_ohm": seen.resistance if seen.resistance == seen.resistance else None,
-                    "verdict": list(seen.verdict), "coil_state": through.coil_state.name.lower()})  # fmt: skip
-        if seen.verdict:
+        print_json({"coil": reading.coil, "duty": reading.duty, "currents_a": list(reading.currents),
+                    "resistance_ohm": reading.resistance if reading.resistance == reading.resistance else None,
+                    "verdict": list(reading.verdict), "coil_state": through.coil_state.name.lower()})  # fmt: skip
+        if reading.verdict:
             raise typer.Exit(1)
         return
-    told = ", ".join(f"{name} {one:+.3f} A" for name, one in zip(it.coils.names, seen.currents, strict=True))
-    tell(f"coil {seen.coil}: duty {seen.duty:+.4f}, currents {told}, resistance {seen.resistance:.3f} Ω")
-    for sentence in seen.verdict:
+    currents = ", ".join(f"{name} {one:+.3f} A" for name, one in zip(it.coils.names, reading.currents, strict=True))
+    tell(f"coil {reading.coil}: duty {reading.duty:+.4f}, currents {currents}, resistance {reading.resistance:.3f} Ω")
+    for sentence in reading.verdict:
         tell(f"  {sentence}", indent="    ")
-    if seen.verdict:
+    if reading.verdict:
         raise typer.Exit(1)
 
 
 @hardware.command()
 def emulate(
+    device: Annotated[
+        str, typer.Argument(help="Spherical electromagnet: device name, or path of a device file.")
+    ] = "omni",
     port: Annotated[Path, typer.Option(help="Path of the emulated serial port.")] = Path("/tmp/haptorb-omni"),
     board: Annotated[str, typer.Option(help="Board: m328p or m2560.")] = "m328p",
     build: Annotated[Path, typer.Option(help="Build folder of `make firmware`.")] = Path("firmware/build"),
-    device: Annotated[
-        str, typer.Option("--device", help="Spherical electromagnet: device name, or path of a device file.")
-    ] = "omni",
     height: Annotated[
         float | None,
         typer.Option(help="Height of the tool's magnet above the centre [mm]; 500 is far enough for calibration."),

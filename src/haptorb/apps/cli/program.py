@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import errno
 import sys
+from typing import Annotated
+
+import typer
 
 from haptorb.apps.cli import (
     bench,
@@ -23,11 +26,12 @@ from haptorb.apps.cli import (
     study,
     train,
 )
-from haptorb.apps.terminal import say
+from haptorb.apps.terminal import say, tell
 from haptorb.apps.terminal.help_text import CommandLine
 from haptorb.apps.terminal.output import drop_output, open_output
 from haptorb.apps.terminal.spelling import use_ascii_fallback
 from haptorb.errors import HaptorbError
+from haptorb.version import __version__
 
 __all__ = ["app", "main"]
 
@@ -38,6 +42,24 @@ app = CommandLine(
     help="Design, simulate and run spherical electromagnetic haptic devices.",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+def tell_version(wanted: bool) -> None:
+    """Print the version and end, before anything else is looked at."""
+    if wanted:
+        tell(f"haptorb {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def start(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and end.", is_eager=True, callback=tell_version)
+    ] = False,
+) -> None:
+    """Design, simulate and run spherical electromagnetic haptic devices."""
+
+
 for module in (run, show, check, study, calibrate, frame, fit, train, estimators, bench, hardware, reproduce, feel):
     module.register(app)
 
@@ -49,7 +71,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         app(args=arguments)
     except HaptorbError as mistake:
-        say(f"haptorb: {mistake}")
+        say(f"haptorb: {mistake.command_message}")
         return 2
     except KeyboardInterrupt:
         return 130

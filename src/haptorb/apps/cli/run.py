@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from haptorb.apps.pose_wait import tell_missing_pose
 from haptorb.apps.terminal import print_json, say
 from haptorb.errors import InputError
 
@@ -122,7 +123,8 @@ def _run_without_console(servo: Servo, standby: PrestartedProcess, duration: flo
         if not json:
             say(f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_nature(servo)}. Ctrl-C ends.")
         try:
-            servo.run(duration if duration is not None else 1e9)
+            with tell_missing_pose(servo):
+                servo.run(duration if duration is not None else 1e9)
             number = 0
         except KeyboardInterrupt:
             number = int(signal.SIGINT)
@@ -142,17 +144,18 @@ def _run_with_console(
     with Console(servo, port) as console, _open_servo(servo, standby):
         say(f"Open {console.url} in a browser: {servo.device.name}, {_nature(servo)}. Ctrl-C ends.")
         end = float("inf") if duration is None else monotonic() + duration
-        told = ""
+        last = ""
 
         def look() -> bool:
-            nonlocal told
+            nonlocal last
             now = servo.world_trouble
-            if now and not told:
+            if now and not last:
                 say(now)
-            told = now
+            last = now
             return monotonic() > end
 
-        number = console.serve(open_browser=browser, until=look)
+        with tell_missing_pose(servo):
+            number = console.serve(open_browser=browser, until=look)
         servo.check()  # a servo that died says why, and the exit code says that it did
         _report(servo, json)
     return number or 0
@@ -210,13 +213,13 @@ def _report(servo: Servo, json: bool) -> None:
 def _describe_tracking(name: str, poses: dict[str, Any]) -> str:
     """One line on how the poses came."""
     if not poses["accepted"]:
-        told = "no pose accepted"
+        text = "no pose accepted"
     else:
-        told = f"{poses['accepted']} poses, {poses['rate_hz'] or 0:.0f} Hz"
+        text = f"{poses['accepted']} poses, {poses['rate_hz'] or 0:.0f} Hz"
         if poses["age_ms"]:
-            told += f", age in use {poses['age_ms']['p50']:.1f} ms (99 %: {poses['age_ms']['p99']:.1f} ms)"
+            text += f", age in use {poses['age_ms']['p50']:.1f} ms (99 %: {poses['age_ms']['p99']:.1f} ms)"
     refused = ", ".join(f"{count} {why.replace('_', ' ')}" for why, count in poses["refused"].items())
-    return f"tracker {name}: {told}, lost {poses['lost']} times" + (f"; refused: {refused}" if refused else "")
+    return f"tracker {name}: {text}, lost {poses['lost']} times" + (f"; refused: {refused}" if refused else "")
 
 
 class _Termination(BaseException):

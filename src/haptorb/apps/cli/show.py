@@ -1,4 +1,4 @@
-"""`haptorb devices`, `haptorb worlds` and `haptorb inspect`: what is there, and what it can do."""
+"""`haptorb devices`, `worlds`, `inspect` and `show`: what is there, what it can do, and what it looks like."""
 
 from __future__ import annotations
 
@@ -7,8 +7,17 @@ from typing import Annotated
 
 import typer
 
-from haptorb.apps.terminal import Column, TextTable, make_console, print_facts, print_json, print_table, print_text
-from haptorb.errors import InputError
+from haptorb.apps.terminal import (
+    Column,
+    TextTable,
+    make_console,
+    print_facts,
+    print_json,
+    print_table,
+    print_text,
+    tell,
+)
+from haptorb.errors import InputError, UnknownName
 
 __all__ = ["register"]
 
@@ -18,13 +27,29 @@ def register(app: typer.Typer) -> None:
     app.command()(devices)
     app.command()(worlds)
     app.command()(inspect)
+    app.command()(show)
 
 
-def devices(json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
-    """List the devices that come with haptorb."""
+def devices(
+    name: Annotated[str | None, typer.Argument(help="Device whose file is printed, to start your own from.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """List the devices that come with haptorb; with a name, print its file: haptorb devices omni > mine.toml."""
     from haptorb.devices.loader import catalogue
 
-    _list(catalogue(), json)
+    known = catalogue()
+    if name is None:
+        _list(known, json)
+        return
+    if name not in known:
+        raise UnknownName("device", name, known)
+    from importlib.resources import files
+
+    text = (files("haptorb.devices") / "catalogue" / f"{name}.toml").read_text(encoding="utf-8")
+    if json:
+        print_json({"name": name, "file": text})
+    else:
+        print_text(make_console(), text.rstrip("\n"))
 
 
 def worlds(
@@ -46,7 +71,7 @@ def worlds(
     console = make_console()
     world = find_world(name)
     print_text(console, f"{name}: {(world.__doc__ or '').splitlines()[0]}", "bold")
-    print_text(console, _nature(world.passive, world.continuous), "dim")
+    print_text(console, _nature(world.passive, world.continuous, world.needs_target), "dim")
     if not known:
         return
     print_text(console)
@@ -61,40 +86,73 @@ def worlds(
     print_table(console, table)
 
 
-def _nature(passive: bool, continuous: bool) -> str:
+def _nature(passive: bool, continuous: bool, needs_target: bool) -> str:
     energy = "passive: produces no energy" if passive else "active: a closed path can gain energy"
-    return f"{energy}; {'continuous' if continuous else 'discontinuous'}"
+    devices = "; for devices that move a target (motors)" if needs_target else ""
+    return f"{energy}; {'continuous' if continuous else 'discontinuous'}{devices}"
 
 
 def inspect(
-    device: Annotated[str, typer.Argument(help="Device name, or path of a device file.")],
-    plot: Annotated[Path | None, typer.Option(help="Draw the figures into this PNG or SVG file.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    devices: Annotated[list[str], typer.Argument(help="Device names, or paths of device files: one or several.")],
+    plot: Annotated[Path | None, typer.Option(help="Draw the figures into this PNG, SVG or PDF file.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON; a list for several devices.")] = False,
     assumed: Annotated[bool, typer.Option("--assumed", help="List the assumed values with their reasons.")] = False,
     override: Annotated[bool, typer.Option("--override", help="Inspect a device that the validation refuses.")] = False,
 ) -> None:
-    """Show a device's workspace, forces, heat limits and model errors."""
+    """Show what devices can do: workspace, forces, heat limits and model errors; several side by side."""
+    from haptorb.apps.figure_file import check_figure_file, write_figure
+    from haptorb.apps.inspect import Comparison, card, name_devices
+    from haptorb.apps.progress import build_tables
+    from haptorb.devices.loader import load
+
+    found = [load(device, override=override) for device in devices]
+    labels = name_devices(found, devices)
+    if assumed:
+        if len(found) > 1:
+            raise InputError(f"--assumed lists the values of one device; got {len(found)}")
+        _list(dict(found[0].assumed), json)
+        return
+    if plot is not None:
+        check_figure_file(plot, "--plot")
+    for one in found:
+        build_tables(one)
+    cards = [card(one) for one in found]
+    report = cards[0] if len(cards) == 1 else Comparison(cards, labels)
+    if plot is not None:
+        write_figure(report.draw(), plot, "--plot")
+    if json:
+        print_json(report.numbers())
+    else:
+        report.show(make_console())
+
+
+def show(
+    device: Annotated[str, typer.Argument(help="Device name, or path of a device file.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="PNG, SVG or PDF file [DEVICE.drawing.png].")
+    ] = None,
+    view: Annotated[str, typer.Option(help="View: section, 3d or both.")] = "both",
+    azimuth: Annotated[float, typer.Option(help="Direction of the section's plane [deg], from +x towards +y.")] = 0.0,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print the parts and their places as JSON; draw with -o.")
+    ] = False,
+    override: Annotated[bool, typer.Option("--override", help="Draw a device that the validation refuses.")] = False,
+) -> None:
+    """Draw a device to scale: coils, magnets, core and sensors in section and in three dimensions."""
+    from haptorb.apps.figure_file import check_figure_file, write_figure
+    from haptorb.apps.show import describe_geometry
     from haptorb.devices.loader import load
 
     found = load(device, override=override)
-    if assumed:
-        _list(dict(found.assumed), json)
-        return
-    if plot is not None and plot.suffix not in (".png", ".svg"):
-        raise InputError(f"--plot must be a .png or .svg file; got '{plot}'")
-    if plot is not None and not plot.parent.is_dir():
-        raise InputError(f"--plot: the folder '{plot.parent}' does not exist")
-    from haptorb.apps.inspect.card import card
-    from haptorb.apps.progress import build_tables
-
-    build_tables(found)
-    made = card(found)
+    if output is None and not json:
+        output = Path(f"{found.name}.drawing.png")
+    if output is not None:
+        check_figure_file(output, "--output")
+        write_figure(found.draw(view, azimuth), output, "--output")
     if json:
-        print_json(made.numbers())
+        print_json(describe_geometry(found))
     else:
-        made.show(make_console())
-    if plot is not None:
-        made.plot(plot)
+        tell(f"written: {output}")
 
 
 def _list(lines: dict[str, str], json: bool) -> None:

@@ -46,10 +46,10 @@ def check(file: FileArgument, json: Annotated[bool, typer.Option("--json", help=
     if json:
         from haptorb.apps.study.simulated.forecast import forecast, overlap
 
-        told, reach = forecast(known), overlap(known)
+        result, reach = forecast(known), overlap(known)
         about = {"study": known.name, "procedure": known.procedure, "device": known.device}
-        print_json({**about, "set_points": len(known.points), **told.numbers(), "overlap": reach and reach.numbers()})
-        if not told.holds:
+        print_json({**about, "set_points": len(known.points), **result.numbers(), "overlap": reach and reach.numbers()})
+        if not result.holds:
             raise typer.Exit(1)
         return
     tell(f"{known.name}: {known.procedure} on '{known.device}', {len(known.points)} set-points")
@@ -112,8 +112,8 @@ def run(
         streams = open_streams(lsl)
     engine = database(db)  # before the device: without a place for answers nothing is started
     if terminal:
-        told = {"--driver": (driver, "sim"), "--tracker": (tracker, "pointer"), "--frame": (frame, None)}
-        more = [word for name, (value, usual) in told.items() if value != usual for word in (name, str(value))]
+        options = {"--driver": (driver, "sim"), "--tracker": (tracker, "pointer"), "--frame": (frame, None)}
+        more = [word for name, (value, usual) in options.items() if value != usual for word in (name, str(value))]
         again = join(["haptorb", "study", "run", str(file), "--terminal", "-p", str(participant), "--db", db, *more])
         _run_in_terminal(known, engine, str(participant), start, db, again, record)
     else:
@@ -281,12 +281,12 @@ def _print_forecast(known: Study) -> bool:
     """Say what a session will be like; whether the thermal budget holds."""
     from haptorb.apps.study.simulated.forecast import forecast, overlap
 
-    told = forecast(known)
-    say(("" if told.holds else "warning: ") + told.sentence)
+    result = forecast(known)
+    say(("" if result.holds else "warning: ") + result.sentence)
     reach = overlap(known)
     if reach is not None:
         say("note: " + reach.sentence)
-    return told.holds
+    return result.holds
 
 
 def _free_recording_path(db: str, session: int) -> Path:

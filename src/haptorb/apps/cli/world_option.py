@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from haptorb.apps.terminal import announce_wait
 from haptorb.errors import InputError, quote
 
 if TYPE_CHECKING:
@@ -31,9 +32,11 @@ def choose_world_option(name: str, settings: list[str], device: Device) -> World
         kind = find_world(name)
         return kind().replace(**parse_settings(settings, parameters(kind)))
     file = parse_world_file(name)
-    world = file.load()
+    with announce_wait(f"World file {file.path} has not finished loading"):
+        world = file.load()
     values = parse_settings(settings, parameters(type(world)))
-    try_world(world.replace(**values), device)
+    with announce_wait(f"World '{world.name}' of {file.path} has not returned from its first call"):
+        try_world(world.replace(**values), device)
     return replace(file, values=values)
 
 

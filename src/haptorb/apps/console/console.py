@@ -66,15 +66,15 @@ class Console:
 
         Signals are only heard in the main thread; the handlers of before are put back.
         """
-        heard: list[int] = []
+        signals_seen: list[int] = []
 
         def end(number: int) -> None:
-            heard.append(number)
+            signals_seen.append(number)
             self.close()
 
         with signals(end), prioritize():
             asyncio.run(self._serve(open_browser, until))
-        return heard[0] if heard else None
+        return signals_seen[0] if signals_seen else None
 
     async def _serve(self, open_browser: bool, until: Callable[[], bool]) -> None:
         serving = asyncio.create_task(self._server.serve(sockets=[self._socket]))

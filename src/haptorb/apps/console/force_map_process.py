@@ -111,8 +111,9 @@ def main() -> None:
     from haptorb.simulation.force_map import force_map
     from haptorb.worlds import find_world
 
+    # Nothing is compiled before the first question, which comes when the servo runs: at a first start the servo's
+    # processes need the processors.
     device = pickle.load(questions)
-    force_map(device, find_world("nothing")(), [[0.0, 0.0, device.contact_distance]])  # loads what is compiled
     while True:
         try:
             name, packed, values, model, points = pickle.load(questions)

@@ -1,19 +1,30 @@
-"""How well the loop keeps its time, over the last seconds: what the page's header says."""
+"""How well the loop keeps its time, over the last seconds, and what is amiss: what the page's header says."""
 
 from __future__ import annotations
 
 from collections import deque
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
 from haptorb.apps.console.running_servo import RunningServo
 from haptorb.numerics.arrays import Array
 
-__all__ = ["Health"]
+__all__ = ["Health", "describe_troubles"]
 
 #: seconds of the past that count
 WINDOW = 5.0
+
+
+def describe_troubles(servo: RunningServo) -> dict[str, Any]:
+    """Whether the loop runs, and texts that are empty while all is well."""
+    return {
+        "alive": servo.alive,
+        "recording_trouble": servo.recording_trouble,
+        "warning": servo.warning,
+        "world_trouble": servo.world_trouble,
+        "missing_pose": servo.missing_pose,
+    }
 
 
 @final
@@ -27,7 +38,7 @@ class Health:
         self._valid, self._age = layout["valid"].start, layout["age"].start
         self._stages = layout["stages"]
         self._cursor = 0
-        self._kept: deque[Array] = deque()  # each (n, 5): t, missed, lateness, compute time, age of the pose
+        self._window: deque[Array] = deque()  # each (n, 5): t, missed, lateness, compute time, age of the pose
 
     def look(self) -> dict[str, float | None]:
         """Rate [Hz], share of deadlines met, 50th and 99th percentile of lateness and median compute time [µs], 99th
@@ -35,7 +46,7 @@ class Health:
         self._cursor, rows = self._servo.rows(self._cursor)
         if len(rows):
             compute = rows[:, self._stages].sum(axis=1)
-            self._kept.append(
+            self._window.append(
                 np.column_stack(
                     [
                         rows[:, self._t],
@@ -47,11 +58,11 @@ class Health:
                 )
             )
             newest = float(rows[-1, self._t])
-            while len(self._kept) > 1 and float(self._kept[0][-1, 0]) < newest - WINDOW:
-                self._kept.popleft()
+            while len(self._window) > 1 and float(self._window[0][-1, 0]) < newest - WINDOW:
+                self._window.popleft()
         else:
-            self._kept.clear()
-        if not self._kept:
+            self._window.clear()
+        if not self._window:
             return {
                 "rate_hz": None,
                 "success": None,
@@ -60,15 +71,15 @@ class Health:
                 "compute_us": None,
                 "pose_age_ms": None,
             }
-        kept = np.concatenate(list(self._kept))
-        span = float(kept[-1, 0] - kept[0, 0])
-        missed = float(np.nansum(kept[1:, 1]))
-        late = kept[:, 2][np.isfinite(kept[:, 2])]
-        spent = kept[:, 3][np.isfinite(kept[:, 3])]
-        ages = kept[:, 4][np.isfinite(kept[:, 4])]
+        window = np.concatenate(list(self._window))
+        span = float(window[-1, 0] - window[0, 0])
+        missed = float(np.nansum(window[1:, 1]))
+        late = window[:, 2][np.isfinite(window[:, 2])]
+        spent = window[:, 3][np.isfinite(window[:, 3])]
+        ages = window[:, 4][np.isfinite(window[:, 4])]
         return {
-            "rate_hz": (len(kept) - 1) / span if span > 0 else None,
-            "success": (len(kept) - 1) / (len(kept) - 1 + missed) if len(kept) > 1 else None,
+            "rate_hz": (len(window) - 1) / span if span > 0 else None,
+            "success": (len(window) - 1) / (len(window) - 1 + missed) if len(window) > 1 else None,
             "lateness_p50_us": float(np.percentile(late, 50)) * 1e6 if len(late) else None,
             "lateness_p99_us": float(np.percentile(late, 99)) * 1e6 if len(late) else None,
             "compute_us": float(np.median(spent)) * 1e6 if len(spent) else None,

@@ -38,11 +38,11 @@ class RecentRows:
             self._pieces.popleft()
         return self.end
 
-    def since(self, seen: int) -> Array:
-        """(n, width) the rows after the first `seen`, oldest first; at least one must be newer."""
+    def read_since(self, index: int) -> Array:
+        """(n, width) the rows after the first `index`, oldest first; at least one must be newer."""
         wanted = []
         for first, rows in reversed(self._pieces):
-            if first + len(rows) <= seen:
+            if first + len(rows) <= index:
                 break
-            wanted.append(rows[max(seen - first, 0) :])
+            wanted.append(rows[max(index - first, 0) :])
         return np.concatenate(wanted[::-1])

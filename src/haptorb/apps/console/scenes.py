@@ -8,19 +8,26 @@ import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.geometry import electromagnet_geometry
+from haptorb.devices.geometry import Geometry, RoundPart
+from haptorb.devices.motor.geometry import motor_geometry
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 
-__all__ = ["axes_scene", "dome_scene", "motor_scene"]
+__all__ = ["axes_scene", "describe_parts", "dome_scene", "motor_scene"]
 
 
 def axes_scene(device: Device) -> dict[str, Any]:
-    """Axes and a marker for the mover: for every device whose kind describes no scene."""
-    return {"kind": "axes", "rest": device.rest_position.tolist()}
+    """Axes and a marker for the mover, and the device's parts where its kind knows them: for every other device."""
+    geometry = device.kind.part("geometry")
+    return {
+        "kind": "axes",
+        "rest": device.rest_position.tolist(),
+        **({} if geometry is None else describe_parts(geometry(device))),
+    }
 
 
 def dome_scene(device: SphericalElectromagnet) -> dict[str, Any]:
-    """A tool over a dome."""
-    axes = device.moment_per_current / np.linalg.norm(device.moment_per_current, axis=0)
+    """A tool over a dome, its coils about the core."""
     return {
         "kind": "dome",
         "dome_radius": device.dome_radius,
@@ -33,7 +40,7 @@ def dome_scene(device: SphericalElectromagnet) -> dict[str, Any]:
             "length": device.tool.length,
             "tip_distance": device.tool.tip_distance,
         },
-        "coil_axes": axes.T.tolist(),
+        **describe_parts(electromagnet_geometry(device)),
     }
 
 
@@ -43,19 +50,32 @@ def motor_scene(device: SphericalMotor) -> dict[str, Any]:
         "kind": "motor",
         "workspace": device.workspace_tilt,
         "handle_length": device.rotor.handle_length,
-        "magnets": {
-            "distance": device.magnets.distance,
-            "directions": device.magnets.directions.tolist(),
-            "polarity": np.asarray(device.polarity, dtype=np.float64).tolist(),
-            "radius": device.magnet.radius,
-            "length": device.magnet.length,
-        },
-        "stator": {
-            "distance": device.electromagnets.distance,
-            "directions": device.electromagnets.directions.tolist(),
-            "outer_radius": device.electromagnet.outer_radius,
-            "inner_radius": device.electromagnet.inner_radius,
-            "length": device.electromagnet.length,
-            "groups": np.asarray(device.groups, dtype=np.float64).tolist(),
-        },
+        "groups": np.asarray(device.groups, dtype=np.float64).tolist(),
+        **describe_parts(motor_geometry(device)),
+    }
+
+
+def describe_parts(geometry: Geometry) -> dict[str, Any]:
+    """Round parts, field sensors and marks where they are, and what the device file does not state of them."""
+    return {
+        "parts": [_describe_part(part) for part in geometry.round_parts],
+        "sensors": [spot.position.tolist() for spot in geometry.select_spots("sensor")],
+        "marks": [spot.position.tolist() for spot in geometry.select_spots("mark")],
+        "notes": list(geometry.notes),
+    }
+
+
+def _describe_part(part: RoundPart) -> dict[str, Any]:
+    return {
+        "name": part.name,
+        "role": part.role,
+        "channel": part.channel,
+        "position": part.position.tolist(),
+        "axis": part.axis.tolist(),
+        "inner_radius": part.inner_radius,
+        "outer_radius": part.outer_radius,
+        "length": part.length,
+        "polarity": part.polarity,
+        "moves": part.moves,
+        "stated": part.stated,
     }

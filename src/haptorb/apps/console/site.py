@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
@@ -21,6 +19,7 @@ from haptorb.apps.console.session import session, worlds_now
 from haptorb.apps.console.socket_hub import ConsoleSocketHub
 from haptorb.apps.web.access import AccessGate
 from haptorb.apps.web.files import page_files, respond
+from haptorb.apps.web.server import run_beside
 from haptorb.apps.web.token import choose_token
 from haptorb.errors import InputError
 
@@ -65,16 +64,6 @@ def application(servo: RunningServo, felt: FeltMap | None = None, designs: Desig
         now = {"feel": None if designs is None else dict(await asyncio.to_thread(designs.describe))}
         return JSONResponse(known | now | worlds_now(servo, shown=shown))
 
-    @asynccontextmanager
-    async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        keeping = asyncio.create_task(room.keep())
-        try:
-            yield
-        finally:
-            keeping.cancel()
-            with suppress(asyncio.CancelledError):
-                await keeping
-
     app = Starlette(
         routes=[
             Route("/", file),
@@ -83,7 +72,7 @@ def application(servo: RunningServo, felt: FeltMap | None = None, designs: Desig
             WebSocketRoute("/ws", room.join),
         ],
         middleware=[Middleware(AccessGate, token=token)],
-        lifespan=lifespan,
+        lifespan=run_beside(room.keep),
     )
     app.state.felt = process
     app.state.token = token

@@ -13,7 +13,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from haptorb.apps.console.designs.design_relay import DesignRelay
 from haptorb.apps.console.designs.design_session import DesignSession
 from haptorb.apps.console.force_map import ForceMapWorker
-from haptorb.apps.console.health import Health
+from haptorb.apps.console.health import Health, describe_troubles
 from haptorb.apps.console.page import ConsolePage, to_json, wait_for_first
 from haptorb.apps.console.pointer_relay import PointerRelay
 from haptorb.apps.console.recent import RecentRows
@@ -38,6 +38,7 @@ FRESH = 0.1  #: from steadying the hand to engaging [s]
 
 _TELLING = ("another_sender", "stranger", "jump")  # what a tracker refuses and a person should know of
 _FULL = 1013  #: of a WebSocket that is closed: try again later
+_COMMANDS = "stop, engage, home, drop, mode, model, clutch, cool, world"
 _NAME = 64  #: of a world, a mode or a value [characters]
 
 
@@ -79,22 +80,12 @@ class ConsoleSocketHub:
             if time.monotonic() >= next_look:
                 next_look = time.monotonic() + LOOK
                 if self._pages:
-                    self._send_to_all("health", **self._describe_health())
+                    self._send_to_all("health", **self._health.look(), **describe_troubles(self._servo))
                 self._notice_world()
                 self._notice_refused()
             if self._designs is not None:
                 self._designs.notice()
             await asyncio.sleep(REFRESH)
-
-    def _describe_health(self) -> dict[str, Any]:
-        """Numbers of `Health`, whether the loop runs, and texts that are empty while all is well."""
-        servo = self._servo
-        texts = {
-            "recording_trouble": servo.recording_trouble,
-            "warning": servo.warning,
-            "world_trouble": servo.world_trouble,
-        }
-        return {"alive": servo.alive, **texts, **self._health.look()}
 
     async def join(self, socket: WebSocket) -> None:
         """Serve one page until it goes away, or does not listen; a seventeenth is sent away with the reason."""
@@ -165,6 +156,8 @@ class ConsoleSocketHub:
                 self._engaging = asyncio.get_running_loop().call_later(FRESH, self._engage, page, self._servo.stops)
             case "home":
                 self._hand.let_go()
+            case "drop":
+                self._hand.drop()
             case "mode":
                 self._servo.set_mode(str(command.get("mode"))[:_NAME])
             case "model":
@@ -178,12 +171,14 @@ class ConsoleSocketHub:
                 raise InputError("in a feel session the panel 'Designs' chooses what is felt")
             case "feel" if self._designs is not None:
                 self._designs.execute(page, command)
+            case "cool":
+                self._servo.cool()
             case "world":
                 self._asked = (page, *read_world(command))
                 if self._asking is None or self._asking.done():
                     self._asking = asyncio.create_task(self._ask())
             case other:
-                raise InputError(f"unknown command {other!r} (known: stop, engage, home, mode, model, clutch, world)")
+                raise InputError(f"unknown command {other!r} (known: {_COMMANDS})")
 
     def _engage(self, page: ConsolePage, stops: int) -> None:
         self._engaging = None
@@ -260,7 +255,7 @@ class ConsoleSocketHub:
 
     async def _send(self, page: ConsolePage) -> None:
         """Frames to one page, sixty times a second; at once when they answer its pointer or tell of an event."""
-        sent = looked = self._recent.look()
+        sent = newest = self._recent.look()
         if self._painter is not None:
             await page.send(mesh_frame(self._painter.directions, self._painter.triangles))
         due = time.monotonic()
@@ -271,13 +266,13 @@ class ConsoleSocketHub:
                 await page.send(encode_force_frame(self._painter.force, self._painter.saturated, page.felt))
             end = self._recent.look()
             echo = math.nan
-            if end > looked and page is self._pages[0]:
-                new = self._recent.since(looked)
+            if end > newest and page is self._pages[0]:
+                new = self._recent.read_since(newest)
                 echo = self._hand.echo(new[:, self._target], new[:, self._turn])
-            looked = end
+            newest = end
             now = time.monotonic()
             if end > sent and (now >= due or math.isfinite(echo)):
-                rows = self._recent.since(sent)
+                rows = self._recent.read_since(sent)
                 page.dropped += end - sent - len(rows)
                 sent = end
                 await page.send(rows_frame(rows, self._index, self._t, self._tick, echo, page.dropped))

@@ -133,14 +133,14 @@ def compare(
     rows, estimated, latency = [], {}, {}
     for number, case in enumerate(cases):
         for place, (name, estimator) in enumerate(known.items()):
-            said = {
+            outputs = {
                 where: collect_outputs(estimator, motor, case.readings(motor, R, seed + 1), interval[where])
                 for where, R in places.items()
             }
-            rows.append(_row(motor, name, case, said, places, true, channel, share))
+            rows.append(_row(motor, name, case, outputs, places, true, channel, share))
             if case == cases[4]:
-                estimated[name] = share * said["figure"].K[:, :, channel]
-                times = np.percentile(1e6 * said["figure"].seconds, (5, 50, 95))
+                estimated[name] = share * outputs["figure"].K[:, :, channel]
+                times = np.percentile(1e6 * outputs["figure"].seconds, (5, 50, 95))
                 latency[name] = dict(zip(("p5", "median", "p95"), times.round(2).tolist(), strict=True))
             if report is not None:
                 report((number + (place + 1) / len(known)) / len(cases))
@@ -149,12 +149,12 @@ def compare(
 
 
 def _row(
-    motor: SphericalMotor, name: str, case: Disturbance, said: dict[str, EstimatorOutput], places: dict[str, Array],
+    motor: SphericalMotor, name: str, case: Disturbance, outputs: dict[str, EstimatorOutput], places: dict[str, Array],
     true: dict[str, Array], channel: int, share: float,
 ) -> EstimatorRow:  # fmt: skip
     one = {where: share * case.strength * K[:, :, channel] for where, K in true.items()}
-    found = {where: share * answer.K[:, :, channel] for where, answer in said.items()}
-    over = said["workspace"]
+    found = {where: share * answer.K[:, :, channel] for where, answer in outputs.items()}
+    over = outputs["workspace"]
     wrong = _torque_error(motor, over, case.strength * true["workspace"])
     gaps = _gaps(motor, over.R, places["workspace"])
     return EstimatorRow(
@@ -170,17 +170,17 @@ def _row(
     )
 
 
-def _torque_error(motor: SphericalMotor, said: EstimatorOutput, true: Array) -> Array:
+def _torque_error(motor: SphericalMotor, output: EstimatorOutput, true: Array) -> Array:
     """(n,) error [N·m] of the torque that the true K makes of the currents that the estimated K asks for."""
     allocator = MinimumPowerAllocator(motor.coils.current_limit, resistance=motor.coils.resistance)
     directions = np.random.default_rng(7).standard_normal((len(true), 3))
     wanted = ASKED * directions / np.linalg.norm(directions, axis=1, keepdims=True)
     wrong = np.empty(len(true))
-    for number, (K, torque) in enumerate(zip(said.K, wanted, strict=True)):
+    for number, (K, torque) in enumerate(zip(output.K, wanted, strict=True)):
         matrix = np.zeros((6, motor.channels))
         matrix[3:] = K
         currents = np.zeros(motor.channels)
-        if said.valid[number]:
+        if output.valid[number]:
             currents = allocator.allocate(
                 WrenchMap(matrix, np.zeros(6)), np.concatenate([np.zeros(3), torque])
             ).currents

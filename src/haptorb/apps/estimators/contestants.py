@@ -47,8 +47,8 @@ def collect_outputs(estimator: Estimator, motor: SphericalMotor, readings: Array
     estimator.update(Sample(0.0, none, cold, readings[0], pose))  # compiles, and finds the rotor
     for number, field in enumerate(readings):
         sample = Sample((number + 1) * interval, none, cold, field, pose)
-        begun = perf_counter()
+        start = perf_counter()
         estimate = estimator.update(sample)
-        seconds[number] = perf_counter() - begun
+        seconds[number] = perf_counter() - start
         K[number], R[number], valid[number] = estimate.wrench_map.torque, estimate.state.R_SR, estimate.valid
     return EstimatorOutput(K, R, valid, seconds)

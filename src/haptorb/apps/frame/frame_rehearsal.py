@@ -83,9 +83,9 @@ def measure_miss(
 ) -> tuple[float, float]:
     """(rms [m], greatest angle [rad]) by which the magnet and its axis are missed over the dome, without noise."""
     still = SyntheticTracker(tracker.R, tracker.t, tracker.tip, tracker.axis, 0.0, 0.0)
-    seen, up = SimulatedPerson(device, still, 1).dome(n), device.tool.tip_distance
-    places = seen.point(tracker.tip + up * tracker.axis) @ tracker.R.T + tracker.t
-    told = seen.point(found.tip + up * found.axis) @ found.R.T + found.t
-    axes, meant = tracker.R @ seen.R @ tracker.axis, found.R @ seen.R @ found.axis
-    off = float(np.sqrt(((places - told) ** 2).sum(axis=1).mean()))
-    return off, float(np.arcsin(np.clip(np.linalg.norm(np.cross(axes, meant), axis=1).max(), 0.0, 1.0)))
+    person, up = SimulatedPerson(device, still, 1).dome(n), device.tool.tip_distance
+    places = person.point(tracker.tip + up * tracker.axis) @ tracker.R.T + tracker.t
+    tip = person.point(found.tip + up * found.axis) @ found.R.T + found.t
+    axes, axis = tracker.R @ person.R @ tracker.axis, found.R @ person.R @ found.axis
+    off = float(np.sqrt(((places - tip) ** 2).sum(axis=1).mean()))
+    return off, float(np.arcsin(np.clip(np.linalg.norm(np.cross(axes, axis), axis=1).max(), 0.0, 1.0)))

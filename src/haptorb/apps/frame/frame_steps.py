@@ -85,17 +85,17 @@ def register_frame(
 
     Raises DriverError if nothing comes from the tracker, CalibrationError if what came determines no frame.
     """
-    steps, kept = strokes(device), {}
+    steps, recordings = strokes(device), {}
     for number, stroke in enumerate((one.scale_time(pace) for one in steps), start=1):
         say(f"{number}/{len(steps)} {stroke.name}: {stroke.asks}")
         if not ask(stroke):
             say("stopped; no file was written")
             return None
         with bar(stroke.name, stroke.seconds) as passed:
-            kept[stroke.name] = _record_stroke(feed, stroke, passed)
-        say(f"    {len(kept[stroke.name])} distinct poses")
-    marks = {name.partition(" ")[2]: one for name, one in kept.items() if name.startswith("mark ")}
-    return frame_registration(TouchSession(kept["dome"], marks, kept["roll"]), device)
+            recordings[stroke.name] = _record_stroke(feed, stroke, passed)
+        say(f"    {len(recordings[stroke.name])} distinct poses")
+    marks = {name.partition(" ")[2]: one for name, one in recordings.items() if name.startswith("mark ")}
+    return frame_registration(TouchSession(recordings["dome"], marks, recordings["roll"]), device)
 
 
 def _record_stroke(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) -> Touches:
@@ -106,7 +106,7 @@ def _record_stroke(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) 
     p: list[Array] = []
     q: list[Array] = []
     refused: dict[str, int] = {}
-    began = last = told = monotonic()
+    began = last = last_message = monotonic()
     valid = 0
     while (now := monotonic()) < began + stroke.seconds:
         for one in feed.receive(_PATIENCE):
@@ -122,8 +122,8 @@ def _record_stroke(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) 
                 q.append(turn)
         if now - last > _SILENT:
             break
-        passed(now - told)
-        told = now
+        passed(now - last_message)
+        last_message = now
     if not valid:
         what = ", ".join(f"{count} {why}" for why, count in refused.items()) or "nothing at all"
         raise DriverError(

@@ -1,7 +1,8 @@
-"""`haptorb inspect DEVICE`: the capability card of a device, as text, as numbers and as a picture."""
+"""`haptorb inspect DEVICE …`: capability cards of devices, as text, as numbers and as a picture."""
 
 from __future__ import annotations
 
 from haptorb.apps.inspect.card import Card, card
+from haptorb.apps.inspect.comparison import Comparison, name_devices
 
-__all__ = ["Card", "card"]
+__all__ = ["Card", "Comparison", "card", "name_devices"]

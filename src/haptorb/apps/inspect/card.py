@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from haptorb.apps.inspect.quantities import Curve, Quantity
 from haptorb.apps.terminal import print_facts, print_text
 from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.devices.device import Device
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["Card", "card", "facts", "print_card"]
 
@@ -20,6 +23,19 @@ class Card(NotebookReport, ABC):
     """What every card answers."""
 
     _device: Device
+
+    @property
+    def device(self) -> Device:
+        """The device whose card this is."""
+        return self._device
+
+    @abstractmethod
+    def quantities(self) -> list[Quantity]:
+        """The figures of the card that stand beside those of other devices, in order."""
+
+    @abstractmethod
+    def curves(self) -> list[Curve]:
+        """The lines that are drawn over those of other devices."""
 
     @abstractmethod
     def numbers(self) -> dict[str, Any]:
@@ -33,8 +49,8 @@ class Card(NotebookReport, ABC):
         return f"<{type(self).__name__} of {self._device.name}: {self._device.title}>"
 
     @abstractmethod
-    def plot(self, path: Path) -> None:
-        """Draw it into the PNG or SVG file at `path`."""
+    def draw(self) -> Figure:
+        """The card as a picture."""
 
 
 def card(device: Device) -> Card:
@@ -62,6 +78,7 @@ def facts(device: Device) -> dict[str, Any]:
             "slew_a_per_s": device.limits.slew,
             "expiry_s": device.limits.expiry,
         },
+        "remarks": list(device.remarks),
         "assumed": dict(device.assumed),
     }
 
@@ -76,11 +93,13 @@ def print_card(device: Device, console: Console, more: Iterable[tuple[str, str]]
     names = ", ".join(coils.names) if device.channels <= 6 else f"{coils.names[0]} … {coils.names[-1]}"
     torque = f"{limits.torque * 1e3:g} mN·m" if limits.torque < 1 else f"{limits.torque:g} N·m"
     guard = f"{limits.force:g} N, {torque}, {limits.slew / 1e3:g} A/ms, poses expire after {limits.expiry * 1e3:g} ms"
-    told = [
+    facts = [
         ("channels", f"{device.channels} ({names})"),
         ("current", f"{amperes} A peak, {device.sustained_current.min():.2f} A continuous"),
         ("coils", f"{coils.resistance.min():.3g} Ω at {coils.reference_temperature - 273.15:.0f} °C"),
         ("supply", f"{device.supply.voltage:g} V, {device.supply.duty_bits}-bit duty"),
         ("guard", guard),
     ]
-    print_facts(console, [*told, *more])
+    print_facts(console, [*facts, *more])
+    for remark in device.remarks:
+        print_text(console, f"\n{remark[:1].upper()}{remark[1:]}.", "bold red")

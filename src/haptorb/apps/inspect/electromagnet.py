@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from rich.console import Console
 
 from haptorb.apps.inspect.card import Card, facts, print_card
+from haptorb.apps.inspect.quantities import Curve, Quantity, common_curves, common_quantities
 from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet.feasible_wrench import FeasibleWrench, feasible_wrench
-from haptorb.devices.electromagnet.shell_capability import FORCE_JND, shell_capability
+from haptorb.devices.electromagnet.remarks import FORCE_JND
+from haptorb.devices.electromagnet.shell_capability import shell_capability
 from haptorb.devices.state import State
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["ElectromagnetCard"]
 
@@ -44,6 +48,7 @@ class ElectromagnetCard(Card):
             "shell_m": device.shell_thickness,
             "tool_moment_a_m2": device.tool.moment,
             "moment_per_current_m2": device.moment_per_current.tolist(),
+            "moments_from": device.moments_from,
             "predicted_moment_per_current_m2": None if self._predicted is None else self._predicted.tolist(),
             "layers": [
                 {
@@ -141,18 +146,29 @@ class ElectromagnetCard(Card):
     def _moments(self, console: Console) -> None:
         """m_e per ampere: as calibrated, and as the coils' sizes and the core would have it."""
         device = self._device
-        columns = [Column("coil", kind="key"), *(Column(f"calibrated {axis}", "m²") for axis in "xyz")]
-        if self._predicted is not None:
+        origin = {"device file": "in the file", "calibration": "calibrated", "windings": "computed"}
+        word = origin[device.moments_from]
+        columns = [Column("coil", kind="key"), *(Column(f"{word} {axis}", "m²") for axis in "xyz")]
+        compares = self._predicted is not None and device.moments_from != "windings"
+        if compares:
             columns += [Column("from its size and the core", "m²"), Column("off by", "%")]
         table = TextTable(tuple(columns), "Moment per ampere along x, y, z")
         for k, name in enumerate(device.coils.names):
             measured = device.moment_per_current[:, k]
             cells = [f"{value:+.4f}" for value in measured]
-            if self._predicted is not None:
+            if compares and self._predicted is not None:
                 predicted = self._predicted[:, k]
                 cells += [f"{predicted[k]:+.4f}", f"{100 * (predicted[k] / measured[k] - 1):+.1f}"]
             table.add_row(name, *cells)
         print_table(console, table)
+        if device.windings is not None and device.moments_from == "windings":
+            error = device.windings.field_error(device.core, device.contact_distance).max()
+            print_text(
+                console,
+                f"computed from [windings] and the core, for coils as point dipoles; in contact the coils' own field "
+                f"differs from that by up to {100 * error:.0f} %. For accurate forces calibrate the device",
+                "bold",
+            )
 
     def _polytopes(self, axes: Any) -> None:
         """Shadows of the force polytopes at contact on the x–z plane."""
@@ -170,8 +186,50 @@ class ElectromagnetCard(Card):
         axes.legend(frameon=False, fontsize=8)
         axes.grid(alpha=0.3)
 
-    def plot(self, path: Path) -> None:
-        """Draw force over distance, and over the dome, into `path`."""
+    def quantities(self) -> list[Quantity]:
+        """Those of every device, and force, moments and places of an electromagnet."""
+        device, near, far = self._device, self._capability.layers[0], self._capability.layers[-1]
+        summit = self._feasible_wrenches[0][1]
+        moments = np.linalg.norm(device.moment_per_current, axis=0)
+        return [
+            *common_quantities(device),
+            *(Quantity(f"moment per ampere, coil {k}", "m²", float(moment)) for k, moment in enumerate(moments, 1)),
+            Quantity("moment of the tool", "A·m²", device.tool.moment),
+            Quantity("workspace, half angle", "°", math.degrees(device.workspace_half_angle)),
+            Quantity("contact distance", "mm", 1e3 * device.contact_distance),
+            Quantity("shell", "mm", 1e3 * device.shell_thickness),
+            Quantity("peak radial force in contact", "mN", 1e3 * near.peak_radial),
+            Quantity("peak tangential force in contact", "mN", 1e3 * near.peak_tangential),
+            Quantity("continuous radial force in contact", "mN", 1e3 * near.lasting_radial),
+            Quantity("continuous tangential force in contact", "mN", 1e3 * near.lasting_tangential),
+            Quantity("peak radial force at the shell's end", "mN", 1e3 * far.peak_radial),
+            Quantity("passive pull in contact", "mN", 1e3 * near.passive_pull),
+            Quantity("force in every direction at the summit", "mN", 1e3 * summit.guaranteed_force),
+            Quantity("torque about two axes at the summit", "mN·m", 1e3 * summit.guaranteed_torque),
+            Quantity("error of the dipole model in contact", "%", 100 * near.dipole_error),
+        ]
+
+    def curves(self) -> list[Curve]:
+        """Force over distance in the weakest direction, and endurance."""
+        layers = self._capability.layers
+        distance = [1e3 * layer.distance for layer in layers]
+        across = "tool's magnet from the centre [mm]"
+
+        def curve(panel: str, label: str, forces: list[float], style: str) -> Curve:
+            return Curve(panel, label, across, "force [mN]", distance, [1e3 * force for force in forces], style)
+
+        radial, tangential = "Radial force, weakest place", "Tangential force, weakest place and direction"
+        return [
+            curve(radial, "peak", [layer.peak_radial for layer in layers], "-"),
+            curve(radial, "continuous", [layer.lasting_radial for layer in layers], "--"),
+            curve(radial, "passive pull", [layer.passive_pull for layer in layers], ":"),
+            curve(tangential, "peak", [layer.peak_tangential for layer in layers], "-"),
+            curve(tangential, "continuous", [layer.lasting_tangential for layer in layers], "--"),
+            *common_curves(self._device),
+        ]
+
+    def draw(self) -> Figure:
+        """Force over distance, and over the dome."""
         from matplotlib.figure import Figure
 
         layers = self._capability.layers
@@ -199,7 +257,7 @@ class ElectromagnetCard(Card):
         right.grid(alpha=0.3)
         self._polytopes(able)
         figure.suptitle(self._device.title, x=0.01, ha="left", fontweight="bold")
-        figure.savefig(path, dpi=150)
+        return figure
 
 
 def _feasible_wrenches(device: SphericalElectromagnet) -> list[tuple[State, FeasibleWrench]]:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from rich.console import Console
 
 from haptorb.apps.inspect.card import Card, facts, print_card
+from haptorb.apps.inspect.quantities import Curve, Quantity, common_curves, common_quantities
 from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 from haptorb.control.allocation.motor_capability import motor_capability
 from haptorb.devices.endurance import endurance
 from haptorb.devices.motor.spherical_motor import GRAVITY, SphericalMotor
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.rotations import rotation_from_euler
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["MotorCard"]
 
@@ -116,9 +119,43 @@ class MotorCard(Card):
         print_text(console, f"\nendurance of one channel from {room:.0f} °C by share of full current: {lasting}")
         print_text(console, f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
 
-    def plot(self, path: Path) -> None:
-        """Draw into `path`: maps over tilt (worst spin) of torque, condition and heat, the channels' shares, and what
-        holds the rotor upright."""
+    def quantities(self) -> list[Quantity]:
+        """Those of every device, and torque, condition and heat of a motor."""
+        device, capability = self._device, self._capability
+        peak, lasting, power = capability.peak, capability.continuous, capability.power
+        return [
+            *common_quantities(device),
+            Quantity("workspace, tilt", "°", math.degrees(device.workspace_tilt)),
+            Quantity("coils", "", len(device.electromagnets)),
+            Quantity("magnets", "", len(device.magnets)),
+            Quantity("mass of the rotor", "kg", device.rotor.mass),
+            *(Quantity(f"least peak torque about {a}", "N·m", float(peak[..., k].min())) for k, a in enumerate(_AXES)),
+            *(Quantity(f"least continuous torque about {a}", "N·m", float(lasting[..., k].min()))
+              for k, a in enumerate(_AXES)),
+            *(Quantity(f"worst heat for 0.1 N·m about {a}", "W", float(0.01 * power[..., k].max()))
+              for k, a in enumerate(_AXES)),
+            Quantity("condition, worst", "", float(capability.condition.max())),
+        ]  # fmt: skip
+
+    def curves(self) -> list[Curve]:
+        """Torque about each axis over the tilt ψ, the other tilt and the spin at their worst; endurance."""
+        capability = self._capability
+        degrees = np.degrees(capability.tilts)
+        return [
+            *(
+                Curve(f"Torque about {axis}, worst λ and φ", label, "tilt ψ [°]", "torque [N·m]", degrees,
+                      torque[..., number].min(axis=1), style)
+                for number, axis in enumerate(_AXES)
+                for label, torque, style in (
+                    ("peak", capability.peak, "-"), ("continuous", capability.continuous, "--")
+                )
+            ),
+            *common_curves(self._device),
+        ]  # fmt: skip
+
+    def draw(self) -> Figure:
+        """Maps over tilt (worst spin) of torque, condition and heat, the channels' shares, and what holds the rotor
+        upright."""
         from matplotlib.figure import Figure
 
         capability = self._capability
@@ -156,7 +193,7 @@ class MotorCard(Card):
         place.legend(frameon=False, fontsize=8)
         axes[1, 4].axis("off")
         figure.suptitle(self._device.title, x=0.01, ha="left", fontweight="bold")
-        figure.savefig(path, dpi=150)
+        return figure
 
 
 def _righting_torques(device: SphericalMotor) -> Array:

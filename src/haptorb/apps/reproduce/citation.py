@@ -13,18 +13,18 @@ __all__ = ["ROUNDING", "Citation"]
 
 ROUNDING = "rounding"  #: a reason for a tolerance: the number is kept as it is printed
 
-Said = ParamSpec("Said")
+Arguments = ParamSpec("Arguments")
 
 
-def _mark_implied(printed: Callable[Said, Item]) -> Callable[Said, Item]:
+def _mark_implied(printed: Callable[Arguments, Item]) -> Callable[Arguments, Item]:
     """As `printed`, of a number that the paper does not print, but that follows from what it does or says."""
 
     @wraps(printed)
-    def says(*words: Said.args, **more: Said.kwargs) -> Item:
+    def claim(*words: Arguments.args, **more: Arguments.kwargs) -> Item:
         return replace(printed(*words, **more), implied=True)
 
-    says.__doc__ = _mark_implied.__doc__
-    return says
+    claim.__doc__ = _mark_implied.__doc__
+    return claim
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Citation:
     >>> table = Citation("bai2012", "t1", "Table 1")
     >>> table.item("a", "radius", 15.875, 15.875, "mm", 1e-9).id
     't1-a'
-    >>> table.says("u1", "opposite", 180.0, 180.0, "°").implied
+    >>> table.claim("u1", "opposite", 180.0, 180.0, "°").implied
     True
     """
 
@@ -66,9 +66,9 @@ class Citation:
             float(tolerance), erratum, None if corrected is None else float(corrected), why,
         )  # fmt: skip
 
-    says = _mark_implied(item)
+    claim = _mark_implied(item)
 
-    def ours(
+    def note(
         self, name: str, what: str, computed: SupportsFloat, unit: str = "1", why: str = "", where: str = ""
     ) -> Item:
         """A number of ours that belongs here, though the paper prints none."""

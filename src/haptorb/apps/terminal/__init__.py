@@ -10,10 +10,12 @@ from haptorb.apps.terminal.console import make_console, print_json, print_text, 
 from haptorb.apps.terminal.facts import print_facts
 from haptorb.apps.terminal.progress_bar import make_progress, show_status
 from haptorb.apps.terminal.text_table import Column, TextTable, print_table
+from haptorb.apps.terminal.wait_message import announce_wait
 
 __all__ = [
     "Column",
     "TextTable",
+    "announce_wait",
     "make_console",
     "make_progress",
     "print_facts",

@@ -15,6 +15,7 @@ from haptorb.apps.terminal.spelling import fit_encoding
 
 __all__ = ["CommandLine"]
 
+_DEVICES = ("device", "devices", "names")  #: arguments that can be a device; `names` are those of `bench`
 _WIDEST = 100  #: longer lines are hard to read
 
 
@@ -33,7 +34,13 @@ class CommandLine(typer.Typer):
 
 
 class HelpCommand(TyperCommand):
-    """A command whose help is laid out here."""
+    """A command whose help is laid out here. Its device is an argument; `--device` works as before."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As click's, with the value of `--device` moved to where a device stands."""
+        if any(parameter.name in _DEVICES for parameter in self.params):
+            args = _move_device(args)
+        return super().parse_args(ctx, args)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write usage, text, arguments and options."""
@@ -51,6 +58,21 @@ class HelpGroup(TyperGroup):
             if command is not None and not command.hidden:
                 commands.append((name, inspect.cleandoc(command.help or "").split("\n\n")[0].replace("\n", " ")))
         formatter.write(_compose_help(self, ctx, commands))
+
+
+def _move_device(args: list[str]) -> list[str]:
+    """`args` with what follows `--device`, or stands behind `--device=`, as the last argument.
+
+    >>> _move_device(["--device", "pmsm", "--json"]), _move_device(["a.toml", "--device=pmsm"])
+    (['--json', 'pmsm'], ['a.toml', 'pmsm'])
+    """
+    before = args[: args.index("--")] if "--" in args else args
+    for place, word in enumerate(before):
+        if word == "--device" and place + 1 < len(before):
+            return [*args[:place], *args[place + 2 :], args[place + 1]]
+        if word.startswith("--device="):
+            return [*args[:place], *args[place + 1 :], word.removeprefix("--device=")]
+    return args
 
 
 def _compose_help(command: Any, ctx: Any, commands: list[tuple[str, str]] | None = None) -> str:

@@ -6,7 +6,7 @@ import codecs
 import sys
 import unicodedata
 
-__all__ = ["fit_encoding", "spell_ascii", "use_ascii_fallback"]
+__all__ = ["fit_encoding", "use_ascii_fallback"]
 
 _HANDLER = "haptorb.ascii"
 
@@ -23,20 +23,13 @@ _SIGNS = {
 _SCRIPTS = {"<super>": "^", "<sub>": "_"}
 
 
-def spell_ascii(text: str) -> str:
-    """`text` in ASCII, as people type it.
-
-    >>> spell_ascii("θ = 30°, 2.5 µm², R ≤ 0.6 Ω → l̄ (Zárate)")
-    'theta = 30deg, 2.5 um^2, R <= 0.6 Ohm -> l (Zarate)'
-    """
-    return text if text.isascii() else "".join(map(_spell, unicodedata.normalize("NFC", text)))
-
-
 def fit_encoding(text: str, encoding: str) -> str:
     """`text` with ASCII in place of those characters that `encoding` does not have.
 
     >>> fit_encoding("2 µΩ", "latin-1")
     '2 µOhm'
+    >>> fit_encoding("θ = 30°, 2.5 µm², R ≤ 0.6 Ω → l̄ (Zárate)", "ascii")
+    'theta = 30deg, 2.5 um^2, R <= 0.6 Ohm -> l (Zarate)'
     """
     try:
         text.encode(encoding)

@@ -183,8 +183,8 @@ def _fold_notes(table: TextTable) -> TextTable | None:
     stay = [n for n in range(len(table.columns)) if n not in notes]
     rows = []
     for row in table.rows:
-        told = [f"{table.columns[n].title}: {row[n]}".removeprefix(": ") for n in notes if row[n]]
-        first = "\n".join([row[stay[0]], *(f"  {line}" for line in told)])
+        texts = [f"{table.columns[n].title}: {row[n]}".removeprefix(": ") for n in notes if row[n]]
+        first = "\n".join([row[stay[0]], *(f"  {line}" for line in texts)])
         rows.append((first, *(row[n] for n in stay[1:])))
     first_column = Column(table.columns[stay[0]].title, kind="text")
     return TextTable((first_column, *(table.columns[n] for n in stay[1:])), rows=rows, ends=table.ends)
@@ -221,5 +221,5 @@ def _print_stack(console: Console, table: TextTable) -> None:
         print_text(console, wrap(title, console.width, "  "), "bold")
         for column, cell in others:
             if cell:
-                told = f"{column.title}: {cell}" if column.title else cell
-                print_text(console, wrap(f"  {told}", console.width, "    "))
+                text = f"{column.title}: {cell}" if column.title else cell
+                print_text(console, wrap(f"  {text}", console.width, "    "))

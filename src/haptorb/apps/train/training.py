@@ -50,14 +50,14 @@ class Training(NotebookReport):
         record = self.networks.record
         table = TextTable((Column("network of", kind="key"), Column("inputs"), Column("samples"), Column("steps"),
                            Column("rms of training", "%")))  # fmt: skip
-        for told in record["networks"]:
-            coils = told["electromagnets"]
+        for network in record["networks"]:
+            coils = network["electromagnets"]
             table.add_row(
                 f"EM {coils[0]}–{coils[-1]}",
-                str(told["inputs"]),
-                str(told["samples"]),
-                str(told["iterations"]),
-                f"{100 * told['rms_of_standardised_outputs']:.2f}",
+                str(network["inputs"]),
+                str(network["samples"]),
+                str(network["iterations"]),
+                f"{100 * network['rms_of_standardised_outputs']:.2f}",
             )
         print_table(console, table)
         judged = record["judged"]
@@ -97,10 +97,11 @@ def train_networks(
     if path is not None and not path.parent.is_dir():
         raise InputError(f"the folder of '{path}' does not exist")
     if place.exists() and not overwrite:
-        raise InputError(f"'{place}' exists; choose another file, or replace it with --force")
-    begun = monotonic()
+        text = f"'{place}' exists; choose another file, or replace it"
+        raise InputError(f"{text} with overwrite=True", command=f"{text} with --force")
+    start = monotonic()
     networks = train(known, nodes=nodes, starts=starts, iterations=iterations, seed=seed, report=report)
-    seconds = monotonic() - begun
+    seconds = monotonic() - start
     peak = _peak_memory()
     chosen = _reference_coil(known.electromagnets.directions)
     torque = NetworkTorque(known, networks)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import errno
 import gc
@@ -11,7 +12,7 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import Callable, Generator
+from collections.abc import AsyncIterator, Callable, Coroutine, Generator
 from functools import partial
 from types import FrameType
 from typing import Any, cast
@@ -21,7 +22,7 @@ import uvicorn
 from haptorb.apps.web.connection import OwnErrorFilter, Request, Socket
 from haptorb.errors import InputError
 
-__all__ = ["HOST", "Server", "bind_socket", "freeze_garbage", "prioritize", "server", "signals"]
+__all__ = ["HOST", "Server", "bind_socket", "freeze_garbage", "prioritize", "run_beside", "server", "signals"]
 
 HOST = "127.0.0.1"
 _URGENT = -10  #: niceness of the serving thread
@@ -65,6 +66,24 @@ def server(app: Any) -> Server:
     if not any(isinstance(one, OwnErrorFilter) for one in log.filters):
         log.addFilter(OwnErrorFilter())
     return Server(config)
+
+
+def run_beside(
+    work: Callable[[], Coroutine[Any, Any, None]],
+) -> Callable[[Any], contextlib.AbstractAsyncContextManager[None]]:
+    """The lifespan of an ASGI application that runs `work()` until it ends."""
+
+    @contextlib.asynccontextmanager
+    async def lifespan(app: Any) -> AsyncIterator[None]:
+        task = asyncio.create_task(work())
+        try:
+            yield
+        finally:
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+
+    return lifespan
 
 
 def bind_socket(port: int) -> socket.socket:
@@ -126,14 +145,14 @@ def freeze_garbage() -> Generator[None, None, None]:
 
 
 @contextlib.contextmanager
-def signals(heard: Callable[[int], None]) -> Generator[None, None, None]:
-    """SIGINT and SIGTERM call `heard`, in the main thread; elsewhere nothing changes."""
+def signals(handle: Callable[[int], None]) -> Generator[None, None, None]:
+    """SIGINT and SIGTERM call `handle`, in the main thread; elsewhere nothing changes."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def handler(number: int, frame: FrameType | None) -> None:
-        heard(number)
+        handle(number)
 
     before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

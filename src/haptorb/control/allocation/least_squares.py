@@ -243,19 +243,3 @@ class LeastSquaresAllocator(Allocator):
         if scale != scale:
             raise InputError(f"wrench and wrench map must be finite; got wrench {wrench!r}, map {wrench_map!r}")
         return Allocation(currents, residual, scale < 1.0, scale)
-
-    def unreachable_directions(self, wrench_map: WrenchMap) -> Array:
-        """(n, 6) orthonormal directions, among the weighted components, in which no current does anything.
-
-        For torque over a single magnet: one direction, the magnet's own axis.
-        """
-        weights = self.weights
-        weighted = np.flatnonzero(weights)
-        matrix = check_finite(wrench_map.matrix, "wrench map")[weighted] * weights[weighted, None]
-        left, values, _ = np.linalg.svd(matrix)
-        rank = int((values > self.truncation * values.max(initial=0.0)).sum()) if values.any() else 0
-        directions = np.zeros((len(weighted) - rank, 6))
-        directions[:, weighted] = left[:, rank:].T * weights[weighted]  # back from weighted to physical components
-        norm = np.linalg.norm(directions, axis=1, keepdims=True)
-        out: Array = directions / norm if len(directions) else directions
-        return out

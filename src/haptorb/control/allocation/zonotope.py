@@ -136,14 +136,14 @@ def nearest(Q: Array, t: Array, limit: Array) -> None:
             for a in range(count):
                 if wanted[a] < 0.0 and weights[a] - wanted[a] > 0.0:
                     share = min(share, weights[a] / (weights[a] - wanted[a]))
-            kept = 0
+            remaining = 0
             for a in range(count):
                 weight = weights[a] + share * (wanted[a] - weights[a])
                 if share == 1.0 or weight > 1e-15:
-                    corral[kept] = corral[a]
-                    weights[kept] = max(weight, 0.0)
-                    kept += 1
-            count = kept
+                    corral[remaining] = corral[a]
+                    weights[remaining] = max(weight, 0.0)
+                    remaining += 1
+            count = remaining
             if share == 1.0:
                 break
         if flat:

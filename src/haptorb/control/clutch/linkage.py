@@ -40,7 +40,7 @@ __all__ = [
 #: 40° of handle, which a hand can sweep within the workspace, pull the plug all the way out; else the defaults
 MOTOR_GAINS = Gains(translate=(0.024, 0.004, 0.01))
 
-NO_CONTACTS = np.zeros((2, 8))  #: of a world that has no hooks: nothing is bent, nothing pushes
+NO_CONTACTS = np.zeros((0, 8))
 _CLOSED = np.ones(2)
 _SLIDE = 0.5  #: time in which the torque scale changes by a factor e [s]: slow against a hand's own motion
 _NUMBERS = {mode: number for number, mode in enumerate(MODES, start=1)}  #: of modes in a row
@@ -52,12 +52,6 @@ class WrenchSource(Protocol):
     def wrench(self, state: State) -> Array:
         """(6,) on the thing at `state` [N, N·m]."""
 
-    def touching(self, state: State) -> tuple[Array, Array]:
-        """(6,) the same wrench, and (2, 8) what up to two hooks do, for those who draw them.
-
-        In [N, N·m], and [m] and [N] as in `RenderedWrench`.
-        """
-
 
 @record
 class RenderedWrench:
@@ -66,7 +60,7 @@ class RenderedWrench:
     wrench        (6,) on the mover, stator frame [N, N·m]
     thing         pose and motion of what the world acts on: the mover itself, or a motor's target in its primed frame
     on_thing      (6,) wrench on it [N, N·m]
-    contacts      (2, 8) per hook: deflection [m], place along the hook [m], point (3) [m], force on the thing (3) [N]
+    contacts      (n, 8) as `ContactWorld` gives them; none of another world, or if the linkage has none to tell
     mode          0 direct, 1 translate, 2 rotate
     share         (2,) how firmly translation and rotation are joined, 0 to 1
     engaged       whether the hand wants to move the thing
@@ -200,8 +194,16 @@ class ModedLinkage(Linkage):
             self._slide_scale(t - self._t)
         self._t = t
         target = State(t, pose[:3], pose[3], pose[4], pose[5])
-        on_target, contacts = world.touching(target)
-        if np.shape(on_target) != (6,):
+        # Not `isinstance(world, ContactWorld)`: of an abstract class that costs 0.4 µs in every tick.
+        render_contacts = getattr(world, "render_contacts", None)
+        if render_contacts is None:
+            on_target, contacts = world.wrench(target), NO_CONTACTS
+        else:
+            on_target, contacts = render_contacts(target)
+            contacts = np.ascontiguousarray(contacts, dtype=np.float64)  # for the kernel that fills the row
+            if contacts.shape[1:] != (8,):
+                raise InputError(f"a world must give contacts of shape (n, 8); got shape {contacts.shape}")
+        if (on_target.shape if isinstance(on_target, np.ndarray) else np.shape(on_target)) != (6,):
             raise InputError(f"a world must give force and torque, shape (6,); got {quote(on_target)}")
         asked, wrench = self._asked, np.empty(6)
         asked[:] = on_target  # in another memory layout a user's array would have the kernel compiled anew
@@ -213,8 +215,8 @@ class ModedLinkage(Linkage):
         """(1,) CLUTCH of a clutch that has just been put between `mover` and the target at its beginning."""
         position, attitude = self._begin
         mode, engaged = self._mode, self._engaged
-        begun = self.mapping.start(mover, mode=mode, engaged=engaged, position=position, attitude=attitude)
-        self._memory, self._t = self.mapping.memory(begun), mover.t
+        clutch = self.mapping.start(mover, mode=mode, engaged=engaged, position=position, attitude=attitude)
+        self._memory, self._t = self.mapping.memory(clutch), mover.t
         return self._memory
 
     def _aim(self) -> None:

@@ -71,9 +71,9 @@ def observe_heat(h: Record, coils: Records, elapsed: float) -> None:
         if winding > hottest or winding != winding:  # once not a number, never again below a limit
             hottest = winding
     h.hottest = hottest
-    h.since += elapsed
-    if not h.started or h.since >= _OFTEN - 1e-9:
-        h.since = 0.0
+    h.remaining_age += elapsed
+    if not h.started or h.remaining_age >= _OFTEN - 1e-9:
+        h.remaining_age = 0.0
         h.remaining = _remaining(h, coils)
     h.started = True
 

@@ -50,7 +50,7 @@ GUARD = fields(
 HEAT = fields(
     ("hottest", "f8"),  # winding [K]; NaN if any is
     ("remaining", "f8"),  # time until a winding reaches `derate` under the present load [s]; inf if never
-    ("since", "f8"),  # time since `remaining` was computed [s]
+    ("remaining_age", "f8"),  # time since `remaining` was computed [s]
     ("pending", "f8"),  # time of ticks in which nothing could be read [s]
     ("started", "?"),  # whether a first reading was seen
     ("derate", "f8"),  # winding temperature from which on current is taken away [K]

@@ -15,6 +15,7 @@ ELECTROMAGNET = DeviceKind(
     simulation="haptorb.simulation.electromagnet.electromagnet:SimulatedElectromagnet",
     guide="haptorb.runtime.pointer.guide:dome_guide",
     file="haptorb.devices.electromagnet.schema:ElectromagnetFile",
+    geometry="haptorb.devices.electromagnet.geometry:electromagnet_geometry",
     scene="haptorb.apps.console.scenes:dome_scene",
     force_map="haptorb.apps.console.force_map_process:ForceMapProcess",
     card="haptorb.apps.inspect.electromagnet:ElectromagnetCard",

@@ -8,7 +8,7 @@ import numpy as np
 
 from haptorb.errors import InputError
 
-__all__ = ["HALL_IDEAL", "HANDLE_LOOSE", "EndStop", "Grasp", "HallQuality"]
+__all__ = ["HANDLE_LOOSE", "EndStop", "Grasp", "HallQuality"]
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,3 @@ class HallQuality:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise InputError(f"HallQuality.{name} must be a standard deviation from 0 on; got {value!r}")
-
-
-HALL_IDEAL = HallQuality(0.0, 0.0, 0.0)

@@ -113,19 +113,19 @@ def _read(path: Path, name: str, functions: int) -> PairTable | None:
     """The table in `path`, or None if it is absent, torn, altered, or not this one."""
     try:
         head, _, numbers = path.read_bytes().partition(b"\n")
-        told = json.loads(head)
-        rows, columns = told["shape"]
+        header = json.loads(head)
+        rows, columns = header["shape"]
         sound = (
-            told["name"] == name
+            header["name"] == name
             and columns == 6 * functions
             and rows > 1
             and len(numbers) == 8 * rows * columns
-            and told["sha256"] == _digest(numbers, told["scale"], told["bound"])
+            and header["sha256"] == _digest(numbers, header["scale"], header["bound"])
         )
         if not sound:
             return None
         cells = np.frombuffer(numbers, dtype="<f8").reshape(rows, columns).astype(np.float64)
-        return PairTable(cells, float(told["scale"]), float(told["bound"]))
+        return PairTable(cells, float(header["scale"]), float(header["bound"]))
     except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError):
         return None
 

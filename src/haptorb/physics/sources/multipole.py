@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.errors import GeometryError, InputError
-from haptorb.numerics.arrays import Array, check_finite, rotation, vectors
+from haptorb.numerics.arrays import Array, check_finite, vectors
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources import round_body
 from haptorb.physics.sources.dipole import MU0
 from haptorb.physics.sources.source import Source
 
-__all__ = ["MultipoleSource", "multipole_wrench"]
+__all__ = ["MultipoleSource"]
 
 _K = MU0 / (4 * np.pi)
 
@@ -134,30 +134,6 @@ def loop_poles(radius: float, loops: int, per_loop: int) -> Array:
     angle = 2 * np.pi * np.arange(per_loop) / per_loop
     circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(per_loop)], axis=1)
     return np.concatenate([np.zeros((1, 3)), (radii[:, None, None] * circle).reshape(-1, 3)])
-
-
-def multipole_wrench(
-    source: MultipoleSource,
-    target: MultipoleSource,
-    position: ArrayLike,
-    turn: ArrayLike,
-    about: ArrayLike | None = None,
-) -> Array:
-    """Force and torque (6,) [N, N·m] of `source` on `target` at `position` (3,) [m], turned by `turn` (3, 3).
-
-    F = Σ q B at the target's poles, and T = Σ r × q B about `about` (3,) [m], else about the target's centre. Written
-    out for pole pairs that is Bai 2012 eq. (9) with a minus in its second bracket and with arm × force (erratum E5):
-    T = μ0/4π Σ m_r m_s [R_r₊ × (R_r₊s₊ − R_r₊s₋) − R_r₋ × (R_r₋s₊ − R_r₋s₋)].
-
-    >>> north = MultipoleSource(0.01, 0.002, [1.0], 1)
-    >>> bool(multipole_wrench(north, north, (0, 0, 0.05), np.eye(3))[2] < 0)     # aligned: they attract
-    True
-    """
-    place = vectors(position, "position")
-    poles = target.poles @ rotation(turn, "turn").T + place
-    pivot = place if about is None else vectors(about, "about")
-    forces = target.strengths[:, None] * source.field(poles)
-    return np.concatenate([forces.sum(axis=0), np.cross(poles - pivot, forces).sum(axis=0)])
 
 
 def _check_poles(out: Array) -> Array:

@@ -78,6 +78,6 @@ class HallSensors:
 
     def shares(self, field: Array) -> Array:
         """(axes, k) of the converter's range 0…1 [1] at a true field (k, 3) [T], clipped as the sensor does."""
-        seen = field.T if self.axes == 3 else np.einsum("ki,ki->k", field, self.radial)[None]
-        shares: Array = np.clip(seen / self.span + 0.5, 0.0, 1.0)
+        visible = field.T if self.axes == 3 else np.einsum("ki,ki->k", field, self.radial)[None]
+        shares: Array = np.clip(visible / self.span + 0.5, 0.0, 1.0)
         return shares

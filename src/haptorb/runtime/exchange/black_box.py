@@ -22,7 +22,7 @@ from haptorb.runtime.recording.recorder import Recorder
 __all__ = ["TICKS", "BlackBox", "TripRecord", "state_folder"]
 
 TICKS = 100  #: kept up to each trip
-_KEPT = 50  #: files of earlier trips that stay in the folder
+_MOST = 50  #: files of earlier trips that stay in the folder
 
 
 def state_folder() -> Path:
@@ -43,6 +43,9 @@ class TripRecord:
     t: float
     trip: Trip
     rows: Array
+
+    def __repr__(self) -> str:
+        return f"<TripRecord at {self.t:.3f} s: {self.trip.name.lower().replace('_', ' ')}, {len(self.rows)} ticks>"
 
 
 @final
@@ -73,7 +76,7 @@ class BlackBox:
 
     def _take(self, t: float, code: float) -> None:
         ring, at = self._shared.ring, self._shared.layout["t"].start
-        _, rows = ring.since(0)
+        _, rows = ring.read_since(0)
         until = rows[rows[:, at] <= t + 1e-9] if len(rows) else rows
         tripped = TripRecord(t, Trip(int(code)), until[-TICKS:].copy())
         self.trips.append(tripped)
@@ -98,7 +101,7 @@ class BlackBox:
                 recorder.append(tripped.rows)
                 recorder.finish()
             self.files[number] = folder / name
-            for old in sorted(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime)[:-_KEPT]:
+            for old in sorted(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime)[:-_MOST]:
                 old.unlink(missing_ok=True)
         except OSError:
             return  # a full disk is no reason to disturb a run; the rows are in `trips` all the same

@@ -1,27 +1,22 @@
-"""What the host may say to a running loop: where the hand is, stop, engage, another mode, another world."""
+"""What the host may say to a running loop: stop, engage, another mode, another world; the hand is in its base."""
 
 from __future__ import annotations
 
 import json
 import threading
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from itertools import count
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 from haptorb.control.clutch.modes import MODES
-from haptorb.devices.device import Device
 from haptorb.errors import InputError, ServoError, UnknownName, quote
-from haptorb.numerics.arrays import check_finite
+from haptorb.runtime.exchange.hand_commands import HandCommands
 from haptorb.runtime.exchange.plan import pack
 from haptorb.runtime.exchange.shared_memory import SharedMemory, Word, engage_request
 from haptorb.runtime.exchange.world_change import name_of, parse_answer, request
-from haptorb.runtime.pointer.guided_motion import upright_quaternion
 from haptorb.worlds import CATALOGUE
 from haptorb.worlds.parameter import values as parameter_values
 from haptorb.worlds.world import World
@@ -34,18 +29,17 @@ _ANSWER = 2.0  #: longest wait for the servo's answer [s]
 _LOADED = 30.0  #: where it loads a world, which may be compiled there [s]
 
 
-class Commands(ABC):
+class Commands(HandCommands):
     """Words for `device` with its `modes` and `models`, written into memory that the loop reads in every tick.
 
     `first` is the world that is felt until another is set.
     """
 
-    device: Device
-    modes: tuple[str, ...]
     models: tuple[str, ...]
     _model: str  # that is inverted until another is set
 
     def __init__(self, first: World) -> None:
+        HandCommands.__init__(self)
         self._first = first
         name = name_of(first)
         #: worlds beside the catalogue's that `set_world` knows, by name: the first one, if it is none of those
@@ -55,47 +49,9 @@ class Commands(ABC):
         self._stop_numbers = count(1)
         self._stopped = 0  # number of the last stop
 
-    @property
-    @abstractmethod
-    def _memory_or_none(self) -> SharedMemory | None:
-        """What the loop reads; None before the start."""
-
-    @property
-    def _memory(self) -> SharedMemory:
-        if self._memory_or_none is None:
-            raise ServoError("the servo was not started: use `with haptorb.Servo(...) as servo:`")
-        return self._memory_or_none
-
     @abstractmethod
     def check(self) -> None:
         """Raise ServoError if the loop no longer runs."""
-
-    def point(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
-        """The hand wants the tool's magnet at `p` (3,) [m], turned to `q` (4,) (x, y, z, w); None: its axis radial.
-
-        Of a motor only the turn counts: `q`, or a place `p` towards which the handle is to point.
-        It must be said again within the device's `limits.expiry`, else the pose counts as lost.
-
-        Raises InputError for another shape, a number that is not finite, or a quaternion of zeros; ServoError before
-        the start.
-        """
-        position = check_finite(p, "p")
-        if position.shape != (3,):
-            raise InputError(f"p must have shape (3,); got {position.shape}")
-        if q is None:
-            turn = upright_quaternion(position)
-        else:
-            turn = check_finite(q, "q")
-            length = float(np.linalg.norm(turn)) if turn.shape == (4,) else 0.0
-            if length < 1e-6:
-                raise InputError(f"q must be a quaternion (x, y, z, w) that is not zero; got {q!r}")
-            turn = turn / length
-        self._memory.pointer.write(True, position, turn, monotonic())
-
-    def release(self) -> None:
-        """The hand lets go of the pointer: back to the guided motion."""
-        pointed = self._memory.pointer.read_pointer()
-        self._memory.pointer.write(False, pointed.p, pointed.q, pointed.stamp)
 
     @property
     def stops(self) -> int:
@@ -125,6 +81,13 @@ class Commands(ABC):
         """
         words = self._memory.words
         words[Word.ENGAGE] = engage_request(words[Word.ENGAGE], self.stops if stops is None else stops)
+
+    def cool(self) -> None:
+        """Put simulated coils at the ambient temperature, from the next tick on; a demonstration need not wait for
+        them. Raises InputError for a real device: its coils cool by themselves, with time."""
+        if self.driver != "sim":
+            raise InputError(f"only simulated coils cool at once; driver '{self.driver}' drives a real device")
+        self._memory.words[Word.COOL] += 1
 
     def set_mode(self, mode: str) -> None:
         """Go over to `mode`, "translate" or "rotate", without a step of the target's pose or of torque.
@@ -176,8 +139,8 @@ class Commands(ABC):
         shared = self._memory_or_none
         if shared is None or not (known := shared.words[Word.WORLD]):
             return name_of(self._first), dict(parameter_values(self._first))
-        told = json.loads(shared.worlds_since(known - 1)[-1][1])
-        return told["name"], told["values"]
+        world = json.loads(shared.worlds_since(known - 1)[-1][1])
+        return world["name"], world["values"]
 
     def add_world(self, world: World, name: str = "") -> None:
         """Let `set_world` know `world` by `name`, or its own one, beside the catalogue's; without values, it takes no

@@ -21,9 +21,9 @@ class RunReport(dict[str, Any]):
     """
 
     def __repr__(self) -> str:
-        told = [f"{self.get('ticks', 0)} ticks", f"deadlines skipped {self.get('missed', 0)}"]
-        told += [f"trips {self.get('trip_count', 0)}", *(f"{name} {text}" for name, text in self._largest())]
-        return f"<RunReport of {self.get('device')}, world {self.get('world')}: {', '.join(told)}>"
+        parts = [f"{self.get('ticks', 0)} ticks", f"deadlines skipped {self.get('missed', 0)}"]
+        parts += [f"trips {self.get('trip_count', 0)}", *(f"{name} {text}" for name, text in self._largest())]
+        return f"<RunReport of {self.get('device')}, world {self.get('world')}: {', '.join(parts)}>"
 
     def _repr_html_(self) -> str:
         share = self.get("success_rate")

@@ -32,7 +32,7 @@ from haptorb.runtime.row import RowLayout
 __all__ = ["CAPACITY", "COUNTS", "TRIPS", "WORLDS", "Phase", "SharedMemory", "Word", "engage_request", "engage_stops"]
 
 _MAGIC = int.from_bytes(b"haptorb\0", "little")
-_VERSION = 4
+_VERSION = 5
 _PAGE = 4096
 _TEXTS = 9
 CAPACITY = 8192  #: rows: 2 s at the fastest rate
@@ -58,6 +58,7 @@ class Word(IntEnum):
     CAPACITY = 3
     CHANNELS = 4
     SENSORS = 5
+    CONTACTS = 6
     # host → servo
     HEARTBEAT = 16  #: monotonic clock [ns]
     STOP = 17  #: count
@@ -66,8 +67,9 @@ class Word(IntEnum):
     MODE = 20  #: 0: as it is, else number of the mode from 1 on
     CLUTCH = 21  #: 0: as it is, 1: engaged, 2: let go
     MODEL = 22  #: 0: as it is, else number of the device's model from 1 on
-    SCALE = 23  #: 0: as it is, else the scale of a motor's torques, in millionths
+    COOL = 23  #: count: simulated coils at the ambient temperature
     POINTER = 24  #: and the nine after it
+    SCALE = 34  #: 0: as it is, else the scale of a motor's torques, in millionths
     # servo → host
     PID = 40
     PHASE = 41
@@ -150,7 +152,7 @@ class SharedMemory:
         self.counts: Records = np.frombuffer(memory[:_ROWS], dtype=COUNTS)  #: (1,) words and histograms, for kernels
         if self.words[Word.MAGIC] != _MAGIC or self.words[Word.VERSION] != _VERSION:
             raise ServoError(f"{path} is not a servo's shared memory of this version; end the program that created it")
-        self.layout = RowLayout(self.words[Word.CHANNELS], self.words[Word.SENSORS])
+        self.layout = RowLayout(*self.words[Word.CHANNELS : Word.CONTACTS + 1])
         if self.layout.width != self.words[Word.WIDTH] or size != _size(self.layout):
             raise ServoError(f"{path} holds rows of another layout; end the program that created it")
 
@@ -184,7 +186,7 @@ class SharedMemory:
                 os.posix_fallocate(descriptor, 0, size)
                 head = np.zeros(16, dtype=np.int64)
                 head[[Word.MAGIC, Word.VERSION, Word.WIDTH, Word.CAPACITY]] = _MAGIC, _VERSION, layout.width, CAPACITY
-                head[[Word.CHANNELS, Word.SENSORS]] = layout.channels, layout.sensors
+                head[Word.CHANNELS : Word.CONTACTS + 1] = layout.channels, layout.sensors, layout.contacts
                 os.pwrite(descriptor, head.tobytes(), 0)
                 made = cls(Path(name))
                 made._claim = claim
@@ -226,8 +228,8 @@ class SharedMemory:
 
     def world_now(self) -> str:
         """Name of the world that is rendered; empty before the first."""
-        told = self.worlds_since(self.words[Word.WORLD] - 1)
-        return str(json.loads(told[-1][1])["name"]) if told else ""
+        changes = self.worlds_since(self.words[Word.WORLD] - 1)
+        return str(json.loads(changes[-1][1])["name"]) if changes else ""
 
     def announce_trip(self, t: float, code: float) -> None:
         """Note a trip; those after the first 64 are only counted."""

@@ -33,7 +33,7 @@ def world_failure(shared: SharedMemory) -> str:
 
 def slow_world(shared: SharedMemory, rate: float) -> str:
     """That the world takes more than half of a tick at `rate` [Hz], with both times; else empty."""
-    _, rows = shared.ring.since(max(shared.words[Word.ROWS] - _ROWS, 0))
+    _, rows = shared.ring.read_since(max(shared.words[Word.ROWS] - _ROWS, 0))
     times = rows[:, shared.layout["stages"].start + _STAGE]
     times = times[np.isfinite(times)]
     if len(times) < _ROWS // 4 or not (took := float(np.median(times))) > _SHARE / rate:

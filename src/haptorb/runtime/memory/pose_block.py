@@ -34,10 +34,10 @@ class PoseBlock:
         unturned = np.array([0.0, 0.0, 0.0, 1.0])
         self._tracked = PoseRecord(False, np.zeros(3), unturned, np.zeros(3), np.zeros(3), float("-inf"))
 
-    def write(self, told: PoseRecord) -> None:
+    def write(self, pose: PoseRecord) -> None:
         """Say where the tool is; for the one writer."""
-        numbers = (*told.p.tolist(), *told.q.tolist(), *told.v.tolist(), *told.w.tolist(), told.stamp)
-        self._words.write(told.valid, numbers)
+        numbers = (*pose.p.tolist(), *pose.q.tolist(), *pose.v.tolist(), *pose.w.tolist(), pose.stamp)
+        self._words.write(pose.valid, numbers)
 
     def read_pose(self) -> PoseRecord:
         """The pose as last written completely; if one is being written just now, the one before. Never waits."""

@@ -43,7 +43,7 @@ class RingBuffer:
         """The next row is in its slot."""
         self._words[self._at] += 1
 
-    def since(self, cursor: int) -> tuple[int, Array]:
+    def read_since(self, cursor: int) -> tuple[int, Array]:
         """(new cursor, rows (n, width)) published after the first `cursor` rows, oldest first, as a copy.
 
         Where the writer was faster than the reader, the oldest rows are gone: (new cursor − cursor − n) of them.
@@ -66,7 +66,7 @@ class RingBuffer:
     def latest(self) -> Array | None:
         """(width,) the newest row as a copy; None before the first."""
         while self.count:
-            _, rows = self.since(self.count - 1)
+            _, rows = self.read_since(self.count - 1)
             if len(rows):
                 newest: Array = rows[-1]
                 return newest

@@ -18,14 +18,17 @@ import numpy as np
 from haptorb import worlds
 from haptorb.control.clutch.modes import Gains
 from haptorb.devices.device import Device
+from haptorb.devices.state import State
+from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.exchange import plan as plans
-from haptorb.runtime.realtime.parent_death import die_with_parent, is_orphaned
+from haptorb.runtime.realtime.parent_death import die_with_parent, is_parent_gone
 from haptorb.runtime.tick.assembly import allocator_of, estimator_of, linkage_of
 from haptorb.runtime.tick.tick import Tick
-from haptorb.sensing.sample import Pose, Sample
+from haptorb.sensing.estimator import Estimator
+from haptorb.sensing.sample import Estimate, Pose, Sample
 from haptorb.worlds.world import World
 
 __all__ = ["compiling"]
@@ -39,22 +42,28 @@ def compiling(
 ) -> Iterator[None]:
     """Compile part after part, as it is iterated: what controls `device`, then the catalogue's worlds.
 
-    What fails here is not told: the servo's process meets it, too, and there it has consequences.
+    The estimators come last: they have the magnetics in common with the simulated device, which the servo's process
+    compiles at that time. What fails here is not told: the servo's process meets it, too, and there it has
+    consequences.
     """
     with suppress(HaptorbError):
+        driver = _IdleDriver(device)
         tick = Tick(
-            device, world, _IdleDriver(device), estimator_of(device, estimator, model), allocator_of(device), 1e-3,
-            linkage_of(device, gains),
-        )  # fmt: skip
+            device, world, driver, _IdleEstimator(device), allocator_of(device), 1e-3, linkage_of(device, gains)
+        )
         row = tick.layout.empty()
         yield
-        for n in range(_TICKS):
-            tick.step(row, 1e-3 * n)
-            yield
-        for n, kind in enumerate(worlds.CATALOGUE.values(), start=_TICKS):
+        tick.step(row, 0.0)
+        yield
+        for n, kind in enumerate(worlds.CATALOGUE.values(), start=1):
             with suppress(HaptorbError):  # not for this device
                 tick.change_world(kind())
                 tick.step(row, 1e-3 * n)
+            yield
+        learning = estimator_of(device, estimator, model)
+        yield
+        for n in range(_TICKS):
+            learning.update(driver.read(1e-3 * n))
             yield
 
 
@@ -62,9 +71,22 @@ def main(plan: Path, parent: int) -> int:
     """Compile what the plan says until that is done or the parent has gone."""
     die_with_parent()
     for _ in plans.load(plan).compiling():
-        if is_orphaned(parent):
+        if is_parent_gone(parent):
             return 1
     return 0
+
+
+@final
+class _IdleEstimator(Estimator):
+    """Knows that nothing happens, and needs nothing compiled for it."""
+
+    def __init__(self, device: Device) -> None:
+        self._nothing = WrenchMap(np.zeros((6, device.channels)), np.zeros(6))
+
+    def update(self, sample: Sample) -> Estimate:
+        """The tracker's pose, where no current has an effect."""
+        pose = sample.pose
+        return Estimate(State(sample.t, pose.R_SR, pose.p, pose.w, pose.v), self._nothing, True, 0.0)
 
 
 @final

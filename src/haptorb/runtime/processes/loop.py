@@ -22,7 +22,7 @@ from haptorb.runtime.processes.stats import count_tick, publish_row
 from haptorb.runtime.processes.world_loader import LoadedWorld, WorldLoader
 from haptorb.runtime.realtime.clock import Clock
 from haptorb.runtime.realtime.host_heartbeat import LATE, HostHeartbeat, state_of
-from haptorb.runtime.realtime.parent_death import is_orphaned
+from haptorb.runtime.realtime.parent_death import is_parent_gone
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.tick.chain import Chain
 from haptorb.worlds.world import World
@@ -70,7 +70,7 @@ class Loop:
         # safety: start-stop
         self._stopped = 0  # a stop that was given while the servo started counts in the first tick
         self._engaged = shared.words[Word.ENGAGE]
-        self._mode, self._clutch, self._model, self._scale = 0, 0, 0, 0
+        self._mode, self._clutch, self._model, self._scale, self._cooled = 0, 0, 0, 0, 0
         self._asked = shared.request.version
         self._guard = shared.layout["guard"].start
         self._places = shared.layout.places
@@ -114,7 +114,7 @@ class Loop:
         shared, chain, row, words, at = self._shared, self._chain, self._row, self._shared.words, self._places
         schedule, period = clock.schedule, clock.schedule.period
         ring, counts = shared.ring, shared.counts
-        heard = 0  # when the host was last given the benefit of the doubt [ns]
+        doubt_time = 0  # when the host was last given the benefit of the doubt [ns]
         words[Word.ORIGIN] = schedule.origin
         words[Word.PHASE] = Phase.RUNNING
         while True:
@@ -123,15 +123,15 @@ class Loop:
             if self.told_by or words[Word.QUIT]:
                 return None
             if skipped * period > _STANDSTILL:  # whoever held up this loop held up the host's heart as well
-                heard = now
-            silence = now - max(words[Word.HEARTBEAT], heard)
+                doubt_time = now
+            silence = now - max(words[Word.HEARTBEAT], doubt_time)
             if silence > _LATE:  # safety: host-silent
                 self.reason = self._host.explain_silence(now, silence)
                 if self.reason:
                     return Trip.HOST_SILENT
             if self._ticks % self._every == 0:
                 self._put_off(_LIFE)
-                if is_orphaned(self._parent):
+                if is_parent_gone(self._parent):
                     self.reason = "the program that started the servo ended"
                     return Trip.HOST_SILENT
             self._execute_requests()
@@ -147,7 +147,7 @@ class Loop:
             count_tick(counts, self._ticks, schedule.missed, lateness, took, period)
 
     def _execute_requests(self) -> None:
-        """Stop, engage, clutch and change the world as the host has asked since the last tick."""
+        """Stop, engage, cool, clutch and change the world as the host has asked since the last tick."""
         words = self._shared.words
         stops, engage = words[Word.STOP], words[Word.ENGAGE]
         if stops != self._stopped:
@@ -168,6 +168,9 @@ class Loop:
         if words[Word.SCALE] != self._scale:
             self._scale = words[Word.SCALE]
             self._chain.linkage.set_torque_scale(1e-6 * float(self._scale))
+        if words[Word.COOL] != self._cooled:
+            self._cooled = words[Word.COOL]
+            self._chain.cool()
         if words[Word.CLUTCH] != self._clutch:
             self._clutch = words[Word.CLUTCH]
             self._chain.linkage.set_clutch(self._clutch == 1)
@@ -194,9 +197,9 @@ class Loop:
         if world is None:
             return answer(loaded.number, loaded.error)
         if loaded.name == name_of(self._world):
-            told = self._change(loaded.number, loaded.name, lambda: world, self._chain.replace_world)
+            reply = self._change(loaded.number, loaded.name, lambda: world, self._chain.replace_world)
             if self._world is not world:
-                return told
+                return reply
         self._own[loaded.name] = world
         return answer(loaded.number)
 

@@ -19,7 +19,7 @@ from typing import Any
 
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 from haptorb.runtime.realtime.kill_timer import KillTimer
-from haptorb.runtime.realtime.parent_death import end_group, is_orphaned
+from haptorb.runtime.realtime.parent_death import end_group, is_parent_gone
 from haptorb.runtime.recording.recorder import Recorder
 from haptorb.runtime.recording.recording_file import complete
 
@@ -45,7 +45,7 @@ def main(spec: Mapping[str, Any]) -> int:
         shared.words[Word.RECORDER] = Phase.FAILED
         return 1
     finally:
-        if is_orphaned(spec["parent"]):
+        if is_parent_gone(spec["parent"]):
             end_group(spec["servo"])
             shared.unlink()
             if spec["temporary"]:
@@ -77,20 +77,20 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
                 if text:
                     recorder.note("error", {"tick": str(words[Word.TICKS]), "text": text})
             before = cursor
-            cursor, rows = shared.ring.since(cursor)
+            cursor, rows = shared.ring.read_since(cursor)
             gap = cursor - before - len(rows)
             if gap:
                 recorder.note("gap", {"rows": str(gap), "after": str(recorder.written)})
                 lost += gap
             words[Word.LOST], words[Word.TAKEN] = lost, cursor
             recorder.append(rows)
-            words[Word.WRITTEN] = recorder.kept
+            words[Word.WRITTEN] = recorder.safe_rows
             if last and not len(rows):
                 break
         reason = shared.reason.read()[1]
         recorder.note("end", {"rows": str(recorder.written), "lost": str(lost), "reason": reason})
         recorder.finish()
-        words[Word.WRITTEN] = recorder.kept
+        words[Word.WRITTEN] = recorder.safe_rows
         # Only a complete recording may be replaced by hand; one that was cut short stays write-protected.
         complete(file.fileno(), temporary=bool(spec["temporary"]))
 

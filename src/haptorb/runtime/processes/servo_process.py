@@ -39,7 +39,7 @@ from haptorb.runtime.realtime.clock import Clock
 from haptorb.runtime.realtime.keep_core_awake import CoreWaker
 from haptorb.runtime.realtime.kernel_requests import request_real_time
 from haptorb.runtime.realtime.kill_timer import KillTimer
-from haptorb.runtime.realtime.parent_death import die_with_parent, end_group, is_orphaned
+from haptorb.runtime.realtime.parent_death import die_with_parent, end_group, is_parent_gone
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.trackers.feed_tracker import FeedTracker
 from haptorb.runtime.trackers.tracker import Tracker
@@ -61,13 +61,13 @@ def main(folder: Path, parent: int) -> int:
     The `folder` was made for this process alone.
     """
     _load()  # the host reads a device file meanwhile
-    told = sys.stdin.buffer.read()
+    message = sys.stdin.buffer.read()
     die_with_parent()  # at once, as long as there is no coil to be switched off
-    if not told:  # safety: plan-awaited
+    if not message:  # safety: plan-awaited
         shutil.rmtree(folder, ignore_errors=True)
         return 0
-    shared = SharedMemory.attach(os.fsdecode(told))
-    if is_orphaned(parent):  # it ended before the kernel was asked to tell
+    shared = SharedMemory.attach(os.fsdecode(message))
+    if is_parent_gone(parent):  # it ended before the kernel was asked to tell
         shared.unlink()
         shutil.rmtree(folder, ignore_errors=True)
         return 1
@@ -84,14 +84,14 @@ def main(folder: Path, parent: int) -> int:
         shared.words[Word.PHASE] = Phase.FAILED
         return 1
     finally:
-        if is_orphaned(parent):  # nobody else will tidy up
+        if is_parent_gone(parent):  # nobody else will tidy up
             end_group(os.getpid())
             shared.unlink()
             shutil.rmtree(folder, ignore_errors=True)
 
 
 def _run(shared: SharedMemory, path: Path, parent: int) -> int:
-    told = _EndSignals(parent)
+    end_signals = _EndSignals(parent)
     # Who forks in a world would have a second loop at the same device: the child ends before it comes back from there.
     os.register_at_fork(after_in_child=partial(os._exit, _FORKED))  # safety: world-forked
     plan = plans.load(path)
@@ -114,10 +114,10 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
     facts = request_real_time()
     wakefulness = CoreWaker(int(facts["core"]))
     try:
-        shared.facts.write(json.dumps({**facts, "awake": wakefulness.granted, "collects_garbage": gc.isenabled()}))
-        told.loop = loop
-        if told.early:
-            sys.exit(128 + told.early)
+        shared.facts.write(json.dumps({**facts, "awake": wakefulness.awake, "collects_garbage": gc.isenabled()}))
+        end_signals.loop = loop
+        if end_signals.early:
+            sys.exit(128 + end_signals.early)
         chain.driver.open()
         shared.warning.write(disagreement(chain.driver.calibration, plan.calibration))
         clock = Clock(plan.rate, chain.driver.lead)
@@ -199,7 +199,7 @@ class _EndSignals:
         self.loop.told_by = signal.Signals(number).name
 
     def _on_parent_death(self, number: int, frame: FrameType | None) -> None:
-        if is_orphaned(self._parent):
+        if is_parent_gone(self._parent):
             self._end(number, frame)
 
     def _on_stuck_tick(self, number: int, frame: FrameType | None) -> None:

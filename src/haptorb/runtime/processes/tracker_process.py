@@ -17,7 +17,7 @@ from typing import Any
 from haptorb.errors import HaptorbError
 from haptorb.runtime.exchange.shared_memory import Phase, SharedMemory, Word
 from haptorb.runtime.realtime.kernel_requests import lower_priority, raise_priority
-from haptorb.runtime.realtime.parent_death import die_with_parent, is_orphaned
+from haptorb.runtime.realtime.parent_death import die_with_parent, is_parent_gone
 from haptorb.runtime.trackers.pose_filter import PoseFilter
 from haptorb.runtime.trackers.tracker_registry import feed_of
 
@@ -45,7 +45,7 @@ def main(spec: Mapping[str, Any]) -> int:
     words, parent = shared.words, int(spec["parent"])
 
     def look() -> None:
-        if words[Word.QUIT] or words[Word.PHASE] >= Phase.ENDED or is_orphaned(parent):
+        if words[Word.QUIT] or words[Word.PHASE] >= Phase.ENDED or is_parent_gone(parent):
             raise _ServoEnded
 
     def origin() -> float:
@@ -64,15 +64,15 @@ def main(spec: Mapping[str, Any]) -> int:
     reception = PoseFilter(feed, shared.tracked)
     words[Word.TRACKER] = Phase.RUNNING
     raise_priority()  # it sleeps nearly always, and a pose that waits for its turn on a busy computer grows old
-    told, spent = monotonic(), process_time()
+    report_time, cpu_time = monotonic(), process_time()
     try:
         while True:
             look()
             reception.listen(_PATIENCE)
-            if (passed := monotonic() - told) > _TELL:
-                if process_time() - spent > _FLOOD * passed:
+            if (passed := monotonic() - report_time) > _TELL:
+                if process_time() - cpu_time > _FLOOD * passed:
                     lower_priority()
-                told, spent = monotonic(), process_time()
+                report_time, cpu_time = monotonic(), process_time()
                 shared.tracker_facts.write(json.dumps(reception.facts()))
     except _ServoEnded:
         shared.tracker_facts.write(json.dumps(reception.facts()))

@@ -43,7 +43,7 @@ class HostHeartbeat:
 
     def __init__(self, state: Callable[[], str]) -> None:
         self._state = state
-        self._looked = 0
+        self._last_look = 0
 
     def explain_silence(self, now: int, silence: int) -> str:
         """Why the host is taken for dead at `now` [ns], after a `silence` [ns] of its heart; empty if it is not.
@@ -52,8 +52,8 @@ class HostHeartbeat:
         """
         if silence > SILENCE * 1e9:
             return f"the program that started the servo did not respond for {SILENCE:g} s"
-        if silence > (STOPPED * 1e9 - _LOOK) and now - self._looked >= _LOOK:
-            self._looked = now
+        if silence > (STOPPED * 1e9 - _LOOK) and now - self._last_look >= _LOOK:
+            self._last_look = now
             if self._state() in ("T", "t"):  # safety: host-stopped, host-computing
                 return f"the program that started the servo was stopped and did not respond for {STOPPED:g} s"
         return ""

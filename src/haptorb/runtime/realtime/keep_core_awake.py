@@ -31,7 +31,7 @@ Times = tuple[int, int]  #: the kernel's ticks in which the other cores were bus
 class CoreWaker:
     """Keeps `core`, to which this process is bound, awake until `end`; −1: it is bound to none, and none is kept.
 
-    `granted` says whether that could be had.
+    `awake` says whether that could be had.
     """
 
     def __init__(self, core: int) -> None:
@@ -46,7 +46,7 @@ class CoreWaker:
             return
 
     @property
-    def granted(self) -> bool:
+    def awake(self) -> bool:
         """Whether somebody waits on the core."""
         return self._process is not None and self._process.poll() is None
 

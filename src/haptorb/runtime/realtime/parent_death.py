@@ -9,7 +9,7 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-__all__ = ["die_with_parent", "end_group", "is_orphaned"]
+__all__ = ["die_with_parent", "end_group", "is_parent_gone"]
 
 _PR_SET_PDEATHSIG = 1
 
@@ -23,12 +23,12 @@ def die_with_parent(number: signal.Signals | None = None) -> None:
     """Ask the kernel for the signal `number` when the parent ends; None: for SIGKILL.
 
     The kernel sends it when the *thread* ends that started this process. Processes are therefore started by a thread
-    that lives as long as its program (`starter`); whoever has another signal sent can ask `is_orphaned` as well.
+    that lives as long as its program (`starter`); whoever has another signal sent can ask `is_parent_gone` as well.
     """
     _libc().prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL if number is None else number), 0, 0, 0)
 
 
-def is_orphaned(parent: int) -> bool:
+def is_parent_gone(parent: int) -> bool:
     """Whether the process `parent` is no longer this one's parent: it ended, however it ended."""
     return os.getppid() != parent
 

@@ -18,7 +18,7 @@ class StallTime:
         self.time = 0.0  #: since the number changed, in the unit of `step`
         self._step = step
         self._value: int | None = None
-        self._looked = 0.0
+        self._last_look = 0.0
 
     def look(self, now: float, value: int) -> float:
         """The time for which `value` has stayed as it is.
@@ -30,6 +30,6 @@ class StallTime:
         if value != self._value:
             self._value, self.time = value, 0.0
         else:
-            self.time += min(now - self._looked, self._step)
-        self._looked = now
+            self.time += min(now - self._last_look, self._step)
+        self._last_look = now
         return self.time

@@ -84,12 +84,12 @@ def _open_record(opcode: int, data: bytes, room: int, most: int) -> tuple[list[A
         raise RecordingError("a chunk of the recording is compressed with lz4; only zstd is read (mcap compress)")
     if chunk.compression not in ("", "zstd"):
         raise ValueError(f"compression {chunk.compression!r}")
-    told = [chunk.uncompressed_size]
+    sizes = [chunk.uncompressed_size]
     if chunk.compression == "zstd":
-        told.append(frame_content_size(chunk.data))  # -1: it does not say, and takes what the record says
-    if max(told) > min(_CHUNK, room):  # safety: chunk-size
+        sizes.append(frame_content_size(chunk.data))  # -1: it does not say, and takes what the record says
+    if max(sizes) > min(_CHUNK, room):  # safety: chunk-size
         raise RecordingError(
-            f"a chunk of the recording claims {max(told)} bytes; at most {min(_CHUNK, room)} are possible, so "
+            f"a chunk of the recording claims {max(sizes)} bytes; at most {min(_CHUNK, room)} are possible, so "
             "haptorb did not write this file"
         )
     if chunk.uncompressed_size == 0:

@@ -30,7 +30,7 @@ class Recorder:
 
     def __init__(self, file: BinaryIO, layout: RowLayout, rate: float, unix_minus_monotonic: int) -> None:
         self.written = 0  #: rows, of which the last ones may still wait for their chunk to be full
-        self.kept = 0  #: rows that are in the file
+        self.safe_rows = 0  #: rows that are in the file
         self._size = 0
         self._file = file
         self._wall = layout["wall"].start
@@ -41,7 +41,8 @@ class Recorder:
         self._writer.start(profile="ros2", library=f"haptorb {__version__}")
         schema_id = self._writer.register_schema(NAME, ENCODING, schema(layout).encode())
         self._channel = self._writer.register_channel(TOPIC, MESSAGE_ENCODING, schema_id)
-        self.note("layout", {"channels": str(layout.channels), "sensors": str(layout.sensors), "rate_hz": str(rate)})
+        counts = {key: str(getattr(layout, key)) for key in ("channels", "sensors", "contacts")}
+        self.note("layout", {**counts, "rate_hz": str(rate)})
         self.note("clock", {"unix_minus_monotonic_ns": str(unix_minus_monotonic)})
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
@@ -51,7 +52,7 @@ class Recorder:
 
     def append(self, rows: Array) -> None:
         """Add rows (n, width), then hand everything that is complete to the operating system."""
-        write, channel, offset, full = self._writer.add_message, self._channel, self._offset, self.kept
+        write, channel, offset, full = self._writer.add_message, self._channel, self._offset, self.safe_rows
         for row in rows:
             time = int(row[self._wall] * 1e9) + offset
             write(channel, time, CDR_HEADER + row.tobytes(), time, self.written & 0xFFFFFFFF)
@@ -59,10 +60,10 @@ class Recorder:
             if (size := self._file.tell()) != self._size:  # a chunk is full, and with it all rows so far
                 self._size, full = size, self.written
         self._file.flush()
-        self.kept = full
+        self.safe_rows = full
 
     def finish(self) -> None:
         """Write what is left, the index and the end mark; the file is then complete."""
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._file.flush()
-        self.kept = self.written
+        self.safe_rows = self.written

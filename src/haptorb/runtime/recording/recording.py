@@ -17,7 +17,7 @@ from haptorb.errors import RecordingError, UnknownName, quote
 from haptorb.files.replace_file import replace_file
 from haptorb.files.text_file import open_at_once
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.recording.data_frames import make_data_frame, make_dataset
+from haptorb.runtime.recording.data_frames import column_heads, make_data_frame, make_dataset
 from haptorb.runtime.recording.mcap_rows import MAGIC, Block, records
 from haptorb.runtime.recording.mcap_schema import CDR_HEADER, NAME, TOPIC, fields_of
 from haptorb.runtime.recording.recording_plot import plot
@@ -107,7 +107,8 @@ class Recording:
     def layout(self) -> RowLayout:
         """The layout of `rows`. Raises RecordingError if another version of haptorb ordered them otherwise."""
         noted = self.metadata.get("layout", {})
-        layout = RowLayout(*(self._parse_count(noted, key) if key in noted else 0 for key in ("channels", "sensors")))
+        without = {"channels": 0, "sensors": 0, "contacts": 2}  # rows without a note of contacts had two, of any device
+        layout = RowLayout(*(self._parse_count(noted, key) if key in noted else n for key, n in without.items()))
         mine = [(field.name, field.width) for field in layout.fields if field.width]
         if mine != [(field.name, field.width) for field in self.fields]:
             raise RecordingError(f"{self.path} was written by another version of haptorb; read its fields by name")
@@ -116,7 +117,7 @@ class Recording:
     def require(self, *names: str) -> None:
         """Raise RecordingError unless there are fields `names` as wide as this version of haptorb writes them.
 
-        Those of coils and sensors may have any width.
+        Those of coils, sensors and contacts may have any width.
         """
         wide = {field.name: field.width for field in RowLayout(0, 0).fields if field.width}
         found = {field.name: field.width for field in self.fields}
@@ -134,31 +135,29 @@ class Recording:
         return int(text)
 
     def to_csv(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write all rows as text, one column per number, named `p[0]`, every digit kept. Nothing is written half.
+        """Write all rows as text, one column per number, headed `p[0] [m]` as in the console's CSV, every digit kept.
+
+        UTF-8. Nothing is written half.
 
         Raises RecordingError if the file exists and `overwrite` is not set, or if it cannot be written.
         """
         path = Path(path)
         try:
             if path.exists() and not overwrite:
-                raise RecordingError(f"{path} exists; choose another name, or allow it to be overwritten")
+                raise RecordingError(f"{path} exists; choose another name, or replace it with overwrite=True")
         except OSError as cause:
             raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
-        names = [
-            field.name if field.width == 1 else f"{field.name}[{i}]"
-            for field in self.fields
-            for i in range(field.width)
-        ]
+        heads = [head for field in self.fields for head in column_heads(field)]
         try:
-            with replace_file(path) as part, part.open("w", encoding="ascii") as file:
-                file.write(",".join(names) + "\n")
+            with replace_file(path) as part, part.open("w", encoding="utf-8") as file:
+                file.write(",".join(heads) + "\n")
                 for row in self.rows.tolist():
                     file.write(",".join(map(repr, row)) + "\n")
         except OSError as cause:
             raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
 
     def to_pandas(self) -> DataFrame:
-        """All rows as a DataFrame: one column per number, named `p[0]` as in the CSV file, the index `t` [s].
+        """All rows as a DataFrame: one column per number, named `p[0]`, the index `t` [s].
 
         `attrs["units"]` and `attrs["about"]` say of each column what it is. Raises InputError if pandas is not there.
         """

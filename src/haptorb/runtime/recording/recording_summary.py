@@ -51,14 +51,14 @@ def summarize(recording: Summarized) -> str:
     device = recording.metadata.get("device", {}).get("name", "unknown device")
     wrong = [f"{_count(lost, 'row')} lost"] if (lost := _count_lost_rows(recording)) else []
     wrong += ["cut short"] if recording.truncated else []
-    told = [
+    parts = [
         device,
         f"{_duration(recording):.4g} s",
         _count(len(recording), "row"),
         _count(_count_trips(recording), "trip"),
         *wrong,
     ]
-    return f"<Recording {recording.path.name}: {', '.join(told)}>"
+    return f"<Recording {recording.path.name}: {', '.join(parts)}>"
 
 
 def list_facts(recording: Summarized) -> list[tuple[str, str]]:
@@ -109,8 +109,8 @@ def _figures(recording: Summarized) -> list[tuple[str, str]]:
         if name in known and recording[name].ndim == 2 and recording[name].shape[1] == 6:
             values = recording[name]
             force, torque = (_largest(_size(part)) for part in (values[:, :3], values[:, 3:]))
-            told = f"{format_quantity(force, 'N')}, {format_quantity(torque, 'N·m')}"
-            facts.append((f"largest {title}", told if np.isfinite(force) else "unknown"))
+            text = f"{format_quantity(force, 'N')}, {format_quantity(torque, 'N·m')}"
+            facts.append((f"largest {title}", text if np.isfinite(force) else "unknown"))
     if "currents" in known:
         facts.append(("largest current", format_quantity(_largest(np.abs(recording["currents"])), "A")))
     if "winding" in known:

@@ -26,7 +26,7 @@ class RunRecording:
         self._claim: FileLock | None = None
 
     @property
-    def named_path(self) -> str | None:
+    def user_path(self) -> str | None:
         """The file that somebody named, once it is there; None for a temporary one or none."""
         return str(self._path) if self._where and self._path else None
 

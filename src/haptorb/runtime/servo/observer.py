@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from haptorb.control.protection.trip import Trip
+from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.device import Device
-from haptorb.errors import ServoError, WorldError
+from haptorb.display.quantity_text import format_vector
+from haptorb.errors import RecordingError, ServoError, WorldError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.exchange.black_box import BlackBox, TripRecord
 from haptorb.runtime.exchange.commands import Commands
@@ -16,8 +17,11 @@ from haptorb.runtime.exchange.run_report import RunReport
 from haptorb.runtime.exchange.shared_memory import SharedMemory
 from haptorb.runtime.exchange.world_trouble import is_tripped, slow_world, world_failure
 from haptorb.runtime.recording.run_recording import RunRecording
+from haptorb.runtime.row import RowLayout
+from haptorb.runtime.servo.latest_row import LatestRow
 from haptorb.runtime.servo.process_group import ProcessGroup
 from haptorb.runtime.servo.world_watcher import WorldWatcher
+from haptorb.runtime.trackers.pose_source import describe_missing_pose
 
 if TYPE_CHECKING:
     from haptorb.runtime.recording.recording import Recording
@@ -29,6 +33,7 @@ class ServoObserver(Commands):
     """Base of `Servo`: commands go to the loop, and this comes back."""
 
     device: Device
+    layout: RowLayout
     driver: str
     tracker: str
     estimator: str
@@ -39,6 +44,25 @@ class ServoObserver(Commands):
     _shared: SharedMemory | None
     _children: ProcessGroup | None
     _watcher: WorldWatcher | None
+
+    def __repr__(self) -> str:
+        return (
+            f"<Servo of {self.device.name}, world '{self.world[0]}', driver {self.driver}, tracker {self.tracker}, "
+            f"{self.rate:g} Hz: {self._describe_phase()}>"
+        )
+
+    def _describe_phase(self) -> str:
+        """Whether it runs, and with which force; or why not."""
+        if self._children is None:
+            return "not started"
+        try:
+            self._children.check()
+            row = self.latest()
+        except (ServoError, RecordingError) as cause:
+            return str(cause)
+        if row.guard == GuardState.TRIPPED:
+            return f"running, coils off. {Trip(int(row.trip)).text}"
+        return f"running, given {format_vector(row.given[:3], 'N')}"
 
     @property
     def alive(self) -> bool:
@@ -57,11 +81,13 @@ class ServoObserver(Commands):
 
     @property
     def warning(self) -> str:
-        """What a person should know of the device that answered, of the servo's memory and of the world's code; empty
-        if nothing."""
+        """What a person should know of the device that answered, of the servo's memory, and of the code of world and
+        path; empty if nothing."""
         if self._shared is None or self._children is None:
             return ""
-        found = (self._shared.warning.read()[1], self._children.memory.warning, self.world_trouble)
+        found = (
+            self._shared.warning.read()[1], self._children.memory.warning, self.world_trouble, self.hand_trouble,
+        )  # fmt: skip
         return "; ".join(filter(None, found))
 
     @property
@@ -95,16 +121,22 @@ class ServoObserver(Commands):
 
         The last 8191 rows are kept; (new cursor − cursor − n) rows were lost to a slower reader.
         """
-        return self._memory.ring.since(cursor)
+        return self._memory.ring.read_since(cursor)
 
-    def latest(self) -> Array | None:
-        """(width,) the newest row; None before the first. In the units [..] of `layout`."""
-        return self._memory.ring.latest()
+    def latest(self) -> LatestRow:
+        """The newest tick by the names of its fields: `latest().given`, `latest()["given"]`, see `LatestRow`.
+
+        Raises ServoError before the first.
+        """
+        numbers = self._memory.ring.latest()
+        if numbers is None:
+            raise ServoError("the servo has not ticked yet: `open` returns, and `with` begins, when it has")
+        return LatestRow(self.layout, numbers)
 
     def report(self) -> RunReport:
         """What the run was like so far, as plain JSON types: see `loop_report`."""
         world, values = self.world
-        loop, children = loop_report(self._memory), self._children
+        loop, children = loop_report(self._memory, self.tracker), self._children
         assert children is not None
         troubles = {"recording_trouble": children.recorder_trouble, "tracker_trouble": children.tracker_trouble}
         found = {
@@ -117,9 +149,9 @@ class ServoObserver(Commands):
             "model": self.model,
             "rate_hz": self.rate,
             "seed": self.seed,
-            "recording": self._recording.named_path,
+            "recording": self._recording.user_path,
             **loop,
-            "recorded": children.recorded_rows,
+            "recorded": children.recorder_counts,
             "memory_mb": children.memory.facts(),
             "warning": self.warning,
             **{name: trouble for name, trouble in troubles.items() if trouble},
@@ -131,6 +163,16 @@ class ServoObserver(Commands):
         """How many messages the tracker's process has refused so far, by the reasons of `runtime.reception`."""
         shared = self._memory_or_none
         return dict(tracker_facts(shared).get("refused", {})) if shared is not None else {}
+
+    @property
+    def missing_pose(self) -> str:
+        """Which pose is waited for, with what came instead, while the newest row has no valid pose of a tracker with a
+        process of its own; else empty."""
+        shared = self._memory_or_none
+        row = None if shared is None else shared.ring.latest()
+        if shared is None or row is None or row[shared.layout["valid"].start] == 1.0:
+            return ""
+        return describe_missing_pose(self.tracker, tracker_facts(shared))
 
     @property
     def trips(self) -> tuple[TripRecord, ...]:

@@ -55,7 +55,7 @@ class ProcessGroup:
         self._black_box = black_box
         self._errors, self._plan = standby.errors, standby.folder / PLAN
         self._ending = threading.Event()
-        self._told = False
+        self._end_sent = False
         shared.words[Word.HEARTBEAT] = monotonic_ns()
         self._servo = standby.process
         self._hang = self._stall = ""
@@ -109,7 +109,7 @@ class ProcessGroup:
         self.check()
 
     def _wait(self) -> None:
-        begun = monotonic()
+        start = monotonic()
         words = self._shared.words
         while (
             not (self.alive and words[Word.TICKS])
@@ -119,18 +119,18 @@ class ProcessGroup:
             self.check()
             if trouble := self.tracker_trouble:
                 raise DriverError(trouble)
-            if monotonic() > begun + _START:
+            if monotonic() > start + _START:
                 raise ServoError(f"the servo did not start within {_START:g} s")
-            if self._compiler is None and self._compiling_since(begun):
+            if self._compiler is None and self._compiling_since(start):
                 plan = str(self._plan)
                 self._compiler = start_module(
                     "haptorb.runtime.processes.first_start", plan, str(os.getpid()), errors=self._errors
                 )
             sleep(0.005)
 
-    def _compiling_since(self, begun: float) -> bool:
+    def _compiling_since(self, start: float) -> bool:
         """Whether the servo has been preparing for too long; opening a device may take its time."""
-        return monotonic() > begun + _USUAL and not self._shared.facts.read()[1]
+        return monotonic() > start + _USUAL and not self._shared.facts.read()[1]
 
     def check(self) -> None:
         """Raise ServoError if the servo ended, RecordingError if the recorder did."""
@@ -157,7 +157,7 @@ class ProcessGroup:
         )
 
     @property
-    def recorded_rows(self) -> dict[str, int]:
+    def recorder_counts(self) -> dict[str, int]:
         """Rows in the recording, and rows that are lost to it: see `report.count_recorded`."""
         return count_recorded(self._shared, over=self._recorder is not None and self._recorder.poll() is not None)
 
@@ -176,9 +176,9 @@ class ProcessGroup:
 
     def end(self) -> None:
         """End all processes: as told if they listen, else by force. May be called twice."""
-        if self._told:
+        if self._end_sent:
             return
-        self._told = True
+        self._end_sent = True
         self._shared.words[Word.QUIT] = 1
         for patience, force in ((_FINISH, signal.SIGTERM), (_FINISH / 2, signal.SIGKILL), (None, None)):
             try:
@@ -220,7 +220,7 @@ class ProcessGroup:
 
     def _watch_servo(self, now: float, ticking: StallTime) -> None:
         """End a servo whose tick does not end, and look how much memory it takes."""
-        if not self.alive or self._told:
+        if not self.alive or self._end_sent:
             ticking.look(now, -1)
             return
         self.memory.look(now)
@@ -245,8 +245,8 @@ class ProcessGroup:
             return reason or "on command"
         if code is not None and code < 0:
             return f"its process was killed ({_signal(code)})"
-        if said := self._describe_end():
-            return said
+        if text := self._describe_end():
+            return text
         if self._shared.phase is Phase.RUNNING:
             return f"its process ended with code {code} in the middle of a run, as a world does that calls os._exit"
         return f"its process failed with code {code}"

@@ -14,9 +14,7 @@ from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from time import monotonic, sleep
-from types import TracebackType
-from typing import Any, Literal, Self, final
+from typing import Any, Literal, final
 
 from haptorb.control.clutch.modes import Gains
 from haptorb.devices.device import Device
@@ -24,7 +22,7 @@ from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.errors import InputError, ServoError
-from haptorb.numerics.arrays import Array, check_finite
+from haptorb.numerics.arrays import Array
 from haptorb.runtime.exchange import plan as plans
 from haptorb.runtime.exchange.black_box import BlackBox
 from haptorb.runtime.exchange.shared_memory import SharedMemory
@@ -38,8 +36,8 @@ from haptorb.runtime.recording.run_recording import RunRecording
 from haptorb.runtime.row import RowLayout
 from haptorb.runtime.servo.device_text import text_of
 from haptorb.runtime.servo.launch import notes, recorder_spec, tracker_spec
-from haptorb.runtime.servo.observer import ServoObserver
 from haptorb.runtime.servo.process_group import ProcessGroup
+from haptorb.runtime.servo.servo_context import ServoContext
 from haptorb.runtime.servo.world_watcher import WorldWatcher, choose_world
 from haptorb.runtime.tick.assembly import (
     assemble,
@@ -54,6 +52,7 @@ from haptorb.runtime.trackers.tracker_registry import Preparation, check_frame, 
 from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.sensing.calibration_file import read_calibration, read_frame
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
+from haptorb.worlds.own.failure import fit_world
 from haptorb.worlds.own.world_file import WorldFile
 from haptorb.worlds.world import World
 
@@ -61,7 +60,7 @@ __all__ = ["Servo"]
 
 
 @final
-class Servo(ServoObserver):
+class Servo(ServoContext):
     """A device, a world under its mover, and the loop between them.
 
     device     name in the catalogue, path of a device file, or a Device
@@ -139,8 +138,8 @@ class Servo(ServoObserver):
         if gains is not None:
             linkage_of(self.device, gains)  # refuses here what does not fit
         first, self._world_file = choose_world(default_world(self.device) if world is None else world)
-        ServoObserver.__init__(self, first)
-        first.for_device(self.device)  # refuses here, not in another process, what the device cannot render
+        ServoContext.__init__(self, first)
+        fit_world(first, self.device)  # refuses here, not in another process, what the device cannot render
         # Compiling in the first tick would be a silence at which a real device's firmware switches off.
         chain, practice = (
             partial(
@@ -195,6 +194,7 @@ class Servo(ServoObserver):
 
     def close(self) -> None:
         """Coils off, processes ended, recording complete. May be called twice."""
+        self._end_hand()
         if self._watcher is not None:
             self._watcher.end()
         if self._children is not None:
@@ -205,36 +205,6 @@ class Servo(ServoObserver):
             shutil.rmtree(self._folder, ignore_errors=True)
         if self._claim is not None:
             self._claim.close()
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
-
-    def run(self, seconds: float) -> None:
-        """Let the loop run for `seconds`. Raises ServoError as soon as it ends by itself, RecordingError if the
-        recorder does, WorldError if the world's code fails or takes too long; InputError if `seconds` is negative or
-        not finite.
-
-        Ctrl-C closes the servo first, then goes on its way.
-        """
-        duration = float(check_finite(seconds, "seconds"))
-        if duration < 0:
-            raise InputError(f"seconds must not be negative; got {seconds!r}")
-        end = monotonic() + duration
-        try:
-            while True:
-                self.check()
-                self.check_world()
-                left = end - monotonic()
-                if left <= 0:
-                    return
-                sleep(min(left, 0.02))
-        except KeyboardInterrupt:
-            self.close()
-            raise
 
     @property
     def _memory_or_none(self) -> SharedMemory | None:

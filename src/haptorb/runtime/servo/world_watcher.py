@@ -23,6 +23,7 @@ from haptorb.worlds.world import World
 __all__ = ["WorldWatcher", "choose_world", "keep_changes"]
 
 _EVERY = 0.2  #: between two looks at the file [s]
+_SLOW = 2.0  #: a file that takes longer to load and to be called once is reported [s]
 _SETTLED = 0.03  #: for which a file that is being written must stay as it is [s]
 
 
@@ -45,13 +46,13 @@ def _to_json(value: Any) -> Any:
 
 def keep_changes(old: World, values: dict[str, Any], new: World) -> dict[str, Any]:
     """Those of `values` that a person has changed from the `old` world's and that `new` still allows."""
-    before, kept = parameter_values(old), {}
+    before, changes = parameter_values(old), {}
     for name, value in values.items():
         if name in before and value != _to_json(before[name]) and name in parameters(type(new)):
             with suppress(HaptorbError):
                 new.replace(**{name: value})
-                kept[name] = value
-    return kept
+                changes[name] = value
+    return changes
 
 
 @final
@@ -95,6 +96,9 @@ class WorldWatcher:
 
     def _load(self) -> None:
         path = self._file.path.name
+        hint = threading.Timer(_SLOW, self._explain_wait, [path])
+        hint.daemon = True
+        hint.start()
         try:
             new = self._file.load()
             if new.name != self._world.name:
@@ -107,5 +111,17 @@ class WorldWatcher:
                 self.trouble = f"{path} was saved, but the world from before goes on: {cause}"
                 show(f"{self.trouble}\n")
             return
+        finally:
+            hint.cancel()
+            hint.join()  # what it says comes before what follows
         self._world, self.trouble = new, ""
         show(f"{path} was saved: world '{new.name}' is loaded anew\n")
+
+    def _explain_wait(self, path: str) -> None:
+        """The new code does not return, and while it runs nothing else is loaded."""
+        self.trouble = (
+            f"{path} was saved, but has not returned from loading or its first call for {_SLOW:g} s; the world from "
+            "before goes on. If it never returns, start anew after mending it"
+        )
+        if not self._ending.is_set():
+            show(f"{self.trouble}\n")

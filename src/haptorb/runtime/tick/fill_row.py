@@ -60,12 +60,12 @@ def fill_row(
     at, s = places[0], state[0]
     e, g, heat, passivity = s.estimate, s.guard, s.heat, s.passivity
     row[at.t], row[at.valid], row[at.age] = s.clock.time, e.valid, e.age
-    _copy(row, at.p, e.position)
-    fill_quaternion(e.rotation, row[at.q : at.q + 4])
-    _copy(row, at.v, e.velocity)
-    _copy(row, at.w, e.angular_velocity)
+    _copy(row, at.p, e.position[:])
+    fill_quaternion(e.rotation[:], row[at.q : at.q + 4])
+    _copy(row, at.v, e.velocity[:])
+    _copy(row, at.w, e.angular_velocity[:])
     _copy(row, at.target, target)  # and target_q, which follows
-    _copy(row, at.asked, g.asked)
+    _copy(row, at.asked, g.asked[:])
     _copy(row, at.given, given)
     _copy(row, at.duties, applied)
     for i in range(6):
@@ -89,11 +89,13 @@ def fill_object(
 ) -> None:  # fmt: skip
     """Fill the fields of `row` (width,) that tell of what the world acts on, at the `places` of the `RowLayout`.
 
-    share (2,), p (3,) [m], R (3, 3), wrench (6,) [N, N·m] and contacts (2, 8) as a `RenderedWrench` has them.
+    share (2,), p (3,) [m], R (3, 3), wrench (6,) [N, N·m] and contacts (n, 8) as a `RenderedWrench` has them: the row
+    takes as many as it has room for, and those that are missing are zero.
     """
     at = places[0]
     _copy(row, at.share, share)
     _copy(row, at.object, p)
     fill_quaternion(R, row[at.object_q : at.object_q + 4])
     _copy(row, at.object_wrench, wrench)
-    _copy_table(row, at.contacts, contacts)
+    for i in range(at.energy - at.contacts):  # the field that follows
+        row[at.contacts + i] = contacts[i // 8, i % 8] if i < contacts.size else 0.0

@@ -67,17 +67,17 @@ class FeedTracker(Tracker):
 
     def _read_pose(self, now: float) -> float:
         """Bring p, q, R, v and w to `now`; returns the pose's time on the loop's clock, −inf if nobody knows it."""
-        told = self._block.read_pose()
-        stamp = told.stamp - self.origin
+        record = self._block.read_pose()
+        stamp = record.stamp - self.origin
         age = now - stamp
-        if not (told.valid and age < float("inf")):  # not a number is no age, either
-            if not told.valid:
+        if not (record.valid and age < float("inf")):  # not a number is no age, either
+            if not record.valid:
                 self._v = self._w = np.zeros(3)
             return _NOWHERE
         self._p, self._q, self._R = np.empty(3), np.empty(4), np.empty((3, 3))
         ahead = min(max(age, 0.0), self._prediction)  # safety: prediction-end
-        _extrapolate(told.p, told.q, told.v, told.w, ahead, self._p, self._q, self._R)
-        self._v, self._w = told.v, told.w
+        _extrapolate(record.p, record.q, record.v, record.w, ahead, self._p, self._q, self._R)
+        self._v, self._w = record.v, record.w
         return min(stamp, now)  # safety: prediction-age
 
     def goal(self, now: float) -> Goal:

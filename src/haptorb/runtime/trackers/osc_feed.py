@@ -108,8 +108,8 @@ class OscFeed(Feed):
 
     def _message(self, address: str, values: list[object], arrival: float, sender: object) -> RawPose | RejectedPose:
         if self._token:  # safety: sender-token
-            said = values.pop(0) if values else None
-            if not (isinstance(said, str) and compare_digest(said.encode("utf-8", "replace"), self._token)):
+            tags = values.pop(0) if values else None
+            if not (isinstance(tags, str) and compare_digest(tags.encode("utf-8", "replace"), self._token)):
                 return RejectedPose("stranger")
         numbers = [float(x) for x in values if isinstance(x, int | float) and not isinstance(x, bool)]
         first = {POSE: 7, LOST: 0}.get(address)

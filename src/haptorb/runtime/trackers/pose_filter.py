@@ -41,7 +41,7 @@ _STEP = 0.004  #: and with one, by the clocks' comparison [s]
 _AGREED = 0.05  #: after a jump, poses must agree for so long, and at least three of them [s]
 _SMOOTHED = 0.010  #: time constant of the velocities [s]
 _SILENCE = 0.05  #: without a pose for longer is a gap [s]
-_KEPT = 2048  #: of intervals and delays, for the percentiles
+_LENGTH = 2048  #: of intervals and delays, for the percentiles
 
 
 @final
@@ -59,8 +59,8 @@ class PoseFilter:
         self.lost = 0  #: how often the tracker said that it lost the tool
         self.gaps = 0  #: silences above 50 ms
         self.refused: Counter[str] = Counter()
-        self._intervals: deque[float] = deque(maxlen=_KEPT)
-        self._delays: deque[float] = deque(maxlen=_KEPT)
+        self._intervals: deque[float] = deque(maxlen=_LENGTH)
+        self._delays: deque[float] = deque(maxlen=_LENGTH)
 
     def listen(self, patience: float) -> None:
         """Take whatever comes within `patience` [s]."""
@@ -70,35 +70,35 @@ class PoseFilter:
             else:
                 self._accept(one)
 
-    def _accept(self, heard: RawPose) -> None:
-        why = "" if isfinite(heard.stamp) and isfinite(heard.arrival) else "not_finite"
-        if not why and heard.arrival - self._arrival > ANEW:
+    def _accept(self, raw: RawPose) -> None:
+        why = "" if isfinite(raw.stamp) and isfinite(raw.arrival) else "not_finite"
+        if not why and raw.arrival - self._arrival > ANEW:
             self._stamp = float("-inf")
-        if not why and heard.valid:
-            why = _find_fault(heard)
-        if not why and not heard.stamp > self._stamp:  # safety: pose-late
+        if not why and raw.valid:
+            why = _find_fault(raw)
+        if not why and not raw.stamp > self._stamp:  # safety: pose-late
             why = "out_of_order"
         if why:
             self.refused[why] += 1
             return
-        passed = heard.arrival - self._arrival
+        passed = raw.arrival - self._arrival
         if isfinite(passed):
             self._intervals.append(passed)
             self.gaps += passed > _SILENCE
-        self._arrival, self._stamp = heard.arrival, heard.stamp
-        if not heard.valid:
+        self._arrival, self._stamp = raw.arrival, raw.stamp
+        if not raw.valid:
             self.lost += self._last is not None
             before, self._last, self._doubted = self._last, None, None
             if before is not None:
-                self._block.write(before._replace(valid=False, stamp=heard.stamp))  # safety: tool-lost
+                self._block.write(before._replace(valid=False, stamp=raw.stamp))  # safety: tool-lost
             return
-        p, q = np.array(heard.p, dtype=np.float64), np.array(heard.q, dtype=np.float64)
-        pose = PoseRecord(True, p, q / sqrt(float(q @ q)), np.zeros(3), np.zeros(3), heard.stamp)
-        if self._feed.one_tool and self._is_doubtful(pose, _BURST if heard.stamp >= heard.arrival else _STEP):
+        p, q = np.array(raw.p, dtype=np.float64), np.array(raw.q, dtype=np.float64)
+        pose = PoseRecord(True, p, q / sqrt(float(q @ q)), np.zeros(3), np.zeros(3), raw.stamp)
+        if self._feed.one_tool and self._is_doubtful(pose, _BURST if raw.stamp >= raw.arrival else _STEP):
             self.refused["jump"] += 1
             return
         self.accepted += 1
-        self._delays.append(heard.arrival - heard.stamp)
+        self._delays.append(raw.arrival - raw.stamp)
         self._last = self._add_velocity(pose)
         self._block.write(self._last)
 
@@ -149,15 +149,15 @@ class PoseFilter:
         }
 
 
-def _find_fault(heard: RawPose) -> str:
+def _find_fault(raw: RawPose) -> str:
     """Why the pose cannot be one; nothing if it can."""
-    if len(heard.p) != 3 or len(heard.q) != 4:
+    if len(raw.p) != 3 or len(raw.q) != 4:
         return "garbage"
-    if not isfinite(sum(map(abs, heard.p)) + sum(map(abs, heard.q))):  # safety: pose-finite
+    if not isfinite(sum(map(abs, raw.p)) + sum(map(abs, raw.q))):  # safety: pose-finite
         return "not_finite"
-    if sqrt(sum(x * x for x in heard.p)) > _REACH:  # safety: pose-millimetres
+    if sqrt(sum(x * x for x in raw.p)) > _REACH:  # safety: pose-millimetres
         return "too_far"
-    length = sqrt(sum(x * x for x in heard.q))
+    length = sqrt(sum(x * x for x in raw.q))
     return "" if abs(length - 1.0) <= _UNIT else "no_rotation"
 
 

@@ -53,7 +53,7 @@ class MagneticCalibration:
 
     def apply(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
         """`device` with the measured moments in place of those of its file."""
-        return replace(device, moment_per_current=self.moment_per_current)
+        return replace(device, moment_per_current=self.moment_per_current, moments_from="calibration")
 
 
 def excitation(device: SphericalElectromagnet, share: float = 0.25, levels: int = 5, repeats: int = 4) -> Array:
@@ -104,12 +104,14 @@ def magnetic_calibration(
             f"device '{device.name}' needs currents (n, {channels}) and fields (n, {places}, 3); "
             f"got {want.shape}, {i.shape} and {B.shape}"
         )
-    seen = np.broadcast_to(np.eye(3), (places, 3, 3)) if axes is None else _project(check_finite(axes, "axes"), places)
+    visible = (
+        np.broadcast_to(np.eye(3), (places, 3, 3)) if axes is None else _project(check_finite(axes, "axes"), places)
+    )
     _check_conduction(device, want, i)
-    result = _regress(device, seen, i, B)
+    result = _regress(device, visible, i, B)
     _check_wiring(device, result.moment_per_current)
-    _check_sensors(device, seen, i, B, result)
-    odd, even = (_regress(device, seen, i[k::2], B[k::2]).moment_per_current for k in (1, 0))
+    _check_sensors(device, visible, i, B, result)
+    odd, even = (_regress(device, visible, i[k::2], B[k::2]).moment_per_current for k in (1, 0))
     scale = np.linalg.norm(result.moment_per_current, axis=0)
     return replace(result, repeatability=float((np.abs(odd - even) / scale).max()))
 
@@ -122,13 +124,13 @@ def _project(axes: Array, places: int) -> Array:
     return projection
 
 
-def _regress(device: SphericalElectromagnet, seen: Array, i: Array, B: Array) -> MagneticCalibration:
+def _regress(device: SphericalElectromagnet, visible: Array, i: Array, B: Array) -> MagneticCalibration:
     """Linear least squares for M and the offsets, in closed form: M = C⁻¹ D S⁻¹ from centred readings.
 
-    `seen` (k, 3, 3) is what each sensor makes of a field.
+    `visible` (k, 3, 3) is what each sensor makes of a field.
     """
     at = device.hall.positions
-    U = seen @ np.stack([dipole.field(np.broadcast_to(e, at.shape), at) for e in np.eye(3)], axis=2)  # (k, 3, 3)
+    U = visible @ np.stack([dipole.field(np.broadcast_to(e, at.shape), at) for e in np.eye(3)], axis=2)  # (k, 3, 3)
     x, y = i - i.mean(axis=0), B - B.mean(axis=0)
     S = x.T @ x
     C = np.einsum("sji,sjk->ik", U, U)
@@ -137,7 +139,7 @@ def _regress(device: SphericalElectromagnet, seen: Array, i: Array, B: Array) ->
         raise InputError("the currents do not excite every coil by itself; use the schedule of `excitation`")
     M = np.linalg.solve(C, D) @ np.linalg.inv(S)
     rest = y - np.einsum("sij,jm,nm->nsi", U, M, x)
-    directions = round(float(np.trace(seen, axis1=1, axis2=2).sum()))  # that are measured at all
+    directions = round(float(np.trace(visible, axis1=1, axis2=2).sum()))  # that are measured at all
     freedom = max(1, len(i) * directions - M.size - directions)
     variance = float((rest**2).sum() / freedom)
     spread = np.sqrt(variance * np.outer(np.diag(np.linalg.inv(C)), np.diag(np.linalg.inv(S))))
@@ -178,13 +180,13 @@ def _check_wiring(device: SphericalElectromagnet, measured: Array) -> None:
 
 
 def _check_sensors(
-    device: SphericalElectromagnet, seen: Array, i: Array, B: Array, result: MagneticCalibration
+    device: SphericalElectromagnet, visible: Array, i: Array, B: Array, result: MagneticCalibration
 ) -> None:
     """Every sensor must see what the others agree on."""
     at = device.hall.positions
     x, y = i - i.mean(axis=0), B - B.mean(axis=0)
     for s in range(len(at)):
-        modelled = np.array([seen[s] @ dipole.field(result.moment_per_current @ row, at[s]) for row in x])
+        modelled = np.array([visible[s] @ dipole.field(result.moment_per_current @ row, at[s]) for row in x])
         excess = float(((y[:, s] - modelled) ** 2).mean() ** 0.5)
         signal = float((modelled**2).mean() ** 0.5)
         if excess > 0.3 * signal + 6 * device.hall.noise:

@@ -51,15 +51,15 @@ def thermal_identification(
         )
     if len(times) < 20 or not (np.diff(times) > 0).all():
         raise InputError("a thermal record needs at least 20 readings at rising times")
-    seen = np.isfinite(copper)
-    if seen.sum() < 10:
+    finite = np.isfinite(copper)
+    if finite.sum() < 10:
         raise CalibrationError("the winding's temperature was measured fewer than 10 times: keep a small current on")
     if body.max() - body.min() < 2.0:
         raise CalibrationError(
             f"the boundary warmed by only {body.max() - body.min():.1f} K: heat longer or with more power (the paper: "
             "30 % duty for 3 minutes)"
         )
-    start = np.array([copper[seen][0] if seen[0] else body[0], body[0]]) - ambient
+    start = np.array([copper[finite][0] if finite[0] else body[0], body[0]]) - ambient
 
     def course(logs: Array) -> Array:
         model = TwoNode(*np.exp(logs).tolist())
@@ -75,7 +75,7 @@ def thermal_identification(
 
     def rest(logs: Array) -> Array:
         rises = course(logs)
-        return np.concatenate([(rises[:, 0] + ambient - copper)[seen], rises[:, 1] + ambient - body])
+        return np.concatenate([(rises[:, 0] + ambient - copper)[finite], rises[:, 1] + ambient - body])
 
     warm = max(float(body.max() - ambient), 1.0)
     mean = max(float(load.max()), 1e-3)

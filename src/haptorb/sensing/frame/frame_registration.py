@@ -108,13 +108,13 @@ def _judge_fit(fit: FrameFit, axis: Array, wobble: float, radius: float, tip_dis
     turn = float(np.trace(covariance[:3, :3])) / fit.radius**2
     direction = float(np.sqrt(2.0 / 3.0 * turn + wobble**2))
     x = fit.x[: fit.dome][fit.on]
-    seen = np.zeros((len(x), 3, 9))
+    visible = np.zeros((len(x), 3, 9))
     out = x + tip_distance * ((fit.R @ fit.Q[: fit.dome][fit.on]) @ axis)
     for k, unit in enumerate(np.eye(3)):
-        seen[:, :, k] = np.cross(unit, out) / fit.radius
-    seen[:, :, 3:6] = np.eye(3)
-    seen[:, :, 6:] = fit.R @ fit.Q[: fit.dome][fit.on]
-    spread = np.einsum("nij,jk,nik->n", seen, covariance, seen).mean()
+        visible[:, :, k] = np.cross(unit, out) / fit.radius
+    visible[:, :, 3:6] = np.eye(3)
+    visible[:, :, 6:] = fit.R @ fit.Q[: fit.dome][fit.on]
+    spread = np.einsum("nij,jk,nik->n", visible, covariance, visible).mean()
     position = float(np.sqrt(spread + (tip_distance * wobble) ** 2))
     if position > _POSITION or direction > _DIRECTION:
         raise CalibrationError(

@@ -35,16 +35,16 @@ class Pivot:
 def pivot(stands: Sequence[Touches]) -> Pivot:
     """The tip and the places in which it stood: P + Q a = b is linear in both."""
     poses = sum(len(one) for one in stands)
-    rows, told = np.zeros((3 * poses, 3 + 3 * len(stands))), np.empty(3 * poses)
+    rows, right = np.zeros((3 * poses, 3 + 3 * len(stands))), np.empty(3 * poses)
     at = 0
     for k, one in enumerate(stands):
         end = at + 3 * len(one)
         rows[at:end, :3] = one.R.reshape(-1, 3)
         rows[at:end, 3 + 3 * k : 6 + 3 * k] = -np.tile(np.eye(3), (len(one), 1))
-        told[at:end] = -one.p.ravel()
+        right[at:end] = -one.p.ravel()
         at = end
-    found = np.asarray(np.linalg.lstsq(rows, told, rcond=None)[0], dtype=np.float64)
-    left = rows @ found - told
+    found = np.asarray(np.linalg.lstsq(rows, right, rcond=None)[0], dtype=np.float64)
+    left = rows @ found - right
     # what the tilts say of the tip alone: the places are free
     spread = np.concatenate([(one.R - one.R.mean(axis=0)).reshape(-1, 3) for one in stands])
     weakest = float(np.linalg.svd(spread, compute_uv=False)[-1] / np.sqrt(poses))

@@ -29,14 +29,14 @@ class FieldModel(NamedTuple):
     coils: Array  #: (c, 3) stator frame
     groups: Array  #: (c, m)
     per_ampere: Array  #: (m, 3 k) the coils' field at the sensors [T/A]
-    leaning: Array  #: (n,) coefficients of weight and regulator, as `regulator.torque_over_sine` takes them [N·m]
+    tilt_torque: Array  #: (n,) coefficients of weight and regulator, as `regulator.torque_over_sine` takes them [N·m]
     least: float  #: the least cosine they hold for
 
 
 def field_model(motor: SphericalMotor) -> Array:
     """(n,) all of FieldModel, [T] and [N·m/A] from the motor's pair tables; `unpack` takes it apart."""
     field, torque = motor.tables.field_pair, motor.tables.torque_pair
-    coefficients, least = motor.leaning
+    coefficients, least = motor.tilt_torque
     return pack(
         (field.scale, torque.scale, least),
         field.cells,
@@ -75,6 +75,6 @@ def torque_per_ampere(model: FieldModel, R: Array, strength: float, matrix: Arra
             K = strength * single[0, i, c]
             for j in range(matrix.shape[1]):
                 matrix[3 + i, j] += K * model.groups[c, j]
-    back = torque_over_sine(R[2, 2], model.leaning, model.least)
+    back = torque_over_sine(R[2, 2], model.tilt_torque, model.least)
     passive[0], passive[1], passive[2] = 0.0, 0.0, 0.0
     passive[3], passive[4], passive[5] = back * R[1, 2], -back * R[0, 2], 0.0

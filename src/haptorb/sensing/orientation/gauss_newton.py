@@ -120,14 +120,14 @@ def _threshold(squares: Array, usable: Array, count: int, floor: float) -> float
         below += 1 if usable[k] > 0.0 and squares[k] < suspect else 0
     if below <= count // 2:  # the middle one itself is not below: nobody is an outlier
         return np.inf
-    kept = np.empty(count)
+    usable_squares = np.empty(count)
     n = 0
     for k in range(squares.shape[0]):
         if usable[k] > 0.0:
-            kept[n] = squares[k]
+            usable_squares[n] = squares[k]
             n += 1
-    kept.sort()
-    return float(_OUTLYING * _OUTLYING * max(kept[count // 2], least))
+    usable_squares.sort()
+    return float(_OUTLYING * _OUTLYING * max(usable_squares[count // 2], least))
 
 
 @kernel
@@ -143,15 +143,15 @@ def _judge_sensors(
         z = field[k, 2] - s * B[k, 2] - (a * J[k, 2, 0] + b * J[k, 2, 1] + c * J[k, 2, 2])
         squares[k] = x * x + y * y + z * z
     threshold = _threshold(squares, usable, count, floor)
-    changed, kept, total = False, 0, 0.0
+    changed, inliers, total = False, 0, 0.0
     for k in range(field.shape[0]):
         trust = 1.0 if usable[k] > 0.0 and squares[k] <= threshold else 0.0
         changed = changed or trust != trusted[k]
         trusted[k] = trust
         if trust > 0.0:
-            kept += 1
+            inliers += 1
             total += squares[k]
-    return changed, kept, total
+    return changed, inliers, total
 
 
 @kernel
@@ -196,20 +196,20 @@ def fit_orientation(
             for i in range(3):
                 for j in range(3):
                     taken[i, j] = R[i, j]
-        kept, total = 0, 0.0
+        inliers, total = 0, 0.0
         for _again in range(4):
             _normal(field, B[0], slopes, trusted, strength, N, step)
             if not _solve(N, step):
                 return False, rms, out_count
-            changed, kept, total = _judge_sensors(
+            changed, inliers, total = _judge_sensors(
                 field, B[0], slopes, usable, count, fit.noise, strength, step, squares, trusted
             )  # fmt: skip
-            out_count = count - kept
+            out_count = count - inliers
             if not changed:
                 break
-        if kept < _FEWEST:
+        if inliers < _FEWEST:
             return False, rms, out_count
-        rms = math.sqrt(total / (3.0 * kept))
+        rms = math.sqrt(total / (3.0 * inliers))
         length = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
         shorter = min(1.0, _LONGEST / length) if length > 0.0 else 1.0
         turn_by(shorter * step[0], shorter * step[1], shorter * step[2], R, turned)
@@ -222,7 +222,7 @@ def fit_orientation(
             # safety: dead-sensors
             if wanted != strength:  # sensors without supply agree well with magnets without strength
                 return False, rms, out_count
-            noise = max(total / max(3.0 * kept - 4.0, 1.0), fit.noise * fit.noise)
+            noise = max(total / max(3.0 * inliers - 4.0, 1.0), fit.noise * fit.noise)
             for a in range(3):
                 for b in range(3):
                     covariance[a, b] = noise * N[a, b]

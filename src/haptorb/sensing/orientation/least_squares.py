@@ -165,7 +165,7 @@ def _track_orientation(
     weight do there. Returns (found, strength, sensors left out).
     """
     t, model = track[0], unpack(packed)
-    fit, dt, R, w, smooth = t.fit, t.dt, t.fit.rotation, t.w, t.rotation
+    fit, dt, R, w, smooth = t.fit, t.dt, t.fit.rotation[:], t.w[:], t.rotation[:]
     places = field.shape[0]
     count = magnet_field(read, currents, model.per_ampere, t.limit, field, usable)
     if fit.strength == 0.0:

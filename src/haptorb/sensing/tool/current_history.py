@@ -18,7 +18,7 @@ from haptorb.sensing.sample import Sample
 
 __all__ = ["CurrentHistory"]
 
-_KEPT = 16  #: measurements: a field waits on the board while newer ones of other sensors are told, for 7 ms and more
+_LENGTH = 16  #: measurements: a field waits on the board while newer ones of other sensors are told, for 7 ms and more
 _SAME = 0.2e-3  #: currents that are newer by less than this are no second measurement [s]
 _PAUSE = 0.05  #: between two of them, after which nothing is known of the time between [s]
 _BEYOND = 0.3  #: of a step between two measurements, so far outside of them a field may lie
@@ -37,7 +37,7 @@ class CurrentHistory:
     """
 
     def __init__(self, channels: int, sensors: int) -> None:
-        self._times, self._values = np.full(_KEPT, -math.inf), np.zeros((_KEPT, channels))
+        self._times, self._values = np.full(_LENGTH, -math.inf), np.zeros((_LENGTH, channels))
         self._nothing = np.full((sensors, 3), np.nan)
         self._waiting, self._waiting_since = self._nothing, -math.inf
         self.field, self.taken = self._nothing, -math.inf
@@ -62,7 +62,7 @@ class CurrentHistory:
         """Tell the field that waits, unless its time is too far from all currents."""
         when, times, values = self._waiting_since, self._times, self._values
         first = -2
-        while when < times[first] and first > -_KEPT and math.isfinite(times[first - 1]):
+        while when < times[first] and first > -_LENGTH and math.isfinite(times[first - 1]):
             first -= 1
         step, change = float(times[first + 1] - times[first]), values[first + 1] - values[first]
         share = (when - float(times[first])) / step

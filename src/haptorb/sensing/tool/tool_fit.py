@@ -150,7 +150,7 @@ def fit_tool(
             for a in range(5):
                 for b in range(5):
                     N[a, b] = scale[a] * covariance[a, b] * scale[b]
-            kept = gradient * scale
+            old = gradient * scale
         damped[:] = N
         for a in range(5):
             damped[a, a] += damping
@@ -161,9 +161,9 @@ def fit_tool(
         for a in range(5):
             total = 0.0
             for b in range(5):
-                total += damped[a, b] * kept[b]
+                total += damped[a, b] * old[b]
             step[a] = scale[a] * total
-            gain += total * kept[a]
+            gain += total * old[a]
         way = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
         wide = math.sqrt(step[3] ** 2 + step[4] ** 2)
         shorter = min(1.0, _LONGEST / max(way, 1e-12), _WIDEST / max(wide, 1e-12))

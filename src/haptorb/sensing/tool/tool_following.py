@@ -17,9 +17,9 @@ from haptorb.sensing.tool.tool_field import unpack_model
 from haptorb.sensing.tool.tool_fit import fit_tool, weigh_moment
 
 __all__ = [
+    "LOCATED",
     "LOST",
     "REVERSED",
-    "SEEN",
     "UNEXPLAINED",
     "UNREAD",
     "VAGUE",
@@ -31,7 +31,7 @@ __all__ = [
 ]  # fmt: skip
 
 #: what came of a tick
-SEEN: Final = 0
+LOCATED: Final = 0
 UNEXPLAINED: Final = 1  #: no tool near the predicted place leaves such readings
 LOST: Final = 2
 REVERSED: Final = 3
@@ -110,9 +110,9 @@ def _variance_share(t: Record) -> float:
 
 
 @kernel
-def _find_doubt(t: Record, kept: float, p: Array, R: Array) -> int:
+def _find_doubt(t: Record, share: float, p: Array, R: Array) -> int:
     covariance = t.covariance
-    if not kept * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) <= 3.0 * _VAGUE * _VAGUE:
+    if not share * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) <= 3.0 * _VAGUE * _VAGUE:
         return VAGUE
     distance = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
     if not t.nearest < distance < t.furthest:
@@ -121,7 +121,7 @@ def _find_doubt(t: Record, kept: float, p: Array, R: Array) -> int:
         return LOST
     # A reversed magnet looks like one that is held upside down; nobody holds a pen by its tip.
     along = p[0] * R[0, 2] + p[1] * R[1, 2] + p[2] * R[2, 2]
-    return REVERSED if along < _OUTWARD * distance else SEEN
+    return REVERSED if along < _OUTWARD * distance else LOCATED
 
 
 @kernel
@@ -139,7 +139,7 @@ def filter_fit(tracker: Records, misfit: float, readings: int, dt: float, pose: 
     t.misfit += (1.0 if anew else t.share) * (square - t.misfit)
     covariance *= max(t.noise * t.noise, t.misfit)
     why = _find_doubt(t, 1.0 if anew else _variance_share(t), p, R)
-    if why == SEEN:
+    if why == LOCATED:
         correct_pose(t.filter, dt, t.bandwidth, p, R, pose[4], pose[5])
         covariance *= _variance_share(t)
     return why

@@ -34,9 +34,9 @@ from haptorb.sensing.sample import Estimate, Sample
 from haptorb.sensing.tool.current_history import CurrentHistory
 from haptorb.sensing.tool.tool_field import ToolModel, coil_field, pack_model, tool_field
 from haptorb.sensing.tool.tool_following import (
+    LOCATED,
     LOST,
     REVERSED,
-    SEEN,
     UNEXPLAINED,
     UNREAD,
     VAGUE,
@@ -152,7 +152,7 @@ class HallTracker(Estimator):
             self._searched = sample.t
             code = self._search(pose)
         unsure = code == VAGUE and self._found and sample.t - self._t <= _CARRIED  # safety: tool-carried
-        if not (code == SEEN or unsure):
+        if not (code == LOCATED or unsure):
             self._found = self._found and code == UNREAD
             return self._unknown(sample.t, self.REVERSED if code == REVERSED else self.LOST)
         state = State(sample.t, pose[:3], pose[3], pose[5], pose[4])

@@ -75,7 +75,7 @@ def train(
     B, K = motor.sensor_field(R, "table"), motor.torque_characteristic(R, "table")
     groups = neighbourhoods(motor, reach)
     order = np.random.default_rng(seed).permutation(len(R))  # which coil sees which orientation
-    networks, told = [], []
+    networks, records = [], []
     for number, near in enumerate(groups):
         many = len(near.coils)
         x = np.concatenate([near.inputs(B[order[i::many]], i) for i in range(many)])
@@ -90,7 +90,7 @@ def train(
             x[mixed], y[mixed], nodes, starts=starts, iterations=iterations, seed=seed, report=share
         )  # fmt: skip
         networks.append(result.network)
-        told.append(
+        records.append(
             {
                 "electromagnets": (near.coils + 1).tolist(),
                 "inputs": int(x.shape[1]),
@@ -101,7 +101,7 @@ def train(
                 "starts": result.starts.round(6).tolist(),
             }
         )
-    record = {"nodes": nodes, "grid": list(grid), "iterations": iterations, "seed": seed, "networks": told}
+    record = {"nodes": nodes, "grid": list(grid), "iterations": iterations, "seed": seed, "networks": records}
     return TrainedNetworks(motor.name, motor.digest, reach, tuple(networks), record)
 
 

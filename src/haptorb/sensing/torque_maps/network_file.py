@@ -71,8 +71,8 @@ def read_networks(path: Path) -> TrainedNetworks:
         head: dict[str, Any] = parse_json(line)
         if head.get("kind") != _KIND:
             raise InputError(f"'{path}' is not a network file of this version; run `haptorb train`")
-        told = head.pop("sha256")
-        if told != _digest(head, numbers):
+        digest = head.pop("sha256")
+        if digest != _digest(head, numbers):
             raise InputError(f"network file '{path}' has been altered or cut short: its hash does not fit; train again")
         weights = np.frombuffer(numbers, dtype="<f8").astype(np.float64)
         ends = np.cumsum([0, *(int(np.prod(shape)) for shape in head["shapes"])])

@@ -64,13 +64,13 @@ def advance(
         coils[k].duty = duties[k]
     truth[:] = 0.0
     for _ in range(e.steps):
-        matrix(tool.q, R)
-        dipole_on_charges(rows, R, tool.p, per_moment)
+        matrix(tool.q[:], R)
+        dipole_on_charges(rows, R, tool.p[:], per_moment)
         per_ampere(per_moment, moment_per_current, per_current)
         for i in range(3):
             axis[i] = R[i, 2]
         passive[:] = 0.0
-        pull(table, e.nearest, tool.p, axis, passive)
+        pull(table, e.nearest, tool.p[:], axis, passive)
         for k in range(count):  # the power that leaves the coil's circuit is the power that the tool gets
             emf = 0.0
             for i in range(3):

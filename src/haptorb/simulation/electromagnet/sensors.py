@@ -100,7 +100,7 @@ def sense(electromagnet: Records, coils: Records, magnets: Array, pose: Array, r
     tool, s = electromagnet[0].tool, electromagnet[0].senses
     if not _is_finite(tool):
         return False
-    matrix(tool.q, pose[:3])
+    matrix(tool.q[:], pose[:3])
     for i in range(3):
         pose[3, i], pose[4, i], pose[5, i] = tool.p[i], tool.v[i], tool.w[i]
     count, places = coils.size, field.shape[0]

@@ -24,7 +24,7 @@ def hang(device: SphericalMotor, grasp: Grasp) -> Records:
     made["inertia"] = np.array(rotor.inertia, dtype=np.float64) + hand
     made["damping"] = float(rotor.viscous_friction) + grasp.damping * arm**2
     made["friction"], made["grip"] = rotor.dry_friction, grasp.stiffness * arm**2
-    made["least"], made["edge"] = device.leaning[1], cos(device.workspace_tilt)
+    made["least"], made["edge"] = device.tilt_torque[1], cos(device.workspace_tilt)
     made["stop"], made["stop_damping"] = device.end_stop.stiffness, device.end_stop.damping
     made["q"] = made["goal"] = (0.0, 0.0, 0.0, 1.0)
     return made

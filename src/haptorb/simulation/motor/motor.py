@@ -93,7 +93,7 @@ class SimulatedMotor(Simulation):
             device.sensor_layout.directions,
             device.groups,
             device.sensor_field_per_ampere,
-            device.leaning[0],
+            device.tilt_torque[0],
         )
         self._magnetics = pack_magnetics(self._parts)
         self._failures = np.zeros(device.sensors, dtype=np.int64)
@@ -113,6 +113,10 @@ class SimulatedMotor(Simulation):
         self._rotor["q"] = self._rotor["goal"] = (0.0, 0.0, 0.0, 1.0)
         self._rotor["momentum"] = self._state["torque"] = self._state["pressed"] = 0.0
         self._t = 0.0
+
+    def cool(self) -> None:
+        """Coils at the ambient temperature at once; currents go on."""
+        self._coils["winding"] = self._coils["body"] = self._coils["ambient"]
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
         """Turn the rotor to `q` (4,), at rest; beyond the edge it is set onto the edge. `p` (3,) means nothing here.
@@ -236,5 +240,5 @@ class SimulatedMotor(Simulation):
             kinetic
             + 0.5 * rotor["grip"] * float(left @ left)
             + 0.5 * rotor["stop"] * float(over) ** 2
-            + potential_energy(self._parts.leaning, float(rotor["least"]), cosine)
+            + potential_energy(self._parts.tilt_torque, float(rotor["least"]), cosine)
         )

@@ -49,14 +49,14 @@ class Magnetics(NamedTuple):
     sensors: Array  #: (k, 3)
     groups: Array  #: (c, m)
     coil_field: Array  #: (m, 3 k) field of the coils at the sensors [T/A]
-    leaning: Array  #: (n,) coefficients of weight and regulator, as `regulator.torque_over_sine` takes them [N·m]
+    tilt_torque: Array  #: (n,) coefficients of weight and regulator, as `regulator.torque_over_sine` takes them [N·m]
 
 
 def pack_magnetics(m: Magnetics) -> Array:
     """(n,) `m` as compiled code takes it, each number in the unit [..] of its field."""
     return pack(
         (m.torque_scale, m.field_scale), m.torque_cells, m.field_cells, m.magnets, m.coils, m.sensors, m.groups,
-        m.coil_field, m.leaning,
+        m.coil_field, m.tilt_torque,
     )  # fmt: skip
 
 
@@ -97,9 +97,9 @@ def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, d
             held = _stride(rotor, dt, steps - step)
             _characteristic(rotor, 0.5 * held * dt, parts, strength, K)
         held -= 1
-        turn(rotor.q, rotor.momentum, rotor.inertia, 0.5 * dt)
-        matrix(rotor.q, R)
-        angular_velocity(rotor.momentum, rotor.inertia, R, w)
+        turn(rotor.q[:], rotor.momentum[:], rotor.inertia[:], 0.5 * dt)
+        matrix(rotor.q[:], R)
+        angular_velocity(rotor.momentum[:], rotor.inertia[:], R, w)
         for k in range(channels):  # the power that leaves the coil's circuit is the power that the rotor gets
             coils[k].emf = K[0, k] * w[0] + K[1, k] * w[1] + K[2, k] * w[2]
         coil_step(coils, m.heat, dt)
@@ -109,10 +109,10 @@ def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, d
             given[i] = 0.0
             for k in range(channels):
                 given[i] += K[i, k] * mean[k]
-        m.pressed = kick(rotor, parts.leaning, R, passive, given, dt)
+        m.pressed = kick(rotor, parts.tilt_torque, R, passive, given, dt)
         for i in range(3):
             truth[i] += (given[i] + passive[i]) / steps
-        turn(rotor.q, rotor.momentum, rotor.inertia, 0.5 * dt)
+        turn(rotor.q[:], rotor.momentum[:], rotor.inertia[:], 0.5 * dt)
 
 
 @kernel
@@ -130,7 +130,7 @@ def _stride(rotor: Record, dt: float, most: int) -> int:
 def _characteristic(rotor: Record, ahead: float, parts: Magnetics, strength: Array, K: Array) -> None:
     """Fill K (3, m) [N·m/A] as it will be `ahead` [s] from now if the rotor turns freely until then."""
     q, momentum, R = rotor.q.copy(), rotor.momentum.copy(), np.empty((1, 3, 3))
-    turn(q, momentum, rotor.inertia, ahead)
+    turn(q, momentum, rotor.inertia[:], ahead)
     matrix(q, R[0])
     places, groups = parts.coils, parts.groups
     single = np.empty((1, 3, places.shape[0]))
@@ -166,8 +166,8 @@ def sense(
     rotor = m.rotor
     if not _is_finite(rotor):
         return False
-    matrix(rotor.q, pose[:3])
-    angular_velocity(rotor.momentum, rotor.inertia, pose[:3], pose[3])
+    matrix(rotor.q[:], pose[:3])
+    angular_velocity(rotor.momentum[:], rotor.inertia[:], pose[:3], pose[3])
     draws = np.empty(2 * channels)
     fill_normal(m.generator, draws)
     for k in range(channels):

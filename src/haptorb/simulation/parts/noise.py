@@ -40,12 +40,12 @@ def _uniform(s: Noise) -> float:
     """A number in (0, 1]: 53 bits, never zero, so that its logarithm exists."""
     mixed = s[0] + s[3]
     mixed = ((mixed << _U23) | (mixed >> _U41)) + s[0]
-    kept = s[1] << _U17
+    shift = s[1] << _U17
     s[2] ^= s[0]
     s[3] ^= s[1]
     s[1] ^= s[2]
     s[0] ^= s[3]
-    s[2] ^= kept
+    s[2] ^= shift
     s[3] = (s[3] << _U45) | (s[3] >> _U19)
     return (np.float64(mixed >> _U11) + 1.0) * (1.0 / 9007199254740992.0)
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
-from haptorb.errors import InputError, quote
+from haptorb.errors import HaptorbError, InputError, quote
 from haptorb.numerics.arrays import Array
 from haptorb.worlds.world import World
 
-__all__ = ["check_wrench", "describe_failure", "keep_source", "try_world"]
+__all__ = ["check_wrench", "describe_failure", "fit_world", "keep_source", "try_world"]
 
 _PACKAGE = str(Path(__file__).parents[2])
 _FRAMES = 6  #: of the user's code, the innermost; a recursion has a thousand
@@ -36,11 +36,11 @@ def describe_failure(world: World, cause: BaseException) -> str:
     A wrench that cannot be used is raised by no line of the user's: then it is the first line of `wrench`.
     """
     if isinstance(cause, SystemExit):
-        said = f"the world called sys.exit({cause})"
+        text = f"the world called sys.exit({cause})"
     elif isinstance(cause, InputError):
-        said = str(cause)
+        text = str(cause)
     else:
-        said = f"{type(cause).__name__}: {cause}"
+        text = f"{type(cause).__name__}: {cause}"
     frames = [
         (frame.f_code, line)
         for frame, line in traceback.walk_tb(cause.__traceback__)
@@ -49,7 +49,7 @@ def describe_failure(world: World, cause: BaseException) -> str:
     code = _code_of(world)
     if not frames and code is not None:
         frames = [(code, code.co_firstlineno)]
-    lines = [said]
+    lines = [text]
     for found, line in frames[-_FRAMES:]:
         lines.append(f'  File "{found.co_filename}", line {line}, in {found.co_qualname}')
         if source := linecache.getline(found.co_filename, line).strip():
@@ -65,12 +65,34 @@ def keep_source(world: World) -> None:
         linecache.getlines(code.co_filename)
 
 
+def fit_world(world: World, device: Device) -> World:
+    """`world.for_device(device)`: the world that `device` renders.
+
+    Raises InputError with the place in the user's code if that fails, or as the world itself does if `device` cannot
+    render it.
+    """
+    try:
+        fitted: object = world.for_device(device)
+    except HaptorbError:
+        raise
+    except BaseException as cause:  # the user's code: also sys.exit
+        if isinstance(cause, KeyboardInterrupt):
+            raise
+        raise InputError(f"world '{world.name}' failed: {describe_failure(world, cause)}") from cause
+    if not isinstance(fitted, World):
+        raise InputError(
+            f"for_device of world '{world.name}' must return the World for the device, itself perhaps; got "
+            f"{quote(fitted)}"
+        )
+    return fitted
+
+
 def try_world(world: World, device: Device) -> World:
     """`world` itself, after one call at the device's rest position.
 
     Raises InputError with the place in the user's code if it fails there, or if `device` cannot render it.
     """
-    fitted = world.for_device(device)
+    fitted = fit_world(world, device)
     try:
         check_wrench(fitted.wrench(State.at(device.rest_position, R_SR=np.eye(3))))
     except BaseException as cause:  # the user's code: also sys.exit

@@ -123,7 +123,7 @@ class WorldFile:
 def _describe(cause: BaseException, path: Path) -> str:
     """The error, and the lines of the user's file that it went through."""
     linecache.checkcache(str(path))
-    said = "".join(traceback.format_exception_only(cause)).strip()
+    text = "".join(traceback.format_exception_only(cause)).strip()
     frames = [one for one in traceback.extract_tb(cause.__traceback__) if one.filename == str(path)]
     where = "".join(f'\n  File "{one.filename}", line {one.lineno}, in {one.name}\n    {one.line}' for one in frames)
-    return said + where
+    return text + where

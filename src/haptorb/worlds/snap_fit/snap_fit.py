@@ -27,9 +27,10 @@ from haptorb.numerics.arrays import Array, Record, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.beams import Model, compliance
 from haptorb.physics.hook import Hook
+from haptorb.worlds.contact_world import ContactWorld
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.snap_fit.sliding import sliding_push
-from haptorb.worlds.world import World
+from haptorb.worlds.world import TargetWorld
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -181,7 +182,7 @@ def _snap_fit(
 
 
 @dataclass(frozen=True)
-class SnapFit(World):
+class SnapFit(ContactWorld, TargetWorld):
     """Snap-fit: hooks bend, click in, and hold until they are pulled out with enough force.
 
     Sizes as in `physics.Hook`. The default is a pair of ABS hooks of ordinary proportions (1.5 % strain at the root,
@@ -216,7 +217,7 @@ class SnapFit(World):
     _spline: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        World.__post_init__(self)
+        TargetWorld.__post_init__(self)
         if self.hooks not in (1, 2):
             raise InputError(f"SnapFit.hooks must be 1 or 2; got {self.hooks!r}")
         hook = Hook(
@@ -275,12 +276,8 @@ class SnapFit(World):
             beam=beam, **others,
         )  # fmt: skip
 
-    def wrench(self, state: State) -> Array:
-        """(6,) on the part, about o' [N, N·m]."""
-        return self.touching(state)[0]
-
-    def touching(self, state: State) -> tuple[Array, Array]:
-        """(6,) the wrench, and (2, 8) the hooks, first the one at +Y': see `World.touching`."""
+    def render_contacts(self, state: State) -> tuple[Array, Array]:
+        """(6,) the wrench, and (2, 8) the hooks, first the one at +Y': see `ContactWorld`."""
         wrench, hooks = np.empty(6), np.empty((2, 8))
         one = np.ascontiguousarray  # one layout: one compilation
         _snap_fit(
@@ -291,7 +288,7 @@ class SnapFit(World):
     def contacts(self, state: State) -> tuple[HookContact, ...]:
         """What each hook does, first the one at +Y'."""
         found = []
-        for bent, place, *rest in self.touching(state)[1][: self.hooks].tolist():
+        for bent, place, *rest in self.render_contacts(state)[1][: self.hooks].tolist():
             face = "" if bent == 0.0 else "rear" if place < self.hook.ramp_end else "top"
             if bent > 0.0 and place > self.hook.peak:
                 face = "front"

@@ -31,14 +31,16 @@ def killed(folder: Path, kills: int, *, forked: bool = False) -> dict[str, Any]:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module.killed(folder, kills, forked=forked)
+    return module.kill_workers(folder, kills, forked=forked)
 
 
 def test_a_session_is_answered_to_its_end_and_read_back(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
     with StoredSession(engine, identify, "P01") as sitting:
+        assert f"of P01, study '{identify.name}': 0 trials answered" in repr(sitting)
         while sitting.prompt is not None:
             sitting.answer(Answer(1, HERE, 1.5), safety=[{"code": "OVERHEATED"}] if sitting.number == 2 else ())
+        assert "everything is answered" in repr(sitting)
     columns = tidy(engine, read_study(engine))
     assert list(columns) == list(COLUMNS)
     assert columns["trial"].tolist() == list(range(7))

@@ -19,20 +19,7 @@ from haptorb.runtime.drivers.i2c.i2c_chips import Port, Watchdog
 from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
 from haptorb.runtime.drivers.i2c.i2c_guardian import watch
 from haptorb.runtime.drivers.i2c.w1_thermometers import W1Thermometers
-from oracles.chips import TCA9534, ChipBus
-
-
-class Warm:
-    """Thermometers that need no bus."""
-
-    def ready(self, patience: float) -> bool:
-        return True
-
-    def read(self) -> Array:
-        return np.full(3, 300.0)
-
-    def close(self) -> None:
-        return
+from oracles.chips import TCA9534, ChipBus, Thermometers
 
 
 class Bench:
@@ -41,7 +28,7 @@ class Bench:
     def __init__(self) -> None:
         self.bus, self.pwm, self.currents, self.hall = ChipBus.of_device()
         self.select = next(chip for chip in self.bus.chips if isinstance(chip, TCA9534))
-        self.driver = I2cDriver(load("omni"), self.bus, thermometers=Warm, clock=lambda: self.bus.now)
+        self.driver = I2cDriver(load("omni"), self.bus, thermometers=Thermometers, clock=lambda: self.bus.now)
         self.ampere = 20.0
 
     def settle(self) -> None:
@@ -98,13 +85,13 @@ def test_without_the_selector_the_sensors_have_one_axis() -> None:
     """The radial one; who needs three is told which chip to look for."""
     one = Bench()
     one.select.present = False
-    radial = I2cDriver(load("omni"), one.bus, thermometers=Warm, watchdog=False)
+    radial = I2cDriver(load("omni"), one.bus, thermometers=Thermometers, watchdog=False)
     with radial as driver:
         assert driver.field_axes is not None
         driver.read(0.0)  # has what was read while it was opened
         field = driver.read(0.0).field
         assert np.isfinite(field).all(axis=1).sum() in (4, 5)
-    picky = I2cDriver(load("omni"), one.bus, thermometers=Warm, hall_axes=3, watchdog=False)
+    picky = I2cDriver(load("omni"), one.bus, thermometers=Thermometers, hall_axes=3, watchdog=False)
     one.bus.closed = False
     with pytest.raises(DriverError, match=r"answers at 0x20 .* 1 axis"):
         picky.open()
@@ -190,7 +177,7 @@ class Watched(Port):
 def test_a_guardian_that_has_gone_means_no_current_until_there_is_another() -> None:
     bench = Bench()
     port = Watched(bench.bus)
-    bench.driver = I2cDriver(load("omni"), port, thermometers=Warm, clock=lambda: bench.bus.now)
+    bench.driver = I2cDriver(load("omni"), port, thermometers=Thermometers, clock=lambda: bench.bus.now)
     with bench.driver:
         bench.tick(SOME)
         assert port.guardians[0].beats == [True]

@@ -22,7 +22,7 @@ from haptorb.errors import DriverError
 from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
 from haptorb.runtime.drivers.i2c.i2c_guardian import ANSWER, Guardian, switch_off, watch
 from haptorb.runtime.drivers.i2c.pca9685 import Pca9685
-from oracles.chips import TCA9534
+from oracles.chips import TCA9534, Thermometers
 
 ROOT = Path(__file__).resolve().parents[4]
 SOME = np.array([0.25, -0.125, 0.0625])
@@ -47,7 +47,7 @@ class Bench:
 
     def __init__(self, script: ModuleType) -> None:
         self.bus = script.FaultyBus()
-        self.driver = I2cDriver(load("omni"), self.bus, thermometers=script.Warm, clock=lambda: self.bus.now)
+        self.driver = I2cDriver(load("omni"), self.bus, thermometers=Thermometers, clock=lambda: self.bus.now)
 
     def fail_for(self, seconds: float) -> None:
         self.bus._at, self.bus._lasts = self.bus.count, seconds
@@ -231,10 +231,10 @@ def test_a_real_guardian_that_stops_or_dies_is_noticed(
 ) -> None:
     """How soon, `python benchmarks/safety/i2c_faults.py` measures."""
     port = script.SharedPort(tmp_path)
-    with I2cDriver(load("omni"), port, thermometers=script.Warm, watchdog=False) as driver:
+    with I2cDriver(load("omni"), port, thermometers=Thermometers, watchdog=False) as driver:
         for _ in range(5):
             try:
-                assert script.noticed(port, driver, deed, 5) < 1.0
+                assert script.time_detection(port, driver, deed, 5) < 1.0
                 break
             except DriverError:  # this computer was busy for too long, before anything was done
                 driver.engage()
@@ -252,7 +252,7 @@ def test_a_real_guardian_that_stops_or_dies_is_noticed(
 def wired(script: ModuleType, **told: object) -> tuple[I2cDriver, object, TCA9534]:
     bus = script.FaultyBus()
     expander = next(chip for chip in bus.chips.chips if isinstance(chip, TCA9534))
-    return I2cDriver(load("omni"), bus, thermometers=script.Warm, clock=lambda: bus.now, **told), bus, expander
+    return I2cDriver(load("omni"), bus, thermometers=Thermometers, clock=lambda: bus.now, **told), bus, expander
 
 
 def tied_low(bus: object, chip: TCA9534) -> None:

@@ -19,7 +19,7 @@ from haptorb.runtime.drivers.i2c import i2c_chips
 from haptorb.runtime.drivers.i2c.i2c_driver import I2cDriver
 from haptorb.runtime.drivers.i2c.i2c_guardian import Guardian
 from haptorb.runtime.drivers.i2c.i2c_lock import BusLock
-from oracles.chips import ChipBus
+from oracles.chips import ChipBus, Thermometers
 
 BUS = os.makedev(89, 1)
 NAME = "the PWM chip at 0x60 on i2c:1"
@@ -149,17 +149,6 @@ def test_a_link_in_its_place_is_refused(tmp_path: Path) -> None:
         lock(tmp_path)
 
 
-class Warm:
-    def ready(self, patience: float) -> bool:
-        return True
-
-    def read(self) -> object:
-        return np.full(3, 300.0)
-
-    def close(self) -> None:
-        return
-
-
 def test_two_drivers_do_not_share_a_bus(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first drives, the second is refused by name before it has sent anything."""
     chips, pwm, _, _ = ChipBus.of_device()
@@ -171,7 +160,7 @@ def test_two_drivers_do_not_share_a_bus(tmp_path: Path, monkeypatch: pytest.Monk
         "Guardian",
         lambda command, inherited: Guardian(["sh", "-c", "printf +; exec cat"], inherited),
     )
-    first, second = (I2cDriver(load("omni"), 1, thermometers=Warm, clock=lambda: chips.now) for _ in range(2))
+    first, second = (I2cDriver(load("omni"), 1, thermometers=Thermometers, clock=lambda: chips.now) for _ in range(2))
     with first:
         first.write(np.array([0.25, 0.0, 0.0]))
         carried = chips.bytes_carried

@@ -18,7 +18,7 @@ class PretendBoard:
 
     def __init__(self, hall_axes: int = 3) -> None:
         self.hall_axes, self.missing, self.mute = hall_axes, 0, False
-        self.standing, self.reason, self.refusal = BoardMode.OFF, Reason.NONE, Refusal.ACCEPTED
+        self.mode, self.reason, self.refusal = BoardMode.OFF, Reason.NONE, Refusal.ACCEPTED
         self.payload: bytes | None = None  #: instead of a reading's
         self.calibration, self.writing = bytes(16), 0  #: what is kept; how often it says that it is still writing
         self.late = 0.0  #: [s] from a question to its answer
@@ -59,20 +59,20 @@ class PretendBoard:
             limits = struct.pack("<7Hh2H", 4095, 21000, 4095, 21000, 15, 5300, 4300, 1360, 4095, 1000)
             return Frame(0x80 | Command.LIMITS, frame.sequence, limits)
         if frame.type in (Command.SET, Command.READ):
-            if frame.type == Command.SET and self.standing == BoardMode.ENGAGED:
+            if frame.type == Command.SET and self.mode == BoardMode.ENGAGED:
                 self.duties = list(struct.unpack("<3h", frame.payload))
             return Frame(READING, frame.sequence, self._reading() if self.payload is None else self.payload)
         if frame.type == Command.ENGAGE and self.refusal is Refusal.ACCEPTED:
-            self.standing = BoardMode.ENGAGED
+            self.mode = BoardMode.ENGAGED
         if frame.type == Command.OFF:
-            self.standing, self.duties = BoardMode.OFF, [0, 0, 0]
+            self.mode, self.duties = BoardMode.OFF, [0, 0, 0]
         refusal = self.refusal if frame.type in (Command.ENGAGE, Command.STORE) else Refusal.ACCEPTED
         if frame.type == Command.STORE and refusal is Refusal.ACCEPTED:
             if self.writing:
                 self.writing, refusal = self.writing - 1, Refusal.WRITING
             else:
                 self.calibration = frame.payload
-        state = struct.pack("<BBHB", self.standing, self.reason, self.missing, refusal)
+        state = struct.pack("<BBHB", self.mode, self.reason, self.missing, refusal)
         return Frame(STATE, frame.sequence, state)
 
     def _reading(self) -> bytes:
@@ -81,7 +81,7 @@ class PretendBoard:
         codes = [2048 + 100 * self._group + k for k in range(5)]
         currents = [5 * duty for duty in self.duties]  # 20 A at full duty
         return struct.pack(
-            "<BBH3h3hB5HBhHHBB", self.standing, self.reason, self.missing, *self.duties, *currents, self._group, *codes,
+            "<BBH3h3hB5HBhHHBB", self.mode, self.reason, self.missing, *self.duties, *currents, self._group, *codes,
             self._thermometer, 400 + 16 * self._thermometer, 868, 420, 0, 0,
         )  # fmt: skip
 

@@ -19,7 +19,7 @@ from haptorb.runtime.drivers.serial.replies import BoardLimits, BoardState, Iden
 
 def reading(**changes: int) -> bytes:
     fields = {
-        "standing": 1, "reason": 0, "missing": 0, "d0": 4095, "d1": -4095, "d2": 1, "i0": 19000, "i1": -19000, "i2": 5,
+        "mode": 1, "reason": 0, "missing": 0, "d0": 4095, "d1": -4095, "d2": 1, "i0": 19000, "i1": -19000, "i2": 5,
         "group": 0, "h0": 2048, "h1": 0, "h2": 4095, "h3": 1, "h4": 2, "thermometer": 1, "temperature": 400,
         "age": 868, "hall_age": 420, "errors": 3, "rounds": 17,
     }  # fmt: skip
@@ -28,7 +28,7 @@ def reading(**changes: int) -> bytes:
 
 def test_a_reading_is_told_in_si() -> None:
     said = Reading.parse(reading())
-    assert said.standing is BoardMode.ENGAGED
+    assert said.mode is BoardMode.ENGAGED
     assert said.applied == pytest.approx([4095 / 4096, -4095 / 4096, 1 / 4096])
     assert said.currents == pytest.approx([19.0, -19.0, 0.005])
     assert said.hall == pytest.approx(np.array([2048, 0, 4095, 1, 2]) / 4095)
@@ -72,8 +72,8 @@ def test_a_state_that_nobody_knows_counts_as_tripped(payload: bytes) -> None:
         said = Reading.parse(payload)
     except DriverError:
         return
-    assert said.standing in BoardMode
-    assert payload[0] in (0, 1, 2) or said.standing is BoardMode.TRIPPED
+    assert said.mode in BoardMode
+    assert payload[0] in (0, 1, 2) or said.mode is BoardMode.TRIPPED
 
 
 def test_another_protocol_is_told_with_both_versions() -> None:
@@ -94,7 +94,7 @@ def test_identity_and_limits() -> None:
 
 def test_a_refusal_is_named() -> None:
     said = BoardState.parse(struct.pack("<BBHB", 2, 3, 0x20, 2))
-    assert (said.standing, said.reason, said.refusal) == (BoardMode.TRIPPED, Reason.OVER_CURRENT, Refusal.TRIPPED)
+    assert (said.mode, said.reason, said.refusal) == (BoardMode.TRIPPED, Reason.OVER_CURRENT, Refusal.TRIPPED)
     assert missing_chips(said.missing) == ("thermometer DS18B20 of coil x on D5",)
 
 

@@ -117,10 +117,10 @@ def test_sensors_of_one_axis_say_where_they_look(made: Make) -> None:
 def test_a_trip_is_told_with_its_reason_and_latches(made: Make, reason: Reason, told: str) -> None:
     board, driver = made()
     ticks(driver, SOME, 3)
-    board.standing, board.reason = BoardMode.TRIPPED, reason
+    board.mode, board.reason = BoardMode.TRIPPED, reason
     with pytest.raises(DriverError, match=told):
         ticks(driver, SOME, 3)
-    board.standing = BoardMode.OFF  # whatever the board thinks: a person must engage
+    board.mode = BoardMode.OFF  # whatever the board thinks: a person must engage
     heard = len(board.heard)
     for _ in range(5):
         driver.read(0.0)
@@ -134,7 +134,7 @@ def test_a_trip_is_told_with_its_reason_and_latches(made: Make, reason: Reason, 
 def test_a_chip_that_tripped_it_is_named(made: Make) -> None:
     board, driver = made()
     ticks(driver, SOME, 3)
-    board.standing, board.reason, board.missing = BoardMode.TRIPPED, Reason.CHIP, 0b100
+    board.mode, board.reason, board.missing = BoardMode.TRIPPED, Reason.CHIP, 0b100
     with pytest.raises(DriverError, match=r"INA219 of coil y at 0x44"):
         ticks(driver, SOME, 3)
 
@@ -142,7 +142,7 @@ def test_a_chip_that_tripped_it_is_named(made: Make) -> None:
 def test_a_board_that_restarted_is_not_driven_on(made: Make) -> None:
     board, driver = made()
     ticks(driver, SOME, 3)
-    board.standing, board.reason = BoardMode.OFF, Reason.BROWN_OUT
+    board.mode, board.reason = BoardMode.OFF, Reason.BROWN_OUT
     with pytest.raises(DriverError, match=r"supply sagged"):
         ticks(driver, SOME, 3)
     assert driver.write(SOME).tolist() == [0, 0, 0]
@@ -280,7 +280,7 @@ def test_the_device_keeps_the_id_of_its_calibration(made: Make) -> None:
     wanted = bytes(range(16))
     assert driver.remember(wanted)
     assert driver.calibration == board.calibration == wanted
-    assert board.standing is BoardMode.OFF
+    assert board.mode is BoardMode.OFF
 
 
 def test_duties_have_one_entry_per_coil(made: Make) -> None:
@@ -296,11 +296,11 @@ def test_the_coils_state_is_what_the_firmware_says_and_unknown_without_a_word(ma
     assert driver.coil_state is CoilState.OFF
     ticks(driver, SOME, 2)
     assert driver.coil_state is CoilState.ON
-    board.standing, board.reason = BoardMode.TRIPPED, Reason.OVER_CURRENT
+    board.mode, board.reason = BoardMode.TRIPPED, Reason.OVER_CURRENT
     with pytest.raises(DriverError, match="limit"):
         ticks(driver, SOME, 2)
     assert driver.coil_state is CoilState.OFF
-    board.standing, board.reason = BoardMode.OFF, Reason.NONE
+    board.mode, board.reason = BoardMode.OFF, Reason.NONE
     driver.engage()
     ticks(driver, SOME, 2)
     board.mute = True
@@ -316,7 +316,7 @@ def test_the_coils_state_is_what_the_firmware_says_and_unknown_without_a_word(ma
         with suppress(DriverError):
             driver.read(1.0)
     assert driver.coil_state is CoilState.OFF
-    assert board.standing is BoardMode.OFF
+    assert board.mode is BoardMode.OFF
 
 
 def test_a_board_that_does_not_say_goodbye_leaves_the_state_unknown(made: Make) -> None:

@@ -48,22 +48,22 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         float(((u + step * way) ** 2).sum() / (u**2).sum()) for way in null for step in (-1e-3, 1e-3)
     )  # fmt: skip
     found = [
-        _AT.says("1-cone", "how far the rotor's axis moves while φ alone turns, XYZ read as intrinsic angles", 0.0,
+        _AT.claim("1-cone", "how far the rotor's axis moves while φ alone turns, XYZ read as intrinsic angles", 0.0,
                  _axis_spread(), "1", 1e-12, "tilt and spin are then independent, as the working space demands",
                  where="eq. (1)"),
-        _AT.says("2-linear", "torque by (2) against the force of all coils at once on the magnets' charges, relative",
+        _AT.claim("2-linear", "torque by (2) against the force of all coils at once on the magnets' charges, relative",
                  0.0, np.linalg.norm(grouped @ currents - by_charges) / np.linalg.norm(by_charges), "1", 1e-4,
                  "the sum over charges is converged to that", where="eq. (2)"),
-        _AT.says("3-columns", "columns of [K], one per electromagnet", 24, K.shape[1], where="eq. (3a)"),
-        _AT.says("4-torque", "torque of the currents by (4) against the wanted one, relative", 0.0,
+        _AT.claim("3-columns", "columns of [K], one per electromagnet", 24, K.shape[1], where="eq. (3a)"),
+        _AT.claim("4-torque", "torque of the currents by (4) against the wanted one, relative", 0.0,
                  np.linalg.norm(K @ u - wanted) / np.linalg.norm(wanted), "1", 1e-12, where="eq. (4)"),
-        _AT.says("4-least", "power of (4) over that of the product's allocator", 1.0,
+        _AT.claim("4-least", "power of (4) over that of the product's allocator", 1.0,
                  (u**2).sum() / (least.currents**2).sum(), "1", 1e-9, where="eq. (4)"),
-        _AT.says("4-minimum", "1 if no step along any of the 21 directions without torque saves power", 1.0,
+        _AT.claim("4-minimum", "1 if no step along any of the 21 directions without torque saves power", 1.0,
                  float(cheaper >= 1.0), "1", 0.0, "a minimum", where="eq. (4)"),
         *_motions(),
         *_torques(),
-        _AT.says("6-text", "power lost between handle and target with the text's 'T_ψ (due to F_X')', relative", 0.0,
+        _AT.claim("6-text", "power lost between handle and target with the text's 'T_ψ (due to F_X')', relative", 0.0,
                  _imbalance(), "1", 1e-12, "(6b) is kept, with η̂ = ζ̂; the text's order loses energy", erratum="E6",
                  where="eq. (6b), §3.2"),
         _AT.item("6-six", "independent motions of the target in the two modes", 6, _count_freedoms(), where="§2.1"),
@@ -122,7 +122,7 @@ def _motions() -> list[Item]:
         ("6a-z", "translate", phi, 2, "ζ̂₃ of Z' = ζ̂₃ φ [m/rad]", 0.05),
     )  # fmt: skip
     return [
-        _AT.says(name, f"{what}, set and found by turning the rotor", gain, _target_motion(mode, axis)[row], "1", 1e-9,
+        _AT.claim(name, f"{what}, set and found by turning the rotor", gain, _target_motion(mode, axis)[row], "1", 1e-9,
                  where=f"eq. ({name[:2]})")
         for name, mode, axis, row, what, gain in rows
     ]  # fmt: skip
@@ -139,7 +139,7 @@ def _torques() -> list[Item]:
         ("6b-phi", "translate", 2, 2, "η̂₃ of T_φ = η̂₃ F_Z' [m]", 0.017),
     )  # fmt: skip
     return [
-        _AT.says(name, f"{what}, set and found", gain, modes.torque(_engage(modes, mode), np.eye(6)[component])[axis],
+        _AT.claim(name, f"{what}, set and found", gain, modes.torque(_engage(modes, mode), np.eye(6)[component])[axis],
                  "1", 1e-9, where=f"eq. ({name[:2]})", erratum="E6" if name[:2] == "6b" and axis < 2 else "")
         for name, mode, component, axis, what, gain in rows
     ]  # fmt: skip

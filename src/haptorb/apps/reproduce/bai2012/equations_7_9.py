@@ -37,33 +37,34 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     small = "printed strengths have three digits"
     found = [
         *(
-            _AT.says(f"7-{name}", f"outermost loop of the {name.upper()}: a k/(k + 1)", radius, 1e3 * _outermost(model),
+            _AT.claim(f"7-{name}", f"outermost loop of the {name.upper()}: a k/(k + 1)", radius,
+                     1e3 * _outermost(model),
                      "mm", 5e-4, where="eq. (7)")
             for name, model, radius in (("pm", pm, 15.875 * 4 / 5), ("em", em, 15.88 * 6 / 7))
         ),
-        _AT.says("8-axis", "field 10 mm above the middle of one PM by (8), summed by hand, against the library's",
+        _AT.claim("8-axis", "field 10 mm above the middle of one PM by (8), summed by hand, against the library's",
                  1e3 * _axis_field(10e-3), 1e3 * pm.field((0, 0, 10e-3))[2], "mT", 1e-9, erratum="E1", where="eq. (8)"),
         *(
-            _AT.says(f"9-printed-{axis.lower()}", f"K₁₇ about {axis} at q = (10°, 5°, 5°): as printed, and corrected",
+            _AT.claim(f"9-printed-{axis.lower()}", f"K₁₇ about {axis} at q = (10°, 5°, 5°): as printed, and corrected",
                      printed[k], by_model[k], "N·m/A", 1e-5, "step of the numerical derivative", erratum="E5",
                      corrected=work[k], where="eq. (9)")
             for k, axis in ((1, "Y"), (2, "Z"))
         ),
-        _AT.says("9-x", "K₁₇ about X: a round coil on the X axis has no torque about it", 0.0, by_model[0], "N·m/A",
+        _AT.claim("9-x", "K₁₇ about X: a round coil on the X axis has no torque about it", 0.0, by_model[0], "N·m/A",
                  1e-4, "sixteen poles on a loop are not quite a circle", where="eq. (9)"),
-        _AT.says("9-work", "corrected (9) against the derivative of the energy of all pole pairs, greatest difference",
+        _AT.claim("9-work", "corrected (9) against the derivative of the energy of all pole pairs, greatest difference",
                  0.0, np.abs(by_model - work).max(), "N·m/A", 1e-5, "step of the numerical derivative", erratum="E5",
                  where="eq. (9)"),
-        _AT.says("9-exact-y", "K₁₇ about Y at q = (10°, 5°, 5°): published model and exact bodies", by_model[1],
+        _AT.claim("9-exact-y", "K₁₇ about Y at q = (10°, 5°, 5°): published model and exact bodies", by_model[1],
                  exact[1], "N·m/A", 0.01, f"the model's own error, 4 % in scale; {small}", erratum="E1",
                  where="eq. (9)"),
-        _AT.says("9-exact-z", "the same about Z", by_model[2], exact[2], "N·m/A", 0.005,
+        _AT.claim("9-exact-z", "the same about Z", by_model[2], exact[2], "N·m/A", 0.005,
                  f"the model's own error, 4 % in scale; {small}", erratum="E1", where="eq. (9)"),
-        _AT.says("9-scale", "published model over exact bodies, all coils, workspace: best factor", 1.0, scale, "1",
+        _AT.claim("9-scale", "published model over exact bodies, all coils, workspace: best factor", 1.0, scale, "1",
                  0.06, "the accuracy of a model with 41 and 97 pole pairs", erratum="E1", where="eq. (9)"),
-        _AT.says("9-shape", "what is left after that factor, rms over rms", 0.0, shape, "1", 0.03,
+        _AT.claim("9-shape", "what is left after that factor, rms over rms", 0.0, shape, "1", 0.03,
                  "the same", erratum="E1", where="eq. (9)"),
-        _AT.ours("9-aspect", "the best factor with the coils' l read as l/2a = 0.3", other, "1",
+        _AT.note("9-aspect", "the best factor with the coils' l read as l/2a = 0.3", other, "1",
                  "27 to 30 % off: this reading is rejected", where="eq. (9)"),
     ]  # fmt: skip
     report(1.0)

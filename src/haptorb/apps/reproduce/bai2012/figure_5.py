@@ -38,15 +38,16 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     report(1.0)
     assumed = "the paper gives no sizes of the rings; ours are assumed, so only signs can be checked"
     return (
-        _AT.says("topples", "sign of the torque on a leaning rotor, no currents and no regulator ('inverted pendulum')",
+        _AT.claim("topples",
+                 "sign of the torque on a leaning rotor, no currents and no regulator ('inverted pendulum')",
                  -1.0, np.sign(alone[1:]).max(), "1", 0.0, assumed),
-        _AT.says("holds", "the same with the regulator, to 20° of tilt ('supports the rotor against gravity')", 1.0,
+        _AT.claim("holds", "the same with the regulator, to 20° of tilt ('supports the rotor against gravity')", 1.0,
                  np.sign(held[1:][tilts[1:] <= np.radians(20.0)]).min(), "1", 0.0, assumed),
-        _AT.says("compensated", "torque left over when the regulator is compensated in the currents, relative", 0.0,
+        _AT.claim("compensated", "torque left over when the regulator is compensated in the currents, relative", 0.0,
                  np.linalg.norm(left[3:]) / np.linalg.norm(wanted[3:]), "1", 1e-9),
-        _AT.ours("weight", "torque of the weight at the edge of the workspace", -alone[-1], "N·m", assumed),
-        _AT.ours("saved", "share of it that the regulator carries", 1 - held[-1] / alone[-1], "1"),
-        _AT.ours("saved-upright", "the same at 5° of tilt", 1 - np.interp(0.0873, tilts, held)
+        _AT.note("weight", "torque of the weight at the edge of the workspace", -alone[-1], "N·m", assumed),
+        _AT.note("saved", "share of it that the regulator carries", 1 - held[-1] / alone[-1], "1"),
+        _AT.note("saved-upright", "the same at 5° of tilt", 1 - np.interp(0.0873, tilts, held)
                  / np.interp(0.0873, tilts, alone), "1", "more than the whole weight: the rest rights the rotor"),
         _AT.exempt("loop", "the loop of design, feeling and choosing", "a procedure, not a number; `haptorb feel` "
                       "runs it: candidates are rendered, rated, and the choice is recorded", "Fig. 5(a)"),

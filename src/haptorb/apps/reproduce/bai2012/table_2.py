@@ -24,13 +24,13 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     u = device.electromagnets.directions
     found = [
         _AT.item("channels", "electrical inputs", 12, device.channels, where="§3"),
-        _AT.says("wired", "coils that share a channel with the one that Table 2 names", 24,
+        _AT.claim("wired", "coils that share a channel with the one that Table 2 names", 24,
                  2 * sum(_are_paired(device.groups, i, j) for i, j in PAIRS)),
     ]  # fmt: skip
     for n, (i, j) in enumerate(PAIRS):
         between = np.degrees(np.arccos(np.clip(u[i - 1] @ u[j - 1], -1, 1)))
         found.append(
-            _AT.says(f"u{n + 1}", f"u_{n + 1}: angle between the axes of EM{i} and EM{j}", 180.0, between, "°", 1e-5,
+            _AT.claim(f"u{n + 1}", f"u_{n + 1}: angle between the axes of EM{i} and EM{j}", 180.0, between, "°", 1e-5,
                      "opposite", erratum="E3" if n < 8 else "")
         )  # fmt: skip
     R = workspace_sample(device.workspace_tilt, 5, 24)
@@ -40,10 +40,10 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     aiding, opposed = (np.array([_pair(i, j, sign) for i, j in PAIRS]).T for sign in (1.0, -1.0))
     best = _least(single @ opposed)
     found += [
-        _AT.ours("aiding", "smallest singular value, i₁ = i₁₃ with the same radial sense, checkerboard magnets",
+        _AT.note("aiding", "smallest singular value, i₁ = i₁₃ with the same radial sense, checkerboard magnets",
                  _least(single @ aiding), "N·m/A", "zero: E4; the motor would heat and not turn"),
-        _AT.ours("opposed", "the same, second coil of each pair wound the other way (the default)", best, "N·m/A"),
-        _AT.says("ratio", "that over the one for rings in step and coils aiding: two readings, both turn", 1.0,
+        _AT.note("opposed", "the same, second coil of each pair wound the other way (the default)", best, "N·m/A"),
+        _AT.claim("ratio", "that over the one for rings in step and coils aiding: two readings, both turn", 1.0,
                  best / _least(phase @ aiding), "1", 0.2, "the value depends on how finely the workspace is sampled",
                  erratum="E4", corrected=1.55),
     ]  # fmt: skip

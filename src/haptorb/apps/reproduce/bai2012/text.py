@@ -28,9 +28,10 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  where="§2.3"),
         _AT.item("tilt", "greatest |ψ| and |λ| of the working space", 22.5, np.degrees(device.workspace_tilt), "°",
                  where="§2.3"),
-        _AT.says("singularity", "share of those orientations where the twelve channels turn the rotor about three axes "
+        _AT.claim("singularity",
+                 "share of those orientations where the twelve channels turn the rotor about three axes "
                  "('singularity-free')", 1.0, np.mean(least > 1e-3), "1", 0.0, "all of them"),
-        _AT.ours("weakest", "smallest singular value of the 3 × 12 torque characteristic over them", least.min(),
+        _AT.note("weakest", "smallest singular value of the 3 × 12 torque characteristic over them", least.min(),
                  "N·m/A"),
         _AT.exempt("figure-1", "CAD model of the spherical motor", "a drawing; its sizes are those of Table A.1",
                       "Fig. 1"),

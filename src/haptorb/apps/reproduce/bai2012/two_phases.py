@@ -111,9 +111,9 @@ def two_phases(
         return Goal(np.zeros(3), handle_quaternion(0.0, lam, phi), now, False)
 
     driver = SimDriver(SimulatedMotor(known, seed, grasp=_STEEL), _DT, hand, seed=seed)
-    overheard = _RecordingEstimator(estimator_of(known, estimator, None))
+    recorder = _RecordingEstimator(estimator_of(known, estimator, None))
     linkage = ModedLinkage(TwoModes(gains), position=(X_0, 0.0, 0.0), attitude=(0.0, 0.0, -TILT))
-    tick = Tick(known, _WORLD, driver, overheard, allocator_of(known), _DT, linkage)
+    tick = Tick(known, _WORLD, driver, recorder, allocator_of(known), _DT, linkage)
     parts = MinimumPowerAllocator(known.coils.current_limit, resistance=known.coils.resistance)
     layout, row = tick.layout, tick.layout.empty()
     asked = layout["asked"]
@@ -126,10 +126,10 @@ def two_phases(
                 linkage.set_mode("rotate")
             tick.step(row, n * _DT)
             rows.append(row.copy())
-            bare = WrenchMap(overheard.map.matrix, np.zeros(6))
+            bare = WrenchMap(recorder.map.matrix, np.zeros(6))
             torque = row[asked][3:]
             shares = [np.r_[0, 0, 0, part] for part in np.diag(torque)]
-            shares.append(-overheard.map.passive)
+            shares.append(-recorder.map.passive)
             split.append([parts.allocate(bare, share).currents for share in shares])
             if report is not None and n % 100 == 0:
                 report(n / total)

@@ -12,7 +12,7 @@ from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Drawing, Report
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.electromagnet.shell_capability import FORCE_JND
+from haptorb.devices.electromagnet.remarks import FORCE_JND
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
@@ -36,12 +36,12 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         force = _energy_gradient(a, contact, m_p)
         out, away = np.array([sin(a), 0, cos(a)]), np.array([cos(a), 0, -sin(a)])
         found.append(
-            _AT.says(f"1-{alpha:.0f}", f"(1): F_r at α = {alpha:.0f}°, m_e = 2.5 A·m²", -2e3 * scale * cos(a),
+            _AT.claim(f"1-{alpha:.0f}", f"(1): F_r at α = {alpha:.0f}°, m_e = 2.5 A·m²", -2e3 * scale * cos(a),
                      1e3 * float(force @ out), "mN", 1e-3, "finite differences of the energy", where="eq. (1)")
         )  # fmt: skip
         if 0 < alpha < 180:
             found.append(
-                _AT.says(f"2-{alpha:.0f}", f"(2): F_t at α = {alpha:.0f}°, e_t away from the dipole's axis",
+                _AT.claim(f"2-{alpha:.0f}", f"(2): F_t at α = {alpha:.0f}°, e_t away from the dipole's axis",
                          -1e3 * scale * sin(a), 1e3 * float(force @ away), "mN", 1e-3,
                          "finite differences of the energy", erratum="E12", where="eq. (2)")
             )  # fmt: skip
@@ -54,7 +54,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.item("shell", "thickness of the shell", 2.0, 1e2 * device.shell_thickness, "cm"),
         _AT.item("workspace", "half angle of the partial shell, ±60°", 60.0, degrees(device.workspace_half_angle), "°",
                  where="§I.A"),
-        _AT.says("even", "greatest over least force on the shell at contact, |m_e| held ('symmetric, constant')", 1.0,
+        _AT.claim("even", "greatest over least force on the shell at contact, |m_e| held ('symmetric, constant')", 1.0,
                  even, "1", 1e-9, "by symmetry", where="§I.A"),
         _AT.item("half", "force 1 cm further out over the one at contact: 'approximately F/2'", 0.5,
                  pull[60][0] / pull[50][0], "1", 0.03, "'approximately'; 0.482"),
@@ -71,12 +71,12 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.item("flip", "turn of the dipole that swaps the greatest pull for the greatest push", 180.0, _angle(), "°",
                  1.0, "grid of 1°"),
         *(
-            _AT.says(f"size-{d}", f"exact force over the dipole's at {d} mm", 1.0, 1 + excess, "1", 5e-4,
+            _AT.claim(f"size-{d}", f"exact force over the dipole's at {d} mm", 1.0, 1 + excess, "1", 5e-4,
                      "the magnet is 24 mm long", erratum="E16", corrected=1 + printed)
             for d, printed, excess in ((d, p, pull[d][1] / pull[d][0] - 1)
                                        for d, p in ((50, 0.156), (60, 0.107), (70, 0.078)))
         ),
-        _AT.ours("size-jnd", "the same at contact in just-noticeable differences of force",
+        _AT.note("size-jnd", "the same at contact in just-noticeable differences of force",
                  (pull[50][1] / pull[50][0] - 1) / FORCE_JND, "1"),
     ]  # fmt: skip
     report(1.0)

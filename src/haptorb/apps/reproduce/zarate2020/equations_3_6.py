@@ -33,26 +33,27 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     late = course.t >= 0.2
     found = (
         *(
-            _AT.says(f"4-{ampere}", f"(4): duty for {ampere} A, I R/V₀, and the drive's", ampere * cold[0] / 12.0,
+            _AT.claim(f"4-{ampere}", f"(4): duty for {ampere} A, I R/V₀, and the drive's", ampere * cold[0] / 12.0,
                      _duty(device, ampere), "1", 1e-9, "steady current, cold coil", where="eqs. (3), (4)")
             for ampere in (2, 5, 10)
         ),
         _AT.item("4-range", "greatest duty, u ∈ [−1, 1], for 40 A", 1.0, _duty(device, 40), "1", 1e-12, "clipped",
                  where="eq. (4)"),
-        _AT.says("5-field", "(5): μ₀ m_e/(2π d³) at 0.055 m for 2.82 A·m², and the dipole's field on its axis",
+        _AT.claim("5-field", "(5): μ₀ m_e/(2π d³) at 0.055 m for 2.82 A·m², and the dipole's field on its axis",
                  1e3 * MU0 * 2.82 / (2 * np.pi * 0.055**3), 1e3 * field, "mT", 1e-9, where="eq. (5)"),
-        _AT.says("5-diagonal", "(5): m_e per ampere from noisy Hall readings, greatest relative error of the diagonal",
+        _AT.claim("5-diagonal", "(5): m_e per ampere from noisy Hall readings, greatest relative error of the diagonal",
                  0.0, np.abs(np.diag(found_m) / np.diag(truth) - 1).max(), "1", 0.01, "noise of the device file",
                  where="eq. (5)"),
-        _AT.says("5-skew", "(5): the same of the terms off the diagonal, over the diagonal", 0.0,
+        _AT.claim("5-skew", "(5): the same of the terms off the diagonal, over the diagonal", 0.0,
                  np.abs(found_m - truth).max() / np.diag(truth).mean(), "1", 0.01, "noise of the device file",
                  where="eq. (5)"),
-        _AT.says("5-c", "'c maps input current to m_e' [A·m²/A]; in (5) c stands for current over field [A/T]",
+        _AT.claim("5-c", "'c maps input current to m_e' [A·m²/A]; in (5) c stands for current over field [A/T]",
                  2.82 / 12.9, 12.9 / field, "A/T", 1e-6, "2.82 A·m² at 12.9 A, 55 mm off", erratum="E26",
                  corrected=12.9 * 2 * np.pi * 0.055**3 / (MU0 * 2.82), where="eq. (5)"),
         _AT.item("5-mu0", "μ₀, 'the relative permeability of air' [1]; as used, of the vacuum [T·m/A]", 4e-7 * np.pi,
                  MU0, "T·m/A", 1e-20, erratum="E26", where="eq. (5)"),
-        _AT.says("6-resistance", "(6): resistance of a coil 60 K warmer, estimated over the true one, after 0.2 s", 1.0,
+        _AT.claim("6-resistance", "(6): resistance of a coil 60 K warmer, estimated over the true one, after 0.2 s",
+                 1.0,
                  (course.estimate[late] / course.resistance[late]).mean(), "1", 0.01, "noise of the current sensor",
                  where="eq. (6)"),
         _AT.exempt("5-five", "calibration 'with the help of five hall sensors'", "which five is not said; ours "

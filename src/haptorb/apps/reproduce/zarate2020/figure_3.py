@@ -35,32 +35,33 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     theta_1, d = radians(18.0), dome.contact_distance
     printed = 2 * theta_1 / pi
     found = [
-        _AT.says("summit", "F_r at the summit over F₀: 2", 2.0, _force(dome, 0.0, d)[0] / F0, "1", 1e-12, _EXACT),
-        _AT.says("first-zero", "angle where the printed F_r vanishes first, and where the map's does", 450.0,
+        _AT.claim("summit", "F_r at the summit over F₀: 2", 2.0, _force(dome, 0.0, d)[0] / F0, "1", 1e-12, _EXACT),
+        _AT.claim("first-zero", "angle where the printed F_r vanishes first, and where the map's does", 450.0,
                  _first_zero(dome), "°", 1e-6, _EXACT, erratum="E13", corrected=18.0),
-        _AT.says("at-18", "F_r at θ₁ = 18° over the summit's", cos(printed * theta_1),
+        _AT.claim("at-18", "F_r at θ₁ = 18° over the summit's", cos(printed * theta_1),
                  _force(dome, 18.0, d)[0] / (2 * F0), "1", 1e-12, _EXACT, erratum="E13", corrected=0.0),
-        _AT.says("at-36", "F_r at 36° over the summit's: the valley around the hill", cos(printed * 2 * theta_1),
+        _AT.claim("at-36", "F_r at 36° over the summit's: the valley around the hill", cos(printed * 2 * theta_1),
                  _force(dome, 36.0, d)[0] / (2 * F0), "1", 1e-12, _EXACT, erratum="E13", corrected=-1.0),
-        _AT.says("tangent-18", "F_t at 18° over F₀", sin(printed * theta_1), _force(dome, 18.0, d)[1] / F0, "1", 1e-12,
+        _AT.claim("tangent-18", "F_t at 18° over F₀", sin(printed * theta_1), _force(dome, 18.0, d)[1] / F0, "1", 1e-12,
                  _EXACT, erratum="E13", corrected=1.0),
-        _AT.says("cut-off", "force at 54.01°, from where the potential is zero", 0.0, np.hypot(*_force(dome, 54.01, d)),
+        _AT.claim("cut-off", "force at 54.01°, from where the potential is zero", 0.0, np.hypot(*_force(dome, 54.01,
+                 d)),
                  "N", 1e-12, _EXACT),
         _AT.item("before-cut-off", "angle θ₂ where it ends, found in the map", 54.0, _end(dome), "°", 0.02,
                  "bisection"),
-        _AT.says("reach", "force at d_max, 70 mm", 0.0, np.hypot(*_force(dome, 0.0, 0.07)), "N", 1e-12, _EXACT),
-        _AT.says("fall", "F_r at 60 mm over that at contact: (|r₀|/|r_p|)⁴", (5 / 6) ** 4,
+        _AT.claim("reach", "force at d_max, 70 mm", 0.0, np.hypot(*_force(dome, 0.0, 0.07)), "N", 1e-12, _EXACT),
+        _AT.claim("fall", "F_r at 60 mm over that at contact: (|r₀|/|r_p|)⁴", (5 / 6) ** 4,
                  _force(dome, 0.0, 0.06)[0] / _force(dome, 0.0, d)[0], "1", 1e-9, _EXACT),
-        _AT.says("plain", "θ₁ = π/2: greatest difference to the force of two magnets, over F₀", 0.0,
+        _AT.claim("plain", "θ₁ = π/2: greatest difference to the force of two magnets, over F₀", 0.0,
                  _compare_with_dipoles(plain) / F0, "1", 1e-9, "'we recover a permanent magnet'", erratum="E12"),
         _AT.item("theta-1", "θ₁ = π/10 of Fig. 2, in degrees", 18.0, degrees(pi / 10), "°", 1e-9, where="Fig. 2"),
         _AT.item("theta-2", "θ₂ = 3π/10 of Fig. 2, in degrees", 54.0, degrees(3 * pi / 10), "°", 1e-9, where="Fig. 2"),
         *_inverse(device.tool.moment),
-        _AT.says("inverse-currents", "force of the allocator's currents against the one asked, relative", 0.0,
+        _AT.claim("inverse-currents", "force of the allocator's currents against the one asked, relative", 0.0,
                  _allocation_error(), "1", 1e-9, "any direction, dipole model"),
-        _AT.says("cycle", "work given per round out over the summit, aside, in and back", 0.0, _round_trip(18.0), "mJ",
+        _AT.claim("cycle", "work given per round out over the summit, aside, in and back", 0.0, _round_trip(18.0), "mJ",
                  0.01, "quadrature; a potential would give none", erratum="E19", corrected=4.11, where="§II.A"),
-        _AT.says("cycle-60", "the same at θ₁ = 60°, k = 1.5, the one map that is a gradient", 0.0, _round_trip(60.0),
+        _AT.claim("cycle-60", "the same at θ₁ = 60°, k = 1.5, the one map that is a gradient", 0.0, _round_trip(60.0),
                  "mJ", 1e-6, "quadrature", where="§II.A"),
     ]  # fmt: skip
     report(1.0)
@@ -114,7 +115,7 @@ def _inverse(m_p: float) -> list[Item]:
         printed = 4 * pi * 0.05**4 / (3 * MU0) * np.array([1.0, 1.0, -0.5]) * (frame @ asked)
         forces = [float(dipole.force(frame.T @ moment, m_p * out, p) @ frame[n]) for moment in (printed, printed / m_p)]
         rows.append(
-            _AT.says(f"inverse-{name}", f"{name} force given over the one asked: as printed, and with 1/m_p",
+            _AT.claim(f"inverse-{name}", f"{name} force given over the one asked: as printed, and with 1/m_p",
                      forces[0] / 0.1, forces[1] / 0.1, "1", 1e-9, _EXACT, erratum="E14", corrected=1.0)
         )  # fmt: skip
     return rows

@@ -19,7 +19,7 @@ from haptorb.apps.study.analysis.conditions import (
     count_choices,
     rate_condition,
 )
-from haptorb.apps.study.analysis.statistics import Curve, binomial_tail, bootstrap, psychometric_fit, wilson
+from haptorb.apps.study.analysis.statistics import PsychometricCurve, binomial_tail, bootstrap, psychometric_fit, wilson
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
 from haptorb.apps.terminal.notebook_report import NotebookReport
@@ -82,7 +82,9 @@ class Analysis(NotebookReport):
     confusion: Confusion | None = None
     arrows: tuple[Arrow, ...] = ()
     rings: tuple[LatitudeError, ...] = ()
-    curves: dict[str, tuple[Array, Array, Array, Curve]] = field(default_factory=dict)  #: (levels, yes, of, fit)
+    curves: dict[str, tuple[Array, Array, Array, PsychometricCurve]] = field(
+        default_factory=dict
+    )  #: (levels, yes, of, fit)
     thresholds: dict[str, dict[str, float]] = field(default_factory=dict)  #: condition → participant → threshold
     scores: dict[str, RatingMean] = field(default_factory=dict)  #: by condition
     chosen: dict[tuple[str, str], tuple[int, int, tuple[float, float]]] = field(default_factory=dict)
@@ -157,7 +159,7 @@ def analyse(study: Study, columns: Columns, procedures: dict[str, Procedure] | N
     if not len(main["trial"]):
         raise InputError(f"study '{study.name}' has only practice trials so far: there is nothing to analyse")
     people, index = np.unique(main["participant"], return_inverse=True)
-    simulated = {code for code, told in zip(main["participant"], main["simulated"], strict=True) if told}
+    simulated = {code for code, flag in zip(main["participant"], main["simulated"], strict=True) if flag}
     parts: dict[str, Any] = {}
     if study.procedure == "identification":
         parts["confusion"] = confusion = _confusion(study, main, index, len(people))
@@ -189,9 +191,9 @@ def _confusion(study: Study, main: Columns, index: np.ndarray[Any, Any], people:
     np.add.at(each, (index, asked, answered), 1.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         shares = each / each.sum(axis=2, keepdims=True)
-    seen = np.isfinite(shares)
-    matrix = np.where(seen, shares, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-    matrix[~seen.any(axis=0)] = np.nan
+    finite = np.isfinite(shares)
+    matrix = np.where(finite, shares, 0).sum(axis=0) / np.maximum(finite.sum(axis=0), 1)
+    matrix[~finite.any(axis=0)] = np.nan
     low, high = bootstrap(shares)
     right = asked == answered
     own = np.bincount(index, right, people) / np.bincount(index, minlength=people)
@@ -232,9 +234,9 @@ def _rings(main: Columns, index: np.ndarray[Any, Any], people: int) -> tuple[Lat
     return tuple(found)
 
 
-def _curves(study: Study, main: Columns) -> dict[str, tuple[Array, Array, Array, Curve]]:
+def _curves(study: Study, main: Columns) -> dict[str, tuple[Array, Array, Array, PsychometricCurve]]:
     """By condition: how often the comparison was called the stronger, over its level, participants pooled."""
-    found: dict[str, tuple[Array, Array, Array, Curve]] = {}
+    found: dict[str, tuple[Array, Array, Array, PsychometricCurve]] = {}
     for name in dict.fromkeys(main["condition"].tolist()):
         here = main["condition"] == name
         levels, which = np.unique(main["level"][here], return_inverse=True)

@@ -120,8 +120,8 @@ def _curves(analysis: Analysis) -> Figure:
         axes.plot(x, yes / of, "o", color=f"C{n}")
         fine = np.linspace(x.min(), x.max(), 200)
         low, high = fit.middle_95
-        told = f"{name}: middle {fit.middle:.3g} [{low:.3g}, {high:.3g}], spread {fit.spread:.3g}"
-        axes.plot(fine, fit(fine), color=f"C{n}", label=told)
+        label = f"{name}: middle {fit.middle:.3g} [{low:.3g}, {high:.3g}], spread {fit.spread:.3g}"
+        axes.plot(fine, fit(fine), color=f"C{n}", label=label)
     if levels is not None:
         axes.axvline(levels.reference, color="0.5", ls=":", lw=1)
         axes.set_xlabel(f"{levels.parameter} of the comparison (dotted: reference)")

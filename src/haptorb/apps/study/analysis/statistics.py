@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, check_finite
 
-__all__ = ["Curve", "binomial_tail", "bootstrap", "psychometric_fit", "sign_flip", "wilson"]
+__all__ = ["PsychometricCurve", "binomial_tail", "bootstrap", "psychometric_fit", "sign_flip", "wilson"]
 
 
 def wilson(right: int, of: int, confidence: float = 0.95) -> tuple[float, float]:
@@ -79,7 +79,7 @@ def sign_flip(differences: ArrayLike, *, seed: int = 0) -> float:
 
 
 @dataclass(frozen=True)
-class Curve:
+class PsychometricCurve:
     """p(x) = γ + (1 − γ − λ) Φ((x − middle)/spread), with 95 % intervals by parametric bootstrap."""
 
     middle: float
@@ -101,7 +101,7 @@ class Curve:
 def psychometric_fit(
     levels: ArrayLike, yes: ArrayLike, of: ArrayLike, *, guess: float = 0.0, lapse: float = 0.02, seed: int = 0,
     samples: int = 200,
-) -> Curve:  # fmt: skip
+) -> PsychometricCurve:  # fmt: skip
     """Greatest likelihood of `yes` (n,) out of `of` (n,) at `levels` (n,). InputError with fewer than two levels.
 
     With guess = 0 both tails lapse alike. The spread is kept between a hundredth and ten times the levels' range.
@@ -111,14 +111,14 @@ def psychometric_fit(
         raise InputError("a psychometric fit needs at least two different levels, each with 0 ≤ yes ≤ of and of ≥ 1")
     low = lapse if guess == 0.0 else guess
     middle, spread = _fit_grid(x, k, n, low, lapse)
-    curve = Curve(middle, spread, low, lapse, (middle, middle), (spread, spread))
+    curve = PsychometricCurve(middle, spread, low, lapse, (middle, middle), (spread, spread))
     draw = np.random.default_rng(seed)
     p = curve(x)
     again = np.array(
         [_fit_grid(x, draw.binomial(n.astype(int), p).astype(float), n, low, lapse) for _ in range(samples)]
     )
     (a, c), (b, d) = np.percentile(again, (2.5, 97.5), axis=0)
-    return Curve(middle, spread, low, lapse, (float(a), float(b)), (float(c), float(d)))
+    return PsychometricCurve(middle, spread, low, lapse, (float(a), float(b)), (float(c), float(d)))
 
 
 def _fit_grid(x: Array, k: Array, n: Array, low: float, lapse: float) -> tuple[float, float]:

@@ -61,10 +61,10 @@ class StudyServer:
 
         Raises ServoError, with the coils off, if the thread that runs the sessions ended by itself.
         """
-        heard: list[int] = []
+        signals_seen: list[int] = []
 
         def end(number: int) -> None:
-            heard.append(number)
+            signals_seen.append(number)
             self._reception.halt.stop(None)
             self.close()
 
@@ -82,7 +82,7 @@ class StudyServer:
                 f"the thread that runs the sessions ended: {self._reception.trouble}; the coils are off, and all "
                 "answers are stored: start again and enter the same code to resume"
             )
-        return heard[0] if heard else None
+        return signals_seen[0] if signals_seen else None
 
     async def _serve(self) -> bool:
         """Serve until `close`, or until nobody is there who does what is asked; whether it was that."""

@@ -31,7 +31,7 @@ _TICK = 0.02  #: between two looks at the device [s]
 _WAITING = 100  #: commands that may wait at most: who sends more is no person
 
 #: asked of the reception by a page: tells the page what was wrong, or nothing
-Told = Callable[[str], None]
+Respond = Callable[[str], None]
 
 
 @final
@@ -60,7 +60,7 @@ class SessionManager:
         self.log: list[dict[str, Any]] = []  #: answered trials of this session, newest last
         self._recording: Path | None = None
         self._servo: Servo | None = None
-        self._inbox: SimpleQueue[tuple[dict[str, Any], StopCount, Told]] = SimpleQueue()
+        self._inbox: SimpleQueue[tuple[dict[str, Any], StopCount, Respond]] = SimpleQueue()
         self._ended = threading.Event()
         self._died = ""  # why the thread ended by itself
         self._next = 0.0  # look at the device
@@ -82,13 +82,13 @@ class SessionManager:
         """Whether the thread has ended although nobody told it to: nothing that is asked would be done."""
         return bool(self._died) and not self._thread.is_alive()
 
-    def ask(self, command: dict[str, Any], told: Told) -> None:
-        """Obey `command` soon; `told` hears what was wrong with it, if anything was."""
+    def ask(self, command: dict[str, Any], respond: Respond) -> None:
+        """Obey `command` soon; `respond` hears what was wrong with it, if anything was."""
         if self._died:
             raise InputError(f"the study program has failed and closes: {self._died}")
         if self._inbox.qsize() >= _WAITING:
             raise InputError("too many commands are waiting (is the database locked?): try again in a moment")
-        self._inbox.put((command, self.halt.ask(), told))
+        self._inbox.put((command, self.halt.ask(), respond))
 
     @property
     def now(self) -> str:
@@ -108,11 +108,11 @@ class SessionManager:
     def step(self, wait: float = 0.0) -> None:
         """Obey the command that has waited longest, for which `wait` [s] are waited; and look at the device."""
         try:
-            command, asked, told = self._inbox.get(timeout=wait) if wait > 0 else self._inbox.get_nowait()
+            command, asked, respond = self._inbox.get(timeout=wait) if wait > 0 else self._inbox.get_nowait()
         except Empty:
             self._next = 0.0
         else:
-            self._try(lambda: self._execute(command, asked), told)
+            self._try(lambda: self._execute(command, asked), respond)
         if monotonic() >= self._next:
             self._next = monotonic() + _TICK
             # A session whose device or database went away can be resumed, so nothing is lost by ending it here.
@@ -133,14 +133,14 @@ class SessionManager:
             if self._died:
                 self.state, self.trouble = "failed", self._died
 
-    def _try(self, do: Callable[[], None], told: Told | None) -> None:
+    def _try(self, do: Callable[[], None], respond: Respond | None) -> None:
         """`do` it; whatever it raises is told, and this thread goes on. None: nobody asked, so the session ends."""
         try:
             do()
         except HaptorbError as mistake:
-            if told is not None:
-                told(str(mistake))
-            if told is None or isinstance(mistake, ServoError):
+            if respond is not None:
+                respond(str(mistake))
+            if respond is None or isinstance(mistake, ServoError):
                 self._end(str(mistake))
         except BaseException as fault:  # safety: study-fault
             # Nobody foresaw it, so nobody knows what the session is in: off, and it can be resumed.
@@ -148,8 +148,8 @@ class SessionManager:
             text = (
                 f"a fault in haptorb, please report it: {explain_fault(fault)}. Coils off; the session can be resumed"
             )
-            if told is not None:
-                told(text)
+            if respond is not None:
+                respond(text)
             self._end(text)
 
     def _tick(self) -> None:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 from starlette.applications import Starlette
@@ -16,6 +13,7 @@ from starlette.routing import Route, WebSocketRoute
 from haptorb.apps.study.pages.socket_hub import StudySocketHub
 from haptorb.apps.web.access import AccessGate
 from haptorb.apps.web.files import page_files, respond
+from haptorb.apps.web.server import run_beside
 from haptorb.errors import InputError
 
 __all__ = ["STATIC", "application"]
@@ -41,16 +39,6 @@ def application(room: StudySocketHub) -> Starlette:
     async def file(request: Request) -> Response:
         return respond(files, request.path_params["name"])
 
-    @asynccontextmanager
-    async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        keeping = asyncio.create_task(room.keep())
-        try:
-            yield
-        finally:
-            keeping.cancel()
-            with suppress(asyncio.CancelledError):
-                await keeping
-
     return Starlette(
         routes=[
             Route("/", participant),
@@ -60,5 +48,5 @@ def application(room: StudySocketHub) -> Starlette:
             WebSocketRoute("/ws/experimenter", room.join_experimenter),
         ],
         middleware=[Middleware(AccessGate)],
-        lifespan=lifespan,
+        lifespan=run_beside(room.keep),
     )

@@ -38,11 +38,11 @@ _LARGEST = 10**6  #: draft of an answer
 
 @final
 class StudyPage:
-    """One connected page. `told`: what it knows, by kind of event."""
+    """One connected page. `status`: what it knows, by kind of event."""
 
     def __init__(self, socket: WebSocket, participant: bool) -> None:
         self.socket, self.participant = socket, participant
-        self.told: dict[str, Any] = {}
+        self.status: dict[str, Any] = {}
         self.mistakes: list[str] = []
 
     def tell(self, mistake: str) -> None:
@@ -193,13 +193,13 @@ class StudySocketHub:
         news = []
         try:
             for event, what in self._events(page).items():
-                if page.told.get(event) != what:
+                if page.status.get(event) != what:
                     news.append(json.dumps({"event": event, "is": what}))
-                    page.told[event] = what
+                    page.status[event] = what
         except Exception as fault:
             text = f"this page cannot be updated: {type(fault).__name__}: {fault}"
-            if page.told.get("fault") != text:
-                page.told["fault"] = text
+            if page.status.get("fault") != text:
+                page.status["fault"] = text
                 page.tell(text)
         return news
 

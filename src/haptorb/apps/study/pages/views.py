@@ -61,7 +61,7 @@ def for_participant(reception: SessionManager) -> dict[str, Any]:
         "done": sitting.number,
         "total": sitting.number + expected,
         "left": round(conduct.rest_left),
-        "off": conduct.stage.off,
+        "off": conduct.stage.switched_off,
         "steered": conduct.stage.steered,
         "which": conduct.which,
     }
@@ -105,8 +105,9 @@ def pen(stage: TrialDevice) -> dict[str, Any] | None:
     distance = hypot(x, y, z)
     round_ = hypot(x, y)
     theta = float(np.degrees(np.arctan2(round_, z)))
-    told: dict[str, Any] = {
-        "x": theta * x / round_ if round_ else 0.0, "y": theta * y / round_ if round_ else 0.0, "off": stage.off,
+    view: dict[str, Any] = {
+        "x": theta * x / round_ if round_ else 0.0, "y": theta * y / round_ if round_ else 0.0,
+    "off": stage.switched_off,
     }  # fmt: skip
     if force is not None and distance > 0:
         way = np.array(position) / distance
@@ -116,8 +117,8 @@ def pen(stage: TrialDevice) -> dict[str, Any] | None:
         about_ = np.array([-outward[1], outward[0], 0.0])
         down = np.cos(np.radians(theta)) * outward - np.sin(np.radians(theta)) * np.array([0.0, 0.0, 1.0])
         side = float(force @ down) * outward + float(force @ about_) * about_
-        told |= {"out": out, "fx": float(side[0]), "fy": float(side[1])}
-    return {key: round(value, 3) if isinstance(value, float) else value for key, value in told.items()}
+        view |= {"out": out, "fx": float(side[0]), "fy": float(side[1])}
+    return {key: round(value, 3) if isinstance(value, float) else value for key, value in view.items()}
 
 
 def _task(study: Study, prompt: Prompt) -> dict[str, Any]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["StopCount", "StopEvent", "StopSwitch"]
 
-_KEPT = 100  #: Stops that nobody has recorded yet, at most
+_MOST = 100  #: Stops that nobody has recorded yet, at most
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class StopSwitch:
         self._numbers = count(1)
         self._last = 0  # number of the last Stop
         self._cleared = 0  # number of the last Stop after which somebody switched on again
-        self._unrecorded: deque[StopEvent] = deque(maxlen=_KEPT)
+        self._unrecorded: deque[StopEvent] = deque(maxlen=_MOST)
 
     @property
     def active(self) -> bool:

@@ -72,9 +72,9 @@ class Screen:
             parts += [Text(task, style="bold"), self._map()]
             if prompt.wants_number:
                 parts.append(Text.assemble("answer: ", (view.typed or "_", "bold reverse")))
-            told = "abort for good? y aborts, any other key continues" if view.state == "abort?" else view.message
-            if told:
-                parts.append(Text(told, style="bold yellow"))
+            notice = "abort for good? y aborts, any other key continues" if view.state == "abort?" else view.message
+            if notice:
+                parts.append(Text(notice, style="bold yellow"))
         steer = "arrow keys move the pen · " if stage.steered else ""
         return Panel(Group(*parts, Text(steer + _KEYS, style="dim")), title=Text(head), width=_WIDE + 6)
 
@@ -95,7 +95,7 @@ class Screen:
             put(stage.limit, n * pi / 36, "·")
         for point in stage.study.points:
             put(point.theta_deg, radians(point.phi_deg), str(point.number))
-        told = ""
+        text = ""
         position, force = stage.position, stage.force
         if stage.simulated and position is not None:
             x, y, z = position
@@ -106,5 +106,5 @@ class Screen:
                 aside = force - out * way
                 size = float(np.linalg.norm(aside))
                 arrow = _ARROWS[round(4 * atan2(aside[1], aside[0]) / pi) % 8] if size > 0.02 else "·"
-                told = f"\nout {out:+.2f} N {'█' * max(0, round(20 * out)):<14} aside {size:.2f} N {arrow}"
-        return Text("\n".join("".join(line) for line in field) + told)
+                text = f"\nout {out:+.2f} N {'█' * max(0, round(20 * out)):<14} aside {size:.2f} N {arrow}"
+        return Text("\n".join("".join(line) for line in field) + text)

@@ -75,6 +75,11 @@ class StoredSession:
             self._claim.release()
             raise
 
+    def __repr__(self) -> str:
+        who = f"{self.code}, SIMULATED" if self.simulated else self.code
+        now = "everything is answered" if self.over else f"{self.number} trials answered"
+        return f"<StoredSession {self.id} of {who}, study '{self.study.name}': {now}>"
+
     @property
     def prompt(self) -> Prompt | None:
         """What to ask now; None: done."""
@@ -93,9 +98,9 @@ class StoredSession:
         """Whether everything is answered."""
         return self.prompt is None and self.question is None
 
-    def reply(self, question: Question, told: str) -> None:
-        """Keep what was `told` to `question`; InputError, and nothing kept, if it is no answer to it."""
-        reply = question.check_reply(told)
+    def reply(self, question: Question, text: str) -> None:
+        """Keep `text`, the answer to `question`; InputError, and nothing kept, if it is no answer to it."""
+        reply = question.check_reply(text)
         last = self.prompt is None and not self._open_questions(question)
         try:
             with self.engine.begin() as connection:
@@ -276,7 +281,7 @@ class StoredSession:
 
 
 def _storage_error(cause: SQLAlchemyError) -> RecordingError:
-    told = str(getattr(cause, "orig", None) or cause).splitlines()[0]
+    text = str(getattr(cause, "orig", None) or cause).splitlines()[0]
     return RecordingError(
-        f"the answer could not be stored: {told}; no partial data were written. Fix the cause, then resume"
+        f"the answer could not be stored: {text}; no partial data were written. Fix the cause, then resume"
     )

@@ -54,8 +54,8 @@ class Streams:
 
     def mark(self, kind: str, facts: dict[str, Any]) -> None:
         """That something happened, now."""
-        told = json.dumps({"kind": kind, **facts}, ensure_ascii=False, default=str)
-        self._markers.push_sample([told], monotonic() + self._offset)
+        marker = json.dumps({"kind": kind, **facts}, ensure_ascii=False, default=str)
+        self._markers.push_sample([marker], monotonic() + self._offset)
 
     def poses(self, servo: Servo) -> None:
         """Every row that `servo` published since the last call."""

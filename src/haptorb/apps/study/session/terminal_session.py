@@ -80,7 +80,7 @@ class TerminalSession:
                 return "STOPPED: the coils are off. e continues, q ends for now, A aborts"
             case "time is up":
                 return "time is up: please answer now"
-            case "running" if self._stage.off:
+            case "running" if self._stage.switched_off:
                 return "the device is off: press e to switch it on again"
         return ""
 
@@ -133,12 +133,12 @@ class TerminalSession:
         """A key while a question is answered in words; choices may be given by their number."""
         if key == "enter":
             question = self._conduct.question
-            told = self._typed
-            if question is not None and question.choices and told.isdecimal() and 1 <= int(told) <= len(
+            text = self._typed
+            if question is not None and question.choices and text.isdecimal() and 1 <= int(text) <= len(
                 question.choices
             ):  # fmt: skip
-                told = question.choices[int(told) - 1]
-            self._conduct.reply(told)
+                text = question.choices[int(text) - 1]
+            self._conduct.reply(text)
             self._typed = self._message = ""
         elif key == "back":
             self._typed = self._typed[:-1]

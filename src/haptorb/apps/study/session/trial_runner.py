@@ -54,7 +54,7 @@ class TrialRunner:
         self._recording, self._mark, self._clock = recording, mark, clock
         self._until = 0.0  # end of a rest
         self._last = clock()
-        self._seen = 0  # trips of the stage that are kept
+        self._trip_count = 0  # trips of the stage that are kept
         self._paused_from, self._rest_left = "", 0.0
         self.state = "pause"
         self._continue()
@@ -121,13 +121,13 @@ class TrialRunner:
         self._mark("answer", {"trial": number, "answer": value, "set_point": prompt.set_point})
         self._continue()
 
-    def reply(self, told: str) -> None:
+    def reply(self, text: str) -> None:
         """Keep the answer to the question in words."""
         self.apply_stop()
         question = self.question
         if question is None:
             raise InputError("no question is asked now")
-        self.sitting.reply(question, told)
+        self.sitting.reply(question, text)
         self._mark("reply", {"question": question.name})
         self._continue()
 
@@ -236,8 +236,8 @@ class TrialRunner:
     def _record_trips(self) -> None:
         """Keep new trips; those of a trial are kept with its answer besides."""
         self.stage.look()
-        fresh = self.stage.trips[self._seen :]
-        self._seen += len(fresh)
+        fresh = self.stage.trips[self._trip_count :]
+        self._trip_count += len(fresh)
         for trip in fresh:
             if trip["code"] == "STOPPED":
                 continue

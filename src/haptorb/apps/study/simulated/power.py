@@ -155,22 +155,22 @@ def differences(study: Study, seed: tuple[int, ...], ordinal: int, a: str, b: st
     """a − b of one simulated participant after the whole study; NaN where one of both is missing."""
     somebody, drawn = Participant(study, seed), plan(study, ordinal)
     procedure: Procedure = procedure_of(study, drawn)
-    kept: list[tuple[Prompt, Answer]] = []
+    responses: list[tuple[Prompt, Answer]] = []
     while (prompt := procedure.prompt) is not None:
-        answer = somebody.answer(prompt, len(kept))
+        answer = somebody.answer(prompt, len(responses))
         procedure = procedure.record_answer(answer)
-        kept.append((prompt, answer))
+        responses.append((prompt, answer))
     if measure == "threshold":
         one, two = (_threshold(getattr(procedure, "parts", ()), name) for name in (a, b))
         return one - two
     if measure == "choice":
         # a's share of the choices between both, less one half: what a prefers over b.
-        pairs = [(p, x) for p, x in kept if {p.condition, p.other} == {a, b}]
+        pairs = [(p, x) for p, x in responses if {p.condition, p.other} == {a, b}]
         chosen = [(x.value == p.interval) == (p.condition == a) for p, x in pairs]
         return float(np.mean(chosen)) - 0.5 if chosen else float("nan")
     contact = study.load_device().contact_distance
     values: dict[str, list[float]] = {a: [], b: []}
-    for prompt, answer in kept:
+    for prompt, answer in responses:
         if prompt.phase != "practice" and prompt.condition in values:
             values[prompt.condition].append(_measure_answer(study, prompt, answer, measure, contact))
     return float(np.mean(values[a]) - np.mean(values[b])) if values[a] and values[b] else float("nan")
@@ -202,8 +202,8 @@ def _share(pool: Array, n: int, signs: Array, alpha: float, count: int, draw: np
     """Of `count` groups of n from `pool`, how many show p < α."""
     groups = pool[draw.integers(0, len(pool), (count, n))]
     sums = np.abs(groups @ signs.T)
-    seen = np.abs(groups.sum(axis=1))[:, None]
-    p = np.mean(sums >= seen - 1e-12 * np.abs(groups).sum(axis=1)[:, None], axis=1)
+    counts = np.abs(groups.sum(axis=1))[:, None]
+    p = np.mean(sums >= counts - 1e-12 * np.abs(groups).sum(axis=1)[:, None], axis=1)
     return float(np.mean(p < alpha))
 
 

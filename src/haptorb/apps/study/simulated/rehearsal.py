@@ -43,12 +43,12 @@ def rehearse(
     return answered
 
 
-def sit(sitting: StoredSession, participant: Participant, told: Callable[[int], None] | None = None) -> int:
+def sit(sitting: StoredSession, participant: Participant, progress: Callable[[int], None] | None = None) -> int:
     """Answer everything that is left of `sitting`; returns how many trials that were."""
     answered = 0
     while (prompt := sitting.prompt) is not None:
         sitting.answer(participant.answer(prompt, sitting.number))
         answered += 1
-        if told is not None:
-            told(answered)
+        if progress is not None:
+            progress(answered)
     return answered

@@ -28,11 +28,11 @@ class SessionLock:
     def __init__(self, engine: Engine, session: int) -> None:
         self._file: sqlite3.Connection | None = None
         self._connection: Connection | None = None
-        taken = RecordingError(
+        conflict = RecordingError(
             f"session {session} is being run by another experimenter (or another window): end that one first"
         )
         if engine.dialect.name == "sqlite":
-            self._file = _lock_file(Path(f"{engine.url.database}.session-{session}.lock"), taken)
+            self._file = _lock_file(Path(f"{engine.url.database}.session-{session}.lock"), conflict)
         else:
             self._connection = engine.connect()
             lock = text("SELECT pg_try_advisory_lock(:family, :session)")
@@ -40,7 +40,7 @@ class SessionLock:
             self._connection.commit()
             if not held:
                 self._connection.close()
-                raise taken
+                raise conflict
 
     def release(self) -> None:
         """Give it back; may be called twice. The empty file stays: removing it would race with the next claim."""
@@ -59,8 +59,8 @@ class SessionLock:
         self.release()
 
 
-def _lock_file(path: Path, taken: RecordingError) -> sqlite3.Connection:
-    """Holds the empty file `path` until it is closed. Raises `taken`, or RecordingError if it cannot be made.
+def _lock_file(path: Path, conflict: RecordingError) -> sqlite3.Connection:
+    """Holds the empty file `path` until it is closed. Raises `conflict`, or RecordingError if it cannot be made.
 
     SQLite knows how each operating system locks files.
     """
@@ -74,6 +74,6 @@ def _lock_file(path: Path, taken: RecordingError) -> sqlite3.Connection:
         if file is not None:
             file.close()
         if isinstance(cause, sqlite3.Error) and cause.sqlite_errorcode == sqlite3.SQLITE_BUSY:
-            raise taken from cause
+            raise conflict from cause
         raise RecordingError(f"{path} cannot be locked for this session: {cause}") from cause
     return file

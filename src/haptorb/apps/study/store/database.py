@@ -166,9 +166,9 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
                     migrate(connection, version)
     except SQLAlchemyError as cause:
         engine.dispose()
-        told = str(getattr(cause, "orig", None) or cause).splitlines()[0]
+        text = str(getattr(cause, "orig", None) or cause).splitlines()[0]
         raise RecordingError(
-            f"database {mask_password(place)} cannot be opened, and nothing was started: {told}"
+            f"database {mask_password(place)} cannot be opened, and nothing was started: {text}"
         ) from cause
     except RecordingError:
         engine.dispose()

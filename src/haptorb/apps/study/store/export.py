@@ -81,8 +81,8 @@ def write_replies(study: Study, replies: Replies, path: str | Path, *, overwrite
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(("participant", "question", "text", "reply"))
             for code, mine in replies.items():
-                told = ((code, q.name, q.text, mine[q.name]) for q in study.questions if q.name in mine)
-                writer.writerows(map(escape_formula, row) for row in told)
+                rows = ((code, q.name, q.text, mine[q.name]) for q in study.questions if q.name in mine)
+                writer.writerows(map(escape_formula, row) for row in rows)
     except OSError as cause:
         raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
     return path
@@ -97,7 +97,8 @@ def write_bids(
     """
     folder = Path(folder)
     if folder.exists() and not overwrite:
-        raise RecordingError(f"{folder} exists; choose another name, or allow it to be overwritten")
+        text = f"{folder} exists; choose another name, or replace it"
+        raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
     part = folder.with_name(folder.name + ".part")
     task = "".join(filter(str.isalnum, study.name))
     simulated = bool(columns["simulated"].any())
@@ -126,8 +127,9 @@ def write_bids(
         lines = ["\t".join(["participant_id", "simulated", *(question.name for question in asked)])]
         for code in codes:
             mine = {name: values[columns["participant"] == code] for name, values in columns.items()}
-            told = [escape_formula(" ".join((replies or {}).get(code, {}).get(q.name, "n/a").split())) for q in asked]
-            lines.append("\t".join([f"sub-{code}", "true" if mine["simulated"][0] else "false", *told]))
+            answers = (replies or {}).get(code, {})
+            cells = [escape_formula(" ".join(answers.get(q.name, "n/a").split())) for q in asked]
+            lines.append("\t".join([f"sub-{code}", "true" if mine["simulated"][0] else "false", *cells]))
             place = part / f"sub-{code}" / "beh"
             place.mkdir(parents=True)
             _table(mine, place / f"sub-{code}_task-{task}_beh.tsv", "\t", "n/a")
@@ -176,7 +178,8 @@ def _free(path: str | Path, overwrite: bool) -> Path:
     path = Path(path)
     try:
         if path.exists() and not overwrite:
-            raise RecordingError(f"{path} exists; choose another name, or allow it to be overwritten")
+            text = f"{path} exists; choose another name, or replace it"
+            raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
     except OSError as cause:
         raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
     return path

@@ -222,7 +222,7 @@ class I2cDriver(Driver):
         if self._fault:
             self._switch.recover()
             raise DriverError(self._describe_fault())
-        begun = self._clock()
+        start = self._clock()
         try:
             for i, sensor in enumerate(self._sensors):
                 self._currents[i] = sensor.current()
@@ -235,8 +235,8 @@ class I2cDriver(Driver):
         else:
             self._fails = 0
             # the middle of either's reading; a bus takes its time, and the tick's `now` is when it began
-            self._currents_at = now + (had - begun) / 2 - _CONVERTED
-            self._field_at = now + (had + self._clock()) / 2 - begun
+            self._currents_at = now + (had - start) / 2 - _CONVERTED
+            self._field_at = now + (had + self._clock()) / 2 - start
         self._over = np.where(np.abs(self._currents) > self._limit, self._over + 1, 0)
         if (self._over >= _OVER_IN_A_ROW).any():
             coil = "xyz"[int(np.argmax(self._over))]

@@ -87,7 +87,7 @@ class Guardian:
         os.set_blocking(self._beats, False)
         os.set_blocking(self._answers, False)
         self._clock = clock
-        self._heard = clock()
+        self._last_answer = clock()
         self._engaged = self._ready = False
 
     @property
@@ -98,8 +98,8 @@ class Guardian:
     def ready(self, patience: float) -> bool:
         """Whether it watches; waits for its first word for at most `patience` [s]."""
         if not self._ready and self._answers >= 0:
-            heard, _, _ = select.select((self._answers,), (), (), patience)
-            self._ready = bool(heard) and os.read(self._answers, 1) == b"+"
+            readable, _, _ = select.select((self._answers,), (), (), patience)
+            self._ready = bool(readable) and os.read(self._answers, 1) == b"+"
         return self._ready and not self.ended
 
     def beat(self, engaged: bool) -> None:
@@ -115,11 +115,11 @@ class Guardian:
         with suppress(BlockingIOError):
             if not os.read(self._answers, 4096):
                 raise DriverError("the guardian of the I²C bus has ended")
-            self._heard = now
+            self._last_answer = now
         if engaged and not self._engaged:  # at rest nobody speaks, so nobody was heard
-            self._heard = now
+            self._last_answer = now
         self._engaged = engaged
-        if engaged and now - self._heard > ANSWER:  # safety: guardian-silent
+        if engaged and now - self._last_answer > ANSWER:  # safety: guardian-silent
             raise DriverError(
                 f"the guardian of the I²C bus did not answer for {1e3 * ANSWER:g} ms (stopped, or a busy computer)"
             )

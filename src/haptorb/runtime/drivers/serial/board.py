@@ -52,7 +52,7 @@ class Board:
         # Used again every millisecond; and everything compiled before a port is opened, as the firmware does not wait.
         self._asked_at = [0.0] * 256  # [s], by sequence
         self._out, self._at = np.zeros(SET_BYTES, np.uint8), np.zeros(1, np.int64)
-        self._said = self._out.data
+        self._payload = self._out.data
         self._reading = make_reading()
         set_line(self._out, 0, np.array(counts(np.zeros(3)), np.int64))
         find_answer(self._parser.line, self._parser.held, 0, 0, self._reading, self._at)
@@ -77,20 +77,20 @@ class Board:
 
     def _identify(self, patience: float) -> Identity:
         end = monotonic() + patience
-        heard = 0
+        received = 0
         while True:
             self._send(Frame(Command.IDENTIFY, self._next(), b""))
             frame, count = self._await_frame(
                 0x80 | Command.IDENTIFY, self._sequence, min(max(0.1, self._answer), _AGAIN)
             )
-            heard += count
+            received += count
             if frame is not None:
                 identity = Identity.parse(frame.payload)
                 if identity.name != "haptorb":
                     raise DriverError(f"the device at {self.path} calls itself '{identity.name}', not 'haptorb'")
                 return identity
             if monotonic() > end:
-                if heard:
+                if received:
                     raise DriverError(
                         f"something answers at {self.path}, but it is not haptorb's firmware (or not at 1 Mbaud); "
                         "choose another port or flash the firmware (`make firmware`)"
@@ -107,16 +107,16 @@ class Board:
     def _await_frame(self, kind: int, sequence: int, patience: float) -> tuple[Frame | None, int]:
         """The frame of this kind and number, or None; and how many bytes came."""
         end = monotonic() + patience
-        heard = 0
+        count = 0
         while True:
-            heard += self._receive(end)
+            count += self._receive(end)
             while (frame := self._parser.next()) is not None:
                 if frame.sequence == sequence and frame.type == kind:
-                    return frame, heard
+                    return frame, count
                 if frame.sequence == sequence and frame.type == STATE:
                     raise _refusal_error(kind, frame)
             if monotonic() >= end:
-                return None, heard
+                return None, count
 
     def _receive(self, end: float) -> int:
         """How many bytes came, waiting until `end` [s] at the latest."""
@@ -212,7 +212,7 @@ class Board:
             self._send(Frame(Command.READ, sequence, b""))
             return
         set_line(self._out, sequence, steps)
-        self._port.send(self._said)
+        self._port.send(self._payload)
 
     @property
     def is_posted(self) -> bool:
@@ -248,7 +248,7 @@ class Board:
         try:
             self._send(Frame(Command.OFF, self._next(), b""))
             frame, _ = self._await_frame(STATE, self._sequence, self._answer)
-            return frame is not None and BoardState.parse(frame.payload).standing is not BoardMode.ENGAGED
+            return frame is not None and BoardState.parse(frame.payload).mode is not BoardMode.ENGAGED
         except DriverError:
             return False  # the line is dead: the firmware's own watchdog has switched off
         finally:

@@ -91,8 +91,8 @@ class EmulatedDevice:
                 self.simulation.advance(dt, np.array(duties), *(self._goal(t) if self._goal else self._rest))
                 sample = self.simulation.sample(t, t, True)
             self._shares[: self._hall.axes] = self._hall.shares(sample.field)
-            said = np.concatenate((sample.currents, self._shares.ravel(), sample.temperatures - 273.15))
-            connection.sendall(said.tobytes())
+            numbers = np.concatenate((sample.currents, self._shares.ravel(), sample.temperatures - 273.15))
+            connection.sendall(numbers.tobytes())
 
     def place(self, p: Array, q: Array) -> None:
         """Put the simulated tool at p (3,) [m], turned by the quaternion q (4,), at rest."""
@@ -181,7 +181,7 @@ class Emulator:
 
         Raises DriverError if the emulator refuses the command, says nothing for 20 s, or has ended.
         """
-        kept: list[str] = []
+        lines: list[str] = []
         self.say(command)
         while True:
             try:
@@ -192,8 +192,8 @@ class Emulator:
                 raise DriverError(line)
             if line.startswith("@done"):
                 break
-            kept.append(line)
-        for one in kept:
+            lines.append(line)
+        for one in lines:
             self._lines.put(one)
 
     def slow(self, pace: float = 0.02) -> None:
@@ -217,12 +217,6 @@ class Emulator:
         words = dict(re.findall(r"(\w+)=(\S+)", self.expect_line("@status")))
         self.expect_line("@done")
         return words
-
-    def wait_for_off(self, patience: float = 20.0) -> dict[str, float]:
-        """When the coils go off next: firmware time, and milliseconds since the last byte and the last mark."""
-        return {
-            name: float(value) for name, value in re.findall(r"(\w+)=([-\d.]+)", self.expect_line("@off", patience))
-        }
 
     @property
     def pid(self) -> int:

@@ -19,11 +19,11 @@ def explain_off(reading: Reading, engaged: bool) -> str:
     >>> explain_off(Reading.of(make_reading()), engaged=True)
     'the firmware is off without a command: no reason'
     """
-    if reading.standing is BoardMode.TRIPPED:
+    if reading.mode is BoardMode.TRIPPED:
         parts = missing_chips(reading.missing & _NEEDED) if reading.reason is Reason.CHIP else ()
         detail = f": {', '.join(parts)}" if parts else ""
         return f"the firmware switched the coils off: {reading.reason.text}{detail}"
-    if engaged and reading.standing is BoardMode.OFF:  # safety: firmware-restarted
+    if engaged and reading.mode is BoardMode.OFF:  # safety: firmware-restarted
         return f"the firmware is off without a command: {reading.reason.text}"
     return ""
 

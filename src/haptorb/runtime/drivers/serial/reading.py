@@ -35,13 +35,13 @@ READING_BYTES = 36
 _SECOND = BLOCKS[1][0]
 _NO_TEMPERATURE = 0x7FFF
 _NO_HALL = 0xFFFF
-_TOLD = 0x80  #: in the group's number: it has been told before
+_REPEATED = 0x80  #: in the group's number: it has been told before
 _AXES = 3
 
 
 #: A reading in SI.
 BOARD_READING = fields(
-    ("standing", "i8"),  # a BoardMode
+    ("mode", "i8"),  # a BoardMode
     ("reason", "i8"),  # a Reason
     ("missing", "i8"),  # bits of the parts that do not answer
     ("applied", "f8", (3,)),  # duties that the coils have [1]
@@ -89,15 +89,15 @@ def _read_signed(line: Octets, at: int) -> int:
 def _fill_reading(line: Octets, at: int, reading: Records) -> bool:
     """Fill `reading`, (1,) BOARD_READING, from the payload at `at`; False if it names what there is not."""
     group, thermometer = int(line[at + 16]), int(line[at + 27])
-    axis, block = (group & (_TOLD - 1)) // 2, group & 1
+    axis, block = (group & (_REPEATED - 1)) // 2, group & 1
     if axis >= _AXES or thermometer >= THERMOMETERS:
         return False
     r = reading[0]
-    r.standing, r.reason, r.missing = line[at], line[at + 1], _read_unsigned(line, at + 2)
+    r.mode, r.reason, r.missing = line[at], line[at + 1], _read_unsigned(line, at + 2)
     for i in range(3):
         r.applied[i] = _read_signed(line, at + 4 + 2 * i) / DUTY_STEPS
         r.currents[i] = _read_signed(line, at + 10 + 2 * i) * 1e-3
-    r.axis, r.news = axis, group < _TOLD
+    r.axis, r.news = axis, group < _REPEATED
     r.first, r.count = (0, _SECOND) if block == 0 else (_SECOND, HALL_SENSORS - _SECOND)
     for i in range(_SECOND):
         code = _read_unsigned(line, at + 17 + 2 * i)
@@ -144,7 +144,7 @@ class Reading(NamedTuple):
     rounds        of the I²C bus, wraps at 256
     """
 
-    standing: BoardMode
+    mode: BoardMode
     reason: Reason
     missing: int
     applied: tuple[float, ...]
@@ -166,7 +166,7 @@ class Reading(NamedTuple):
         r: Record = reading[0]
         count = int(r["count"])
         return cls(
-            board_mode(int(r["standing"])), reason(int(r["reason"])), int(r["missing"]), tuple(r["applied"].tolist()),
+            board_mode(int(r["mode"])), reason(int(r["reason"])), int(r["missing"]), tuple(r["applied"].tolist()),
             tuple(r["currents"].tolist()), int(r["axis"]), int(r["first"]), tuple(r["hall"][:count].tolist()),
             bool(r["news"]), float(r["hall_age"]), int(r["thermometer"]), float(r["temperature"]), float(r["age"]),
             int(r["errors"]), int(r["rounds"]),

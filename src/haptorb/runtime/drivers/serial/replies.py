@@ -122,7 +122,7 @@ class BoardLimits:
 class BoardState:
     """The answer to ENGAGE, OFF and STORE."""
 
-    standing: BoardMode
+    mode: BoardMode
     reason: Reason
     missing: int
     refusal: Refusal

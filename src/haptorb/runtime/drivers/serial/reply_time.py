@@ -9,7 +9,7 @@ __all__ = ["BoardTime"]
 
 #: From a question's sending to its answer's making [s]: 13 bytes at 1 Mbaud, and their check. What a USB bridge adds is
 #: the same for all that one answer tells; between its parts the board's own clock counts.
-_HEARD = 0.25e-3
+_LINE_DELAY = 0.25e-3
 
 
 @final
@@ -38,5 +38,5 @@ class BoardTime:
         >>> round(board.time_of_answer(10.25), 5)         # asked a quarter of a second after the first began
         0.25025
         """
-        at, begun = self._here if asked >= self._here[1] else self._before
-        return at + (asked - begun) + _HEARD
+        at, start = self._here if asked >= self._here[1] else self._before
+        return at + (asked - start) + _LINE_DELAY

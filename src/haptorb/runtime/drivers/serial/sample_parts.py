@@ -26,9 +26,9 @@ _SCANNED = 0.15e-3
 @kernel
 def _split_reading(
     reading: Records, radial: Array, axes: int, span: float, currents: Array, temperatures: Array, field: Array,
-    heard: NDArray[np.bool_],
+    present: NDArray[np.bool_],
 ) -> tuple[float, float]:  # fmt: skip
-    """What a `reading` tells into currents (m,) [A], temperatures (m,) [K], field (k, 3) [T]; `heard` by axis and
+    """What a `reading` tells into currents (m,) [A], temperatures (m,) [K], field (k, 3) [T]; `present` by axis and
     block. Returns the ages of currents and field [s]."""
     r = reading[0]
     for i in range(len(currents)):
@@ -36,7 +36,7 @@ def _split_reading(
     temperatures[r.thermometer] = r.temperature
     if r.news and not np.isnan(r.hall[0]):
         fill_field(field, radial, axes, span, r.axis, r.first, r.hall[: r.count])
-        heard[r.axis, 0 if r.first == 0 else 1] = True
+        present[r.axis, 0 if r.first == 0 else 1] = True
     return r.age, r.hall_age
 
 
@@ -50,7 +50,7 @@ class BoardSample:
         self._nothing = hall.empty_field()
         self._currents, self._temperatures = np.zeros(CHANNELS), np.full(CHANNELS, np.nan)
         self._field = self._nothing.copy()
-        self._heard = np.zeros((3, len(BLOCKS)), np.bool_)
+        self._present = np.zeros((3, len(BLOCKS)), np.bool_)
         self.take(make_reading(), 0.0)  # compiled before anybody waits; it tells nothing, as it is no news
         self._temperatures[:] = np.nan
 
@@ -58,7 +58,7 @@ class BoardSample:
         """A reading, (1,) BOARD_READING, and when the firmware sent it [s], on the clock of `sample`."""
         hall = self.hall
         age, hall_age = _split_reading(
-            reading, hall.radial, hall.axes, hall.span, self._currents, self._temperatures, self._field, self._heard
+            reading, hall.radial, hall.axes, hall.span, self._currents, self._temperatures, self._field, self._present
         )  # fmt: skip
         self._currents_at = sent - age - _CONVERTED
         self._field_at = sent - hall_age - _SCANNED
@@ -66,7 +66,7 @@ class BoardSample:
     @property
     def complete(self) -> bool:
         """Every sensor has been read once."""
-        return bool(self._heard[: self.hall.axes].all() and np.isfinite(self._temperatures).all())
+        return bool(self._present[: self.hall.axes].all() and np.isfinite(self._temperatures).all())
 
     def sample(self, now: float, pose: Pose) -> Sample:
         """The sample at `now` [s]; field that was not told since the last one is NaN."""

@@ -99,7 +99,7 @@ class SerialDriver(Driver):
         self._applied = np.zeros(CHANNELS)
         self._steps = np.zeros(CHANNELS, np.int64)
         quantise_duties(self._applied, self._steps)  # compiled before anybody waits
-        self._told = BoardSample(HallSensors(self._positions))
+        self._sample = BoardSample(HallSensors(self._positions))
         self._time = BoardTime(self._clock)
 
     @property
@@ -110,7 +110,7 @@ class SerialDriver(Driver):
     @property
     def field_axes(self) -> Array | None:
         """(9, 3) unit vectors, if every Hall sensor looks along its own radius only; None: three axes."""
-        return self._told.hall.directions
+        return self._sample.hall.directions
 
     @property
     def calibration(self) -> bytes | None:
@@ -125,7 +125,7 @@ class SerialDriver(Driver):
             self._board.collect(self._patience)
         self._engaged = False
         self._applied = np.zeros(CHANNELS)
-        self._apply_mode(self._board.switch_off().standing)
+        self._apply_mode(self._board.switch_off().mode)
         self._board.keep(calibration)
         return True
 
@@ -139,8 +139,8 @@ class SerialDriver(Driver):
         """As the firmware said last; UNKNOWN from the moment at which it does not answer until it does."""
         return self._coils
 
-    def _apply_mode(self, standing: float) -> None:
-        self._coils = CoilState.ON if standing == BoardMode.ENGAGED else CoilState.OFF
+    def _apply_mode(self, mode: float) -> None:
+        self._coils = CoilState.ON if mode == BoardMode.ENGAGED else CoilState.OFF
 
     def open(self) -> None:
         """Connect; wait until every sensor has been read once. Raises DriverError naming what is missing."""
@@ -161,16 +161,16 @@ class SerialDriver(Driver):
                 f"the board at {self._path} has Hall sensors of {identity.hall_axes} axis, the tracker 'hall' needs "
                 f"{self._hall_axes}: use another tracker, or sensors and firmware for three axes (docs: hardware)"
             )
-        self._told = BoardSample(HallSensors(self._positions, identity.hall_axes))
+        self._sample = BoardSample(HallSensors(self._positions, identity.hall_axes))
 
     def _warm_up(self, board: Board) -> None:
         end = monotonic() + self._warm_up_time
         while True:
             reading = board.read_numbers()
-            self._apply_mode(reading["standing"][0])
-            self._told.take(reading, 0.0)
+            self._apply_mode(reading["mode"][0])
+            self._sample.take(reading, 0.0)
             missing = int(reading["missing"][0])
-            if self._told.complete and not missing & _REQUIRED:
+            if self._sample.complete and not missing & _REQUIRED:
                 return
             if monotonic() > end:
                 parts = "; ".join(missing_chips(missing)) or "a sensor"
@@ -195,7 +195,7 @@ class SerialDriver(Driver):
             try:
                 if self._board.is_posted:
                     self._board.collect(self._patience)
-                self._apply_mode(self._board.switch_off().standing)
+                self._apply_mode(self._board.switch_off().mode)
             except DriverError as cause:
                 raise self._fail(str(cause), gone=True) from cause
 
@@ -241,16 +241,16 @@ class SerialDriver(Driver):
                 raise self._fail(f"no answer from the firmware at {self._path}; check cable and supply", gone=True)
         else:
             self._lost = 0
-            standing = reading["standing"][0]
-            self._apply_mode(standing)
-            self._told.take(reading, self._time.time_of_answer(board.asked))
-            if standing != BoardMode.ENGAGED:
-                told = Reading.of(reading)
-                why = explain_off(told, self._engaged)
+            mode = reading["mode"][0]
+            self._apply_mode(mode)
+            self._sample.take(reading, self._time.time_of_answer(board.asked))
+            if mode != BoardMode.ENGAGED:
+                reading_facts = Reading.of(reading)
+                why = explain_off(reading_facts, self._engaged)
                 if why:
-                    silent = told.reason is Reason.SILENCE
+                    silent = reading_facts.reason is Reason.SILENCE
                     raise self._fail(why, as_=HostSilent if silent else DriverError)
-        return self._told.sample(now, self._pose(now))
+        return self._sample.sample(now, self._pose(now))
 
     def _collect_reply(self, board: Board) -> Records | None:
         """The answer to the last question; meanwhile the same is asked again, and any of the answers will do."""
@@ -294,5 +294,5 @@ class SerialDriver(Driver):
         self._armed = False
         self._coils = CoilState.ON  # from here on it may be
         state = board.engage(*self._session)
-        self._apply_mode(state.standing)
+        self._apply_mode(state.mode)
         return refusal(state)

@@ -1,0 +1,116 @@
+"""The parts of a device as bodies in space: what every drawing of it, on paper or in the console, is made from."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from haptorb.numerics.arrays import Array
+
+__all__ = ["Ball", "Geometry", "Reach", "Rod", "RoundPart", "Spot", "list_assumed"]
+
+
+@final
+@dataclass(frozen=True)
+class RoundPart:
+    """A round body, solid or hollow, about its own axis: a coil's winding, or a magnet.
+
+    Parts of the mover (`moves`) are where they are with the mover at its rest pose.
+    """
+
+    name: str  #: as messages call it
+    role: str  #: "coil"; "magnet" that makes force or torque; "ring" that holds a rotor up
+    position: Array  #: (3,) of its centre, stator frame [m]
+    axis: Array  #: (3,) unit vector
+    inner_radius: float  #: 0 for a solid one [m]
+    outer_radius: float  #: [m]
+    length: float  #: along the axis [m]
+    channel: str = ""  #: of a coil: the name of the current that flows in it
+    polarity: float = 0.0  #: of a magnet: positive where its north pole is at the axis' end, in shares of its strength
+    moves: bool = False  #: whether it is a part of the mover
+    stated: bool = True  #: False: its sizes are not in the device file and a drawing shows it not to scale
+
+
+@final
+@dataclass(frozen=True)
+class Ball:
+    """A sphere about the stator's origin."""
+
+    name: str
+    role: str  #: "core": solid; "dome": a surface that the tool touches
+    radius: float  #: [m]
+
+
+@final
+@dataclass(frozen=True)
+class Spot:
+    """A place on the stator."""
+
+    name: str
+    role: str  #: "sensor" or "mark"
+    position: Array  #: (3,) stator frame [m]
+
+
+@final
+@dataclass(frozen=True)
+class Rod:
+    """A straight part of the mover whose ends are known, and not its thickness."""
+
+    name: str
+    start: Array  #: (3,) [m]
+    end: Array  #: (3,) [m]
+
+
+@final
+@dataclass(frozen=True)
+class Reach:
+    """Where a point of the mover can be: between two spheres about the origin, within a cone about +z."""
+
+    name: str  #: of the point
+    half_angle: float  #: [rad]
+    nearest: float  #: [m]
+    farthest: float  #: [m]
+
+
+@final
+@dataclass(frozen=True)
+class Geometry:
+    """Everything of a device that has a place; `notes` say what the device file does not state, or only assumes."""
+
+    round_parts: tuple[RoundPart, ...]
+    balls: tuple[Ball, ...] = ()
+    spots: tuple[Spot, ...] = ()
+    rods: tuple[Rod, ...] = ()
+    reach: Reach | None = None
+    notes: tuple[str, ...] = ()
+
+    def select_parts(self, role: str) -> tuple[RoundPart, ...]:
+        """The round parts of that role, in order."""
+        return tuple(part for part in self.round_parts if part.role == role)
+
+    def select_spots(self, role: str) -> tuple[Spot, ...]:
+        """The places of that role, in order."""
+        return tuple(spot for spot in self.spots if spot.role == role)
+
+    @property
+    def size(self) -> float:
+        """Radius of a ball about the origin that contains every part [m]."""
+        ends = [abs(ball.radius) for ball in self.balls]
+        for part in self.round_parts:
+            ends.append(float(np.linalg.norm(part.position)) + float(np.hypot(part.outer_radius, part.length / 2)))
+        ends += [float(np.linalg.norm(spot.position)) for spot in self.spots]
+        ends += [float(np.linalg.norm(point)) for rod in self.rods for point in (rod.start, rod.end)]
+        return max([*ends, self.reach.farthest if self.reach else 0.0, 1e-6])
+
+
+def list_assumed(assumed: Mapping[str, str], keys: Collection[str]) -> tuple[str, ...]:
+    """One note that names those of `keys` (a key, or a section) of the device file that are assumed; none for none.
+
+    >>> list_assumed({"windings.turns": "…", "tool.mass": "…"}, ("windings",))
+    ('assumed, not from the source: windings.turns',)
+    """
+    found = [name for name in assumed if any(name == key or name.startswith(f"{key}.") for key in keys)]
+    return (f"assumed, not from the source: {', '.join(found)}",) if found else ()

@@ -1,0 +1,146 @@
+"""What the host may say of the hand: where it is now, or that it stays there or follows a path until told otherwise."""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from time import monotonic
+
+from numpy.typing import ArrayLike
+
+from haptorb.devices.device import Device
+from haptorb.errors import InputError, ServoError
+from haptorb.runtime.drivers.driver_registry import is_real
+from haptorb.runtime.exchange.shared_memory import SharedMemory
+from haptorb.runtime.pointer.hand_path import FARTHEST, HandPose, PathFunction, SampledPath, check_pose, split_pose
+from haptorb.runtime.pointer.pose_keeper import PoseKeeper
+from haptorb.runtime.trackers.tracker_registry import has_feed
+
+__all__ = ["HandCommands"]
+
+
+class HandCommands(ABC):
+    """The pointer of `device`, in memory that the loop reads. The newest of `point`, `hold`, `follow` and `release`
+    counts, from whichever thread."""
+
+    device: Device
+    modes: tuple[str, ...]
+    driver: str
+    tracker: str
+
+    def __init__(self) -> None:
+        self._speaking = threading.Lock()
+        self._keeper: PoseKeeper | None = None
+
+    @property
+    @abstractmethod
+    def _memory_or_none(self) -> SharedMemory | None:
+        """What the loop reads; None before the start."""
+
+    @property
+    def _memory(self) -> SharedMemory:
+        if self._memory_or_none is None:
+            raise ServoError("the servo was not started: use `with haptorb.Servo(...) as servo:`")
+        return self._memory_or_none
+
+    def point(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
+        """The hand wants the tool's magnet at `p` (3,) [m], turned to `q` (4,) (x, y, z, w); None: its axis radial.
+
+        Of a motor only the turn counts: `q`, or a place `p` towards which the handle is to point.
+        It must be said again within the device's `limits.expiry`, else the pose counts as lost; `hold` and `follow`
+        do that by themselves.
+
+        Raises InputError for another shape, a number that is not finite, a place more than 1 m from the device's
+        centre, or a quaternion of zeros; ServoError before the start.
+        """
+        place, turn = check_pose(p, q, self._farthest)
+        memory = self._memory
+        with self._speaking:
+            self._forget_keeper()
+            memory.pointer.write(True, place, turn, monotonic())
+
+    def hold(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
+        """The simulated hand stays at `p` (3,) [m], turned to `q` (4,), until `release` or another word of the hand.
+
+        A thread of this program says it every 5 ms: if the program dies, stops or hangs, the pose expires and the coils
+        go off. Raises as `point` does; InputError too where no simulated hand is moved by this program.
+        """
+        pose = check_pose(p, q, self._farthest)
+        self._keep(lambda t: pose, users_code=False)
+
+    def follow(self, path: PathFunction | ArrayLike, times: ArrayLike | None = None) -> None:
+        """The simulated hand follows `path` from now on, until `release` or another word of the hand.
+
+        path    a function of the time since now [s] that returns a place (3,) [m], a pair (place, quaternion), or both
+                in one row (7,); or poses (n, 3) or (n, 7) at `times`, with straight lines between them
+        times   (n,) [s], growing; the hand stays at the last pose
+
+        A thread of this program calls it every 5 ms, as for `hold`. A function that raises, or returns what is no pose,
+        ends it: the pose expires, the coils go off, and `run` and `check_hand` raise InputError with file and line.
+        """
+        if not callable(path):
+            if times is None:
+                raise InputError("follow needs the times of the poses [s], follow(poses, times), or a function of time")
+            self._keep(SampledPath(path, times, self._farthest), users_code=False)
+            return
+        if times is not None:
+            raise InputError("times belong to poses; a function gets the time since its start [s] by itself")
+        self._keep(lambda t: check_pose(*split_pose(path(t)), self._farthest), users_code=True)
+
+    def release(self) -> None:
+        """The hand lets go of the pointer: back to the guided motion."""
+        memory = self._memory
+        with self._speaking:
+            self._forget_keeper()
+            pointed = memory.pointer.read_pointer()
+            memory.pointer.write(False, pointed.p, pointed.q, pointed.stamp)
+
+    @property
+    def hand_trouble(self) -> str:
+        """Why the path given to `follow` ended; empty while all is well."""
+        keeper = self._keeper
+        return "" if keeper is None or keeper.trouble is None else str(keeper.trouble)
+
+    def check_hand(self) -> None:
+        """Raise InputError if the path given to `follow` failed."""
+        if trouble := self.hand_trouble:
+            raise InputError(f"{trouble}\nThe hand's pose expires, and the coils go off.")
+
+    @property
+    def _farthest(self) -> float:
+        """From the centre [m]; a motor's handle points towards a place, however far that is."""
+        return float("inf") if self.modes else FARTHEST
+
+    def _keep(self, motion: PathFunction, *, users_code: bool) -> None:
+        if is_real(self.driver):  # safety: hold-real
+            raise InputError(
+                f"hold and follow move a simulated hand, and driver '{self.driver}' acts on a real tool, which nobody "
+                "measures then: use a tracker that sees the tool (osc:PORT, lsl:NAME, natnet:HOST)"
+            )
+        if has_feed(self.tracker):
+            raise InputError(f"tracker '{self.tracker}' says where the hand is: hold and follow need tracker 'pointer'")
+        _ = self._memory  # raises before the start
+        keeper = PoseKeeper(motion, self._say, self.device.limits.expiry, users_code=users_code)
+        with self._speaking:
+            self._forget_keeper()
+            self._keeper = keeper
+        keeper.start()
+
+    def _say(self, keeper: PoseKeeper, pose: HandPose) -> None:
+        """The pose of a keeper that still counts."""
+        with self._speaking:
+            if keeper is self._keeper:
+                self._memory.pointer.write(True, *pose, monotonic())
+
+    def _forget_keeper(self) -> None:
+        if self._keeper is not None:
+            self._keeper.end()
+            self._keeper = None
+
+    def _end_hand(self) -> None:
+        """The servo closes: nothing is said any more."""
+        keeper = self._keeper
+        with self._speaking:
+            self._forget_keeper()
+        if keeper is not None:
+            keeper.join()

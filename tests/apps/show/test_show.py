@@ -1,0 +1,116 @@
+"""`haptorb show`: the drawing has the places and sizes of the device file, and mistakes are one line."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+import haptorb
+from haptorb.apps.cli import main
+from haptorb.devices.loader import parse
+from haptorb.errors import InputError
+
+OMNI = (files("haptorb.devices") / "catalogue" / "omni.toml").read_text(encoding="utf-8")
+SIGNS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
+
+
+def run(capsys, *words):
+    try:
+        code = main(list(words))
+    except SystemExit as end:
+        code = int(end.code or 0)
+    out, err = capsys.readouterr()
+    assert "Traceback" not in out + err
+    return code, out, err
+
+
+def outlines(figure, name):
+    """Vertices [mm] of the section's bodies of that name."""
+    patches = [patch for patch in figure.axes[0].patches if patch.get_gid() == name]
+    return np.concatenate([patch.get_path().vertices for patch in patches])
+
+
+@pytest.mark.parametrize("suffix", sorted(SIGNS))
+def test_it_writes_the_format_of_the_name(capsys, tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    view = "both" if suffix == ".png" else "section"
+    code, out, _ = run(capsys, "show", "omni", "--view", view, "--output", str(path))
+    assert code == 0
+    assert str(path) in out
+    assert path.read_bytes().startswith(SIGNS[suffix])
+
+
+def test_without_a_name_the_file_is_called_after_the_device(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run(capsys, "show", "omni", "--view", "section")[0] == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["omni.drawing.png"]
+
+
+def test_coil_z_is_drawn_at_its_radii_in_millimetres():
+    corners = outlines(haptorb.load("omni").draw("section"), "z")
+    across = np.abs(corners[:, 0])
+    assert across.max() == pytest.approx(26.3, abs=0.15)  # its moment leans by half a degree
+    assert across.min() == pytest.approx(24.3, abs=0.15)
+    assert np.abs(corners[:, 1]).max() == pytest.approx(9.0, abs=0.3)
+
+
+def test_a_larger_coil_is_drawn_larger():
+    device = parse(OMNI.replace("[22.3, 24.3, 26.3]", "[22.3, 24.3, 29.0]"), "mine.toml")
+    assert np.abs(outlines(device.draw("section"), "z")[:, 0]).max() == pytest.approx(29.0, abs=0.15)
+
+
+def test_coils_of_the_motor_are_cut_where_the_plane_is():
+    pmsm = haptorb.load("pmsm")
+    assert outlines(pmsm.draw("section"), "EM17")[:, 0].max() == pytest.approx(56.8 + 3.81, abs=1e-6)
+    turned = pmsm.draw("section", azimuth=22.5)
+    assert outlines(turned, "EM1")[:, 1].min() < -30
+    assert not [patch for patch in turned.axes[0].patches if patch.get_gid() == "EM17"]
+
+
+def test_what_the_file_does_not_state_is_said():
+    before, after = OMNI.split("[windings]")
+    figure = parse(before + after[after.index("[dome]") :], "bare.toml").draw("section")
+    texts = " ".join(text.get_text() for text in [*figure.texts, *figure.legends[0].get_texts()])
+    assert "not to scale: the windings' radii and lengths" in texts
+    assert "coil (winding), not to scale" in texts
+
+
+def test_numbers_have_units_in_their_keys(capsys):
+    code, out, _ = run(capsys, "show", "pmsm", "--json")
+    assert code == 0
+    told = json.loads(out)
+    place = next(part for part in told["parts"] if part["name"] == "EM17")["position_m"]
+    assert place == pytest.approx([0.0568, 0, 0], abs=1e-9)
+    assert told["workspace"]["half_angle_deg"] == pytest.approx(22.5)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["omi"], "did you mean 'omni'"),
+        (["omni", "--output", "a.jpg"], "--output must be a .png, .svg or .pdf file; got 'a.jpg'"),
+        (["omni", "--output", "/no/such/folder/a.png"], "--output: the folder '/no/such/folder' does not exist"),
+        (["omni", "--output", "/proc/a.png"], "--output: cannot write '/proc/a.png'"),
+        (["omni", "--view", "side"], "view of a drawing 'side'"),
+        (["omni", "--azimuth", "nan"], "finite angle"),
+        (["pmsm-printed"], "EM1 and EM17"),
+    ],
+)
+def test_a_mistake_is_one_message_and_no_file(capsys, tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, "show", *words)
+    assert code == 2
+    assert said in err
+    assert not out
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_kind_without_geometry_says_so(monkeypatch):
+    omni = haptorb.load("omni")
+    monkeypatch.setattr(type(omni), "kind", replace(omni.kind, geometry=None))
+    with pytest.raises(InputError, match="haptorb show"):
+        omni.draw()

@@ -1,0 +1,158 @@
+"""A device engineer's first hour: copy a catalogue device, change, compare, draw, check and run it; her mistakes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from haptorb.apps.cli import main
+
+HAPTORB = "import sys; from haptorb.apps.cli import main; sys.exit(main(sys.argv[1:]))"
+CHANGES = (
+    ('name = "omni"', 'name = "mine"'),
+    ("[80, 80, 80]", "[80, 80, 96]"),
+    ("[22.3, 24.3, 26.3]", "[22.3, 24.3, 26.9]"),
+    ("[38.891, 38.891, 0.0]", "[38.891, 38.891, 5.0]"),
+    ('length = "24 mm"', 'length = "30 mm"'),
+)
+
+
+class Shell:
+    """Commands as she types them, in her folder."""
+
+    def __init__(self, capfd: pytest.CaptureFixture[str]) -> None:
+        self._capfd = capfd
+
+    def __call__(self, line: str) -> tuple[int, str, str]:
+        """Exit code, standard output and standard error of `haptorb LINE`."""
+        try:
+            code = main(line.split())
+        except SystemExit as end:
+            code = int(end.code or 0)
+        out, err = self._capfd.readouterr()
+        assert "Traceback" not in out + err
+        return code, out, err
+
+    def done(self, line: str) -> str:
+        """Standard output of a command that must do its work."""
+        code, out, err = self(line)
+        assert code == 0, err
+        return out
+
+
+@pytest.fixture
+def shell(capfd, tmp_path, monkeypatch):
+    """Her folder, with a copy of the Omni in which she changed some values."""
+    monkeypatch.chdir(tmp_path)
+    shell = Shell(capfd)
+    text = shell.done("devices omni")
+    for before, after in CHANGES:
+        assert text.count(before) == 1, before
+        text = text.replace(before, after)
+    Path("mine.toml").write_text(text, encoding="utf-8")
+    return shell
+
+
+def edit(before: str, after: str) -> None:
+    """Change her file as she does in her editor."""
+    text = Path("mine.toml").read_text(encoding="utf-8")
+    assert text.count(before) == 1, before
+    Path("mine.toml").write_text(text.replace(before, after), encoding="utf-8")
+
+
+def test_what_is_there_and_a_copy_of_it(shell):
+    assert shell.done("--version").startswith("haptorb ")
+    assert "omni" in shell.done("devices")
+    text = shell.done("devices omni")
+    Path("copy.toml").write_text(text, encoding="utf-8")
+    omni, copy = json.loads(shell.done("inspect omni copy.toml --json"))
+    assert omni == copy
+
+
+def test_more_turns_and_a_longer_magnet_are_seen_in_the_card(shell):
+    omni, mine = json.loads(shell.done("inspect omni mine.toml --json"))
+    turns, before = mine["predicted_moment_per_current_m2"][2][2], omni["predicted_moment_per_current_m2"][2][2]
+    assert turns > 1.15 * before  # a fifth more turns, a little further out
+    assert mine["tool_moment_a_m2"] == pytest.approx(1.25 * omni["tool_moment_a_m2"])
+    table = shell.done("inspect omni mine.toml --plot both.svg")
+    row = next(line for line in table.splitlines() if line.startswith("moment of the tool"))
+    assert row.split()[-3:] == ["2.41", "3.01", "+25"]
+    assert Path("both.svg").read_text(encoding="utf-8").startswith("<?xml")
+
+
+def test_the_drawing_has_the_values_of_the_file(shell):
+    assert "mine.drawing.png" in shell.done("show mine.toml --view section")
+    assert Path("mine.drawing.png").stat().st_size > 10_000
+    parts = json.loads(shell.done("show mine.toml --json"))
+    coil = next(part for part in parts["parts"] if part["name"] == "z")
+    assert coil["outer_radius_m"] == pytest.approx(0.0269, abs=1e-9)
+    sensors = [spot["position_m"] for spot in parts["spots"] if spot["role"] == "sensor"]
+    assert [0.038891, 0.038891, 0.005] in [[round(x, 9) for x in place] for place in sensors]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ('length = "30 mm"', 'length = "30 kg"', "tool.length must be a length; got '30 kg'"),
+        ('length = "30 mm"', "length = 30", "tool.length"),
+        ('core_radius = "15 mm"', 'core_radios = "15 mm"', "did you mean 'core_radius'"),
+        ('core_radius = "15 mm"', 'core_radius = "35 mm"', "core"),
+        ("[22.3, 24.3, 26.9]", "[22.3, 24.3, 36.9]", "windings of coil 'z'"),
+        ('names = ["x", "y", "z"]', 'names = ["x", "y"]', "coils has 2 names"),
+        ("[coils]", "[coils", "not a TOML file"),
+    ],
+)
+def test_her_mistakes_are_told_with_file_and_key_and_nothing_is_written(shell, before, after, said):
+    edit(before, after)
+    was = sorted(os.listdir())
+    for command in ("inspect omni mine.toml --plot a.png", "show mine.toml -o a.png", "check mine.toml --world dome"):
+        code, out, err = shell(command)
+        assert code == 2, command
+        assert said in err
+        assert "mine.toml" in err
+        assert not out
+    assert sorted(os.listdir()) == was
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("inspect mime.toml", "mime.toml: cannot be read"),
+        ("inspect omny", "did you mean 'omni'"),
+        ("inspect mine.toml mine.toml", "given twice"),
+        ("show mine.toml -o drawing.dwg", ".png, .svg or .pdf"),
+        ("show mine.toml -o nowhere/drawing.png", "the folder 'nowhere' does not exist"),
+        ("devices omny", "did you mean 'omni'"),
+        ("train mine.toml", "works for spherical motors"),
+    ],
+)
+def test_what_she_types_wrong_is_told_in_one_message(shell, line, said):
+    code, out, err = shell(line)
+    assert code == 2
+    assert said in err
+    assert not out
+
+
+def test_she_checks_her_device_with_a_world(shell):
+    code, out, _ = shell("check mine.toml --world dome --json")
+    told = json.loads(out)
+    assert told["device"] == "mine"
+    assert (told["verdict"] == "outside") is (code == 1)
+
+
+@pytest.mark.realtime
+def test_she_runs_her_device_for_a_second(shell):
+    run = subprocess.run(
+        [sys.executable, "-c", HAPTORB, "run", "mine.toml", "--headless", "--duration", "1", "--json"],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    report = json.loads(run.stdout)
+    assert report["ticks"] > 500
+    assert report["peak_force_n"] > 0.05
+    assert report["trips"] == []
