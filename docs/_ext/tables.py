@@ -15,7 +15,7 @@ from sphinx.application import Sphinx
 
 import haptorb
 from haptorb import worlds
-from haptorb.apps.feel.candidates import MATERIALS
+from haptorb.physics.materials import MATERIALS
 from haptorb.apps.feel.design_file import DesignFile, DesignTable
 from haptorb.apps.study.model.study_file import Study
 from haptorb.control.protection.trip import GuardState, Trip
@@ -86,7 +86,7 @@ def study_keys() -> str:
 
 def design_keys() -> str:
     """Every key of a file of snap-fit designs, of one design and of the known materials."""
-    rows = [(name, f"{E / 1e9:g}", f"{nu:g}", "yes" if metal else "no") for name, (E, nu, metal) in MATERIALS.items()]
+    rows = [(name, f"{E / 1e9:g}", f"{nu:g}", "yes" if metal else "no") for name, (E, nu, metal, _) in MATERIALS.items()]
     return "\n".join(
         [
             f"## The file\n\n{_key_table(DesignFile)}",

@@ -8,6 +8,7 @@ import { at, write } from "./panels/dom";
 import { Header, type Health } from "./panels/header";
 import { Legend } from "./panels/legend";
 import { cover, full, UNKNOWN, UNREACHED } from "./panels/lock";
+import { FeelPanel } from "./panels/feel";
 import { ModelPanel } from "./panels/model";
 import { ModePanel } from "./panels/modes";
 import { Plots } from "./panels/plots";
@@ -25,7 +26,7 @@ import type { Subject, Wish } from "./scene/subject";
 import { TargetPane } from "./scene/target_pane";
 import { Rumble } from "./senses/rumble";
 import { Sound } from "./senses/sound";
-import { session as fetchSession, Stranger, token, type Session, type TargetScene, type Values, type World } from "./session";
+import { session as fetchSession, Stranger, token, type FeelState, type Session, type TargetScene, type Values, type World } from "./session";
 import { status, type Silence } from "./status";
 import { Vector3 } from "three";
 import type { Rows } from "./wire";
@@ -52,6 +53,7 @@ class Console {
   private readonly model: ModelPanel;
   private readonly modes: ModePanel | null = null;
   private readonly target: TargetPane | null = null;
+  private readonly feel: FeelPanel | null = null;
   readonly plots: Plots;
   private readonly sound = new Sound();
   private readonly rumble = new Rumble();
@@ -98,6 +100,7 @@ class Console {
       this.modes = new ModePanel((command) => this.command(command));
       this.target = new TargetPane(session.world.scene, this.governor.best);
     }
+    if (session.feel) this.feel = new FeelPanel(session.feel, (act) => this.command({ ...act, do: "feel" }));
     this.plots = new Plots(this.history, session, this.scene);
     this.subject = this.scene.subject(this.stage, session);
     if (this.scene.colours === "currents") this.legend.coils(this.subject.range);
@@ -193,6 +196,7 @@ class Console {
     this.modes?.show(this.sample);
     this.model.enable(false);
     this.modes?.enable(false);
+    this.feel?.enable(false);
     this.target?.forget();
     this.plots.freeze(true);
     at("view").classList.add("dead");
@@ -210,6 +214,7 @@ class Console {
     this.world.enable(this.control);
     this.model.enable(this.control);
     this.modes?.enable(this.control);
+    this.feel?.enable(this.control);
     this.target?.live();
   }
 
@@ -243,6 +248,10 @@ class Console {
         this.world.enable(this.control);
         this.model.enable(this.control);
         this.modes?.enable(this.control);
+        this.feel?.enable(this.control);
+        break;
+      case "feel":
+        this.feel?.show(event as unknown as FeelState);
         break;
       case "worlds":
         this.world.offer(event["worlds"] as World[]);

@@ -93,6 +93,26 @@ export interface TargetScene {
   force: number;
 }
 
+/** A session in which designs are felt and rated; what is hidden is not in it. */
+export interface FeelState {
+  title: string;
+  person: string;
+  people: string[];
+  hidden: boolean;
+  scale: [number, number];
+  number: number;
+  label: string;
+  /** which feeling it is: a rating names it */
+  feeling: string;
+  score: number | null;
+  a: number;
+  b: number;
+  designs: { number: number; label: string; score: number | null; remarks: string[] }[];
+  /** all torques of the handle times `now`; `hand`: force in the hand per force on the part */
+  gain: { now: number; low: number; high: number; reason: string; hand: number };
+  finished: boolean;
+}
+
 export interface Session {
   version: string;
   started: string;
@@ -121,6 +141,7 @@ export interface Session {
   };
   worlds: World[];
   world: { name: string; values: Values; model: string; scene: TargetScene | null; remarks: string[] };
+  feel: FeelState | null;
   /** the guard's reasons by code: a word, and what happened and what to do */
   trips: Record<string, { word: string; text: string }>;
 }

@@ -106,7 +106,11 @@ def test_a_metal_among_the_plastics_is_remarked_upon(tmp_path: Path) -> None:
         ("thickness", "thicknes", "thicknes is not a known key; did you mean 'thickness'?"),
         ("friction", "poisson_ratio = 0.6\nfriction", "poisson_ratio must be less than 0.5; got 0.6"),
         ('"phosphor bronze"', '"phosphor bronce"', "did you mean 'phosphor bronze'?"),
-        ('world = "outlet"', 'world = "socket"', "world must be 'snap_fit' or 'outlet'; got 'socket'"),
+        (
+            'world = "outlet"',
+            'world = "socket"',
+            "must be 'snap_fit', 'outlet' or a file FILE.py:NAME; got",
+        ),
         ("plug_width", "half_width", "half_width is a key of world 'snap_fit'"),
         ('"4.8 mm"', '"7 mm"', "not wider than the opening"),
         ('"58.8 deg"', '"95 deg"', "rear must be less than 90°"),

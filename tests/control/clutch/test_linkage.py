@@ -134,6 +134,31 @@ def test_letting_go_reaches_further():
     assert linkage.render(Nothing(), rotor(n + 1, 0, 0.35, 0)).thing.p.tolist() == [0.0, 0.0, 0.0]
 
 
+def test_the_torque_scale_slides_and_leaves_motion_and_world_alone():
+    """Pushed aside: the torque goes to the new scale within a second without a step; where the target is, and what
+    acts on it, stays."""
+    linkage = ModedLinkage()
+    for n in range(300):
+        linkage.render(Outlet(), rotor(n, 0.0, 0.0, 0.0))
+    for n in range(300, 600):
+        before = linkage.render(Outlet(), rotor(n, 0.05, 0.02, 0.0))
+    linkage.set_torque_scale(3.0)
+    last, largest = before, 0.0
+    for n in range(600, 1600):
+        felt = linkage.render(Outlet(), rotor(n, 0.05, 0.02, 0.0))
+        largest = max(largest, np.abs(felt.wrench - last.wrench).max())
+        last = felt
+    assert last.wrench == pytest.approx(3.0 * before.wrench)
+    assert largest < 0.01 * np.abs(last.wrench).max()
+    assert (last.thing.p == before.thing.p).all()
+    assert (last.on_thing == before.on_thing).all()
+    for wrong in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(InputError, match="torque scale"):
+            linkage.set_torque_scale(wrong)
+    with pytest.raises(InputError, match="no torque scale"):
+        Direct().set_torque_scale(1.0)
+
+
 def turn(A, B):
     """(3,) [rad] from B to A, a small one: its rotation vector but for a cube."""
     M = A @ B.T

@@ -4,10 +4,17 @@ import type { DeviceScene } from "../scene/device_scene";
 import type { Scene, Session } from "../session";
 import { at, make } from "./dom";
 
+const FEEL = [
+  ["1 to 7", "rate the design that is felt"],
+  ["A, B", "feel what stands beside A or B"],
+  ["N", "next design in random order"],
+] as const;
+
 export function fill(session: Session, scene: DeviceScene, keys: readonly (readonly [string, string])[]): void {
   const all = [
     ["Space, Esc", "STOP: coils off at once, wherever the focus is"],
     ...keys,
+    ...(session.feel ? FEEL : []),
     [`drag beside the ${scene.held}`, "turn the view; wheel or pinch zooms; 0 resets"],
     ["P", "pause the plots; mark a range or use the wheel to zoom"],
     ["Tab, Enter", "reach and press every button"],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from threading import Event, Thread
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,11 +12,11 @@ from haptorb.apps.terminal import Column, TextTable, make_console, print_json, p
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
-    from haptorb.apps.feel import Candidate, Candidates, FeelSession, Trace
-    from haptorb.runtime.recording.recording import Recording
-    from haptorb.runtime.servo.servo import Servo
+    from haptorb.apps.feel import Candidates, FeelSession
 
 __all__ = ["register"]
+
+_EVERY = 0.05  #: between two looks at the servo's rows [s]
 
 
 def register(app: typer.Typer) -> None:
@@ -26,11 +25,21 @@ def register(app: typer.Typer) -> None:
 
 
 def feel(
-    designs: Annotated[Path, typer.Argument(help="TOML file of candidate designs.")],
+    designs: Annotated[Path | None, typer.Argument(help="TOML file of candidate designs.")] = None,
+    world: Annotated[
+        list[str] | None, typer.Option(help="Instead of a file: a world of your own, FILE.py:NAME; repeatable.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help='World parameter of --world, NAME=VALUE or NAME="VALUE UNIT"; repeatable.'),
+    ] = None,
     device: Annotated[str, typer.Argument(help="Spherical motor: device name, or path of a device file.")] = "pmsm",
     only: Annotated[list[str] | None, typer.Option(help="Render only this design; repeatable.")] = None,
     session: Annotated[Path | None, typer.Option(help="Folder for ratings and traces (default: FILE-session).")] = None,
     person: Annotated[str, typer.Option(help="Code of the person who rates.")] = "",
+    blind: Annotated[
+        bool, typer.Option("--blind", help="Hide names, sizes, pictures and forces of the designs in the console.")
+    ] = False,
     rate: Annotated[list[str] | None, typer.Option(help="Enter a score, NAME=1…7; repeatable.")] = None,
     choose: Annotated[str | None, typer.Option(help="Record this design as the choice.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the comparison into this PNG, SVG or PDF file.")] = None,
@@ -39,15 +48,22 @@ def feel(
     ] = False,
     seconds: Annotated[float, typer.Option(help="Duration per design without the console [s].")] = 15.0,
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
+    browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
 ) -> None:
-    """Feel designs one after another, rate each from 1 to 7, and compare them. Traces and ratings are stored."""
-    from haptorb.apps.feel import FeelSession, load_designs
+    """Feel designs, rate each from 1 to 7, and compare them. At the end there is a report."""
+    from haptorb.apps.cli.feel_session.choice import DesignChoice
+    from haptorb.apps.cli.feel_session.running import feel_with_console, feel_without_console, find_scale
+    from haptorb.apps.feel import FeelSession
+    from haptorb.apps.feel.live_session import LiveSession
+    from haptorb.apps.feel.report import write_report
+    from haptorb.apps.feel.session import check_person
     from haptorb.runtime.realtime.linux import require_linux
 
     require_linux("`haptorb feel`")
-    candidates = load_designs(designs)
-    wanted = [candidates[name] for name in only] if only else list(candidates.designs)
+    choice = DesignChoice.of(designs, world or [], settings or [])
+    candidates = choice.load()
+    wanted = [candidates[name] for name in dict.fromkeys(only)] if only else list(candidates.designs)
     scores = _scores(rate or [], candidates)
     if choose is not None:
         candidates[choose]  # refuses a name that there is not before anything is felt
@@ -55,87 +71,29 @@ def feel(
         raise InputError(f"--seconds must be greater than 0; got {seconds:g}")
     if plot is not None:
         check_figure_file(plot, "--plot")
-    store = FeelSession(session or designs.with_name(f"{designs.stem}-session"), candidates)
+    person = check_person(person)
+    motor, scale = find_scale(device, wanted, candidates)
+    kept = FeelSession(session or choice.folder, candidates)
     for design in wanted:
         for remark in design.remarks:
             say(f"{design.name}: {remark}")
-        servo = _servo(device, design, candidates)
-        answer = _run_without_console(servo, seconds) if headless else _run_with_console(servo, design, port)
-        trace = _trace(servo.recording, design)
-        name = store.keep(trace) if len(trace.rows) else ""
-        score = scores.get(design.name, _score(answer))
-        if score is not None:
-            store.rate(design.name, score, person=person, trace=name)
-        say(f"{design.title}: rendered for {len(trace.rows) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
+    say(f"True scale: {scale.sentence}.")
+    number = 0
+    if headless:
+        for design in wanted:
+            feel_without_console(kept, design, device, seconds, person, scores.pop(design.name, None))
+    else:
+        live = LiveSession(kept, wanted, person=person, blind=blind, limits=scale.unknown_limits)
+        number = feel_with_console(live, choice, device, scale, port, browser)
+    for name, score in scores.items():
+        kept.rate(name, score, person=person)
     if choose is not None:
-        store.choose(choose, person=person)
-    _compare(candidates, store, plot, json)
-
-
-def _servo(device: str, design: Candidate, candidates: Candidates) -> Servo:
-    from haptorb.control.clutch.linkage import MOTOR_GAINS
-    from haptorb.runtime.servo.servo import Servo
-
-    # The file scales torques; how far the handle moves the part is the motor's matter.
-    return Servo(device, design.world, gains=MOTOR_GAINS.scale(float(candidates.gains.torque_per_motion[0])))
-
-
-def _run_without_console(servo: Servo, seconds: float) -> str:
-    with servo:
-        servo.run(seconds)
-    return ""
-
-
-def _run_with_console(servo: Servo, design: Candidate, port: int) -> str:
-    """What the person typed after feeling `design` in the browser."""
-    from haptorb.apps.console import Console
-
-    done, message = Event(), [""]
-
-    def ask() -> None:
-        try:
-            message[0] = input(f"{design.title}: type a score from 1 to 7 and press Enter (Enter alone: no score): ")
-        except EOFError:
-            return
-        done.set()
-
-    with Console(servo, port) as console, servo:
-        say(f"Open {console.url} in a browser. Ctrl-C ends.")
-        Thread(target=ask, daemon=True).start()
-        number = console.serve(open_browser=False, until=done.is_set)
-        servo.check()
+        kept.choose(choose, person=person)
+    facts = (f"Simulated device '{motor.name}': no hardware was driven.", f"True scale: {scale.sentence}.")
+    say(f"report: {write_report(kept, kept.folder / 'report.html', facts)}")
+    _compare(candidates, kept, plot, json)
     if number:
         raise typer.Exit(128 + number)
-    return message[0]
-
-
-def _trace(recording: Recording, design: Candidate) -> Trace:
-    """What the part went through, tick by tick."""
-    import numpy as np
-    from scipy.spatial.transform import Rotation
-
-    from haptorb.apps.feel import Trace
-    from haptorb.devices.state import State
-
-    trace = Trace(design)
-    believed = recording["valid"] > 0
-    p, q, wrench = (recording[name][believed] for name in ("object", "object_q", "object_wrench"))
-    if not len(p):
-        return trace
-    zero = np.zeros(3)
-    turns = Rotation.from_quat(q).as_matrix()
-    for t, place, R, push in zip(recording.t[believed].tolist(), p, turns, wrench, strict=True):
-        trace.append(State(t, R, place, zero, zero), push)
-    return trace
-
-
-def _score(answer: str) -> int | None:
-    text = answer.strip()
-    if not text:
-        return None
-    if not text.isdecimal():
-        raise InputError(f"a score must be a whole number from 1 to 7; got '{text}'")
-    return int(text)
 
 
 def _scores(given: list[str], candidates: Candidates) -> dict[str, int]:

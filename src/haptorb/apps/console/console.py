@@ -8,6 +8,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self, final
 
+from haptorb.apps.console.designs.design_session import DesignSession
 from haptorb.apps.console.force_map import FeltMap
 from haptorb.apps.console.force_map_process import ForceMapProcess
 from haptorb.apps.console.running_servo import RunningServo
@@ -33,15 +34,23 @@ class Console:
 
     Best made before the servo starts: then the process that paints the felt map loads at the same time.
 
-    port   0 takes any free one
+    port      0 takes any free one
+    designs   a session in which designs are felt and rated; its panel stands in place of the world's
     Raises InputError at once if the port is taken or cannot be had, or the page has not been built.
     """
 
-    def __init__(self, servo: RunningServo, port: int = PORT, *, felt: FeltMap | None = None) -> None:
+    def __init__(
+        self,
+        servo: RunningServo,
+        port: int = PORT,
+        *,
+        felt: FeltMap | None = None,
+        designs: DesignSession | None = None,
+    ) -> None:
         self._servo = servo
         self._socket = bind_socket(port)
         try:
-            app = application(servo, felt)
+            app = application(servo, felt, designs)
         except BaseException:
             self._socket.close()
             raise

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Coroutine
 from typing import Any, final
 
 import numpy as np
 from starlette.websockets import WebSocket
 
-__all__ = ["PATIENCE", "ConsolePage", "to_json"]
+__all__ = ["PATIENCE", "ConsolePage", "to_json", "wait_for_first"]
 
 PATIENCE = 5.0  #: for a page that does not take what is sent [s]
 
@@ -50,3 +51,16 @@ def to_json(value: Any) -> Any:
     if isinstance(value, tuple | list | np.ndarray):
         return [float(number) for number in value]
     return value.item() if isinstance(value, np.generic) else value
+
+
+async def wait_for_first(*ways: Coroutine[Any, Any, None]) -> None:
+    """Until one of `ways` ends; the others are cancelled."""
+    tasks = [asyncio.create_task(way) for way in ways]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+    for task in done:
+        task.result()

@@ -110,14 +110,16 @@ def session(servo: RunningServo, started: str) -> dict[str, Any]:
     }
 
 
-def worlds_now(servo: RunningServo) -> dict[str, Any]:
-    """The worlds that can be chosen, and the present one."""
-    return {"worlds": worlds(servo.device, servo.own_worlds), "world": world_now(servo)}
+def worlds_now(servo: RunningServo, *, shown: bool = True) -> dict[str, Any]:
+    """The worlds that can be chosen, and the present one; nothing but its name unless it may be `shown`."""
+    return {"worlds": worlds(servo.device, servo.own_worlds if shown else {}), "world": world_now(servo, shown=shown)}
 
 
-def world_now(servo: RunningServo) -> dict[str, Any]:
+def world_now(servo: RunningServo, *, shown: bool = True) -> dict[str, Any]:
     """Name and values of the world that is felt now, the model that is inverted, what there is to draw and to say."""
     name, values = servo.world
+    if not shown:
+        return {"name": "hidden", "values": {}, "model": servo.model, "scene": None, "remarks": []}
     plain = {key: _to_json(value) for key, value in values.items()}
     return {
         "name": name,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 from uuid import uuid4
 
@@ -11,6 +12,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 
+from haptorb.apps.console.designs.design_session import DesignSession
 from haptorb.apps.console.force_map import FeltMap, ForceMapWorker
 from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.session import session, worlds_now
@@ -27,8 +29,10 @@ __all__ = ["STATIC", "application"]
 STATIC = Path(__file__).parent / "static"
 
 
-def application(servo: RunningServo, felt: FeltMap | None = None) -> Starlette:
+def application(servo: RunningServo, felt: FeltMap | None = None, designs: DesignSession | None = None) -> Starlette:
     """The ASGI application for one running servo, for those who know `app.state.token`.
+
+    With `designs`, pages choose and rate those, and neither world nor parameters.
 
     `felt` answers what the device would give at points in space; by default the simulation of `servo.device` does.
     `app.state.felt` is the process behind that, to be closed at the end, or None.
@@ -49,14 +53,16 @@ def application(servo: RunningServo, felt: FeltMap | None = None) -> Starlette:
             process.start()
             process.own_worlds = lambda: servo.own_worlds
         painter = ForceMapWorker(device, felt)
-    room = ConsoleSocketHub(servo, painter)
+    room = ConsoleSocketHub(servo, painter, designs)
     known = session(servo, uuid4().hex)
 
     async def file(request: Request) -> Response:
         return respond(files, request.path_params.get("name", "index.html"))
 
     async def describe(request: Request) -> Response:
-        return JSONResponse(known | worlds_now(servo))
+        shown = designs is None or not designs.hidden
+        now = {"feel": None if designs is None else dict(await asyncio.to_thread(designs.describe))}
+        return JSONResponse(known | now | worlds_now(servo, shown=shown))
 
     app = Starlette(
         routes=[

@@ -5,14 +5,16 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Coroutine, Mapping
+from collections.abc import Mapping
 from typing import Any, final
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from haptorb.apps.console.designs.design_relay import DesignRelay
+from haptorb.apps.console.designs.design_session import DesignSession
 from haptorb.apps.console.force_map import ForceMapWorker
 from haptorb.apps.console.health import Health, describe_troubles
-from haptorb.apps.console.page import ConsolePage, to_json
+from haptorb.apps.console.page import ConsolePage, to_json, wait_for_first
 from haptorb.apps.console.pointer_relay import PointerRelay
 from haptorb.apps.console.recent import RecentRows
 from haptorb.apps.console.running_servo import RunningServo
@@ -44,10 +46,13 @@ _NAME = 64  #: of a world, a mode or a value [characters]
 class ConsoleSocketHub:
     """Joins pages to one servo, which must run before the first page comes."""
 
-    def __init__(self, servo: RunningServo, painter: ForceMapWorker | None) -> None:
+    def __init__(
+        self, servo: RunningServo, painter: ForceMapWorker | None, designs: DesignSession | None = None
+    ) -> None:
         self._servo = servo
         self._painter = painter
         self._pages: list[ConsolePage] = []  # the first has the control
+        self._designs = None if designs is None else DesignRelay(designs, self._pages, self._notice_world)
         self._hand = PointerRelay(servo)
         self._health = Health(servo)
         self._recent = RecentRows(servo)
@@ -58,7 +63,7 @@ class ConsoleSocketHub:
         self._turn = layout["target_q"]
         if servo.modes:
             prepare()
-        self._world: tuple[str, dict[str, Any], str] = ("", {}, "")
+        self._world: tuple[str, dict[str, Any], str, bool] = ("", {}, "", False)
         self._own = servo.own_worlds  # as the pages know them
         self._version = 0
         self._asked: tuple[ConsolePage, str, dict[str, Any]] | None = None
@@ -78,6 +83,8 @@ class ConsoleSocketHub:
                     self._send_to_all("health", **self._health.look(), **describe_troubles(self._servo))
                 self._notice_world()
                 self._notice_refused()
+            if self._designs is not None:
+                self._designs.notice()
             await asyncio.sleep(REFRESH)
 
     async def join(self, socket: WebSocket) -> None:
@@ -92,9 +99,11 @@ class ConsoleSocketHub:
             self._notice_world()
             self._tell_roles()
             page.tell("world", **self._world_event())
+            if self._designs is not None:
+                await self._designs.tell([page])
             if self._trouble:
                 page.tell("mistake", text=self._trouble)
-            await _wait_for_first(self._send(page), self._listen(page))
+            await wait_for_first(self._send(page), self._listen(page))
         except (WebSocketDisconnect, RuntimeError, TimeoutError):
             pass  # the page went away while something was on its way, or it does not listen
         finally:
@@ -158,6 +167,10 @@ class ConsoleSocketHub:
                 if not isinstance(command.get("engaged"), bool):
                     raise InputError("the clutch is set by `engaged`, true or false")
                 self._servo.clutch(command["engaged"])
+            case "world" if self._designs is not None:
+                raise InputError("in a feel session the panel 'Designs' chooses what is felt")
+            case "feel" if self._designs is not None:
+                self._designs.execute(page, command)
             case "cool":
                 self._servo.cool()
             case "world":
@@ -193,7 +206,8 @@ class ConsoleSocketHub:
     def _notice_world(self) -> None:
         """Tell everyone, and repaint, if the world or the model that is inverted is another one than before."""
         name, values = self._servo.world
-        now = (name, {key: to_json(value) for key, value in values.items()}, self._servo.model)
+        hidden = self._designs is not None and self._designs.hidden
+        now = (name, {key: to_json(value) for key, value in values.items()}, self._servo.model, hidden)
         own = self._servo.own_worlds
         loaded = own is not self._own
         if now == self._world and not loaded:
@@ -216,7 +230,9 @@ class ConsoleSocketHub:
             self._send_to_all("mistake", text=f"tracker {self._servo.tracker}: refused {', '.join(news)}")
 
     def _world_event(self) -> dict[str, Any]:
-        name, values, model = self._world
+        name, values, model, hidden = self._world
+        if hidden:
+            return {"name": "hidden", "values": {}, "model": model, "scene": None}
         scene = target_scene(name, values) if self._servo.modes else None
         remarks = world_remarks(name, values)
         return {"name": name, "values": values, "model": model, "scene": scene, "remarks": remarks}
@@ -276,16 +292,3 @@ class ConsoleSocketHub:
             await asyncio.wait_for(page.soon.wait(), max(rest, 1e-3))
         except TimeoutError:
             return
-
-
-async def _wait_for_first(*ways: Coroutine[Any, Any, None]) -> None:
-    """Until one of `ways` ends; the others are cancelled."""
-    tasks = [asyncio.create_task(way) for way in ways]
-    try:
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-    for task in done:
-        task.result()

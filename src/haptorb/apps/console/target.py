@@ -65,7 +65,7 @@ def _remarks(name: str, values: tuple[tuple[str, float], ...]) -> list[str]:
         return []
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=128)  # as many designs as a feel session has
 def _scene(name: str, values: tuple[tuple[str, float], ...]) -> dict[str, Any] | None:
     try:
         world = find_world(name)().replace(**dict(values))

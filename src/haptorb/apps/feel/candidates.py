@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,15 +14,20 @@ from pydantic import ValidationError
 from haptorb.apps.feel.design_file import ONLY, DesignFile, DesignTable
 from haptorb.control.clutch.modes import Gains
 from haptorb.devices.schema import key as m
+from haptorb.devices.schema import quantity as q
 from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import HaptorbError, InputError, quote
 from haptorb.files.text_file import parse_toml, read_text
 from haptorb.physics.beams import Model
 from haptorb.physics.hook import METALS_FROM, Hook
 from haptorb.physics.materials import MATERIALS
-from haptorb.worlds import Outlet, SnapFit
+from haptorb.worlds import Outlet, SnapFit, World
+from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
+from haptorb.worlds.parameter import Parameter, parameters
+from haptorb.worlds.parameter import values as parameter_values
+from haptorb.worlds.snap_fit.root_load import RootLoad
 
-__all__ = ["Candidate", "Candidates", "load_designs"]
+__all__ = ["Candidate", "Candidates", "load_designs", "own_candidate"]
 
 _MISTAKES = 40  #: told at once
 
@@ -33,17 +38,16 @@ class Candidate:
 
     name: str
     title: Annotated[str, m.Meaning("headline of the file"), m.Form("text")]
-    material: str
-    world: Annotated[
-        SnapFit | Outlet, m.Meaning("what the hooks belong to: a part that snaps in, or a socket with a plug")
-    ]
+    material: str  #: empty for a world of the user's own
+    world: Annotated[World, m.Meaning("what the hooks belong to: a part that snaps in, or a socket with a plug")]
     remarks: tuple[str, ...]  #: what should be said about it though it can exist
     digest: str  #: of everything that makes its feel; ratings and traces carry it
+    root: RootLoad | None = None  #: what the hook's root bears where it is bent most; None for a world without a hook
 
     @property
-    def hook(self) -> Hook:
-        """The hook it is about."""
-        return self.world.hook
+    def hook(self) -> Hook | None:
+        """The hook it is about; None for a world of the user's own."""
+        return self.world.hook if isinstance(self.world, SnapFit | Outlet) else None
 
 
 @dataclass(frozen=True)
@@ -78,12 +82,16 @@ def load_designs(path: str | Path) -> Candidates:
         file = DesignFile.model_validate(raw)
     except ValidationError as cause:
         raise InputError(_list_mistakes(where, explain_mistakes(cause.errors(), DesignFile))) from cause
-    mistakes = [f"common: {line}" for line in _mistakes_of_common(file.common)]
+    own_file = parse_world_file(file.world, Path(path).parent) if is_world_file(file.world) else None
+    mistakes = [] if own_file else [f"common: {line}" for line in _mistakes_of_common(file.common)]
     common = {key: value for key, value in file.common.items() if key in DesignTable.model_fields}
     designs = []
     for name, own in file.design.items():
         try:
-            designs.append(_candidate(name, file, {**common, **own}))
+            if own_file is None:
+                designs.append(_candidate(name, file, {**common, **own}))
+            else:
+                designs.append(own_candidate(own_file, name, {**file.common, **own}))
         except ValidationError as cause:
             errors = [error for error in cause.errors() if error["loc"][0] in own or error["loc"][0] not in common]
             mistakes += [f"design {quote(name)}: {line}" for line in explain_mistakes(errors, DesignTable)]
@@ -142,9 +150,10 @@ def _candidate(name: str, file: DesignFile, values: dict[str, Any]) -> Candidate
     kind: type[SnapFit] | type[Outlet] = SnapFit if file.world == "snap_fit" else Outlet
     made = kind.of(hook, design.friction, file.beam, material=design.material, **others)
     remarks = list(hook.remarks(metal))
-    if made.root_load.beyond_yield:
-        remarks.append(made.root_load.sentence)
-    if design.material in MATERIALS and MATERIALS[design.material][2] is not metal:
+    root = replace(made.root_load, stated_strength=design.yield_strength)
+    if root.beyond_yield:
+        remarks.append(root.sentence)
+    if design.material in MATERIALS and MATERIALS[design.material].metal is not metal:
         remarks.append(f"material '{design.material}' is {'a metal' if not metal else 'no metal'}, but metal = {metal}")
     if not metal and METALS_FROM < E:
         remarks.append(
@@ -152,4 +161,30 @@ def _candidate(name: str, file: DesignFile, values: dict[str, Any]) -> Candidate
         )
     parts = {**hook.__dict__, **others, "friction": design.friction, "world": file.world, "beam": file.beam}
     digest = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
-    return Candidate(name, design.title or name, design.material, made, tuple(remarks), digest)
+    return Candidate(name, design.title or name, design.material, made, tuple(remarks), digest, root)
+
+
+def own_candidate(file: WorldFile, name: str, values: dict[str, Any]) -> Candidate:
+    """The world in `file` as a design: `values` of its parameters (SI, or texts with a unit), and a `title`.
+
+    It is loaded once: what is felt and rated stays what it was when the session began. Raises InputError as
+    `WorldFile.load` does, and for values that cannot be.
+    """
+    world = file.load()
+    known = parameters(type(world))
+    title = str(values.get("title", "")) or name
+    given = {key: value for key, value in values.items() if key != "title"}
+    made = world.replace(**{key: _own_value(key, value, known) for key, value in given.items()})
+    parts = {"file": file.path.read_bytes().hex(), "name": made.name, "values": parameter_values(made)}
+    digest = hashlib.sha256(json.dumps(parts, sort_keys=True, default=list).encode()).hexdigest()[:16]
+    return Candidate(name, title, "", made, (), digest)
+
+
+def _own_value(key: str, value: Any, known: dict[str, Parameter]) -> Any:
+    if not isinstance(value, str) or key not in known:
+        return value
+    unit = known[key].unit.removeprefix("1")
+    try:
+        return q.si(value, unit, f"a value in {unit}" if unit else "a number without a unit")
+    except ValueError as cause:
+        raise InputError(f"{key} {cause}") from cause

@@ -10,30 +10,51 @@ import numpy as np
 
 from haptorb.apps.feel.candidates import Candidates
 from haptorb.apps.feel.course import course
+from haptorb.apps.feel.peaks import compare_peaks
 from haptorb.apps.feel.session import COLUMNS, SCORES, FeelSession
 from haptorb.errors import RecordingError
+from haptorb.files.replace_file import replace_file
+from haptorb.numerics.arrays import Array
 
-__all__ = ["comparison", "plot_comparison"]
+__all__ = ["collect_traces", "comparison", "plot_comparison"]
 
 
 def comparison(candidates: Candidates, session: FeelSession | None = None) -> dict[str, dict[str, Any]]:
     """Design → its numbers (SI), remarks, ratings and whether it was chosen: the table behind the plot."""
     scores = session.scores() if session else {}
     choice = session.choice() if session else None
+    felt = collect_traces(session) if session else {}
     table = {}
     for design in candidates.designs:
         count, score = scores.get(design.name, (0, math.nan))
         chosen = choice is not None and (choice.design, choice.digest) == (design.name, design.digest)
+        run = course(design)
+        peaks = compare_peaks(design, run, felt.get(design.name, []))
         table[design.name] = {
             "title": design.title,
             "material": design.material,
-            **course(design).numbers,
+            **run.numbers,
+            **{f"felt_{one.way}_force_n": one.felt for one in peaks},
+            "felt": len(felt.get(design.name, [])),
+            "peaks": [reason for one in peaks for reason in one.sentences],
             "ratings": count,
             "score": score,
             "chosen": chosen,
             "remarks": list(design.remarks),
         }
     return table
+
+
+def collect_traces(session: FeelSession) -> dict[str, list[Array]]:
+    """Design → every trace (n, 18) of it as it is now, by COLUMNS and HAND; those without a row left out."""
+    found: dict[str, list[Array]] = {}
+    now = {design.name: design.digest for design in session.candidates.designs}
+    for feeling in session.feelings():
+        if now.get(feeling.design) == feeling.digest and (session.folder / feeling.trace).is_file():
+            rows = session.trace_with_hand(feeling.trace)
+            if len(rows):
+                found.setdefault(feeling.design, []).append(rows)
+    return found
 
 
 def plot_comparison(candidates: Candidates, path: str | Path, session: FeelSession | None = None) -> Path:
@@ -45,7 +66,7 @@ def plot_comparison(candidates: Candidates, path: str | Path, session: FeelSessi
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     force, bars = figure.subplots(1, 2, width_ratios=(2, 1))
-    felt = _collect_ratings(session) if session else {}
+    felt = collect_traces(session) if session else {}
     for number, design in enumerate(candidates.designs):
         colour = f"C{number}"
         run = course(design)
@@ -72,15 +93,8 @@ def plot_comparison(candidates: Candidates, path: str | Path, session: FeelSessi
     bars.invert_yaxis()
     target = Path(path)
     try:
-        figure.savefig(target, dpi=150)
+        with replace_file(target) as part:
+            figure.savefig(part, format=target.suffix.lstrip(".") or "png", dpi=150)
     except (OSError, ValueError) as cause:
         raise RecordingError(f"{target}: cannot be drawn ({cause})") from cause
     return target
-
-
-def _collect_ratings(session: FeelSession) -> dict[str, list[Any]]:
-    found: dict[str, list[Any]] = {}
-    for rating in session.ratings():
-        if rating.trace and (session.folder / rating.trace).is_file():
-            found.setdefault(rating.design, []).append(session.trace(rating.trace))
-    return found

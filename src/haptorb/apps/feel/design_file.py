@@ -1,7 +1,7 @@
 """A file of candidate designs P: hook sizes, angles, material; checked as a whole, every mistake named.
 
 title = "Cover clip"
-world = "snap_fit"               # or "outlet"
+world = "snap_fit"               # or "outlet", or a world of your own: "groove.py:Groove", with its parameters
 beam = "timoshenko"              # or "paper"
 force_scale = 1.0                # all torques of the handle times this
 
@@ -25,12 +25,14 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 from annotated_types import Gt
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
+from haptorb.errors import quote
 from haptorb.physics.beams import Model
 from haptorb.worlds import Outlet, SnapFit
+from haptorb.worlds.own.world_file import is_world_file
 from haptorb.worlds.parameter import parameters
 
 __all__ = ["ONLY", "DesignFile", "DesignTable"]
@@ -87,6 +89,11 @@ class DesignTable(BaseModel):
         Annotated[float, Field(ge=0, lt=0.5, strict=True)] | None,
         m.Meaning("Poisson's ratio"),
         _world_range("poisson_ratio"),
+        m.Without("that of the known material"),
+    ] = None
+    yield_strength: Annotated[
+        Modulus | None,
+        m.Meaning("stress at which the material yields, for the report's yield margin"),
         m.Without("that of the known material"),
     ] = None
     friction: Annotated[
@@ -154,13 +161,21 @@ class DesignTable(BaseModel):
 ONLY = {"snap_fit": ("half_width", "clearance"), "outlet": ("plug_width", "opening", "arm", "lead_in")}
 
 
+def _check_world(text: str) -> str:
+    if text not in ONLY and not is_world_file(text):
+        raise ValueError(f"must be 'snap_fit', 'outlet' or a file FILE.py:NAME; got {quote(text)}")
+    return text
+
+
 class DesignFile(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     title: Annotated[str, m.Meaning("headline of the file"), m.Form("text")]
     world: Annotated[
-        Literal["snap_fit", "outlet"],
-        m.Meaning("what the hooks belong to: a part that snaps in, or a socket with a plug"),
+        str,
+        AfterValidator(_check_world),
+        m.Meaning("what the hooks belong to: a part that snaps in, or a socket with a plug; or a world of your own"),
+        m.Form("snap_fit, outlet or FILE.py:NAME"),
     ]
     beam: Annotated[Model, m.Meaning("beam model: Timoshenko's, loaded where the contact is, or the paper's")] = (
         "timoshenko"

@@ -1,6 +1,6 @@
 """What was felt and said of it, kept: ratings and the choice as JSON lines, every trace as CSV, in one folder.
 
-    FOLDER/ratings.jsonl          one line per rating or choice, written through to the disk before the next begins
+    FOLDER/ratings.jsonl          one line per rating, feeling or choice, on the disk before the next begins
     FOLDER/traces/NAME-0001.csv   pose of the target and wrench on it, tick by tick
 
 A line that a crash cut short is left out when read, and said.
@@ -8,102 +8,78 @@ A line that a crash cut short is left out when read, and said.
 
 from __future__ import annotations
 
-import csv
-import json
 import math
 import os
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.asking.rating import SCALE
 from haptorb.apps.asking.rating import rating as rating_of
-from haptorb.apps.feel.candidates import Candidate, Candidates
-from haptorb.devices.state import State
+from haptorb.apps.feel.candidates import Candidates
+from haptorb.apps.feel.records import Choice, DesignRating, Feeling, Record, parse_records, utc_now, write_line
+from haptorb.apps.feel.trace import COLUMNS, HAND, Trace, read_trace, write_trace
 from haptorb.errors import InputError, RecordingError
-from haptorb.files.replace_file import replace_file
-from haptorb.files.text_file import parse_json, read_bytes
+from haptorb.files.text_file import read_bytes
 from haptorb.numerics.arrays import Array
 
-__all__ = ["COLUMNS", "SCORES", "Choice", "DesignRating", "FeelSession", "Trace"]
+__all__ = ["COLUMNS", "SCORES", "Choice", "DesignRating", "FeelSession", "Feeling", "Trace", "check_person"]
 
 _MOST = 64 * 1024 * 1024  #: bytes of all ratings
+_LONGEST = 40  #: of a person's code [characters]
 
 SCORES = SCALE  #: the scale that studies have as well
-COLUMNS = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
 
 
-@dataclass(frozen=True)
-class DesignRating:
-    """What a person said of a design after feeling it."""
-
-    design: str
-    digest: str
-    score: int
-    person: str
-    comment: str
-    time: str
-    trace: str = ""
-
-
-@dataclass(frozen=True)
-class Choice:
-    """The design that was settled on, and why."""
-
-    design: str
-    digest: str
-    person: str
-    comment: str
-    time: str
-
-
-class Trace:
-    """One feeling of one design, as it happens: append ticks, then keep it with `FeelSession.keep`."""
-
-    def __init__(self, design: Candidate) -> None:
-        self.design = design
-        self._rows: list[tuple[float, ...]] = []
-
-    def append(self, target: State, wrench: Array) -> None:
-        """A tick: where the target was and what acted on it (6,)."""
-        x, y, z, w = _quaternion(target.R_SR)
-        self._rows.append((target.t, *target.p.tolist(), x, y, z, w, *np.asarray(wrench, dtype=float).tolist()))
-
-    @property
-    def rows(self) -> Array:
-        """(n, 14) by COLUMNS."""
-        return np.array(self._rows, dtype=float).reshape(-1, len(COLUMNS))
-
-
-def _quaternion(R: Array) -> tuple[float, float, float, float]:
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(R).as_quat()
-    return float(x), float(y), float(z), float(w)
+def check_person(code: str) -> str:
+    """`code` without spaces around it; InputError if it is too long or cannot be shown in one line."""
+    found = code.strip()
+    if len(found) > _LONGEST or not found.isprintable():
+        raise InputError(f"a person's code must have at most {_LONGEST} printable characters; got {code[:60]!r}")
+    return found
 
 
 class FeelSession:
-    """A folder of ratings and traces about one set of candidates; made if it is not there, continued if it is."""
+    """A folder of ratings and traces about one set of candidates; made if it is not there, continued if it is.
+
+    Raises InputError if the folder holds ratings of other designs only: it belongs to another file.
+    """
 
     def __init__(self, folder: str | Path, candidates: Candidates) -> None:
         self.folder = Path(folder)
         self.candidates = candidates
         self.skipped = 0  #: lines that could not be read the last time
+        self._check_designs()
         try:
             (self.folder / "traces").mkdir(parents=True, exist_ok=True)
         except OSError as cause:
             raise RecordingError(f"{self.folder}: cannot be created ({cause.strerror})") from cause
 
+    def _check_designs(self) -> None:
+        rated = {record.design for record in self._records()}
+        known = [design.name for design in self.candidates.designs]
+        if rated and rated.isdisjoint(known):
+            raise InputError(
+                f"{self._path} is about other designs ({', '.join(sorted(rated)[:8])}), none of which is in this file "
+                f"({', '.join(known[:8])}); choose another folder with --session, or use the file it belongs to"
+            )
+
     @property
     def _path(self) -> Path:
         return self.folder / "ratings.jsonl"
 
-    def rate(self, name: str, score: int, *, person: str = "", comment: str = "", trace: str = "") -> DesignRating:
+    def rate(
+        self,
+        name: str,
+        score: int,
+        *,
+        person: str = "",
+        comment: str = "",
+        trace: str = "",
+        feeling: str = "",
+        blind: bool = False,
+    ) -> DesignRating:
         """Keep what `person` says of design `name`; on the disk when this returns."""
         design = self.candidates[name]
         try:
@@ -112,72 +88,100 @@ class FeelSession:
             raise InputError(f"a score is a whole number from {SCORES[0]} to {SCORES[1]}; got {score!r}") from cause
         if trace and not (self.folder / trace).is_file():
             raise InputError(f"{self.folder}: there is no trace '{trace}'")
-        rating = DesignRating(name, design.digest, score, person, comment, _utc_now(), trace)
-        self._write("rating", rating)
+        rating = DesignRating(name, design.digest, score, person, comment, utc_now(), trace, feeling, blind)
+        self._write(rating)
         return rating
 
     def choose(self, name: str, *, person: str = "", comment: str = "") -> Choice:
         """Record that `name` is the one; a later choice replaces it, both stay on record."""
-        choice = Choice(name, self.candidates[name].digest, person, comment, _utc_now())
-        self._write("choice", choice)
+        choice = Choice(name, self.candidates[name].digest, person, comment, utc_now())
+        self._write(choice)
         return choice
 
-    def keep(self, trace: Trace) -> str:
-        """Write `trace` to its file; returns the name to be given to `rate`."""
-        if not len(trace.rows):
-            raise InputError(
-                f"the trace of design '{trace.design.name}' is empty: no tick with a valid pose was recorded"
-            )
+    def reserve(self, name: str) -> str:
+        """The name of a new trace of design `name`, whose file is there, without a row, until it is kept."""
         folder = self.folder / "traces"
-        number = 1 + max(
-            (int(p.stem.rsplit("-", 1)[1]) for p in folder.glob(f"{trace.design.name}-[0-9]*.csv")), default=0
-        )
-        path = folder / f"{trace.design.name}-{number:04d}.csv"
-        try:
-            with replace_file(path, sync=True) as part, part.open("w", newline="", encoding="utf-8") as file:
-                writer = csv.writer(file)
-                writer.writerow(COLUMNS)
-                writer.writerows([f"{value:.9g}" for value in row] for row in trace.rows.tolist())
-        except OSError as cause:
-            raise RecordingError(f"{path}: cannot be written ({cause.strerror})") from cause
+        taken = [p.stem.rsplit("-", 1)[1] for p in folder.glob("*.csv") if p.stem.rpartition("-")[0] == name]
+        number = 1 + max((int(text) for text in taken if text.isdecimal()), default=0)
+        path = folder / f"{name}-{number:04d}.csv"
+        write_trace(path, np.empty((0, len(COLUMNS) + len(HAND))))
         return f"traces/{path.name}"
+
+    def keep(
+        self,
+        trace: Trace,
+        *,
+        name: str = "",
+        person: str = "",
+        feeling: str = "",
+        blind: bool = False,
+        scale: float = 1.0,
+        gently: bool = False,
+    ) -> str:
+        """Write `trace` to its file, by default a new one; returns the name to be given to `rate`.
+
+        `gently` while a servo of this process runs.
+        """
+        design = trace.design
+        if not len(trace):
+            raise InputError(f"the trace of design '{design.name}' is empty: no tick with a valid pose was recorded")
+        name = name or self.reserve(design.name)
+        rows = trace.all_rows
+        write_trace(self.folder / name, rows, gently=gently)
+        self._write(Feeling(design.name, design.digest, person, utc_now(), name, feeling, blind, scale))
+        return name
 
     def trace(self, name: str) -> Array:
         """(n, 14) rows of a kept trace, by COLUMNS."""
-        path = self.folder / name
-        try:
-            with path.open(newline="", encoding="utf-8") as file:
-                head, *rows = csv.reader(file)
-            if tuple(head) != COLUMNS:
-                raise ValueError("the columns differ")
-            return np.array(rows, dtype=float).reshape(-1, len(COLUMNS))
-        except (OSError, ValueError, csv.Error) as cause:
-            raise RecordingError(f"{path}: is not a trace ({cause})") from cause
+        return self.trace_with_hand(name)[:, : len(COLUMNS)]
+
+    def trace_with_hand(self, name: str) -> Array:
+        """(n, 18) rows of a kept trace, by COLUMNS and HAND."""
+        return read_trace(self.folder / name)
 
     def ratings(self) -> tuple[DesignRating, ...]:
-        """All ratings, oldest first."""
-        return tuple(DesignRating(**line) for line in self._lines("rating") if _is_score(line["score"]))
+        """All ratings that count, oldest first: of one feeling, the last."""
+        given = [one for one in self._records() if isinstance(one, DesignRating) and _is_score(one.score)]
+        last = {one.feeling: one for one in given if one.feeling}
+        return tuple(one for one in given if not one.feeling or last[one.feeling] is one)
+
+    def feelings(self) -> tuple[Feeling, ...]:
+        """Every design that was felt, as often as it was, oldest first; also those of before there was such a record,
+        which only ratings tell of."""
+        records = self._records()
+        found = [one for one in records if isinstance(one, Feeling)]
+        known = {one.trace for one in found}
+        for one in records:
+            if isinstance(one, DesignRating) and one.trace and one.trace not in known:
+                known.add(one.trace)
+                found.append(Feeling(one.design, one.digest, one.person, one.time, one.trace))
+        return tuple(sorted(found, key=lambda one: one.time))
 
     def choice(self) -> Choice | None:
         """The last choice, if any."""
-        made = [Choice(**line) for line in self._lines("choice")]
+        made = [one for one in self._records() if isinstance(one, Choice)]
         return made[-1] if made else None
 
-    def scores(self) -> dict[str, tuple[int, float]]:
-        """Design → how often it was rated, as it is now in the file, and the mean score (NaN: never)."""
+    def scores(self, person: str | None = None) -> dict[str, tuple[int, float]]:
+        """Design → how often it was rated, as it is now in the file, and the mean score (NaN: never); by one `person`,
+        or by all."""
         given: dict[str, list[int]] = {design.name: [] for design in self.candidates.designs}
         for rating in self.ratings():
-            if rating.design in given and self.candidates[rating.design].digest == rating.digest:
+            known = rating.design in given and self.candidates[rating.design].digest == rating.digest
+            if known and person in (None, rating.person):
                 given[rating.design].append(rating.score)
         return {name: (len(s), sum(s) / len(s) if s else math.nan) for name, s in given.items()}
+
+    def people(self) -> tuple[str, ...]:
+        """Everybody who rated, in the order of their first rating; "" for whoever gave no code."""
+        return tuple(dict.fromkeys(rating.person for rating in self.ratings()))
 
     def find_outdated(self) -> tuple[DesignRating, ...]:
         """Ratings of designs that have been changed, or removed, since."""
         now = {design.name: design.digest for design in self.candidates.designs}
         return tuple(rating for rating in self.ratings() if now.get(rating.design) != rating.digest)
 
-    def _write(self, kind: str, record: DesignRating | Choice) -> None:
-        line = json.dumps({"kind": kind, **asdict(record)}, ensure_ascii=False)
+    def _write(self, record: Record) -> None:
         try:
             with self._path.open("ab+") as file:
                 end = file.seek(0, os.SEEK_END)
@@ -185,37 +189,22 @@ class FeelSession:
                     file.seek(end - 1)
                     if file.read(1) != b"\n":
                         file.write(b"\n")
-                file.write(line.encode() + b"\n")
+                file.write(write_line(record).encode() + b"\n")
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as cause:
             raise RecordingError(f"{self._path}: cannot be written ({cause.strerror})") from cause
 
-    def _lines(self, kind: str) -> Iterable[dict[str, Any]]:
+    def _records(self) -> list[Record]:
         try:
             if not self._path.exists():
                 return []
         except OSError as cause:
             raise RecordingError(f"{self._path}: cannot be read ({cause.strerror})") from cause
         text = read_bytes(self._path, _MOST, "ratings", RecordingError).decode("utf-8", "replace")
-        keys = set((DesignRating if kind == "rating" else Choice).__dataclass_fields__)
-        found, self.skipped = [], 0
-        for line in text.splitlines():
-            try:
-                record = parse_json(line)
-                named = record.pop("kind")
-            except (ValueError, AttributeError, KeyError, TypeError):
-                self.skipped += bool(line.strip())
-                continue
-            texts = all(isinstance(value, str) for key, value in record.items() if key != "score")
-            if named == kind and set(record) == keys and texts:
-                found.append(record)
+        found, self.skipped = parse_records(text.splitlines())
         return found
 
 
-def _is_score(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and SCORES[0] <= value <= SCORES[1]
-
-
-def _utc_now() -> str:
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
+def _is_score(value: int) -> bool:
+    return SCORES[0] <= value <= SCORES[1]

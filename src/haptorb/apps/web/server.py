@@ -22,7 +22,7 @@ import uvicorn
 from haptorb.apps.web.connection import OwnErrorFilter, Request, Socket
 from haptorb.errors import InputError
 
-__all__ = ["HOST", "Server", "bind_socket", "prioritize", "run_beside", "server", "signals"]
+__all__ = ["HOST", "Server", "bind_socket", "freeze_garbage", "prioritize", "run_beside", "server", "signals"]
 
 HOST = "127.0.0.1"
 _URGENT = -10  #: niceness of the serving thread
@@ -131,6 +131,17 @@ def prioritize() -> Generator[None, None, None]:
         with contextlib.suppress(OSError):
             if _LINUX:
                 os.setpriority(os.PRIO_PROCESS, 0, before)
+
+
+@contextlib.contextmanager
+def freeze_garbage() -> Generator[None, None, None]:
+    """Search for garbage now, and no more in what exists now: once a servo runs, a search could silence its host."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 @contextlib.contextmanager

@@ -7,6 +7,7 @@ of the chain, besides guard and drive, that remembers something from tick to tic
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Protocol, final
 
@@ -41,6 +42,7 @@ MOTOR_GAINS = Gains(translate=(0.024, 0.004, 0.01))
 
 NO_CONTACTS = np.zeros((0, 8))
 _CLOSED = np.ones(2)
+_SLIDE = 0.5  #: time in which the torque scale changes by a factor e [s]: slow against a hand's own motion
 _NUMBERS = {mode: number for number, mode in enumerate(MODES, start=1)}  #: of modes in a row
 
 
@@ -93,6 +95,10 @@ class Linkage(ABC):
         """Take hold of the thing, or let it go, without a step of pose or wrench."""
 
     @abstractmethod
+    def set_torque_scale(self, scale: float) -> None:
+        """Let the wrench come back `scale` times as strong, sliding there."""
+
+    @abstractmethod
     def restart(self) -> None:
         """Forget where the thing is: it is at its beginning again, and the clutch takes hold anew."""
 
@@ -117,6 +123,10 @@ class Direct(Linkage):
     def set_clutch(self, engaged: bool) -> None:
         """There is no clutch. Raises InputError."""
         raise InputError("this device has no clutch; its mover acts directly")
+
+    def set_torque_scale(self, scale: float) -> None:
+        """There is nothing to scale. Raises InputError."""
+        raise InputError("this device has no torque scale; its mover acts directly")
 
     def restart(self) -> None:
         """Nothing is remembered."""
@@ -160,6 +170,7 @@ class ModedLinkage(Linkage):
         self._memory: Records | None = None  # of the clutch, changed in place by every tick
         self._t = 0.0
         self._asked = np.zeros(6)
+        self._scale = self._scale_goal = 1.0
 
     @property
     def clutch(self) -> Clutch | None:
@@ -179,6 +190,8 @@ class ModedLinkage(Linkage):
         R, pose, share = np.ascontiguousarray(mover.R_SR), np.empty((6, 3)), np.empty(2)
         if not follow_rotor(memory, R, np.ascontiguousarray(mover.w), t - self._t, pose, share):
             raise mapping.explain_loss(R)
+        if self._scale != self._scale_goal:
+            self._slide_scale(t - self._t)
         self._t = t
         target = State(t, pose[:3], pose[3], pose[4], pose[5])
         # Not `isinstance(world, ContactWorld)`: of an abstract class that costs 0.4 µs in every tick.
@@ -195,6 +208,7 @@ class ModedLinkage(Linkage):
         asked, wrench = self._asked, np.empty(6)
         asked[:] = on_target  # in another memory layout a user's array would have the kernel compiled anew
         fill_rotor_wrench(memory, asked, wrench)
+        wrench *= self._scale
         return RenderedWrench(wrench, target, on_target, contacts, _NUMBERS[self._mode], share, self._engaged)
 
     def _take_hold(self, mover: State) -> Records:
@@ -219,6 +233,20 @@ class ModedLinkage(Linkage):
         """From the next tick on, the clutch takes hold or lets go."""
         self._engaged = bool(engaged)
         self._aim()
+
+    def set_torque_scale(self, scale: float) -> None:
+        """From the next tick on, all torques slide to `scale` times what the gains say.
+
+        Raises InputError for a scale that is not above 0.
+        """
+        if not (math.isfinite(scale) and scale > 0.0):
+            raise InputError(f"torque scale must be above 0; got {scale!r}")
+        self._scale_goal = float(scale)
+
+    def _slide_scale(self, elapsed: float) -> None:
+        step = min(max(elapsed, 0.0), self.mapping.gap) / _SLIDE
+        way = math.log(self._scale_goal / self._scale)
+        self._scale = self._scale_goal if abs(way) <= step else self._scale * math.exp(math.copysign(step, way))
 
     def restart(self) -> None:
         """The target is back at its beginning; mode and the hand's wish stay."""

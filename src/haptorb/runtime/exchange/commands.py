@@ -12,7 +12,7 @@ from time import monotonic, sleep
 from typing import Any
 
 from haptorb.control.clutch.modes import MODES
-from haptorb.errors import InputError, ServoError, UnknownName
+from haptorb.errors import InputError, ServoError, UnknownName, quote
 from haptorb.runtime.exchange.hand_commands import HandCommands
 from haptorb.runtime.exchange.plan import pack
 from haptorb.runtime.exchange.shared_memory import SharedMemory, Word, engage_request
@@ -21,7 +21,9 @@ from haptorb.worlds import CATALOGUE
 from haptorb.worlds.parameter import values as parameter_values
 from haptorb.worlds.world import World
 
-__all__ = ["Commands"]
+__all__ = ["LARGEST_SCALE", "Commands"]
+
+LARGEST_SCALE = 100.0  #: of a motor's torques
 
 _ANSWER = 2.0  #: longest wait for the servo's answer [s]
 _LOADED = 30.0  #: where it loads a world, which may be compiled there [s]
@@ -105,6 +107,18 @@ class Commands(HandCommands):
             raise InputError(f"device '{self.device.name}' has no clutch; its mover acts directly")
         self._memory.words[Word.CLUTCH] = 1 if engaged else 2
 
+    def set_torque_scale(self, scale: float) -> None:
+        """Multiply all torques of a motor's handle by `scale`, above 0 and up to 100, sliding there without a step.
+
+        Motion stays as it is, so the wrench on the target is felt weaker or stronger. 1: as the gains say. Raises
+        InputError for another number, or a device without modes.
+        """
+        if not self.modes:
+            raise InputError(f"device '{self.device.name}' has no torque scale; its mover acts directly")
+        if isinstance(scale, bool) or not isinstance(scale, int | float) or not 1e-6 <= scale <= LARGEST_SCALE:
+            raise InputError(f"torque scale must be above 0 and at most {LARGEST_SCALE:g}; got {quote(scale)}")
+        self._memory.words[Word.SCALE] = round(scale * 1e6)
+
     @property
     def model(self) -> str:
         """The model of the device that the controller inverts now, or goes over to."""
@@ -128,11 +142,12 @@ class Commands(HandCommands):
         world = json.loads(shared.worlds_since(known - 1)[-1][1])
         return world["name"], world["values"]
 
-    def add_world(self, world: World) -> None:
-        """Let `set_world` know `world` by its own name, beside the catalogue's. Raises ServoError after the start."""
+    def add_world(self, world: World, name: str = "") -> None:
+        """Let `set_world` know `world` by `name`, or its own one, beside the catalogue's; without values, it takes no
+        time to make. Raises ServoError after the start."""
         if self._memory_or_none is not None:
             raise ServoError("add_world comes before the start: the servo's process is given all worlds at once")
-        self.own_worlds[world.name] = world
+        self.own_worlds[name or world.name] = world
 
     def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
         """Render the world `name` with `values` from the next tick on; values not given stay as they are, or, in a

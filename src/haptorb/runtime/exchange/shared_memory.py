@@ -69,6 +69,7 @@ class Word(IntEnum):
     MODEL = 22  #: 0: as it is, else number of the device's model from 1 on
     COOL = 23  #: count: simulated coils at the ambient temperature
     POINTER = 24  #: and the nine after it
+    SCALE = 34  #: 0: as it is, else the scale of a motor's torques, in millionths
     # servo → host
     PID = 40
     PHASE = 41

@@ -64,7 +64,7 @@ def change_world(world: World, name: str, values: Mapping[str, Any], own: Mappin
         known = own[name]
     else:
         known = worlds.find_world(name)()
-    return known.replace(**values)
+    return known.replace(**values) if values else known  # to make it anew could take several ticks
 
 
 def answer(number: int, error: HaptorbError | None = None) -> str:

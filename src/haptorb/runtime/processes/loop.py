@@ -70,7 +70,7 @@ class Loop:
         # safety: start-stop
         self._stopped = 0  # a stop that was given while the servo started counts in the first tick
         self._engaged = shared.words[Word.ENGAGE]
-        self._mode, self._clutch, self._model, self._cooled = 0, 0, 0, 0
+        self._mode, self._clutch, self._model, self._scale, self._cooled = 0, 0, 0, 0, 0
         self._asked = shared.request.version
         self._guard = shared.layout["guard"].start
         self._places = shared.layout.places
@@ -165,6 +165,9 @@ class Loop:
             self._model = words[Word.MODEL]
             with suppress(InputError):  # the host asks only for what the device has
                 self._chain.change_model(self._model - 1)
+        if words[Word.SCALE] != self._scale:
+            self._scale = words[Word.SCALE]
+            self._chain.linkage.set_torque_scale(1e-6 * float(self._scale))
         if words[Word.COOL] != self._cooled:
             self._cooled = words[Word.COOL]
             self._chain.cool()

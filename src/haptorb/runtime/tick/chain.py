@@ -21,6 +21,9 @@ class Joining(Protocol):
     def set_clutch(self, engaged: bool) -> None:
         """Take hold of the world's object, or let it go, without a step."""
 
+    def set_torque_scale(self, scale: float) -> None:
+        """Let the wrench come back `scale` times as strong, without a step."""
+
 
 class Chain(Protocol):
     """Driver, estimator, world, allocator and guard in one hand; `Tick` is the real one."""

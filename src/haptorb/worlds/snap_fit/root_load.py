@@ -25,10 +25,13 @@ class RootLoad:
     material: str
     strain: float
     stress: float  #: E ε [Pa]
+    stated_strength: float | None = None  #: yield strength that stands in for the table's [Pa]
 
     @property
     def yield_strength(self) -> float | None:
-        """Of the named material [Pa]; None for one that is not in the table."""
+        """Of the named material [Pa]; None for one that is not in the table and has none stated."""
+        if self.stated_strength is not None:
+            return self.stated_strength
         known = MATERIALS.get(self.material)
         return None if known is None else known.yield_strength
 
@@ -47,7 +50,7 @@ class RootLoad:
         """For people, in one line."""
         begin = f"root strain {100 * self.strain:.3g} %, stress {_megapascal(self.stress)}"
         if self.margin is None or self.yield_strength is None:
-            return f"{begin}; the yield strength of '{self.material}' is not known"
+            return f"{begin}; the yield strength of '{self.material}' is not known (yield_strength in a design file)"
         of = f"{self.material} ({_megapascal(self.yield_strength)})"
         if self.beyond_yield:
             return f"{begin}: BEYOND YIELD of {of}, {1 / self.margin:.3g} times its yield strength"

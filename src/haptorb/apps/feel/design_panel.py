@@ -1,0 +1,59 @@
+"""The panel of a feel session in the console's page: what it shows, and what a page may ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, final
+
+from haptorb.apps.feel.live_session import LiveSession, check_slot
+from haptorb.errors import InputError, quote
+
+__all__ = ["DesignPanel"]
+
+
+@final
+class DesignPanel:
+    """`live` as the console takes it (`console.designs.DesignSession`)."""
+
+    def __init__(self, live: LiveSession) -> None:
+        self._live = live
+
+    @property
+    def version(self) -> int:
+        """Another number after every change."""
+        return self._live.version
+
+    @property
+    def hidden(self) -> bool:
+        """Whether no page may be told name, values or picture of what is felt."""
+        return self._live.hidden
+
+    def describe(self) -> dict[str, Any]:
+        """Everything that the page shows, as plain JSON types."""
+        return self._live.describe()
+
+    def execute(self, command: Mapping[str, Any]) -> None:
+        """What a page asks for: {"act": NAME, ...}. Raises InputError for what cannot be."""
+        live = self._live
+        match command.get("act"):
+            case "rate":
+                live.rate(command.get("score"), str(command.get("feeling", "")))
+            case "next":
+                live.feel_next()
+            case "feel":
+                live.feel(live.design_of(command.get("number")))
+            case "slot":
+                live.feel_slot(check_slot(command.get("slot")))
+            case "pair":
+                live.set_pair(check_slot(command.get("slot")), live.design_of(command.get("number")))
+            case "person":
+                live.set_person(str(command.get("person", "")))
+            case "hide":
+                live.set_blind(command.get("hide") is True)
+            case "scale":
+                live.set_scale(command.get("scale"))
+            case "finish":
+                live.finish()
+            case other:
+                known = "rate, next, feel, slot, pair, person, hide, scale, finish"
+                raise InputError(f"unknown act {quote(other)} of a feel session (known: {known})")

@@ -1,0 +1,299 @@
+"""A feel session while its servo runs: what is felt now, by whom, and what they say of it. Page and terminal share it.
+
+All state is here, so that both show the same: `DesignPanel` executes what a page sends, `terminal_input` the terminal's
+lines. A rating is on the disk before its method returns.
+"""
+
+from __future__ import annotations
+
+import random
+from collections import Counter
+from collections.abc import Callable
+from threading import RLock
+from typing import Any, final
+from uuid import uuid4
+
+from haptorb.apps.feel.candidates import Candidate, Candidates
+from haptorb.apps.feel.records import DesignRating
+from haptorb.apps.feel.session import SCORES, FeelSession, check_person
+from haptorb.apps.feel.trace import Trace
+from haptorb.apps.feel.trace_collector import FeltServo, LiveFeeling, TraceCollector, keep_feeling, world_key
+from haptorb.apps.feel.true_scale import SMALLEST, ScaleLimits
+from haptorb.errors import InputError, UnknownName, quote
+
+__all__ = ["LiveSession", "check_slot"]
+
+_SLOTS = ("a", "b")
+
+
+@final
+class LiveSession:
+    """One source of truth for page and terminal; every method may be called from any thread.
+
+    session   where ratings and traces are kept
+    designs   that can be felt, in the file's order
+    person    code of who feels them; "" for none
+    blind     whether names, sizes and pictures are hidden
+    limits    how strong the designs may be felt
+    seed      of the random order; None: another one each time
+    """
+
+    def __init__(
+        self,
+        session: FeelSession,
+        designs: list[Candidate],
+        *,
+        person: str = "",
+        blind: bool = False,
+        limits: ScaleLimits | None = None,
+        seed: int | None = None,
+    ) -> None:
+        self._session, self.designs = session, tuple(designs)
+        self.limits = limits or ScaleLimits()
+        self._random = random.Random(seed)
+        self._lock = RLock()
+        self._orders: dict[str, list[Candidate]] = {}  # by person
+        self._servo: FeltServo | None = None
+        self._cursor = 0
+        self._felt = TraceCollector()
+        self._blind = blind
+        self._scale = 1.0
+        self.person = check_person(person)
+        self.finished = False
+        self.version = 0  #: another number after every change
+        self.news: Callable[[str], None] = lambda text: None  #: is told what was rated or chosen, in words
+        order = self._order
+        self._pair = {"a": order[0], "b": order[1 % len(order)]}
+        self._now = self._start(self._find_next(None))
+        self._felt.begin(self._now)
+
+    # what there is
+
+    @property
+    def candidates(self) -> Candidates:
+        """The file that the designs are from."""
+        return self._session.candidates
+
+    @property
+    def current(self) -> Candidate:
+        """The design that is felt."""
+        return self._now.trace.design
+
+    @property
+    def hidden(self) -> bool:
+        """Whether the designs are hidden from the person."""
+        return self._blind
+
+    @property
+    def label(self) -> str:
+        """What the present design is called before the person: its title, or a number."""
+        return self._label(self.current)
+
+    @property
+    def _order(self) -> list[Candidate]:
+        """The designs as they are numbered for this person: shuffled, so that numbers and turns tell nothing."""
+        if self.person not in self._orders:
+            self._orders[self.person] = self._random.sample(self.designs, len(self.designs))
+        return self._orders[self.person]
+
+    def describe(self) -> dict[str, Any]:
+        """Everything that the page shows, as plain JSON types; nothing in it tells a hidden design."""
+        with self._lock:
+            order, last = self._order, {one.design: one.score for one in self._list_ratings()}
+            return {
+                "title": self._session.candidates.title,
+                "person": self.person,
+                "people": list(self._session.people()),
+                "hidden": self._blind,
+                "scale": list(SCORES),
+                "number": 1 + order.index(self.current),
+                "label": self.label,
+                "feeling": self._now.id,
+                "score": self._now.score,
+                **{slot: 1 + order.index(design) for slot, design in self._pair.items()},
+                "designs": [
+                    {
+                        "number": number,
+                        "label": self._label(design),
+                        "score": last.get(design.name),
+                        "remarks": [] if self._blind else list(design.remarks),
+                    }
+                    for number, design in enumerate(order, 1)
+                ],
+                "finished": self.finished,
+                "gain": {
+                    "now": self._scale,
+                    "low": SMALLEST,
+                    "high": self.limits.largest,
+                    "reason": self.limits.reason,
+                    "hand": self.limits.hand_per_part * self._scale,
+                },
+            }
+
+    def _list_ratings(self) -> list[DesignRating]:
+        """Those of this person of designs as they are now; while designs are hidden, those from when they were, too:
+        another score would tell which is which."""
+        now = {design.name: design.digest for design in self.designs}
+        given = (one for one in self._session.ratings() if one.person == self.person)
+        return [one for one in given if now.get(one.design) == one.digest and (one.blind or not self._blind)]
+
+    def _label(self, design: Candidate) -> str:
+        return f"Design {1 + self._order.index(design)}" if self._blind else design.title
+
+    # what a person does
+
+    def rate(self, score: object, feeling: str = "") -> None:
+        """Keep what the person says of the design that is felt now, again if they change their mind.
+
+        `feeling` names what they were shown: refused if another design is felt by then.
+        """
+        with self._lock:
+            self._check_running()
+            now = self._now
+            if feeling and feeling != now.id:
+                raise InputError("another design was chosen before this score arrived; it was not kept. Rate again")
+            if isinstance(score, bool) or not isinstance(score, int) or not SCORES[0] <= score <= SCORES[1]:
+                low, high = SCORES
+                raise InputError(f"a score is a whole number from {low} to {high}; got {quote(score)}. Rate again")
+            self._session.rate(
+                now.trace.design.name, score, person=now.person, trace=now.file, feeling=now.id, blind=now.blind
+            )
+            now.score = score
+            self._tell(f"{self.label}: rated {score}" + (f" by {self.person}" if self.person else ""))
+
+    def feel_next(self) -> None:
+        """Go on to one of the designs that this person rated least often, in random order."""
+        with self._lock:
+            self.feel(self._find_next(self.current))
+
+    def _find_next(self, after: Candidate | None) -> Candidate:
+        order, rated = self._order, Counter(one.design for one in self._list_ratings())
+        start = 0 if after is None else 1 + order.index(after)
+        turns = [order[(start + k) % len(order)] for k in range(len(order))]
+        return min(turns, key=lambda design: rated[design.name])  # the first of those
+
+    def feel(self, design: Candidate) -> None:
+        """Render `design` from the next tick on; a new feeling begins, also of the same design."""
+        with self._lock:
+            self._check_running()
+            if self._servo is not None:
+                self._servo.set_world(world_key(self.designs.index(design)))
+            self._now = self._start(design)
+            self._felt.begin(self._now, served=self._servo is not None)
+            self._tell(f"now: {self.label}")
+
+    def feel_slot(self, slot: str) -> None:
+        """Render what stands in slot "a" or "b"."""
+        self.feel(self._pair[check_slot(slot)])
+
+    def set_pair(self, slot: str, design: Candidate) -> None:
+        """Put `design` into slot "a" or "b"."""
+        with self._lock:
+            self._pair[slot] = design
+            self._tell(f"{slot.upper()}: {self._label(design)}")
+
+    def set_person(self, code: str) -> None:
+        """Somebody else feels from now on: their ratings and their order are their own."""
+        with self._lock:
+            self._check_running()
+            code = check_person(code)
+            if code == self.person:
+                return
+            self.person = code
+            self._tell(f"person: {code or 'no code'}")
+            order = self._order
+            self._pair = {"a": order[0], "b": order[1 % len(order)]}
+            self.feel(self._find_next(None))
+
+    def set_blind(self, blind: bool) -> None:
+        """Hide the designs from now on, or show them. Hiding begins with another order and design: the present ones
+        are known."""
+        with self._lock:
+            self._check_running()
+            if blind == self._blind:
+                return
+            self._blind = blind
+            if blind:
+                self._orders.pop(self.person)
+                order = self._order
+                self._pair = {"a": order[0], "b": order[1 % len(order)]}
+                self.feel(self._find_next(None))
+            else:
+                self._now.blind = False
+            self._tell("designs hidden" if blind else f"designs shown; now: {self.label}")
+
+    def set_scale(self, scale: object) -> None:
+        """All torques of the handle times `scale` from now on, as far as stability and the device allow; a new feeling
+        begins."""
+        with self._lock:
+            self._check_running()
+            largest = self.limits.largest
+            if isinstance(scale, bool) or not isinstance(scale, int | float) or not SMALLEST <= scale <= largest:
+                wanted = f"between {SMALLEST:g} and {largest:.3g} ({self.limits.reason})"
+                raise InputError(f"the gain must lie {wanted}; got {quote(scale)}")
+            if self._servo is not None:
+                self._servo.set_torque_scale(float(scale))
+            self._scale = float(scale)
+            self.feel(self.current)
+            self._tell(f"gain {scale:g}")
+
+    def set_limits(self, limits: ScaleLimits) -> None:
+        """What is known by now of how strong the designs may be felt."""
+        with self._lock:
+            self.limits = limits
+            self._tell(f"gain: up to {limits.largest:.3g}, {limits.reason}")
+
+    def finish(self) -> None:
+        """The session ends; its servo is to be closed by who opened it."""
+        with self._lock:
+            self.finished = True
+            self._tell("finished")
+
+    # what the servo does
+
+    def join(self, servo: FeltServo) -> None:
+        """From now on designs are rendered by `servo`, which renders `current` and knows all by their `world_key`."""
+        self._servo = servo
+
+    def collect(self) -> None:
+        """Take the servo's new rows into the traces; to be called several times a second."""
+        with self._lock:
+            if self._servo is None:
+                return
+            self._cursor, rows = self._servo.rows(self._cursor)
+            done = self._felt.collect(self._servo.layout, rows)
+        for feeling in done:
+            keep_feeling(self._session, feeling, gently=True)
+
+    def close(self) -> None:
+        """Keep the traces of what was felt last; after the servo has ended."""
+        with self._lock:
+            left = self._felt.end()
+        for feeling in left:
+            keep_feeling(self._session, feeling, gently=False)
+
+    def _start(self, design: Candidate) -> LiveFeeling:
+        file = self._session.reserve(design.name)
+        return LiveFeeling(Trace(design), file, uuid4().hex[:12], self.person, self._blind, self._scale)
+
+    def design_of(self, number: object) -> Candidate:
+        """The design with this number in the person's order; UnknownName if there is none."""
+        order = self._order
+        if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= len(order):
+            raise UnknownName("number of a design", str(number)[:20], [str(1 + k) for k in range(len(order))])
+        return order[number - 1]
+
+    def _check_running(self) -> None:
+        if self.finished:
+            raise InputError("this feel session has ended; its report is being written")
+
+    def _tell(self, text: str) -> None:
+        self.version += 1
+        self.news(text)
+
+
+def check_slot(slot: object) -> str:
+    """`slot` itself, "a" or "b"; UnknownName for anything else."""
+    if slot not in _SLOTS:
+        raise UnknownName("slot", str(slot)[:20], _SLOTS)
+    return str(slot)

@@ -1,0 +1,154 @@
+"""The report of a session: one HTML file that needs nothing else, with geometry, forces, strain, stress and ratings."""
+
+from __future__ import annotations
+
+import math
+from base64 import b64encode
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+from haptorb.apps.feel.candidates import Candidate
+from haptorb.apps.feel.comparison import collect_traces
+from haptorb.apps.feel.course import InsertionForces, course
+from haptorb.apps.feel.figures import draw_forces, draw_hook
+from haptorb.apps.feel.peaks import compare_peaks
+from haptorb.apps.feel.session import SCORES, FeelSession
+from haptorb.errors import RecordingError
+from haptorb.files.replace_file import replace_file
+from haptorb.numerics.arrays import Array
+from haptorb.physics.hook import Hook
+from haptorb.worlds import Outlet, SnapFit
+from haptorb.worlds.parameter import parameters
+from haptorb.worlds.parameter import values as parameter_values
+
+__all__ = ["make_report", "write_report"]
+
+_STYLE = """
+body{font:16px/1.5 system-ui,sans-serif;color:#22303c;max-width:62rem;margin:2rem auto;padding:0 1rem}
+h1{margin-bottom:.2rem}h2{margin-top:2.2rem;border-bottom:1px solid #d5dde4}
+.simulated,.warn{background:#fdecea;color:#8c1d14;border-left:5px solid #c0392b;padding:.7rem 1rem}
+.simulated{font-weight:600}.quiet{color:#5b6b78;font-size:14px}
+table{border-collapse:collapse;margin:.8rem 0}
+th,td{padding:.25rem .8rem;text-align:right;border-bottom:1px solid #e3e9ee}
+th:first-child,td:first-child{text-align:left}th{color:#4d5f6e;font-weight:600}img{max-width:100%;height:auto}
+"""
+
+
+def write_report(session: FeelSession, path: Path, facts: Sequence[str] = ()) -> Path:
+    """Write the report of `session` to `path`, whole or not at all; `facts` are sentences about device and scale."""
+    text = make_report(session, facts)
+    try:
+        with replace_file(path) as part:
+            part.write_text(text, encoding="utf-8")
+    except OSError as cause:
+        raise RecordingError(f"{path}: the report cannot be written ({cause.strerror})") from cause
+    return path
+
+
+def make_report(session: FeelSession, facts: Sequence[str] = ()) -> str:
+    """The report as HTML: the first of `facts` stands above everything."""
+    candidates, felt = session.candidates, collect_traces(session)
+    runs = {design.name: course(design) for design in candidates.designs}
+    title = escape(candidates.title)
+    body = [f"<h1>{title}</h1>"]
+    body += [f"<p class='{'quiet' if number else 'simulated'}'>{escape(fact)}</p>" for number, fact in enumerate(facts)]
+    body += _compare(session, runs, felt)
+    body += _list_ratings(session)
+    for design in candidates.designs:
+        body += _describe(design, runs[design.name], felt.get(design.name, []))
+    return (
+        f"<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><title>{title}</title>"
+        f"<meta name='viewport' content='width=device-width'><style>{_STYLE}</style></head><body>"
+        + "\n".join(body)
+        + "</body></html>\n"
+    )
+
+
+def _compare(session: FeelSession, runs: dict[str, InsertionForces], felt: dict[str, list[Array]]) -> list[str]:
+    choice, scores = session.choice(), session.scores()
+    rows = []
+    for design in session.candidates.designs:
+        run, (count, score) = runs[design.name], scores[design.name]
+        numbers, root = run.numbers, run.root
+        chosen = choice is not None and (choice.design, choice.digest) == (design.name, design.digest)
+        rows.append([
+            design.title + (" (chosen)" if chosen else ""), f"{numbers['insertion_force_n']:.1f}",
+            f"{numbers['pull_out_force_n']:.1f}", _number(root and root.strain, 100.0, ".2f"),
+            _number(root and root.stress, 1e-6, ".0f"), _number(root and root.margin, 1.0, ".2g"), str(len(felt.get(design.name, []))),
+            f"{score:.1f} ({count})" if count else "not rated",
+        ])  # fmt: skip
+    head = [
+        "design", "insert [N]", "pull out [N]", "strain at the root [%]", "stress there [MPa]", "yield margin",
+        "times felt", f"mean score {SCORES[0]} to {SCORES[1]} (ratings)",
+    ]  # fmt: skip
+    return ["<h2>Designs compared</h2>", _table(head, rows)]
+
+
+def _list_ratings(session: FeelSession) -> list[str]:
+    people = session.people()
+    if not people:
+        return ["<h2>Ratings</h2>", "<p>Nobody has rated a design yet.</p>"]
+    now = {design.name: design.digest for design in session.candidates.designs}
+    counted = [one for one in session.ratings() if now.get(one.design) == one.digest]
+    rows = []
+    for design in session.candidates.designs:
+        cells = []
+        for person in people:
+            given = [one for one in counted if (one.design, one.person) == (design.name, person)]
+            cells.append(", ".join(f"{one.score}{' (blind)' if one.blind else ''}" for one in given) or "–")
+        rows.append([design.title, *cells])
+    body = ["<h2>Ratings</h2>", _table(["design", *(person or "no code" for person in people)], rows)]
+    if old := session.find_outdated():
+        body.append(
+            f"<p class='quiet'>{len(old)} ratings are left out: their designs have been changed or removed since.</p>"
+        )
+    return body
+
+
+def _describe(design: Candidate, run: InsertionForces, traces: Sequence[Array]) -> list[str]:
+    body = [f"<h2>{escape(design.title)}</h2>"]
+    body += [f"<p class='warn'>{escape(remark)}</p>" for remark in design.remarks]
+    if design.hook is not None:
+        body += [_image(draw_hook(design.hook), f"hook of {design.title}, from the side")]
+        body.append(_table(["size", "value"], _list_sizes(design, design.hook)))
+    else:
+        known = parameters(type(design.world))
+        rows = [[name, f"{value} {known[name].unit}"] for name, value in parameter_values(design.world).items()]
+        body.append(_table(["parameter", "value"], rows))
+    if run.root is not None:
+        body.append(f"<p>{escape(run.root.sentence[:1].upper() + run.root.sentence[1:])}.</p>")
+    body.append(_image(draw_forces(design, run, traces), f"force over displacement of {design.title}"))
+    said = [reason for one in compare_peaks(design, run, traces) for reason in one.sentences]
+    body += [f"<p>{escape(sentence)}.</p>" for sentence in said or ["Not felt in this session"]]
+    return body
+
+
+def _list_sizes(design: Candidate, hook: Hook) -> list[list[str]]:
+    lengths = {
+        "base length": hook.base_length, "peak": hook.peak, "thickness": hook.thickness, "height of the wedge":
+        hook.height, "width": hook.width,
+    }  # fmt: skip
+    rows = [[name, f"{value * 1e3:.4g} mm"] for name, value in lengths.items()]
+    rows += [
+        ["insertion angle", f"{math.degrees(hook.front):.4g}°"],
+        ["retention angle", f"{math.degrees(hook.rear):.4g}°"],
+    ]
+    rows.append(["material", f"{design.material}: E = {hook.youngs_modulus / 1e9:.4g} GPa, ν = {hook.poisson_ratio:g}"])
+    if isinstance(design.world, SnapFit | Outlet):
+        rows.append(["friction", f"{design.world.friction:g}"])
+    return rows
+
+
+def _number(value: float | None, factor: float, form: str) -> str:
+    return "–" if value is None else f"{value * factor:{form}}"
+
+
+def _image(data: bytes, what: str) -> str:
+    return f"<p><img alt='{escape(what, quote=True)}' src='data:image/svg+xml;base64,{b64encode(data).decode()}'></p>"
+
+
+def _table(head: list[str], rows: list[list[str]]) -> str:
+    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+    lines = ("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<table><tr>{top}</tr>{''.join(lines)}</table>"

@@ -1,0 +1,106 @@
+"""What the part went through while a design was felt, tick by tick, and its CSV file."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from time import sleep
+from typing import final
+
+import numpy as np
+
+from haptorb.apps.feel.candidates import Candidate
+from haptorb.devices.state import State
+from haptorb.errors import RecordingError
+from haptorb.files.replace_file import replace_file
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.row import RowLayout
+
+__all__ = ["COLUMNS", "HAND", "Trace", "read_trace", "trace_rows", "write_trace"]
+
+COLUMNS = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
+#: what came to the handle: torque asked and given, the guard's share, whether the device was at its limit
+HAND = ("asked_nm", "given_nm", "guard_gain", "saturated")
+
+_BLOCK = 500  #: rows that are written in one go
+_REST = 0.002  #: between two of them while a servo runs: this process has to keep its heart beating [s]
+
+
+@final
+class Trace:
+    """One feeling of one design, as it happens: append ticks or rows, then keep it with `FeelSession.keep`."""
+
+    def __init__(self, design: Candidate) -> None:
+        self.design = design
+        self._parts: list[Array] = []
+
+    def append(self, target: State, wrench: Array) -> None:
+        """A tick: where the target was and what acted on it (6,); what came to the handle is unknown."""
+        from scipy.spatial.transform import Rotation
+
+        turn = Rotation.from_matrix(target.R_SR).as_quat()
+        row = [target.t, *target.p.tolist(), *turn.tolist(), *np.asarray(wrench, dtype=float).tolist()]
+        self._parts.append(np.array([row + [np.nan] * len(HAND)]))
+
+    def extend(self, rows: Array) -> None:
+        """Ticks as (n, 18) by COLUMNS and HAND."""
+        if len(rows):
+            self._parts.append(rows)
+
+    def __len__(self) -> int:
+        return sum(map(len, self._parts))
+
+    @property
+    def rows(self) -> Array:
+        """(n, 14) by COLUMNS."""
+        return self.all_rows[:, : len(COLUMNS)]
+
+    @property
+    def all_rows(self) -> Array:
+        """(n, 18) by COLUMNS and HAND."""
+        width = len(COLUMNS) + len(HAND)
+        return np.concatenate([np.empty((0, width)), *self._parts])
+
+
+def trace_rows(layout: RowLayout, rows: Array) -> Array:
+    """(n, 18) by COLUMNS and HAND: the ticks among the servo's `rows` (n, width) whose pose was believed."""
+    known = rows[rows[:, layout["valid"].start] > 0]
+    parts = [known[:, layout[name]] for name in ("t", "object", "object_q", "object_wrench")]
+    torques = [np.linalg.norm(known[:, layout[name]][:, 3:], axis=1) for name in ("asked", "given")]
+    out: Array = np.column_stack([*parts, *torques, known[:, layout["gain"]], known[:, layout["saturated"]]])
+    return out
+
+
+def write_trace(path: Path, rows: Array, *, gently: bool = False) -> None:
+    """Write `rows` (n, 14 or 18), whole or not at all; `gently` while a servo of this process runs."""
+    head = (COLUMNS + HAND)[: rows.shape[1]]
+    try:
+        with replace_file(path, sync=True) as part, part.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(head)
+            for block in _blocks(rows):
+                writer.writerows([f"{value:.9g}" for value in row] for row in block.tolist())
+                if gently:
+                    sleep(_REST)
+    except OSError as cause:
+        raise RecordingError(f"{path}: cannot be written ({cause.strerror})") from cause
+
+
+def _blocks(rows: Array) -> Iterator[Array]:
+    for start in range(0, len(rows), _BLOCK):
+        yield rows[start : start + _BLOCK]
+
+
+def read_trace(path: Path) -> Array:
+    """(n, 18) rows by COLUMNS and HAND; NaN for what an older file does not have. RecordingError if it is no trace."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            head, *lines = csv.reader(file)
+        if tuple(head) not in (COLUMNS, COLUMNS + HAND):
+            raise ValueError("the columns differ")
+        found = np.array(lines, dtype=float).reshape(-1, len(head))
+    except (OSError, ValueError, csv.Error) as cause:
+        raise RecordingError(f"{path}: is not a trace ({cause})") from cause
+    missing = len(COLUMNS) + len(HAND) - found.shape[1]
+    return np.pad(found, ((0, 0), (0, missing)), constant_values=np.nan)

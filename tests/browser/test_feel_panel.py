@@ -1,0 +1,62 @@
+"""The panel of a feel session at every size of the screen: STOP whole, nothing over anything else; keys and names."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import haptorb.apps.feel
+from browser.screen_check import find_faults
+from haptorb.apps.console import Console
+from haptorb.apps.feel import FeelSession, load_designs
+from haptorb.apps.feel.design_panel import DesignPanel
+from haptorb.apps.feel.live_session import LiveSession
+
+pytestmark = [pytest.mark.browser, pytest.mark.realtime]
+
+EXAMPLE = Path(haptorb.apps.feel.__file__).with_name("example.toml")
+
+
+def kit() -> Any:
+    """What all tests of the page share."""
+    spec = importlib.util.spec_from_file_location("browser_kit", Path(__file__).with_name("conftest.py"))
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_panel_fits_every_screen_and_is_worked_with_keys(
+    browser: Any, fake: Any, painting: Any, tmp_path: Path
+) -> None:
+    home = kit()
+    session = FeelSession(tmp_path / "s", load_designs(EXAMPLE))
+    live = LiveSession(session, list(session.candidates.designs), person="P1", seed=1)
+    with Console(fake, 0, felt=painting, designs=DesignPanel(live)) as console, home.served(console):
+        page = browser.new_page(viewport=home.DESK)
+        screen = home.Screen(page, console.url)
+        screen.until("haptorb.control")
+        assert not page.locator("#world").is_visible()
+        feel = page.get_by_role("region", name="Cover clip")
+        page.keyboard.press("6")
+        screen.until("document.querySelector('#feel-scores [aria-pressed=true]')?.value === '6'")
+        assert session.ratings()[0].score == 6
+        before = page.locator("#feel-now").inner_text()
+        page.keyboard.press("n")
+        screen.until(f"document.getElementById('feel-now').textContent !== {before!r}")
+        person = feel.get_by_label("person")
+        person.fill("b7")  # digits and letters that are typed rate nothing
+        person.press("Enter")
+        feel.get_by_text("0 of 4 rated by b7").wait_for()
+        assert len(session.ratings()) == 1
+        assert find_faults(page) == []
+        feel.get_by_label("hide names").check()
+        screen.until("document.getElementById('feel-now').textContent.startsWith('Design ')")
+        assert not page.locator(".plots").is_visible()
+        assert find_faults(page) == []
+        assert not screen.troubles
+        page.close()
