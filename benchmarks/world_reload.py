@@ -55,6 +55,21 @@ def read_address(process: subprocess.Popen[str]) -> tuple[str, str]:
     raise SystemExit(f"the console did not start:\n{text}")
 
 
+def find_force(process: subprocess.Popen[str], origin: str, headers: dict[str, str]) -> int:
+    """Where the asked force along y stands in the page's rows, as the console of `process` tells."""
+    end = time.monotonic() + _PATIENCE
+    while True:
+        try:
+            event: dict[str, Any] = httpx.get(f"{origin}/api/session", headers=headers, timeout=_PATIENCE).json()
+            return 1 + next(int(one["offset"]) for one in event["columns"] if one["name"] == "asked")
+        except httpx.ConnectError:  # the address is printed a moment before the console listens
+            if process.poll() is not None:
+                raise SystemExit(f"haptorb run ended by itself: {process.communicate()[1]}") from None
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.05)
+
+
 def wait_for_force(page: ClientConnection, column: int, push: float) -> None:
     """Return when a row in the page has reached 90 % of `push` [N]."""
     end = time.monotonic() + _PATIENCE
@@ -81,8 +96,7 @@ def measure_saves(saves: int) -> list[float]:
             try:
                 origin, token = read_address(process)
                 headers = {"Authorization": f"Bearer {token}"}
-                columns: list[dict[str, Any]] = httpx.get(f"{origin}/api/session", headers=headers).json()["columns"]
-                column = next(one["offset"] for one in columns if one["name"] == "asked") + 1
+                column = find_force(process, origin, headers)
                 address = origin.replace("http", "ws") + "/ws"
                 times = []
                 with connect(address, additional_headers=headers, origin=origin) as page:  # type: ignore[arg-type]

@@ -69,6 +69,13 @@ RULES = [
         f"{HOSTILE}::test_a_recording_is_as_open_as_its_owner_wants_files",
     ),
     ("eeprom-kept", "an id is kept when the EEPROM has it", "replace test.values[1] by False", SERIAL_TESTS),
+    (
+        "pointer-bridged",
+        "a page that stutters for too long loses the mover",
+        "always",
+        "tests/apps/console/test_pointer_relay.py",
+    ),
+    ("cool-simulated", "real coils stay as warm as they are", "always", "tests/runtime/tick/test_cooling.py"),
     ("host-silent", "a silent host is dead", "never", "tests/runtime/processes/test_loop.py"),
     ("host-stopped", "a stopped host is dead within 100 ms", "never", "tests/runtime/realtime/test_host_heartbeat.py"),
     (

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import io
 import os
-import typing
-from collections.abc import Iterator
 from contextlib import redirect_stdout
 from importlib import import_module
 from pathlib import Path
@@ -17,8 +15,12 @@ from sphinx.application import Sphinx
 
 import haptorb
 from haptorb import worlds
+from haptorb.apps.feel.candidates import MATERIALS
+from haptorb.apps.feel.design_file import DesignFile, DesignTable
+from haptorb.apps.study.model.study_file import Study
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.kind import kind_names, kind_of_name
+from haptorb.devices.schema.key_text import list_keys
 from haptorb.runtime.row import RowLayout
 from haptorb.worlds.parameter import parameters
 
@@ -49,8 +51,10 @@ def world_table() -> str:
     for name, world in sorted(worlds.CATALOGUE.items()):
         first = (world.__doc__ or "").strip().splitlines()[0]
         traits = ("passive" if world.passive else "active", "continuous" if world.continuous else "with jumps")
+        devices = " For devices that move a target (motors)." if world.needs_target else ""
         parts.append(
-            f"## {name}\n\n{first} Declared {' and '.join(traits)}. Class `{world.__module__}.{world.__name__}`.\n"
+            f"## {name}\n\n{first} Declared {' and '.join(traits)}.{devices} "
+            f"Class `{world.__module__}.{world.__name__}`.\n"
         )
         rows = [
             (f"`{p.name}`", p.default, f"{p.low:g} to {p.high:g}", p.unit, p.about) for p in parameters(world).values()
@@ -60,53 +64,36 @@ def world_table() -> str:
     return "\n".join(parts)
 
 
-def _models(annotation: object) -> Iterator[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    for part in typing.get_args(annotation):
-        yield from _models(part)
-
-
-def _kind_of_value(field: Any) -> str:
-    text = " ".join(str(part) for part in (field.annotation, *field.metadata))
-    values = import_module("haptorb.devices.schema.quantity")
-    for part in _leaves(field.annotation, tuple(field.metadata)):
-        for name in values.__all__:
-            if getattr(values, name) is part or part in getattr(getattr(values, name), "__metadata__", ()):
-                return ("list of " if "tuple" in text else "") + _words(name)
-    if "Literal" in text:
-        return ", ".join(f'"{value}"' for value in typing.get_args(field.annotation))
-    return "list of names" if "tuple" in text else "number" if "int" in text else "text"
-
-
-def _leaves(annotation: object, metadata: tuple[object, ...]) -> Iterator[object]:
-    yield annotation
-    yield from metadata
-    yield from getattr(annotation, "__metadata__", ())
-    for part in typing.get_args(annotation):
-        yield from _leaves(part, ())
-
-
-def _words(name: str) -> str:
-    return "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in name).strip()
-
-
-def _keys(model: type[BaseModel], prefix: str) -> Iterator[tuple[str, str]]:
-    for name, field in model.model_fields.items():
-        inner = list(_models(field.annotation))
-        if inner:
-            yield from _keys(inner[0], f"{prefix}{name}.")
-        else:
-            yield f"`{prefix}{name}`", _kind_of_value(field)
+def _key_table(model: type[BaseModel], prefix: str = "") -> str:
+    """Every key of a file as a row."""
+    head = ("key", "meaning", "value", "unit", "range", "default")
+    rows = [
+        (f"`{key.path}`", key.meaning, key.value, key.unit, key.range.replace("<", "\\<"), key.default)
+        for key in list_keys(model, prefix)
+    ]
+    return table(head, rows)
 
 
 def device_keys() -> str:
     """Every key of every kind of device file."""
-    parts = []
-    for kind in kind_names():
-        file = kind_of_name(kind).part("file")
-        parts.append(f'### kind = "{kind}"\n\n{table(("key", "value"), list(_keys(file, "")))}')
-    return "\n".join(parts)
+    return "\n".join(f'### kind = "{name}"\n\n{_key_table(kind_of_name(name).part("file"))}' for name in kind_names())
+
+
+def study_keys() -> str:
+    """Every key of a study file."""
+    return _key_table(Study)
+
+
+def design_keys() -> str:
+    """Every key of a file of snap-fit designs, of one design and of the known materials."""
+    rows = [(name, f"{E / 1e9:g}", f"{nu:g}", "yes" if metal else "no") for name, (E, nu, metal) in MATERIALS.items()]
+    return "\n".join(
+        [
+            f"## The file\n\n{_key_table(DesignFile)}",
+            f"## [common] and each [design.NAME]\n\n{_key_table(DesignTable, 'design.NAME.')}",
+            f"## Known materials\n\n{table(('material', 'E [GPa]', 'ν', 'metal'), rows)}",
+        ]
+    )
 
 
 def command_line() -> str:
@@ -140,6 +127,8 @@ PAGES = {
     "trip-table": trip_table,
     "world-table": world_table,
     "device-keys": device_keys,
+    "study-keys": study_keys,
+    "design-keys": design_keys,
     "command-line": command_line,
 }
 

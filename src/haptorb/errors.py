@@ -69,7 +69,19 @@ def quote(value: object, most: int = 60) -> str:
 
 
 class HaptorbError(Exception):
-    """Any mistake that haptorb can explain; programs print it without a traceback."""
+    """Any mistake that haptorb can explain; programs print it without a traceback.
+
+    `command_message` is what the command line prints: the message, or `command` where an option is called differently
+    there.
+
+    >>> error = HaptorbError("x exists: overwrite=True replaces it", command="x exists: --force replaces it")
+    >>> str(error), error.command_message
+    ('x exists: overwrite=True replaces it', 'x exists: --force replaces it')
+    """
+
+    def __init__(self, message: str = "", *, command: str = "") -> None:
+        super().__init__(message)
+        self.command_message = command or message
 
 
 class InputError(HaptorbError, ValueError):

@@ -12,6 +12,8 @@ from haptorb.apps.cli import main
 from oracles import groove
 from oracles.command import run_command
 
+DESIGNS = str(files("haptorb.apps.feel") / "example.toml")
+
 
 def test_devices_and_worlds_are_one_line_each(capsys):
     code, out, _ = run_command(capsys, "devices")
@@ -73,6 +75,16 @@ def test_the_card_as_a_picture(capsys, tmp_path, name):
         (["inspect", "no/such/file.toml"], "cannot be read"),
         (["inspect", "omni", "--plot", "card.jpg"], "must be a .png, .svg or .pdf file"),
         (["inspect", "omni", "--plot", "/no/such/folder/card.png"], "does not exist"),
+        (["inspect", "omni", "--plot", "/proc/card.png"], "--plot: cannot write '/proc/card.png'"),
+        (
+            ["feel", DESIGNS, "--plot", "/proc/card.svg"],
+            "--plot: cannot write '/proc/card.svg'",
+        ),
+        (["check", "--world", "dome", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
+        (["estimators", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
+        (["fit-multipole", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
+        (["bench", "magnetics", "--plot", "/proc/card.svg"], "--plot: cannot write '/proc/card.svg'"),
+        (["inspect", "pmsm-printed"], "`haptorb inspect DEVICE --override`"),
         (["worlds", "doom"], "did you mean 'dome'"),
         (["run", "omi"], "did you mean 'omni'"),
         (["run", "--world", "doom"], "did you mean 'dome'"),
@@ -105,6 +117,7 @@ def test_a_mistake_is_one_message(capsys, words, said):
     code, out, err = run_command(capsys, *words)
     assert code == 2
     assert said in err
+    assert "=True" not in err  # which is Python's way to say it
     assert not out
 
 

@@ -63,6 +63,36 @@ def test_stop_works_beside_an_open_dialog(staged, fake):
     assert page.locator("dialog[open]").count() == 0
 
 
+#: what lies over the reason of a trip and its button, if anything
+COVERED = """["#alert-text", "#engage button"].flatMap((part) => {
+  const { left, top, right, bottom } = document.querySelector(part).getBoundingClientRect();
+  return [[left + 8, top + 4], [(left + right) / 2, (top + bottom) / 2], [right - 8, bottom - 4]]
+    .map(([x, y]) => document.elementFromPoint(x, y))
+    .filter((over) => over === null || over.closest("#alert") === null)
+    .map((over) => `${part} lies under ${over && (over.id || over.tagName)}`);
+})"""
+
+
+def test_a_trip_is_read_beside_an_open_dialog(staged, fake):
+    """The reason and the way back stay free; the dialog can be scrolled and closed."""
+    screen = staged(query="?detail=least")
+    page = screen.page
+    screen.until("haptorb.status === 'running' && haptorb.control")
+    page.locator("#ask").click()
+    fake.guard, fake.trip = GuardState.TRIPPED, Trip.POSE_EXPIRED
+    screen.until("haptorb.status === 'tripped'")
+    assert page.locator("#hint").is_hidden()
+    faults = []
+    for width, height in [*SMALL, (820, 1180), (1440, 900)]:
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(400)  # the dialog makes room ten times a second
+        faults += [f"{width}×{height}: {fault}" for fault in page.evaluate(COVERED)]
+        assert page.locator("#help").bounding_box()["height"] > 90
+    assert not faults, "\n".join(faults)
+    page.get_by_role("button", name="Close").click()
+    assert page.locator("dialog[open]").count() == 0
+
+
 def test_forced_colours_keep_what_colours_mean(staged):
     """A system that replaces all colours leaves those of coils and arrows, and the border that makes STOP a button."""
     screen = staged()

@@ -109,6 +109,21 @@ def test_no_closed_path_takes_energy_out_of_a_passive_world(name):
         assert sum(work) <= 1e-3 * np.abs(work).sum() + 1e-12
 
 
+@pytest.mark.parametrize("name", worlds.CATALOGUE)
+def test_a_world_of_a_target_is_for_devices_that_move_one(name):
+    """A plug's frame is not that of a tool over a dome: there it would ask for newtons wherever the tool is."""
+    world = worlds.find_world(name)()
+    assert world.needs_target == (name in PLUGS)
+    if world.needs_target:
+        assert world.for_device(HOMES["pmsm"]) is world
+        with pytest.raises(InputError, match="moves through modes; device 'omni'"):
+            world.for_device(HOMES["omni"])
+        with pytest.raises(InputError, match="'omni'"):
+            (world + worlds.Nothing()).for_device(HOMES["omni"])
+    else:
+        world.for_device(at_home(name)[1])
+
+
 @pytest.mark.parametrize("name", OMNI_WORLDS)
 def test_it_keeps_its_bound(name):
     world, _ = at_home(name)

@@ -107,3 +107,51 @@ def test_an_electromagnet_may_be_based_on_another(tmp_path):
     assert (mine.name, mine.tool.length) == ("mine", 16e-3)
     assert mine.tool.outer_radius == omni.tool.outer_radius
     assert mine.digest != omni.digest
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('"60 deg"', '"120 deg"', "dome.workspace_half_angle must be at most 90 deg; got '120 deg'"),
+        ("[28.978, 0.0, 7.765]", "[8.978, 0.0, 7.765]", "mark 'front' is 11.9 mm from the centre, inside the dome"),
+        ("[55.0, 0.0, 0.0]", "[5.0, 0.0, 0.0]", "hall.positions: sensor 1 is 5 mm from the centre, inside the core"),
+        ('value = "1.2 N"', 'value = "1.2 kN"', "limits.force is 1200 N, 984 times what the coils give"),
+        ('value = "60 mN*m"', 'value = "60 N*m"', "limits.torque is 60 N·m"),
+        ('["20 A", "20 A", "20 A"]', '["20 A", "2 kA", "20 A"]', "coils.current_limit of coil y is 2000 A, but 12 V"),
+        ('"15.05 J/K"', '"0.02 J/K"', "past the stop temperature in 5.8 ms"),
+    ],
+)
+def test_what_cannot_be_built_is_refused_with_its_place(old, new, told):
+    assert old in OMNI
+    with pytest.raises(DeviceError) as failure:
+        parse(OMNI.replace(old, new, 1), "x", override=True)
+    assert told in str(failure.value)
+
+
+def test_what_is_possible_but_idle_is_remarked_only():
+    assert load("omni").remarks == load("pmsm").remarks == ()
+    [remark] = parse(OMNI.replace('value = "1.2 N"', 'value = "20 N"'), "x").remarks
+    assert "limits.force is 20 N, 16 times" in remark
+    [remark] = parse(OMNI.replace('["20 A", "20 A", "20 A"]', '["20 A", "40 A", "20 A"]'), "x").remarks
+    assert "coil y is 40 A" in remark
+    assert "100 %" in remark
+    text = (files("haptorb.devices") / "catalogue" / "pmsm.toml").read_text(encoding="utf-8")
+    [remark] = parse(text.replace('value = "1 N*m"', 'value = "200 N*m"'), "x").remarks
+    assert "limits.torque is 200 N·m" in remark
+    with pytest.raises(DeviceError, match=r"limits\.torque is 2000 N·m"):
+        parse(text.replace('value = "1 N*m"', 'value = "2 kN*m"'), "x")
+
+
+def test_a_dot_in_the_dome_and_a_level_tool_are_possible():
+    engraved = OMNI.replace("[28.978, 0.0, 7.765]", "[27.3, 0.0, 7.3]").replace('"60 deg"', '"90 deg"')
+    assert parse(engraved, "x").workspace_half_angle == pytest.approx(np.pi / 2)
+
+
+@pytest.mark.parametrize("name", ["", 'name = "omni"\n'])
+def test_a_variant_needs_a_name_of_its_own(name):
+    with pytest.raises(DeviceError, match="a name of its own, other than 'omni'"):
+        parse(f'based_on = "omni"\n{name}[tool]\nlength = "20 mm"\n', "x")
+
+
+def test_a_variant_without_a_title_is_told_from_its_base():
+    assert parse('based_on = "omni"\nname = "short"\n', "x").title == f"{load('omni').title} (short)"

@@ -1,10 +1,10 @@
-// A window of samples as comma-separated values: one line per tick, units in the heading.
+// A window of samples as comma-separated values: one line per tick, headed as in a recording's CSV file.
 
 import type { History } from "./history";
 
 export function csv(history: History, first: number, last: number): string {
   const quote = (text: string): string => (/[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
-  const lines = [history.series.map(({ name, unit }) => quote(`${name} [${unit}]`)).join(",")];
+  const lines = [history.series.map(({ head }) => quote(head)).join(",")];
   const times = history.times(first, last);
   const columns = history.series.map((_, c) => history.column(c, first, last));
   for (let i = 0; i < times.length; i++) {

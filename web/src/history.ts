@@ -5,7 +5,8 @@ import type { Rows } from "./wire";
 
 export interface Series {
   name: string;
-  unit: string;
+  /** in a CSV file, with the unit */
+  head: string;
 }
 
 export class History {
@@ -18,8 +19,8 @@ export class History {
     readonly columns: Column[],
     readonly capacity = 60_000,
   ) {
-    this.series = columns.flatMap(({ name, width, unit }) =>
-      Array.from({ length: width }, (_, i) => ({ name: width > 1 ? `${name}_${i}` : name, unit })),
+    this.series = columns.flatMap(({ name, width, heads }) =>
+      Array.from({ length: width }, (_, i) => ({ name: width > 1 ? `${name}[${i}]` : name, head: heads[i]! })),
     );
     this.time = new Float64Array(2 * capacity);
     this.values = this.series.map(() => new Float32Array(2 * capacity));

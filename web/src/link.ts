@@ -17,7 +17,8 @@ const BEAT = 50; // ms between two signs of life to the socket's thread
 export class Link {
   private readonly worker = new Worker("/static/socket.js", { type: "module" });
 
-  constructor(token: string, listener: Listener) {
+  /** `patience`: after so long without a sign of life from this page its hold on the stylus ends [ms] */
+  constructor(token: string, patience: number, listener: Listener) {
     this.worker.onmessage = ({ data }: MessageEvent<FromSocket>) => {
       switch (data.kind) {
         case "opened":
@@ -32,7 +33,7 @@ export class Link {
         }
       }
     };
-    this.post({ kind: "open", url: `ws://${location.host}/ws`, protocols: ["haptorb", `token.${token}`] });
+    this.post({ kind: "open", url: `ws://${location.host}/ws`, protocols: ["haptorb", `token.${token}`], patience });
     setInterval(() => this.post({ kind: "alive" }), BEAT);
   }
 
@@ -40,8 +41,9 @@ export class Link {
     this.post({ kind: "pointer", pointer });
   }
 
-  free(): void {
-    this.post({ kind: "free" });
+  /** The hold on the stylus ends here and now: its pose expires. */
+  drop(): void {
+    this.post({ kind: "drop" });
   }
 
   command(command: Record<string, unknown>): void {

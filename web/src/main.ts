@@ -3,7 +3,7 @@
 import { History } from "./history";
 import { listen } from "./keys";
 import { Link } from "./link";
-import { fill } from "./panels/dialogs";
+import { fill, uncover } from "./panels/dialogs";
 import { at, write } from "./panels/dom";
 import { Header, type Health } from "./panels/header";
 import { Legend } from "./panels/legend";
@@ -56,7 +56,7 @@ class Console {
   private readonly sound = new Sound();
   private readonly rumble = new Rumble();
   private readonly link: Link;
-  private readonly silence: Silence = { disconnected: true, servoEnded: false, stale: true, coils: NaN };
+  private readonly silence: Silence = { disconnected: true, servoEnded: false, stale: true, coils: NaN, missingPose: "" };
   private readonly told: number[] = [];
   private readonly answers: number[] = [];
   private readonly arrivals: number[] = [];
@@ -103,7 +103,7 @@ class Console {
     if (this.scene.colours === "currents") this.legend.coils(this.subject.range);
     if (this.scene.colours === "none") this.legend.arrows();
     this.legend.device(session.scene);
-    this.link = new Link(token(), {
+    this.link = new Link(token(), 1000 * session.patience, {
       opened: () => void this.opened(),
       closed: (code, reason) => void this.closed(code, reason),
       frame: (frame, came) => {
@@ -121,6 +121,7 @@ class Console {
     this.detail();
     this.buttons();
     listen(this);
+    document.addEventListener("visibilitychange", () => this.hidden());
     this.probe();
     requestAnimationFrame((now) => this.frame(now));
   }
@@ -143,6 +144,13 @@ class Console {
     keep(this.told, performance.now() - stamp);
     this.touched = true;
     at("hint").hidden = true;
+  }
+
+  /** Whoever does not see the page does not hold the stylus: a hidden page is not run often enough to say so in time. */
+  private hidden(): void {
+    if (!document.hidden || !this.grasp.held) return;
+    this.grasp.abandon();
+    this.link.drop();
   }
 
   private command(command: Record<string, unknown> & { values?: Values }): void {
@@ -230,6 +238,7 @@ class Console {
         this.control = event["control"] === true;
         at("watching").hidden = this.control;
         at("watching").title = "Another page is in control. This one may still stop.";
+        at<HTMLButtonElement>("cool").disabled = !this.control;
         this.grasp.enabled = this.control && this.session.steered;
         this.world.enable(this.control);
         this.model.enable(this.control);
@@ -245,6 +254,7 @@ class Console {
         break;
       case "health":
         this.silence.servoEnded = event["alive"] === false;
+        this.silence.missingPose = String(event["missing_pose"] ?? "");
         this.health = event as unknown as Health;
         this.notice(this.health);
         break;
@@ -334,6 +344,7 @@ class Console {
     lost.hidden = performance.now() - this.droppedAt > NOTED;
     if (this.dropped) write(lost, `${this.dropped} samples not shown: this page was too slow`);
     this.hint(dead);
+    uncover();
     if (!dead && now - this.saidAt > SAY) {
       this.saidAt = now;
       const words = [this.readouts.sentence(this.sample), this.modes?.sentence(this.sample) ?? ""];
@@ -343,6 +354,8 @@ class Console {
 
   private hint(dead: boolean): void {
     const hint = at("hint");
+    // Whoever reads why there is no force need not be told how to feel it.
+    if (!at("alert").hidden) return void (hint.hidden = true);
     if (this.touched || dead || !this.control || !this.session.steered) return;
     const { x, y } = this.subject.anchor();
     write(hint, this.subject.hint);
@@ -376,6 +389,9 @@ class Console {
     at("stop").addEventListener("click", (event) => event.detail === 0 && this.stop("button"));
     at("sound").addEventListener("click", () => at("sound").setAttribute("aria-pressed", String(this.sound.toggle())));
     at("rumble").addEventListener("click", () => at("rumble").setAttribute("aria-pressed", String(this.rumble.toggle())));
+    const cool = at<HTMLButtonElement>("cool");
+    cool.hidden = !this.session.simulated;
+    cool.addEventListener("click", () => this.command({ do: "cool" }));
     const views: Record<string, () => void> = {
       left: () => this.orbit.turn(-15, 0),
       right: () => this.orbit.turn(15, 0),

@@ -5,6 +5,8 @@ export interface Column {
   offset: number;
   width: number;
   unit: string;
+  /** of each number in a CSV file, with its own unit, as recordings have them */
+  heads: string[];
   about: string;
 }
 
@@ -97,6 +99,8 @@ export interface Session {
   simulated: boolean;
   /** whether the pointer on this page is the tracker; else dragging moves nothing */
   steered: boolean;
+  /** after so long without a sign of life a page that holds the mover loses it [s] */
+  patience: number;
   device: { name: string; title: string; source: string };
   /** the picture: "dome", "motor", or another name, which is drawn as axes and a marker */
   scene: Scene;

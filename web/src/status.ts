@@ -21,6 +21,8 @@ export interface Silence {
   stale: boolean;
   /** the coils' state in the last row that came: it stays true of a device that nobody hears any more */
   coils: number;
+  /** which pose is waited for, in the server's words; empty while poses are valid */
+  missingPose: string;
 }
 
 const GUARD = { off: 0, ramping: 1, running: 2, derated: 3, tripped: 4 };
@@ -50,9 +52,11 @@ export function status(sample: Sample, session: Session, silence: Silence): Stat
   switch (sample.number("guard")) {
     case GUARD.tripped: {
       const { word, text } = session.trips[String(sample.number("trip"))] ?? { word: "tripped", text: "Unknown reason." };
-      return { word, tone: "bad", reason: text, engageable: true };
+      const waits = silence.missingPose ? ` ${sentence(silence.missingPose)}` : "";
+      return { word, tone: "bad", reason: text + waits, engageable: true };
     }
     case GUARD.off:
+      if (silence.missingPose) return { word: "no pose yet", tone: "off", reason: sentence(silence.missingPose), engageable: false };
       return { word: "off", tone: "off", reason: "The coils are off.", engageable: true };
     case GUARD.derated: {
       const share = (session.limits.stop - hottest) / (session.limits.stop - session.limits.derate);
@@ -82,6 +86,8 @@ export function status(sample: Sample, session: Session, silence: Silence): Stat
   }
   return { word: "running", tone: "good", reason: "", engageable: false };
 }
+
+const sentence = (text: string): string => `${text[0]!.toUpperCase()}${text.slice(1)}.`;
 
 /** Seconds as a person says them; empty when it is not worth saying. */
 export function duration(seconds: number): string {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,10 @@ def check_figure_file(path: Path, option: str) -> Path:
         raise InputError(f"{option}: '{path}' is a folder; give the name of a file in it")
     if not path.parent.is_dir():
         raise InputError(f"{option}: the folder '{path.parent}' does not exist")
+    try:
+        tempfile.TemporaryFile(dir=path.parent).close()
+    except OSError as cause:
+        raise InputError(f"{option}: cannot write '{path}' ({cause.strerror}); choose another folder") from cause
     return path
 
 

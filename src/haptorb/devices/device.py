@@ -118,6 +118,11 @@ class Device(Presentable, ABC):
         return 0
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        """What should be known of this device though it can be computed with: sentences."""
+        return ()
+
+    @property
     def shell(self) -> Shell | None:
         """Where a tool can be over a dome; None for a device without one."""
         return None
@@ -188,6 +193,12 @@ class Device(Presentable, ABC):
             ("assumed", f"{len(self.assumed)} values that the source does not give, see `.assumed`"),
             ("digest", self.digest[:12]),
         ]
+
+    @property
+    def driven_current(self) -> Array:
+        """(m,) greatest current that supply and limit allow, the coils at their reference temperature [A]."""
+        driven: Array = np.minimum(self.coils.current_limit, self.supply.voltage / self.coils.resistance)
+        return driven
 
     @property
     def sustained_current(self) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +11,13 @@ import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.devices.kind import kind_names, kind_of_name
+from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import DeviceError, InputError, UnknownName, quote
 from haptorb.files.text_file import parse_toml, read_text
 
 __all__ = ["catalogue", "load", "parse"]
 
 _FOLDER = Path(__file__).parent / "catalogue"
-
-_MISTAKES = 40  #: told at once
 
 
 def catalogue() -> dict[str, str]:
@@ -76,7 +74,8 @@ def parse(content: str, name: str, *, override: bool = False) -> Device:
             digest = hashlib.sha256(whole.encode()).hexdigest()
             device: Device = file.build(assumed, digest, override=override)
     except ValidationError as cause:
-        raise DeviceError(_mistakes(name, cause.errors(), file_class)) from cause
+        lines = [f"device '{name}': {line}" for line in explain_mistakes(cause.errors(), file_class)]
+        raise DeviceError("\n".join(lines)) from cause
     except (ArithmeticError, np.linalg.LinAlgError, MemoryError) as cause:
         raise DeviceError(
             f"device '{name}': its values are too large, or too far apart, to compute with ({cause}); "
@@ -100,6 +99,12 @@ def _load_with_base(content: str, name: str, depth: int) -> tuple[dict[str, Any]
         raise DeviceError(f"device '{name}': based_on must name another device, without a cycle; got {quote(base)}")
     text, below_name = _read(base)
     below, whole = _load_with_base(text, below_name, depth + 1)
+    if raw.get("name", below.get("name")) == below.get("name"):
+        raise DeviceError(
+            f"device '{name}': name must be a name of its own, other than {quote(below.get('name'))} of the device "
+            "that it is based on: recordings and calibrations refer to a device by its name"
+        )
+    raw.setdefault("title", f"{below.get('title')} ({raw['name']})")
     return _merge(below, raw), whole + content
 
 
@@ -137,33 +142,3 @@ def _with_unit(value: Any, unit: str) -> Any:
     if isinstance(value, int | float) and not isinstance(value, bool):
         return (value, unit)
     return value
-
-
-def _mistakes(name: str, errors: list[Any], file_class: Any) -> str:
-    lines = []
-    for error in errors[:_MISTAKES]:
-        where = ".".join(quote(part)[1:-1] if isinstance(part, str) else str(part) for part in error["loc"]) or "file"
-        kind, got = error["type"], error.get("input")
-        if kind == "extra_forbidden":
-            known = _list_keys(file_class, error["loc"][:-1])
-            near = get_close_matches(str(error["loc"][-1])[:60], known, n=1, cutoff=0.5)
-            what = "is not a known key" + (f"; did you mean '{near[0]}'?" if near else "")
-        elif kind == "missing":
-            what = "is missing"
-        elif kind == "value_error":
-            what = str(error["ctx"]["error"])
-        else:
-            what = f"{error['msg'].replace('Input should', 'must')}; got {quote(got)}"
-        lines.append(f"device '{name}': {where} {what}")
-    if len(errors) > _MISTAKES:
-        lines.append(f"device '{name}': and {len(errors) - _MISTAKES} more mistakes")
-    return "\n".join(lines)
-
-
-def _list_keys(model: Any, path: tuple[Any, ...]) -> list[str]:
-    for part in path:
-        field = getattr(model, "model_fields", {}).get(part)
-        if field is None:
-            return []
-        model = field.annotation
-    return list(getattr(model, "model_fields", {}))

@@ -33,7 +33,8 @@ def check_writable(path: str | Path, *, overwrite: bool) -> Path:
     try:
         place = Path(path).expanduser()
         if place.exists() and not overwrite:
-            raise CalibrationError(f"{path} exists; choose another name, or allow it to be replaced (--force)")
+            text = f"{path} exists; choose another name, or replace it"
+            raise CalibrationError(f"{text} with overwrite=True", command=f"{text} with --force")
         if not place.parent.is_dir():
             raise CalibrationError(f"{path}: the folder '{place.parent}' does not exist")
     except OSError as cause:

@@ -50,6 +50,10 @@ class Simulation(ABC):
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
         """Put the mover at `p` (3,) [m] with `q` (4,), at rest; currents and temperatures go on."""
 
+    def cool(self) -> None:
+        """Coils at the ambient temperature at once; currents go on. Here nothing, for coils whose heat is not known."""
+        return
+
     @abstractmethod
     def reset(self, seed: int = 0) -> None:
         """Back to the start: cold coils, no currents, mover at rest above the dome or at zero, noise from `seed`."""

@@ -14,10 +14,11 @@ from haptorb.devices.state import State
 from haptorb.display.html import table_html
 from haptorb.display.presentable import Presentable
 from haptorb.display.quantity_text import format_number
+from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.worlds import parameter as _parameter
 
-__all__ = ["Sum", "World"]
+__all__ = ["Sum", "TargetWorld", "World"]
 
 _LONGEST = 160  #: characters of a `repr`
 
@@ -46,6 +47,8 @@ class World(Presentable, ABC):
 
     passive: ClassVar[bool] = True  #: no closed path can take energy out of it
     continuous: ClassVar[bool] = True  #: no jumps: a small step of the state is a small step of the wrench
+    #: acts on a target that a device moves through modes, whose frame is not the stator's
+    needs_target: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         _parameter.check(self)
@@ -97,7 +100,15 @@ class World(Presentable, ABC):
         return table_html(["parameter", "value", "range"], rows) if rows else ""
 
     def for_device(self, device: Device) -> World:
-        """This world as `device` must render it: itself, unless it is described in the device's own terms."""
+        """This world as `device` must render it: itself, unless it is described in the device's own terms.
+
+        Raises InputError for a device without a target, if this world needs one.
+        """
+        if self.needs_target and not device.kind.modes:
+            raise InputError(
+                f"world '{self.name}' acts on a target that a device moves through modes; device '{device.name}' "
+                f"({device.kind.title}) has none: choose another world, or a device with modes, such as pmsm"
+            )
         return self
 
     def replace(self, **values: Any) -> Self:
@@ -110,6 +121,17 @@ class World(Presentable, ABC):
         """Both at once."""
         parts = [part for world in (self, other) for part in (world.parts if isinstance(world, Sum) else (world,))]
         return Sum(tuple(parts))
+
+
+@dataclass(frozen=True)
+class TargetWorld(World):
+    """A world that acts on a target which a device moves through modes, such as a plug in its socket.
+
+    Its states and wrenches are the target's, in a frame that is not the stator's: a device whose tool the world would
+    act on directly refuses it.
+    """
+
+    needs_target: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)

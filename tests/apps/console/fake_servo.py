@@ -37,7 +37,7 @@ class FakeServo:
         self.device = load(device)
         self.layout = RowLayout.of(self.device)
         self.alive = True
-        self.recording_trouble = self.warning = self.world_trouble = ""
+        self.recording_trouble = self.warning = self.world_trouble = self.missing_pose = ""
         self.own_worlds: Mapping[str, World] = {}
         self.silent = False  #: publish nothing
         self.guard = GuardState.RUNNING
@@ -94,6 +94,9 @@ class FakeServo:
         if stops is not None and stops != self.stops:
             return
         self.guard, self.trip = GuardState.RUNNING, Trip.NONE
+
+    def cool(self) -> None:
+        self.calls.append(("cool",))
 
     def set_mode(self, mode: str) -> None:
         self.calls.append(("mode", mode))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from haptorb.apps.console.pointer_relay import PointerRelay
+from haptorb.apps.console.session import session
 from haptorb.apps.console.wire import Pointer
 
 
@@ -15,15 +16,43 @@ def pointer(stamp: float, x: float, held: bool) -> Pointer:
     return Pointer(stamp, np.array([x, 0.0, 0.05]), None, held)
 
 
-def test_a_held_pointer_is_kept_through_a_stutter_only(servo, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize(("driver", "seconds"), [("serial:/dev/ttyUSB0", 0.15), ("i2c:1", 0.15), ("sim", 1.0)])
+def test_a_held_pointer_is_kept_through_a_stutter_only(servo, driver, seconds, monkeypatch: pytest.MonkeyPatch):
     now = [100.0]
+    servo.driver = driver
     monkeypatch.setattr("haptorb.apps.console.pointer_relay.time.monotonic", lambda: now[0])
     hand = PointerRelay(servo)
     hand.point(pointer(1.0, 0.01, held=True))
-    for _ in range(100):
+    for _ in range(300):
         now[0] += 0.01
         hand.keep()
-    assert 1 + 13 <= servo.count("point") <= 1 + 15, "0.15 s, then it expires"
+    assert 100 * seconds - 1 <= servo.count("point") <= 1 + 100 * seconds, "then it expires"
+    assert servo.count("release") == (driver == "sim"), "a simulated hand lets go instead"
+    hand.point(pointer(2.0, 0.02, held=True))
+    assert hand.held, "a page that comes back holds it still"
+
+
+def test_a_page_waits_longer_only_where_nothing_is_powered(servo):
+    assert session(servo, "now")["patience"] == 1.0
+    servo.driver = "serial:/dev/ttyUSB0"
+    assert session(servo, "now")["patience"] == 0.25
+
+
+@pytest.mark.parametrize("driver", ["serial:/dev/ttyUSB0", "sim"])
+def test_a_dropped_drag_is_over_and_a_resting_hand_stays(servo, driver):
+    servo.driver = driver
+    hand = PointerRelay(servo)
+    hand.point(pointer(1.0, 0.01, held=True))
+    hand.drop()
+    hand.keep()
+    assert servo.count("point") == 1
+    assert servo.count("release") == (driver == "sim")
+    assert not hand.held
+    hand.point(pointer(2.0, 0.01, held=False))
+    hand.drop()
+    hand.keep()
+    assert servo.count("point") == 3
+    assert servo.count("release") == (driver == "sim")
 
 
 def test_a_resting_hand_is_kept_fresh_and_goes_home_with_the_page(servo, monkeypatch: pytest.MonkeyPatch):

@@ -21,7 +21,10 @@ def test_columns_lie_where_they_are_said_to():
     columns = wire.Columns(LAYOUT)
     index, described = columns.index, columns.describe()
     assert [column["name"] for column in described] == list(wire.COLUMNS)
+    heads = {head for column in described for head in column["heads"]}
+    assert {"t [s]", "tick", "p[2] [m]", "asked[5] [N·m]", "currents[2] [A]"} <= heads
     for column in described:
+        assert len(column["heads"]) == column["width"]
         first = index[column["offset"]]
         assert slice(first, first + column["width"]) == LAYOUT[column["name"]]
 

@@ -136,7 +136,7 @@ def test_a_copy_is_said_to_be_one(capsys, tmp_path):
         (["omni", "pmsm", "--assumed"], "one device"),
         (["omni", "--plot", "card.jpg"], "must be a .png, .svg or .pdf file"),
         (["omni", "--plot", "/proc/card.png"], "cannot write '/proc/card.png'"),
-        ([], "DEVICE"),
+        ([], "Missing argument 'devices'"),
     ],
 )
 def test_a_mistake_is_one_message(capsys, words, said):

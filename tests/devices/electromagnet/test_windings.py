@@ -1,12 +1,15 @@
 """Moments per ampere from the coils' sizes and the core: against a current loop, and beside the calibrated ones."""
 
+from dataclasses import replace
 from importlib.resources import files
 
 import numpy as np
 import pytest
+from scipy.integrate import dblquad
 
 from haptorb.devices.electromagnet.windings import Windings
-from haptorb.devices.loader import load
+from haptorb.devices.loader import load, parse
+from haptorb.devices.state import State
 from haptorb.errors import DeviceError
 from haptorb.physics.sources.dipole import MU0
 from haptorb.physics.sources.soft_sphere import SoftSphere
@@ -78,3 +81,92 @@ def test_a_device_without_sizes_predicts_nothing(tmp_path):
     text = files("haptorb.devices").joinpath("catalogue", "omni.toml").read_text(encoding="utf-8")
     start, end = text.index("[windings]"), text.index("[dome]")
     assert parsed(tmp_path, text[start:end], "").predict_moments() is None
+
+
+@pytest.mark.parametrize("mu", [np.inf, 1000.0, 7.0, 1.001])
+def test_moments_by_reciprocity_and_by_quadrature(mu):
+    """The flux of a uniform field B about the sphere through a loop, π ρ² B (1 + 2 β a³/r³), is B times the moment per
+    ampere: no coil's field, no sphere's moment. And the core in the field of current sheets, by bisected Gauss rules.
+    """
+    core = SoftSphere(OMNI.core_radius, mu)
+    beta, a = core.response(1)[0], core.radius
+    for coil, parts in zip(OMNI.windings.coils, OMNI.windings.parts(core), strict=True):
+        ri, ro, h = coil.inner_radius, coil.outer_radius, coil.length / 2
+        density = coil.turns / (coil.length * (ro - ri))
+        linked, _ = dblquad(
+            lambda z, rho: np.pi * rho**2 * (1 + 2 * beta * a**3 / np.hypot(rho, z) ** 3), ri, ro, -h, h, epsrel=1e-12
+        )
+        assert parts.sum() == pytest.approx(density * linked, rel=1e-9)
+        assert parts[1] == pytest.approx(core.moment_in(coil.field((0.0, 0.0, 0.0)))[2], rel=1e-9)
+
+
+@pytest.mark.parametrize("mu", [np.inf, 7.0])
+def test_the_core_answers_a_coil_as_it_answers_the_magnetic_shell_that_the_coil_bounds(mu):
+    """Ampère: a loop is a shell of dipoles; here half a sphere about the core, of pairs of charges."""
+    core, radius, thickness = SoftSphere(0.015, mu), 0.022, 2e-6
+    x, w = np.polynomial.legendre.leggauss(40)
+    c, phi = (x + 1) / 2, 2 * np.pi * (np.arange(48) + 0.5) / 48
+    s = np.sqrt(1 - c * c)
+    out = np.stack([np.outer(s, np.cos(phi)), np.outer(s, np.sin(phi)), np.outer(c, np.ones(48))], axis=-1)
+    outward = out.reshape(-1, 3)
+    charge = np.repeat(w / 2 * 2 * np.pi / 48, 48) * radius**2 / thickness
+    points = np.concatenate([outward * (radius + thickness / 2), outward * (radius - thickness / 2)])
+    at = np.array([[0.0, 0.0, 0.05], [0.05, 0.0, 0.0]])
+    answer = core.compute_induced_field(points, np.concatenate([charge, -charge]), at)[:, 2]
+    coil = one()
+    total = coil.coils[0].field(at)[:, 2] + answer
+    dipole = MU0 * coil.parts(core)[0].sum() / (4 * np.pi * 0.05**3) * np.array([2.0, -1.0])
+    expected = np.abs(total / dipole - 1).max()
+    assert coil.field_error(core, 0.05) == pytest.approx([expected] * 3, rel=2e-3)
+
+
+def test_the_field_becomes_a_dipoles_with_the_square_of_the_distance():
+    near, far = (OMNI.windings.field_error(CORE, distance) for distance in (0.5, 1.0))
+    assert near == pytest.approx(4 * far, rel=0.02)
+    assert (OMNI.windings.field_error(CORE, 0.05) > 0.1).all()
+
+
+def without_moments(text):
+    start, end = text.index("[electromagnet.moment_per_current]"), text.index("# What the coils could look like")
+    return text[:start] + text[end:]
+
+
+OMNI_TEXT = files("haptorb.devices").joinpath("catalogue", "omni.toml").read_text(encoding="utf-8")
+
+
+def test_without_moments_the_windings_give_them_and_more_turns_more_force():
+    single = parse(without_moments(OMNI_TEXT), "x")
+    assert single.moments_from == "windings"
+    assert single.moment_per_current == pytest.approx(single.predict_moments())
+    double = parse(without_moments(OMNI_TEXT).replace("[80, 80, 80]", "[160, 160, 160]"), "x")
+    top = State.at((0.0, 0.0, 0.05))
+    for model in ("exact", "published"):
+        force = [device.wrench_map(top, model).force for device in (single, double)]
+        assert force[1] == pytest.approx(2 * force[0])
+    assert not any("differ" in remark for remark in double.remarks)
+
+
+def test_moments_of_a_file_stay_and_a_difference_is_remarked():
+    assert load("omni").moments_from == "device file"
+    assert OMNI.remarks == ()  # 4 % is below what a hand feels
+    double = parse(OMNI_TEXT.replace("[80, 80, 80]", "[160, 160, 160]"), "x")
+    assert (double.moment_per_current == OMNI.moment_per_current).all()
+    remark = double.remarks[0]
+    assert "0.1954" in remark  # the size of m_e, what is off its axis included
+    assert f"{double.predict_moments()[0, 0]:.4f}" in remark
+    assert "+92 %" in remark
+
+
+def test_a_resistance_that_no_copper_in_the_section_can_have_is_remarked():
+    thin = replace(OMNI, coils=replace(OMNI.coils, resistance=OMNI.coils.resistance / 2))
+    assert "0.3 Ω" in thin.remarks[0]
+    share = OMNI.windings.fill(OMNI.coils.resistance, 1.7241e-8)
+    assert ((share > 0.6) & (share < 0.9)).all()  # as round wire fills a section
+
+
+def test_neither_moments_nor_windings_is_refused():
+    text = without_moments(OMNI_TEXT)
+    start, end = text.index("[windings]"), text.index("[dome]")
+    with pytest.raises(DeviceError, match="moment_per_current is missing") as refused:
+        parse(text[:start] + text[end:], "x")
+    assert "windings" in str(refused.value)

@@ -99,6 +99,14 @@ def test_a_motor_that_cannot_turn_about_every_axis_is_caught():
         parse(text, "mine")
 
 
+def test_python_is_told_pythons_option_and_the_command_line_its_own():
+    with pytest.raises(DeviceError, match="override=True") as refused:
+        haptorb.load("pmsm-printed")
+    assert "--" not in str(refused.value)
+    assert "--override" in refused.value.command_message
+    assert "=True" not in refused.value.command_message
+
+
 def test_groups_with_missing_or_repeated_coils_are_named():
     assert "group 1 names EM33, but there are only 24" in refusal(("[1, 13]", "[1, 33]"))
     message = refusal(("[2, 14]", "[1, 14]"))

@@ -109,3 +109,36 @@ def test_other_units_are_read_with_pint() -> None:
     assert quantity.si("1 nautical_mile", "m", "a length") == 1852.0
     assert quantity.si("25 degC", "K", "a temperature") == 298.15
     assert quantity.si("inf", "", "a number") == math.inf
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted", "number"),
+    [
+        ("13480 gauss", "T", 1.348), ("13.48 kG", "T", 1.348), ("13.48 kGs", "T", 1.348), ("200 mG", "T", 2e-5),
+        ("1 kOe", "T", 0.1), ("1000 kA/m", "T", 0.4 * math.pi), ("795.7747154594767 kA/m", "T", 1.0),
+        ("1000 emu/cm^3", "T", 0.4 * math.pi), ("200 emu/A", "m**2", 0.2), ("0.2 Am²/A", "m**2", 0.2),
+        ("250 mil", "m", 6.35e-3), ("250 thou", "m", 6.35e-3), ("60 mNm", "N*m", 0.06),
+        ("2 mNms/rad", "N*m*s/rad", 2e-3), ("12 Ns/m", "N*s/m", 12.0), ("22 Ohm", "ohm", 22.0),
+        ("80 turns", "", 80.0), ("1 turn", "rad", 2 * math.pi),
+    ],
+)  # fmt: skip
+def test_units_of_magnetics_and_workshops_are_read(text: str, wanted: str, number: float) -> None:
+    """1 G = 1e-4 T, 1 Oe = 1000/4π A/m, 1 emu = 1e-3 A·m², 1 mil = 25.4 µm; pint says otherwise, or nothing."""
+    assert quantity.si(text, wanted, "a value") == pytest.approx(number, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted", "told"),
+    [
+        ("24 milimeter", "m", "did you mean 'millimeter'?"),
+        ("24 kg", "m", "(units: mm, cm"),
+        ("12 Volts", "V", "did you mean 'volt'?"),
+        ("5 TESLA", "T", "did you mean 'tesla'?"),
+        ("26 gr", "kg", "write 'g' (gram) or 'grain'"),
+        ("5 G/T", "T", "gauss, kG"),
+    ],
+)
+def test_a_unit_that_cannot_be_used_lists_what_can(text: str, wanted: str, told: str) -> None:
+    with pytest.raises(ValueError, match="must be a value") as refused:
+        quantity.si(text, wanted, "a value")
+    assert told in str(refused.value)

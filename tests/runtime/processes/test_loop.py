@@ -9,7 +9,7 @@ import pytest
 
 from haptorb.control.protection.trip import GuardState
 from haptorb.devices.loader import load
-from haptorb.errors import UnknownName
+from haptorb.errors import InputError, UnknownName
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.exchange.commands import Commands
 from haptorb.runtime.exchange.shared_memory import SharedMemory, Word
@@ -66,6 +66,7 @@ class Host(Commands):
 
     def __init__(self, shared: SharedMemory) -> None:
         self.device, self.modes, self.models, self._model = load("omni"), (), ("exact", "published"), "exact"
+        self.driver = "sim"
         super().__init__(find_world("nothing")())
         self._shared = shared
 
@@ -98,6 +99,36 @@ def states_after(*deeds: Callable[[Host], None], apart: int = 50) -> list[int]:
         chain.driver.open()
         Loop(chain, world, shared, RATE, os.getppid()).run(clock)
         return states
+    finally:
+        shared.unlink()
+
+
+def test_simulated_coils_cool_when_the_host_says_so_and_real_ones_are_refused() -> None:
+    omni, world = load("omni"), find_world("dome")()
+    shared = SharedMemory.create(RowLayout.of(omni))
+    warmest: list[float] = []
+    try:
+        host = Host(shared)
+
+        def look() -> None:
+            latest = shared.ring.latest()
+            assert latest is not None
+            warmest.append(float(latest[shared.layout["winding"]].max()))
+
+        def cool() -> None:
+            look()
+            host.cool()
+
+        chain = assemble(omni, world, "sim", RATE, 0, None, PointerTracker())
+        clock = WoundClock(shared, Script({2500: cool, 2503: look}, 2504), beating=True)
+        chain.driver.open()
+        Loop(chain, world, shared, RATE, os.getppid()).run(clock)
+        before, after = warmest
+        assert before > omni.coils.heat.ambient + 0.5
+        assert after < omni.coils.heat.ambient + 0.3
+        host.driver = "serial:/dev/ttyUSB0"
+        with pytest.raises(InputError, match="only simulated coils cool at once"):
+            host.cool()
     finally:
         shared.unlink()
 

@@ -38,10 +38,12 @@ def _rows(n: int, seed: int = 0) -> Any:
     return rows
 
 
-def _recorded(path: Path, rows: Any, layout: RowLayout = LAYOUT, rate: float = RATE, finish: bool = True) -> Path:
+def _recorded(
+    path: Path, rows: Any, layout: RowLayout = LAYOUT, rate: float = RATE, finish: bool = True, **device: str
+) -> Path:
     with path.open("wb") as file:
         recorder = Recorder(file, layout, rate, 10**18)
-        recorder.note("device", {"name": "omni", "title": "Omni"})
+        recorder.note("device", {"name": "omni", "title": "Omni", **device})
         recorder.note("world", {"change": "0", "tick": "0", "world": "{}"})
         for start in range(0, len(rows), 20):
             recorder.append(rows[start : start + 20])
@@ -205,9 +207,9 @@ def test_schema_of_others() -> None:
 def test_csv(whole: Path, tmp_path: Path) -> None:
     recording, path = Recording(whole), tmp_path / "a.csv"
     recording.to_csv(path)
-    names = path.read_text().splitlines()[0].split(",")
-    assert names[:2] == ["tick", "t"]
-    assert "p[2]" in names
+    heads = path.read_text(encoding="utf-8").splitlines()[0].split(",")
+    assert heads[:2] == ["tick", "t [s]"]
+    assert {"p[2] [m]", "asked[2] [N]", "asked[5] [N·m]", "q[3]", "winding[0] [K]"} <= set(heads)
     values = np.loadtxt(path, delimiter=",", skiprows=1)
     assert values.tobytes() == recording.rows.tobytes()
     with pytest.raises(RecordingError, match="exists"):
@@ -229,6 +231,16 @@ def test_plot(whole: Path, tmp_path: Path, ending: str) -> None:
     assert (np.asarray(force.lines[0].get_ydata()) == recording["given"][:, 0]).all()
     with pytest.raises(RecordingError, match="cannot write"):
         recording.plot(tmp_path / "a.nonsense")
+
+
+@pytest.mark.parametrize("noted", ['["x", "y", "z $1$"]', '["x"]', "[", None])
+def test_plot_names_coils_as_the_device_does(tmp_path: Path, noted: str | None) -> None:
+    """Where the recording does not say, they are numbered."""
+    shown = ["x", "y", r"z \$1\$"] if noted and "y" in noted else ["1", "2", "3"]
+    device = {} if noted is None else {"coils": noted}
+    figure = Recording(_recorded(tmp_path / "a.mcap", _rows(50), **device)).plot()
+    texts = {text.get_text() for axes in figure.axes if (legend := axes.get_legend()) for text in legend.get_texts()}
+    assert {f"coil {name}" for name in shown} | {f"winding {name}" for name in shown} <= texts
 
 
 def test_plot_keeps_every_peak(tmp_path: Path) -> None:

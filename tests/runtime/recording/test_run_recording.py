@@ -23,8 +23,9 @@ def test_a_named_file_is_kept_and_told(tmp_path: Path) -> None:
     del place
     gc.collect()
     assert (tmp_path / "run.mcap").exists()
-    with pytest.raises(RecordingError, match="exists; choose another name"):
+    with pytest.raises(RecordingError, match=r"exists; choose another name, .* overwrite=True$") as refused:
         RunRecording(tmp_path / "run.mcap", overwrite=False).open()
+    assert refused.value.command_message.endswith("--force")  # as the command line calls it
 
 
 def test_a_temporary_file_goes_with_its_holder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -59,8 +59,9 @@ def test_the_text_is_read_back_and_the_file_is_written_whole(tmp_path: Path) -> 
     again = read_frame(path)
     assert again.text() == FRAME.text()
     assert np.array_equal(again.R, FRAME.R)
-    with pytest.raises(CalibrationError, match="exists; choose another name"):
+    with pytest.raises(CalibrationError, match=r"exists; choose another name, .* overwrite=True$") as refused:
         write_frame(FRAME, path)
+    assert refused.value.command_message.endswith("--force")  # as the command line calls it
     assert [one.name for one in tmp_path.iterdir()] == ["omni.frame.json"]
     with pytest.raises(CalibrationError, match=r"frame .*none.json: cannot be read \(No such file"):
         read_frame(tmp_path / "none.json")

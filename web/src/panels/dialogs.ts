@@ -38,6 +38,16 @@ export function fill(session: Session, scene: DeviceScene, keys: readonly (reado
   addEventListener("keydown", close, { capture: true });
 }
 
+/** An open dialog stays below the reason why the coils are off, which comes by itself. */
+export function uncover(): void {
+  const dialog = document.querySelector<HTMLElement>("dialog[open]");
+  if (!dialog) return;
+  const reason = at("alert");
+  const page = document.querySelector(".page")!.getBoundingClientRect();
+  const edge = reason.hidden ? 0 : Math.max(0, reason.getBoundingClientRect().bottom - page.top + 8);
+  dialog.style.setProperty("--alert", `${Math.min(edge, page.height - 120).toFixed(0)}px`);
+}
+
 /** How large the coils of the picture are, by the device file, and what it does not state. */
 function sizes({ parts = [], notes = [] }: Scene): [string, string][] {
   const millimetres = (length: number): string => `${+(1000 * length).toFixed(2)}`;

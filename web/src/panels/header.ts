@@ -14,6 +14,7 @@ export interface Health {
   recording_trouble: string; // all three are empty while all is well
   warning: string;
   world_trouble: string; // a part of `warning`
+  missing_pose: string; // which pose is waited for; empty while poses are valid
 }
 
 export class Header {
@@ -34,7 +35,7 @@ export class Header {
     state.dataset["tone"] = now.tone;
     write(state.querySelector("strong")!, now.word);
     at("unknown").hidden = now.word !== "coil state unknown";
-    at("stop").dataset["off"] = String(["stopped", "tripped", "off", "tracker lost"].includes(now.word));
+    at("stop").dataset["off"] = String(["stopped", "tripped", "off", "no pose yet", "tracker lost"].includes(now.word));
     const alert = at("alert");
     const hidden = now.reason === "" || now.word === "waiting";
     if (alert.hidden !== hidden) alert.hidden = hidden;

@@ -187,16 +187,16 @@ export class Plots {
   private force(): Curve[] {
     const axes = [0, 1, 2] as const;
     const first = firstOf(this.scene);
-    const of = (name: string): number[] => axes.map((i) => this.index(`${name}_${first + i}`));
-    const position = axes.map((i) => this.index(`p_${i}`));
+    const of = (name: string): number[] => axes.map((i) => this.index(`${name}[${first + i}]`));
+    const position = axes.map((i) => this.index(`p[${i}]`));
     const pair = (name: string, colour: string, dashed: boolean): Curve =>
       this.select.value === "radial"
         ? { label: name, colour, dashed, from: [...of(name), ...position], make: radial }
         : { label: name, colour, dashed, from: of(name), make: magnitude };
     if (this.select.value !== "xyz") return [pair("given", "--given", false), pair("asked", "--asked", true)];
     return axes.flatMap((i) => [
-      { label: "xyz"[i]!, colour: `--s${"xyz"[i]!}`, from: [this.index(`given_${first + i}`)], make: same },
-      { label: "", colour: `--s${"xyz"[i]!}`, dashed: true, from: [this.index(`asked_${first + i}`)], make: same },
+      { label: "xyz"[i]!, colour: `--s${"xyz"[i]!}`, from: [this.index(`given[${first + i}]`)], make: same },
+      { label: "", colour: `--s${"xyz"[i]!}`, dashed: true, from: [this.index(`asked[${first + i}]`)], make: same },
     ]);
   }
 
@@ -204,7 +204,7 @@ export class Plots {
     return this.session.coils.map((coil, i) => ({
       label: coil,
       colour: channelColour(i, this.session.coils.length),
-      from: [this.index(this.session.coils.length > 1 ? `${name}_${i}` : name)],
+      from: [this.index(this.session.coils.length > 1 ? `${name}[${i}]` : name)],
       make: change,
     }));
   }

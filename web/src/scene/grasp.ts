@@ -48,6 +48,12 @@ export class Grasp {
     if (this.wish) this.hold(this.wish, stamp, false);
   }
 
+  /** The hold ends, and nothing is said of where the hand rests. */
+  abandon(): void {
+    this.holding = null;
+    this.canvas.classList.remove("holding");
+  }
+
   private at(event: MouseEvent): { x: number; y: number } {
     // Measured when the hand comes, not at each of its places: that would have the page laid out in between.
     if (!this.pointers.size) this.box = this.canvas.getBoundingClientRect();

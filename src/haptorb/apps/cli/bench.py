@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from haptorb.apps.figure_file import check_figure_file
 from haptorb.errors import InputError
 
 __all__ = ["register"]
@@ -29,7 +30,7 @@ def bench(
         Path | None, typer.Option(help="Store the result in this JSON file, which README and docs quote.")
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Draw the comparison of magnetics into this PNG or SVG file.")
+        Path | None, typer.Option(help="Draw the comparison of magnetics into this PNG, SVG or PDF file.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
@@ -37,8 +38,8 @@ def bench(
     import os
 
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
+    if plot is not None:
+        check_figure_file(plot, "--plot")
     if store is not None and not store.parent.is_dir():
         raise InputError(f"--store: the folder '{store.parent}' does not exist")
     from haptorb.apps.bench import BENCHMARKS, magnetics, run_benchmarks

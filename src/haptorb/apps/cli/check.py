@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptorb.apps.figure_file import check_figure_file
 from haptorb.apps.terminal import make_progress, print_json
 from haptorb.errors import InputError
 
@@ -52,13 +53,15 @@ def check(
     grip: Annotated[
         str, typer.Option(help="Grip of the hand: loose, light, firm, or MASS,DAMPING,STIFFNESS in kg, N·s/m, N/m.")
     ] = "light",
-    plot: Annotated[Path | None, typer.Option(help="With --world: draw the Z-width into this PNG or SVG file.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="With --world: draw the Z-width into this PNG, SVG or PDF file.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Check this computer or, with --world, whether your loop can render that world stably. Exit code 1 means no."""
     if world is not None:
-        if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-            raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
+        if plot is not None:
+            check_figure_file(plot, "--plot")
         from haptorb.devices.loader import load
 
         found = load(device)

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from haptorb.apps.figure_file import check_figure_file
 from haptorb.apps.terminal import make_console, make_progress, print_json
 from haptorb.errors import InputError
 
@@ -26,14 +27,14 @@ def estimators(
         Path | None, typer.Option(help="File of trained networks (default: those of the device).")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of noise and orientations.")] = 0,
-    plot: Annotated[Path | None, typer.Option(help="Draw Fig. 4 and more into this PNG or SVG file.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw Fig. 4 and more into this PNG, SVG or PDF file.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Compare network, linear map and least squares under noise, offset, a dead sensor and changed magnets."""
     if not 10 <= orientations <= 100_000 or seed < 0:
         raise InputError(f"--orientations must be 10 to 100000 and --seed 0 or more; got {orientations} and {seed}")
-    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
+    if plot is not None:
+        check_figure_file(plot, "--plot")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices; a second thread would only wait in a loop
     from haptorb.apps.estimators import compare, plot_comparison, print_comparison
     from haptorb.apps.progress import build_tables

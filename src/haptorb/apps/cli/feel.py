@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptorb.apps.figure_file import check_figure_file
 from haptorb.apps.terminal import Column, TextTable, make_console, print_json, print_table, say
 from haptorb.errors import InputError
 
@@ -32,7 +33,7 @@ def feel(
     person: Annotated[str, typer.Option(help="Code of the person who rates.")] = "",
     rate: Annotated[list[str] | None, typer.Option(help="Enter a score, NAME=1…7; repeatable.")] = None,
     choose: Annotated[str | None, typer.Option(help="Record this design as the choice.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw the comparison into this PNG or SVG file.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw the comparison into this PNG, SVG or PDF file.")] = None,
     headless: Annotated[
         bool, typer.Option("--headless", help="Run without the console; a simulated hand moves the handle.")
     ] = False,
@@ -52,8 +53,8 @@ def feel(
         candidates[choose]  # refuses a name that there is not before anything is felt
     if not 0 < seconds < float("inf"):
         raise InputError(f"--seconds must be greater than 0; got {seconds:g}")
-    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
+    if plot is not None:
+        check_figure_file(plot, "--plot")
     store = FeelSession(session or designs.with_name(f"{designs.stem}-session"), candidates)
     for design in wanted:
         for remark in design.remarks:

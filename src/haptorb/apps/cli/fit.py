@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from haptorb.apps.figure_file import check_figure_file
 from haptorb.apps.terminal import make_console, make_progress, print_json
 from haptorb.errors import InputError
 
@@ -23,15 +24,15 @@ def fit_multipole(
     part: Annotated[str, typer.Option(help="Part to fit: magnet or coil.")] = "magnet",
     dipoles: Annotated[int | None, typer.Option(help="Largest number of pole pairs (default: as in the file).")] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Draw exact, fitted and stored field into this PNG or SVG file.")
+        Path | None, typer.Option(help="Draw exact, fitted and stored field into this PNG, SVG or PDF file.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Fit loops of dipoles to a magnet or coil in the region of its counterparts, and print the model's error there."""
     if dipoles is not None and not 1 <= dipoles <= 2000:
         raise InputError(f"--dipoles must be between 1 and 2000; got {dipoles}")
-    if plot is not None and (plot.suffix not in (".png", ".svg") or not plot.parent.is_dir()):
-        raise InputError(f"--plot must be a .png or .svg file in an existing folder; got '{plot}'")
+    if plot is not None:
+        check_figure_file(plot, "--plot")
     from haptorb.apps.fit import compare
     from haptorb.devices.motor.api import motor
 

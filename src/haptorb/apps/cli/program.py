@@ -71,7 +71,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         app(args=arguments)
     except HaptorbError as mistake:
-        say(f"haptorb: {mistake}")
+        say(f"haptorb: {mistake.command_message}")
         return 2
     except KeyboardInterrupt:
         return 130

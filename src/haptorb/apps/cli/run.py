@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from haptorb.apps.pose_wait import tell_missing_pose
 from haptorb.apps.terminal import print_json, say
 from haptorb.errors import InputError
 
@@ -122,7 +123,8 @@ def _run_without_console(servo: Servo, standby: PrestartedProcess, duration: flo
         if not json:
             say(f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_nature(servo)}. Ctrl-C ends.")
         try:
-            servo.run(duration if duration is not None else 1e9)
+            with tell_missing_pose(servo):
+                servo.run(duration if duration is not None else 1e9)
             number = 0
         except KeyboardInterrupt:
             number = int(signal.SIGINT)
@@ -152,7 +154,8 @@ def _run_with_console(
             last = now
             return monotonic() > end
 
-        number = console.serve(open_browser=browser, until=look)
+        with tell_missing_pose(servo):
+            number = console.serve(open_browser=browser, until=look)
         servo.check()  # a servo that died says why, and the exit code says that it did
         _report(servo, json)
     return number or 0

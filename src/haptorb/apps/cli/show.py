@@ -71,7 +71,7 @@ def worlds(
     console = make_console()
     world = find_world(name)
     print_text(console, f"{name}: {(world.__doc__ or '').splitlines()[0]}", "bold")
-    print_text(console, _nature(world.passive, world.continuous), "dim")
+    print_text(console, _nature(world.passive, world.continuous, world.needs_target), "dim")
     if not known:
         return
     print_text(console)
@@ -86,9 +86,10 @@ def worlds(
     print_table(console, table)
 
 
-def _nature(passive: bool, continuous: bool) -> str:
+def _nature(passive: bool, continuous: bool, needs_target: bool) -> str:
     energy = "passive: produces no energy" if passive else "active: a closed path can gain energy"
-    return f"{energy}; {'continuous' if continuous else 'discontinuous'}"
+    devices = "; for devices that move a target (motors)" if needs_target else ""
+    return f"{energy}; {'continuous' if continuous else 'discontinuous'}{devices}"
 
 
 def inspect(
@@ -143,15 +144,15 @@ def show(
     from haptorb.devices.loader import load
 
     found = load(device, override=override)
-    path = (
-        None if json and output is None else check_figure_file(output or Path(f"{found.name}.drawing.png"), "--output")
-    )
-    if path is not None:
-        write_figure(found.draw(view, azimuth), path, "--output")
+    if output is None and not json:
+        output = Path(f"{found.name}.drawing.png")
+    if output is not None:
+        check_figure_file(output, "--output")
+        write_figure(found.draw(view, azimuth), output, "--output")
     if json:
         print_json(describe_geometry(found))
     else:
-        tell(f"written: {path}")
+        tell(f"written: {output}")
 
 
 def _list(lines: dict[str, str], json: bool) -> None:

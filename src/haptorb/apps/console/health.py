@@ -1,19 +1,30 @@
-"""How well the loop keeps its time, over the last seconds: what the page's header says."""
+"""How well the loop keeps its time, over the last seconds, and what is amiss: what the page's header says."""
 
 from __future__ import annotations
 
 from collections import deque
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
 from haptorb.apps.console.running_servo import RunningServo
 from haptorb.numerics.arrays import Array
 
-__all__ = ["Health"]
+__all__ = ["Health", "describe_troubles"]
 
 #: seconds of the past that count
 WINDOW = 5.0
+
+
+def describe_troubles(servo: RunningServo) -> dict[str, Any]:
+    """Whether the loop runs, and texts that are empty while all is well."""
+    return {
+        "alive": servo.alive,
+        "recording_trouble": servo.recording_trouble,
+        "warning": servo.warning,
+        "world_trouble": servo.world_trouble,
+        "missing_pose": servo.missing_pose,
+    }
 
 
 @final

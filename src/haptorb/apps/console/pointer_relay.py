@@ -2,8 +2,15 @@
 
 While a person drags, their own messages keep the pose fresh: if the page freezes or goes away in the middle of a drag
 nobody refreshes it, it expires, and the guard lets go. A browser on a busy computer stutters, though: as long as its
-socket is open, a pause of a few frames is bridged. A hand at rest has no such person behind it, so the server keeps it
-fresh for as long as the page stays connected.
+socket is open, a pause is bridged. A hand at rest has no such person behind it, so the server keeps it fresh for as
+long as the page stays connected.
+
+Two limits, `Patience`, bound how long a force may last that no person holds: what the page's main thread may be silent
+before the page's own worker drops the pose, and what the worker may be silent before this end does. A real device
+allows a quarter of a second at most; then the pose expires (`limits.expiry`), the guard fades the force out within
+50 ms and trips. A simulated one can hurt nobody, and no tracker has failed: it allows a second, and then the simulated
+hand lets go and is back at its rest within 1.5 s, without a trip. A page that goes away in the middle of a drag lets
+the pose expire with either.
 """
 
 from __future__ import annotations
@@ -11,7 +18,7 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 
@@ -19,16 +26,30 @@ from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.wire import Pointer
 from haptorb.numerics.arrays import Array
 
-__all__ = ["PointerRelay"]
+__all__ = ["PATIENCE", "PATIENCE_SIMULATED", "Patience", "PointerRelay", "patience_for"]
+
+
+class Patience(NamedTuple):
+    """How long a held pointer stays believed without a word from whoever should renew it [s]."""
+
+    page: float  #: from the page's main thread to its worker
+    worker: float  #: from the worker to the server
+
+
+PATIENCE = Patience(page=0.25, worker=0.15)
+PATIENCE_SIMULATED = Patience(page=1.0, worker=1.0)
 
 #: how close the row's goal must be to the page's to be its answer [m]: float32 on the way
 _SAME = 1e-6
-#: the longest stutter of a page that is bridged while it holds the stylus [s]
-GRACE = 0.15
 #: a hand that was let go for so long is at rest [s]
 SETTLED = 0.5
 #: an answer that has not come by then will not come [s]
 _PATIENCE = 0.5
+
+
+def patience_for(driver: str) -> Patience:
+    """What `driver` allows: more where nothing is powered."""
+    return PATIENCE_SIMULATED if driver == "sim" else PATIENCE
 
 
 @final
@@ -37,6 +58,7 @@ class PointerRelay:
 
     def __init__(self, servo: RunningServo) -> None:
         self._servo = servo
+        self._simulated, self._grace = servo.driver == "sim", patience_for(servo.driver).worker
         self._last: tuple[Array, Array | None, float] | None = None  # what is held, and when it was last said
         self._rested = 0.0  # when it was let go
         self._resting: tuple[Array, Array | None] | None = None
@@ -59,8 +81,11 @@ class PointerRelay:
         """Refresh a hand at rest, or one whose page stutters; to be called well within the device's expiry."""
         if self._resting is not None:
             self._servo.point(*self._resting)
-        elif self._last is not None and time.monotonic() - self._last[2] < GRACE:
-            self._servo.point(self._last[0], self._last[1])
+        elif self._last is not None:
+            if time.monotonic() - self._last[2] < self._grace:  # safety: pointer-bridged
+                self._servo.point(self._last[0], self._last[1])
+            else:
+                self.drop()
 
     def release(self) -> None:
         """The page went away: a hand at rest goes home, a drag is left to expire.
@@ -68,6 +93,15 @@ class PointerRelay:
         A browser that closes a page in the middle of a drag says first that the pointer was let go; that is no rest.
         """
         if self._resting is not None and time.monotonic() - self._rested > SETTLED:
+            self._servo.release()
+        self._forget()
+
+    def drop(self) -> None:
+        """The page is hidden or hangs: a drag is over. A simulated hand lets go; a real device's pose is left to
+        expire."""
+        if self._last is None:
+            return
+        if self._simulated:
             self._servo.release()
         self._forget()
 

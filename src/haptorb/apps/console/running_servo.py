@@ -74,6 +74,11 @@ class RunningServo(Protocol):
         ...
 
     @property
+    def missing_pose(self) -> str:
+        """Which pose of a tracker is waited for, with what came instead; empty while poses are valid."""
+        ...
+
+    @property
     def recording_trouble(self) -> str:
         """Why there is no recording any more, or none for the moment; empty while all is well."""
         ...
@@ -111,6 +116,10 @@ class RunningServo(Protocol):
 
     def engage(self, stops: int | None = None) -> None:
         """After a stop or a trip: begin again from zero, unless the guard refuses, or `stops` has changed since."""
+        ...
+
+    def cool(self) -> None:
+        """Simulated coils at the ambient temperature, at once; InputError for a real device."""
         ...
 
     def set_mode(self, mode: str) -> None:

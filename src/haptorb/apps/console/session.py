@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from haptorb.apps.console.pointer_relay import patience_for
 from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.scenes import axes_scene
 from haptorb.apps.console.target import target_scene
@@ -14,6 +15,7 @@ from haptorb.apps.console.wire import Columns
 from haptorb.control.protection.trip import Trip
 from haptorb.devices.device import Device
 from haptorb.errors import InputError
+from haptorb.runtime.trackers.pose_source import describe_trip
 from haptorb.runtime.trackers.tracker_registry import has_feed
 from haptorb.version import __version__
 from haptorb.worlds import CATALOGUE, World
@@ -68,8 +70,11 @@ def _scene(device: Device) -> dict[str, Any]:
     return scene
 
 
-#: what the header says for a trip; every other one is just "tripped"
-_WORDS = {Trip.STOPPED: "stopped", Trip.POSE_LOST: "tracker lost"}
+def _word(trip: Trip, tracker: str) -> str:
+    """What the header says for `trip`."""
+    if trip is Trip.STOPPED:
+        return "stopped"
+    return "tracker lost" if trip is Trip.POSE_LOST and tracker != "pointer" else "tripped"
 
 
 def session(servo: RunningServo, started: str) -> dict[str, Any]:
@@ -81,6 +86,7 @@ def session(servo: RunningServo, started: str) -> dict[str, Any]:
         "started": started,
         "simulated": servo.driver == "sim",
         "steered": not has_feed(servo.tracker),
+        "patience": patience_for(servo.driver).page,
         "device": {"name": device.name, "title": device.title, "source": device.source},
         "scene": _scene(device),
         "modes": list(servo.modes),
@@ -97,7 +103,7 @@ def session(servo: RunningServo, started: str) -> dict[str, Any]:
             "stop": heat.stop - _KELVIN,
         },
         "trips": {
-            str(int(trip)): {"word": _WORDS.get(trip, "tripped"), "text": trip.text}
+            str(int(trip)): {"word": _word(trip, servo.tracker), "text": describe_trip(trip, servo.tracker)}
             for trip in Trip
             if trip is not Trip.NONE
         },

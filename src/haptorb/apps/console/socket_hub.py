@@ -11,7 +11,7 @@ from typing import Any, final
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptorb.apps.console.force_map import ForceMapWorker
-from haptorb.apps.console.health import Health
+from haptorb.apps.console.health import Health, describe_troubles
 from haptorb.apps.console.page import ConsolePage, to_json
 from haptorb.apps.console.pointer_relay import PointerRelay
 from haptorb.apps.console.recent import RecentRows
@@ -36,6 +36,7 @@ FRESH = 0.1  #: from steadying the hand to engaging [s]
 
 _TELLING = ("another_sender", "stranger", "jump")  # what a tracker refuses and a person should know of
 _FULL = 1013  #: of a WebSocket that is closed: try again later
+_COMMANDS = "stop, engage, home, drop, mode, model, clutch, cool, world"
 _NAME = 64  #: of a world, a mode or a value [characters]
 
 
@@ -74,20 +75,10 @@ class ConsoleSocketHub:
             if time.monotonic() >= next_look:
                 next_look = time.monotonic() + LOOK
                 if self._pages:
-                    self._send_to_all("health", **self._describe_health())
+                    self._send_to_all("health", **self._health.look(), **describe_troubles(self._servo))
                 self._notice_world()
                 self._notice_refused()
             await asyncio.sleep(REFRESH)
-
-    def _describe_health(self) -> dict[str, Any]:
-        """Numbers of `Health`, whether the loop runs, and texts that are empty while all is well."""
-        servo = self._servo
-        texts = {
-            "recording_trouble": servo.recording_trouble,
-            "warning": servo.warning,
-            "world_trouble": servo.world_trouble,
-        }
-        return {"alive": servo.alive, **texts, **self._health.look()}
 
     async def join(self, socket: WebSocket) -> None:
         """Serve one page until it goes away, or does not listen; a seventeenth is sent away with the reason."""
@@ -156,6 +147,8 @@ class ConsoleSocketHub:
                 self._engaging = asyncio.get_running_loop().call_later(FRESH, self._engage, page, self._servo.stops)
             case "home":
                 self._hand.let_go()
+            case "drop":
+                self._hand.drop()
             case "mode":
                 self._servo.set_mode(str(command.get("mode"))[:_NAME])
             case "model":
@@ -165,12 +158,14 @@ class ConsoleSocketHub:
                 if not isinstance(command.get("engaged"), bool):
                     raise InputError("the clutch is set by `engaged`, true or false")
                 self._servo.clutch(command["engaged"])
+            case "cool":
+                self._servo.cool()
             case "world":
                 self._asked = (page, *read_world(command))
                 if self._asking is None or self._asking.done():
                     self._asking = asyncio.create_task(self._ask())
             case other:
-                raise InputError(f"unknown command {other!r} (known: stop, engage, home, mode, model, clutch, world)")
+                raise InputError(f"unknown command {other!r} (known: {_COMMANDS})")
 
     def _engage(self, page: ConsolePage, stops: int) -> None:
         self._engaging = None

@@ -13,6 +13,7 @@ import numpy as np
 
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
+from haptorb.runtime.recording.data_frames import column_heads
 from haptorb.runtime.row import RowLayout
 
 __all__ = ["COLUMNS", "Columns", "Pointer", "encode_force_frame", "mesh_frame", "pointer", "rows_frame"]
@@ -56,14 +57,13 @@ class Columns:
         return np.concatenate([np.arange(self.layout.width)[self.layout[name]] for name in self.names])
 
     def describe(self) -> list[dict[str, object]]:
-        """Name, offset, width, unit and meaning of each column, as the page reads them."""
+        """Name, offset, width, unit, meaning and headings of each column, as the page reads them."""
         fields = {field.name: field for field in self.layout.fields}
         described, offset = [], 0
         for name in self.names:
             field = fields[name]
-            described.append(
-                {"name": name, "offset": offset, "width": field.width, "unit": field.unit, "about": field.about}
-            )
+            facts = {"name": name, "offset": offset, "width": field.width, "unit": field.unit, "about": field.about}
+            described.append({**facts, "heads": list(column_heads(field))})
             offset += field.width
         return described
 

@@ -1,24 +1,4 @@
-"""A file of candidate designs P: hook sizes, angles, material; checked as a whole, every mistake named.
-
-title = "Cover clip"
-world = "snap_fit"               # or "outlet"
-beam = "timoshenko"              # or "paper"
-force_scale = 1.0                # all torques of the handle times this
-
-[common]                         # what the designs share; a design may say otherwise
-material = "ABS"
-friction = 0.3
-width = "6 mm"
-
-[design.slender]
-base_length = "15 mm"
-peak = "18.5 mm"
-thickness = "1.5 mm"
-height = "1.5 mm"
-insertion = "30 deg"
-retention = "45 deg"
-top = "flat"                     # a flat top joins the end of the rear face to the peak
-"""
+"""Candidate designs P out of a design file, as worlds that can be felt; every mistake named."""
 
 from __future__ import annotations
 
@@ -27,13 +7,14 @@ import json
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-from annotated_types import Gt
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import ValidationError
 
+from haptorb.apps.feel.design_file import ONLY, DesignFile, DesignTable
 from haptorb.control.clutch.modes import Gains
-from haptorb.devices.schema import quantity as q
+from haptorb.devices.schema import key as m
+from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import HaptorbError, InputError, quote
 from haptorb.files.text_file import parse_toml, read_text
 from haptorb.physics.beams import Model
@@ -56,62 +37,17 @@ MATERIALS = {
 
 _MISTAKES = 40  #: told at once
 
-Positive = Gt(0)
-DesignName = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f/]+$", max_length=64)]  #: also of files of traces
-Length = Annotated[q.Length, Positive]
-Angle = Annotated[q.Angle, Positive]
-Modulus = Annotated[float, BeforeValidator(lambda value: q.si(value, "Pa", "a modulus of elasticity")), Positive]
-
-
-class _Design(BaseModel):
-    """One [design.NAME], with [common] filled in."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    title: str = ""
-    material: str
-    metal: Annotated[bool, Field(strict=True)] | None = None
-    youngs_modulus: Modulus | None = None
-    poisson_ratio: Annotated[float, Field(ge=0, lt=0.5, strict=True)] | None = None
-    friction: Annotated[float, Field(ge=0, le=1, strict=True)]
-    base_length: Length
-    peak: Length
-    thickness: Length
-    height: Length
-    width: Length
-    insertion: Angle = Field(default="30 deg", validate_default=True)
-    retention: Angle
-    top: Literal["sharp", "flat"] = "sharp"
-    half_width: Length | None = None
-    clearance: q.Length | None = None
-    plug_width: Length | None = None
-    opening: Length | None = None
-    arm: Length | None = None
-    lead_in: Length | None = None
-
-
-_ONLY = {"snap_fit": ("half_width", "clearance"), "outlet": ("plug_width", "opening", "arm", "lead_in")}
-
-
-class _File(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    title: str
-    world: Literal["snap_fit", "outlet"]
-    beam: Model = "timoshenko"
-    force_scale: Annotated[float, Field(ge=1e-6, le=1e6, strict=True)] = 1.0
-    common: dict[str, Any] = Field(default_factory=dict)
-    design: dict[DesignName, dict[str, Any]] = Field(min_length=1, max_length=100)
-
 
 @dataclass(frozen=True)
 class Candidate:
     """One design as it can be felt."""
 
     name: str
-    title: str
+    title: Annotated[str, m.Meaning("headline of the file"), m.Form("text")]
     material: str
-    world: SnapFit | Outlet
+    world: Annotated[
+        SnapFit | Outlet, m.Meaning("what the hooks belong to: a part that snaps in, or a socket with a plug")
+    ]
     remarks: tuple[str, ...]  #: what should be said about it though it can exist
     digest: str  #: of everything that makes its feel; ratings and traces carry it
 
@@ -125,8 +61,8 @@ class Candidate:
 class Candidates:
     """A file's designs, in its order."""
 
-    title: str
-    beam: Model
+    title: Annotated[str, m.Meaning("headline of the file"), m.Form("text")]
+    beam: Annotated[Model, m.Meaning("beam model: Timoshenko's, loaded where the contact is, or the paper's")]
     gains: Gains
     designs: tuple[Candidate, ...]
 
@@ -150,16 +86,18 @@ def load_designs(path: str | Path) -> Candidates:
     except ValueError as cause:
         raise InputError(f"{where}: is not TOML ({cause})") from cause
     try:
-        file = _File.model_validate(raw)
+        file = DesignFile.model_validate(raw)
     except ValidationError as cause:
-        raise InputError(_list_mistakes(where, [_explain_error(error, _File) for error in cause.errors()])) from cause
-    mistakes: list[str] = []
+        raise InputError(_list_mistakes(where, explain_mistakes(cause.errors(), DesignFile))) from cause
+    mistakes = [f"common: {line}" for line in _mistakes_of_common(file.common)]
+    common = {key: value for key, value in file.common.items() if key in DesignTable.model_fields}
     designs = []
     for name, own in file.design.items():
         try:
-            designs.append(_candidate(name, file, {**file.common, **own}))
+            designs.append(_candidate(name, file, {**common, **own}))
         except ValidationError as cause:
-            mistakes += [f"design {quote(name)}: {_explain_error(error, _Design)}" for error in cause.errors()]
+            errors = [error for error in cause.errors() if error["loc"][0] in own or error["loc"][0] not in common]
+            mistakes += [f"design {quote(name)}: {line}" for line in explain_mistakes(errors, DesignTable)]
         except HaptorbError as cause:
             mistakes.append(f"design {quote(name)}: {cause}")
     if mistakes:
@@ -173,19 +111,7 @@ def _list_mistakes(where: str, mistakes: list[str]) -> str:
     return f"{where}: {mistakes[0]}" if len(mistakes) == 1 else "\n  ".join([f"{where}:", *mistakes[:_MISTAKES], *more])
 
 
-def _explain_error(error: Any, model: type[BaseModel]) -> str:
-    key = ".".join(quote(part)[1:-1] if isinstance(part, str) else str(part) for part in error["loc"])
-    if error["type"] == "extra_forbidden":
-        near = get_close_matches(key[:60], model.model_fields, n=1, cutoff=0.6)
-        return f"{key} is not a key of this file" + (f"; did you mean '{near[0]}'?" if near else "")
-    if error["type"] == "missing":
-        return f"{key} is missing"
-    message = str(error["msg"]).removeprefix("Value error, ")
-    got = "" if "got" in message else f"; got {quote(error['input'])}"
-    return f"{key} {message[:1].lower()}{message[1:]}{got}"
-
-
-def _material(name: str, design: _Design) -> tuple[float, float, bool]:
+def _material(name: str, design: DesignTable) -> tuple[float, float, bool]:
     known = MATERIALS.get(design.material)
     E, nu = design.youngs_modulus, design.poisson_ratio
     if known is None and (E is None or nu is None):
@@ -203,9 +129,18 @@ def _material(name: str, design: _Design) -> tuple[float, float, bool]:
     )
 
 
-def _candidate(name: str, file: _File, values: dict[str, Any]) -> Candidate:
-    design = _Design.model_validate(values)
-    for world, keys in _ONLY.items():
+def _mistakes_of_common(common: dict[str, Any]) -> list[str]:
+    """What is wrong in [common] by itself: told once, and not for every design."""
+    try:
+        DesignTable.model_validate(common)
+    except ValidationError as cause:
+        return explain_mistakes((error for error in cause.errors() if error["type"] != "missing"), DesignTable)
+    return []
+
+
+def _candidate(name: str, file: DesignFile, values: dict[str, Any]) -> Candidate:
+    design = DesignTable.model_validate(values)
+    for world, keys in ONLY.items():
         wrong = [key for key in keys if world != file.world and getattr(design, key) is not None]
         if wrong:
             raise InputError(f"{wrong[0]} is a key of world '{world}', but this file is for world '{file.world}'")
@@ -214,7 +149,7 @@ def _candidate(name: str, file: _File, values: dict[str, Any]) -> Candidate:
         design.base_length, design.peak, design.thickness, design.height, design.width, design.insertion,
         design.retention, E, nu, flat_top=design.top == "flat",
     )  # fmt: skip
-    others = {key: getattr(design, key) for key in _ONLY[file.world] if getattr(design, key) is not None}
+    others = {key: getattr(design, key) for key in ONLY[file.world] if getattr(design, key) is not None}
     kind: type[SnapFit] | type[Outlet] = SnapFit if file.world == "snap_fit" else Outlet
     made = kind.of(hook, design.friction, file.beam, **others)
     remarks = list(hook.remarks(metal))

@@ -78,6 +78,7 @@ def facts(device: Device) -> dict[str, Any]:
             "slew_a_per_s": device.limits.slew,
             "expiry_s": device.limits.expiry,
         },
+        "remarks": list(device.remarks),
         "assumed": dict(device.assumed),
     }
 
@@ -100,3 +101,5 @@ def print_card(device: Device, console: Console, more: Iterable[tuple[str, str]]
         ("guard", guard),
     ]
     print_facts(console, [*facts, *more])
+    for remark in device.remarks:
+        print_text(console, f"\n{remark[:1].upper()}{remark[1:]}.", "bold red")

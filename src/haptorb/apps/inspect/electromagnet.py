@@ -13,7 +13,8 @@ from haptorb.apps.inspect.quantities import Curve, Quantity, common_curves, comm
 from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet.feasible_wrench import FeasibleWrench, feasible_wrench
-from haptorb.devices.electromagnet.shell_capability import FORCE_JND, shell_capability
+from haptorb.devices.electromagnet.remarks import FORCE_JND
+from haptorb.devices.electromagnet.shell_capability import shell_capability
 from haptorb.devices.state import State
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ class ElectromagnetCard(Card):
             "shell_m": device.shell_thickness,
             "tool_moment_a_m2": device.tool.moment,
             "moment_per_current_m2": device.moment_per_current.tolist(),
+            "moments_from": device.moments_from,
             "predicted_moment_per_current_m2": None if self._predicted is None else self._predicted.tolist(),
             "layers": [
                 {
@@ -144,18 +146,29 @@ class ElectromagnetCard(Card):
     def _moments(self, console: Console) -> None:
         """m_e per ampere: as calibrated, and as the coils' sizes and the core would have it."""
         device = self._device
-        columns = [Column("coil", kind="key"), *(Column(f"calibrated {axis}", "m²") for axis in "xyz")]
-        if self._predicted is not None:
+        origin = {"device file": "in the file", "calibration": "calibrated", "windings": "computed"}
+        word = origin[device.moments_from]
+        columns = [Column("coil", kind="key"), *(Column(f"{word} {axis}", "m²") for axis in "xyz")]
+        compares = self._predicted is not None and device.moments_from != "windings"
+        if compares:
             columns += [Column("from its size and the core", "m²"), Column("off by", "%")]
         table = TextTable(tuple(columns), "Moment per ampere along x, y, z")
         for k, name in enumerate(device.coils.names):
             measured = device.moment_per_current[:, k]
             cells = [f"{value:+.4f}" for value in measured]
-            if self._predicted is not None:
+            if compares and self._predicted is not None:
                 predicted = self._predicted[:, k]
                 cells += [f"{predicted[k]:+.4f}", f"{100 * (predicted[k] / measured[k] - 1):+.1f}"]
             table.add_row(name, *cells)
         print_table(console, table)
+        if device.windings is not None and device.moments_from == "windings":
+            error = device.windings.field_error(device.core, device.contact_distance).max()
+            print_text(
+                console,
+                f"computed from [windings] and the core, for coils as point dipoles; in contact the coils' own field "
+                f"differs from that by up to {100 * error:.0f} %. For accurate forces calibrate the device",
+                "bold",
+            )
 
     def _polytopes(self, axes: Any) -> None:
         """Shadows of the force polytopes at contact on the x–z plane."""

@@ -97,7 +97,8 @@ def train_networks(
     if path is not None and not path.parent.is_dir():
         raise InputError(f"the folder of '{path}' does not exist")
     if place.exists() and not overwrite:
-        raise InputError(f"'{place}' exists; choose another file, or replace it with --force")
+        text = f"'{place}' exists; choose another file, or replace it"
+        raise InputError(f"{text} with overwrite=True", command=f"{text} with --force")
     start = monotonic()
     networks = train(known, nodes=nodes, starts=starts, iterations=iterations, seed=seed, report=report)
     seconds = monotonic() - start

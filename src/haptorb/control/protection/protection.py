@@ -103,6 +103,11 @@ class Protection:
         """Another world, `passive` or not: the balance of energy begins anew."""
         restart_passivity(self.state["passivity"], passive)
 
+    def restart_heat(self) -> None:
+        """Take the windings to be as warm as the next reading of the thermometers; for coils that are simulated."""
+        self.state["heat"]["started"] = False
+        self.coils["load"] = 0.0
+
     def skip_tick(self, now: float) -> None:
         """A tick at `now` [s] in which nothing could be read: time passes, and the windings are observed later."""
         protect.skip_tick(self.state, now)

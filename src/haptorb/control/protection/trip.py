@@ -77,7 +77,7 @@ _TEXT = {
     ),
     Trip.OVERRUN: (
         "The loop missed its deadlines: the computer is too busy, or a tick takes too long. "
-        "Close other programs, lower --rate or simplify the world, then re-engage."
+        "Close other programs, reduce the loop rate or simplify the world, then re-engage."
     ),
     Trip.CURRENT_MISMATCH: (
         "A coil's measured current does not match its voltage. Check the coil, its current sensor and its driver, "

@@ -9,11 +9,15 @@ from annotated_types import Gt, Len
 from pydantic import Field, model_validator
 
 from haptorb.devices.electromagnet.electromagnet import DomeContact, Hand, SphericalElectromagnet, Tool
+from haptorb.devices.electromagnet.geometry_checks import list_geometry_mistakes
 from haptorb.devices.electromagnet.touch_points import Marks
 from haptorb.devices.electromagnet.windings import Windings
 from haptorb.devices.field_sensors import FieldSensors
+from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
+from haptorb.devices.schema.limit_checks import list_limit_mistakes
 from haptorb.devices.schema.sections import (
+    RIGHT_ANGLE,
     CommonFile,
     FieldSensorsSection,
     Name,
@@ -23,6 +27,8 @@ from haptorb.devices.schema.sections import (
     ThermometerSection,
     check_wall,
 )
+from haptorb.errors import DeviceError
+from haptorb.physics.sources.soft_sphere import SoftSphere
 
 __all__ = ["ElectromagnetFile"]
 
@@ -33,32 +39,50 @@ Row3 = Annotated[tuple[q.MomentPerCurrent, ...], Len(3, 3)]
 class ElectromagnetSection(Section):
     """[electromagnet]"""
 
-    moment_per_current: Annotated[tuple[Row3, ...], Len(3, 3)]
-    core_radius: Annotated[q.Length, Positive]
-    core_permeability: Annotated[q.Number, Gt(1)]
+    moment_per_current: Annotated[
+        Annotated[tuple[Row3, ...], Len(3, 3)] | None,
+        m.Meaning("magnetic moment (rows x, y, z) per ampere in each coil (columns), outside the dome"),
+        m.Form("3 rows of 3, not singular"),
+        m.Without("computed from [windings]"),
+    ] = None
+    core_radius: Annotated[q.Length, Positive, m.Meaning("radius of the soft-magnetic sphere inside the coils")]
+    core_permeability: Annotated[q.Number, Gt(1), m.Meaning("relative permeability of the core; inf is allowed")]
 
 
 class DomeSection(Section):
     """[dome]"""
 
-    radius: Annotated[q.Length, Positive]
-    shell_thickness: Annotated[q.Length, Positive]
-    workspace_half_angle: Annotated[q.Angle, Positive]
-    stiffness: Annotated[q.Stiffness, Positive]
-    damping: Annotated[q.Damping, Field(ge=0)]
-    friction: Annotated[q.Number, Field(ge=0)]
+    radius: Annotated[q.Length, Positive, m.Meaning("outer radius of the dome that the tool touches")]
+    shell_thickness: Annotated[q.Length, Positive, m.Meaning("how far above contact forces are rendered")]
+    workspace_half_angle: Annotated[
+        q.Angle, Field(gt=0, le=RIGHT_ANGLE), m.Meaning("greatest angle of the tool from the summit")
+    ]
+    stiffness: Annotated[q.Stiffness, Positive, m.Meaning("stiffness of the dome under the tool's tip")]
+    damping: Annotated[q.Damping, Field(ge=0), m.Meaning("damping of that contact")]
+    friction: Annotated[q.Number, Field(ge=0), m.Meaning("coefficient of friction between tip and dome")]
 
 
 class ToolSection(Section):
     """[tool]"""
 
-    outer_radius: Annotated[q.Length, Positive]
-    inner_radius: Annotated[q.Length, Field(ge=0)]
-    length: Annotated[q.Length, Positive]
-    remanence: Annotated[q.Polarization, Positive]
-    tip_distance: Annotated[q.Length, Positive]
-    mass: Annotated[q.Mass, Positive]
-    inertia: Annotated[tuple[Annotated[q.Inertia, Positive], ...], Len(3, 3)]
+    outer_radius: Annotated[q.Length, Positive, m.Meaning("outer radius of the tool's ring magnet")]
+    inner_radius: Annotated[
+        q.Length, Field(ge=0), m.Meaning("radius of the ring's hole"), m.Form("≥ 0, below outer_radius")
+    ]
+    length: Annotated[q.Length, Positive, m.Meaning("length of the magnet along the tool's axis")]
+    remanence: Annotated[q.Polarization, Positive, m.Meaning("remanence of the magnet, J = μ0 M at its working point")]
+    tip_distance: Annotated[
+        q.Length,
+        Positive,
+        m.Meaning("distance from the magnet's centre to the tool's tip"),
+        m.Form("at least half of length"),
+    ]
+    mass: Annotated[q.Mass, Positive, m.Meaning("mass of the whole tool")]
+    inertia: Annotated[
+        tuple[Annotated[q.Inertia, Positive], ...],
+        Len(3, 3),
+        m.Meaning("principal moments of inertia about the magnet's centre: across, across, along the axis"),
+    ]
 
     @model_validator(mode="after")
     def _ring(self) -> ToolSection:
@@ -71,20 +95,34 @@ class ToolSection(Section):
 class HandSection(Section):
     """[hand]"""
 
-    mass: Annotated[q.Mass, Field(ge=0)]
-    damping: Annotated[q.Damping, Positive]
-    stiffness: Annotated[q.Stiffness, Positive]
-    turn_damping: Annotated[q.TurnDamping, Positive]
-    turn_stiffness: Annotated[q.TurnStiffness, Positive]
+    mass: Annotated[q.Mass, Field(ge=0), m.Meaning("mass that the hand adds to the tool, for the simulation")]
+    damping: Annotated[q.Damping, Positive, m.Meaning("damping of the grip along each axis")]
+    stiffness: Annotated[q.Stiffness, Positive, m.Meaning("stiffness of the grip along each axis")]
+    turn_damping: Annotated[q.TurnDamping, Positive, m.Meaning("damping of the grip against rotation")]
+    turn_stiffness: Annotated[q.TurnStiffness, Positive, m.Meaning("stiffness of the grip against rotation")]
 
 
 class WindingsSection(Section):
     """[windings]"""
 
-    turns: Annotated[tuple[Annotated[q.Number, Positive], ...], Len(3, 3)]
-    inner_radius: Annotated[tuple[Annotated[q.Length, Positive], ...], Len(3, 3)]
-    outer_radius: Annotated[tuple[Annotated[q.Length, Positive], ...], Len(3, 3)]
-    length: Annotated[tuple[Annotated[q.Length, Positive], ...], Len(3, 3)]
+    turns: Annotated[
+        tuple[Annotated[q.Number, Positive], ...], Len(3, 3), m.Meaning("turns of the coils about x, y and z")
+    ]
+    inner_radius: Annotated[
+        tuple[Annotated[q.Length, Positive], ...],
+        Len(3, 3),
+        m.Meaning("inner radius of each winding"),
+        m.Form("above core_radius"),
+    ]
+    outer_radius: Annotated[
+        tuple[Annotated[q.Length, Positive], ...],
+        Len(3, 3),
+        m.Meaning("outer radius of each winding"),
+        m.Form("between inner_radius and dome.radius"),
+    ]
+    length: Annotated[
+        tuple[Annotated[q.Length, Positive], ...], Len(3, 3), m.Meaning("length of each winding along its own axis")
+    ]
 
     def build(self) -> Windings:
         """As the device has it."""
@@ -94,8 +132,18 @@ class WindingsSection(Section):
 class MarksSection(Section):
     """[marks]"""
 
-    names: Annotated[tuple[Name, ...], Len(3, 100)]
-    positions: Annotated[tuple[Point, ...], Len(3, 100)]
+    names: Annotated[
+        tuple[Name, ...],
+        Len(3, 100),
+        m.Meaning("name of each mark"),
+        m.Form("3 to 100, spelled as name, all different"),
+    ]
+    positions: Annotated[
+        tuple[Point, ...],
+        Len(3, 100),
+        m.Meaning("bottom of each mark's dot, stator frame, one per name"),
+        m.Form("3 to 100 places x, y, z, not inside the dome and not on one line"),
+    ]
 
     @model_validator(mode="after")
     def _check_marks(self) -> MarksSection:
@@ -117,16 +165,29 @@ class MarksSection(Section):
 class ElectromagnetFile(CommonFile):
     """A file of kind "spherical-electromagnet"."""
 
-    kind: Literal["spherical-electromagnet"]
-    based_on: str | None = None
-    electromagnet: ElectromagnetSection
-    dome: DomeSection
-    tool: ToolSection
-    hand: HandSection
-    hall: FieldSensorsSection
-    thermometer: ThermometerSection
-    windings: WindingsSection | None = None
-    marks: MarksSection | None = None
+    kind: Annotated[Literal["spherical-electromagnet"], m.Meaning("kind of device")]
+    based_on: Annotated[
+        str | None,
+        m.Meaning("device whose values hold where this file gives none"),
+        m.Form("name in the catalogue, or path of a device file"),
+        m.Without("none"),
+    ] = None
+    electromagnet: Annotated[ElectromagnetSection, m.Meaning("core, and moments of the coils")]
+    dome: Annotated[DomeSection, m.Meaning("the dome over coils and core, and the space where forces are rendered")]
+    tool: Annotated[ToolSection, m.Meaning("the stylus with its ring magnet")]
+    hand: Annotated[HandSection, m.Meaning("the hand that holds the tool, for simulation and stability")]
+    hall: Annotated[FieldSensorsSection, m.Meaning("field sensors of the stator")]
+    thermometer: Annotated[ThermometerSection, m.Meaning("thermometers of the coils")]
+    windings: Annotated[
+        WindingsSection | None,
+        m.Meaning("sizes of the coils, one value per coil"),
+        m.Without("none: moments are those of the file"),
+    ] = None
+    marks: Annotated[
+        MarksSection | None,
+        m.Meaning("places on the device that a tracker's frame is registered at"),
+        m.Without("none: no `haptorb frame`"),
+    ] = None
 
     @model_validator(mode="after")
     def _clear(self) -> ElectromagnetFile:
@@ -151,23 +212,45 @@ class ElectromagnetFile(CommonFile):
                 f"dome.radius ({self.dome.radius * 1e3:g} mm) must be greater than electromagnet.core_radius "
                 f"({self.electromagnet.core_radius * 1e3:g} mm)"
             )
-        moments = np.array(self.electromagnet.moment_per_current)
-        if np.linalg.cond(moments) > 100:
+        given = self.electromagnet.moment_per_current
+        if given is None and self.windings is None:
+            raise ValueError(
+                "electromagnet.moment_per_current is missing: give the measured moment per ampere of each coil, or "
+                "[windings] with turns, inner_radius, outer_radius and length to compute it from"
+            )
+        if given is not None and np.linalg.cond(np.array(given)) > 100:
             raise ValueError(
                 "electromagnet.moment_per_current is (nearly) singular: the coils' moments are linearly dependent"
             )
         return self
 
     def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalElectromagnet:
-        """The device that this file describes; there are no findings to override beyond wrong values."""
+        """The device that this file describes; DeviceError with everything that cannot be, whatever `override`."""
+        device = self._build(assumed, digest)
+        names, places = ((), np.empty((0, 3))) if device.marks is None else (device.marks.names, device.marks.positions)
+        wrong = list_geometry_mistakes(device.core_radius, device.dome_radius, device.hall.positions, names, places)
+        wrong += list_limit_mistakes(device.coils, device.supply, device.limits, *device.greatest_wrench)
+        if wrong:
+            raise DeviceError("\n".join(f"device '{self.name}': {line}" for line in wrong))
+        return device
+
+    def _build(self, assumed: dict[str, str], digest: str) -> SphericalElectromagnet:
         dome, hall = self.dome, self.hall
         tool = self.tool.model_dump()
         tool["inertia"] = np.array(tool["inertia"])
+        given = self.electromagnet.moment_per_current
+        windings = None if self.windings is None else self.windings.build()
+        if given is not None:
+            moments = np.array(given)
+        elif windings is not None:
+            core = SoftSphere(self.electromagnet.core_radius, self.electromagnet.core_permeability)
+            moments = windings.moment_per_current(core)
         return SphericalElectromagnet(
             **self.common(),
             assumed=assumed,
             digest=digest,
-            moment_per_current=np.array(self.electromagnet.moment_per_current),
+            moment_per_current=moments,
+            moments_from="windings" if given is None else "device file",
             core_radius=self.electromagnet.core_radius,
             core_permeability=self.electromagnet.core_permeability,
             dome_radius=dome.radius,
@@ -179,6 +262,6 @@ class ElectromagnetFile(CommonFile):
             hall=FieldSensors(np.array(hall.positions).reshape(-1, 3), hall.noise, hall.step),
             thermometer_step=self.thermometer.step,
             thermometer_noise=self.thermometer.noise,
-            windings=None if self.windings is None else self.windings.build(),
+            windings=windings,
             marks=None if self.marks is None else self.marks.build(),
         )

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.remarks import FORCE_JND
 from haptorb.devices.endurance import endurance
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
 
-__all__ = ["FORCE_JND", "Layer", "ShellCapability", "shell_capability"]
-
-FORCE_JND = 0.07  #: just-noticeable difference of a force, lower end of the published 7 to 10 %
+__all__ = ["Layer", "ShellCapability", "shell_capability"]
 
 
 @dataclass(frozen=True)

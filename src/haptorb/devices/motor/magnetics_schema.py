@@ -9,8 +9,9 @@ from annotated_types import Ge, Len
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from haptorb.devices.motor.layouts import Layout, PartRing, alternate_signs
+from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
-from haptorb.devices.schema.sections import Count, Positive, Section, check_wall
+from haptorb.devices.schema.sections import RIGHT_ANGLE, Count, Positive, Section, check_wall
 from haptorb.errors import quote
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources.multipole import MultipoleSource
@@ -51,10 +52,12 @@ Polarity = Annotated[str | tuple[float, ...], BeforeValidator(_polarity)]
 class RingSection(Section):
     """One of [[….rings]]: parts at one latitude."""
 
-    latitude: Annotated[q.Angle, Field(ge=-np.pi / 2, le=np.pi / 2)]
-    count: Count
-    first: q.Angle
-    step: q.Angle
+    latitude: Annotated[
+        q.Angle, Field(ge=-RIGHT_ANGLE, le=RIGHT_ANGLE), m.Meaning("latitude of the ring, seen from the motor's centre")
+    ]
+    count: Annotated[Count, m.Meaning("number of parts on the ring"), m.Form("≥ 1, on all rings together at most 48")]
+    first: Annotated[q.Angle, m.Meaning("longitude of the first part")]
+    step: Annotated[q.Angle, m.Meaning("longitude from one part to the next")]
 
     def build(self) -> PartRing:
         """As the layout has it."""
@@ -74,9 +77,15 @@ Rings = Annotated[tuple[RingSection, ...], Len(1, _MOST_PARTS), AfterValidator(_
 class MultipoleSection(Section):
     """[….multipole]: a distributed multipole model, Bai 2012 eq. (7) and Table 1."""
 
-    dipoles_per_loop: Count
-    length_ratio: Share  #: l̄/l
-    strengths: Annotated[tuple[q.Number, ...], Len(1, 20)]  #: m_0 … m_k [A·m], coils: per ampere [m]
+    dipoles_per_loop: Annotated[Count, m.Meaning("dipoles on each loop, n")]
+    length_ratio: Annotated[Share, m.Meaning("length of the dipoles over that of the part, l̄/l")]
+    strengths: Annotated[
+        tuple[q.Number, ...],
+        Len(1, 20),
+        m.Meaning("pole strengths m_0 to m_k; of coils per ampere"),
+        m.Unit("A·m"),
+        m.Form("any"),
+    ]
 
     def build(self, radius: float, length: float) -> MultipoleSource:
         """The model of a body of this radius and length [m]."""
@@ -86,13 +95,21 @@ class MultipoleSection(Section):
 class MagnetsSection(Section):
     """[magnets]: the rotor's."""
 
-    distance: Annotated[q.Length, Positive]
-    radius: Annotated[q.Length, Positive]
-    length: Annotated[q.Length, Positive]
-    polarization: Annotated[q.Polarization, Positive]
-    polarity: Polarity
-    rings: Rings
-    multipole: MultipoleSection | None = None
+    distance: Annotated[q.Length, Positive, m.Meaning("distance of the magnets' centres from the motor's centre")]
+    radius: Annotated[q.Length, Positive, m.Meaning("radius of one cylinder magnet")]
+    length: Annotated[q.Length, Positive, m.Meaning("length of one cylinder magnet")]
+    polarization: Annotated[q.Polarization, Positive, m.Meaning("polarization of one magnet")]
+    polarity: Annotated[
+        Polarity,
+        m.Meaning("which magnets point outward"),
+        m.Form('"checkerboard", "in-phase" or a number from −1 to 1 per magnet, +1 outward'),
+    ]
+    rings: Annotated[Rings, m.Meaning("rings of magnets on the rotor")]
+    multipole: Annotated[
+        MultipoleSection | None,
+        m.Meaning("distributed multipole model of one magnet, Bai 2012 eq. (7)"),
+        m.Without("none: no model published"),
+    ] = None
 
     @model_validator(mode="after")
     def _check_polarity(self) -> MagnetsSection:
@@ -111,14 +128,20 @@ class MagnetsSection(Section):
 class ElectromagnetsSection(Section):
     """[electromagnets]: the stator's coils."""
 
-    distance: Annotated[q.Length, Positive]
-    turns: Annotated[q.Number, Positive]
-    outer_radius: Annotated[q.Length, Positive]
-    inner_radius: Annotated[q.Length, Positive]
-    length: Annotated[q.Length, Positive]
-    fill: Share
-    rings: Rings
-    multipole: MultipoleSection | None = None
+    distance: Annotated[q.Length, Positive, m.Meaning("distance of the coils' centres from the motor's centre")]
+    turns: Annotated[q.Number, Positive, m.Meaning("turns of one coil")]
+    outer_radius: Annotated[q.Length, Positive, m.Meaning("outer radius of one winding")]
+    inner_radius: Annotated[
+        q.Length, Positive, m.Meaning("inner radius of one winding"), m.Form("> 0, below outer_radius")
+    ]
+    length: Annotated[q.Length, Positive, m.Meaning("length of one winding along its axis")]
+    fill: Annotated[Share, m.Meaning("share of the winding's section that copper fills; resistance follows from it")]
+    rings: Annotated[Rings, m.Meaning("rings of coils on the stator")]
+    multipole: Annotated[
+        MultipoleSection | None,
+        m.Meaning("distributed multipole model of one coil, Bai 2012 eq. (7)"),
+        m.Without("none: no model published"),
+    ] = None
 
     @model_validator(mode="after")
     def _check_winding(self) -> ElectromagnetsSection:
@@ -129,25 +152,35 @@ class ElectromagnetsSection(Section):
 class SensorsSection(Section):
     """[sensors]: three-axis field sensors on the stator."""
 
-    distance: Annotated[q.Length, Positive]
-    rings: Rings
-    noise: Annotated[q.Polarization, Ge(0)]
-    step: Annotated[q.Polarization, Ge(0)]
-    gain: Annotated[q.Number, Ge(0)]
-    offset: Annotated[q.Polarization, Ge(0)]
-    cross: Annotated[q.Number, Ge(0)]
+    distance: Annotated[q.Length, Positive, m.Meaning("distance of the field sensors from the motor's centre")]
+    rings: Annotated[Rings, m.Meaning("rings of three-axis field sensors on the stator")]
+    noise: Annotated[q.Polarization, Ge(0), m.Meaning("standard deviation of one reading, each axis")]
+    step: Annotated[q.Polarization, Ge(0), m.Meaning("smallest step of a reading")]
+    gain: Annotated[q.Number, Ge(0), m.Meaning("standard deviation of the relative gain error from sensor to sensor")]
+    offset: Annotated[q.Polarization, Ge(0), m.Meaning("standard deviation of the offset from sensor to sensor")]
+    cross: Annotated[
+        q.Number, Ge(0), m.Meaning("standard deviation of what one axis reads of another, as a share of it")
+    ]
 
 
 class GroupsSection(Section):
     """[groups]: which coils are wired in series; each group is one channel."""
 
     coils: Annotated[
-        tuple[Annotated[tuple[Coil, ...], Len(1, _MOST_PARTS)], ...], Len(1, _MOST_PARTS)
-    ]  #: numbered from 1
-    winding: Literal["series-aiding", "series-opposed"]
-    antipodal: Annotated[bool, Field(strict=True)] = (
-        False  #: the maker states that the coils of a group face each other across the centre
-    )
+        tuple[Annotated[tuple[Coil, ...], Len(1, _MOST_PARTS)], ...],
+        Len(1, _MOST_PARTS),
+        m.Meaning("coils of each channel, by number, wired in series"),
+        m.Form("lists of coil numbers from 1, each coil once"),
+    ]
+    winding: Annotated[
+        Literal["series-aiding", "series-opposed"],
+        m.Meaning("whether the second coil of a group is wound as the first or the other way"),
+    ]
+    antipodal: Annotated[
+        bool,
+        Field(strict=True),
+        m.Meaning("whether the coils of every pair face each other across the centre, which is then checked"),
+    ] = False
 
 
 def layout(distance: float, rings: Rings) -> Layout:

@@ -27,7 +27,9 @@ from haptorb.devices.motor.rotor_schema import (
 )
 from haptorb.devices.motor.spherical_motor import Rotor, SphericalMotor
 from haptorb.devices.motor.validation import findings, grouping
+from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
+from haptorb.devices.schema.limit_checks import list_limit_mistakes
 from haptorb.devices.schema.sections import (
     HeatSection,
     LimitsSection,
@@ -49,33 +51,51 @@ __all__ = ["MotorFile"]
 class ChannelsSection(Section):
     """[coils]: what an electrician sees of a channel, all alike."""
 
-    current_limit: Annotated[q.Current, Positive]
-    temperature_coefficient: q.InverseKelvin
-    reference_temperature: Annotated[q.Temperature, Positive]
-    heat: HeatSection
+    current_limit: Annotated[
+        q.Current,
+        Positive,
+        m.Meaning("greatest current that may be commanded in a channel"),
+        m.Form("> 0, at most 10 times what the supply drives"),
+    ]
+    temperature_coefficient: Annotated[
+        q.InverseKelvin, m.Meaning("relative change of resistance per kelvin; copper: 3.93e-3 / K")
+    ]
+    reference_temperature: Annotated[
+        q.Temperature, Positive, m.Meaning("temperature at which the resistances hold"), m.Form("> 0 K")
+    ]
+    heat: Annotated[HeatSection, m.Meaning("thermal model of one channel, alike for all: winding, body, air")]
 
 
 class MotorFile(Section):
     """A file of kind "spherical-motor"."""
 
-    kind: Literal["spherical-motor"]
-    name: Name
-    title: Text
-    source: Text
-    based_on: str | None = None
-    magnets: MagnetsSection
-    electromagnets: ElectromagnetsSection
-    sensors: SensorsSection
-    groups: GroupsSection
-    coils: ChannelsSection
-    supply: SupplySection
-    limits: LimitsSection
-    workspace: WorkspaceSection
-    end_stop: EndStopSection
-    thermometer: ThermometerSection
-    hand: GripSection
-    rotor: RotorSection
-    regulator: RegulatorSection | None = None
+    kind: Annotated[Literal["spherical-motor"], m.Meaning("kind of device")]
+    name: Annotated[Name, m.Meaning("short name of the device; recordings and calibrations refer to it")]
+    title: Annotated[Text, m.Meaning("headline of the device")]
+    source: Annotated[Text, m.Meaning("where the values come from")]
+    based_on: Annotated[
+        str | None,
+        m.Meaning("device whose values hold where this file gives none"),
+        m.Form("name in the catalogue, or path of a device file"),
+        m.Without("none"),
+    ] = None
+    magnets: Annotated[MagnetsSection, m.Meaning("the rotor's magnets")]
+    electromagnets: Annotated[ElectromagnetsSection, m.Meaning("the stator's coils")]
+    sensors: Annotated[SensorsSection, m.Meaning("field sensors of the stator")]
+    groups: Annotated[GroupsSection, m.Meaning("which coils are wired in series; each group is one channel")]
+    coils: Annotated[ChannelsSection, m.Meaning("the channels as an electrician sees them, all alike")]
+    supply: Annotated[SupplySection, m.Meaning("what drives the channels")]
+    limits: Annotated[LimitsSection, m.Meaning("what the guard holds")]
+    workspace: Annotated[WorkspaceSection, m.Meaning("orientations for which the motor is made")]
+    end_stop: Annotated[EndStopSection, m.Meaning("what the rotor meets at the edge of the workspace")]
+    thermometer: Annotated[ThermometerSection, m.Meaning("thermometers of the channels")]
+    hand: Annotated[GripSection, m.Meaning("the hand that holds the handle, for simulation and stability")]
+    rotor: Annotated[RotorSection, m.Meaning("the rotor as a body")]
+    regulator: Annotated[
+        RegulatorSection | None,
+        m.Meaning("two opposed ring magnets that hold the rotor up"),
+        m.Without("none: only the currents do"),
+    ] = None
 
     def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalMotor:
         """The device that this file describes; DeviceError with all findings unless they are overridden."""
@@ -87,7 +107,12 @@ class MotorFile(Section):
         found = findings(motor, self.groups.coils, antipodal=self.groups.antipodal)
         if found and not override:
             lines = "\n".join(f"device '{self.name}': {line}" for line in found)
-            raise DeviceError(f"{lines}\ncorrect the file, or load it with override=True to study it as it is")
+            text = f"{lines}\ncorrect the file, or study it as it is"
+            raise DeviceError(f"{text}: override=True", command=f"{text}: `haptorb inspect DEVICE --override`")
+        if not found:  # a motor whose coils cancel has no torque to compare with
+            wrong = list_limit_mistakes(motor.coils, motor.supply, motor.limits, 0.0, motor.greatest_torque)
+        if wrong:
+            raise DeviceError("\n".join(f"device '{self.name}': {line}" for line in wrong))
         return replace(motor, findings=tuple(found))
 
     def _motor(self, assumed: dict[str, str], digest: str, groups: Array) -> SphericalMotor:

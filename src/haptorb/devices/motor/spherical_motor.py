@@ -25,9 +25,11 @@ from haptorb.devices.motor.models import (
 )
 from haptorb.devices.motor.regulator import Regulator, torque_over_sine
 from haptorb.devices.motor.tables import MotorTables, motor_tables
+from haptorb.devices.schema.limit_checks import list_limit_remarks
 from haptorb.devices.state import State
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.numerics.arrays import Array
+from haptorb.numerics.rotations import rotation_from_euler
 from haptorb.physics.sources.coil import Coil
 from haptorb.physics.sources.cylinder import CylinderMagnet
 
@@ -140,6 +142,25 @@ class SphericalMotor(Device):
         matrix[3:] = self.torque_characteristic(state.R_SR[None], model)[0] @ self.groups
         return WrenchMap(matrix, self.passive(state.R_SR))
 
+    @cached_property
+    def greatest_torque(self) -> float:
+        """Greatest torque about one of the stator's axes, all channels at full current [N·m], by the dipole model.
+
+        Within the workspace; the dipole model is good for a comparison of sizes only.
+        """
+        tilts = np.array([-1.0, 0.0, 1.0]) * self.workspace_tilt
+        psi, lam, phi = np.meshgrid(tilts, tilts, np.radians(np.arange(0, 360, 7.5)), indexing="ij")
+        R = rotation_from_euler(psi.ravel(), lam.ravel(), phi.ravel())
+        per_channel = self.torque_characteristic(R, "dipole") @ self.groups
+        return float((np.abs(per_channel) @ self.driven_current).max())
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What should be known of this device though it can be computed with; the bearing carries every force."""
+        if self.findings:
+            return ()  # a motor whose coils cancel has no torque to compare with
+        return tuple(list_limit_remarks(self.coils, self.supply, self.limits, 0.0, self.greatest_torque))
+
     def _list_facts(self) -> list[tuple[str, str]]:
         head, tail = Device._list_facts(self)[:2], Device._list_facts(self)[2:]
         coils = f"{len(self.electromagnets)} coils in {self.channels} channels"
@@ -148,6 +169,7 @@ class SphericalMotor(Device):
             ("workspace", f"tilts up to {np.degrees(self.workspace_tilt):.0f}°, any spin"),
             ("magnetics", f"{len(self.magnets)} magnets on the rotor, {coils}"),
             ("rotor", f"{self.rotor.mass:.3g} kg, handle of {1e3 * self.rotor.handle_length:.0f} mm"),
+            *(("remark", remark) for remark in self.remarks),
             *((f"finding {n}", text) for n, text in enumerate(self.findings, 1)),
             *tail,
         ]

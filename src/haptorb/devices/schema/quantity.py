@@ -11,12 +11,15 @@ import re
 import shutil
 import sys
 from collections import Counter
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
+from haptorb.devices.schema.field_units import AMBIGUOUS
+from haptorb.devices.schema.unit_help import explain_unit, usual_units
 from haptorb.devices.schema.units import convert, split_unit
 from haptorb.errors import quote
 from haptorb.numerics.compiled import cache_folder
@@ -34,9 +37,11 @@ __all__ = [
     "InverseKelvin",
     "Length",
     "Mass",
+    "Modulus",
     "MomentPerCurrent",
     "Number",
     "Polarization",
+    "QuantityKind",
     "Resistance",
     "Slew",
     "Stiffness",
@@ -82,7 +87,8 @@ def si(value: object, unit: str, kind: str) -> float:
     >>> si("25 degC", "K", "a temperature")
     298.15
     """
-    expected = f"must be {kind}" if unit == "" else f"must be {kind} with its unit, such as '1 {unit}'"
+    usual = usual_units(unit)
+    expected = f"must be {kind} with its unit, such as '1 {usual[0]}'" if usual else f"must be {kind}"
     try:
         if isinstance(value, tuple):
             number, name = float(value[0]), str(value[1])
@@ -102,11 +108,13 @@ def si(value: object, unit: str, kind: str) -> float:
     if not unbounded and not math.isfinite(number):
         raise ValueError(f"must be a finite {kind.removeprefix('a ').removeprefix('an ')}; got {text}")
     try:
-        converted = convert(number, name, unit)
+        turns = unit == "" and name in ("turn", "turns")  # of a winding, where an angle's turn is 2π
+        converted = number if turns else convert(number, name, unit)
         if converted is None:
             converted = _ask_pint(number, name, unit)
     except (ArithmeticError, AttributeError, ValueError) as cause:
-        raise ValueError(f"{expected if isinstance(value, tuple) else f'must be {kind}'}; got {text}") from cause
+        why = explain_unit(name, unit, _is_unit)
+        raise ValueError(f"{expected if name == '' else f'must be {kind}'}; got {text}{why}") from cause
     if not unbounded and converted != 0.0 and not 1.0 / _LARGEST <= abs(converted) <= _LARGEST:
         raise ValueError(
             f"must be {kind} whose size is between {1 / _LARGEST:g} and {_LARGEST:g} {unit}".rstrip() + f"; got {text}"
@@ -119,6 +127,8 @@ def _ask_pint(number: float, name: str, unit: str) -> float:
     import pint
 
     try:
+        if any(factor in AMBIGUOUS for factor, _ in split_unit(name)):
+            raise ValueError(f"{name} has two meanings")
         powers = _unit(name)  # safety: unit-read
         return float(_registry().Quantity(number, powers).to(unit or "dimensionless").magnitude)
     except pint.PintError as cause:
@@ -141,8 +151,24 @@ def _unit(text: str) -> Any:
     return UnitsContainer(powers)
 
 
-def _unit_validator(unit: str, kind: str) -> BeforeValidator:
-    return BeforeValidator(lambda value: si(value, unit, kind))
+def _is_unit(name: str) -> bool:
+    """Whether pint knows `name`."""
+    try:
+        return bool(_unit(name))
+    except Exception:  # whatever pint makes of a name that is none
+        return False
+
+
+@dataclass(frozen=True)
+class QuantityKind(BeforeValidator):
+    """What a value of a device file is: its SI `unit`, and `kind` as sentences say it, "a length"."""
+
+    unit: str = ""
+    kind: str = ""
+
+
+def _unit_validator(unit: str, kind: str) -> QuantityKind:
+    return QuantityKind(lambda value: si(value, unit, kind), unit=unit, kind=kind)
 
 
 Number = Annotated[float, _unit_validator("", "a plain number")]
@@ -162,6 +188,7 @@ Slew = Annotated[float, _unit_validator("A/s", "a rate of current")]
 Voltage = Annotated[float, _unit_validator("V", "a voltage")]
 Resistance = Annotated[float, _unit_validator("ohm", "a resistance")]
 Inductance = Annotated[float, _unit_validator("H", "an inductance")]
+Modulus = Annotated[float, _unit_validator("Pa", "a modulus of elasticity")]
 Polarization = Annotated[float, _unit_validator("T", "a flux density")]
 MomentPerCurrent = Annotated[float, _unit_validator("m**2", "a magnetic moment per current")]
 Temperature = Annotated[float, _unit_validator("K", "a temperature")]

@@ -9,9 +9,11 @@ from annotated_types import Gt, Len
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from haptorb.devices.device import Coils, Heat, Limits, Supply
+from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
 
 __all__ = [
+    "RIGHT_ANGLE",
     "CommonFile",
     "Count",
     "FieldSensorsSection",
@@ -28,9 +30,16 @@ __all__ = [
 ]
 
 Positive = Gt(0)
-Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=64)]  #: it becomes part of files' names
+RIGHT_ANGLE = q.si("90 deg", "rad", "an angle")  #: rounded as every value is, so that "90 deg" is not beyond it [rad]
+Name = Annotated[
+    str,
+    Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=64),
+    m.Form("a lower-case letter, then at most 63 of them, digits and hyphens"),
+]  #: it becomes part of files' names
 Count = Annotated[int, Field(ge=1, le=1000, strict=True)]
-Text = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]*$", max_length=400)]  #: one line
+Text = Annotated[
+    str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]*$", max_length=400), m.Form("one line, at most 400 characters")
+]  #: one line
 Point = Annotated[tuple[q.Length, ...], Len(3, 3)]
 
 
@@ -51,14 +60,28 @@ class Section(BaseModel):
 class HeatSection(Section):
     """[coils.heat]"""
 
-    winding_capacity: Annotated[q.HeatCapacity, Positive]
-    body_capacity: Annotated[q.HeatCapacity, Positive]
-    winding_to_body: Annotated[q.Conductance, Positive]
-    body_to_air: Annotated[q.Conductance, Positive]
-    ambient: Annotated[q.Temperature, Positive]
-    warn: Annotated[q.Temperature, Positive]
-    derate: Annotated[q.Temperature, Positive]
-    stop: Annotated[q.Temperature, Positive]
+    winding_capacity: Annotated[q.HeatCapacity, Positive, m.Meaning("heat capacity of one channel's winding")]
+    body_capacity: Annotated[
+        q.HeatCapacity, Positive, m.Meaning("heat capacity of what surrounds the winding: former, core, housing")
+    ]
+    winding_to_body: Annotated[q.Conductance, Positive, m.Meaning("heat conductance from winding to body")]
+    body_to_air: Annotated[q.Conductance, Positive, m.Meaning("heat conductance from body to the air")]
+    ambient: Annotated[q.Temperature, Positive, m.Meaning("temperature of the room"), m.Form("> 0 K, below warn")]
+    warn: Annotated[
+        q.Temperature,
+        Positive,
+        m.Meaning("winding temperature at which the user is warned"),
+        m.Form("between ambient and derate"),
+    ]
+    derate: Annotated[
+        q.Temperature,
+        Positive,
+        m.Meaning("winding temperature from which the currents are reduced"),
+        m.Form("between warn and stop"),
+    ]
+    stop: Annotated[
+        q.Temperature, Positive, m.Meaning("winding temperature at which the coils go off"), m.Form("above derate")
+    ]
 
     @model_validator(mode="after")
     def _check_order(self) -> HeatSection:
@@ -74,13 +97,31 @@ class HeatSection(Section):
 class CoilsSection(Section):
     """[coils]"""
 
-    names: Annotated[tuple[Annotated[Text, Len(1, 40)], ...], Len(1, 100)]
-    resistance: tuple[Annotated[q.Resistance, Positive], ...]
-    inductance: tuple[Annotated[q.Inductance, Positive], ...]
-    current_limit: tuple[Annotated[q.Current, Positive], ...]
-    temperature_coefficient: q.InverseKelvin
-    reference_temperature: Annotated[q.Temperature, Positive]
-    heat: HeatSection
+    names: Annotated[
+        tuple[Annotated[Text, Len(1, 40)], ...],
+        Len(1, 100),
+        m.Meaning("name of each coil; their number is the number of channels"),
+        m.Form("1 to 40 characters each, all different"),
+    ]
+    resistance: Annotated[
+        tuple[Annotated[q.Resistance, Positive], ...],
+        m.Meaning("resistance of each coil at the reference temperature, one per name"),
+    ]
+    inductance: Annotated[
+        tuple[Annotated[q.Inductance, Positive], ...], m.Meaning("inductance of each coil, one per name")
+    ]
+    current_limit: Annotated[
+        tuple[Annotated[q.Current, Positive], ...],
+        m.Meaning("greatest current that may be commanded in each coil, one per name"),
+        m.Form("> 0, at most 10 times what the supply drives"),
+    ]
+    temperature_coefficient: Annotated[
+        q.InverseKelvin, m.Meaning("relative change of resistance per kelvin; copper: 3.93e-3 / K")
+    ]
+    reference_temperature: Annotated[
+        q.Temperature, Positive, m.Meaning("temperature at which the resistances hold"), m.Form("> 0 K")
+    ]
+    heat: Annotated[HeatSection, m.Meaning("thermal model of one channel, alike for all: winding, body, air")]
 
     @model_validator(mode="after")
     def _check_lengths(self) -> CoilsSection:
@@ -108,10 +149,12 @@ class CoilsSection(Section):
 class SupplySection(Section):
     """[supply]"""
 
-    voltage: Annotated[q.Voltage, Positive]
-    duty_bits: Annotated[int, Field(ge=1, le=24, strict=True)]
-    current_noise: Annotated[q.Current, Field(ge=0)]
-    current_step: Annotated[q.Current, Field(ge=0)]
+    voltage: Annotated[q.Voltage, Positive, m.Meaning("voltage of the supply that drives the coils")]
+    duty_bits: Annotated[
+        int, Field(ge=1, le=24, strict=True), m.Meaning("resolution of the duty cycle's magnitude in bits")
+    ]
+    current_noise: Annotated[q.Current, Field(ge=0), m.Meaning("standard deviation of one current reading")]
+    current_step: Annotated[q.Current, Field(ge=0), m.Meaning("smallest step of a current reading")]
 
     def build(self) -> Supply:
         """As the device has it."""
@@ -121,10 +164,20 @@ class SupplySection(Section):
 class LimitsSection(Section):
     """[limits]"""
 
-    force: Annotated[q.Force, Positive]
-    torque: Annotated[q.Torque, Positive]
-    slew: Annotated[q.Slew, Positive]
-    expiry: Annotated[q.Duration, Positive]
+    force: Annotated[
+        q.Force,
+        Positive,
+        m.Meaning("greatest force that the guard allows to be asked"),
+        m.Form("> 0, at most 100 times what the coils of an electromagnet give"),
+    ]
+    torque: Annotated[
+        q.Torque,
+        Positive,
+        m.Meaning("greatest torque that the guard allows to be asked"),
+        m.Form("> 0, at most 100 times what the coils give"),
+    ]
+    slew: Annotated[q.Slew, Positive, m.Meaning("greatest change of a channel's current")]
+    expiry: Annotated[q.Duration, Positive, m.Meaning("greatest age of a pose at which force is allowed")]
 
     def build(self) -> Limits:
         """As the device has it."""
@@ -134,27 +187,32 @@ class LimitsSection(Section):
 class FieldSensorsSection(Section):
     """[hall]"""
 
-    positions: Annotated[tuple[Point, ...], Len(0, 100)]
-    noise: Annotated[q.Polarization, Field(ge=0)]
-    step: Annotated[q.Polarization, Field(ge=0)]
+    positions: Annotated[
+        tuple[Point, ...],
+        Len(0, 100),
+        m.Meaning("place of each three-axis field sensor, stator frame; its number is the sensor's"),
+        m.Form("0 to 100 places x, y, z outside the core"),
+    ]
+    noise: Annotated[q.Polarization, Field(ge=0), m.Meaning("standard deviation of one reading, each axis")]
+    step: Annotated[q.Polarization, Field(ge=0), m.Meaning("smallest step of a reading")]
 
 
 class ThermometerSection(Section):
     """[thermometer]"""
 
-    step: Annotated[q.TemperatureStep, Field(ge=0)]
-    noise: Annotated[q.TemperatureStep, Field(ge=0)]
+    step: Annotated[q.TemperatureStep, Field(ge=0), m.Meaning("smallest step of a coil thermometer's reading")]
+    noise: Annotated[q.TemperatureStep, Field(ge=0), m.Meaning("standard deviation of one reading")]
 
 
 class CommonFile(Section):
     """What every device file has."""
 
-    name: Name
-    title: Text
-    source: Text
-    coils: CoilsSection
-    supply: SupplySection
-    limits: LimitsSection
+    name: Annotated[Name, m.Meaning("short name of the device; recordings and calibrations refer to it")]
+    title: Annotated[Text, m.Meaning("headline of the device")]
+    source: Annotated[Text, m.Meaning("where the values come from")]
+    coils: Annotated[CoilsSection, m.Meaning("the coils as an electrician sees them")]
+    supply: Annotated[SupplySection, m.Meaning("what drives the coils")]
+    limits: Annotated[LimitsSection, m.Meaning("what the guard holds")]
 
     def common(self) -> dict[str, Any]:
         """The parts that every Device takes."""

@@ -12,11 +12,10 @@ import re
 from fractions import Fraction
 from functools import lru_cache
 
+from haptorb.devices.schema.field_units import COMPOUND, FIELD, MAGNETIC, VACUUM
 from haptorb.errors import quote
 
-__all__ = ["PREFIXED", "PREFIXES", "WHOLE", "Dimension", "convert", "split_unit"]
-
-Dimension = tuple[int, int, int, int, int]  #: powers of m, kg, s, A, K
+__all__ = ["PREFIXED", "PREFIXES", "WHOLE", "convert", "find_unit", "split_unit"]
 
 _MOST_FACTORS = 8
 _FACTOR = re.compile(r"(Δ?°?[^\W\d]\w{0,39}|[%‰°])(?:\s*(?:\*\*|\^)\s*(-?[1-9]))?")
@@ -27,6 +26,7 @@ _SIGNS = {"°": "degree", "%": "percent", "‰": "permille", "℃": "degC"}
 _CELSIUS = frozenset({"degC", "°C", "celsius"})
 _ZERO_CELSIUS = Fraction("273.15")  #: [K]
 
+Dimension = tuple[int, int, int, int, int]  # powers of m, kg, s, A, K
 _NONE: Dimension = (0, 0, 0, 0, 0)
 _TURN = Fraction(math.pi) * 2
 
@@ -70,7 +70,8 @@ WHOLE: dict[str, tuple[Fraction, Dimension]] = {
 def split_unit(text: str) -> tuple[tuple[str, int], ...]:
     """The factors that `text` writes: (name, power) each; ValueError for anything else.
 
-    Names, `*`, `·`, `/` or a space between them, and one exponent each; nothing is evaluated.
+    Names, `*`, `·`, `/` or a space between them, and one exponent each; nothing is evaluated. "Nm", "Nms", "Ns" and
+    "Am" are read as several names; an exponent belongs to the last.
 
     >>> split_unit("N·m/s²")
     (('N', 1), ('m', 1), ('s', -2))
@@ -89,7 +90,9 @@ def split_unit(text: str) -> tuple[tuple[str, int], ...]:
         factor = _FACTOR.match(text, at)
         if factor is None:
             raise ValueError(f"no unit at character {at + 1} of {quote(text)}")
-        factors.append((_SIGNS.get(factor[1], factor[1]), sign * int(factor[2] or 1)))
+        *before, last = COMPOUND.get(factor[1], (_SIGNS.get(factor[1], factor[1]),))
+        factors += [(name, sign) for name in before]
+        factors.append((last, sign * int(factor[2] or 1)))
         at = factor.end()
         if at == len(text):
             break
@@ -102,13 +105,15 @@ def split_unit(text: str) -> tuple[tuple[str, int], ...]:
     return tuple(factors)
 
 
-def _find_unit(name: str) -> tuple[Fraction, Dimension] | None:
+def find_unit(name: str) -> tuple[Fraction, Dimension] | None:
     """Factor and dimension of one name, with its prefix; None for a name that is not here."""
     if name in WHOLE:
         return WHOLE[name]
     if name in PREFIXED:
         return PREFIXED[name]
-    power, unit = PREFIXES.get(name[:1]), PREFIXED.get(name[1:])
+    if name in FIELD:
+        return FIELD[name]
+    power, unit = PREFIXES.get(name[:1]), PREFIXED.get(name[1:]) or FIELD.get(name[1:])
     if power is None or unit is None:
         return None
     return unit[0] * Fraction(10) ** power, unit[1]
@@ -123,7 +128,7 @@ def _scale(text: str) -> tuple[Fraction, Dimension] | None:
     except ValueError:
         return None
     for name, power in factors:
-        found = _find_unit(name)
+        found = find_unit(name)
         if found is None:
             return None
         factor *= found[0] ** power
@@ -135,6 +140,8 @@ def _scale(text: str) -> tuple[Fraction, Dimension] | None:
 def convert(number: float, text: str, unit: str) -> float | None:
     """`number` of unit `text` in `unit`; None where that is for pint to say: another unit, or a mistake.
 
+    A field strength or magnetization, where a flux density is wanted, is multiplied by μ0 (`field_units`).
+
     >>> convert(67.9, "mm", "m")
     0.0679
     >>> convert(1.0, "furlong", "m") is None, convert(1.0, "kg", "m") is None
@@ -145,6 +152,11 @@ def convert(number: float, text: str, unit: str) -> float | None:
     if text in _CELSIUS:  # the one with an offset: only by itself
         return float(Fraction(repr(number)) + _ZERO_CELSIUS) if unit == "K" else None
     here, there = _scale(text), _scale(unit)
-    if here is None or there is None or here[1] != there[1]:
+    if here is None or there is None:
         return None
-    return float(Fraction(repr(number)) * here[0] / there[0])
+    factor = here[0] / there[0]
+    if here[1] != there[1]:
+        if (here[1], there[1]) != MAGNETIC:
+            return None
+        factor *= VACUUM
+    return float(Fraction(repr(number)) * factor)

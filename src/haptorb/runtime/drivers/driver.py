@@ -75,6 +75,10 @@ class Driver(ABC):
         here; nothing flows before the next `write`. Raises DriverError if that cannot be."""
         return
 
+    def cool(self) -> None:
+        """Simulated coils are at the ambient temperature at once; those of a real device are not."""
+        return
+
     def truth(self) -> Array:
         """(6,) the wrench [N, N·m] that the coils and the core really put on the mover in the last tick, if the driver
         can know it (a simulated one can); NaN where it cannot."""

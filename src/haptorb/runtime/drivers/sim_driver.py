@@ -163,6 +163,11 @@ class SimDriver(Driver):
             self._duties = self.simulation.quantise(duties)
         return self._duties.copy()
 
+    def cool(self) -> None:
+        """The coils are at the ambient temperature, also in a sample that was prepared before."""
+        self.simulation.cool()
+        self._ready = None
+
     @property
     def coil_state(self) -> CoilState:
         """On while any duty is not zero."""

@@ -80,6 +80,13 @@ class Commands(HandCommands):
         words = self._memory.words
         words[Word.ENGAGE] = engage_request(words[Word.ENGAGE], self.stops if stops is None else stops)
 
+    def cool(self) -> None:
+        """Put simulated coils at the ambient temperature, from the next tick on; a demonstration need not wait for
+        them. Raises InputError for a real device: its coils cool by themselves, with time."""
+        if self.driver != "sim":
+            raise InputError(f"only simulated coils cool at once; driver '{self.driver}' drives a real device")
+        self._memory.words[Word.COOL] += 1
+
     def set_mode(self, mode: str) -> None:
         """Go over to `mode`, "translate" or "rotate", without a step of the target's pose or of torque.
 

@@ -12,11 +12,12 @@ from haptorb.control.protection.trip import CoilState, Trip
 from haptorb.runtime.exchange.shared_memory import CAPACITY, TRIPS, SharedMemory, Word
 from haptorb.runtime.memory.histogram import Histogram
 from haptorb.runtime.row import STAGES
+from haptorb.runtime.trackers.pose_source import describe_trip
 
 __all__ = ["count_recorded", "loop_report"]
 
 
-def loop_report(shared: SharedMemory) -> dict[str, Any]:
+def loop_report(shared: SharedMemory, tracker: str = "pointer") -> dict[str, Any]:
     """Ticks, success rate, lateness, compute, stages, trips and peak force of the run so far; plain JSON types.
 
     success_rate: ticks that began and ended within their period, over all deadlines that passed. stage_us: medians
@@ -24,7 +25,7 @@ def loop_report(shared: SharedMemory) -> dict[str, Any]:
     what the driver did before the deadlines of the last rows, which no tick waits for (a simulated device moves on
     there). peak_force_n, peak_torque_nm: of what is really on the mover where that is known, else of what is
     modelled. tracking: how well the poses came, see `tracking`. error: what the world or the driver said at the last
-    trip that one of them caused.
+    trip that one of them caused. The trips' sentences are for those whose poses come from `tracker`.
     """
     words = shared.words
     ticks, missed = words[Word.TICKS], words[Word.MISSED]
@@ -38,7 +39,7 @@ def loop_report(shared: SharedMemory) -> dict[str, Any]:
         "compute_us": _percentiles(shared.compute, (50.0, 99.0, 99.9)),
         "stage_us": _stages(shared),
         "ahead_us": _lead_percentiles(shared),
-        "trips": trips(shared),
+        "trips": trips(shared, tracker),
         "trip_count": words[Word.TRIPS],
         "coil_state": _coil_state(shared),
         "peak_force_n": shared.floats[Word.PEAK],
@@ -72,12 +73,13 @@ def count_recorded(shared: SharedMemory, *, over: bool) -> dict[str, int]:
     return {"rows": rows, "lost": int(words[Word.LOST]) + (max(overwritten, 0) if words[Word.RECORDER_LOOKS] else 0)}
 
 
-def trips(shared: SharedMemory) -> list[dict[str, Any]]:
-    """The first trips in order: time on the loop's clock [s], code, and the sentence for people."""
+def trips(shared: SharedMemory, tracker: str) -> list[dict[str, Any]]:
+    """The first trips in order: time on the loop's clock [s], code, and the sentence for people whose poses come from
+    `tracker`."""
     found = []
     for t, code in shared.trips[: min(shared.words[Word.TRIPS], TRIPS)].tolist():
         trip = Trip(int(code))
-        found.append({"t": t, "code": trip.name, "reason": trip.text})
+        found.append({"t": t, "code": trip.name, "reason": describe_trip(trip, tracker)})
     return found
 
 

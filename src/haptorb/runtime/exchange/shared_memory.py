@@ -67,6 +67,7 @@ class Word(IntEnum):
     MODE = 20  #: 0: as it is, else number of the mode from 1 on
     CLUTCH = 21  #: 0: as it is, 1: engaged, 2: let go
     MODEL = 22  #: 0: as it is, else number of the device's model from 1 on
+    COOL = 23  #: count: simulated coils at the ambient temperature
     POINTER = 24  #: and the nine after it
     # servo → host
     PID = 40

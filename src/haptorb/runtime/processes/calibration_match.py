@@ -17,8 +17,8 @@ def disagreement(stored: bytes | None, believed: bytes | None) -> str:
         return ""
     if believed is None:
         return (
-            f"the device was calibrated (id {stored.hex()}), but no calibration is loaded: give its file with "
-            "--calibration"
+            f"the device was calibrated (id {stored.hex()}), but no calibration is loaded: give its file, "
+            "--calibration FILE or calibration=FILE in Python"
         )
     if not any(stored):
         return (

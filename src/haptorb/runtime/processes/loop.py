@@ -70,7 +70,7 @@ class Loop:
         # safety: start-stop
         self._stopped = 0  # a stop that was given while the servo started counts in the first tick
         self._engaged = shared.words[Word.ENGAGE]
-        self._mode, self._clutch, self._model = 0, 0, 0
+        self._mode, self._clutch, self._model, self._cooled = 0, 0, 0, 0
         self._asked = shared.request.version
         self._guard = shared.layout["guard"].start
         self._places = shared.layout.places
@@ -147,7 +147,7 @@ class Loop:
             count_tick(counts, self._ticks, schedule.missed, lateness, took, period)
 
     def _execute_requests(self) -> None:
-        """Stop, engage, clutch and change the world as the host has asked since the last tick."""
+        """Stop, engage, cool, clutch and change the world as the host has asked since the last tick."""
         words = self._shared.words
         stops, engage = words[Word.STOP], words[Word.ENGAGE]
         if stops != self._stopped:
@@ -165,6 +165,9 @@ class Loop:
             self._model = words[Word.MODEL]
             with suppress(InputError):  # the host asks only for what the device has
                 self._chain.change_model(self._model - 1)
+        if words[Word.COOL] != self._cooled:
+            self._cooled = words[Word.COOL]
+            self._chain.cool()
         if words[Word.CLUTCH] != self._clutch:
             self._clutch = words[Word.CLUTCH]
             self._chain.linkage.set_clutch(self._clutch == 1)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-__all__ = ["make_data_frame", "make_dataset", "units_of"]
+__all__ = ["column_heads", "column_names", "make_data_frame", "make_dataset", "units_of"]
 
 _PLACE, _TURN, _WRENCH = ("x", "y", "z"), ("x", "y", "z", "w"), ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
 _HOOK = ("deflection", "place", "point_x", "point_y", "point_z", "force_x", "force_y", "force_z")
@@ -70,6 +70,25 @@ def units_of(field: Field) -> tuple[str, ...]:
     return (field.unit,) * field.width
 
 
+def column_names(field: Field) -> tuple[str, ...]:
+    """The name of each number of `field`, in tables.
+
+    >>> column_names(Field("p", 3, "m", ""))
+    ('p[0]', 'p[1]', 'p[2]')
+    """
+    return (field.name,) if field.width == 1 else tuple(f"{field.name}[{i}]" for i in range(field.width))
+
+
+def column_heads(field: Field) -> tuple[str, ...]:
+    """The heading of each number of `field` in a CSV file: name, and the unit where there is one.
+
+    >>> column_heads(Field("p", 3, "m", ""))[2], column_heads(Field("tick", 1, "1", ""))
+    ('p[2] [m]', ('tick',))
+    """
+    pairs = zip(column_names(field), units_of(field), strict=True)
+    return tuple(f"{name} [{unit}]" if unit not in ("", "1") else name for name, unit in pairs)
+
+
 def make_data_frame(recording: Rows) -> DataFrame:
     """A DataFrame of all rows (n, width), one column per number; see `Recording.to_pandas`.
 
@@ -81,8 +100,7 @@ def make_data_frame(recording: Rows) -> DataFrame:
         raise InputError(f"to_pandas needs pandas ({cause}): pip install 'haptorb[notebook]'") from cause
     names, units, about = [], {}, {}
     for field in recording.fields:
-        for i, unit in enumerate(units_of(field)):
-            name = field.name if field.width == 1 else f"{field.name}[{i}]"
+        for name, unit in zip(column_names(field), units_of(field), strict=True):
             names.append(name)
             units[name], about[name] = unit, field.about
     frame = pandas.DataFrame(recording.rows, columns=names)

@@ -17,7 +17,7 @@ from haptorb.errors import RecordingError, UnknownName, quote
 from haptorb.files.replace_file import replace_file
 from haptorb.files.text_file import open_at_once
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.recording.data_frames import make_data_frame, make_dataset
+from haptorb.runtime.recording.data_frames import column_heads, make_data_frame, make_dataset
 from haptorb.runtime.recording.mcap_rows import MAGIC, Block, records
 from haptorb.runtime.recording.mcap_schema import CDR_HEADER, NAME, TOPIC, fields_of
 from haptorb.runtime.recording.recording_plot import plot
@@ -135,31 +135,29 @@ class Recording:
         return int(text)
 
     def to_csv(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write all rows as text, one column per number, named `p[0]`, every digit kept. Nothing is written half.
+        """Write all rows as text, one column per number, headed `p[0] [m]` as in the console's CSV, every digit kept.
+
+        UTF-8. Nothing is written half.
 
         Raises RecordingError if the file exists and `overwrite` is not set, or if it cannot be written.
         """
         path = Path(path)
         try:
             if path.exists() and not overwrite:
-                raise RecordingError(f"{path} exists; choose another name, or allow it to be overwritten")
+                raise RecordingError(f"{path} exists; choose another name, or replace it with overwrite=True")
         except OSError as cause:
             raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
-        names = [
-            field.name if field.width == 1 else f"{field.name}[{i}]"
-            for field in self.fields
-            for i in range(field.width)
-        ]
+        heads = [head for field in self.fields for head in column_heads(field)]
         try:
-            with replace_file(path) as part, part.open("w", encoding="ascii") as file:
-                file.write(",".join(names) + "\n")
+            with replace_file(path) as part, part.open("w", encoding="utf-8") as file:
+                file.write(",".join(heads) + "\n")
                 for row in self.rows.tolist():
                     file.write(",".join(map(repr, row)) + "\n")
         except OSError as cause:
             raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
 
     def to_pandas(self) -> DataFrame:
-        """All rows as a DataFrame: one column per number, named `p[0]` as in the CSV file, the index `t` [s].
+        """All rows as a DataFrame: one column per number, named `p[0]`, the index `t` [s].
 
         `attrs["units"]` and `attrs["about"]` say of each column what it is. Raises InputError if pandas is not there.
         """

@@ -23,7 +23,8 @@ def create_recording(path: Path, *, overwrite: bool) -> int:
         if path.is_dir():
             raise RecordingError(f"cannot record to {path}: it is a folder; name a file in it")
         if path.exists() and not overwrite:
-            raise RecordingError(f"{path} exists; choose another name, or allow it to be overwritten (--force)")
+            text = f"{path} exists; choose another name, or replace it"
+            raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
         if overwrite and path.exists():
             if not path.is_file():
                 raise RecordingError(f"cannot record to {path}: it is not a regular file")

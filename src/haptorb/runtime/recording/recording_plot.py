@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -123,8 +124,9 @@ def _energy(axes: Axes, recording: Fields, t: Array) -> None:
 
 
 def _currents(axes: Axes, recording: Fields, t: Array) -> None:
-    for i, values in enumerate(_columns(recording["currents"])):
-        axes.plot(*_join_points(t, values), color=_COLOURS[i % 6], linewidth=1.0, label=f"coil {i + 1}")
+    columns = _columns(recording["currents"])
+    for i, (values, name) in enumerate(zip(columns, _coil_names(recording, len(columns)), strict=True)):
+        axes.plot(*_join_points(t, values), color=_COLOURS[i % 6], linewidth=1.0, label=f"coil {name}")
     axes.set_ylabel("current [A]")
 
 
@@ -132,8 +134,9 @@ def _temperatures(axes: Axes, recording: Fields, t: Array) -> None:
     """Windings solid (observed), boundaries dotted (measured)."""
     for i, values in enumerate(_columns(recording["boundary"])):  # first: their noise must not hide the windings
         axes.plot(*_join_points(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=0.7, linestyle=":", alpha=0.4)
-    for i, values in enumerate(_columns(recording["winding"])):
-        axes.plot(*_join_points(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=1.1, label=f"winding {i + 1}")
+    columns = _columns(recording["winding"])
+    for i, (values, name) in enumerate(zip(columns, _coil_names(recording, len(columns)), strict=True)):
+        axes.plot(*_join_points(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=1.1, label=f"winding {name}")
     axes.plot([], [], color=_INK, linewidth=0.9, linestyle=":", label="boundary")
     axes.set_ylabel("temperature [°C]")
 
@@ -164,6 +167,17 @@ def _legend(axes: Axes) -> None:
             loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, fontsize=8.5, handlelength=1.8,
             ncols=1 if entries < 8 else 2, columnspacing=1.0,
         )  # fmt: skip
+
+
+def _coil_names(recording: Fields, count: int) -> list[str]:
+    """As the device has them; numbers from 1 where the recording does not say, or says something else."""
+    try:
+        names = json.loads(recording.metadata.get("device", {}).get("coils", ""))
+    except ValueError:  # of an older recording
+        names = None
+    if isinstance(names, list) and len(names) == count and all(isinstance(name, str) for name in names):
+        return [name.replace("$", r"\$") for name in names]  # no formulae for matplotlib
+    return [str(1 + i) for i in range(count)]
 
 
 def _columns(values: Array) -> Array:

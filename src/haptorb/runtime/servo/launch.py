@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -44,6 +45,7 @@ def notes(device: Device, text: str, run: Mapping[str, str]) -> dict[str, dict[s
             "title": device.title,
             "source": device.source,
             "file": text,
+            "coils": json.dumps(device.coils.names),
         },
         "run": dict(run),
         "versions": {"haptorb": __version__, "numpy": np.__version__},

@@ -21,6 +21,7 @@ from haptorb.runtime.row import RowLayout
 from haptorb.runtime.servo.latest_row import LatestRow
 from haptorb.runtime.servo.process_group import ProcessGroup
 from haptorb.runtime.servo.world_watcher import WorldWatcher
+from haptorb.runtime.trackers.pose_source import describe_missing_pose
 
 if TYPE_CHECKING:
     from haptorb.runtime.recording.recording import Recording
@@ -135,7 +136,7 @@ class ServoObserver(Commands):
     def report(self) -> RunReport:
         """What the run was like so far, as plain JSON types: see `loop_report`."""
         world, values = self.world
-        loop, children = loop_report(self._memory), self._children
+        loop, children = loop_report(self._memory, self.tracker), self._children
         assert children is not None
         troubles = {"recording_trouble": children.recorder_trouble, "tracker_trouble": children.tracker_trouble}
         found = {
@@ -162,6 +163,16 @@ class ServoObserver(Commands):
         """How many messages the tracker's process has refused so far, by the reasons of `runtime.reception`."""
         shared = self._memory_or_none
         return dict(tracker_facts(shared).get("refused", {})) if shared is not None else {}
+
+    @property
+    def missing_pose(self) -> str:
+        """Which pose is waited for, with what came instead, while the newest row has no valid pose of a tracker with a
+        process of its own; else empty."""
+        shared = self._memory_or_none
+        row = None if shared is None else shared.ring.latest()
+        if shared is None or row is None or row[shared.layout["valid"].start] == 1.0:
+            return ""
+        return describe_missing_pose(self.tracker, tracker_facts(shared))
 
     @property
     def trips(self) -> tuple[TripRecord, ...]:

@@ -50,6 +50,9 @@ class Chain(Protocol):
     def engage(self) -> bool:
         """After a stop or a trip: begin again, from zero; False while the reason is still there."""
 
+    def cool(self) -> None:
+        """Simulated coils at the ambient temperature, in the next step; nothing happens with a real device."""
+
     def change_model(self, number: int) -> None:
         """Invert another of the device's models, counted from 0, from the next step on; the force goes over smoothly.
         Raises InputError if the estimator cannot."""

@@ -138,6 +138,12 @@ class Tick:
             self._failure = None
         return engaged
 
+    def cool(self) -> None:
+        """Simulated coils at the ambient temperature. Real ones stay as warm as they are, and as the guard knows."""
+        if self.driver.simulated:  # safety: cool-simulated
+            self.driver.cool()
+            self.protection.restart_heat()
+
     def prepare(self, now: float) -> None:
         """Let the driver do what it can before the tick at `now` [s]."""
         t0 = perf_counter()

@@ -52,7 +52,7 @@ def check_tracker(name: str, driver: str = "sim") -> str:
     if kind is _Replay and is_real(driver):  # safety: replay-real
         raise InputError(
             f"tracker '{name}' replays old poses, but driver '{driver}' acts on the real tool: use a replay with "
-            "--driver sim, or a tracker that sees the tool"
+            "driver sim, or a tracker that sees the tool"
         )
     return name
 
@@ -95,8 +95,8 @@ def check_frame(frame: TrackerFrame, device: Device, tracker: str, driver: str =
     """`frame` itself; InputError or CalibrationError if it cannot be that of `tracker` before `device`."""
     if not has_feed(tracker) or tracker.startswith("replay:"):
         raise InputError(
-            f"tracker '{tracker}' already reports poses in the stator's frame; --frame is for trackers with their "
-            "own frame: osc, lsl, natnet"
+            f"tracker '{tracker}' already reports poses in the stator's frame; leave out the frame, which is for "
+            "trackers with their own: osc, lsl, natnet"
         )
     if frame.simulated and is_real(driver):  # safety: frame-rehearsed
         raise InputError(

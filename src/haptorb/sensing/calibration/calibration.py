@@ -60,7 +60,7 @@ class Calibration:
         if self.heat is not None:
             heat = replace(coils.heat, **{name: getattr(self.heat, name) for name in _HEAT})
             coils = replace(coils, heat=heat)
-        return replace(device, moment_per_current=self.moment_per_current, coils=coils)
+        return replace(device, moment_per_current=self.moment_per_current, moments_from="calibration", coils=coils)
 
     @property
     def id(self) -> bytes:

@@ -53,7 +53,7 @@ class MagneticCalibration:
 
     def apply(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
         """`device` with the measured moments in place of those of its file."""
-        return replace(device, moment_per_current=self.moment_per_current)
+        return replace(device, moment_per_current=self.moment_per_current, moments_from="calibration")
 
 
 def excitation(device: SphericalElectromagnet, share: float = 0.25, levels: int = 5, repeats: int = 4) -> Array:

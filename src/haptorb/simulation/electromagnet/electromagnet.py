@@ -117,6 +117,10 @@ class SimulatedElectromagnet(Simulation):
         self._t = 0.0
         self.place((0.0, 0.0, self.device.contact_distance + _ABOVE), (0.0, 0.0, 0.0, 1.0))
 
+    def cool(self) -> None:
+        """Coils at the ambient temperature at once; currents go on."""
+        self._coils["winding"] = self._coils["body"] = self._coils["ambient"]
+
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
         """Put the tool at `p` (3,) [m] with quaternion `q` (4,), at rest; nearer than contact is lifted to contact.
 

@@ -114,6 +114,10 @@ class SimulatedMotor(Simulation):
         self._rotor["momentum"] = self._state["torque"] = self._state["pressed"] = 0.0
         self._t = 0.0
 
+    def cool(self) -> None:
+        """Coils at the ambient temperature at once; currents go on."""
+        self._coils["winding"] = self._coils["body"] = self._coils["ambient"]
+
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
         """Turn the rotor to `q` (4,), at rest; beyond the edge it is set onto the edge. `p` (3,) means nothing here.
 

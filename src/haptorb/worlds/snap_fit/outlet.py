@@ -35,7 +35,7 @@ from haptorb.worlds.contact_world import ContactWorld
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.snap_fit.sliding import sliding_push
 from haptorb.worlds.snap_fit.snap_fit import HookContact
-from haptorb.worlds.world import World
+from haptorb.worlds.world import TargetWorld
 
 __all__ = ["Outlet", "PublishedOutlet"]
 
@@ -129,7 +129,7 @@ def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Arra
 
 
 @dataclass(frozen=True)
-class Outlet(ContactWorld):
+class Outlet(ContactWorld, TargetWorld):
     """Plug in an outlet: friction holds it, it resists tilt, and it comes free at the end.
 
     Sizes and materials of Bai 2012, Table 3, with E = 113 GPa (erratum E7). The whole pull is 11.5 N with the beam that
@@ -165,7 +165,7 @@ class Outlet(ContactWorld):
     _plug: Records = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        World.__post_init__(self)
+        TargetWorld.__post_init__(self)
         if self.opening >= self.plug_width:
             raise GeometryError(
                 f"Outlet: the plug ({self.plug_width * 1e3:.4g} mm) is not wider than the opening "
@@ -236,7 +236,7 @@ class Outlet(ContactWorld):
 
 
 @dataclass(frozen=True)
-class PublishedOutlet(World):
+class PublishedOutlet(TargetWorld):
     """Bai 2012, eqs. (14)–(18) with errata corrected: the world of Fig. 8 (socket as in Table 3).
 
     Pulling: F_X' = −E w μ (w_p sec ε − w_s)/(Ω₊ + μΩ₋), F_Y' and T_Z' = F_Y' (h − p_x) as in (17), (18) with the
@@ -249,7 +249,6 @@ class PublishedOutlet(World):
 
     passive: ClassVar[bool] = False
     continuous: ClassVar[bool] = False
-
     youngs_modulus: float = parameter(113e9, "Pa", 1e9, 250e9, "E of the socket's hooks")
     friction: float = parameter(0.134, "", 0.0, 1.0, "μ between plug and hooks")
     plug_width: float = parameter(6.3e-3, "m", 1e-3, 30e-3, "w_p: width of the plug across the hooks")
@@ -262,7 +261,7 @@ class PublishedOutlet(World):
     _omega: tuple[float, float, float] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        World.__post_init__(self)
+        TargetWorld.__post_init__(self)
         if self.surface_height not in ("corrected", "printed"):
             raise InputError(f"surface_height must be 'corrected' or 'printed'; got {self.surface_height!r}")
         if self.beam == "paper":

@@ -30,7 +30,7 @@ from haptorb.physics.hook import Hook
 from haptorb.worlds.contact_world import ContactWorld
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.snap_fit.sliding import sliding_push
-from haptorb.worlds.world import World
+from haptorb.worlds.world import TargetWorld
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -182,7 +182,7 @@ def _snap_fit(
 
 
 @dataclass(frozen=True)
-class SnapFit(ContactWorld):
+class SnapFit(ContactWorld, TargetWorld):
     """Snap-fit: hooks bend, click in, and hold until they are pulled out with enough force.
 
     Sizes as in `physics.Hook`. The default is a pair of ABS hooks of ordinary proportions (1.5 % strain at the root,
@@ -217,7 +217,7 @@ class SnapFit(ContactWorld):
     _spline: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        World.__post_init__(self)
+        TargetWorld.__post_init__(self)
         if self.hooks not in (1, 2):
             raise InputError(f"SnapFit.hooks must be 1 or 2; got {self.hooks!r}")
         hook = Hook(

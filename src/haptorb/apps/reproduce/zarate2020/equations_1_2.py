@@ -12,7 +12,7 @@ from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Drawing, Report
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.electromagnet.shell_capability import FORCE_JND
+from haptorb.devices.electromagnet.remarks import FORCE_JND
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array

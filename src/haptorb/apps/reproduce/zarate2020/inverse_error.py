@@ -17,7 +17,7 @@ from haptorb.apps.reproduce.item import Item
 from haptorb.control.allocation.least_squares import LeastSquaresAllocator
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.electromagnet.shell_capability import FORCE_JND
+from haptorb.devices.electromagnet.remarks import FORCE_JND
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
 from haptorb.simulation.truth import true_wrench

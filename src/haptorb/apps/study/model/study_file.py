@@ -26,7 +26,9 @@ from haptorb.apps.terminal import announce_wait
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
-from haptorb.errors import InputError, quote
+from haptorb.devices.schema import key as m
+from haptorb.devices.schema.mistakes import explain_mistakes
+from haptorb.errors import InputError
 from haptorb.files.text_file import parse_toml, read_bytes, read_text
 from haptorb.worlds.own.failure import fit_world, try_world
 from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
@@ -45,24 +47,76 @@ _LEVELLED = ("constant", "staircase", "bayesian")
 class Study(Part):
     """One study; `text` is the file as it was read, kept with the data."""
 
-    name: Name
-    device: str = "omni"
-    world: str = "dome"  # of the catalogue, or FILE.py:NAME beside the study file
-    world_digest: Annotated[str, Field(pattern="^([0-9a-f]{64})?$")] = ""  # of that file; `read_study` adds it
-    model: str = ""  # of the device, that the controller inverts; empty: the device's first
-    procedure: Literal[
-        "identification", "localisation", "constant", "staircase", "bayesian", "forced-choice", "rating"
+    name: Annotated[Name, m.Meaning("name of the study")]
+    device: Annotated[
+        str, m.Meaning("device that the participants use"), m.Form("name in the catalogue, or path of a device file")
+    ] = "omni"
+    world: Annotated[
+        str,
+        m.Meaning("world that is felt; it must have a summit"),
+        m.Form("name in the catalogue, or FILE.py:NAME beside the study file"),
+    ] = "dome"
+    world_digest: Annotated[
+        str,
+        Field(pattern="^([0-9a-f]{64})?$"),
+        m.Meaning("SHA-256 of the world's own file; haptorb adds it"),
+        m.Form("64 hexadecimal digits"),
+        m.Without("computed"),
+    ] = ""
+    model: Annotated[
+        str,
+        m.Meaning("model of the device that the controller inverts"),
+        m.Form("one of the device's models that a loop can use"),
+        m.Without("the device's first model"),
+    ] = ""
+    procedure: Annotated[
+        Literal["identification", "localisation", "constant", "staircase", "bayesian", "forced-choice", "rating"],
+        m.Meaning("what is asked in each trial"),
     ] = "identification"
-    instructions: str = "Find the place where the dome pushes hardest, then answer with its number."
-    consent: str = ""
-    parameters: dict[str, Value] = Field(default_factory=dict)
-    set_points: Places = Places(layout="published")
-    trials: Trials = Trials()
-    conditions: Annotated[tuple[Condition, ...], Field(max_length=100)] = (Condition(name="base"),)
-    levels: Levels | None = None
-    rating: RatingScale = RatingScale()
-    mask: Mask | None = None
-    questions: Annotated[tuple[Question, ...], Field(max_length=200)] = ()
+    instructions: Annotated[str, m.Meaning("what the participant reads first"), m.Form("text")] = (
+        "Find the place where the dome pushes hardest, then answer with its number."
+    )
+    consent: Annotated[
+        str,
+        m.Meaning("what the participant agrees to before the first trial"),
+        m.Form("text"),
+        m.Without("none is asked for"),
+    ] = ""
+    parameters: Annotated[
+        dict[str, Value],
+        m.Meaning("parameters of the world in every condition"),
+        m.Form("NAME = number or [x, y, z]; `haptorb worlds NAME` lists them"),
+        m.Without("the world's defaults"),
+    ] = Field(default_factory=dict)
+    set_points: Annotated[
+        Places, m.Meaning("places on the dome that trials present"), m.Without("the published layout")
+    ] = Places(layout="published")
+    trials: Annotated[
+        Trials, m.Meaning("how often, in which order and with which breaks"), m.Without("the defaults below")
+    ] = Trials()
+    conditions: Annotated[
+        tuple[Condition, ...],
+        Field(max_length=100),
+        m.Meaning("variants of the world that are compared"),
+        m.Form("1 to 100, each with its own name; 2 or more for forced-choice"),
+        m.Without("one, called base"),
+    ] = (Condition(name="base"),)
+    levels: Annotated[
+        Levels | None,
+        m.Meaning("what a comparison varies"),
+        m.Without("none: required with procedures constant, staircase and bayesian"),
+    ] = None
+    rating: Annotated[RatingScale, m.Meaning("question and scale of a rating"), m.Without("the defaults below")] = (
+        RatingScale()
+    )
+    mask: Annotated[Mask | None, m.Meaning("noise for the participant's headphones"), m.Without("none")] = None
+    questions: Annotated[
+        tuple[Question, ...],
+        Field(max_length=200),
+        m.Meaning("questions before or after the trials"),
+        m.Form("at most 200, each with its own name"),
+        m.Without("none"),
+    ] = ()
     _text: str = PrivateAttr("")
     _own: World | None = PrivateAttr(None)
 
@@ -180,17 +234,12 @@ def study_of(text: str, where: str = "study", folder: Path | None = None) -> Stu
             study = _load_world(study, parse_world_file(study.world, folder))
         _check_study(study)
     except ValidationError as cause:
-        mistakes = [f"{_place(e['loc'])}: {e['msg']}" for e in cause.errors()[:_MISTAKES]]
-        more = cause.error_count() - len(mistakes)
-        mistakes += [f"and {more} more mistakes"] if more else []
-        raise InputError(f"study file {where}: {'; '.join(mistakes)}") from cause
+        mistakes = explain_mistakes(cause.errors(), Study, _MISTAKES)
+        lines = f" {mistakes[0]}" if len(mistakes) == 1 else "\n  ".join(["", *mistakes])
+        raise InputError(f"study file {where}:{lines}") from cause
     except InputError as cause:
         raise InputError(f"study file {where}: {cause}") from cause
     return study
-
-
-def _place(path: tuple[int | str, ...]) -> str:
-    return ".".join(quote(part)[1:-1] if isinstance(part, str) else str(part) for part in path) or "the whole file"
 
 
 def _levels(study: Study) -> None:

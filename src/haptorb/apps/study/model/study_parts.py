@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from haptorb.apps.asking.rating import SCALE
-from haptorb.errors import InputError
+from haptorb.devices.schema import key as m
+from haptorb.errors import InputError, quote
 
 __all__ = [
     "Condition",
@@ -28,10 +29,29 @@ __all__ = [
 _LONGEST = 4000  #: characters of a reply
 _MOST = 1_000_000_000  #: of a whole number that is counted with
 
+
+def _is_real(value: Any) -> bool:
+    """No truth, no text, and of a size that a float has."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and -1e300 <= value <= 1e300
+
+
+def _check_value(value: Any) -> float | tuple[float, ...]:
+    """A number, or three of them, as float; no truth and no text."""
+    parts = value if isinstance(value, list | tuple) and len(value) == 3 else [value]
+    if not all(_is_real(part) for part in parts):
+        raise ValueError(f"must be a number, or a list of three; got {quote(value)}")
+    numbers = tuple(float(part) for part in parts)
+    return numbers if len(numbers) == 3 else numbers[0]
+
+
 Real = Annotated[float, Field(strict=True)]  #: no truth and no text
 Whole = Annotated[int, Field(strict=True)]
-Value = Real | tuple[Real, Real, Real]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,40}$")]
+Value = Annotated[float | tuple[float, float, float], BeforeValidator(_check_value)]
+Name = Annotated[
+    str,
+    Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,40}$"),
+    m.Form("at most 41 letters, digits, hyphens and underscores, a letter or digit first"),
+]
 
 
 class Part(BaseModel):
@@ -43,16 +63,32 @@ class Part(BaseModel):
 class Place(Part):
     """A set-point of the study's own."""
 
-    number: Annotated[Whole, Field(ge=1, le=999)]
-    theta_deg: Annotated[Real, Field(ge=0, le=180)]
-    phi_deg: Annotated[Real, Field(ge=-360, le=360)] = 0.0
+    number: Annotated[Whole, Field(ge=1, le=999), m.Meaning("the set-point's number, which participants answer")]
+    theta_deg: Annotated[
+        Real,
+        Field(ge=0, le=180),
+        m.Meaning("angle from the summit of the dome"),
+        m.Unit("deg"),
+        m.Form("0 to the device's workspace"),
+    ]
+    phi_deg: Annotated[Real, Field(ge=-360, le=360), m.Meaning("direction of that angle, from +x"), m.Unit("deg")] = 0.0
 
 
 class Places(Part):
     """The built-in layout, or points."""
 
-    layout: Literal["published"] | None = None
-    points: Annotated[tuple[Place, ...], Field(max_length=999)] = ()
+    layout: Annotated[
+        Literal["published"] | None,
+        m.Meaning("the 25 set-points of Zárate et al. 2020"),
+        m.Without("none: points gives them"),
+    ] = None
+    points: Annotated[
+        tuple[Place, ...],
+        Field(max_length=999),
+        m.Meaning("the study's own set-points"),
+        m.Form("at most 999, each with its own number"),
+        m.Without("none: layout gives them"),
+    ] = ()
 
     @model_validator(mode="after")
     def _check_points(self) -> Self:
@@ -70,44 +106,108 @@ class Places(Part):
 class Trials(Part):
     """How often, in which order, and with what rests."""
 
-    repetitions: Annotated[Whole, Field(ge=1, le=1000)] = 2
-    order: Literal["random", "blocked", "counter-balanced"] = "random"
-    seed: Annotated[Whole, Field(ge=0, le=2**63 - 1)] = 0
-    practice: Annotated[Whole, Field(ge=0, le=200)] = 0
-    break_every: Annotated[Whole, Field(ge=0, le=_MOST)] = 0
-    break_seconds: Annotated[Real, Field(ge=0, le=3600)] = 60.0
-    time_limit: Annotated[Real, Field(gt=0, le=3600)] | None = None
-    expected_seconds: Annotated[Real, Field(gt=0, le=3600)] = 12.0
-    pause_seconds: Annotated[Real, Field(ge=0, le=600)] = 2.0
+    repetitions: Annotated[
+        Whole, Field(ge=1, le=1000), m.Meaning("presentations of each set-point or level in each condition")
+    ] = 2
+    order: Annotated[
+        Literal["random", "blocked", "counter-balanced"],
+        m.Meaning("order of the trials; counter-balanced needs two conditions or more"),
+    ] = "random"
+    seed: Annotated[
+        Whole,
+        Field(ge=0, le=2**63 - 1),
+        m.Meaning("seed of the random order; each participant's own order follows from it"),
+        m.Form("≥ 0"),
+    ] = 0
+    practice: Annotated[Whole, Field(ge=0, le=200), m.Meaning("trials before those that count")] = 0
+    break_every: Annotated[
+        Whole, Field(ge=0, le=_MOST), m.Meaning("trials between two breaks; 0: no breaks"), m.Form("≥ 0")
+    ] = 0
+    break_seconds: Annotated[Real, Field(ge=0, le=3600), m.Meaning("duration of a break"), m.Unit("s")] = 60.0
+    time_limit: Annotated[
+        Annotated[Real, Field(gt=0, le=3600)] | None,
+        m.Meaning("longest time for an answer"),
+        m.Unit("s"),
+        m.Without("no limit"),
+    ] = None
+    expected_seconds: Annotated[
+        Real,
+        Field(gt=0, le=3600),
+        m.Meaning("time for a trial, with which `haptorb study check` computes duration and heat"),
+        m.Unit("s"),
+    ] = 12.0
+    pause_seconds: Annotated[
+        Real,
+        Field(ge=0, le=600),
+        m.Meaning("pause before each trial but the first"),
+        m.Unit("s"),
+    ] = 2.0
 
 
 class Condition(Part):
     """A variant of the world."""
 
-    name: Name
-    parameters: dict[str, Value] = {}
+    name: Annotated[Name, m.Meaning("name of the condition, in the data too")]
+    parameters: Annotated[
+        dict[str, Value],
+        m.Meaning("parameters of the world in this condition, over those of [parameters]"),
+        m.Form("NAME = number or [x, y, z]; `haptorb worlds NAME` lists them"),
+        m.Without("none"),
+    ] = {}
 
 
 class Levels(Part):
     """What is varied against a reference: for constant stimuli, staircases and the adaptive procedure."""
 
-    parameter: str = "moment"
-    reference: Real
-    values: Annotated[tuple[Real, ...], Field(max_length=200)] = ()
-    start: Annotated[Real, Field(gt=0)] | None = None
-    least: Annotated[Real, Field(gt=0)] | None = None
-    most: Annotated[Real, Field(gt=0)] | None = None
-    step: Annotated[Real, Field(gt=1, le=10)] = 1.5
-    reversals: Annotated[Whole, Field(ge=4, le=100)] = 10
-    trials: Annotated[Whole, Field(ge=4, le=2000)] = 60
+    parameter: Annotated[
+        str,
+        m.Meaning("parameter of the world that is varied"),
+        m.Form("as `haptorb worlds NAME` lists them"),
+    ] = "moment"
+    reference: Annotated[
+        Real, m.Meaning("value of that parameter in the reference interval"), m.Unit("that of the parameter")
+    ]
+    values: Annotated[
+        tuple[Real, ...],
+        Field(max_length=200),
+        m.Meaning("values to compare with the reference, for constant stimuli"),
+        m.Unit("that of the parameter"),
+        m.Form("2 to 200, not all equal, with procedure constant"),
+        m.Without("none: for the other procedures"),
+    ] = ()
+    start: Annotated[
+        Annotated[Real, Field(gt=0)] | None,
+        m.Meaning("first difference from the reference of a staircase"),
+        m.Unit("that of the parameter"),
+        m.Form("between least and most"),
+        m.Without("none: required with procedure staircase"),
+    ] = None
+    least: Annotated[
+        Annotated[Real, Field(gt=0)] | None,
+        m.Meaning("least difference from the reference"),
+        m.Unit("that of the parameter"),
+        m.Without("none: required with procedures staircase and bayesian"),
+    ] = None
+    most: Annotated[
+        Annotated[Real, Field(gt=0)] | None,
+        m.Meaning("greatest difference from the reference"),
+        m.Unit("that of the parameter"),
+        m.Form("above least"),
+        m.Without("none: required with procedures staircase and bayesian"),
+    ] = None
+    step: Annotated[Real, Field(gt=1, le=10), m.Meaning("factor by which a staircase changes the difference")] = 1.5
+    reversals: Annotated[Whole, Field(ge=4, le=100), m.Meaning("reversals after which a staircase ends")] = 10
+    trials: Annotated[
+        Whole, Field(ge=4, le=2000), m.Meaning("trials of the adaptive procedure; most trials of a staircase")
+    ] = 60
 
 
 class RatingScale(Part):
     """The scale of a rating."""
 
-    question: str = "How well does this feel?"
-    low: Annotated[Whole, Field(ge=0)] = SCALE[0]
-    high: Annotated[Whole, Field(ge=1, le=100)] = SCALE[1]
+    question: Annotated[str, m.Meaning("question that a trial asks"), m.Form("text")] = "How well does this feel?"
+    low: Annotated[Whole, Field(ge=0), m.Meaning("least rating")] = SCALE[0]
+    high: Annotated[Whole, Field(ge=1, le=100), m.Meaning("greatest rating"), m.Form("above low, ≤ 100")] = SCALE[1]
 
     @model_validator(mode="after")
     def _check_order(self) -> Self:
@@ -119,21 +219,39 @@ class RatingScale(Part):
 class Mask(Part):
     """Noise on the participant's headphones, so that nobody hears the device; the participant's page plays it."""
 
-    noise: Literal["pink", "white"] = "pink"
+    noise: Annotated[
+        Literal["pink", "white"], m.Meaning("noise on the participant's headphones, so that nobody hears the device")
+    ] = "pink"
     volume_db: Annotated[
-        Real, Field(ge=-60, le=-12)
-    ] = -20.0  #: effective value over the loudest sine's [dB]; louder clips
+        Real, Field(ge=-60, le=-12), m.Meaning("effective value over that of the loudest sine"), m.Unit("dB")
+    ] = -20.0
 
 
 class Question(Part):
     """What is asked in words: one of `choices`, a whole number from `low` to `high`, or free text."""
 
-    name: Name
-    text: Annotated[str, Field(min_length=1)]
-    when: Literal["before", "after"] = "after"  #: the trials
-    choices: Annotated[tuple[Annotated[str, Field(min_length=1, max_length=_LONGEST)], ...], Field(max_length=200)] = ()
-    low: Annotated[Whole, Field(ge=-_MOST, le=_MOST)] | None = None
-    high: Annotated[Whole, Field(ge=-_MOST, le=_MOST)] | None = None
+    name: Annotated[Name, m.Meaning("name of the question, and of its column in exports")]
+    text: Annotated[str, Field(min_length=1), m.Meaning("the question"), m.Form("at least 1 character")]
+    when: Annotated[Literal["before", "after"], m.Meaning("before or after the trials")] = "after"
+    choices: Annotated[
+        tuple[Annotated[str, Field(min_length=1, max_length=_LONGEST)], ...],
+        Field(max_length=200),
+        m.Meaning("answers to choose from"),
+        m.Form("at most 200, all different"),
+        m.Without("none: low and high, or free text"),
+    ] = ()
+    low: Annotated[
+        Annotated[Whole, Field(ge=-_MOST, le=_MOST)] | None,
+        m.Meaning("least whole number that answers"),
+        m.Form("any, with high"),
+        m.Without("none: choices, or free text"),
+    ] = None
+    high: Annotated[
+        Annotated[Whole, Field(ge=-_MOST, le=_MOST)] | None,
+        m.Meaning("greatest whole number that answers"),
+        m.Form("≥ low, with low"),
+        m.Without("none: choices, or free text"),
+    ] = None
 
     @model_validator(mode="after")
     def _check_answers(self) -> Self:

@@ -13,6 +13,7 @@ from haptorb.control.protection.trip import CoilState, GuardState, Trip
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
+from haptorb.runtime.trackers.pose_source import describe_trip
 
 if TYPE_CHECKING:
     from haptorb.runtime.servo.servo import Servo
@@ -130,9 +131,9 @@ class TrialDevice:
         reason = np.where(guard == GuardState.TRIPPED, code, 0.0)
         fresh = np.flatnonzero((reason != 0) & (reason != np.concatenate([[self._reason], reason[:-1]])))
         self._reason = float(reason[-1])
-        found = [
-            {"t": float(t[n]), "code": Trip(int(reason[n])).name, "reason": Trip(int(reason[n])).text} for n in fresh
-        ]
+        trips = [(float(t[n]), Trip(int(reason[n]))) for n in fresh]
+        tracker = self.servo.tracker
+        found = [{"t": at, "code": trip.name, "reason": describe_trip(trip, tracker)} for at, trip in trips]
         if self._cursor - before > len(rows) and before:
             found.append({"t": float(t[0]), "code": "NOT_WATCHED", "reason": "rows were lost: trips may be missing"})
         self.trips += found

@@ -97,7 +97,8 @@ def write_bids(
     """
     folder = Path(folder)
     if folder.exists() and not overwrite:
-        raise RecordingError(f"{folder} exists; choose another name, or allow it to be overwritten")
+        text = f"{folder} exists; choose another name, or replace it"
+        raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
     part = folder.with_name(folder.name + ".part")
     task = "".join(filter(str.isalnum, study.name))
     simulated = bool(columns["simulated"].any())
@@ -177,7 +178,8 @@ def _free(path: str | Path, overwrite: bool) -> Path:
     path = Path(path)
     try:
         if path.exists() and not overwrite:
-            raise RecordingError(f"{path} exists; choose another name, or allow it to be overwritten")
+            text = f"{path} exists; choose another name, or replace it"
+            raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
     except OSError as cause:
         raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
     return path

@@ -19,7 +19,7 @@ _EVERY = 4e-3  #: between two triggers of the test [s]
 
 _WIRE = (
     "wire a 74HC123 (P2 of the TCA9534 to its trigger, its inverted output to OE of the PCA9685, OE to P3, as the "
-    "hardware reference shows), or accept the risk with --no-watchdog"
+    "hardware reference shows), or accept the risk (--no-watchdog; in Python watchdog=False)"
 )
 
 

@@ -25,7 +25,7 @@ def explain_absence(bus: str, hall_axes: int) -> str:
         return text + f"and multiplexers the Hall sensors have 1 axis, and the tracker 'hall' needs {hall_axes}"
     return text + (
         "nothing can trigger the monostable on OE of the PCA9685, which switches off when this computer stops; "
-        "wire both (docs: hardware), or accept the risk with --no-watchdog"
+        "wire both (docs: hardware), or accept the risk (--no-watchdog; in Python watchdog=False)"
     )
 
 

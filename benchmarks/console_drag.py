@@ -1,0 +1,190 @@
+"""Whether dragging in a real browser on a busy computer trips the simulated device.
+
+    python benchmarks/console_drag.py [--minutes 10] [--busy 1] [--device omni] [--json]
+
+Starts the simulated device with its console in a process of their own, as `haptorb run` does, and as many processes as
+`--busy` says that compute without a pause. Chromium drags the stylus in figures of eight; every tenth second the mouse
+rests for two seconds with its button down. Every trip is counted with its reason and its time; the page then engages
+again and takes hold anew. stalls: pauses of the page above 250 ms between two frames, and the longest of them; loop:
+the share of deadlines that the servo met. The exit code is 1 if a pose was too old or lost.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import multiprocessing
+import shutil
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+from typing import Any
+
+from playwright.sync_api import Browser, Error, Page, sync_playwright
+
+from haptorb.apps.console import Console
+from haptorb.runtime.servo.servo import Servo
+
+FLAGS = (
+    *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync"),
+)
+POSE = ("POSE_EXPIRED", "POSE_LOST")  #: the trips that a page in time never causes
+TRIPPED = "['tripped', 'tracker lost'].includes(haptorb.status)"
+HOLDING = "document.querySelector('#scene.holding') !== null"
+#: pauses between two frames above 250 ms [ms]
+WATCH = """() => {
+  window.stalls = []; let last = performance.now();
+  const frame = (now) => { if (now - last > 250) stalls.push(now - last); last = now; requestAnimationFrame(frame); };
+  requestAnimationFrame(frame);
+}"""
+ROUND, REST = 8.0, 2.0  #: of dragging, then of holding still [s]
+
+
+def serve(line: Connection, device: str) -> None:
+    """A simulated device and its console, until the other end of `line` says so; then what the servo reports."""
+    servo = Servo(device, record=False)
+    with Console(servo, 0) as console, servo:
+        line.send(console.url)
+        console.serve(until=line.poll)
+        with suppress(BrokenPipeError):
+            line.send(servo.report())
+
+
+def compute() -> None:
+    """Use a processor without a pause."""
+    while True:
+        math.sqrt(2.0)
+
+
+@contextmanager
+def running(device: str, busy: int) -> Iterator[tuple[str, Connection]]:
+    """Console and busy processes; the page's address, and the line over which "end" brings the report."""
+    processes = multiprocessing.get_context("spawn")
+    line, other = processes.Pipe()
+    serving = processes.Process(target=serve, args=(other, device))
+    loops = [processes.Process(target=compute, daemon=True) for _ in range(busy)]
+    serving.start()
+    other.close()
+    try:
+        url = line.recv()
+        for loop in loops:
+            loop.start()
+        yield url, line
+    finally:
+        line.close()
+        for loop in loops:
+            if loop.is_alive():
+                loop.terminate()
+        serving.join()
+
+
+def take_hold(page: Page) -> tuple[float, float]:
+    """Press the mouse on the stylus or handle, which moves meanwhile; the place [px]."""
+    for _ in range(200):
+        _, magnet, end = page.evaluate("haptorb.stylus()")
+        x, y = 0.6 * magnet["x"] + 0.4 * end["x"], 0.6 * magnet["y"] + 0.4 * end["y"]
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.wait_for_timeout(60)
+        if page.evaluate(HOLDING):
+            return float(x), float(y)
+        page.mouse.up()
+    raise SystemExit("the stylus could not be taken: nothing was measured")
+
+
+def engage(page: Page) -> None:
+    """Begin again after a trip, in two steps as a person does."""
+    page.mouse.up()
+    for _ in range(40):
+        page.evaluate("document.querySelector('#engage button:not(.sure)')?.click()")
+        page.wait_for_timeout(150)
+        page.evaluate("document.querySelector('#engage .sure')?.click()")
+        page.wait_for_timeout(1500)
+        if not page.evaluate(TRIPPED):
+            return
+    raise SystemExit(f"the device could not be engaged again: {page.inner_text('#alert-text')}")
+
+
+def drag(page: Page, seconds: float) -> int:
+    """Drag and rest for `seconds`; how often the stylus had to be taken again."""
+    end, taken = time.monotonic() + seconds, 0
+    x, y = take_hold(page)
+    while time.monotonic() < end:
+        start = time.monotonic()
+        while time.monotonic() - start < min(ROUND, seconds):
+            angle = math.pi * (time.monotonic() - start)
+            page.mouse.move(x + 60 * math.sin(angle), y + 18 * math.sin(2 * angle))
+            page.wait_for_timeout(15)
+        page.wait_for_timeout(1000 * min(REST, seconds))
+        tripped = page.evaluate(TRIPPED)
+        if tripped:
+            engage(page)
+        if tripped or not page.evaluate(HOLDING):
+            page.mouse.up()
+            x, y = take_hold(page)
+            taken += 1
+    page.mouse.up()
+    return taken
+
+
+def measure(minutes: float, busy: int, device: str, browser: Browser) -> dict[str, Any]:
+    """Drag for `minutes` beside `busy` computing processes."""
+    with running(device, busy) as (url, line):
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        try:
+            page.goto(url, timeout=60_000)
+        except Error as cause:
+            why = line.recv()["trips"] if line.poll(10) else cause
+            raise SystemExit(f"the page could not be opened, nothing was measured: {why}") from cause
+        while not page.evaluate("window.haptorb && haptorb.control && haptorb.frames > 30"):
+            if line.poll():
+                raise SystemExit(f"the loop ended by itself, nothing was measured: {line.recv()['trips']}")
+            page.wait_for_timeout(100)
+        page.evaluate(WATCH)
+        taken = drag(page, 60 * minutes)
+        stalls = page.evaluate("stalls")
+        page.close()
+        line.send("end")
+        report = line.recv()
+    trips = [(round(trip["t"], 1), trip["code"]) for trip in report["trips"] if trip["code"] != "CLOSING"]
+    return {
+        "minutes": minutes,
+        "busy": busy,
+        "device": device,
+        "trips": dict(Counter(code for _, code in trips)),
+        "at_s": trips,
+        "pose_trips": sum(code in POSE for _, code in trips),
+        "taken_again": taken,
+        "stalls": len(stalls),
+        "longest_stall_ms": round(max(stalls, default=0.0)),
+        "loop": report["success_rate"],
+    }
+
+
+def main() -> int:
+    """Print what was measured."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--busy", type=int, default=1, help="processes that compute without a pause")
+    parser.add_argument("--device", default="omni")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    given = parser.parse_args()
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=shutil.which("chromium"), args=list(FLAGS))
+        result = measure(given.minutes, given.busy, given.device, browser)
+        browser.close()
+    if given.json:
+        print(json.dumps(result))
+    else:
+        for name, value in result.items():
+            print(f"{name:>18}  {value}")
+    return 1 if result["pose_trips"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

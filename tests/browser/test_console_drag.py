@@ -1,0 +1,86 @@
+"""A drag on a busy computer: a pause of the mouse, of the page or of the processor trips no simulated device; a page
+that hangs for longer, or is hidden, loses the mover."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+pytestmark = [pytest.mark.browser, pytest.mark.realtime]
+
+
+@pytest.fixture(scope="module")
+def benchmark_of_drags() -> ModuleType:
+    path = Path(__file__).parents[2] / "benchmarks" / "console_drag.py"
+    spec = importlib.util.spec_from_file_location("console_drag", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_no_pose_trip_while_dragging_beside_a_busy_loop(benchmark_of_drags: ModuleType, browser: Any) -> None:
+    found = benchmark_of_drags.measure(0.2, 1, "omni", browser)
+    assert found["pose_trips"] == 0, found
+
+
+def hang(page: Any, milliseconds: int) -> None:
+    """The page's main thread does nothing else for so long."""
+    page.evaluate(f"() => {{ const end = performance.now() + {milliseconds}; while (performance.now() < end); }}")
+
+
+def points(fake: Any) -> int:
+    return fake.count("point")
+
+
+def test_a_page_that_hangs_is_bridged_for_a_second_and_no_longer(staged: Any, fake: Any) -> None:
+    screen = staged(query="?detail=least")
+    page = screen.page
+    screen.until("haptorb.status === 'running' && haptorb.control")
+    screen.hold()
+    begun = points(fake)
+    hang(page, 600)
+    assert points(fake) - begun > 20, "the worker goes on without the page"
+    page.evaluate("setTimeout(() => { const end = performance.now() + 4000; while (performance.now() < end); })")
+    time.sleep(2.6)  # while it hangs
+    before = points(fake)
+    time.sleep(0.7)
+    assert points(fake) == before, "nobody holds the mover for a page that hangs"
+
+
+def test_a_hidden_page_lets_go_at_once(staged: Any, fake: Any) -> None:
+    screen = staged(query="?detail=least")
+    page = screen.page
+    screen.until("haptorb.status === 'running' && haptorb.control")
+    screen.hold()
+    page.evaluate(
+        "() => { Object.defineProperty(document, 'hidden', { get: () => true, configurable: true });"
+        "document.dispatchEvent(new Event('visibilitychange')); }"
+    )
+    page.wait_for_timeout(200)
+    assert page.locator("#scene.holding").count() == 0
+    before = points(fake)
+    page.wait_for_timeout(400)
+    assert points(fake) == before
+
+
+def test_what_is_waited_for_and_cooling_are_on_the_page(staged: Any, fake: Any) -> None:
+    """The tracker's silence in words, in place of "off"; a button cools simulated coils."""
+    from haptorb.control.protection.trip import GuardState
+
+    fake.guard, fake.missing_pose = GuardState.OFF, "waiting for a pose on OSC port 9109: 7 refused"
+    screen = staged()
+    screen.until("haptorb.status === 'no pose yet'")
+    alert = screen.page.get_by_role("alert").filter(has_text="Waiting for a pose on OSC port 9109: 7 refused")
+    alert.wait_for(state="visible")
+    fake.guard, fake.missing_pose = GuardState.RUNNING, ""
+    screen.until("haptorb.status === 'running' && haptorb.control")
+    screen.page.get_by_role("button", name="cool coils").click()
+    screen.page.wait_for_timeout(200)
+    assert fake.count("cool") == 1
