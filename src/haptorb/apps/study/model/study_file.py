@@ -10,6 +10,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from haptorb import worlds
 from haptorb.apps.study.model.set_points import SetPoint, list_equal_rings, list_published
+from haptorb.apps.study.model.study_checks import check_levels, check_study
 from haptorb.apps.study.model.study_parts import (
     Condition,
     Levels,
@@ -30,9 +31,9 @@ from haptorb.devices.schema import key as m
 from haptorb.devices.schema.mistakes import explain_mistakes
 from haptorb.errors import InputError
 from haptorb.files.text_file import parse_toml, read_bytes, read_text
-from haptorb.worlds.own.failure import fit_world, try_world
+from haptorb.worlds.own.failure import try_world
 from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
-from haptorb.worlds.parameter import Parameter, check_names, parameters
+from haptorb.worlds.parameter import Parameter, parameters
 from haptorb.worlds.world import World
 
 __all__ = ["Study", "read_study", "study_of"]
@@ -140,7 +141,7 @@ class Study(Part):
         if len(set(asked)) < len(asked):
             raise ValueError(f"names of questions must differ; got {', '.join(asked)}")
         if self.procedure in _LEVELLED:
-            _levels(self)
+            check_levels(self)
         elif self.levels is not None:
             raise ValueError(f"[levels] needs procedure {', '.join(_LEVELLED)}; this study has '{self.procedure}'")
         if self.procedure == "forced-choice" and len(names) < 2:
@@ -256,7 +257,7 @@ def study_of(text: str, where: str = "study", folder: Path | None = None, *, sto
             if folder is None:
                 return study
             study = _load_world(study, parse_world_file(study.world, folder))
-        _check_study(study)
+        check_study(study)
     except ValidationError as cause:
         mistakes = explain_mistakes(cause.errors(), Study, _MISTAKES)
         lines = f" {mistakes[0]}" if len(mistakes) == 1 else "\n  ".join(["", *mistakes])
@@ -264,19 +265,6 @@ def study_of(text: str, where: str = "study", folder: Path | None = None, *, sto
     except InputError as cause:
         raise InputError(f"study file {where}: {cause}") from cause
     return study
-
-
-def _levels(study: Study) -> None:
-    levels = study.levels
-    if levels is None:
-        raise ValueError(f"procedure '{study.procedure}' needs [levels] with at least parameter and reference")
-    if study.procedure == "constant":
-        if len(set(levels.values)) < 2:
-            raise ValueError("constant stimuli need at least two different levels.values")
-    elif levels.least is None or levels.most is None or not levels.least < levels.most:
-        raise ValueError(f"procedure '{study.procedure}' needs levels.least < levels.most, both differences > 0")
-    elif study.procedure == "staircase" and (levels.start is None or not levels.least <= levels.start <= levels.most):
-        raise ValueError("a staircase needs levels.start between levels.least and levels.most")
 
 
 def _load_world(study: Study, file: WorldFile) -> Study:
@@ -296,34 +284,3 @@ def _add_key(study: Study, key: str, value: str) -> Study:
     found = study.model_copy(update={key: value})
     found._text = f'{key} = "{value}"\n{study._text}'
     return found
-
-
-def _check_study(study: Study) -> None:
-    kind = worlds.find_world(study.world) if study.own_world is None else type(study.own_world)
-    for condition in study.conditions:
-        check_names(kind, {**study.parameters, **condition.parameters})
-        if "summit" in {**study.parameters, **condition.parameters}:
-            raise InputError("parameters.summit is set by the set-points; leave it out")
-    if "summit" not in parameters(kind):
-        raise InputError(
-            f"world '{study.world}' has no summit to move to a set-point; a study needs a world with a summit: dome"
-        )
-    device = study.load_device()
-    if study.model:
-        device.check_tick_model(study.model)
-    limit = device.workspace_half_angle * 180 / 3.141592653589793
-    for point in study.points:
-        if point.theta_deg > limit + 1e-9:
-            raise InputError(
-                f"set-point {point.number} at θ = {point.theta_deg:g} deg lies outside the workspace of device "
-                f"'{device.name}', which ends at {limit:g} deg"
-            )
-    shown: list[float | None] = [None]
-    if study.levels is not None:
-        if study.levels.parameter not in parameters(kind):
-            check_names(kind, {study.levels.parameter: 0.0})
-        more = [level for level in (study.levels.least, study.levels.most, study.levels.start) if level is not None]
-        shown = [study.levels.reference, *study.levels.values, *(study.levels.reference + m for m in more)]
-    for condition in study.conditions:
-        for level in shown:
-            fit_world(study.make_world(condition.name, study.points[0].number, level), device)
