@@ -21,12 +21,14 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any
 
 from playwright.sync_api import Browser, Error, Page, sync_playwright
 
 from haptorb.apps.console import Console
+from haptorb.devices.loader import load
 from haptorb.runtime.servo.servo import Servo
 
 FLAGS = (
@@ -46,9 +48,13 @@ STARTS = 4  #: of the servo, if the computer is too busy even for that
 ROUND, REST = 8.0, 2.0  #: of dragging, then of holding still [s]
 
 
-def serve(line: Connection, device: str) -> None:
-    """A simulated device and its console, until the other end of `line` says so; then what the servo reports."""
-    servo = Servo(device, record=False)
+def serve(line: Connection, device: str, expiry: float | None) -> None:
+    """A simulated device, whose poses expire after `expiry` [s] (None: as its file says), and its console, until the
+    other end of `line` says so; then what the servo reports."""
+    known = load(device)
+    if expiry is not None:
+        known = replace(known, limits=replace(known.limits, expiry=expiry))
+    servo = Servo(known, record=False)
     with Console(servo, 0) as console, servo:
         line.send(console.url)
         console.serve(until=line.poll)
@@ -63,11 +69,11 @@ def compute() -> None:
 
 
 @contextmanager
-def running(device: str) -> Iterator[tuple[str, Connection]]:
+def running(device: str, expiry: float | None) -> Iterator[tuple[str, Connection]]:
     """The console in a process of its own; the page's address, and the line over which "end" brings the report."""
     processes = multiprocessing.get_context("spawn")
     line, other = processes.Pipe()
-    serving = processes.Process(target=serve, args=(other, device))
+    serving = processes.Process(target=serve, args=(other, device, expiry))
     serving.start()
     other.close()
     try:
@@ -158,10 +164,10 @@ def drag(page: Page, seconds: float) -> int:
     return taken
 
 
-def measure(minutes: float, busy: int, device: str, browser: Browser) -> dict[str, Any]:
-    """Drag for `minutes` beside `busy` computing processes."""
+def measure(minutes: float, busy: int, device: str, browser: Browser, expiry: float | None = None) -> dict[str, Any]:
+    """Drag for `minutes` beside `busy` computing processes; `expiry` as in `serve`."""
     for _ in range(STARTS):
-        with running(device) as (url, line):
+        with running(device, expiry) as (url, line):
             page = open_page(browser, url, line)
             if page is None:
                 continue

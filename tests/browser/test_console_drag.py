@@ -22,7 +22,8 @@ def benchmark_of_drags(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 def test_no_pose_trip_while_dragging_beside_a_busy_loop(benchmark_of_drags: ModuleType, browser: Any) -> None:
-    found = benchmark_of_drags.measure(0.2, 1, "omni", browser)
+    # Poses last a second instead of 50 ms: the server's own pauses on an overloaded test machine are not tested here.
+    found = benchmark_of_drags.measure(0.2, 1, "omni", browser, expiry=1.0)
     assert found["pose_trips"] == 0, found
 
 
