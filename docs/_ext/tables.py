@@ -15,12 +15,12 @@ from sphinx.application import Sphinx
 
 import haptorb
 from haptorb import worlds
-from haptorb.physics.materials import MATERIALS
 from haptorb.apps.feel.design_file import DesignFile, DesignTable
 from haptorb.apps.study.model.study_file import Study
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.kind import kind_names, kind_of_name
 from haptorb.devices.schema.key_text import list_keys
+from haptorb.physics.materials import MATERIALS
 from haptorb.runtime.row import RowLayout
 from haptorb.worlds.parameter import parameters
 
@@ -86,7 +86,10 @@ def study_keys() -> str:
 
 def design_keys() -> str:
     """Every key of a file of snap-fit designs, of one design and of the known materials."""
-    rows = [(name, f"{E / 1e9:g}", f"{nu:g}", "yes" if metal else "no") for name, (E, nu, metal, _) in MATERIALS.items()]
+    rows = [
+        (name, f"{m.youngs_modulus / 1e9:g}", f"{m.poisson_ratio:g}", "yes" if m.metal else "no")
+        for name, m in MATERIALS.items()
+    ]
     return "\n".join(
         [
             f"## The file\n\n{_key_table(DesignFile)}",

@@ -120,8 +120,9 @@ def test_the_report_has_geometry_forces_stress_and_everybodys_ratings(tmp_path: 
     assert not page.foreign
     assert "b" not in page.tags  # a title is text
     assert len(page.pictures) == 8
-    for words in ("plain <b>&", "anna", "ben", "6 (blind)", "steeper rear face (chosen)", "they agree", "BEYOND YIELD",
-                  "not known (yield_strength", "Simulated device 'pmsm'.", "yield strength of ABS (40 MPa)"):  # fmt: skip
+    for words in ("plain <b>&", "anna", "ben", "6 (blind)", "steeper rear face (chosen)", "they agree",
+                  "BEYOND YIELD", "not known (yield_strength", "Simulated device 'pmsm'.",
+                  "yield strength of ABS (40 MPa)"):  # fmt: skip
         assert words in page.text
     written = write_report(session, tmp_path / "s" / "report.html")
     assert written.read_text().startswith("<!doctype html>")

@@ -132,7 +132,7 @@ def _compare(candidates: Candidates, session: FeelSession, plot: Path | None, js
     for name, row in table.items():
         shown.add_row(
             name, f"{row['insertion_force_n']:.1f}", f"{row['pull_out_force_n']:.1f}",
-            f"{1e2 * row['root_strain']:.2f}",
+            f"{1e2 * row['root_strain']:.2f}" if "root_strain" in row else "-",
             str(row["ratings"]), f"{row['score']:.1f}" if row["ratings"] else "", "chosen" if row["chosen"] else "",
         )  # fmt: skip
     print_table(make_console(), shown)

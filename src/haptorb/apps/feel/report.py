@@ -75,7 +75,8 @@ def _compare(session: FeelSession, runs: dict[str, InsertionForces], felt: dict[
         rows.append([
             design.title + (" (chosen)" if chosen else ""), f"{numbers['insertion_force_n']:.1f}",
             f"{numbers['pull_out_force_n']:.1f}", _number(root and root.strain, 100.0, ".2f"),
-            _number(root and root.stress, 1e-6, ".0f"), _number(root and root.margin, 1.0, ".2g"), str(len(felt.get(design.name, []))),
+            _number(root and root.stress, 1e-6, ".0f"), _number(root and root.margin, 1.0, ".2g"),
+            str(len(felt.get(design.name, []))),
             f"{score:.1f} ({count})" if count else "not rated",
         ])  # fmt: skip
     head = [
