@@ -73,7 +73,7 @@ def feel(
         check_figure_file(plot, "--plot")
     person = check_person(person)
     motor, scale = find_scale(device, wanted, candidates)
-    kept = FeelSession(session or choice.folder, candidates)
+    store = FeelSession(session or choice.folder, candidates)
     for design in wanted:
         for remark in design.remarks:
             say(f"{design.name}: {remark}")
@@ -81,17 +81,17 @@ def feel(
     number = 0
     if headless:
         for design in wanted:
-            feel_without_console(kept, design, device, seconds, person, scores.pop(design.name, None))
+            feel_without_console(store, design, device, seconds, person, scores.pop(design.name, None))
     else:
-        live = LiveSession(kept, wanted, person=person, blind=blind, limits=scale.unknown_limits)
+        live = LiveSession(store, wanted, person=person, blind=blind, limits=scale.unknown_limits)
         number = feel_with_console(live, choice, device, scale, port, browser)
     for name, score in scores.items():
-        kept.rate(name, score, person=person)
+        store.rate(name, score, person=person)
     if choose is not None:
-        kept.choose(choose, person=person)
+        store.choose(choose, person=person)
     facts = (f"Simulated device '{motor.name}': no hardware was driven.", f"True scale: {scale.sentence}.")
-    say(f"report: {write_report(kept, kept.folder / 'report.html', facts)}")
-    _compare(candidates, kept, plot, json)
+    say(f"report: {write_report(store, store.folder / 'report.html', facts)}")
+    _compare(candidates, store, plot, json)
     if number:
         raise typer.Exit(128 + number)
 

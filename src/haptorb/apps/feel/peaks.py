@@ -49,12 +49,12 @@ class PeakComparison:
         name = self.way.replace("_", "-")
         if self.felt is None:
             return (f"{name}: computed {self.computed:.1f} N, not felt: the part was not moved this way",)
-        said = f"{name}: computed {self.computed:.1f} N, felt {self.felt:.1f} N"
+        peaks = f"{name}: computed {self.computed:.1f} N, felt {self.felt:.1f} N"
         if self.agrees:
-            found = [f"{said}; they agree"]
+            found = [f"{peaks}; they agree"]
         else:
             causes = [f"{what} {amount:+.1f} N" for what, amount in self.causes]
-            found = [f"{said}; " + "; ".join(causes)]
+            found = [f"{peaks}; " + "; ".join(causes)]
         if self.hand:
             found.append(f"{name}, in the hand: {self.hand}")
         return tuple(found)

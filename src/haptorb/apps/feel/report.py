@@ -74,8 +74,9 @@ def _compare(session: FeelSession, runs: dict[str, InsertionForces], felt: dict[
         chosen = choice is not None and (choice.design, choice.digest) == (design.name, design.digest)
         rows.append([
             design.title + (" (chosen)" if chosen else ""), f"{numbers['insertion_force_n']:.1f}",
-            f"{numbers['pull_out_force_n']:.1f}", _number(root and root.strain, 100.0, ".2f"),
-            _number(root and root.stress, 1e-6, ".0f"), _number(root and root.margin, 1.0, ".2g"),
+            f"{numbers['pull_out_force_n']:.1f}", _number(None if root is None else root.strain, 100.0, ".2f"),
+            _number(None if root is None else root.stress, 1e-6, ".0f"),
+            _number(None if root is None else root.margin, 1.0, ".2g"),
             str(len(felt.get(design.name, []))),
             f"{score:.1f} ({count})" if count else "not rated",
         ])  # fmt: skip
@@ -120,8 +121,8 @@ def _describe(design: Candidate, run: InsertionForces, traces: Sequence[Array]) 
     if run.root is not None:
         body.append(f"<p>{escape(run.root.sentence[:1].upper() + run.root.sentence[1:])}.</p>")
     body.append(_image(draw_forces(design, run, traces), f"force over displacement of {design.title}"))
-    said = [reason for one in compare_peaks(design, run, traces) for reason in one.sentences]
-    body += [f"<p>{escape(sentence)}.</p>" for sentence in said or ["Not felt in this session"]]
+    reasons = [reason for one in compare_peaks(design, run, traces) for reason in one.sentences]
+    body += [f"<p>{escape(sentence)}.</p>" for sentence in reasons or ["Not felt in this session"]]
     return body
 
 

@@ -51,20 +51,20 @@ def _servo(device: str, design: Candidate, candidates: Candidates, *, record: Li
 
 
 def feel_without_console(
-    kept: FeelSession, design: Candidate, device: str, seconds: float, person: str, score: int | None
+    store: FeelSession, design: Candidate, device: str, seconds: float, person: str, score: int | None
 ) -> None:
-    """A simulated hand pulls `design` out and puts it back; its trace is kept, and `score` if there is one."""
+    """A simulated hand pulls `design` out and puts it back; its trace is stored, and `score` if there is one."""
     from haptorb.apps.feel.trace import Trace, trace_rows
 
-    servo = _servo(device, design, kept.candidates)
+    servo = _servo(device, design, store.candidates)
     with servo:
         servo.run(seconds)
     trace = Trace(design)
     recording = servo.recording
     trace.extend(trace_rows(servo.layout, recording.rows))
-    name = kept.keep(trace, person=person) if len(trace) else ""
+    name = store.keep(trace, person=person) if len(trace) else ""
     if score is not None:
-        kept.rate(design.name, score, person=person, trace=name)
+        store.rate(design.name, score, person=person, trace=name)
     say(f"{design.title}: rendered for {len(trace) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
 
 
@@ -111,7 +111,7 @@ def feel_with_console(
         for thread in threads:
             thread.start()
         try:
-            heard = console.serve(open_browser=browser, until=lambda: live.finished)
+            ended_by = console.serve(open_browser=browser, until=lambda: live.finished)
             servo.check()
         finally:
             ended.set()
@@ -120,4 +120,4 @@ def feel_with_console(
                 thread.join()
             live.collect()
     live.close()
-    return heard or 0
+    return ended_by or 0

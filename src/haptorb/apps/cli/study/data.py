@@ -93,5 +93,5 @@ def export(
     practice = int((columns["phase"] == "practice").sum())
     more = f", {practice} of them practice" if practice else ""
     tell(f"{len(columns['trial'])} trials{more}: {', '.join(map(str, files))}")
-    if any(told is True for told in columns["simulated_device"]):
+    if any(simulated is True for simulated in columns["simulated_device"]):
         say("SIMULATED DEVICE: trials in which nobody felt a force are marked in the column simulated_device")

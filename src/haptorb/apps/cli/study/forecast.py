@@ -18,19 +18,19 @@ def print_forecast(known: Study) -> bool:
     """Say what a session will be like; whether the thermal budget holds."""
     from haptorb.apps.study.simulated.forecast import forecast, overlap
 
-    told = forecast(known)
-    say(("" if told.holds else "warning: ") + told.sentence)
+    found = forecast(known)
+    say(("" if found.holds else "warning: ") + found.sentence)
     reach = overlap(known)
     if reach is not None:
         say("note: " + reach.sentence)
-    return told.holds
+    return found.holds
 
 
 def keep_stored_layout(engine: Engine, known: Study) -> Study:
     """`known`, or as the database holds it from a time when another layout was called published; said to people."""
     from haptorb.apps.study.store.columns import keep_layout
 
-    kept = keep_layout(engine, known)
-    if kept is not known:
+    study = keep_layout(engine, known)
+    if study is not known:
         say("this study was begun with 1 + 8 + 8 + 8 set-points and goes on with them (erratum E17, withdrawn)")
-    return kept
+    return study

@@ -79,8 +79,8 @@ def run(
     engine = database(db)  # before the device: without a place for answers nothing is started
     known = keep_stored_layout(engine, known)
     if terminal:
-        told = {"--driver": (driver, "sim"), "--tracker": (tracker, "pointer"), "--frame": (frame, None)}
-        more = [word for name, (value, usual) in told.items() if value != usual for word in (name, str(value))]
+        options = {"--driver": (driver, "sim"), "--tracker": (tracker, "pointer"), "--frame": (frame, None)}
+        more = [word for name, (value, usual) in options.items() if value != usual for word in (name, str(value))]
         again = join(["haptorb", "study", "run", str(file), "--terminal", "-p", str(participant), "--db", db, *more])
         _run_in_terminal(known, engine, str(participant), start, db, again, record)
     else:

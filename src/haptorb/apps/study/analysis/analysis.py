@@ -104,16 +104,16 @@ class Analysis(NotebookReport):
         people = f"{self.participants} participant{'' if self.participants == 1 else 's'}"
         if self.simulated == self.participants:
             return f"SIMULATED: {people.replace(' ', ' simulated ')}, calibrated to Zárate 2020; no person took part"
-        told = people
+        text = people
         if self.simulated:
-            told = f"PARTLY SIMULATED: {self.simulated} of {people} are simulated"
+            text = f"PARTLY SIMULATED: {self.simulated} of {people} are simulated"
         if self.on_simulated_device:
             whole = not self.simulated and self.on_simulated_device == self.trials
             share = "" if whole else f" in {self.on_simulated_device} of {self.trials} trials"
-            told = f"SIMULATED DEVICE{share}: nobody felt a force; {told}"
+            text = f"SIMULATED DEVICE{share}: nobody felt a force; {text}"
         if self.on_unknown_device:
-            told = f"{told}; whether the device was simulated is not stored for {self.on_unknown_device} trials"
-        return told
+            text = f"{text}; whether the device was simulated is not stored for {self.on_unknown_device} trials"
+        return text
 
     @property
     def marked(self) -> bool:

@@ -40,8 +40,10 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
         "they were answered.</p>",
     ]
     if (c := analysis.confusion) is not None:
-        told, (a, b) = format_range(c.accuracy_95, ".1f", 100), c.pooled_95
-        over_people = "no interval over people: one participant" if told == "–" else f"95 % over people {told} %"
+        interval, (a, b) = format_range(c.accuracy_95, ".1f", 100), c.pooled_95
+        over_people = (
+            "no interval over people: one participant" if interval == "–" else f"95 % over people {interval} %"
+        )
         body += [
             "<h2>Identification</h2>",
             f"<p>Correct answers: <b>{format_percent(c.accuracy)}</b>, averaged over participants ({over_people}; "

@@ -130,5 +130,5 @@ def _table(title: str, columns: tuple[Column, ...], rows: Iterable[tuple[str, ..
 
 def _over_people(limits: tuple[float, float]) -> str:
     """The interval over people, where there is one."""
-    told = format_range(limits, ".1f", 100)
-    return "" if told == "–" else f"95 % over people {told} %; "
+    interval = format_range(limits, ".1f", 100)
+    return "" if interval == "–" else f"95 % over people {interval} %; "

@@ -2,20 +2,54 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 from haptorb import worlds
+from haptorb.apps.study.model.set_points import SetPoint
+from haptorb.apps.study.model.study_parts import Condition, Levels
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 from haptorb.worlds.own.failure import fit_world
 from haptorb.worlds.parameter import check_names, parameters
-
-if TYPE_CHECKING:
-    from haptorb.apps.study.model.study_file import Study
+from haptorb.worlds.world import World
 
 __all__ = ["check_levels", "check_study"]
 
 
-def check_levels(study: Study) -> None:
+class _Study(Protocol):
+    """What the checks read of a `Study`, whose module imports this one."""
+
+    @property
+    def world(self) -> str: ...
+
+    @property
+    def procedure(self) -> str: ...
+
+    @property
+    def model(self) -> str | None: ...
+
+    @property
+    def parameters(self) -> dict[str, Any]: ...
+
+    @property
+    def conditions(self) -> Sequence[Condition]: ...
+
+    @property
+    def levels(self) -> Levels | None: ...
+
+    @property
+    def own_world(self) -> World | None: ...
+
+    @property
+    def points(self) -> tuple[SetPoint, ...]: ...
+
+    def load_device(self) -> SphericalElectromagnet: ...
+
+    def make_world(self, condition: str, number: int = 0, level: float | None = None) -> World: ...
+
+
+def check_levels(study: _Study) -> None:
     """ValueError unless [levels] fit the procedure, one that varies a level."""
     levels = study.levels
     if levels is None:
@@ -29,7 +63,7 @@ def check_levels(study: Study) -> None:
         raise ValueError("a staircase needs levels.start between levels.least and levels.most")
 
 
-def check_study(study: Study) -> None:
+def check_study(study: _Study) -> None:
     """InputError unless the device can render every condition, level and set-point."""
     kind = worlds.find_world(study.world) if study.own_world is None else type(study.own_world)
     for condition in study.conditions:

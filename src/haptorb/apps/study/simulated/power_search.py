@@ -34,8 +34,8 @@ class GroupPower:
             draw = np.random.default_rng([*self._seed, people])
             groups = self._pool[draw.integers(0, len(self._pool), (self._groups, people))]
             sums = np.abs(groups @ _signs(people, max(_SIGNS, round(_PER_ALPHA / self._alpha))).T)
-            seen = np.abs(groups.sum(axis=1))[:, None]
-            p = np.mean(sums >= seen - 1e-12 * np.abs(groups).sum(axis=1)[:, None], axis=1)
+            size = np.abs(groups.sum(axis=1))[:, None]
+            p = np.mean(sums >= size - 1e-12 * np.abs(groups).sum(axis=1)[:, None], axis=1)
             self.found[people] = float(np.mean(p < self._alpha))
         return self.found[people]
 

@@ -51,15 +51,18 @@ def _check_place(folder: Path, overwrite: bool) -> None:
 
 def _is_export(folder: Path) -> bool:
     try:
-        told = json.loads((folder / "dataset_description.json").read_text(encoding="utf-8"))
-        return any(made["Name"] == "haptorb" for made in told["GeneratedBy"])
+        description = json.loads((folder / "dataset_description.json").read_text(encoding="utf-8"))
+        return any(made["Name"] == "haptorb" for made in description["GeneratedBy"])
     except (OSError, ValueError, LookupError, TypeError):
         return False
 
 
 def _fill_folder(study: Study, columns: Columns, part: Path, replies: Replies) -> None:
     task = "".join(filter(str.isalnum, study.name))
-    people, device = bool(columns["simulated"].any()), any(told is True for told in columns["simulated_device"])
+    people, device = (
+        bool(columns["simulated"].any()),
+        any(simulated is True for simulated in columns["simulated_device"]),
+    )
     marks = [word for word, marked in (("SIMULATED participants", people), ("SIMULATED DEVICE", device)) if marked]
     description = {
         "Name": f"{study.name}{' (' + ', '.join(marks) + ')' if marks else ''}",
@@ -81,8 +84,8 @@ def _fill_folder(study: Study, columns: Columns, part: Path, replies: Replies) -
     lines = [["participant_id", "code", "simulated", "simulated_device", *(question.name for question in asked)]]
     for code, label in make_labels(dict.fromkeys(columns["participant"].tolist())).items():
         mine = {name: values[columns["participant"] == code] for name, values in columns.items()}
-        told = [escape_formula(" ".join(replies.get(code, {}).get(q.name, "n/a").split())) for q in asked]
-        lines.append([f"sub-{label}", code, _word(mine["simulated"]), _word(mine["simulated_device"]), *told])
+        answers = [escape_formula(" ".join(replies.get(code, {}).get(q.name, "n/a").split())) for q in asked]
+        lines.append([f"sub-{label}", code, _word(mine["simulated"]), _word(mine["simulated_device"]), *answers])
         place = part / f"sub-{label}" / "beh"
         place.mkdir(parents=True)
         write_table(mine, place / f"sub-{label}_task-{task}_beh.tsv", "\t", "n/a")
@@ -98,8 +101,8 @@ def _fill_folder(study: Study, columns: Columns, part: Path, replies: Replies) -
     write_json(part / f"task-{task}_beh.json", {"TaskName": task, "Instructions": study.instructions, **about})
 
 
-def _word(told: Any) -> str:
+def _word(flags: Any) -> str:
     """One word for all trials of a participant."""
     words = {None: "n/a", True: "true", False: "false"}
-    found = {words[value] for value in told.tolist()}
+    found = {words[value] for value in flags.tolist()}
     return found.pop() if len(found) == 1 else "mixed"

@@ -134,8 +134,8 @@ def _questions(study: Study, replies: Replies | None, path: Path) -> Files:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(("participant", "question", "text", "reply"))
             for code, mine in replies.items():
-                told = ((code, q.name, q.text, mine[q.name]) for q in study.questions if q.name in mine)
-                writer.writerows(map(escape_formula, row) for row in told)
+                rows = ((code, q.name, q.text, mine[q.name]) for q in study.questions if q.name in mine)
+                writer.writerows(map(escape_formula, row) for row in rows)
 
     return {path.with_name(f"{path.stem}-questions.csv"): write}
 
