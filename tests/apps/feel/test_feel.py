@@ -41,7 +41,7 @@ def test_one_design_is_felt_rated_and_kept(capsys, tmp_path):
         ([str(EXAMPLE), "--rate", "fim=3"], "unknown design 'fim'"),
         ([str(EXAMPLE), "--choose", "fim"], "unknown design 'fim'"),
         ([str(EXAMPLE), "--seconds", "-1"], "--seconds"),
-        ([str(EXAMPLE), "--plot", "a.pdf"], "--plot"),
+        ([str(EXAMPLE), "--plot", "a.gif"], "--plot"),
         ([str(EXAMPLE), "--plot", "/no/such/folder/a.png"], "--plot"),
     ],
 )

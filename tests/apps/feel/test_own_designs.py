@@ -49,7 +49,7 @@ def test_a_world_of_ones_own_is_a_design_with_its_curve(groove: Path) -> None:
     assert design.name == "groove"
     run = course(design)
     assert run.coming_out.max() == pytest.approx(0.4, rel=1e-6)  # 100 N/m over 4 mm
-    assert run.strain is None
+    assert run.root is None
     before = design.digest
     groove.write_text(GROOVE.replace("-self.stiffness", "-2 * self.stiffness"))
     assert choice.load().designs[0].digest != before  # other code is another design: old scores do not count
