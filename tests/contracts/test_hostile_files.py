@@ -16,7 +16,8 @@ import pytest
 
 from haptorb import worlds
 from haptorb.apps.study.model.study_file import study_of
-from haptorb.apps.study.store.export import write_replies
+from haptorb.apps.study.store.columns import COLUMNS
+from haptorb.apps.study.store.export import write_csv
 from haptorb.devices.loader import load, parse
 from haptorb.devices.schema.quantity import si
 from haptorb.errors import CalibrationError, DeviceError, InputError, RecordingError, UnknownName
@@ -233,7 +234,9 @@ def test_a_chunk_that_says_it_is_a_gigabyte_is_refused_before_it_is_made(hostile
 def test_cells_that_spreadsheets_would_compute_are_text(tmp_path: Path) -> None:
     study = study_of('name = "x"\n[[questions]]\nname = "note"\ntext = "=cmd"\n[[questions]]\nname = "n"\ntext = "n?"')
     told = {"P1": {"note": '=HYPERLINK("x")', "n": "-3"}, "@P": {"note": "+1+1", "n": "\t=1"}, "P3": {"note": "fine"}}
-    rows = write_replies(study, told, tmp_path / "replies.csv").read_text(encoding="utf-8").splitlines()
+    nobody = {name: np.empty(0) for name in COLUMNS}
+    path = write_csv(study, nobody, tmp_path / "trials.csv", replies=told)[-1]
+    rows = path.read_text(encoding="utf-8").splitlines()
     assert rows[1:] == [
         'P1,note,\'=cmd,"\'=HYPERLINK(""x"")"',
         "P1,n,n?,-3",

@@ -91,7 +91,7 @@ def test_fastest_is_per_item():
         ["fields"],
         ["--effort", "0"],
         ["--effort", "nan"],
-        ["--plot", "x.pdf"],
+        ["--plot", "x.gif"],
         ["--plot", "x.png", "--device", "omni"],
         ["magnetics", "omni", "--plot", "x.png"],
         ["tick", "--plot", "x.png"],

@@ -25,7 +25,6 @@ def test_one_design_is_felt_rated_and_kept(capsys, tmp_path):
     assert table["plain"]["score"] is None
     assert plot.stat().st_size > 5000
     rows = (folder / "traces" / "firm-0001.csv").read_text().splitlines()
-    assert len(rows) > 1500
     pulled = [float(row.split(",")[1]) for row in rows[1:]]
     assert max(pulled) > 1e-3  # the guided hand has begun to pull
     assert json.loads((folder / "ratings.jsonl").read_text().splitlines()[0])["person"] == "P1"
@@ -67,4 +66,4 @@ def test_a_device_without_modes_cannot_feel_designs(capsys, tmp_path):
         "firm",
     )
     assert code == 2
-    assert "two-mode" in err
+    assert "works for spherical motors" in err

@@ -224,5 +224,5 @@ def test_the_true_scale_and_its_limits() -> None:
     already = find_limits(scale, designs, margin=0.6)
     assert already.largest == 1.0
     assert "above what is possible" in already.reason
-    with pytest.raises(InputError, match="two-mode handle"):
+    with pytest.raises(InputError, match="works for spherical motors"):
         TrueScale.of(load("omni"), MOTOR_GAINS)

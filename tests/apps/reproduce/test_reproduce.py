@@ -169,8 +169,8 @@ def test_every_erratum_of_an_item_is_on_the_page(quick, request):
     page = (request.config.rootpath / "docs" / "errata.md").read_text()
     named = {item.erratum for made, _ in quick.values() for item in made if item.erratum}
     assert [erratum for erratum in sorted(named) if f"({erratum.lower()})=" not in page] == []
-    # and the other way round: each erratum stands behind some number
-    missing = {f"E{n}" for n in range(1, 29)} - named
+    # and the other way round: each erratum stands behind some number, but for the one that is withdrawn
+    missing = {f"E{n}" for n in range(1, 29)} - named - {"E17"}
     assert missing == set()
 
 

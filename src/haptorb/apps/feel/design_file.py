@@ -168,6 +168,8 @@ def _check_world(text: str) -> str:
 
 
 class DesignFile(BaseModel):
+    """A file of candidate designs: what they are made of, what they share, and one table for each."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     title: Annotated[str, m.Meaning("headline of the file"), m.Form("text")]

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from haptorb.control.clutch.gains import Gains
-from haptorb.devices.device import Device
+from haptorb.devices.device import Device, require
 from haptorb.devices.motor.spherical_motor import SphericalMotor
-from haptorb.errors import InputError
 
 __all__ = ["SMALLEST", "ScaleLimits", "TrueScale"]
 
@@ -46,11 +45,8 @@ class TrueScale:
     @classmethod
     def of(cls, device: Device, gains: Gains) -> TrueScale:
         """For `device` with `gains`. Raises InputError for a device without a handle."""
-        if not isinstance(device, SphericalMotor):
-            raise InputError(
-                f"device '{device.name}' cannot feel designs: it has no two-mode handle; use a spherical motor"
-            )
-        return cls(gains.torques[0][1], device.rotor.handle_length, device.limits.torque)
+        rotor = require(device, SphericalMotor, "feeling designs").rotor
+        return cls(gains.torques[0][1], rotor.handle_length, device.limits.torque)
 
     @property
     def hand_per_part(self) -> float:

@@ -1,4 +1,4 @@
-"""`haptorb inspect DEVICE …`: capability cards of devices, as text, as numbers and as a picture."""
+"""`haptorb inspect`: capability cards of one device or several, as text, as numbers and as a picture."""
 
 from __future__ import annotations
 

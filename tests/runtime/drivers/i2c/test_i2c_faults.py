@@ -151,7 +151,7 @@ def test_closing_without_a_confirmation_complains(script: ModuleType) -> None:
     with pytest.raises(DriverError, match="COIL STATE UNKNOWN"):
         one.driver.close()
     assert one.driver.coil_state is CoilState.UNKNOWN
-    assert one.bus.now - one.bus.begun < 1.0  # it does not try for ever
+    assert one.bus.now - one.bus.fault_start < 1.0  # it does not try for ever
     one.driver.close()
 
 

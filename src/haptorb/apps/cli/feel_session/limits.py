@@ -89,7 +89,8 @@ def main(asked: str) -> None:
     factor = float(candidates.gains.torque_per_motion[0])
     for name in given["names"]:
         margin = judge_world(motor, candidates[name].world, Setting()).margin / factor
-        print(dumps(margin if math.isfinite(margin) else 1e9), flush=True)
+        # The parent reads a line as soon as it is there.
+        os.write(sys.stdout.fileno(), f"{dumps(margin if math.isfinite(margin) else 1e9)}\n".encode())
 
 
 if __name__ == "__main__":
