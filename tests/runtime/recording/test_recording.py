@@ -273,7 +273,7 @@ def test_servo_refuses_before_it_starts(fake_servo: Any, tmp_path: Path) -> None
     path = tmp_path / "a.mcap"
     path.write_text("precious")
     made = fake_servo(record=path)
-    with pytest.raises(RecordingError, match="--force"):
+    with pytest.raises(RecordingError, match="overwrite=True"):
         made.servo.open()
     assert path.read_text() == "precious"
     assert made.servo._children is None

@@ -146,7 +146,7 @@ def test_two_stations_2000_trials_consistent_ordered_none_lost(fresh: str, tmp_p
     assert len(columns["trial"]) == 2 * EACH * 100 == 2000
     for code, kept in told.items():
         mine = columns["participant"] == code
-        assert columns["trial"][mine].tolist() == list(range(100))
+        assert columns["trial"][mine].tolist() == list(range(1, 101))
         assert columns["answer"][mine].tolist() == kept
         assert columns["answered"][mine].tolist() == sorted(columns["answered"][mine].tolist())
         # 4 times every place, whatever the order was.
