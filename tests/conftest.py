@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,10 @@ HEAVY = (
 )
 _REALTIME = re.compile(r"^(pytestmark = )?.*\bmark\.realtime\b", re.MULTILINE)
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+CHROMIUM_FLAGS = [
+    *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync"),
+]
 FIRMWARE = {
     "avr-gcc": lambda: shutil.which("avr-gcc"),
     "avr-libc": lambda: Path("/usr/lib/avr/include/avr/io.h").exists(),
@@ -134,6 +139,16 @@ def chromium() -> str:
     if found is None:
         pytest.skip(f"no Chromium on this machine{_why_missing()}")
     return found
+
+
+@pytest.fixture(scope="session")
+def browser(chromium: str) -> Iterator[Any]:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=chromium, args=CHROMIUM_FLAGS)
+        yield browser
+        browser.close()
 
 
 @pytest.fixture(scope="session")

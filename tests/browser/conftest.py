@@ -22,10 +22,6 @@ from haptorb.apps.console.force_map_process import ForceMapProcess
 from haptorb.devices.loader import load
 from haptorb.runtime.row import RowLayout
 
-FLAGS = [
-    *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
-    *("--disable-component-update", "--disable-sync"),
-]
 DESK = {"width": 1280, "height": 800}
 
 
@@ -111,16 +107,6 @@ class Screen:
                 return
             before = now
         raise AssertionError("the stylus does not come to rest")
-
-
-@pytest.fixture(scope="session")
-def browser(chromium: str) -> Iterator[Any]:
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=chromium, args=FLAGS)
-        yield browser
-        browser.close()
 
 
 class Host:

@@ -81,7 +81,7 @@ def test_a_trip_is_read_beside_an_open_dialog(staged, fake):
     page.locator("#ask").click()
     fake.guard, fake.trip = GuardState.TRIPPED, Trip.POSE_EXPIRED
     screen.until("haptorb.status === 'tripped'")
-    assert page.locator("#hint").is_hidden()
+    screen.until("document.getElementById('hint').hidden")  # from the next frame on
     faults = []
     for width, height in [*SMALL, (820, 1180), (1440, 900)]:
         page.set_viewport_size({"width": width, "height": height})

@@ -83,15 +83,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def page(chromium: str) -> Iterator[Any]:
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 900, "height": 700})
-        page.set_default_timeout(120_000)  # without a graphics processor, on a busy machine, a picture takes long
-        yield page
-        browser.close()
+def page(browser: Any) -> Iterator[Any]:
+    context = browser.new_context(viewport={"width": 900, "height": 700})
+    page = context.new_page()
+    page.set_default_timeout(120_000)  # without a graphics processor, on a busy machine, a picture takes long
+    yield page
+    context.close()
 
 
 @pytest.fixture
@@ -170,5 +167,13 @@ def test_she_feels_two_designs_blind_rates_them_and_reads_the_report(folder: Pat
     assert {one["design"] for one in records if one["kind"] == "feeling"} == {"easy", "tight"}
     page.goto(report.as_uri())
     text = page.locator("body").inner_text()
-    for words in ("easy to open", "hard to open", "P1", "P2", "5 (blind)", "yields at 45 MPa", "Simulated device"):
+    for words in (
+        "easy to open",
+        "hard to open",
+        "P1",
+        "P2",
+        "5 (blind)",
+        "yield strength of ABS (40 MPa)",
+        "Simulated device",
+    ):
         assert words in text

@@ -258,7 +258,7 @@ class Console {
         break;
       case "world":
         this.world.show(event["name"] as string, event["values"] as Values);
-        this.world.remark(event["remarks"] as string[]);
+        this.world.remark((event["remarks"] ?? []) as string[]);
         this.model.show(event["model"] as string);
         this.target?.build((event["scene"] ?? null) as TargetScene | null);
         break;

@@ -40,7 +40,7 @@ export class WorldPanel {
     this.picker.addEventListener("change", () => this.send(this.picker.value, {}));
     at("reset").addEventListener("click", () => this.reset());
     this.show(session.world.name, session.world.values);
-    this.remark(session.world.remarks);
+    this.remark(session.world.remarks ?? []);
   }
 
   /** What should be said of the world as it is set: strain and stress of its hooks. */

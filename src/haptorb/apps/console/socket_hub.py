@@ -232,7 +232,7 @@ class ConsoleSocketHub:
     def _world_event(self) -> dict[str, Any]:
         name, values, model, hidden = self._world
         if hidden:
-            return {"name": "hidden", "values": {}, "model": model, "scene": None}
+            return {"name": "hidden", "values": {}, "model": model, "scene": None, "remarks": []}
         scene = target_scene(name, values) if self._servo.modes else None
         remarks = world_remarks(name, values)
         return {"name": name, "values": values, "model": model, "scene": scene, "remarks": remarks}
