@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from haptorb.apps.reproduce.citation import ROUNDING
-from haptorb.apps.reproduce.item import VERDICTS, Item
+from haptorb.apps.reproduce.item import CLASSES, MEANINGS, Item
 from haptorb.apps.reproduce.registry import Drawing, Reproduction
 from haptorb.display.presentable import Presentable
 from haptorb.version import __version__
@@ -36,7 +36,8 @@ h1 { font-size: 1.9rem; line-height: 1.2; margin: .5rem 0; } h2 { margin: 3rem 0
 h3 { margin: 2.2rem 0 .4rem; font-size: 1.12rem; } h3 span { color: var(--soft); font-weight: 400; }
 p { max-width: 46rem; } a { color: var(--link); } .soft, small { color: var(--soft); } small { font-size: .86rem; }
 .counts { display: flex; flex-wrap: wrap; gap: .75rem; padding: 0; margin: 1.2rem 0; list-style: none; }
-.counts li { border: 1px solid var(--line); border-radius: .5rem; padding: .5rem 1rem; min-width: 9rem; }
+.counts li { border: 1px solid var(--line); border-radius: .5rem; padding: .5rem 1rem; flex: 1 1 13rem; }
+.counts small { display: block; line-height: 1.35; }
 .counts b { display: block; font-size: 1.7rem; line-height: 1.2; font-variant-numeric: tabular-nums; }
 nav ul { columns: 18rem; column-gap: 2.2rem; padding-left: 1.1rem; }
 nav li { break-inside: avoid; }
@@ -78,9 +79,9 @@ class ReproductionResult(Presentable):
 
 
 def summary(items: Iterable[Item]) -> dict[str, int]:
-    """How many items have which verdict; the errata counted together."""
-    counts = Counter(item.verdict.split(" E")[0] for item in items)
-    return {verdict: counts[verdict] for verdict in VERDICTS}
+    """How many items are of which class."""
+    counts = Counter(item.verdict for item in items)
+    return {verdict: counts[verdict] for verdict in CLASSES}
 
 
 def report_page(made: Iterable[ReproductionResult]) -> str:
@@ -93,12 +94,11 @@ def report_page(made: Iterable[ReproductionResult]) -> str:
         f"<title>Two papers, number by number</title><style>{_STYLE}</style></head><body>",
         "<h1>Two papers, number by number</h1>",
         f"<p class='soft'>haptorb {escape(__version__)}: the printed values, the values computed here, "
-        "the tolerance and its reason. An erratum (E1, E2, …) marks a printed value that cannot be "
-        "correct; the errata page of the documentation has the evidence for each. “Implied” is a number that is not "
-        "printed but follows from what is: an equation's value, a ratio, a sign, 1 for “all of them”. Entries "
-        "of tables are compared with the device files and worlds, formulas with independent integrals or energies, "
-        "text with what follows from "
-        "both.</p>",
+        "the tolerance and its reason. Only the first two classes show something about the papers: there a computation "
+        "that does not contain the printed value meets it, or a correction of it. For each of them there is a change "
+        "of one factor or sign in the code that turns it red. An erratum (E1, E2, …) is explained, "
+        "with its evidence, on the errata page of the documentation. “Implied” is a number that is not "
+        "printed but follows from what is: an equation's value, a ratio, a sign, 1 for “all of them”.</p>",
         _counts(items),
         _contents(every),
     ]
@@ -110,7 +110,8 @@ def report_page(made: Iterable[ReproductionResult]) -> str:
 
 def _counts(items: list[Item]) -> str:
     cells = "".join(
-        f"<li><b class='{_class(verdict) if count else 'open'}'>{count}</b>{escape(verdict)}</li>"
+        f"<li><b class='{_class(verdict) if count else 'open'}'>{count}</b>{escape(verdict)}"
+        f"<small>{escape(MEANINGS[verdict])}</small></li>"
         for verdict, count in summary(items).items()
     )
     return f"<ul class='counts'>{cells}</ul>"
@@ -149,7 +150,7 @@ def _row(item: Item) -> str:
         f"<tr id='{escape(item.paper)}-{escape(item.id)}'><td class='w'>{escape(item.where)}</td>"
         f"<td class='what'>{escape(item.what)}{why}</td><td class='n'>{printed}</td>"
         f"<td class='n'>{_number(item.computed)}</td><td>{unit}</td><td class='n'>{_describe_tolerance(item)}</td>"
-        f"<td class='v {_class(item.verdict)}'>{escape(item.verdict)}</td></tr>"
+        f"<td class='v {_class(item.verdict)}'>{escape(item.label)}</td></tr>"
     )
 
 
@@ -173,9 +174,7 @@ def _describe_tolerance(item: Item) -> str:
 
 
 def _class(verdict: str) -> str:
-    if verdict.startswith("reproduced with"):
-        return "erratum"
-    return {"reproduced": "good", "differs": "bad"}.get(verdict, "open")
+    return {"reproduced": "good", "contradicted": "erratum", "differs": "bad"}.get(verdict, "open")
 
 
 def _anchor(one: Reproduction) -> str:

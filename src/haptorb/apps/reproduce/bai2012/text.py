@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from haptorb.apps.reproduce.citation import Citation
+from haptorb.apps.reproduce.entry import read_count, read_entry
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Report
 from haptorb.devices.motor.api import motor, torque_characteristic
@@ -22,12 +25,12 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     least = np.linalg.svd(torque_characteristic(device, R, grouped=True), compute_uv=False)[:, 2]
     report(1.0)
     return (
-        _AT.item("electromagnets", "N_s, electromagnets in the stator (Table A.1)", 24, len(device.electromagnets)),
-        _AT.item("magnets", "N_r, permanent magnets in the rotor (Table A.1)", 24, len(device.magnets)),
-        _AT.item("samples", "orientations of a grid of 15 × 15 × 72 over the workspace: 16 200 samples", 16200, len(R),
-                 where="§2.3"),
-        _AT.item("tilt", "greatest |ψ| and |λ| of the working space", 22.5, np.degrees(device.workspace_tilt), "°",
-                 where="§2.3"),
+        _AT.item("electromagnets", "N_s, electromagnets in the stator (Table A.1)", 24,
+                 read_count(device, "electromagnets.directions")),
+        _AT.item("magnets", "N_r, permanent magnets in the rotor (Table A.1)", 24,
+                 read_count(device, "magnets.directions")),
+        _AT.item("tilt", "greatest |ψ| and |λ| of the working space", 22.5,
+                 read_entry(device, "workspace_tilt", math.degrees(1.0)), "°", where="§2.3"),
         _AT.claim("singularity",
                  "share of those orientations where the twelve channels turn the rotor about three axes "
                  "('singularity-free')", 1.0, np.mean(least > 1e-3), "1", 0.0, "all of them"),
