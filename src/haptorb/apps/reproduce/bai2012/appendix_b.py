@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from haptorb.apps.reproduce.bai2012.quadrature import BENDING, L_B, L_M, MINUS_1, MINUS_2, SHEAR, bend_hook, thickness
 from haptorb.apps.reproduce.citation import Citation
+from haptorb.apps.reproduce.hook_quadrature import BENDING, L_B, L_M, MINUS_1, MINUS_2, SHEAR, bend_hook, thickness
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Drawing, Report
 from haptorb.physics.beams import appendix_b, compliance

@@ -6,8 +6,8 @@ import math
 
 from scipy.integrate import quad
 
-from haptorb.apps.reproduce.bai2012.quadrature import BENDING, END, L_B, L_M, MINUS_1, MINUS_2, SHEAR, bend_hook_root
 from haptorb.apps.reproduce.citation import Citation
+from haptorb.apps.reproduce.hook_quadrature import BENDING, END, L_B, L_M, MINUS_1, MINUS_2, SHEAR, bend_hook_root
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Report
 from haptorb.physics.beams import appendix_b, compliance, compute_bent_shape, force_ratio

@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from haptorb.apps.reproduce.bai2012.quadrature import compute_pull_stiffness
 from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.entry import Entry
+from haptorb.apps.reproduce.hook_quadrature import compute_pull_stiffness
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Report
 from haptorb.devices.state import State

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.reproduce.bai2012.quadrature import compute_pull_stiffness
 from haptorb.apps.reproduce.bai2012.two_phases import ARM, FORCE_SCALE, X_0, PhaseRecord, two_phases
+from haptorb.apps.reproduce.hook_quadrature import compute_pull_stiffness
 from haptorb.apps.reproduce.item import Basis, Item
 from haptorb.devices.motor.api import motor
 from haptorb.numerics.arrays import Array

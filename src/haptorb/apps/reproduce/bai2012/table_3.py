@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from haptorb.apps.reproduce.bai2012.quadrature import L_M, bend_hook, compute_pull_stiffness
 from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.entry import read_entry
+from haptorb.apps.reproduce.hook_quadrature import L_M, bend_hook, compute_pull_stiffness
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Report
 from haptorb.devices.state import State

@@ -78,6 +78,9 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
                      corrected=_find_excess(device, 1e-3 * d))
             for d in (50, 60, 70)
         ),
+        _AT.claim("far", "(1): pull of the ring at its size, bound currents in a dipole's field, over that of two "
+                 "dipoles at 50 cm", 1.0, _find_excess(device, 0.5), "1", 3e-3, "the ring's length is felt in 0.15 %",
+                 where="eq. (1)"),
         _AT.note("size-jnd", "the same at contact in just-noticeable differences of force",
                  (pull[50][1] / pull[50][0] - 1) / FORCE_JND, "1"),
     ]  # fmt: skip
