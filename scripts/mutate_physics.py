@@ -124,10 +124,10 @@ def flatten(rows: dict[str, dict[str, str]]) -> dict[str, str]:
 
 def write_record(rows: dict[str, dict[str, str]], red: dict[str, list[str]]) -> None:
     """Put `rows` and `red` into the record; what it has of mutations that are gone is left out."""
-    kept = read_record()
-    every = {**kept["red"], **red}
+    before = read_record()
+    every = {**before["red"], **red}
     ordered = {one.name: every[one.name] for one in MUTATIONS if one.name in every}
-    rows = dict(sorted({**kept["rows"], **rows}.items()))
+    rows = dict(sorted({**before["rows"], **rows}.items()))
     RECORD.write_text(json.dumps({"rows": rows, "red": ordered}, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
@@ -141,14 +141,14 @@ def main() -> int:
     chosen = [one for one in chosen if "--slow" in options or not SLOW & set(one.parts)]
     if not chosen:
         sys.exit(f"no mutation has {' or '.join(map(repr, words))} in its name")
-    kept = read_record()
-    record = {one.name: kept["red"].get(one.name, []) for one in MUTATIONS}
+    before = read_record()
+    record = {one.name: before["red"].get(one.name, []) for one in MUTATIONS}
     wrong = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         copy_sources(folder)
         parts = tuple(sorted({part for one in chosen for part in one.parts}))
-        rows = dict(kept["rows"])
+        rows = dict(before["rows"])
         for part, found in compute_rows(parts, folder / "src", folder / "cache").items():
             if isinstance(found, str):
                 sys.exit(f"{part} fails without any mutation: {found}")
