@@ -93,7 +93,6 @@ MUTATIONS = (
     Mutation(_DOME, "_push", "d", 0.9, (_Z3F,)),
     # orientation, currents and modes of the motor
     Mutation("numerics/rotations.py", "rotation_from_euler", "ca, sa, cb, sb, cc, sc@elts[1]", -1, (_E1,)),
-    Mutation("devices/motor/layouts.py", "PartRing.directions", "longitude", 0.995, (_T2,)),
     Mutation("devices/motor/layouts.py", "PartRing.directions", "out[:, 0]", -1, (_T2, _A1)),
     Mutation("devices/motor/models.py", "_pole_torque", "q#1", -1, (_E7,)),
     Mutation("devices/motor/models.py", "_pole_torque", "fz", 1.1, (_E7,)),

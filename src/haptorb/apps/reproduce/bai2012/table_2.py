@@ -29,7 +29,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.item("channels", "electrical inputs", 12, read_entry(device, "channels"), where="§3"),
         _AT.item("wired", "pairs of coils that share a channel", 12,
                  Entry(sum(_are_paired(device.groups, i, j) for i, j in PAIRS), "pmsm: wiring of the pairs")),
-        _AT.claim("opposite", "least angle between the axes of a pair, coils placed by E3 ('symmetrical about the "
+        _AT.compare("opposite", "least angle between the axes of a pair, coils placed by E3 ('symmetrical about the "
                  "motor center')", 180.0, _find_least_angle(device), "°", 1e-5, "opposite", erratum="E3"),
         _AT.claim("opposite-printed", "the same with the printed longitudes", 180.0, _find_least_angle(printed), "°",
                  1e-5, "1–8 at 45°(j − 1), 9–16 at 45°(j − 9) + 22.5°: by spherical trigonometry", erratum="E3",
