@@ -99,7 +99,6 @@ MUTATIONS = (
     Mutation("devices/tables/table_kernels.py", "torque_characteristic", "out[n, 0, j]", -1, (_E1, _E7, _TEXT)),
     Mutation("devices/tables/table_kernels.py", "torque_characteristic", "out[n, 0, j]", 0, (_TEXT, _E1)),
     Mutation("devices/tables/table_kernels.py", "sensor_field_gradient", "field[n, j, 0]", 1.1, (_TEXT,)),
-    Mutation("devices/tables/pair_table.py", "torque_table", "values[0, i]", 1.1, (_E1, _E7)),
     Mutation("control/allocation/bounded_power.py", "solve_bounded_power", "unit", 1.1, (_E1,)),
     Mutation(_CLUTCH, "advance_clutch", "position[0]", 1.1, (_E1,)),
     Mutation(_CLUTCH, "advance_clutch", "position[1]", 1.1, (_E1,)),
