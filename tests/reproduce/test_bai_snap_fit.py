@@ -43,7 +43,8 @@ def test_phase_2_the_torque_falls_to_zero_with_the_tilt(numbers) -> None:
     torque = np.array([world.wrench(plug(4e-3, tilt=tilt))[5] for tilt in tilts])
     assert (np.diff(torque) < 0).all()
     assert torque[0] == pytest.approx(world.wrench(plug(4e-3, tilt=TILT))[1] * (ARM - X_0 - 4e-3))
-    assert numbers("bai2012", "figure 7", "fig7-18-falls", "fig7-18-zero") == [1.0, 0.0]
+    assert torque[-1] == 0.0
+    assert numbers("bai2012", "figure 7", "fig7-18-falls") == [1.0]
 
 
 @pytest.mark.parametrize("world", [PublishedOutlet(beam="timoshenko"), Outlet()], ids=["published", "felt"])

@@ -19,7 +19,10 @@ from haptorb.apps.reproduce import (
     summary,
 )
 from haptorb.apps.reproduce.bai2012.two_phases import two_phases
+from haptorb.apps.reproduce.citation import Citation
+from haptorb.apps.reproduce.entry import read_entry
 from haptorb.apps.reproduce.item import exempt
+from haptorb.devices.loader import load
 from haptorb.errors import UnknownName
 from oracles.command import run_command
 
@@ -32,12 +35,18 @@ FORCE = Item("x", "bai2012", "Fig. 8", "a force", 1.0, 1.04, "N", 0.05, why="as 
         ({}, "reproduced"),
         ({"computed": 1.06}, "differs"),
         ({"computed": 1.06, "erratum": "E7"}, "differs"),  # to name an erratum is no excuse
-        ({"erratum": "E7"}, "reproduced with erratum E7"),
-        ({"published": 24.0, "corrected": 1.0, "erratum": "E15"}, "reproduced with erratum E15"),
+        ({"erratum": "E7"}, "reproduced"),  # another reading of the print, which the print meets
+        ({"published": 24.0, "corrected": 1.0, "erratum": "E15"}, "contradicted"),
+        ({"published": 1.03, "corrected": 1.0, "erratum": "E15"}, "reproduced"),  # the print is as good
         ({"published": 1.04, "corrected": 24.0, "erratum": "E15"}, "differs"),  # the correction counts, not the print
-        ({"published": None}, "cannot be checked"),
-        ({"tolerance": None}, "cannot be checked"),
-        ({"computed": None}, "cannot be checked"),
+        ({"basis": "held"}, "transcribed"),
+        ({"basis": "held", "published": 24.0, "corrected": 1.0, "erratum": "E15"}, "transcribed"),
+        ({"basis": "held", "computed": 1.06}, "differs"),
+        ({"basis": "assumed"}, "assumed"),
+        ({"basis": "own"}, "ours"),
+        ({"published": None}, "ours"),
+        ({"tolerance": None}, "ours"),
+        ({"computed": None}, "not checkable"),
         ({"computed": float("nan"), "erratum": "E7"}, "differs"),
         ({"computed": float("inf"), "published": None}, "differs"),
     ],
@@ -45,8 +54,23 @@ FORCE = Item("x", "bai2012", "Fig. 8", "a force", 1.0, 1.04, "N", 0.05, why="as 
 def test_verdicts(changes, verdict):
     item = replace(FORCE, **changes)
     assert item.verdict == verdict
-    assert item.checked is (verdict != "cannot be checked")
     assert json.loads(json.dumps(item.numbers()))["verdict"] == verdict
+
+
+def test_the_class_follows_from_what_the_value_is():
+    """What is looked up in the package can not pass for a computation, and the device file knows what it assumed."""
+    omni, cite = load("omni"), Citation("zarate2020", "x", "§II")
+    held = cite.item("r", "resistance", 0.6, read_entry(omni, "coils.resistance[0]"), "Ω")
+    assert (held.verdict, held.held_at) == ("transcribed", "omni: coils.resistance[0]")
+    assert cite.item("r", "resistance", 0.7, read_entry(omni, "coils.resistance[0]"), "Ω").verdict == "differs"
+    step = cite.item("s", "step", 1.0, read_entry(omni, "supply.current_step", 1e3), "mA")
+    assert step.verdict == "assumed"
+    assert "INA219" in step.reason
+    assert cite.item("c", "sum", 0.6, 0.6, "Ω").verdict == "reproduced"
+    assert cite.fitted("f", "heat", 5.0, 5.0, "s", 0.1, "fitted to it").verdict == "assumed"
+    assert cite.own("o", "ours", 5.0, 5.0, "s", 0.1, "two ways").verdict == "ours"
+    assert cite.own("o", "ours", 5.0, 6.0, "s", 0.1, "two ways").verdict == "differs"
+    assert cite.note("n", "ours", 5.0).verdict == "ours"
 
 
 def test_the_registry():
@@ -141,7 +165,9 @@ def test_the_page_needs_nobody_and_says_everything():
         "data:image/svg+xml;base64,",
     ):
         assert said in page
-    assert summary(items) == {"reproduced": 1, "reproduced with erratum": 1, "cannot be checked": 1, "differs": 0}
+    assert {verdict: count for verdict, count in summary(items).items() if count} == {
+        "reproduced": 1, "contradicted": 1, "not checkable": 1,
+    }  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -58,6 +58,8 @@ def describe_tolerance(item: Item) -> str:
         return f"at most {format_number(tolerance, 3)}{unit}"
     share = tolerance / abs(goal)
     if share <= 10.0**-_DIGITS:
+        if item.basis == "held":
+            return "the same number"
         return f"{math.floor(-math.log10(share) + 1e-6)} digits"
     text = f"±{format_number(tolerance, 3)}{unit}"
     step = 10.0 ** _last_place(goal)

@@ -118,8 +118,8 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
              implied=True),
         _angle("c-zero", "angle at which the adjustable map's radial force vanishes first", 18.0,
                np.degrees(radial_zero(sharp, d)), "E13", 18.0),
-        _angle("c-printed", "the same by the printed argument α·2θ1/π", 18.0, 90.0 * 180.0 / (2 * _NARROW), "E13",
-               450.0),
+        _angle("c-printed", "the same by the printed argument α·2θ1/π, found in the printed code", 18.0,
+               np.degrees(_find_printed_zero()), "E13", 180.0 / _NARROW * 45.0),
         _angle("c-cut", "angle at which its forces are cut off", 54.0, np.degrees(edge), "", None),
         Item("fig2c-given", "zarate2020", "Fig. 2c",
              "what the exact inverse gives of that map in contact, greatest error", None,
@@ -135,6 +135,18 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
 def _angle(name: str, what: str, published: float, computed: float, erratum: str, corrected: float | None) -> Item:
     return Item(f"fig2{name}", "zarate2020", f"Fig. 2{name[0]}", what, published, float(computed), "°", 0.01, erratum,
                 corrected, "a hundredth of a degree: found by bisection")  # fmt: skip
+
+
+def _find_printed_zero() -> float:
+    """The smallest angle [rad] at which F_r of the code of Fig. 3 as printed changes its sign."""
+    from scipy.optimize import brentq
+
+    def radial(alpha: float) -> float:
+        return 2.0 * np.cos(alpha * 2 * np.radians(_NARROW) / np.pi)
+
+    angles = np.linspace(0.0, 4 * np.pi, 1001)
+    turns = np.flatnonzero(np.diff(np.sign([radial(a) for a in angles])))
+    return float(brentq(radial, angles[turns[0]], angles[turns[0] + 1]))
 
 
 def _edge(world: World, distance: float) -> float:
