@@ -133,7 +133,7 @@ def test_e24_equation_17_lacks_the_pull_that_a_tilted_face_needs(numbers) -> Non
     printed_curl, felt_curl, missing = numbers("bai2012", "figure 7", *ids)
     assert printed_curl == pytest.approx(-2 * math.tan(TILT), rel=1e-3)
     assert felt_curl == pytest.approx(0.0, abs=1e-3)
-    assert missing == pytest.approx(0.19, abs=0.02)  # at the start of phase 1: a sixth of the pull
+    assert missing == pytest.approx(0.19, abs=0.02)  # at the start of phase 1: a fifth of the pull
 
 
 def test_e25_friction_by_the_direction_of_pulling_gives_energy(numbers) -> None:

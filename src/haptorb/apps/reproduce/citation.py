@@ -117,12 +117,13 @@ class Citation:
         )
 
     def note(
-        self, name: str, what: str, computed: SupportsFloat, unit: str = "1", why: str = "", where: str = ""
-    ) -> Item:
+        self, name: str, what: str, computed: SupportsFloat, unit: str = "1", why: str = "", where: str = "",
+        erratum: str = "",
+    ) -> Item:  # fmt: skip
         """A number of ours that belongs here, though the paper prints none."""
         return Item(
-            f"{self.prefix}-{name}", self.paper, where or self.where, what, None, float(computed), unit, None, why=why,
-            basis="own",
+            f"{self.prefix}-{name}", self.paper, where or self.where, what, None, float(computed), unit, None, erratum,
+            why=why, basis="own",
         )  # fmt: skip
 
     def exempt(self, name: str, what: str, why: str, where: str = "") -> Item:

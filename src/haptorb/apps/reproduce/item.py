@@ -46,6 +46,8 @@ class Item:
     why         why this tolerance, or why it cannot be checked
     basis       how `computed` was obtained
     held_at     where the package holds it; empty for what is computed
+    known       why it differs and what it would take, where that is known: such a difference stays in its class, but
+                is no news
     """
 
     id: str
@@ -62,6 +64,7 @@ class Item:
     implied: bool = False
     basis: Basis = "computed"
     held_at: str = ""
+    known: str = ""
 
     @property
     def verdict(self) -> str:
@@ -93,6 +96,15 @@ class Item:
         return not abs(self.published - self.corrected) <= self.tolerance
 
     @property
+    def is_surprise(self) -> bool:
+        """Whether it differs and nobody has said why.
+
+        >>> Item("x", "bai2012", "Fig. 4", "R²", 1.0, 0.8, "1", 0.001, known="ten nodes do no better").is_surprise
+        False
+        """
+        return self.verdict == "differs" and not self.known
+
+    @property
     def checked(self) -> bool:
         """Whether a number here was held against another one."""
         return self.computed is not None and self.tolerance is not None
@@ -109,6 +121,8 @@ class Item:
     @property
     def reason(self) -> str:
         """`why`, or where nothing was said, what the class says of a value that was not computed."""
+        if self.known and self.verdict == "differs":
+            return self.known
         if self.why or self.verdict in ("reproduced", "contradicted", "differs", "not checkable"):
             return self.why
         return f"held by {self.held_at}" if self.held_at else MEANINGS[self.verdict]

@@ -46,7 +46,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  _least(single @ aiding), "N·m/A", "zero: E4; the motor would heat and not turn"),
         _AT.note("opposed", "the same, second coil of each pair wound the other way (the default)", best, "N·m/A"),
         _AT.note("ratio", "that over the one for rings in step and coils aiding: two readings, both turn",
-                 best / _least(phase @ aiding), "1", "depends on how finely the workspace is sampled (E4)"),
+                 best / _least(phase @ aiding), "1", "depends on how finely the workspace is sampled",
+                 erratum="E4"),
     ]  # fmt: skip
     report(1.0)
     return tuple(found), None

@@ -34,7 +34,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     theta_1, d = radians(18.0), dome.contact_distance
     printed = 2 * theta_1 / pi
     found = [
-        _AT.claim("summit", "F_r at the summit over F₀: 2", 2.0, _force(dome, 0.0, d)[0] / F0, "1", 1e-12, _EXACT),
+        _AT.claim("summit", "F_r at the summit over F₀: 2", 2.0, _force(dome, 0.0, d)[0] / F0, "1", 1e-12, _EXACT,
+                 erratum="E30"),
         _AT.claim("at-36", "F_r at 36° over the summit's: the valley around the hill", cos(printed * 2 * theta_1),
                  _force(dome, 36.0, d)[0] / (2 * F0), "1", 1e-12, _EXACT, erratum="E13", corrected=-1.0),
         _AT.claim("tangent-18", "F_t at 18° over F₀", sin(printed * theta_1), _force(dome, 18.0, d)[1] / F0, "1", 1e-12,

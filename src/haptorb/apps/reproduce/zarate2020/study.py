@@ -40,7 +40,8 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     own = "haptorb's layout and order of the study"
     found = (
         _AT.item("points", "set-points", 25, Entry(len(points), own)),
-        _AT.item("rings", "angles θ with an error of their own in Fig. 9", 4, Entry(len(rings), own), where="Fig. 9"),
+        _AT.item("rings", "angles θ with an error of their own in Fig. 9", 4, Entry(len(rings), own), erratum="E31",
+                 where="Fig. 9"),
         _AT.item("meridian", "set-points apart along a meridian", 18.0, Entry(np.diff(rings).mean(), own), "°", 1e-9,
                  where="§I"),
         _AT.fitted("nearest", "nearest set-points apart: 'evenly separated by 18°'", 18.0, apart.min(), "°", 1e-9,
