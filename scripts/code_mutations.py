@@ -29,21 +29,21 @@ class Mutation:
     function   dotted name; empty for the module itself
     target     as above; `NAME#2` is the third place that assigns NAME; `NAME@args[0]` the first argument of the call
                that it is assigned, `NAME@elts[1]` the second part of the tuple
-    factor     [1]: −1 turns the sign, 0 leaves a term out
+    factor     [1]: −1 turns the sign, 0 leaves a term out; None leaves the part out of its product
     parts      reproductions whose rows are computed: "bai2012 appendix B"
     """
 
     file: str
     function: str
     target: str
-    factor: float
+    factor: float | None
     parts: tuple[str, ...]
 
     @property
     def name(self) -> str:
         """For people and for the record: file, place and change."""
         place = f"{self.function}: {self.target}" if self.function else self.target
-        return f"{self.file}, {place} × {self.factor:g}"
+        return f"{self.file}, {place} " + ("left out" if self.factor is None else f"× {self.factor:g}")
 
 
 def change_code(text: str, mutation: Mutation) -> str:
@@ -64,9 +64,11 @@ def change_code(text: str, mutation: Mutation) -> str:
     for step in _STEP.findall(part):
         holder, field, index = _follow(holder, field, index), step[0], int(step[1]) if step[1] else None
     try:
-        scaled = ast.BinOp(ast.Constant(mutation.factor), ast.Mult(), _follow(holder, field, index))
+        scaled: ast.expr = ast.BinOp(ast.Constant(mutation.factor), ast.Mult(), _follow(holder, field, index))
     except (AttributeError, IndexError) as cause:
         raise MutationError(f"{mutation.name}: what is assigned there has no such part") from cause
+    if mutation.factor is None:
+        scaled = ast.Constant(1.0)
     if index is None:
         setattr(holder, field, scaled)
     else:

@@ -27,6 +27,7 @@ _TEXT = "bai2012 text"
 _Z1, _Z3 = "zarate2020 equations 1 and 2", "zarate2020 equations 3 to 6"
 _Z2F, _Z3F, _HW, _P = "zarate2020 figure 2", "zarate2020 figure 3", "zarate2020 hardware", "zarate2020 forces"
 _SOURCES = "physics/sources/"
+_TOOL = "devices/electromagnet/ring_tool.py"
 _CLUTCH, _DOME = "control/clutch/mode_kernels.py", "worlds/maps/dome.py"
 _OUTLET, _PUBLISHED = "worlds/snap_fit/outlet.py", "worlds/snap_fit/published_outlet.py"
 
@@ -40,6 +41,7 @@ MUTATIONS = (
     Mutation("physics/beams.py", "compliance", "plus#1", 1.1, (_F6, _F7)),
     Mutation("physics/beams.py", "", "SHEAR_COEFFICIENT", 1.1, (_B,)),
     Mutation("physics/beams.py", "force_ratio", "angle", -1, (_F6,)),
+    Mutation("physics/beams.py", "force_ratio", "out", 1.1, (_F6,)),
     Mutation("physics/beams.py", "root_strain", "strain", 1.1, (_T3,)),
     Mutation("physics/hook.py", "Hook.section", "out", 1.1, (_B, _F6)),
     Mutation("physics/hook.py", "Hook.shear_ratio", "return", 1.1, (_B,)),
@@ -47,6 +49,7 @@ MUTATIONS = (
     # fields of bodies
     Mutation(_SOURCES + "dipole.py", "_field", "c", 1.1, (_Z1, _Z3)),
     Mutation(_SOURCES + "dipole.py", "_gradient", "c", 1.1, (_Z2F, _P)),
+    Mutation(_SOURCES + "dipole.py", "_gradient", "c", -1, (_Z1,)),
     Mutation(_SOURCES + "dipole.py", "_field", "out[n, 0]", -1, (_Z1,)),
     Mutation(_SOURCES + "charged_ring.py", "ChargedRing.__init__", "q", 1.1, (_E1, _Z1)),
     Mutation(_SOURCES + "charged_ring.py", "dipole_on_charges", "s", 1.1, (_Z1,)),
@@ -76,24 +79,28 @@ MUTATIONS = (
     Mutation("simulation/parts/coils.py", "coil_step", "square", 1.1, (_Z3, _P)),
     Mutation("simulation/parts/coils.py", "coil_step", "end", 1.1, (_P,)),
     Mutation("control/protection/drive.py", "choose_duties", "aim", 1.1, (_Z3,)),
+    Mutation("control/protection/drive.py", "choose_duties", "largest#1", 1.1, (_Z3,)),
     Mutation("control/protection/drive.py", "_learn_resistance", "volts", 1.1, (_Z3,)),
     # maps of the electromagnet
-    Mutation("devices/electromagnet/ring_tool.py", "_dipole_map", "g", -1, (_Z1,)),
-    Mutation("devices/electromagnet/ring_tool.py", "_dipole_map", "c", 1.1, (_Z1,)),
-    Mutation("devices/electromagnet/ring_tool.py", "_dipole_map", "q", 1.1, (_Z1,)),
+    Mutation(_TOOL, "_dipole_map", "x, y, z@elts[0]", 1.1, (_Z1,)),
+    Mutation(_TOOL, "_dipole_map", "near@right", None, (_Z1,)),
+    Mutation(_TOOL, "_dipole_map", "c", -1, (_Z1,)),
+    Mutation(_TOOL, "_dipole_map", "s", 0, (_P,)),
+    Mutation(_TOOL, "_dipole_map", "out[3, j]", 0, (_P,)),
     Mutation(_DOME, "_push", "radial", 1.1, (_Z2F, _Z3F)),
     Mutation(_DOME, "_push", "radial", -1, (_Z2F, _Z3F)),
     Mutation(_DOME, "_push", "fallen", 1.1, (_Z3F,)),
     Mutation(_DOME, "_push", "alpha", 1.1, (_Z2F, _Z3F)),
-    Mutation(_DOME, "_push", "d", 1.1, (_Z3F,)),
+    Mutation(_DOME, "_push", "d", 0.9, (_Z3F,)),
     # orientation, currents and modes of the motor
-    Mutation("numerics/rotations.py", "rotation_from_euler", "rows@elts[0].elts[2]", -1, (_E1,)),
-    Mutation("devices/motor/layouts.py", "PartRing.directions", "longitude", 1.1, (_T2, _A1)),
-    Mutation("devices/motor/layouts.py", "PartRing.directions", "out[:, 2]", -1, (_T2, _A1)),
+    Mutation("numerics/rotations.py", "rotation_from_euler", "rows@elts[0].elts[2]", -1, (_E1, _E7)),
+    Mutation("devices/motor/layouts.py", "PartRing.directions", "longitude", 0.8, (_T2, _A1)),
+    Mutation("devices/motor/layouts.py", "PartRing.directions", "out[:, 0]", -1, (_T2, _A1)),
     Mutation("devices/motor/models.py", "_pole_torque", "q#1", -1, (_E7,)),
-    Mutation("devices/motor/models.py", "_pole_torque", "tx", 0, (_E7,)),
+    Mutation("devices/motor/models.py", "_pole_torque", "fz", 1.1, (_E7,)),
     Mutation("devices/tables/table_kernels.py", "torque_characteristic", "out[n, 0, j]", -1, (_E1, _E7, _TEXT)),
     Mutation("devices/tables/table_kernels.py", "torque_characteristic", "out[n, 0, j]", 0, (_TEXT, _E1)),
+    Mutation("devices/tables/table_kernels.py", "sensor_field_gradient", "field[n, j, 0]", 1.1, (_TEXT,)),
     Mutation("devices/tables/pair_table.py", "_cells", "rise", 1.1, (_E1, _E7)),
     Mutation("control/allocation/bounded_power.py", "solve_bounded_power", "unit", 1.1, (_E1,)),
     Mutation(_CLUTCH, "advance_clutch", "position[0]", 1.1, (_E1,)),
@@ -113,5 +120,5 @@ MUTATIONS = (
     Mutation(_PUBLISHED, "PublishedOutlet.wrench", "out[5]", 1.1, (_F7,)),
     Mutation(_PUBLISHED, "PublishedOutlet.wrench", "half", 1.1, (_F8,)),
     Mutation(_PUBLISHED, "PublishedOutlet.wrench", "f_2", 1.1, (_F8,)),
-    Mutation(_PUBLISHED, "PublishedOutlet.wrench", "tan", 1.1, (_F8,)),
+    Mutation(_PUBLISHED, "PublishedOutlet.wrench", "tan", 1.5, (_F8,)),
 )

@@ -30,7 +30,7 @@ class Entry:
     assumed: str = ""
 
     def __float__(self) -> float:
-        return self.value
+        return float(self.value)
 
 
 def read_entry(holder: Any, path: str, per: float = 1.0) -> Entry:

@@ -45,9 +45,9 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     )
     u = least.currents
     found = [
-        _AT.claim("1-cone", "how far the rotor's axis moves while φ alone turns, XYZ read as intrinsic angles", 0.0,
-                 _axis_spread(), "1", 1e-12, "tilt and spin are then independent, as the working space demands",
-                 where="eq. (1)"),
+        _AT.fitted("1-cone", "how far the rotor's axis moves while φ alone turns", 0.0, _axis_spread(), "1", 1e-12,
+                   "XYZ is read as intrinsic angles so that this holds, as the working space demands",
+                   where="eq. (1)"),
         _AT.claim("2-linear", "torque by (2) against the force of all coils at once on the magnets' charges, relative",
                  0.0, np.linalg.norm(grouped @ currents - by_charges) / np.linalg.norm(by_charges), "1", 1e-4,
                  "the sum over charges is converged to that", where="eq. (2)"),

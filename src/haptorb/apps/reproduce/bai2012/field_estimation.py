@@ -13,8 +13,9 @@ from haptorb.numerics.arrays import Array
 from haptorb.numerics.rotations import rotation_from_euler
 from haptorb.sensing.orientation.least_squares import LeastSquaresOrientation
 from haptorb.sensing.sample import Pose, Sample
-from haptorb.sensing.torque_maps.network import NetworkTorque, train
+from haptorb.sensing.torque_maps.linear_map import LinearTorque
 from haptorb.sensing.torque_maps.torque_map import FieldToTorque
+from haptorb.sensing.torque_maps.training_set import workspace_grid
 
 __all__ = ["compare_rates", "find_accumulation"]
 
@@ -41,12 +42,12 @@ def find_accumulation(device: SphericalMotor, count: int = 600) -> float:
 
 
 def compare_rates(device: SphericalMotor, count: int = 200) -> tuple[float, float, float]:
-    """Median time [s] from a reading to the torque per ampere: by the network, by the orientation and then eq. (9) over
-    all pairs of poles, by the orientation and then haptorb's table."""
+    """Median time [s] from a reading to the torque per ampere: by a direct map of the readings, by the orientation and
+    then eq. (9) over all pairs of poles, by the orientation and then haptorb's table."""
     R = _swing(count)
     samples = _list_samples(device, R, np.random.default_rng(7))
-    networks = NetworkTorque(device, train(device, starts=1, iterations=1, grid=(7, 7, 24)))
-    direct, first = FieldToTorque(device, networks), LeastSquaresOrientation(device, start=R[0])
+    linear = LinearTorque(device, orientations=workspace_grid(device, (5, 5, 24)))
+    direct, first = FieldToTorque(device, linear), LeastSquaresOrientation(device, start=R[0])
     times = np.zeros((count, 3))
     for row, sample in zip(times, samples, strict=True):
         begin = perf_counter()
@@ -57,8 +58,8 @@ def compare_rates(device: SphericalMotor, count: int = 200) -> tuple[float, floa
         row[2] = perf_counter() - begin
         torque_characteristic(device, found, "published")
         row[1] = perf_counter() - begin
-    network, model, table = np.median(times[20:], axis=0)
-    return float(network), float(model), float(table)
+    straight, model, table = np.median(times[20:], axis=0)
+    return float(straight), float(model), float(table)
 
 
 def _swing(count: int) -> Array:

@@ -48,10 +48,10 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  "over what the noise of one reading allows", 1.0, find_accumulation(device), "1", 0.1,
                  "least squares, 0.1 mT of noise; Cramér and Rao's bound of the exact field", where="§1, §4"),
         _AT.note("rate", "'greatly improves the sampling rate': time from a reading to K by the orientation and then "
-                 "eq. (9), over that by the network, which needs no orientation", by_model / direct, "1",
-                 "on this machine", "§1, §4"),
+                 "eq. (9), over that by a direct map, which needs no orientation", by_model / direct, "1",
+                 "by the clock of this machine", "§1, §4"),
         _AT.note("rate-table", "the same with haptorb's table in place of (9)", by_table / direct, "1",
-                 "on this machine; an orientation costs little then", "§1, §4"),
+                 "by the clock of this machine; an orientation costs little", "§1, §4"),
         _AT.exempt("feel", "'offers an intuitive haptic feeling' more than serial mechanisms do",
                       "a statement about people, without a study", "§1, §4"),
         _AT.exempt("sensors-order", "sensor axes (ϑ, φ, r) measure (B_φ, B_θ, B_r)",
