@@ -45,14 +45,17 @@ td[data-is=where] { color: var(--soft); min-width: 6.5rem; } td[data-is=what] { 
 td[data-is=printed], td[data-is=here] { white-space: nowrap; } td[data-is="agrees within"] { min-width: 8rem; }
 td.v { font-weight: 600; min-width: 8.5rem; } .good { color: var(--good); } .erratum { color: var(--erratum); }
 td.open { font-weight: 400; } .open { color: var(--open); } .bad { color: var(--bad); }
+@media (max-width: 62rem) { td[data-is=where] { min-width: 4.2rem; } td[data-is=what] { min-width: 12rem; }
+  td[data-is="agrees within"] { min-width: 6rem; } td.v { min-width: 0; } td, th { padding: .3rem; } }
 figure { overflow-x: auto; }
 figure img { display: block; max-width: 100%; height: auto; background: #fff; border-radius: .4rem;
   border: 1px solid var(--line); padding: .4rem; }
 @media (max-width: 46rem) {
-  body { padding: 1rem .75rem 3rem; } nav ul { columns: 1; } nav li { padding: .15rem 0; }
+  body { padding: 1rem .75rem 3rem; } .counts { grid-template-columns: repeat(auto-fit, minmax(9.5rem, 1fr)); }
+  nav ul { columns: 1; } nav li { padding: .15rem 0; }
   figure img { max-width: none; width: 44rem; }
   thead { position: absolute; clip-path: inset(50%); width: 1px; height: 1px; overflow: hidden; }
-  table, tbody, tr, td { display: block; } tr { padding: .5rem 0; border-bottom: 1px solid var(--line); }
+  table, tbody, tr, td { display: block; } tr { padding: .5rem .2rem; border-bottom: 1px solid var(--line); }
   td, td.n, td[data-is=what] { border: 0; padding: .1rem .3rem; text-align: left; min-width: 0; white-space: normal; }
   td:empty { display: none; }
   td:not([data-is=what])::before { content: attr(data-is) ": "; color: var(--soft); font-weight: 400; }
