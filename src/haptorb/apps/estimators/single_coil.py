@@ -2,7 +2,7 @@
 
 Each component is judged by itself: by R², the share of its variance that is met, and by the greatest error over the
 component's own range. An error over the mean would hide much where a component hardly changes: along Fig. 4, K_Y of
-electromagnet 17 stays within an eighth of its mean.
+electromagnet 17 changes by a ninth of its mean.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class CoilNetwork:
     @property
     def inputs(self) -> int:
         """How many readings it takes: three of every sensor."""
-        return 3 * self.near.sensors.shape[1]
+        return 3 * int(self.near.sensors.shape[1])
 
     def torque(self, field: Array, coil: int | None = None) -> Array:
         """(n, 3) [N·m/A] of `coil`, from 0 (its own, if not given), stator frame, at `field` (n, k, 3) [T]."""

@@ -33,7 +33,7 @@ __all__ = ["items"]
 _AT = Citation("bai2012", "fig4", "Fig. 4")
 _EM17 = 16
 _MORE_NODES, _COMPONENTS = 60, 40  #: of a network that takes all readings, through so many principal components
-_COARSER = (15, 15, 36)  #: orientations that it learns from: more of them make it slower, not better
+_COARSER = (15, 15, 36)  #: orientations that it learns from: half as many as the paper, to be done in half the time
 _SHARES = (0.45, 0.75, 1.0)  #: of the time: training of the shared networks and of both of EM17's, then comparison
 _KNOWN = ""  # set below
 _EXCELLENT = "'agrees excellently well': R² of 0.999, and an error of 2 % of the range, the width of a printed line"
@@ -169,7 +169,8 @@ def _draw_figure(courses: dict[int, tuple[Course, Course]], result: EstimatorCom
 
     figure = Figure(figsize=(13, 13), layout="constrained")
     FigureCanvasAgg(figure)
-    above, below = figure.subfigures(2, 1, height_ratios=(1.5, 1))
+    halves: Any = figure.subfigures(2, 1, height_ratios=(1.5, 1))
+    above, below = halves
     panels: Any = above.subplots(2, 3)
     t = np.linspace(0, 2 * np.pi, len(courses[10][0].true))
     for row, which in zip(panels, (0, 1), strict=True):

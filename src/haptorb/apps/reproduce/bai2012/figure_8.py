@@ -114,11 +114,11 @@ def _draw_figure(pull: PhaseRecord, right: PhaseRecord, path: Path) -> Path:
             top.plot(along, wrench[:, 0], "C1", label="F_X' on the plug: −1 times (17)'s, which is the pull")
             top.plot(along, wrench[:, 1], "C0", label="F_Y' on the plug")
             top.set(ylabel="N", title="Phase 1, translating: pulled at a tilt of 2°")
-            meant = ((of_forces[0] * wrench[:, 1], "η̂₁ F_Y' of (6b)"), (of_forces[1] * wrench[:, 0], "η̂₂ F_X' of (6b)"))
+            meant = [(of_forces[0] * wrench[:, 1], "η̂₁ F_Y' of (6b)"), (of_forces[1] * wrench[:, 0], "η̂₂ F_X' of (6b)")]
         else:
             top.plot(along, wrench[:, 5], "C2", label="T_Z' about o' on the plug")
             top.set(ylabel="N·m", title="Phase 2, rotating: righted")
-            meant = ((of_torques[2] * wrench[:, 5], "η₃ T_φ' of (5b)"),)
+            meant = [(of_torques[2] * wrench[:, 5], "η₃ T_φ' of (5b)")]
         asked, given = course.euler_torque("asked"), course.euler_torque("given")
         for axis, name in enumerate(("T_ψ", "T_λ", "T_φ")):
             torques.plot(along, given[:, axis], color=f"C{axis}", linewidth=0.8, alpha=0.6)
