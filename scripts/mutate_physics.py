@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -111,6 +112,25 @@ def find_gaps(record: dict[str, list[str]], sound: dict[str, str]) -> list[str]:
     return gaps
 
 
+def read_record() -> dict[str, dict[str, Any]]:
+    """`rows`: by part, its rows of SHOWN and their classes; `red`: by mutation, the rows that it turns red."""
+    return json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {"rows": {}, "red": {}}
+
+
+def flatten(rows: dict[str, dict[str, str]]) -> dict[str, str]:
+    """Row → class, of all parts."""
+    return {row: verdict for part in rows.values() for row, verdict in part.items()}
+
+
+def write_record(rows: dict[str, dict[str, str]], red: dict[str, list[str]]) -> None:
+    """Put `rows` and `red` into the record; what it has of mutations that are gone is left out."""
+    before = read_record()
+    every = {**before["red"], **red}
+    ordered = {one.name: every[one.name] for one in MUTATIONS if one.name in every}
+    rows = dict(sorted({**before["rows"], **rows}.items()))
+    RECORD.write_text(json.dumps({"rows": rows, "red": ordered}, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
 def main() -> int:
     """Try the chosen mutations, tell what turned red, and compare with the record or write it."""
     options = {word for word in sys.argv[1:] if word.startswith("--")}
@@ -121,18 +141,19 @@ def main() -> int:
     chosen = [one for one in chosen if "--slow" in options or not SLOW & set(one.parts)]
     if not chosen:
         sys.exit(f"no mutation has {' or '.join(map(repr, words))} in its name")
-    kept = json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {"rows": {}, "red": {}}
-    record = {one.name: kept["red"].get(one.name, []) for one in MUTATIONS}
+    before = read_record()
+    record = {one.name: before["red"].get(one.name, []) for one in MUTATIONS}
     wrong = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         copy_sources(folder)
         parts = tuple(sorted({part for one in chosen for part in one.parts}))
-        sound = dict(kept["rows"])
-        for part, rows in compute_rows(parts, folder / "src", folder / "cache").items():
-            if isinstance(rows, str):
-                sys.exit(f"{part} fails without any mutation: {rows}")
-            sound.update({row: verdict for row, verdict in rows.items() if verdict in SHOWN})
+        rows = dict(before["rows"])
+        for part, found in compute_rows(parts, folder / "src", folder / "cache").items():
+            if isinstance(found, str):
+                sys.exit(f"{part} fails without any mutation: {found}")
+            rows[part] = {row: verdict for row, verdict in found.items() if verdict in SHOWN}
+        sound = flatten(rows)
         for mutation in chosen:
             red, failed = find_red(mutation, folder, sound)
             if red != record[mutation.name] and "--write" not in options:
@@ -141,9 +162,8 @@ def main() -> int:
             print(f"{len(red):3} red  {mutation.name}: {', '.join(red) or '-'}", flush=True)
             for failure in failed:
                 print(f"     failed, which counts for nothing: {failure}", flush=True)
-    if "--write" in options:
-        text = json.dumps({"rows": dict(sorted(sound.items())), "red": record}, indent=1, ensure_ascii=False)
-        RECORD.write_text(text + "\n", encoding="utf-8")
+            if "--write" in options:
+                write_record({part: rows[part] for part in parts}, {mutation.name: red})
     wrong += find_gaps(record, sound)
     for sentence in wrong:
         print(sentence)

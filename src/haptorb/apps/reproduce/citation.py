@@ -80,7 +80,7 @@ class Citation:
 
     claim = _mark_implied(item)
 
-    def fitted(
+    def assume(
         self,
         name: str,
         what: str,
@@ -98,7 +98,7 @@ class Citation:
         """
         return replace(self.item(name, what, published, computed, unit, tolerance, why, where=where), basis="assumed")
 
-    def own(
+    def compare(
         self,
         name: str,
         what: str,

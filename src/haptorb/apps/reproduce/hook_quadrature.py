@@ -61,4 +61,4 @@ def compute_pull_stiffness(surface: float = H_B) -> float:
     """
     plus = 4 * (1 + 0.3 / L_B**2 * 2.6) * L_B**3 + BENDING + SHEAR
     minus = (MINUS_1 + MINUS_2) * (2 * surface + 1) / (2 * H_B + 1)
-    return _MODULUS * _WIDTH / (plus + FRICTION * minus)
+    return float(_MODULUS * _WIDTH / (plus + FRICTION * minus))

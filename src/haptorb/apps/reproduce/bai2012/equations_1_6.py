@@ -45,7 +45,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     )
     u = least.currents
     found = [
-        _AT.fitted("1-cone", "how far the rotor's axis moves while φ alone turns", 0.0, _axis_spread(), "1", 1e-12,
+        _AT.assume("1-cone", "how far the rotor's axis moves while φ alone turns", 0.0, _axis_spread(), "1", 1e-12,
                    "XYZ is read as intrinsic angles so that this holds, as the working space demands",
                    where="eq. (1)"),
         _AT.claim("2-linear", "torque by (2) against the force of all coils at once on the magnets' charges, relative",

@@ -23,7 +23,7 @@ _PERIOD = 1e-3  #: between two readings [s]
 _NOISE = 0.1e-3  #: of one component of a reading [T]
 
 
-def find_accumulation(device: SphericalMotor, count: int = 600) -> float:
+def find_accumulation(device: SphericalMotor, count: int = 400) -> float:
     """Rms error of the orientation over the last half of `count` estimates, over what the noise of one reading allows.
 
     The readings are those of the exact bodies; the bound is Cramér and Rao's for orientation and strength together, by
@@ -36,12 +36,12 @@ def find_accumulation(device: SphericalMotor, count: int = 600) -> float:
         found = estimator.update(sample).state.R_SR
         if n >= count // 2:
             errors.append(float(np.sum(Rotation.from_matrix(found @ turn.T).as_rotvec() ** 2)))
-            if n % 30 == 0:
+            if n % 50 == 0:
                 bounds.append(_bound_error(device, turn))
     return float(np.sqrt(np.mean(errors) / np.mean(bounds)))
 
 
-def compare_rates(device: SphericalMotor, count: int = 200) -> tuple[float, float, float]:
+def compare_rates(device: SphericalMotor, count: int = 40) -> tuple[float, float, float]:
     """Median time [s] from a reading to the torque per ampere: by a direct map of the readings, by the orientation and
     then eq. (9) over all pairs of poles, by the orientation and then haptorb's table."""
     R = _swing(count)
@@ -58,7 +58,7 @@ def compare_rates(device: SphericalMotor, count: int = 200) -> tuple[float, floa
         row[2] = perf_counter() - begin
         torque_characteristic(device, found, "published")
         row[1] = perf_counter() - begin
-    straight, model, table = np.median(times[20:], axis=0)
+    straight, model, table = np.median(times[10:], axis=0)
     return float(straight), float(model), float(table)
 
 

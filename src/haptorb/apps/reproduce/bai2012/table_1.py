@@ -46,6 +46,13 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.claim("pm-moment", "PM: moment, by strengths (printed) and by polarization (here)", 33.5 * 5.08e-3 * 0.2
                  + 10 * 410.2 * 5.08e-3 * 0.2, pm.model.moment[2], "A·m²", 1e-9, "(m₀ + n Σ m_j) l̄ by hand",
                  erratum="E1"),
+        *(
+            _AT.claim(f"pm-{name}", f"PM: field {1e3 * z:.3g} mm above its middle, by strengths (printed) and by its "
+                     "exact body", 1e6 * pm.model.field((0, 0, z))[2], 1e6 * pm.body.field((0, 0, z))[2], "µT",
+                     1e6 * share * pm.model.field((0, 0, z))[2], why, erratum="E1", where="eq. (8)")
+            for name, z, share, why in (("near", 0.03, 0.03, "3 %: a model of 41 pairs of poles"),
+                                        ("far", 0.5, 0.005, "0.5 %: strengths are printed with three digits"))
+        ),
         _AT.note("pm-per-metre", "PM: moment per metre of length, μ₀M₀/μ₀ · πa²", per_metre, "A·m"),
         _AT.note("pm-printed", "PM: moment of the strengths over the magnet's with l̄/l = 0.3",
                  printed.model.moment[2] / printed.body.moment[2], "1", "50 % too large: this reading is rejected"),

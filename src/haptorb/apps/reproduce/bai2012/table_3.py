@@ -59,7 +59,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.note("ramp-angle", "angle that h_b gives over ℓ_m − ℓ_b", math.degrees(TABLE_3.ramp_to_peak().rear), "°"),
         _AT.note("ramp-end", "where the ramp of β reaches h_b, over h₀", TABLE_3.ramp_end / TABLE_3.thickness, "1",
                  "the closed forms of appendix B end it there"),
-        _AT.own("ramp-refused", "1 if a hook with these sizes and no flat top is refused", 1.0, float(_rejects()),
+        _AT.compare("ramp-refused", "1 if a hook with these sizes and no flat top is refused", 1.0, float(_rejects()),
                  "1", 0.0, "what cannot be built must not be rendered", erratum="E8"),
         _AT.claim("delta", "δ of each hook with the plug in, (w_p − w_s)/2", 0.75, 1e3 * _bend_hook(), "mm", 1e-6,
                  "found by the outlet's contact"),

@@ -44,7 +44,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                       "say the same and are checked", "Fig. 2"),
         _AT.exempt("nonmagnetic", "coils without iron, and nothing magnetic but the magnets",
                       "a property of the prototype; the model assumes it", "§2"),
-        _AT.claim("accumulation", "'reduces error accumulation': error of the orientation after 300 to 600 estimates "
+        _AT.claim("accumulation", "'reduces error accumulation': error of the orientation after 200 to 400 estimates "
                  "over what the noise of one reading allows", 1.0, find_accumulation(device), "1", 0.1,
                  "least squares, 0.1 mT of noise; Cramér and Rao's bound of the exact field", where="§1, §4"),
         _AT.note("rate", "'greatly improves the sampling rate': time from a reading to K by the orientation and then "

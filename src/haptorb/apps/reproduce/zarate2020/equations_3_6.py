@@ -41,10 +41,10 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  where="eq. (4)"),
         _AT.claim("5-field", "(5): μ₀ m_e/(2π d³) at 0.055 m for 2.82 A·m², and the dipole's field on its axis",
                  1e3 * MU0 * 2.82 / (2 * np.pi * 0.055**3), 1e3 * field, "mT", 1e-9, where="eq. (5)"),
-        _AT.own("5-diagonal", "(5): m_e per ampere from simulated Hall readings, greatest relative error of the "
+        _AT.compare("5-diagonal", "(5): m_e per ampere from simulated Hall readings, greatest relative error of the "
                 "diagonal", 0.0, np.abs(np.diag(found_m) / np.diag(truth) - 1).max(), "1", 0.01,
                 "noise of the device file", where="eq. (5)"),
-        _AT.own("5-skew", "(5): the same of the terms off the diagonal, over the diagonal", 0.0,
+        _AT.compare("5-skew", "(5): the same of the terms off the diagonal, over the diagonal", 0.0,
                  np.abs(found_m - truth).max() / np.diag(truth).mean(), "1", 0.01, "noise of the device file",
                  where="eq. (5)"),
         _AT.claim("5-c", "'c maps input current to m_e' [A·m²/A]; in (5) c stands for current over field [A/T]",

@@ -44,12 +44,12 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.claim("fall", "F_r at 60 mm over that at contact: (|r₀|/|r_p|)⁴", (5 / 6) ** 4,
                  _force(dome, 0.0, 0.06)[0] / _force(dome, 0.0, d)[0], "1", 1e-9, _EXACT),
         *_inverse(device.tool.moment),
-        _AT.own("inverse-currents", "force of the allocator's currents against the one asked, relative", 0.0,
+        _AT.compare("inverse-currents", "force of the allocator's currents against the one asked, relative", 0.0,
                 _allocation_error(), "1", 1e-9, "any direction, dipole model in both"),
         _AT.claim("cycle", "work given per round out over the summit, aside, in and back", 0.0, _round_trip(18.0), "mJ",
                  0.01, "the force along the path, against its curl over the area", erratum="E19",
                  corrected=_integrate_curl(F0 * d**4), where="§II.A"),
-        _AT.own("cycle-60", "the same at θ₁ = 60°, k = 1.5, the one map that is a gradient", 0.0, _round_trip(60.0),
+        _AT.compare("cycle-60", "the same at θ₁ = 60°, k = 1.5, the one map that is a gradient", 0.0, _round_trip(60.0),
                 "mJ", 1e-6, "quadrature", where="§II.A"),
     ]  # fmt: skip
     report(1.0)

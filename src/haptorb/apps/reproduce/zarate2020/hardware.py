@@ -61,7 +61,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
             _AT.note(f"core-pull-{d}", f"the same at {d} mm", pulls[d], "mN")
             for d in (60, 70)
         ),
-        _AT.own("core-pull-table", "the same at 50 mm by the servo's table, against the series", pulls[50],
+        _AT.compare("core-pull-table", "the same at 50 mm by the servo's table, against the series", pulls[50],
                 table, "mN", 0.2, "table of the loop, 0.3 %", erratum="E18"),
         _AT.note("core-share", "that as a share of the sustained 258 mN", pulls[50] / 258.0, "1"),
         _AT.note("saturation", "greatest |m_e| over the core's moment at 2.1 T ('m_e ≪ m_saturation')",

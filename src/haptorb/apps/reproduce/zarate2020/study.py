@@ -44,12 +44,12 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
                  where="Fig. 9"),
         _AT.item("meridian", "set-points apart along a meridian", 18.0, Entry(np.diff(rings).mean(), own), "°", 1e-9,
                  where="§I"),
-        _AT.fitted("nearest", "nearest set-points apart: 'evenly separated by 18°'", 18.0, apart.min(), "°", 1e-9,
+        _AT.assume("nearest", "nearest set-points apart: 'evenly separated by 18°'", 18.0, apart.min(), "°", 1e-9,
                    "the paper does not list its points; 1 + 4 + 8 + 12 on four rings are assumed so that this holds"),
         _AT.item("twice", "how often a person is asked for each point: 'exactly twice'", 2,
                  Entry(np.mean([set(Counter(one).values()) == {2} for one in numbers]) * 2, own), "1", 1e-9),
         _AT.item("per-person", "data points per user", 50, Entry(len(numbers[0]), own)),
-        _AT.own("random", "share of the users whose order differs from all others'", 1.0,
+        _AT.compare("random", "share of the users whose order differs from all others'", 1.0,
                 len({tuple(one) for one in numbers}) / len(numbers), "1", 0.0, "'randomly selected'"),
         _AT.item("theta-1", "θ₁ of the rendered map: 'same mapping parameters as in Fig. 2'", 18.0,
                  read_entry(world, "half_width_deg"), "°"),
@@ -75,7 +75,7 @@ def _test_trend(study: Study, report: Report) -> list[Item]:
     for theta, (mean, spread) in PUBLISHED_ERRORS.items():
         trials = len(errors[theta])
         found.append(
-            _AT.fitted(f"error-{theta:.0f}", f"error at θ = {theta:.0f}°, {mean:g} ± {spread:g}", mean,
+            _AT.assume(f"error-{theta:.0f}", f"error at θ = {theta:.0f}°, {mean:g} ± {spread:g}", mean,
                        float(np.mean(errors[theta])), "mm", 3 * spread / sqrt(trials), fitted, where="Fig. 9")
         )  # fmt: skip
     counts = {theta: len(one) for theta, one in errors.items()}
@@ -86,7 +86,7 @@ def _test_trend(study: Study, report: Report) -> list[Item]:
         _AT.note("trend-printed", "'the error increases as a function of the angle': slope of the printed means over "
                  "its standard error", _find_slope(printed), "1", "weighted by the printed spreads and 12, 48, 96 and "
                  "144 answers; above 1.96 the increase is no accident", where="Fig. 9"),
-        _AT.fitted("grows", "the same of the simulated people: 1 if above 1.96", 1.0, float(_find_slope(here) > 1.96),
+        _AT.assume("grows", "the same of the simulated people: 1 if above 1.96", 1.0, float(_find_slope(here) > 1.96),
                    "1", 0.0, fitted, where="Fig. 9"),
     ]  # fmt: skip
 
