@@ -203,7 +203,7 @@ def _draw_figure(courses: dict[int, tuple[Course, Course]], result: EstimatorCom
             panel.set_title(f"K_{component} of {whose} [mN·m/A]", loc="left", fontsize=10)
             panel.legend(fontsize=8, frameon=False)
         row[2].axhline(2.0, color="k", lw=0.8, ls="--")
-        row[2].set_title(f"{whose}: error over the component's range [%]", loc="left", fontsize=10)
+        row[2].set_title(f"{whose}: error over its range [%]", loc="left", fontsize=10)
         row[2].legend(fontsize=8, frameon=False)
         for panel in row:
             panel.set_xlabel("t [s]")
