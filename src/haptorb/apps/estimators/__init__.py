@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from haptorb.apps.estimators.comparison import EstimatorComparison, compare
-from haptorb.apps.estimators.show import plot_comparison, print_comparison
+from haptorb.apps.estimators.show import plot_comparison, plot_disturbances, plot_noise, print_comparison
 
-__all__ = ["EstimatorComparison", "compare", "plot_comparison", "print_comparison"]
+__all__ = ["EstimatorComparison", "compare", "plot_comparison", "plot_disturbances", "plot_noise", "print_comparison"]

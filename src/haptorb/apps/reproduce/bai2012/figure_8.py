@@ -17,6 +17,7 @@ import numpy as np
 from haptorb.apps.reproduce.bai2012.two_phases import ARM, FORCE_SCALE, X_0, PhaseRecord, two_phases
 from haptorb.apps.reproduce.hook_quadrature import compute_pull_stiffness
 from haptorb.apps.reproduce.item import Basis, Item
+from haptorb.control.clutch.gains import Gains
 from haptorb.devices.motor.api import motor
 from haptorb.numerics.arrays import Array
 from haptorb.sensing.torque_maps.network_file import networks_path
@@ -102,32 +103,39 @@ def _draw_figure(pull: PhaseRecord, right: PhaseRecord, path: Path) -> Path:
     figure = Figure(figsize=(13, 14), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(5, 2)
+    gains = Gains().scale(FORCE_SCALE)
+    of_forces, of_torques = np.array(gains.translate_torque), np.array(gains.rotate_torque)
     for column, (course, along, label) in enumerate(
-        ((pull, 1e3 * (pull["object"][:, 0] - X_0), "x (mm)"), (right, np.degrees(right.tilt), "ε_z (°)"))
+        ((pull, 1e3 * (pull["object"][:, 0] - X_0), "X' − x₀ (mm)"), (right, np.degrees(right.tilt), "ε_z (°)"))
     ):
         top, torques, *lower = axes[:, column]
         wrench = course["object_wrench"]
         if column == 0:
-            top.plot(along, -wrench[:, 0], label="F_X' (pull of the hand)")
-            top.plot(along, wrench[:, 1], label="F_Y'")
+            top.plot(along, wrench[:, 0], "C1", label="F_X' on the plug: −1 times (17)'s, which is the pull")
+            top.plot(along, wrench[:, 1], "C0", label="F_Y' on the plug")
             top.set(ylabel="N", title="Phase 1, translating: pulled at a tilt of 2°")
+            meant = [(of_forces[0] * wrench[:, 1], "η̂₁ F_Y' of (6b)"), (of_forces[1] * wrench[:, 0], "η̂₂ F_X' of (6b)")]
         else:
-            top.plot(along, wrench[:, 5], label="T_Z' about o'")
+            top.plot(along, wrench[:, 5], "C2", label="T_Z' about o' on the plug")
             top.set(ylabel="N·m", title="Phase 2, rotating: righted")
-        for axis, name in enumerate(("about X (ψ)", "about Y (λ)", "about Z (φ)")):
-            torques.plot(along, course["given"][:, 3 + axis], color=f"C{axis}", linewidth=0.8, alpha=0.6)
-            torques.plot(along, course["asked"][:, 3 + axis], color=f"C{axis}", linestyle="--", label=name)
-        torques.set(ylabel="N·m", title=f"torque on the handle (× {FORCE_SCALE:g}): asked dashed, given solid")
-        # Phase 2 turns the handle about Z, where phase 1 asks for nothing of its own.
+            meant = [(of_torques[2] * wrench[:, 5], "η₃ T_φ' of (5b)")]
+        asked, given = course.euler_torque("asked"), course.euler_torque("given")
+        for axis, name in enumerate(("T_ψ", "T_λ", "T_φ")):
+            torques.plot(along, given[:, axis], color=f"C{axis}", linewidth=0.8, alpha=0.6)
+            torques.plot(along, asked[:, axis], color=f"C{axis}", linestyle="--", label=name)
+        for values, name in meant:
+            torques.plot(along[::60], values[::60], "k.", ms=4, label=name)
+        torques.set(ylabel="N·m", title=f"torque about ψ, λ, φ (× {FORCE_SCALE:g}): asked dashed, given solid")
+        # Phase 2 turns the handle about φ, where phase 1 asks for nothing of its own.
         parts = (
-            (course.psi, "about X (ψ)") if column == 0 else (course.phi, "about Z (φ)"),
-            (course.lam, "about Y (λ)"),
+            (course.psi, "T_ψ, from F_Y'") if column == 0 else (course.phi, "T_φ, from T_φ'"),
+            (course.lam, "T_λ, from F_X'") if column == 0 else (course.lam, "T_λ"),
         )
         for panel, (currents, name) in zip(lower[:2], parts, strict=True):
-            _currents(panel, along, currents, f"currents for the torque {name}")
+            _currents(panel, along, currents, f"currents for {name}")
         _currents(lower[2], along, course["wanted"], "all currents summed, with those for weight and regulator")
         top.legend(fontsize=8)
-        torques.legend(fontsize=8)
+        torques.legend(fontsize=8, ncols=2)
         for panel in axes[:, column]:
             panel.set_xlabel(label)
             if column == 1:

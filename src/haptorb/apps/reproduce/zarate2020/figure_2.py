@@ -71,13 +71,15 @@ def radial_zero(world: World, distance: float, top: float = np.pi) -> float:
 
 def tilt_force_map(world: World, distance: float, half: float, size: int) -> tuple[Array, Array, Array]:
     """Tilt east and north (size,) [rad], radial force (size, size) [N], and force aside (size, size, 2) [N], seen from
-    above with tilt as distance from the middle; NaN beyond `half` [rad]."""
+    above with tilt as distance from the middle; to one and a half steps beyond `half` [rad], so that a picture can be
+    cut round there, then NaN."""
+    edge = half * (1 + 3 / (size - 1))
     axis = np.linspace(-half, half, size)
     radial, aside = np.full((size, size), np.nan), np.full((size, size, 2), np.nan)
     for j, v in enumerate(axis):
         for i, u in enumerate(axis):
             tilt, turn = np.hypot(u, v), np.arctan2(v, u)
-            if tilt > half:
+            if tilt > edge:
                 continue
             e_r = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
             e_t = np.array([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), -np.sin(tilt)])
@@ -170,6 +172,7 @@ def _compare_with_dipoles(device: SphericalElectromagnet, plain: World) -> float
 def _draw_figure(maps: list[Any], angles: Array, asked: Array, given: Array, surface: Terrain, path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.patches import Circle
 
     figure = Figure(figsize=(13.5, 8), layout="constrained")
     FigureCanvasAgg(figure)
@@ -181,15 +184,18 @@ def _draw_figure(maps: list[Any], angles: Array, asked: Array, given: Array, sur
     )
     for panel, (axis, radial, aside), title in zip(panels[0], maps, titles, strict=True):
         degrees = np.degrees(axis)
-        most = 1e3 * float(np.nanmax(np.abs(radial)))
-        image = panel.imshow(
-            1e3 * radial, origin="lower", extent=(degrees[0], degrees[-1], degrees[0], degrees[-1]), cmap="RdBu_r",
-            vmin=-most, vmax=most,
-        )  # fmt: skip
+        half = degrees[-1]
+        east, north = np.meshgrid(degrees, degrees)
+        inside = np.hypot(east, north) <= half + 1e-9
+        most = 1e3 * float(np.abs(radial[inside]).max())
+        image = panel.pcolormesh(degrees, degrees, 1e3 * radial, cmap="RdBu_r", vmin=-most, vmax=most, rasterized=True)
+        # Whole cells at a round edge are a staircase with single ones ahead of it: the picture ends in a circle.
+        image.set_clip_path(Circle((0, 0), half, transform=panel.transData))
         figure.colorbar(image, ax=panel, label="radial force [mN]; positive pushes", shrink=0.85)
-        panel.quiver(degrees[::4], degrees[::4], aside[::4, ::4, 0], aside[::4, ::4, 1], color="k", pivot="mid",
-                     alpha=0.6, scale=14 * float(np.nanmax(np.abs(aside))))  # fmt: skip
-        panel.set(xlabel="tilt from the summit [°]", aspect="equal")
+        arrows = inside[::4, ::4]
+        panel.quiver(east[::4, ::4][arrows], north[::4, ::4][arrows], *aside[::4, ::4][arrows].T, color="k",
+                     pivot="mid", alpha=0.6, scale=14 * float(np.abs(aside[inside]).max()))  # fmt: skip
+        panel.set(xlabel="tilt from the summit [°]", aspect="equal", xlim=(-half, half), ylim=(-half, half))
         panel.set_title(title, loc="left")
     panels[0, 0].set(ylabel="tilt from the summit [°]")
     a = np.degrees(angles)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from math import cos, radians, sqrt
-from pathlib import Path
-from typing import Any
+from math import sqrt
 
 import numpy as np
 
@@ -14,6 +12,7 @@ from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.entry import Entry, read_entry
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Drawing, Report
+from haptorb.apps.reproduce.zarate2020.simulated_study import draw_study
 from haptorb.apps.study.model.order import plan
 from haptorb.apps.study.model.set_points import directions, list_published
 from haptorb.apps.study.model.study_file import Study, study_of
@@ -65,7 +64,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.exempt("discern", "'users can discern at least 25 locations'", _PEOPLE, "Abstract"),
     )  # fmt: skip
     report(1.0)
-    return found, _draw_figure
+    return found, draw_study
 
 
 def _test_trend(study: Study, report: Report) -> list[Item]:
@@ -116,28 +115,3 @@ def _find_slope(rows: list[tuple[float, float, float, int]]) -> float:
     weight = count / spread**2
     away = theta - (weight @ theta) / weight.sum()
     return float((weight * away) @ mean / sqrt((weight * away) @ away))
-
-
-def _draw_figure(path: Path) -> Path:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5, 5), layout="constrained")
-    FigureCanvasAgg(figure)
-    panel = figure.subplots()
-    for point in list_published():
-        x, y = point.theta_deg * cos(radians(point.phi_deg)), point.theta_deg * np.sin(radians(point.phi_deg))
-        panel.plot(x, y, "o", ms=22, mfc="C0", mec="none", alpha=0.25)
-        panel.text(x, y, str(point.number), ha="center", va="center", fontsize=9)
-    for theta in (18, 36, 54):
-        panel.add_artist(_circle(theta))
-    panel.set(xlim=(-62, 62), ylim=(-62, 62), aspect="equal", xlabel="θ cos φ [°]", ylabel="θ sin φ [°]")
-    panel.set_title("The 25 set-points from above", loc="left", fontsize=10)
-    figure.savefig(path, dpi=120)
-    return path
-
-
-def _circle(radius: float) -> Any:
-    from matplotlib.patches import Circle
-
-    return Circle((0, 0), radius, fill=False, color="k", lw=0.6, ls=":")
