@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 from typing import ClassVar
@@ -20,6 +20,7 @@ from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.kind import DeviceKind
 from haptorb.devices.schema.limit_checks import list_limit_remarks
 from haptorb.devices.state import State
+from haptorb.devices.uncertainty.tool import ToolUncertainty
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.display.quantity_text import format_quantity
 from haptorb.errors import GeometryError
@@ -95,6 +96,7 @@ class SphericalElectromagnet(Device):
     windings: Windings | None = None  #: the coils' sizes, where somebody gave or assumed them
     moments_from: str = "device file"  #: where `moment_per_current` comes from: that, "windings" or "calibration"
     marks: Marks | None = None  #: places to touch with the tip, where there are any
+    uncertainty: ToolUncertainty = field(default_factory=ToolUncertainty)  #: how well the values are known
 
     models: tuple[str, ...] = ("exact", "published")
 

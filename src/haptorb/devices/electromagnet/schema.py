@@ -27,6 +27,7 @@ from haptorb.devices.schema.sections import (
     ThermometerSection,
     check_wall,
 )
+from haptorb.devices.uncertainty.tool import ToolUncertainty
 from haptorb.errors import DeviceError
 from haptorb.physics.sources.soft_sphere import SoftSphere
 
@@ -188,6 +189,12 @@ class ElectromagnetFile(CommonFile):
         m.Meaning("places on the device that a tracker's frame is registered at"),
         m.Without("none: no `haptorb frame`"),
     ] = None
+    uncertainty: Annotated[
+        ToolUncertainty,
+        m.Meaning("standard uncertainty of what is assumed or measured, for `haptorb inspect --errors`"),
+        m.Without("the defaults below"),
+        Field(default_factory=ToolUncertainty),
+    ]
 
     @model_validator(mode="after")
     def _clear(self) -> ElectromagnetFile:
@@ -264,4 +271,5 @@ class ElectromagnetFile(CommonFile):
             thermometer_noise=self.thermometer.noise,
             windings=windings,
             marks=None if self.marks is None else self.marks.build(),
+            uncertainty=self.uncertainty,
         )

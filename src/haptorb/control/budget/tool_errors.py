@@ -1,0 +1,134 @@
+"""The chain of a spherical electromagnet, from the force asked for to the force on the tool, with errors in it.
+
+The controller believes the device file and a pose; the true device has other magnets, other currents and another pose.
+Both use the exact model: its own errors are 1e-7 and no part of the budget. The force is at rest: what the loop's
+delay and the coils' inductance do to a force that changes is known, and not uncertain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from haptorb.control.allocation.for_device import force_allocator
+from haptorb.control.budget.current_errors import ChainTrial, CurrentLoop
+from haptorb.control.budget.error_model import Component, ErrorModel, ErrorSource
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet.passive_pull import PassivePull, pull
+from haptorb.devices.electromagnet.remarks import FORCE_JND
+from haptorb.devices.electromagnet.ring_tool import ring_per_ampere
+from haptorb.devices.state import State, rotation_to_axis
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.so3 import turn_by
+from haptorb.physics.sources.charged_ring import ChargedRing
+
+__all__ = ["ToolErrors", "ToolPoint", "ToolTrial"]
+
+REGIONS = ("in contact", "lower half of the shell", "upper half of the shell")
+COMPONENTS = (Component("radial", (2,)), Component("tangential", (0, 1)))
+
+
+@dataclass
+class ToolTrial(ChainTrial):
+    """How one device differs from what is believed of it."""
+
+    strength: float  #: remanence of the tool's magnet, true over believed
+    moments: Array  #: (3, 3) true moment per ampere [m²]
+    core_radius: float  #: true less believed [m]
+    shift: Array  #: (3,) of core and coils from the frame's origin [m]
+    place: Array  #: (3,) believed less true place of the tool's magnet [m]
+    turn: Array  #: (3,) rotation from the tool's true to its believed axis [rad]
+
+
+class ToolPoint(NamedTuple):
+    """A radial tool, and the force asked for."""
+
+    p: Array  #: (3,) [m]
+    R: Array  #: (3, 3); its columns are two tangents and the radius
+    wrench: Array  #: (6,) [N, N·m]
+
+
+class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
+    """The error budget of `device` for forces of `asked` [N], with `sources`; `estimator` is told in the result.
+
+    radius_span [m]: up to how far from the device file's the core's radius is looked up.
+    """
+
+    unit, jnd, regions, components = "N", FORCE_JND, REGIONS, COMPONENTS
+
+    def __init__(
+        self,
+        device: SphericalElectromagnet,
+        asked: float,
+        sources: tuple[ErrorSource[ToolTrial], ...],
+        estimator: str,
+        radius_span: float,
+    ) -> None:
+        self.device, self.estimator, self.asked, self.sources = device.name, estimator, asked, sources
+        self._device = device
+        self._allocator, self._loop = force_allocator(device), CurrentLoop(device)
+        tool = device.tool
+        self._rows = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence).rows
+        self._moments = np.array(device.moment_per_current, dtype=np.float64, order="C")
+        self._pull, self._span = device.passive_pull, max(radius_span, 1e-9)
+        self._tables = [self._tabulate(k * self._span) if radius_span else self._pull.table for k in (-1, 0, 1)]
+
+    def _tabulate(self, more: float) -> Array:
+        """The core's pull if its radius were `more` [m] than believed."""
+        known = self._pull
+        return PassivePull(
+            core_radius=known.core_radius + more,
+            core_permeability=known.core_permeability,
+            outer_radius=known.outer_radius,
+            inner_radius=known.inner_radius,
+            length=known.length,
+            remanence=known.remanence,
+            nearest=known.nearest,
+        ).table
+
+    def draw_point(self, region: int, rng: np.random.Generator) -> ToolPoint:
+        """Anywhere in the region, spread evenly over the dome; the tool is radial, the force in any direction."""
+        device = self._device
+        cosine = rng.uniform(np.cos(device.workspace_half_angle), 1.0)
+        azimuth, height = rng.uniform(0, 2 * np.pi), rng.uniform(0.5 * region - 0.5, 0.5 * region)
+        flat = np.sqrt(1 - cosine * cosine)
+        axis = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), cosine])
+        distance = device.contact_distance + max(height, 0.0) * device.shell_thickness
+        wrench = np.zeros(6)
+        direction = rng.standard_normal(3)
+        wrench[:3] = self.asked * direction / np.linalg.norm(direction)
+        return ToolPoint(distance * axis, rotation_to_axis(axis), wrench)
+
+    def make_trial(self) -> ToolTrial:
+        """The device as it is believed to be."""
+        exact = ChainTrial.exact(self._device.channels)
+        return ToolTrial(**vars(exact), strength=1.0, moments=self._moments.copy(), core_radius=0.0,
+                         shift=np.zeros(3), place=np.zeros(3), turn=np.zeros(3))  # fmt: skip
+
+    def wrench_error(self, point: ToolPoint, trial: ToolTrial) -> Array:
+        """(3,) along two tangents and the radius [N]."""
+        believed = self._believe(point, trial)
+        wanted = self._allocator.allocate(self._device.wrench_map(believed, "exact"), point.wrench).currents
+        currents = self._loop.true_currents(wanted, trial)
+        error: Array = point.R.T @ (self._deliver(point, trial, currents) - point.wrench[:3])
+        return error
+
+    def _believe(self, point: ToolPoint, trial: ToolTrial) -> State:
+        """Where the controller believes the tool to be."""
+        R = np.empty((3, 3))
+        turn_by(*trial.turn.tolist(), point.R, R)
+        return State(0.0, R, point.p + trial.place, np.zeros(3), np.zeros(3))
+
+    def _deliver(self, point: ToolPoint, trial: ToolTrial, currents: Array) -> Array:
+        """(3,) the true force [N]: of the coils with the magnet's strength, of the core with its square."""
+        matrix, passive, still = np.empty((6, len(currents))), np.zeros(6), np.zeros(6)
+        p = point.p - trial.shift
+        ring_per_ampere(self._rows, self._tables[1], self._pull.nearest, trial.moments, p, point.R, matrix, passive)
+        low, middle, high = self._tables
+        x = trial.core_radius / self._span
+        table = middle + 0.5 * x * (high - low) + 0.5 * x * x * (high - 2 * middle + low)
+        pull(table, self._pull.nearest, p, np.ascontiguousarray(point.R[:, 2]), still)
+        force: Array = trial.strength * (matrix[:3] @ currents) + trial.strength**2 * still[:3]
+        return force
