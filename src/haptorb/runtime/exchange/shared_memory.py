@@ -68,8 +68,8 @@ class Word(IntEnum):
     CLUTCH = 21  #: 0: as it is, 1: engaged, 2: let go
     MODEL = 22  #: 0: as it is, else number of the device's model from 1 on
     COOL = 23  #: count: simulated coils at the ambient temperature
-    POINTER = 24  #: and the nine after it
-    SCALE = 34  #: 0: as it is, else the scale of a motor's torques, in millionths
+    POINTER = 24  #: and the ten after it
+    SCALE = 35  #: 0: as it is, else the scale of a motor's torques, in millionths
     # servo → host
     PID = 40
     PHASE = 41
