@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from haptorb.devices.sensor_errors import SensorErrors
 from haptorb.numerics.arrays import Array
 
 __all__ = ["FieldSensors"]
@@ -16,3 +17,5 @@ class FieldSensors:
     positions: Array  #: (k, 3) [m]
     noise: float  #: standard deviation of one reading [T]
     step: float  #: quantum of one reading [T]
+    errors: SensorErrors = field(default_factory=SensorErrors)  #: how the sensors differ from ideal ones
+    warming: float = 0.0  #: their temperature rise as a share of the coils' rise at the boundary

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from haptorb.devices.device import Device, Shell
+from haptorb.devices.electromagnet.core_dynamics import CoreDynamics
 from haptorb.devices.electromagnet.kind import ELECTROMAGNET
 from haptorb.devices.electromagnet.passive_pull import PassivePull
 from haptorb.devices.electromagnet.remarks import list_remarks
@@ -95,6 +96,7 @@ class SphericalElectromagnet(Device):
     thermometer_noise: float  #: [K]
     windings: Windings | None = None  #: the coils' sizes, where somebody gave or assumed them
     moments_from: str = "device file"  #: where `moment_per_current` comes from: that, "windings" or "calibration"
+    core_dynamics: CoreDynamics = field(default_factory=CoreDynamics)  #: eddy currents and remanence
     marks: Marks | None = None  #: places to touch with the tip, where there are any
     uncertainty: ToolUncertainty = field(default_factory=ToolUncertainty)  #: how well the values are known
 

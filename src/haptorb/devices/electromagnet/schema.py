@@ -8,6 +8,7 @@ import numpy as np
 from annotated_types import Gt, Len
 from pydantic import Field, model_validator
 
+from haptorb.devices.electromagnet.core_dynamics import CoreDynamics
 from haptorb.devices.electromagnet.electromagnet import DomeContact, Hand, SphericalElectromagnet, Tool
 from haptorb.devices.electromagnet.geometry_checks import list_geometry_mistakes
 from haptorb.devices.electromagnet.touch_points import Marks
@@ -19,7 +20,6 @@ from haptorb.devices.schema.limit_checks import list_limit_mistakes
 from haptorb.devices.schema.sections import (
     RIGHT_ANGLE,
     CommonFile,
-    FieldSensorsSection,
     Name,
     Point,
     Positive,
@@ -27,6 +27,7 @@ from haptorb.devices.schema.sections import (
     ThermometerSection,
     check_wall,
 )
+from haptorb.devices.schema.sensor_sections import FieldSensorsSection
 from haptorb.devices.uncertainty.tool import ToolUncertainty
 from haptorb.errors import DeviceError
 from haptorb.physics.sources.soft_sphere import SoftSphere
@@ -48,6 +49,30 @@ class ElectromagnetSection(Section):
     ] = None
     core_radius: Annotated[q.Length, Positive, m.Meaning("radius of the soft-magnetic sphere inside the coils")]
     core_permeability: Annotated[q.Number, Gt(1), m.Meaning("relative permeability of the core; inf is allowed")]
+
+
+class CoreDynamicsSection(Section):
+    """[core_dynamics]"""
+
+    eddy_share: Annotated[
+        q.Number, Field(ge=0, lt=1), m.Meaning("share of the moment that eddy currents in the core delay")
+    ]
+    eddy_time: Annotated[q.Duration, Positive, m.Meaning("time constant of that delay")]
+    remanent_moment: Annotated[
+        q.MagneticMoment, Field(ge=0), m.Meaning("moment along an axis that stays in the core after a large current")
+    ]
+    reversing_moment: Annotated[
+        q.MagneticMoment, Positive, m.Meaning("change of the moment that turns the remanence from full to none")
+    ]
+    spread: Annotated[
+        q.Number,
+        Field(ge=0, le=1),
+        m.Meaning("relative standard deviation of share, time and remanent moment from device to device"),
+    ]
+
+    def build(self) -> CoreDynamics:
+        """As the device has it."""
+        return CoreDynamics(**self.model_dump())
 
 
 class DomeSection(Section):
@@ -179,6 +204,11 @@ class ElectromagnetFile(CommonFile):
     hand: Annotated[HandSection, m.Meaning("the hand that holds the tool, for simulation and stability")]
     hall: Annotated[FieldSensorsSection, m.Meaning("field sensors of the stator")]
     thermometer: Annotated[ThermometerSection, m.Meaning("thermometers of the coils")]
+    core_dynamics: Annotated[
+        CoreDynamicsSection | None,
+        m.Meaning("eddy currents and remanence of the core"),
+        m.Without("the core follows the currents at once and keeps no moment"),
+    ] = None
     windings: Annotated[
         WindingsSection | None,
         m.Meaning("sizes of the coils, one value per coil"),
@@ -266,7 +296,10 @@ class ElectromagnetFile(CommonFile):
             tool=Tool(**tool),
             hand=Hand(**self.hand.model_dump()),
             contact=DomeContact(dome.stiffness, dome.damping, dome.friction),
-            hall=FieldSensors(np.array(hall.positions).reshape(-1, 3), hall.noise, hall.step),
+            hall=FieldSensors(
+                np.array(hall.positions).reshape(-1, 3), hall.noise, hall.step, hall.errors(), hall.warming
+            ),
+            core_dynamics=CoreDynamics() if self.core_dynamics is None else self.core_dynamics.build(),
             thermometer_step=self.thermometer.step,
             thermometer_noise=self.thermometer.noise,
             windings=windings,

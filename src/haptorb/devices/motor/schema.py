@@ -10,7 +10,7 @@ from pydantic import Field
 
 from haptorb.devices.device import Coils
 from haptorb.devices.field_sensors import FieldSensors
-from haptorb.devices.motor.handle import EndStop, Grasp, HallQuality
+from haptorb.devices.motor.handle import EndStop, Grasp
 from haptorb.devices.motor.magnetics_schema import (
     ElectromagnetsSection,
     GroupsSection,
@@ -142,8 +142,7 @@ class MotorFile(Section):
             electromagnets=layout(e.distance, e.rings),
             electromagnet=coil,
             sensor_layout=sensors,
-            hall=FieldSensors(sensors.positions, s.noise, s.step),
-            hall_spread=HallQuality(s.gain, s.offset, s.cross),
+            hall=FieldSensors(sensors.positions, s.noise, s.step, s.errors(), s.warming),
             groups=groups,
             magnet_model=None if m.multipole is None else m.multipole.build(m.radius, m.length),
             coil_model=None if e.multipole is None else e.multipole.build(e.outer_radius, e.length),

@@ -11,7 +11,7 @@ import numpy as np
 from haptorb.devices.device import Device
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.kind import DeviceKind
-from haptorb.devices.motor.handle import EndStop, Grasp, HallQuality
+from haptorb.devices.motor.handle import EndStop, Grasp
 from haptorb.devices.motor.kind import MOTOR
 from haptorb.devices.motor.layouts import Layout
 from haptorb.devices.motor.models import (
@@ -74,7 +74,6 @@ class SphericalMotor(Device):
     electromagnet: Coil  #: one of them; positive current is right-handed about the outward axis
     sensor_layout: Layout  #: in the stator's frame
     hall: FieldSensors
-    hall_spread: HallQuality  #: how the field sensors differ from what they should be
     groups: Array  #: (24, m) current of every coil per current of every channel: 0, +1 or −1
     magnet_model: MultipoleSource | None  #: the published model of one magnet
     coil_model: MultipoleSource | None  #: the published model of one coil, per ampere
