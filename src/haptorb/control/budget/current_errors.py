@@ -139,11 +139,11 @@ def current_sources(device: Device, known: ChainUncertainty, offset: float) -> t
     )
 
 
-def find_origin(device: Device, known: ChainUncertainty, key: str) -> str:
-    """Where the value of `key` comes from: the device file, where it may be assumed, or the defaults."""
-    if f"uncertainty.{key}" in device.assumed:
+def find_origin(device: Device, known: ChainUncertainty, key: str, section: str = "uncertainty") -> str:
+    """Where the value of `key` comes from: the device file, where it may be assumed, or the defaults of `known`."""
+    if f"{section}.{key}" in device.assumed:
         return "assumed"
-    return "device file" if known.is_stated(key) else "default"
+    return "device file" if section != "uncertainty" or known.is_stated(key) else "default"
 
 
 def describe_share(share: float) -> str:

@@ -5,52 +5,64 @@ One step of the tracker's own weighted least squares, from the true pose: right 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from haptorb.control.budget.sensor_errors import SensorTrial
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources import dipole
 from haptorb.sensing.tool.tool_field import ToolModel, coil_field, moment_field, tool_field
+from haptorb.sensing.tool.tool_following import CALIBRATED
 
-__all__ = ["HallFit"]
+__all__ = ["HallFit", "HallPoint"]
+
+
+class HallPoint(NamedTuple):
+    """The tracker's least squares about one true pose."""
+
+    field: Array  #: (k, 3) of the believed tool at the sensors [T]
+    solve: (
+        Array  #: (5, 3 k) from what is left of the readings to the place [m/T] and the turns about R's x and y [rad/T]
+    )
 
 
 class HallFit:
-    """The tracker of `device` about a true pose."""
+    """The Hall tracker of `device`."""
 
     def __init__(self, device: SphericalElectromagnet) -> None:
         self._model, self._per_ampere = ToolModel.of(device), coil_field(device)
         hall, supply = device.hall, device.supply
-        sigma = float(np.hypot(max(hall.noise, 1e-7), hall.step / np.sqrt(12)))
-        read = np.hypot(supply.current_noise, supply.current_step / np.sqrt(12))
-        unit = (moment_field(device) @ device.moment_per_current).reshape(3 * device.sensors, -1) * read
-        # What is known of the readings' errors: noise of their own, and of the currents that are subtracted.
-        self._weight = np.linalg.inv(sigma**2 * np.eye(len(unit)) + unit @ unit.T)
+        self._noise = float(np.hypot(max(hall.noise, 1e-7), hall.step / np.sqrt(12)))
+        moments = device.moment_per_current
+        self._read = (supply.current_noise**2 + supply.current_step**2 / 12) * (moments @ moments.T)
+        self._columns = (moments**2).sum(axis=0)
+        self._unit = moment_field(device).reshape(-1, 3)
 
-    def linearize(self, p: Array, R: Array) -> tuple[Array, Array]:
-        """(k, 3) field of the believed tool at p (3,) [m], R (3, 3) [T]; (5, 3 k) least-squares solution about it."""
+    def linearize(self, p: Array, R: Array, currents: Array) -> HallPoint:
+        """About the tool at p (3,) [m], R (3, 3); readings weighed as the tracker does under `currents` (m,) [A]."""
         field, slopes = self._field(self._model, p, R)
+        moments = self._read + CALIBRATED**2 * float(self._columns @ currents**2) * np.eye(3)
+        spread = self._noise**2 * np.eye(len(self._unit)) + self._unit @ moments @ self._unit.T
         design = slopes.reshape(-1, 5)
-        weighted = design.T @ self._weight
-        return field, np.linalg.solve(weighted @ design, weighted)
+        weighted = np.linalg.solve(spread, design).T
+        return HallPoint(field, np.linalg.solve(weighted @ design, weighted))
 
     def _field(self, model: ToolModel, p: Array, R: Array) -> tuple[Array, Array]:
-        field = np.empty((len(model.sensors), 3))
-        slopes = np.empty((len(model.sensors), 3, 5))
+        field, slopes = np.empty((len(model.sensors), 3)), np.empty((len(model.sensors), 3, 5))
         tool_field(model, np.ascontiguousarray(p), np.ascontiguousarray(R), field, slopes)
         return field, slopes
 
-    def leave(self, trial: SensorTrial, p: Array, R: Array, strength: float, moment: Array, currents: Array) -> Array:
-        """(3 k,) [T] the readings less what the tracker takes off for the currents.
+    def read(self, trial: SensorTrial, tool: State, strength: float, moment: Array, currents: Array) -> Array:
+        """(k, 3) [T] the readings less what the tracker takes off for the currents.
 
-        The tool is at p, R with `strength` times the believed remanence; the electromagnet has `moment` (3,) [A·m²] under
-        the true `currents` (m,) [A].
+        The magnet of `tool` has `strength` times the believed remanence; the electromagnet has `moment` (3,) [A·m²]
+        under the true `currents` (m,) [A]. Core and coils are at the origin, the sensors off by their placement.
         """
-        model = self._model
-        if trial.placement.any():
-            model = model._replace(sensors=np.ascontiguousarray(model.sensors + trial.placement))
-        field = strength * self._field(model, p, R)[0]
+        model = self._model._replace(sensors=np.ascontiguousarray(self._model.sensors + trial.placement))
+        field = strength * self._field(model, tool.p, tool.R_SR)[0]
         field += dipole.field(np.broadcast_to(moment, model.sensors.shape), model.sensors)
         left: Array = trial.read_field(field) - self._per_ampere @ trial.read_currents(currents)
-        return left.ravel()
+        return left

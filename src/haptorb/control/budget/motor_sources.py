@@ -9,7 +9,7 @@ from haptorb.control.budget.asked_size import choose_size
 from haptorb.control.budget.current_errors import current_sources, describe_share, find_origin
 from haptorb.control.budget.error_model import ErrorSource
 from haptorb.control.budget.motor_errors import MotorErrors, MotorTrial
-from haptorb.control.budget.sensor_errors import SensorMixing, SensorReading
+from haptorb.control.budget.sensor_errors import sensor_sources
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.errors import InputError, UnknownName
 from haptorb.numerics.arrays import Array
@@ -145,15 +145,4 @@ def _pose_sources(device: SphericalMotor, estimator: str) -> tuple[ErrorSource[M
     if estimator == "tracker":
         known = device.uncertainty
         return (TrackedOrientation(known.axis, find_origin(device, known, "axis")),)
-    hall, spread, count = device.hall, device.hall_spread, device.sensors
-    noise = float(np.hypot(hall.noise, hall.step / np.sqrt(12)) / np.sqrt(_AVERAGED))
-
-    def origin(key: str) -> str:
-        return "assumed" if f"sensors.{key}" in device.assumed else "device file"
-
-    return (
-        SensorMixing("field sensors, gain", spread.gain, origin("gain"), count, across=False),
-        SensorMixing("field sensors, cross-axis", spread.cross, origin("cross"), count, across=True),
-        SensorReading("field sensors, offset", spread.offset, origin("offset"), count),
-        SensorReading("field sensors, noise", noise, origin("noise"), count),
-    )
+    return sensor_sources(device, device.hall, "sensors", _AVERAGED)

@@ -9,10 +9,12 @@ import numpy as np
 
 from haptorb.control.budget.current_errors import ChainTrial, describe_share
 from haptorb.control.budget.error_model import ErrorSource
+from haptorb.devices.device import Device
+from haptorb.devices.field_sensors import FieldSensors
 from haptorb.display.quantity_text import format_quantity
 from haptorb.numerics.arrays import Array
 
-__all__ = ["SensorMixing", "SensorPlacement", "SensorReading", "SensorTrial"]
+__all__ = ["SensorPlacement", "SensorTrial", "sensor_sources"]
 
 
 @dataclass
@@ -59,6 +61,21 @@ class SensorReading(ErrorSource[S]):
         trial.reading += self._standard * deviates.reshape(-1, 3)
 
 
+class SensorAngle(ErrorSource[S]):
+    """How each field sensor is turned about its axes."""
+
+    def __init__(self, standard: float, origin: str, sensors: int) -> None:
+        super().__init__("field sensors, angle", f"{np.degrees(standard):.2g}°", origin, 3 * sensors)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: S) -> None:
+        """Turn the sensors, by small angles."""
+        x, y, z = self._standard * deviates.reshape(-1, 3).T
+        for row, column, angle in ((0, 1, -z), (0, 2, y), (1, 2, -x)):
+            trial.mixing[:, row, column] += angle
+            trial.mixing[:, column, row] -= angle
+
+
 class SensorPlacement(ErrorSource[S]):
     """Where each field sensor is."""
 
@@ -69,3 +86,23 @@ class SensorPlacement(ErrorSource[S]):
     def perturb(self, deviates: Array, trial: S) -> None:
         """Move the sensors."""
         trial.placement += self._standard * deviates.reshape(-1, 3)
+
+
+def sensor_sources(device: Device, hall: FieldSensors, section: str, averaged: float) -> tuple[ErrorSource[S], ...]:
+    """Those of the field sensors `hall` of `device` but their places; the device file has them in `section`.
+
+    The estimator averages their noise over so many readings. All are at the temperature of their calibration.
+    """
+    errors, count = hall.errors, len(hall.positions)
+
+    def origin(key: str) -> str:
+        return "assumed" if f"{section}.{key}" in device.assumed else "device file"
+
+    noise = float(np.hypot(hall.noise, hall.step / np.sqrt(12)) / np.sqrt(averaged))
+    return (
+        SensorMixing("field sensors, gain", errors.gain, origin("gain"), count, across=False),
+        SensorMixing("field sensors, cross-axis", errors.cross, origin("cross"), count, across=True),
+        SensorReading("field sensors, offset", errors.offset, origin("offset"), count),
+        SensorReading("field sensors, noise", noise, origin("noise"), count),
+        SensorAngle(errors.angle, origin("angle"), count),
+    )

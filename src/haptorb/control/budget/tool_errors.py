@@ -7,14 +7,16 @@ delay and the coils' inductance do to a force that changes is known, and not unc
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple, final
 
 import numpy as np
 
 from haptorb.control.allocation.for_device import force_allocator
 from haptorb.control.budget.current_errors import ChainTrial, CurrentLoop
 from haptorb.control.budget.error_model import Component, ErrorModel, ErrorSource
+from haptorb.control.budget.hall_fit import HallFit, HallPoint
+from haptorb.control.budget.sensor_errors import SensorTrial
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet.passive_pull import PassivePull, pull
 from haptorb.devices.electromagnet.remarks import FORCE_JND
@@ -31,7 +33,7 @@ COMPONENTS = (Component("radial", (2,)), Component("tangential", (0, 1)))
 
 
 @dataclass
-class ToolTrial(ChainTrial):
+class ToolTrial(SensorTrial):
     """How one device differs from what is believed of it."""
 
     strength: float  #: remanence of the tool's magnet, true over believed
@@ -40,6 +42,9 @@ class ToolTrial(ChainTrial):
     shift: Array  #: (3,) of core and coils from the frame's origin [m]
     place: Array  #: (3,) believed less true place of the tool's magnet [m]
     turn: Array  #: (3,) rotation from the tool's true to its believed axis [rad]
+    remanent: Array  #: (3,) moment that stays in the core [A·m²]
+    lag: complex  #: what eddy currents take of a moment that turns, relative
+    turning: Array  #: (3,) any vector; its part across the force is the direction into which the force turns
 
 
 class ToolPoint(NamedTuple):
@@ -48,12 +53,15 @@ class ToolPoint(NamedTuple):
     p: Array  #: (3,) [m]
     R: Array  #: (3, 3); its columns are two tangents and the radius
     wrench: Array  #: (6,) [N, N·m]
+    hall: HallPoint | None  #: where the field sensors tell the pose
 
 
+@final
 class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
-    """The error budget of `device` for forces of `asked` [N], with `sources`; `estimator` is told in the result.
+    """The error budget of `device` for forces of `asked` [N], with `sources`.
 
-    radius_span [m]: up to how far from the device file's the core's radius is looked up.
+    estimator          "tracker" or "hall"
+    radius_span [m]    up to how far from the device file's the core's radius is looked up; 0: it is exact
     """
 
     unit, jnd, regions, components = "N", FORCE_JND, REGIONS, COMPONENTS
@@ -69,6 +77,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         self.device, self.estimator, self.asked, self.sources = device.name, estimator, asked, sources
         self._device = device
         self._allocator, self._loop = force_allocator(device), CurrentLoop(device)
+        self._hall = HallFit(device) if estimator == "hall" else None
         tool = device.tool
         self._rows = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence).rows
         self._moments = np.array(device.moment_per_current, dtype=np.float64, order="C")
@@ -99,36 +108,79 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         wrench = np.zeros(6)
         direction = rng.standard_normal(3)
         wrench[:3] = self.asked * direction / np.linalg.norm(direction)
-        return ToolPoint(distance * axis, rotation_to_axis(axis), wrench)
+        p, R = distance * axis, rotation_to_axis(axis)
+        if self._hall is None:
+            return ToolPoint(p, R, wrench, None)
+        state = State(0.0, R, p, np.zeros(3), np.zeros(3))
+        currents = self._allocator.allocate(device.wrench_map(state, "exact"), wrench).currents
+        return ToolPoint(p, R, wrench, self._hall.linearize(p, R, currents))
 
     def make_trial(self) -> ToolTrial:
         """The device as it is believed to be."""
-        exact = ChainTrial.exact(self._device.channels)
-        return ToolTrial(**vars(exact), strength=1.0, moments=self._moments.copy(), core_radius=0.0,
-                         shift=np.zeros(3), place=np.zeros(3), turn=np.zeros(3))  # fmt: skip
+        exact, k = ChainTrial.exact(self._device.channels), self._device.sensors
+        return ToolTrial(
+            **vars(exact), mixing=np.zeros((k, 3, 3)), reading=np.zeros((k, 3)), placement=np.zeros((k, 3)),
+            strength=1.0, moments=self._moments.copy(), core_radius=0.0, shift=np.zeros(3), place=np.zeros(3),
+            turn=np.zeros(3), remanent=np.zeros(3), lag=0.0, turning=np.zeros(3),
+        )  # fmt: skip
 
     def wrench_error(self, point: ToolPoint, trial: ToolTrial) -> Array:
         """(3,) along two tangents and the radius [N]."""
-        believed = self._believe(point, trial)
-        wanted = self._allocator.allocate(self._device.wrench_map(believed, "exact"), point.wrench).currents
-        currents = self._loop.true_currents(wanted, trial)
-        error: Array = point.R.T @ (self._deliver(point, trial, currents) - point.wrench[:3])
+        place, turn = trial.place, trial.turn
+        currents, extra = np.zeros(self._device.channels), np.zeros(3)
+        # Currents follow from the pose, and the pose from readings with the coils' field in them: the third time all
+        # agree, and the first pose of a tracker is its last.
+        for _ in range(1 if point.hall is None else 3):
+            if self._hall is not None and point.hall is not None:
+                place, turn = self._locate(self._hall, point, trial, trial.moments @ currents + extra, currents)
+            R = np.empty((3, 3))
+            turn_by(*turn.tolist(), point.R, R)
+            believed = self._device.wrench_map(State(0.0, R, point.p + place, np.zeros(3), np.zeros(3)), "exact")
+            wanted = self._allocator.allocate(believed, point.wrench).currents
+            currents = self._loop.true_currents(wanted, trial)
+            extra = trial.remanent - self._lag(point, trial, believed.force)
+        error: Array = point.R.T @ (self._deliver(point, trial, currents, extra) - point.wrench[:3])
         return error
 
-    def _believe(self, point: ToolPoint, trial: ToolTrial) -> State:
-        """Where the controller believes the tool to be."""
-        R = np.empty((3, 3))
-        turn_by(*trial.turn.tolist(), point.R, R)
-        return State(0.0, R, point.p + trial.place, np.zeros(3), np.zeros(3))
+    def _locate(
+        self, hall: HallFit, point: ToolPoint, trial: ToolTrial, moment: Array, currents: Array
+    ) -> tuple[Array, Array]:
+        """(3,) believed less true place [m], and rotation from the true to the believed axis [rad].
 
-    def _deliver(self, point: ToolPoint, trial: ToolTrial, currents: Array) -> Array:
-        """(3,) the true force [N]: of the coils with the magnet's strength, of the core with its square."""
-        matrix, passive, still = np.empty((6, len(currents))), np.zeros(6), np.zeros(6)
-        p = point.p - trial.shift
-        ring_per_ampere(self._rows, self._tables[1], self._pull.nearest, trial.moments, p, point.R, matrix, passive)
+        Core and coils are off their place by `trial.shift`, which the tracker does not know: for them, tool and
+        sensors are off, the other way.
+        """
+        assert point.hall is not None
+        still = np.zeros(3)
+        tool = State(0.0, point.R, point.p - trial.shift, still, still)
+        seen_from_core = replace(trial, placement=trial.placement - trial.shift)
+        left = hall.read(seen_from_core, tool, trial.strength, moment, currents)
+        fit = point.hall.solve @ (left - point.hall.field).ravel()
+        return fit[:3], point.R[:, :2] @ fit[3:]
+
+    def _lag(self, point: ToolPoint, trial: ToolTrial, force_per_ampere: Array) -> Array:
+        """(3,) what is missing of the moment because the force turns, and the core is late [A·m²]."""
+        if trial.lag == 0:
+            return np.zeros(3)
+        force = point.wrench[:3]
+        across = trial.turning - force * (trial.turning @ force) / (force @ force)
+        across *= self.asked / np.linalg.norm(across)
+        both = np.stack([force, across], axis=1)
+        moments = trial.moments @ np.linalg.solve(force_per_ampere, both)
+        missing: Array = trial.lag.real * moments[:, 0] + trial.lag.imag * moments[:, 1]
+        return missing
+
+    def _deliver(self, point: ToolPoint, trial: ToolTrial, currents: Array, extra: Array) -> Array:
+        """(3,) the true force [N]: of the coils and the moment `extra` (3,) [A·m²] with the magnet's strength, of the
+        core with its square."""
+        matrix, passive, still = np.empty((6, 3)), np.zeros(6), np.zeros(6)
+        p, per_moment = point.p - trial.shift, np.eye(3)
+        ring_per_ampere(self._rows, self._tables[1], self._pull.nearest, per_moment, p, point.R, matrix, passive)
         low, middle, high = self._tables
         x = trial.core_radius / self._span
         table = middle + 0.5 * x * (high - low) + 0.5 * x * x * (high - 2 * middle + low)
         pull(table, self._pull.nearest, p, np.ascontiguousarray(point.R[:, 2]), still)
-        force: Array = trial.strength * (matrix[:3] @ currents) + trial.strength**2 * still[:3]
+        force: Array = (
+            trial.strength * (matrix[:3] @ (trial.moments @ currents + extra)) + trial.strength**2 * still[:3]
+        )
         return force

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import ndtr
 
 from haptorb.control.budget.asked_size import choose_size
 from haptorb.control.budget.current_errors import current_sources, describe_share, find_origin
 from haptorb.control.budget.error_model import ErrorSource
+from haptorb.control.budget.sensor_errors import SensorPlacement, sensor_sources
 from haptorb.control.budget.tool_errors import ToolErrors, ToolTrial
+from haptorb.devices.electromagnet.core_dynamics import CoreDynamics
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet.shell_capability import shell_capability
 from haptorb.display.quantity_text import format_quantity
@@ -17,6 +20,8 @@ from haptorb.sensing.calibration.calibration import Calibration
 
 __all__ = ["tool_errors"]
 
+ESTIMATORS = ("tracker", "hall")
+_AVERAGED = 3.3  #: readings that the Hall tracker's filter is worth, at 1 kHz: it leaves 0.55 of the noise
 _SPAN = 3.0  #: standard uncertainties up to which the core's radius is looked up; beyond, the parabola goes on
 
 
@@ -104,39 +109,89 @@ class CoreRadius(ErrorSource[ToolTrial]):
         trial.core_radius += self._standard * float(deviates[0])
 
 
+class CoreRemanence(ErrorSource[ToolTrial]):
+    """The moment that stays in the core: along every axis anywhere between its greatest values."""
+
+    def __init__(self, core: CoreDynamics, origin: str) -> None:
+        super().__init__("remanence of the core", f"{1e3 * core.remanent_moment / np.sqrt(3):.2g} mA·m²", origin, 4)
+        self._core = core
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Add to the moment."""
+        most = self._core.remanent_moment * np.exp(np.log1p(self._core.spread) * deviates[3])
+        trial.remanent += most * (2 * ndtr(deviates[:3]) - 1)
+
+
+class EddyLag(ErrorSource[ToolTrial]):
+    """Eddy currents in the core, while the force turns at `frequency` [Hz] into any direction across it."""
+
+    def __init__(self, core: CoreDynamics, frequency: float, origin: str) -> None:
+        text = f"{100 * core.lag(frequency):.2g} % at {frequency:g} Hz"
+        super().__init__("eddy currents in the core", text, origin, 5)
+        self._core, self._turn = core, 2 * np.pi * frequency
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Let the core be late."""
+        share, time = np.exp(np.log1p(self._core.spread) * deviates[:2])
+        x = 1j * self._turn * time * self._core.eddy_time
+        trial.lag = complex(share * self._core.eddy_share * x / (1 + x))
+        trial.turning = deviates[2:]
+
+
 def tool_errors(
     device: SphericalElectromagnet,
     asked: float | None = None,
     estimator: str | None = None,
     calibration: Calibration | None = None,
+    frequency: float = 10.0,
 ) -> ToolErrors:
     """The error model of `device` for forces of `asked` [N]; None: half of the least peak force in its shell.
 
-    `calibration`, already applied to `device` or not, replaces the uncertainty of the moments by its own.
+    The force turns at `frequency` [Hz]; 0: it is at rest. `calibration` replaces the uncertainty of the moments, and of
+    the resistances, by its own.
 
     Raises InputError for a force that the coils cannot give in every direction, UnknownName for another estimator than
-    "tracker".
+    "tracker" and, where the device has field sensors enough, "hall".
     """
-    if estimator not in (None, "tracker"):
-        raise UnknownName(f"estimator of the error budget of '{device.name}'", str(estimator), ("tracker",))
+    known_estimators = ESTIMATORS if device.sensors > 1 else ESTIMATORS[:1]
+    chosen = ESTIMATORS[0] if estimator is None else estimator
+    if chosen not in known_estimators:
+        raise UnknownName(f"estimator of the error budget of '{device.name}'", chosen, known_estimators)
     believed = device if calibration is None else calibration.apply(device)
-    known = believed.uncertainty
+    known, core = believed.uncertainty, believed.core_dynamics
 
-    def origin(key: str) -> str:
-        return find_origin(device, known, key)
+    def origin(key: str, section: str = "uncertainty") -> str:
+        return find_origin(device, known, key, section)
 
-    sources: tuple[ErrorSource[ToolTrial], ...] = (
+    sources: list[ErrorSource[ToolTrial]] = [
         Remanence(known.remanence, origin("remanence")),
         MagnetWarmth(known.magnet_temperature, known.remanence_drift, origin("magnet_temperature")),
         _moments(believed, calibration),
-        TrackedPlace(known.place, origin("place")),
-        TrackedAxis(known.axis, origin("axis")),
+        *_pose_sources(believed, chosen),
         CorePlace(known.core_place, origin("core_place")),
         CoreRadius(known.core_radius, origin("core_radius")),
         *current_sources(device, known, known.current_offset),
-    )
+    ]
+    if core.remanent_moment:
+        sources.append(CoreRemanence(core, origin("remanent_moment", "core_dynamics")))
+    if core.eddy_share and frequency:
+        sources.append(EddyLag(core, frequency, origin("eddy_share", "core_dynamics")))
     force = _check_force(believed, asked)
-    return ToolErrors(believed, force, sources, "tracker", _SPAN * known.core_radius)
+    return ToolErrors(believed, force, tuple(sources), chosen, _SPAN * known.core_radius)
+
+
+def _pose_sources(device: SphericalElectromagnet, estimator: str) -> tuple[ErrorSource[ToolTrial], ...]:
+    """How the pose is known, and how well."""
+    known = device.uncertainty
+    if estimator == "tracker":
+        return (
+            TrackedPlace(known.place, find_origin(device, known, "place")),
+            TrackedAxis(known.axis, find_origin(device, known, "axis")),
+        )
+    placement = SensorPlacement[ToolTrial](
+        device.hall.errors.placement, find_origin(device, known, "placement", "hall"), device.sensors
+    )
+    return (*sensor_sources(device, device.hall, "hall", _AVERAGED), placement)
 
 
 def _moments(device: SphericalElectromagnet, calibration: Calibration | None) -> Moments:

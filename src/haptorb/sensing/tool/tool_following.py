@@ -44,7 +44,7 @@ _MOST = 4  #: evaluations
 _EXACT, _COLD = 1e-6, 40  #: last step of a fit from nothing [m, rad], and its evaluations at most
 _MANY = 5.0  #: residuals so many times the sensors' noise are no noise
 _SHARE = 0.01  #: of the coils' own field that calibration may leave unexplained
-_CALIBRATED = 1e-3  #: standard deviation of the moment map's entries after a calibration, of their column
+CALIBRATED = 1e-3  #: standard deviation of the moment map's entries after a calibration, of their column
 _OLD = 0.05  #: a reading that is older tells nothing any more: a sensor has gone [s]
 _FRESH = 0.05  #: weight of a tick in the share of readings that are new
 _VAGUE = 3e-3  #: standard deviation of the place above which it is not known [m]
@@ -81,7 +81,7 @@ def subtract_coils(
         return False
     square = _MANY * _MANY * (t.noise * t.noise + t.swing * t.swing)
     t.limit = np.sqrt(square + _SHARE * _SHARE * total / read.size)
-    weigh_moment(t, known.columns, currents, _CALIBRATED)
+    weigh_moment(t, known.columns, currents, CALIBRATED)
     return True
 
 
