@@ -32,6 +32,7 @@ from haptorb.devices.state import State, rotation_to_axis
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.quaternions import quaternion
 from haptorb.numerics.rotations import rotation_from_euler
+from haptorb.physics.sources.ring import RingMagnet
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.tick.assembly import allocator_of, estimator_of
 from haptorb.runtime.tick.tick import Tick
@@ -208,8 +209,8 @@ def try_motors(device: SphericalMotor, asked: float, seed: int) -> Iterator[Tria
         common = warm * (1 + known.polarization * rng.standard_normal())
         spread = 1 + known.polarization_spread * rng.standard_normal(len(device.polarity))
         strengths = 1 + known.coil * rng.standard_normal(coils)
-        ring = regulator.rotor_ring
-        ring = replace(ring, polarization=ring.polarization * (1 + known.regulator * rng.standard_normal()))
+        ring, stronger = regulator.rotor_ring, 1 + known.regulator * rng.standard_normal()
+        ring = RingMagnet(ring.outer_radius, ring.inner_radius, ring.length, stronger * ring.polarization)
         true = replace(
             device,
             polarity=device.polarity * common * spread,
@@ -221,7 +222,7 @@ def try_motors(device: SphericalMotor, asked: float, seed: int) -> Iterator[Tria
         # What takes seconds to compute goes with these factors: the magnets' strengths are no part of the tables.
         vars(true)["tables"] = tables
         vars(true)["sensor_field_per_ampere"] = true.groups.T @ single
-        vars(true.regulator)["series"] = (ring.polarization / regulator.rotor_ring.polarization * series, least)
+        vars(true.regulator)["series"] = (stronger * series, least)
         wrong = draw_wrong_reading(device, rng, 0.0, 0.0)
         while True:
             tilts = rng.uniform(-1, 1, 2)

@@ -1,4 +1,4 @@
-"""Simulated devices that are drawn and run by themselves lie in the band: benchmarks/error_budget.py in a reduced form."""
+"""Simulated devices, drawn and run by themselves, lie in the band: benchmarks/error_budget.py in a reduced form."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ class Deviates(ErrorSource):
 class Chain(ErrorModel):
     """An error that is a function of two sources, asked for in any direction."""
 
-    device, estimator, unit, jnd, asked = "chain", "none", "N", 0.1, 2.0
+    device, estimator, unit, motion, jnd, asked = "chain", "none", "N", "at rest", 0.1, 2.0
     regions = ("all",)
     components = (Component("x", (0,)), Component("across", (1, 2)))
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["ErrorReport", "report_errors"]
 
 _KEYS = {"N": "n", "N·m": "nm"}
+_ROUNDING = 1e-6  #: [mN or mN·m]
 _LEAST = 5e-4  #: share of the variance below which a bar is not drawn
 
 
@@ -37,6 +38,7 @@ class ErrorReport(NotebookReport):
             "digest": self.device.digest,
             "estimator": budget.estimator,
             f"asked_{unit}": budget.asked,
+            "motion": budget.motion,
             "jnd": budget.jnd,
             "coverage": COVERAGE,
             "samples": budget.samples,
@@ -76,7 +78,7 @@ class ErrorReport(NotebookReport):
         budget, unit = self.budget, f"m{self.budget.unit}"
         print_text(console, f"Error budget of {self.device.title}", "bold")
         facts = [
-            ("asked", f"{1e3 * budget.asked:g} {unit} in any direction, at rest, anywhere in the workspace"),
+            ("asked", f"{1e3 * budget.asked:g} {unit} in any direction, {budget.motion}, anywhere in the workspace"),
             ("mover known by", budget.estimator),
             ("propagation", f"Monte Carlo over {budget.samples} devices, seed {budget.seed}; all uncertainties normal"),
         ]
@@ -104,8 +106,8 @@ class ErrorReport(NotebookReport):
         )  # fmt: skip
         for share in budget.shares:
             sources.add_row(
-                share.name, share.standard, share.origin, f"{1e3 * share.alone:.2g}",
-                f"{100 * share.first_order:.1f}", f"{100 * share.total:.1f}",
+                share.name, share.standard, share.origin, _format_size(1e3 * share.alone),
+                f"{100 * max(share.first_order, 0.0):.1f}", f"{100 * share.total:.1f}",
             )  # fmt: skip
         print_table(console, sources)
         print_text(
@@ -177,6 +179,11 @@ def report_errors(
         device, asked, estimator, calibration
     )
     return ErrorReport(device, error_budget(model, samples, seed, report))
+
+
+def _format_size(size: float) -> str:
+    """Two digits; what is nothing but rounding is 0."""
+    return f"{size:.2g}" if size >= _ROUNDING else "0"
 
 
 def _draw_sizes(place: Any, bands: tuple[WrenchBand, ...], across: Any) -> None:

@@ -56,6 +56,7 @@ class ErrorModel(ABC, Generic[T, P]):
     unit        "N" or "N·m"
     jnd         just-noticeable difference, relative
     asked       magnitude of the wrench asked for [N or N·m]; its direction is drawn from all directions
+    motion      how it changes, in words
     """
 
     device: str
@@ -66,6 +67,7 @@ class ErrorModel(ABC, Generic[T, P]):
     unit: str
     jnd: float
     asked: float
+    motion: str
 
     @abstractmethod
     def draw_point(self, region: int, rng: np.random.Generator) -> P:

@@ -5,7 +5,7 @@ One step of the tracker's own weighted least squares, from the true pose: right 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -17,7 +17,19 @@ from haptorb.physics.sources import dipole
 from haptorb.sensing.tool.tool_field import ToolModel, coil_field, moment_field, tool_field
 from haptorb.sensing.tool.tool_following import CALIBRATED
 
-__all__ = ["HallFit", "HallPoint"]
+__all__ = ["HallFit", "HallPoint", "MomentFit"]
+
+
+class CalibratedTrial(Protocol):
+    """What a calibration depends on."""
+
+    moments: Array
+    gain: Array
+    placement: Array
+    reading: Array
+
+    def read_field(self, field: Array, frames: Array | None = None) -> Array:
+        """What the field sensors make of a field."""
 
 
 class HallPoint(NamedTuple):
@@ -66,3 +78,20 @@ class HallFit:
         field += dipole.field(np.broadcast_to(moment, model.sensors.shape), model.sensors)
         left: Array = trial.read_field(field) - self._per_ampere @ trial.read_currents(currents)
         return left
+
+
+class MomentFit:
+    """What the calibration of `device` found of the moments, by its own current and field sensors."""
+
+    def __init__(self, device: SphericalElectromagnet) -> None:
+        self._places = np.asarray(device.hall.positions, dtype=np.float64).reshape(-1, 3)
+        unit = moment_field(device).reshape(-1, 3)
+        self._solve = np.linalg.solve(unit.T @ unit, unit.T)
+
+    def find_true(self, trial: CalibratedTrial) -> Array:
+        """(3, m) [m²] the moments per true ampere that sensors with the errors of `trial` took for its moments."""
+        at = self._places + trial.placement
+        fields = [trial.read_field(dipole.field(np.broadcast_to(axis, at.shape), at)) for axis in np.eye(3)]
+        read = np.stack([field - trial.reading for field in fields], axis=2).reshape(-1, 3)
+        moments: Array = np.linalg.solve(self._solve @ read, trial.moments) * (1 + trial.gain)
+        return moments

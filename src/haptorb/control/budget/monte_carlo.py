@@ -24,7 +24,7 @@ __all__ = ["COVERAGE", "ErrorBudget", "SourceShare", "WrenchBand", "error_budget
 
 COVERAGE = 0.95  #: probability of the bands
 _FEWEST = 100
-_SHARED = 0.1  #: part of the samples that is used for the shares, which take many trials each
+_SHARED = 0.2  #: part of the samples that is used for the shares, which take many trials each
 Report = Callable[[float], None]
 
 
@@ -74,6 +74,7 @@ class ErrorBudget:
     unit: str
     jnd: float
     asked: float
+    motion: str
     components: tuple[str, ...]
     samples: int
     seed: int
@@ -117,7 +118,7 @@ def error_budget(
     bands = [_find_band(model, name, errors[number]) for number, name in enumerate(model.regions)]
     whole = _find_band(model, "whole workspace", errors.reshape(-1, 3))
     return ErrorBudget(
-        model.device, model.estimator, model.unit, model.jnd, model.asked,
+        model.device, model.estimator, model.unit, model.jnd, model.asked, model.motion,
         tuple(component.name for component in model.components), 2 * pairs * regions, seed, (*bands, whole),
         _rank_sources(model, np.array(lone), spread / max(variance, 1e-300)),
     )  # fmt: skip

@@ -60,7 +60,7 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
     estimator: "least-squares" (the field sensors) or "tracker".
     """
 
-    unit, jnd, regions, components = "N·m", TORQUE_JND, REGIONS, COMPONENTS
+    unit, jnd, regions, components, motion = "N·m", TORQUE_JND, REGIONS, COMPONENTS, "at rest"
 
     def __init__(
         self, device: SphericalMotor, asked: float, sources: tuple[ErrorSource[MotorTrial], ...], estimator: str

@@ -15,7 +15,7 @@ import numpy as np
 from haptorb.control.allocation.for_device import force_allocator
 from haptorb.control.budget.current_errors import ChainTrial, CurrentLoop
 from haptorb.control.budget.error_model import Component, ErrorModel, ErrorSource
-from haptorb.control.budget.hall_fit import HallFit, HallPoint
+from haptorb.control.budget.hall_fit import HallFit, HallPoint, MomentFit
 from haptorb.control.budget.sensor_errors import SensorTrial
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet.passive_pull import PassivePull, pull
@@ -62,6 +62,8 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
 
     estimator          "tracker" or "hall"
     radius_span [m]    up to how far from the device file's the core's radius is looked up; 0: it is exact
+    calibrated         the moments were measured with the device's own sensors, whose errors are in them
+    frequency [Hz]     at which the force turns
     """
 
     unit, jnd, regions, components = "N", FORCE_JND, REGIONS, COMPONENTS
@@ -73,11 +75,16 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         sources: tuple[ErrorSource[ToolTrial], ...],
         estimator: str,
         radius_span: float,
+        *,
+        calibrated: bool = False,
+        frequency: float = 0.0,
     ) -> None:
         self.device, self.estimator, self.asked, self.sources = device.name, estimator, asked, sources
         self._device = device
         self._allocator, self._loop = force_allocator(device), CurrentLoop(device)
         self._hall = HallFit(device) if estimator == "hall" else None
+        self._calibrated = MomentFit(device) if calibrated else None
+        self.motion = f"turning at {frequency:g} Hz" if frequency else "at rest"
         tool = device.tool
         self._rows = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence).rows
         self._moments = np.array(device.moment_per_current, dtype=np.float64, order="C")
@@ -126,6 +133,8 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
 
     def wrench_error(self, point: ToolPoint, trial: ToolTrial) -> Array:
         """(3,) along two tangents and the radius [N]."""
+        if self._calibrated is not None:
+            trial.moments = self._calibrated.find_true(trial)
         place, turn = trial.place, trial.turn
         currents, extra = np.zeros(self._device.channels), np.zeros(3)
         # Currents follow from the pose, and the pose from readings with the coils' field in them: the third time all

@@ -147,8 +147,8 @@ def tool_errors(
 ) -> ToolErrors:
     """The error model of `device` for forces of `asked` [N]; None: half of the least peak force in its shell.
 
-    The force turns at `frequency` [Hz]; 0: it is at rest. `calibration` replaces the uncertainty of the moments, and of
-    the resistances, by its own.
+    The force turns at `frequency` [Hz]; 0: it is at rest. With a `calibration` the moments are as uncertain as it says
+    and as the field sensors are with which it was made; the gains of the current sensors cancel.
 
     Raises InputError for a force that the coils cannot give in every direction, UnknownName for another estimator than
     "tracker" and, where the device has field sensors enough, "hall".
@@ -167,7 +167,7 @@ def tool_errors(
         Remanence(known.remanence, origin("remanence")),
         MagnetWarmth(known.magnet_temperature, known.remanence_drift, origin("magnet_temperature")),
         _moments(believed, calibration),
-        *_pose_sources(believed, chosen),
+        *_pose_sources(believed, chosen, calibration is not None),
         CorePlace(known.core_place, origin("core_place")),
         CoreRadius(known.core_radius, origin("core_radius")),
         *current_sources(device, known, known.current_offset),
@@ -177,21 +177,28 @@ def tool_errors(
     if core.eddy_share and frequency:
         sources.append(EddyLag(core, frequency, origin("eddy_share", "core_dynamics")))
     force = _check_force(believed, asked)
-    return ToolErrors(believed, force, tuple(sources), chosen, _SPAN * known.core_radius)
+    return ToolErrors(
+        believed, force, tuple(sources), chosen, _SPAN * known.core_radius, calibrated=calibration is not None,
+        frequency=frequency,
+    )  # fmt: skip
 
 
-def _pose_sources(device: SphericalElectromagnet, estimator: str) -> tuple[ErrorSource[ToolTrial], ...]:
-    """How the pose is known, and how well."""
+def _pose_sources(
+    device: SphericalElectromagnet, estimator: str, calibrated: bool
+) -> tuple[ErrorSource[ToolTrial], ...]:
+    """How the pose is known, and how well; and the field sensors, where the moments were measured with them."""
     known = device.uncertainty
-    if estimator == "tracker":
-        return (
-            TrackedPlace(known.place, find_origin(device, known, "place")),
-            TrackedAxis(known.axis, find_origin(device, known, "axis")),
-        )
+    tracker = (
+        TrackedPlace(known.place, find_origin(device, known, "place")),
+        TrackedAxis(known.axis, find_origin(device, known, "axis")),
+    )
+    if estimator == "tracker" and not calibrated:
+        return tracker
     placement = SensorPlacement[ToolTrial](
         device.hall.errors.placement, find_origin(device, known, "placement", "hall"), device.sensors
     )
-    return (*sensor_sources(device, device.hall, "hall", _AVERAGED), placement)
+    sensors = (*sensor_sources(device, device.hall, "hall", _AVERAGED), placement)
+    return (*tracker, *sensors) if estimator == "tracker" else sensors
 
 
 def _moments(device: SphericalElectromagnet, calibration: Calibration | None) -> Moments:
