@@ -50,6 +50,10 @@ FREQUENCY = 10.0  #: at which a force turns, as in the budget [Hz]
 FIRM = 100.0  #: times as stiff as the device file's is the hand: the mover stays where it is put
 
 
+class NoWrench(Exception):
+    """The guard does not let the wrench through: the mover is lost, or a reading is implausible."""
+
+
 @dataclass(frozen=True)
 class Reading:
     """How the sensors and the tracker of one device are wrong."""
@@ -258,8 +262,8 @@ def run_loop(device: Device, estimator: Estimator, trial: Trial, seed: int) -> A
         for number in range(TICKS):
             tick.step(row, number / RATE)
         total = driver.truth()
-    if tick.protection.tripped or row[tick.layout["gain"]] < 1.0:
-        raise RuntimeError(f"the guard did not let the wrench through: {tick.protection.reason.name}")
+    if tick.protection.tripped or not row[tick.layout["gain"]] >= 1.0:
+        raise NoWrench(tick.protection.reason.name)
     # The last read advanced the device under the duties of the tick before.
     x = float(np.mean(device.coils.resistance / device.coils.inductance)) / RATE
     share = 1 / -np.expm1(-x) - 1 / x
@@ -285,10 +289,16 @@ def count_coverage(
     components = ((0,), (1,), (2,)) if known else ((2,), (0, 1))
     names = (*budget.components, "size")
     inside, tried = (np.zeros((len(budget.bands), len(names))) for _ in range(2))
-    estimator = estimator_of(device, budget.estimator, None)
+    estimator, refused = estimator_of(device, budget.estimator, None), 0
     for number in range(devices):
+        if not known:  # a motor's takes long to make, and finds its way from one motor to the next
+            estimator = estimator_of(device, budget.estimator, None)
         trial = next(trials)
-        error = run_loop(device, estimator, trial, seed + number)
+        try:
+            error = run_loop(device, estimator, trial, seed + number)
+        except NoWrench:
+            refused += 1
+            continue
         for region in (trial.region, len(budget.bands) - 1):
             for component, within in find_places(budget.bands[region], components, error):
                 inside[region, component] += within
@@ -299,6 +309,7 @@ def count_coverage(
         "device": budget.device,
         "estimator": budget.estimator,
         "devices": devices,
+        "refused": refused,
         "coverage_percent": {
             band.region: {name: round(100 * float(share[r, n]), 1) for n, name in enumerate(names)}
             for r, band in enumerate(budget.bands)
@@ -324,7 +335,10 @@ def main() -> None:
         if given.json:
             print(json.dumps(result))
             continue
-        print(f"{result['device']}, {result['estimator']}: {result['devices']} devices; in the 95 % band [%]:")
+        print(
+            f"{result['device']}, {result['estimator']}: {result['devices']} devices, {result['refused']} refused by the guard; "
+            "in the 95 % band [%]:"
+        )
         for region, shares in result["coverage_percent"].items():
             print(f"  {region:32s}" + "".join(f"{part}: {share:5.1f}   " for part, share in shares.items()))
 

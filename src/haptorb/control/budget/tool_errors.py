@@ -61,7 +61,8 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
     """The error budget of `device` for forces of `asked` [N], with `sources`.
 
     estimator          "tracker" or "hall"
-    radius_span [m]    up to how far from the device file's the core's radius is looked up; 0: it is exact
+    radius_span [m]    up to how far from the device file's the core's radius is looked up, less where the magnet is
+                       near; 0: it is exact
     calibrated         the moments were measured with the device's own sensors, whose errors are in them
     frequency [Hz]     at which the force turns
     """
@@ -88,7 +89,9 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         tool = device.tool
         self._rows = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence).rows
         self._moments = np.array(device.moment_per_current, dtype=np.float64, order="C")
-        self._pull, self._span = device.passive_pull, max(radius_span, 1e-9)
+        self._pull = device.passive_pull
+        air = self._pull.nearest - self._pull.core_radius - max(tool.length / 2, tool.outer_radius)
+        self._span = max(min(radius_span, 0.3 * air, 0.5 * device.core_radius), 1e-9)
         self._tables = [self._tabulate(k * self._span) if radius_span else self._pull.table for k in (-1, 0, 1)]
 
     def _tabulate(self, more: float) -> Array:
