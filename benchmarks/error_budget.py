@@ -45,7 +45,7 @@ from haptorb.simulation.simulation import Simulation
 from haptorb.worlds.own.function_world import FunctionWorld
 
 RATE = 1000.0  #: of the loop [Hz]
-TICKS = 550  #: the guard's ramp takes 300, what the resistances learn another 150
+TICKS = 450  #: the guard's ramp takes 300; the resistances are learned in 50
 FREQUENCY = 10.0  #: at which a force turns, as in the budget [Hz]
 FIRM = 100.0  #: times as stiff as the device file's is the hand: the mover stays where it is put
 
@@ -335,10 +335,8 @@ def main() -> None:
         if given.json:
             print(json.dumps(result))
             continue
-        print(
-            f"{result['device']}, {result['estimator']}: {result['devices']} devices, {result['refused']} refused by the guard; "
-            "in the 95 % band [%]:"
-        )
+        head = f"{result['device']}, {result['estimator']}: {result['devices']} devices"
+        print(f"{head}, {result['refused']} refused by the guard; in the 95 % band [%]:")
         for region, shares in result["coverage_percent"].items():
             print(f"  {region:32s}" + "".join(f"{part}: {share:5.1f}   " for part, share in shares.items()))
 
