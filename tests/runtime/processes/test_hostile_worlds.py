@@ -17,6 +17,7 @@ import pytest
 
 from haptorb.errors import ServoError
 from haptorb.runtime.processes.prestart import start_module
+from haptorb.runtime.servo.servo import Servo
 
 AT = 100  #: the tick that misbehaves
 
@@ -62,6 +63,17 @@ def test_a_world_that_hangs_is_told_and_ended_by_force(fake_servo: Any, hang: Ca
             servo.run(30)
         assert not servo.alive
         assert is_gone(servo.servo_pid)
+
+
+def test_a_world_that_does_not_return_from_its_first_call_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def endless(state: Any) -> None:
+        swallow()
+
+    monkeypatch.setattr("haptorb.runtime.servo.process_group._FIRST_CALL", 0.3)
+    servo = Servo("omni", endless, record=False)
+    with pytest.raises(ServoError, match=r"world 'endless' has not returned from its first call for 0\.3 s"):
+        servo.open()
+    servo.close()
 
 
 def test_a_world_that_only_loops_is_ended_in_order(fake_servo: Any) -> None:

@@ -82,6 +82,7 @@ class Word(IntEnum):
     PEAK = 48  #: float: greatest force on the mover [N]
     WORLD = 49  #: changes of the world
     PEAK_TORQUE = 50  #: float: greatest torque on the mover [N·m]
+    FIRST_CALL = 51  #: monotonic clock at which the first call of a user's world began [ns]; 0: none runs
     # recorder → host
     RECORDER = 56  #: a Phase
     WRITTEN = 57  #: rows that are in the file, whatever happens to the recorder
