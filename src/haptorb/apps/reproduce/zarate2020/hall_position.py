@@ -22,6 +22,7 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.numerics.arrays import Array
 from haptorb.sensing.tool.place_filter import noise_share
 from haptorb.sensing.tool.position_accuracy import better_sensors, position_accuracy, with_sensors
+from haptorb.sensing.tool.sensing_accuracy import without_errors
 
 __all__ = ["bound", "items", "placements", "position_map"]
 
@@ -78,7 +79,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
     """Accuracy at every placement, by formula and tried, and what draws the maps."""
     from haptorb.devices.loader import load
 
-    device = electromagnet(load("omni"))
+    device = without_errors(electromagnet(load("omni")))
     cases = [(name, placed, amperes) for name, placed in placements(device).items() for amperes in (0.0, _FULL)]
     distances = device.contact_distance + np.linspace(0, device.shell_thickness, 7)
     angles = np.linspace(0.0, device.workspace_half_angle, 8)
