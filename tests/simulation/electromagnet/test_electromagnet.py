@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from haptorb.devices.kind import DeviceKind
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
-from haptorb.sensing.tool.sensing_accuracy import without_errors
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
 from haptorb.simulation.registry import simulate
 

@@ -10,7 +10,7 @@ from haptorb.devices.loader import load
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.ring import RingMagnet
 from haptorb.physics.sources.soft_sphere import SoftSphere
-from haptorb.sensing.tool.sensing_accuracy import without_errors
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
 
 OMNI = without_errors(load("omni"))  # sensors with noise and steps only

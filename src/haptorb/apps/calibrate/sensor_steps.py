@@ -15,10 +15,10 @@ from haptorb.devices.sensor_errors import SensorErrors
 from haptorb.errors import CalibrationError
 from haptorb.numerics.arrays import Array
 from haptorb.sensing.calibration.magnetic_calibration import check_conduction, find_silent
-from haptorb.sensing.calibration.sensor_bundle import CoilReadings
-from haptorb.sensing.calibration.sensor_calibration import calibrate_sensors
-from haptorb.sensing.calibration.tool_tour import ToolTour
 from haptorb.sensing.sample import Sample
+from haptorb.sensing.sensors.self_calibration import calibrate_sensors
+from haptorb.sensing.sensors.sensor_bundle import CoilReadings
+from haptorb.sensing.sensors.tool_tour import ToolTour
 from haptorb.sensing.tool.tool_position import HallTracker
 
 __all__ = ["FieldsStep", "SensorsStep"]

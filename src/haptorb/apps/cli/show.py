@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,6 +18,9 @@ from haptorb.apps.terminal import (
     tell,
 )
 from haptorb.errors import InputError, UnknownName
+
+if TYPE_CHECKING:
+    from haptorb.devices.device import Device
 
 __all__ = ["register"]
 
@@ -100,6 +103,9 @@ def inspect(
     json: Annotated[bool, typer.Option("--json", help="Print JSON; a list for several devices.")] = False,
     assumed: Annotated[bool, typer.Option("--assumed", help="List the assumed values with their reasons.")] = False,
     override: Annotated[bool, typer.Option("--override", help="Inspect a device that the validation refuses.")] = False,
+    sensing: Annotated[
+        bool, typer.Option("--sensing", help="How well the field sensors locate the tool, error by error.")
+    ] = False,
 ) -> None:
     """Show what devices can do: workspace, forces, heat limits and model errors; several side by side."""
     from haptorb.apps.figure_file import check_figure_file, write_figure
@@ -114,6 +120,9 @@ def inspect(
             raise InputError(f"--assumed lists the values of one device; got {len(found)}")
         _list(dict(found[0].assumed), json)
         return
+    if sensing:
+        _print_sensing(found, json)
+        return
     if plot is not None:
         check_figure_file(plot, "--plot")
     for one in found:
@@ -126,6 +135,18 @@ def inspect(
         print_json(report.numbers())
     else:
         report.show(make_console())
+
+
+def _print_sensing(devices: list[Device], json: bool) -> None:
+    from haptorb.apps.inspect.sensing import sensing_accuracy
+
+    if len(devices) > 1:
+        raise InputError(f"--sensing tells about one device; got {len(devices)}")
+    found = sensing_accuracy(devices[0])
+    if json:
+        print_json(found.numbers())
+    else:
+        found.show(make_console())
 
 
 def show(

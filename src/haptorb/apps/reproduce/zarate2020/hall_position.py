@@ -20,9 +20,9 @@ from haptorb.apps.reproduce.zarate2020.hall_trial import shell_places, try_hall_
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.numerics.arrays import Array
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.sensing.tool.place_filter import noise_share
 from haptorb.sensing.tool.position_accuracy import better_sensors, position_accuracy, with_sensors
-from haptorb.sensing.tool.sensing_accuracy import without_errors
 
 __all__ = ["bound", "items", "placements", "position_map"]
 

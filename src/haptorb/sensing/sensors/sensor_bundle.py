@@ -21,8 +21,7 @@ from haptorb.errors import CalibrationError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.so3 import turn_by
 from haptorb.physics.sources import dipole
-from haptorb.sensing.calibration.tool_tour import ToolTour
-from haptorb.sensing.tool.sensor_parameters import (
+from haptorb.sensing.sensors.sensor_parameters import (
     DISPLACEMENT,
     MIXING,
     OFFSET,
@@ -31,9 +30,10 @@ from haptorb.sensing.tool.sensor_parameters import (
     sensitivity,
     tool_readings,
 )
+from haptorb.sensing.sensors.tool_tour import ToolTour
 from haptorb.sensing.tool.tool_field import ToolModel
 
-__all__ = ["CoilReadings", "SensorFit", "fit_sensors"]
+__all__ = ["CoilReadings", "SensorFit", "fit_sensors", "predict_covariance"]
 
 _MOST = 12  #: steps
 _DONE = 1e-3  #: of a standard deviation of the prior, a step after which no other is made
@@ -93,6 +93,15 @@ def fit_sensors(
     return _Bundle(device, coils, tour, used).solve()
 
 
+def predict_covariance(device: SphericalElectromagnet, coils: CoilReadings, tour: ToolTour) -> Array:
+    """(15 k, 15 k) covariance of the errors that `fit_sensors` would find from such readings: the inverse information,
+    that of the device file's distributions included."""
+    H, _, _ = _Bundle(device, coils, tour, coils.used).normal()
+    count = PARAMETERS * device.sensors
+    covariance: Array = np.linalg.inv(H)[:count, :count]
+    return covariance
+
+
 class _Bundle:
     """The unknowns as they are now: theta, strength, moment map, and a pose for each reading."""
 
@@ -126,7 +135,7 @@ class _Bundle:
         """Steps until nothing moves."""
         scale = np.sqrt(np.diag(self.prior))
         for _ in range(_MOST):
-            H, g, back = self._normal()
+            H, g, back = self.normal()
             step = np.linalg.solve(H, g)
             self._step(step, back)
             if not np.isfinite(step).all():
@@ -138,7 +147,7 @@ class _Bundle:
                 "no errors of the sensors explain what they read of the tool: keep other magnets and iron away, and "
                 "check that the tool is the one of the device file"
             )
-        H, _, _ = self._normal()
+        H, _, _ = self.normal()
         whitened = self._whitened()
         weights = _weights(whitened)
         each = np.sqrt((weights * whitened**2).sum(axis=(0, 2)) / np.maximum(weights.sum(axis=(0, 2)), 1e-9))
@@ -171,7 +180,7 @@ class _Bundle:
         """(n, k, 3) residuals by their standard deviation."""
         return np.array([self._predict(n)[0] for n in range(len(self._places))]) / self._deviation()
 
-    def _normal(self) -> tuple[Array, Array, list[tuple[Array, Array]]]:
+    def normal(self) -> tuple[Array, Array, list[tuple[Array, Array]]]:
         """H and g of the sensors' normal equations, poses eliminated; and for each pose what finds its own step."""
         H, g = self._weight0.copy(), self._weight0 @ self._away()
         self._add_coils(H, g)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.numerics.arrays import Array
-from haptorb.sensing.tool.sensor_parameters import PARAMETERS, prior_covariance
+from haptorb.sensing.sensors.sensor_parameters import PARAMETERS, prior_covariance
 
 __all__ = ["list_unobserved", "observed_share"]
 

@@ -20,7 +20,7 @@ from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.sensor_errors import SensorErrors
 from haptorb.devices.state import rotation_to_axis
 from haptorb.numerics.arrays import Array, check_finite
-from haptorb.sensing.tool.sensor_parameters import PARAMETERS, prior_covariance, sensitivity, tool_readings
+from haptorb.sensing.sensors.sensor_parameters import PARAMETERS, prior_covariance, sensitivity, tool_readings
 from haptorb.sensing.tool.tool_field import ToolModel, coil_field, moment_field
 
 __all__ = ["SensorKnowledge", "pose_covariance", "without_errors"]
@@ -38,6 +38,7 @@ class SensorKnowledge:
     moments     standard deviation of the moment map's entries, relative to their column
     drift       (2,) offset [T] and gain [1] by which the sensors drifted since, standard deviations
     remanent    moment that may be left in the core, standard deviation of each axis [A·m²]
+    eddy        share of the moment that may be missing because the core lags, standard deviation
     """
 
     covariance: Array
@@ -45,6 +46,7 @@ class SensorKnowledge:
     moments: float = 0.0
     drift: tuple[float, float] = (0.0, 0.0)
     remanent: float = 0.0
+    eddy: float = 0.0
 
     @classmethod
     def of(cls, errors: SensorErrors, count: int, **known: float) -> SensorKnowledge:
@@ -101,10 +103,12 @@ def pose_covariance(
         lasting += float(columns @ (knowledge.moments * i) ** 2) * unit @ unit.T
     else:
         lasting += np.diag((knowledge.coils**2) @ i**2)
-    lasting += knowledge.remanent**2 * unit @ unit.T
+    late = knowledge.eddy * unit @ device.moment_per_current @ i
+    lasting += knowledge.remanent**2 * unit @ unit.T + np.outer(late, late)
     lasting += knowledge.drift[0] ** 2 * np.eye(readings) + np.diag((knowledge.drift[1] * whole.ravel()) ** 2)
     Σ = share**2 * (noise * np.eye(readings) + ampere) + lasting
-    believed = float(columns @ (_CALIBRATED * i) ** 2) + device.core_dynamics.remanent_moment**2
+    doubt = _CALIBRATED**2 + knowledge.eddy**2  # the tracker knows how far the core's lag may be off
+    believed = doubt * float(columns @ i**2) + device.core_dynamics.remanent_moment**2
     W = np.linalg.inv(noise * np.eye(readings) + ampere + believed * unit @ unit.T)
     j = J.reshape(-1, 5)
     A = np.linalg.solve(j.T @ W @ j, j.T @ W)
