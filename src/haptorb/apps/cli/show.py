@@ -121,6 +121,9 @@ def inspect(
     ] = None,
     samples: Annotated[int, typer.Option(help="With --errors: devices drawn for each region of the workspace.")] = 2000,
     seed: Annotated[int, typer.Option(help="With --errors: seed of what is drawn.")] = 0,
+    sensing: Annotated[
+        bool, typer.Option("--sensing", help="How well the field sensors locate the tool, error by error.")
+    ] = False,
 ) -> None:
     """Show what devices can do: workspace, forces, heat limits and model errors; several side by side.
 
@@ -139,6 +142,9 @@ def inspect(
         if len(found) > 1:
             raise InputError(f"--assumed lists the values of one device; got {len(found)}")
         _list(dict(found[0].assumed), json)
+        return
+    if sensing:
+        _print_sensing(found, json)
         return
     if plot is not None:
         check_figure_file(plot, "--plot")
@@ -182,6 +188,18 @@ def _budget_errors(
             device, asked=asked, estimator=estimator, calibration=known, samples=samples, seed=seed,
             report=lambda done: bar.update(task, completed=done),
         )  # fmt: skip
+
+
+def _print_sensing(devices: list[Device], json: bool) -> None:
+    from haptorb.apps.inspect.sensing import sensing_accuracy
+
+    if len(devices) > 1:
+        raise InputError(f"--sensing tells about one device; got {len(devices)}")
+    found = sensing_accuracy(devices[0])
+    if json:
+        print_json(found.numbers())
+    else:
+        found.show(make_console())
 
 
 def show(

@@ -42,14 +42,16 @@ class HallPoint(NamedTuple):
 
 
 class HallFit:
-    """The Hall tracker of `device`."""
+    """The Hall tracker of `device`; calibrated: the sensors' offsets were measured, and are taken off."""
 
-    def __init__(self, device: SphericalElectromagnet) -> None:
+    def __init__(self, device: SphericalElectromagnet, *, calibrated: bool = False) -> None:
         self._model, self._per_ampere = ToolModel.of(device), coil_field(device)
         hall, supply = device.hall, device.supply
-        self._noise = float(np.hypot(max(hall.noise, 1e-7), hall.step / np.sqrt(12)))
+        noise = np.hypot(max(hall.noise, 1e-7), hall.step / np.sqrt(12))
+        self._noise = float(noise if calibrated else np.hypot(noise, hall.errors.offset))
         moments = device.moment_per_current
         self._read = (supply.current_noise**2 + supply.current_step**2 / 12) * (moments @ moments.T)
+        self._read = self._read + device.core_dynamics.remanent_moment**2 * np.eye(3)
         self._columns = (moments**2).sum(axis=0)
         self._unit = moment_field(device).reshape(-1, 3)
 

@@ -83,7 +83,9 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         self.device, self.estimator, self.asked, self.sources = device.name, estimator, asked, sources
         self._device = device
         self._allocator, self._loop = force_allocator(device), CurrentLoop(device)
-        self._hall = HallFit(device) if estimator == "hall" else None
+        # After a self-calibration it is known how well the sensors tell the pose.
+        senses = estimator == "hall" and device.hall.correction is None
+        self._hall = HallFit(device, calibrated=calibrated) if senses else None
         self._calibrated = MomentFit(device) if calibrated else None
         self.motion = f"turning at {frequency:g} Hz" if frequency else "at rest"
         tool = device.tool

@@ -167,7 +167,7 @@ def tool_errors(
         Remanence(known.remanence, origin("remanence")),
         MagnetWarmth(known.magnet_temperature, known.remanence_drift, origin("magnet_temperature")),
         _moments(believed, calibration),
-        *_pose_sources(believed, chosen, calibration is not None),
+        *_pose_sources(believed, chosen, calibration),
         CorePlace(known.core_place, origin("core_place")),
         CoreRadius(known.core_radius, origin("core_radius")),
         *current_sources(device, known, known.current_offset),
@@ -184,21 +184,27 @@ def tool_errors(
 
 
 def _pose_sources(
-    device: SphericalElectromagnet, estimator: str, calibrated: bool
+    device: SphericalElectromagnet, estimator: str, calibration: Calibration | None
 ) -> tuple[ErrorSource[ToolTrial], ...]:
     """How the pose is known, and how well; and the field sensors, where the moments were measured with them."""
-    known = device.uncertainty
-    tracker = (
-        TrackedPlace(known.place, find_origin(device, known, "place")),
-        TrackedAxis(known.axis, find_origin(device, known, "axis")),
-    )
-    if estimator == "tracker" and not calibrated:
-        return tracker
+    known, found = device.uncertainty, None if calibration is None else calibration.sensors
+    pose: tuple[ErrorSource[ToolTrial], ...] = ()
+    if estimator == "tracker":
+        pose = (
+            TrackedPlace(known.place, find_origin(device, known, "place")),
+            TrackedAxis(known.axis, find_origin(device, known, "axis")),
+        )
+    elif found is not None:  # what is stated are lengths of errors over all axes
+        pose = (
+            TrackedPlace(found.place / np.sqrt(3), "calibration"),
+            TrackedAxis(found.axis / np.sqrt(2), "calibration"),
+        )
+    if estimator == "tracker" and calibration is None:
+        return pose
     placement = SensorPlacement[ToolTrial](
         device.hall.errors.placement, find_origin(device, known, "placement", "hall"), device.sensors
     )
-    sensors = (*sensor_sources(device, device.hall, "hall", _AVERAGED), placement)
-    return (*tracker, *sensors) if estimator == "tracker" else sensors
+    return (*pose, *sensor_sources(device, device.hall, "hall", _AVERAGED), placement)
 
 
 def _moments(device: SphericalElectromagnet, calibration: Calibration | None) -> Moments:

@@ -108,8 +108,8 @@ def sense(
 ) -> bool:
     """One reading of each sensor, and the tool's true pose; False, and nothing read, if the tool is nowhere.
 
-    electromagnet (1,) ELECTROMAGNET, coils (m,) COIL, halls (k,) HALL, magnets as `pack_magnets` made them; pose (6, 3) becomes R, p, v
-    and w; read (2 m,) currents [A], then temperatures [K]; field (k, 3) [T].
+    electromagnet (1,) ELECTROMAGNET, coils (m,) COIL, halls (k,) HALL, magnets as `pack_magnets` made them; pose (6, 3)
+    becomes R, p, v and w; read (2 m,) currents [A], then temperatures [K]; field (k, 3) [T].
     """
     tool, s = electromagnet[0].tool, electromagnet[0].senses
     if not _is_finite(tool):
