@@ -6,15 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from haptorb.control.allocation.for_device import force_allocator, torque_allocator
 from haptorb.control.budget.current_errors import ChainTrial, CurrentLoop
 from haptorb.control.budget.motor_sources import motor_errors
 from haptorb.control.budget.tool_sources import tool_errors
 from haptorb.devices.loader import load
+from haptorb.devices.sensor_errors import SensorErrors
 from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
+from haptorb.numerics.quaternions import quaternion
 from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.sensing.tool.tool_position import HallTracker
+from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
 
 OMNI, PMSM = load("omni"), load("pmsm")
 
@@ -86,10 +91,48 @@ def test_a_wrong_pose_is_believed_and_a_shifted_core_is_not(tool) -> None:
     assert tool.wrench_error(point, perturb(tool, place_of_core=z)) == pytest.approx(expected)
 
 
-def test_a_turned_axis_changes_the_force_by_no_more_than_its_angle(tool) -> None:
-    point = tool.draw_point(2, np.random.default_rng(5))
-    error = tool.wrench_error(point, perturb(tool, tracked_axis=1))
-    assert 0 < np.linalg.norm(error) < 10 * OMNI.uncertainty.axis * np.linalg.norm(point.wrench)
+def test_a_turned_axis_is_believed(tool) -> None:
+    rng = np.random.default_rng(5)
+    point, z = tool.draw_point(2, rng), rng.standard_normal(3)
+    turned = Rotation.from_rotvec(OMNI.uncertainty.axis * z).as_matrix() @ point.R
+    expected = force_of(OMNI, point, R=turned)
+    assert np.abs(expected).max() > 1e-5
+    assert tool.wrench_error(point, perturb(tool, tracked_axis=z)) == pytest.approx(expected)
+
+
+def test_the_core_keeps_a_moment_up_to_its_remanence(tool) -> None:
+    point = tool.draw_point(0, np.random.default_rng(8))
+    unit = replace(OMNI, moment_per_current=np.eye(3)).wrench_map(State.at(point.p, R_SR=point.R), "exact").force
+    expected = point.R.T @ unit @ (OMNI.core_dynamics.remanent_moment * np.array([1.0, -1.0, 0.0]))
+    error = tool.wrench_error(point, perturb(tool, remanence_of_the_core=[9.0, -9.0, 0.0, 0.0]))
+    assert error == pytest.approx(expected, rel=1e-6, abs=1e-9)
+
+
+def test_eddy_currents_take_the_share_of_a_turning_force_that_the_device_file_says(tool) -> None:
+    rng = np.random.default_rng(9)
+    for region in range(3):
+        point = tool.draw_point(region, rng)
+        error = tool.wrench_error(point, perturb(tool, eddy=[0.0, 0.0, *rng.standard_normal(3)]))
+        assert np.linalg.norm(error) == pytest.approx(OMNI.core_dynamics.lag(10.0) * 0.07, rel=1e-6)
+    still = tool_errors(OMNI, 0.07, frequency=0.0)
+    assert not [source for source in still.sources if source.name.startswith("eddy")]
+
+
+def test_a_pose_from_field_sensors_is_off_as_the_tracker_itself_is() -> None:
+    exact = replace(OMNI, hall=replace(OMNI.hall, noise=1e-6, step=0.0, errors=SensorErrors()))
+    model = tool_errors(exact, 0.07, "hall")
+    point = model.draw_point(1, np.random.default_rng(10))
+    trial = perturb(model, remanence=1)
+    stronger = 1 + exact.uncertainty.remanence
+    true = replace(exact, tool=replace(exact.tool, remanence=exact.tool.remanence * stronger))
+    true = replace(true, hall=replace(true.hall, noise=0.0))
+    simulation = SimulatedElectromagnet(true)
+    simulation.place(point.p, quaternion(point.R))
+    seen = HallTracker(exact).update(simulation.sample(0.0, 0.0, True)).state
+    place, turn = model._locate(model._hall, point, trial, np.zeros(3), np.zeros(3))
+    assert np.linalg.norm(place) > 5e-5
+    assert place == pytest.approx(seen.p - point.p, abs=0.05 * np.linalg.norm(place))
+    assert np.cross(turn, point.R[:, 2]) == pytest.approx(seen.axis - point.R[:, 2], abs=2e-3)
 
 
 def test_the_loop_holds_the_measured_current_where_it_learns_the_resistance_and_the_voltage_where_it_does_not() -> None:
@@ -127,16 +170,30 @@ def test_coils_regulator_and_weight_act_as_a_motor_rebuilt_with_them(motor) -> N
     assert motor.wrench_error(point, perturb(motor, torque_of=1)) == pytest.approx(expected, abs=1e-9)
 
 
-def test_a_calibration_narrows_the_moments() -> None:
-    spread = np.full((3, 3), 1e-4)
-    known = Calibration("omni", OMNI.digest, OMNI.moment_per_current, spread, np.zeros((9, 3)), OMNI.coils.resistance,
-                        1e-5, 2.0, 1e-3, None, True)  # fmt: skip
-    model = tool_errors(OMNI, 0.07, None, known)
-    moments = next(source for source in model.sources if source.name.startswith("moments"))
+@pytest.fixture(scope="module")
+def calibrated():
+    known = Calibration("omni", OMNI.digest, OMNI.moment_per_current, np.full((3, 3), 1e-4), np.zeros((9, 3)),
+                        OMNI.coils.resistance, 1e-5, 2.0, 1e-3, None, True)  # fmt: skip
+    return tool_errors(OMNI, 0.07, None, known)
+
+
+def test_a_calibration_narrows_the_moments(calibrated) -> None:
+    moments = next(source for source in calibrated.sources if source.name.startswith("moments"))
     assert moments.origin == "calibration"
-    trial = model.make_trial()
+    trial = calibrated.make_trial()
     moments.perturb(np.ones(9), trial)
-    assert trial.moments - OMNI.moment_per_current == pytest.approx(spread)
+    assert trial.moments - OMNI.moment_per_current == pytest.approx(np.full((3, 3), 1e-4))
+
+
+def test_current_sensors_that_measured_the_moments_cancel_and_field_sensors_do_not(tool, calibrated) -> None:
+    point = tool.draw_point(0, np.random.default_rng(11))
+    assert np.linalg.norm(tool.wrench_error(point, perturb(tool, **{"current_sensors,_gain": 1}))) > 1e-4
+    assert tool.wrench_error(point, tool.make_trial()) == pytest.approx(np.zeros(3), abs=1e-9)
+    assert np.linalg.norm(calibrated.wrench_error(point, perturb(calibrated, **{"current_sensors,_gain": 1}))) < 1e-5
+    # Sensors that read too much found moments that are too large: the true ones give less.
+    weaker = replace(OMNI, moment_per_current=OMNI.moment_per_current / (1 + OMNI.hall.errors.gain))
+    error = calibrated.wrench_error(point, perturb(calibrated, **{"field_sensors,_gain": 1}))
+    assert error == pytest.approx(force_of(weaker, point))
 
 
 @pytest.mark.parametrize("asked", [0.0, -0.1, 5.0])
