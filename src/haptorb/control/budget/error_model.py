@@ -34,7 +34,7 @@ class ErrorSource(ABC, Generic[T]):
 
     @abstractmethod
     def perturb(self, deviates: Array, trial: T) -> None:
-        """Change `trial` by `deviates` (dimension,) times the standard uncertainty."""
+        """Change `trial` by standard normal `deviates` (dimension,) [1] times the standard uncertainty."""
 
 
 @dataclass(frozen=True)

@@ -84,7 +84,7 @@ class SensorPlacement(ErrorSource[S]):
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: S) -> None:
-        """Move the sensors."""
+        """Move the sensors of `trial`, by `deviates` (3 k,) [1] times the standard uncertainty."""
         trial.placement += self._standard * deviates.reshape(-1, 3)
 
 
