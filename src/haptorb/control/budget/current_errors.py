@@ -37,7 +37,8 @@ class ChainTrial:
     @classmethod
     def exact(cls, channels: int) -> ChainTrial:
         """No error."""
-        return cls(*np.zeros((3, channels)), 0.0, np.zeros(channels))
+        zero = np.zeros(channels)
+        return cls(zero.copy(), zero.copy(), zero.copy(), 0.0, zero.copy())
 
     def read_currents(self, currents: Array) -> Array:
         """(m,) what the sensors say of true `currents` (m,) [A]."""

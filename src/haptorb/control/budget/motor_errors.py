@@ -103,7 +103,8 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
             slopes,
         )  # fmt: skip
         design = np.column_stack([slopes.reshape(-1, 3), field.ravel()])
-        return field, np.linalg.solve(design.T @ design, design.T)
+        solution: Array = np.linalg.solve(design.T @ design, design.T)
+        return field, solution
 
     def make_trial(self) -> MotorTrial:
         """The motor as it is believed to be."""
@@ -126,7 +127,7 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
         for _ in range(2 if self._senses else 1):
             if self._senses:
                 turn, strength = self._fit_readings(point, trial, currents)
-            turn_by(*turn.tolist(), point.R, R)
+            turn_by(float(turn[0]), float(turn[1]), float(turn[2]), point.R, R)
             believed = R
             matrix = np.zeros((6, device.channels))
             matrix[3:] = strength * self._torque(believed, self._polarity) @ device.groups

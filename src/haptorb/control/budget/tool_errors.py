@@ -148,7 +148,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
             if self._hall is not None and point.hall is not None:
                 place, turn = self._locate(self._hall, point, trial, trial.moments @ currents + extra, currents)
             R = np.empty((3, 3))
-            turn_by(*turn.tolist(), point.R, R)
+            turn_by(float(turn[0]), float(turn[1]), float(turn[2]), point.R, R)
             believed = self._device.wrench_map(State(0.0, R, point.p + place, np.zeros(3), np.zeros(3)), "exact")
             wanted = self._allocator.allocate(believed, point.wrench).currents
             currents = self._loop.true_currents(wanted, trial)
