@@ -75,8 +75,8 @@ def print_effects(effects: SensorEffects, console: Console) -> None:
     print_text(
         console,
         f"\nrms over {effects.orientations} orientations of each of {effects.devices} devices drawn from the device "
-        "file's distributions. Torque error: of what is delivered when 60 mN·m are asked; JND: its 95th percentile over "
-        "12.7 %, the just-noticeable difference.",
+        "file's distributions. Torque error: of what is delivered when 60 mN·m are asked; JND: its 95th percentile "
+        "over 12.7 %, the just-noticeable difference.",
     )
 
 

@@ -24,7 +24,7 @@ from haptorb.sensing.sensors.sensing_accuracy import SensorKnowledge, pose_covar
 from haptorb.sensing.tool.place_filter import noise_share
 from haptorb.sensing.tool.position_accuracy import better_sensors, with_sensors
 
-__all__ = ["SensingAccuracy", "SensingRow", "sensing_accuracy", "sensing_cases"]
+__all__ = ["SensingAccuracy", "SensingRow", "sensing_accuracy", "sensing_cases", "summarize_sensing"]
 
 ASKED = 0.3  #: force that is asked [N]
 _EDDY_FREQUENCY = 50.0  #: at which the core's lag is stated [Hz]
@@ -122,8 +122,23 @@ def sensing_accuracy(device: Device) -> SensingAccuracy:
     return SensingAccuracy(device.name, tuple(rows))
 
 
-def sensing_cases(device: SphericalElectromagnet) -> Iterator[SensingCase]:
-    """What is tried: each error alone, and all of them before and after each step of a calibration."""
+def summarize_sensing(device: SphericalElectromagnet) -> str:
+    """One line for the card: all errors of the device file, coils at full current, before and after calibration."""
+    current = float(device.driven_current.min())
+    wanted = ("all, not calibrated", "all, calibrated: sensors")
+    before, after = (_row(case, current) for case in sensing_cases(device, readings=120) if case.name in wanted)
+    return (
+        f"place {1e3 * after.place:.1f} mm, axis {math.degrees(after.axis):.1f}°, force {1e3 * after.force:.0f} mN "
+        f"({after.jnd:.1f} JND) rms over the shell at {current:.0f} A after `haptorb calibrate`, "
+        f"{1e3 * before.place:.1f} mm before; error by error: --sensing"
+    )
+
+
+def sensing_cases(device: SphericalElectromagnet, readings: int = 360) -> Iterator[SensingCase]:
+    """What is tried: each error alone, and all of them before and after each step of a calibration.
+
+    readings: of the tool, in the step `sensors`.
+    """
     k, errors, core = device.sensors, device.hall.errors, device.core_dynamics
     heat = device.coils.heat
     warmth = device.hall.warming * (heat.derate - heat.ambient)
@@ -151,7 +166,7 @@ def sensing_cases(device: SphericalElectromagnet) -> Iterator[SensingCase]:
     yield SensingCase("all, not calibrated", device, replace(every, **rest))  # type: ignore[arg-type]
     known = SensorKnowledge.of(replace(errors, offset=0.0), k, moments=_MOMENTS)
     yield SensingCase("all, calibrated: magnetic", device, replace(known, **rest))  # type: ignore[arg-type]
-    found = expected_knowledge(device)
+    found = expected_knowledge(device, readings)
     part = replace(known, coils=found.coils)
     yield SensingCase("all, calibrated: fields", device, replace(part, **rest))  # type: ignore[arg-type]
     yield SensingCase("all, calibrated: sensors", device, replace(found, **rest))  # type: ignore[arg-type]
@@ -159,7 +174,7 @@ def sensing_cases(device: SphericalElectromagnet) -> Iterator[SensingCase]:
     yield SensingCase(f"the same, currents at {_EDDY_FREQUENCY:.0f} Hz", device, moving)
     if k == len(better_sensors(device)):
         ringed = with_sensors(device, better_sensors(device))
-        there = replace(expected_knowledge(ringed), **rest)  # type: ignore[arg-type]
+        there = replace(expected_knowledge(ringed, readings), **rest)  # type: ignore[arg-type]
         yield SensingCase("all, calibrated: sensors, in two rings", ringed, there)
 
 
