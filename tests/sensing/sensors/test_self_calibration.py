@@ -154,6 +154,11 @@ def test_the_tracker_knows_the_cores_lag():
     assert far["known"] < 0.7 * far["not"]
 
 
+def test_sensors_that_nobody_calibrated_are_remarked_on():
+    assert "haptorb calibrate omni" in HallTracker(OMNI).remark
+    assert HallTracker(without_errors(OMNI)).remark == ""
+
+
 def test_knowing_the_sensors_is_worth_it():
     knowledge = expected_knowledge(OMNI, 200)
     p = np.array([0.0, 0.02, 0.055])
