@@ -55,7 +55,8 @@ def grows(
 ) -> bool:  # fmt: skip
     """Whether an oscillation of the tool across a spring of `stiffness` [N/m] grows; `grip` is the hand alone.
 
-    hall: the field sensors tell the pose, as a calibration leaves them and without noise (which makes the tool tremble, and no spring unstable).
+    hall: the field sensors tell the pose, as a calibration leaves them and without noise (which makes the tool tremble,
+    and no spring unstable).
     """
     held = replace(
         device,
