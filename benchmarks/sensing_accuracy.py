@@ -3,8 +3,8 @@
     python benchmarks/sensing_accuracy.py [--specimens 3] [--places 16] [--dead 5] [--json]
 
 Nothing here is from the formulas of `haptorb inspect --sensing`. Each specimen has its own lasting errors, drawn from
-the device file's distributions, and a tool magnet 1 % stronger than the file says. Three trackers read the same simulation:
-one that knows nothing of the errors, one with the step `magnetic` only, one with the steps `fields` and `sensors`.
+the device file's distributions, and a tool magnet 1 % stronger than the file says. Three trackers read the same
+simulation: one that knows nothing of the errors, one with the step `magnetic` only, one with the steps `fields` and `sensors`.
 --dead N lets sensor N fail before the calibration.
 """
 
