@@ -4,7 +4,7 @@
 
 Nothing here is from the formulas of `haptorb inspect --sensing`. Each specimen has its own lasting errors, drawn from
 the device file's distributions, and a tool magnet 1 % stronger than the file says. Three trackers read the same
-simulation: one that knows nothing of the errors, one with the step `magnetic` only, one with the steps `fields` and `sensors`.
+simulation: one that knows nothing of the errors, one with the step `magnetic` only, one with `fields` and `sensors`.
 --dead N lets sensor N fail before the calibration.
 """
 
@@ -106,8 +106,8 @@ def measure(device: SphericalElectromagnet, specimens: int, count: int, dead: in
     rows = []
     for (name, duty), errors in gathered.items():
         squares = np.stack(errors)
-        kept = np.isfinite(squares[:, :, 0])
-        weight = np.where(kept, share, 0.0)
+        finite = np.isfinite(squares[:, :, 0])
+        weight = np.where(finite, share, 0.0)
         mean = [float((weight * np.nan_to_num(squares[:, :, part])).sum() / weight.sum()) for part in (0, 1)]
         rows.append(
             {

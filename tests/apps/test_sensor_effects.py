@@ -32,5 +32,5 @@ def test_every_error_has_its_effect_and_a_greater_one_a_greater():
 def test_options_that_mean_nothing_here_are_refused(capsys):
     assert main(["estimators", "pmsm", "--sensors", "--plot", "a.png"]) != 0
     assert "leave out --plot" in capsys.readouterr().err
-    with pytest.raises(InputError, match="no field sensors"):
+    with pytest.raises(InputError, match="spherical motor"):
         sensing_accuracy(load("pmsm"))

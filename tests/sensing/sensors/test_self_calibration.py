@@ -10,11 +10,11 @@ from haptorb.devices.sensor_errors import SensorErrors, draw_sensors
 from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import CalibrationError
 from haptorb.sensing.sample import Pose, Sample
-from haptorb.sensing.sensors.expected_calibration import expected_coils, expected_knowledge, spread_tour
+from haptorb.sensing.sensors.expected_calibration import predict_coils, predict_knowledge, spread_tour
 from haptorb.sensing.sensors.self_calibration import calibrate_sensors
 from haptorb.sensing.sensors.sensing_accuracy import SensorKnowledge, pose_covariance, without_errors
 from haptorb.sensing.sensors.sensor_bundle import predict_covariance
-from haptorb.sensing.sensors.sensor_gauges import observed_share
+from haptorb.sensing.sensors.sensor_gauges import find_observed_share
 from haptorb.sensing.sensors.sensor_parameters import tool_readings
 from haptorb.sensing.sensors.tool_tour import ToolTour
 from haptorb.sensing.tool.tool_field import ToolModel
@@ -25,8 +25,8 @@ NO_POSE = Pose(0.0, np.eye(3), np.full(3, np.nan), np.zeros(3), np.zeros(3), Fal
 EVERY = np.ones(9, dtype=bool)
 
 
-def part_of(tour, kept):
-    return ToolTour(tour.fields[kept], tour.places[kept], tour.axes[kept], tour.noise)
+def part_of(tour, chosen):
+    return ToolTour(tour.fields[chosen], tour.places[chosen], tour.axes[chosen], tour.noise)
 
 
 @pytest.fixture(scope="module")
@@ -35,16 +35,16 @@ def tour():
 
 
 def test_a_tool_that_was_not_moved_enough_is_refused_with_what_to_do(tour):
-    coils, long = expected_coils(OMNI), spread_tour(OMNI, 1600)
+    coils, long = predict_coils(OMNI), spread_tour(OMNI, 1600)
     distance = np.linalg.norm(long.places, axis=1)
     cases = {
         r"sides.*: 180° to 240°, 240° to 300°, 300° to 360°.*Lead it over the whole dome": long.places[:, 1] > 0,
         r"° from the summit, at least 42°": long.places[:, 2] > 0.9 * distance,
         r"its height varied by": distance < 0.055,
     }
-    for message, kept in cases.items():
+    for message, chosen in cases.items():
         with pytest.raises(CalibrationError, match=message):
-            calibrate_sensors(OMNI, coils, part_of(long, kept))
+            calibrate_sensors(OMNI, coils, part_of(long, chosen))
     upright = replace(tour, axes=tour.places / np.linalg.norm(tour.places, axis=1)[:, None])
     with pytest.raises(CalibrationError, match=r"leaned by 0°, at least 8°"):
         calibrate_sensors(OMNI, coils, upright)
@@ -53,21 +53,23 @@ def test_a_tool_that_was_not_moved_enough_is_refused_with_what_to_do(tour):
 
 
 def test_too_many_dead_sensors_are_refused_by_number(tour):
-    coils = replace(expected_coils(OMNI), used=np.arange(9) > 2)
+    coils = replace(predict_coils(OMNI), used=np.arange(9) > 2)
     with pytest.raises(CalibrationError, match=r"field sensors 1, 2, 3 of 9 do not follow"):
         calibrate_sensors(OMNI, coils, tour)
 
 
 def test_what_cannot_be_observed_is_found_by_the_information():
     """A common gain is one with the magnet's strength; the coils tell how all sensors are turned."""
-    coils, tour = expected_coils(OMNI), spread_tour(OMNI, 200)
+    coils, tour = predict_coils(OMNI), spread_tour(OMNI, 200)
     share = {
-        name: left for name, (left, _) in observed_share(OMNI, predict_covariance(OMNI, coils, tour), EVERY).items()
+        name: left
+        for name, (left, _) in find_observed_share(OMNI, predict_covariance(OMNI, coils, tour), EVERY).items()
     }
     assert share["gain"] > 0.9
     without = replace(coils, deviation=np.full(3, 1.0))  # coils that say nothing
     blind = {
-        name: left for name, (left, _) in observed_share(OMNI, predict_covariance(OMNI, without, tour), EVERY).items()
+        name: left
+        for name, (left, _) in find_observed_share(OMNI, predict_covariance(OMNI, without, tour), EVERY).items()
     }
     for name in ("turn-x", "turn-y", "turn-z"):
         assert share[name] < 0.8 * blind[name]
@@ -87,7 +89,7 @@ def test_errors_that_no_model_of_the_estimator_made_are_found(tour):
         fields[n] = np.einsum("kij,kj->ki", drawn.mixing, B) + drawn.offset
     fields += tour.noise * rng.standard_normal(fields.shape)
     fields[100:110] += 3e-4  # somebody passes with a key
-    coils = expected_coils(true)
+    coils = predict_coils(true)
     coils = replace(coils, per_ampere=np.einsum("kij,kjm->kim", drawn.mixing, coils.per_ampere), at_rest=drawn.offset)
     begin = tour.places + 2e-3 * rng.standard_normal(tour.places.shape)
     found = calibrate_sensors(OMNI, coils, replace(tour, fields=fields, places=begin))
@@ -160,7 +162,7 @@ def test_sensors_that_nobody_calibrated_are_remarked_on():
 
 
 def test_knowing_the_sensors_is_worth_it():
-    knowledge = expected_knowledge(OMNI, 200)
+    knowledge = predict_knowledge(OMNI, 200)
     p = np.array([0.0, 0.02, 0.055])
     before, _ = pose_covariance(OMNI, p, p, np.zeros(3), SensorKnowledge.of(OMNI.hall.errors, 9), share=0.0001)
     after, _ = pose_covariance(OMNI, p, p, np.zeros(3), knowledge, share=0.0001)

@@ -135,18 +135,18 @@ def _list_cases(motor: SphericalMotor) -> tuple[_Case, ...]:
     warmth = hall.warming * (heat.derate - heat.ambient)
     none = SensorErrors()
 
-    def alone(*names: str) -> SensorErrors:
+    def isolate(*names: str) -> SensorErrors:
         return replace(none, **{name: getattr(errors, name) for name in names})
 
     return (
         _Case("none"),
         _Case(f"noise {1e3 * hall.noise:g} mT, step {1e3 * hall.step:g} mT", noise=True),
-        _Case(f"offset {1e3 * errors.offset:g} mT", alone("offset")),
-        _Case(f"gain {100 * errors.gain:g} %", alone("gain")),
-        _Case(f"cross-axis {100 * errors.cross:g} %", alone("cross")),
-        _Case(f"placement {1e3 * errors.placement:g} mm", alone("placement")),
-        _Case(f"angle {math.degrees(errors.angle):.2g}°", alone("angle")),
-        _Case(f"drift over {warmth:.0f} K", alone("offset_drift", "gain_drift"), warmth=warmth),
+        _Case(f"offset {1e3 * errors.offset:g} mT", isolate("offset")),
+        _Case(f"gain {100 * errors.gain:g} %", isolate("gain")),
+        _Case(f"cross-axis {100 * errors.cross:g} %", isolate("cross")),
+        _Case(f"placement {1e3 * errors.placement:g} mm", isolate("placement")),
+        _Case(f"angle {math.degrees(errors.angle):.2g}°", isolate("angle")),
+        _Case(f"drift over {warmth:.0f} K", isolate("offset_drift", "gain_drift"), warmth=warmth),
         _Case("one dead sensor", dead=1),
         _Case("four dead sensors", dead=4),
         _Case("magnets 2 % weaker", strength=0.98),
