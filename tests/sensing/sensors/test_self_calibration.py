@@ -61,16 +61,14 @@ def test_too_many_dead_sensors_are_refused_by_number(tour):
 def test_what_cannot_be_observed_is_found_by_the_information():
     """A common gain is one with the magnet's strength; the coils tell how all sensors are turned."""
     coils, tour = predict_coils(OMNI), spread_tour(OMNI, 200)
-    share = {
-        name: left
-        for name, (left, _) in find_observed_share(OMNI, predict_covariance(OMNI, coils, tour), EVERY).items()
-    }
+
+    def list_left(readings):
+        covariance = predict_covariance(OMNI, readings, tour)
+        return {name: left for name, (left, _) in find_observed_share(OMNI, covariance, EVERY).items()}
+
+    share = list_left(coils)
+    blind = list_left(replace(coils, deviation=np.full(3, 1.0)))  # coils that say nothing
     assert share["gain"] > 0.9
-    without = replace(coils, deviation=np.full(3, 1.0))  # coils that say nothing
-    blind = {
-        name: left
-        for name, (left, _) in find_observed_share(OMNI, predict_covariance(OMNI, without, tour), EVERY).items()
-    }
     for name in ("turn-x", "turn-y", "turn-z"):
         assert share[name] < 0.8 * blind[name]
         assert blind[name] > 0.9

@@ -68,9 +68,8 @@ def calibrate_sensors(device: SphericalElectromagnet, coils: CoilReadings, tour:
             f"the sensors' errors are left so uncertain that the tool's place would be {1e3 * place:.1f} mm off: lead "
             "the tool more slowly and over the whole dome, and begin with the step 'fields' again (--restart)"
         )
-    correction = SensorCorrection(
-        np.asarray(np.linalg.inv(mixing), dtype=np.float64), theta[:, OFFSET].copy(), coils.per_ampere, used, uncertainty
-    )  # fmt: skip
+    gain = np.asarray(np.linalg.inv(mixing), dtype=np.float64)
+    correction = SensorCorrection(gain, theta[:, OFFSET].copy(), coils.per_ampere, used, uncertainty)
     return SensorCalibration(
         positions, correction, place, axis, fit.strength, fit.residual, list_unobserved(device, fit.covariance, used)
     )

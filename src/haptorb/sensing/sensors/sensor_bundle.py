@@ -155,10 +155,9 @@ class _Bundle:
         freedom = max(n * (readings - 5) - PARAMETERS * int(self._used.sum()), 1)
         residual = float(np.sqrt((weights * whitened**2)[:, self._used].sum() / freedom))
         count = PARAMETERS * self._k
-        return SensorFit(
-            self._theta, np.asarray(np.linalg.inv(H)[:count, :count], dtype=np.float64), self._strength, residual, each, self._places,
-            self._turns[:, :, 2].copy(),
-        )  # fmt: skip
+        covariance: Array = np.asarray(np.linalg.inv(H)[:count, :count], dtype=np.float64)
+        axes = self._turns[:, :, 2].copy()
+        return SensorFit(self._theta, covariance, self._strength, residual, each, self._places, axes)
 
     def _predict(self, n: int) -> tuple[Array, Array, Array, Array]:
         """Residual r (k, 3), its Jacobians by the pose (3 k, 5), by the sensors (k, 3, 15) and by the strength (k, 3)
