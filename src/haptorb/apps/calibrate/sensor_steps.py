@@ -148,7 +148,7 @@ def follow_led_tool(device: SphericalElectromagnet, samples: Sequence[Sample], c
             fields.append(sums / np.maximum(finite.sum(axis=0), 1))
             counts.append(finite.sum(axis=0)[coils.used].mean())
             times.append(part[len(part) // 2].t)
-    kept, places, axes = [], [], []
+    good_fields, places, axes = [], [], []
     working = device.hall.positions[coils.used]
     rough = replace(device, hall=replace(device.hall, positions=working, errors=SensorErrors(), correction=None))
     tracker = HallTracker(rough, offsets=coils.at_rest[coils.used])
@@ -157,11 +157,14 @@ def follow_led_tool(device: SphericalElectromagnet, samples: Sequence[Sample], c
         sample = Sample(t, off, off, field[coils.used], samples[0].pose)
         found = tracker.update(sample)
         if found.valid:
-            kept.append(field)
+            good_fields.append(field)
             places.append(found.state.p)
             axes.append(found.state.axis)
     noise = np.hypot(device.hall.noise, device.hall.step / np.sqrt(12)) / np.sqrt(max(np.mean(counts or [1]), 1))
     shape = (-1, device.sensors, 3)
     return ToolTour(
-        np.array(kept).reshape(shape), np.array(places).reshape(-1, 3), np.array(axes).reshape(-1, 3), float(noise)
+        np.array(good_fields).reshape(shape),
+        np.array(places).reshape(-1, 3),
+        np.array(axes).reshape(-1, 3),
+        float(noise),
     )

@@ -12,19 +12,20 @@ from rich.console import Console
 
 from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 from haptorb.devices.device import Device
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet.remarks import FORCE_JND
 from haptorb.devices.sensor_errors import SensorErrors
 from haptorb.devices.state import State, rotation_to_axis
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
-from haptorb.sensing.sensors.expected_calibration import expected_knowledge
+from haptorb.sensing.sensors.expected_calibration import predict_knowledge
 from haptorb.sensing.sensors.self_calibration import shell_sample
 from haptorb.sensing.sensors.sensing_accuracy import SensorKnowledge, pose_covariance, without_errors
 from haptorb.sensing.tool.place_filter import noise_share
 from haptorb.sensing.tool.position_accuracy import better_sensors, with_sensors
 
-__all__ = ["SensingAccuracy", "SensingRow", "sensing_accuracy", "sensing_cases"]
+__all__ = ["SensingAccuracy", "SensingRow", "sensing_accuracy", "sensing_cases", "summarize_sensing"]
 
 ASKED = 0.3  #: force that is asked [N]
 _EDDY_FREQUENCY = 50.0  #: at which the core's lag is stated [Hz]
@@ -110,20 +111,31 @@ class SensingAccuracy:
 
 def sensing_accuracy(device: Device) -> SensingAccuracy:
     """The table of `device`; InputError for one whose field sensors do not locate a tool."""
-    if not isinstance(device, SphericalElectromagnet) or device.sensors < 2:
-        raise InputError(
-            f"device '{device.name}' has no field sensors that locate a tool; for a motor see `haptorb estimators "
-            f"{device.name} --sensors`"
-        )
-    rows = []
-    for case in sensing_cases(device):
-        for current in (0.0, float(device.driven_current.min())):
-            rows.append(_row(case, current))
+    located = electromagnet(device, "`haptorb inspect --sensing`")
+    if located.sensors < 2:
+        raise InputError(f"device '{device.name}' has {located.sensors} field sensors; two at least locate a tool")
+    currents = (0.0, float(device.driven_current.min()))
+    rows = [_row(case, current) for case in sensing_cases(located) for current in currents]
     return SensingAccuracy(device.name, tuple(rows))
 
 
-def sensing_cases(device: SphericalElectromagnet) -> Iterator[SensingCase]:
-    """What is tried: each error alone, and all of them before and after each step of a calibration."""
+def summarize_sensing(device: SphericalElectromagnet) -> str:
+    """One line for the card: all errors of the device file, coils at full current, before and after calibration."""
+    current = float(device.driven_current.min())
+    wanted = ("all, not calibrated", "all, calibrated: sensors")
+    before, after = (_row(case, current) for case in sensing_cases(device, readings=120) if case.name in wanted)
+    return (
+        f"place {1e3 * after.place:.1f} mm, axis {math.degrees(after.axis):.1f}°, force {1e3 * after.force:.0f} mN "
+        f"({after.jnd:.1f} JND) rms over the shell at {current:.0f} A after `haptorb calibrate`, "
+        f"{1e3 * before.place:.1f} mm before; error by error: --sensing"
+    )
+
+
+def sensing_cases(device: SphericalElectromagnet, readings: int = 360) -> Iterator[SensingCase]:
+    """What is tried: each error alone, and all of them before and after each step of a calibration.
+
+    readings: of the tool, in the step `sensors`.
+    """
     k, errors, core = device.sensors, device.hall.errors, device.core_dynamics
     heat = device.coils.heat
     warmth = device.hall.warming * (heat.derate - heat.ambient)
@@ -151,7 +163,7 @@ def sensing_cases(device: SphericalElectromagnet) -> Iterator[SensingCase]:
     yield SensingCase("all, not calibrated", device, replace(every, **rest))  # type: ignore[arg-type]
     known = SensorKnowledge.of(replace(errors, offset=0.0), k, moments=_MOMENTS)
     yield SensingCase("all, calibrated: magnetic", device, replace(known, **rest))  # type: ignore[arg-type]
-    found = expected_knowledge(device)
+    found = predict_knowledge(device, readings)
     part = replace(known, coils=found.coils)
     yield SensingCase("all, calibrated: fields", device, replace(part, **rest))  # type: ignore[arg-type]
     yield SensingCase("all, calibrated: sensors", device, replace(found, **rest))  # type: ignore[arg-type]
@@ -159,7 +171,7 @@ def sensing_cases(device: SphericalElectromagnet) -> Iterator[SensingCase]:
     yield SensingCase(f"the same, currents at {_EDDY_FREQUENCY:.0f} Hz", device, moving)
     if k == len(better_sensors(device)):
         ringed = with_sensors(device, better_sensors(device))
-        there = replace(expected_knowledge(ringed), **rest)  # type: ignore[arg-type]
+        there = replace(predict_knowledge(ringed, readings), **rest)  # type: ignore[arg-type]
         yield SensingCase("all, calibrated: sensors, in two rings", ringed, there)
 
 

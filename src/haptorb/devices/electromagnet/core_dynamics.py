@@ -3,7 +3,7 @@
 The core answers the coils with a share of the whole moment. Eddy currents in it delay a part of that answer; for a
 sphere of conductivity σ and relative permeability µ in a uniform field the exact answer is
 
-    m(ω)/m(0) ∝ [2µ(tanh k − k) + c]/[µ(tanh k − k) − c],   c = k² tanh k − k + tanh k,   k = a √(jω σ µ μ0)
+    m(ω) = 2π a³ H [2µ(tanh k − k) + c]/[µ(tanh k − k) − c],   c = k² tanh k − k + tanh k,   k = a √(jω σ µ μ0)
 
 (Wait, Geophysics 16, 666, 1951). `fit_eddy_lag` makes a first-order lag of it. Remanence follows the moment with a
 play (backlash), the simplest hysteresis: after a moment of more than twice `reversing_moment` it has its full size.
@@ -66,6 +66,8 @@ def sphere_response(frequency: Array, radius: float, permeability: float, conduc
     """(n,) complex: dipole moment of a sphere in a uniform field at `frequency` (n,) [Hz], relative to that at 0 Hz.
 
     radius [m], relative permeability above 1, conductivity [S/m]. Linear: without saturation.
+
+    Raises InputError for other values.
 
     >>> steel = sphere_response(np.array([10.0, 50.0]), 15e-3, 1000.0, 6e6)
     >>> (100 * np.abs(1 - steel)).round(1).tolist()               # of the core's own moment

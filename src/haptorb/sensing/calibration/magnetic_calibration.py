@@ -174,6 +174,10 @@ def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) 
 
 
 def check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Array) -> None:
+    """Every coil must carry what is wanted of it: `wanted` and `measured` (n, m) [A].
+
+    Raises CalibrationError that names a coil which does not conduct, InputError where one was never asked to.
+    """
     for coil, name in enumerate(device.coils.names):
         asked = float(np.abs(wanted[:, coil]).max())
         if asked == 0.0:

@@ -13,7 +13,7 @@ from haptorb.sensing.sensors.sensor_parameters import tool_readings
 from haptorb.sensing.sensors.tool_tour import ToolTour
 from haptorb.sensing.tool.tool_field import ToolModel, coil_field
 
-__all__ = ["expected_coils", "expected_knowledge", "spread_tour"]
+__all__ = ["predict_coils", "predict_knowledge", "spread_tour"]
 
 _TOGETHER = 10  #: samples that one reading of the tour is the mean of
 _COIL_SAMPLES = 20 * 25  #: samples at ± 75 % of each coil's current
@@ -44,7 +44,7 @@ def spread_tour(device: SphericalElectromagnet, count: int = 360, noise: float |
     return ToolTour(fields, places, axes, _reading_noise(device) / np.sqrt(_TOGETHER) if noise is None else noise)
 
 
-def expected_coils(device: SphericalElectromagnet) -> CoilReadings:
+def predict_coils(device: SphericalElectromagnet) -> CoilReadings:
     """What the step `fields` of a calibration finds of ideal sensors, and how sure."""
     noise = _reading_noise(device)
     deviation = noise / np.sqrt(_COIL_SAMPLES) / (_COIL_SHARE * device.driven_current)
@@ -53,9 +53,9 @@ def expected_coils(device: SphericalElectromagnet) -> CoilReadings:
     return CoilReadings(coil_field(device), deviation, np.zeros((k, 3)), float(rest), np.ones(k, dtype=np.bool_))
 
 
-def expected_knowledge(device: SphericalElectromagnet, readings: int = 360) -> SensorKnowledge:
+def predict_knowledge(device: SphericalElectromagnet, readings: int = 360) -> SensorKnowledge:
     """What is known of the sensors' errors after the steps `fields` and `sensors`, with so many readings."""
-    coils = expected_coils(device)
+    coils = predict_coils(device)
     covariance = predict_covariance(device, coils, spread_tour(device, readings))
     per_reading: Array = np.broadcast_to(coils.deviation, (3 * device.sensors, device.channels))
     return SensorKnowledge(covariance, per_reading)

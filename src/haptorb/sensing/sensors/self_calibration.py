@@ -68,9 +68,8 @@ def calibrate_sensors(device: SphericalElectromagnet, coils: CoilReadings, tour:
             f"the sensors' errors are left so uncertain that the tool's place would be {1e3 * place:.1f} mm off: lead "
             "the tool more slowly and over the whole dome, and begin with the step 'fields' again (--restart)"
         )
-    correction = SensorCorrection(
-        np.linalg.inv(mixing), theta[:, OFFSET].copy(), coils.per_ampere, used, uncertainty
-    )  # fmt: skip
+    gain = np.asarray(np.linalg.inv(mixing), dtype=np.float64)
+    correction = SensorCorrection(gain, theta[:, OFFSET].copy(), coils.per_ampere, used, uncertainty)
     return SensorCalibration(
         positions, correction, place, axis, fit.strength, fit.residual, list_unobserved(device, fit.covariance, used)
     )
@@ -111,13 +110,13 @@ def uncertainty_over_shell(
 
     covariance (15 k, 15 k) of the sensors' errors; coil_deviation (m,) [T/A].
     """
-    kept = np.flatnonzero(used)
+    working = np.flatnonzero(used)
     part = replace(
-        device, hall=FieldSensors(device.hall.positions[kept], device.hall.noise, device.hall.step)
+        device, hall=FieldSensors(device.hall.positions[working], device.hall.noise, device.hall.step)
     )  # the working ones
-    rows = (PARAMETERS * kept[:, None] + np.arange(PARAMETERS)).ravel()
+    rows = (PARAMETERS * working[:, None] + np.arange(PARAMETERS)).ravel()
     knowledge = SensorKnowledge(
-        covariance[np.ix_(rows, rows)], np.broadcast_to(coil_deviation, (3 * len(kept), device.channels))
+        covariance[np.ix_(rows, rows)], np.broadcast_to(coil_deviation, (3 * len(working), device.channels))
     )
     model, off = ToolModel.of(part), np.zeros(device.channels)
     places, weights = shell_sample(device)

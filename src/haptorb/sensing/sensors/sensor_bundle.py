@@ -94,8 +94,8 @@ def fit_sensors(
 
 
 def predict_covariance(device: SphericalElectromagnet, coils: CoilReadings, tour: ToolTour) -> Array:
-    """(15 k, 15 k) covariance of the errors that `fit_sensors` would find from such readings: the inverse information,
-    that of the device file's distributions included."""
+    """(15 k, 15 k) covariance of the errors θ [T, 1, m] that `fit_sensors` would find from such readings: the inverse
+    information, that of the device file's distributions included."""
     H, _, _ = _Bundle(device, coils, tour, coils.used).normal()
     count = PARAMETERS * device.sensors
     covariance: Array = np.linalg.inv(H)[:count, :count]
@@ -124,7 +124,7 @@ class _Bundle:
         for sensor in range(k):
             at = slice(PARAMETERS * sensor, PARAMETERS * (sensor + 1))
             self.prior[at, at] = prior_covariance(device.hall.errors) + _SMALL * np.eye(PARAMETERS) * _scales()
-        self._weight0 = np.linalg.inv(self.prior)
+        self._weight0: Array = np.asarray(np.linalg.inv(self.prior), dtype=np.float64)
 
     def _moment_deviation(self) -> Array:
         """(m,) [m²] standard deviation of the entries of each column of the moment map."""
@@ -136,7 +136,7 @@ class _Bundle:
         scale = np.sqrt(np.diag(self.prior))
         for _ in range(_MOST):
             H, g, back = self.normal()
-            step = np.linalg.solve(H, g)
+            step: Array = np.asarray(np.linalg.solve(H, g), dtype=np.float64)
             self._step(step, back)
             if not np.isfinite(step).all():
                 break
@@ -155,10 +155,9 @@ class _Bundle:
         freedom = max(n * (readings - 5) - PARAMETERS * int(self._used.sum()), 1)
         residual = float(np.sqrt((weights * whitened**2)[:, self._used].sum() / freedom))
         count = PARAMETERS * self._k
-        return SensorFit(
-            self._theta, np.linalg.inv(H)[:count, :count], self._strength, residual, each, self._places,
-            self._turns[:, :, 2].copy(),
-        )  # fmt: skip
+        covariance: Array = np.asarray(np.linalg.inv(H)[:count, :count], dtype=np.float64)
+        axes = self._turns[:, :, 2].copy()
+        return SensorFit(self._theta, covariance, self._strength, residual, each, self._places, axes)
 
     def _predict(self, n: int) -> tuple[Array, Array, Array, Array]:
         """Residual r (k, 3), its Jacobians by the pose (3 k, 5), by the sensors (k, 3, 15) and by the strength (k, 3)

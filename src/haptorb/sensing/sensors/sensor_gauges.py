@@ -13,7 +13,7 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.numerics.arrays import Array
 from haptorb.sensing.sensors.sensor_parameters import PARAMETERS, prior_covariance
 
-__all__ = ["list_unobserved", "observed_share"]
+__all__ = ["find_observed_share", "list_unobserved"]
 
 _UNOBSERVED = 0.7  #: share of the prior's standard deviation that is left
 
@@ -22,7 +22,7 @@ def _functions(device: SphericalElectromagnet, used: NDArray[np.bool_]) -> dict[
     """Name → (c (15 k,) with value c·θ, what it is, factor to its unit, unit)."""
     k, count = device.sensors, int(used.sum())
     places = device.hall.positions
-    out = {}
+    out: dict[str, tuple[Array, str, float, str]] = {}
     for axis, name in enumerate("xyz"):
         c = np.zeros((k, PARAMETERS))
         i, j = (axis + 1) % 3, (axis + 2) % 3  # E of sensors turned by ω: 1 − [ω]×
@@ -34,10 +34,10 @@ def _functions(device: SphericalElectromagnet, used: NDArray[np.bool_]) -> dict[
     c = np.zeros((k, PARAMETERS))
     c[:, 12:15] = places / np.linalg.norm(places, axis=1)[:, None] / count
     out["distance"] = (c, "common distance of all sensors from the centre", 1e3, "mm")
-    return {name: ((row * used[:, None]).ravel(), *rest) for name, (row, *rest) in out.items()}
+    return {name: ((row * used[:, None]).ravel(), what, scale, unit) for name, (row, what, scale, unit) in out.items()}
 
 
-def observed_share(
+def find_observed_share(
     device: SphericalElectromagnet, covariance: Array, used: NDArray[np.bool_]
 ) -> dict[str, tuple[float, float]]:
     """Name → standard deviation that is left of that of the device file (1: nothing was observed), and what is left.
@@ -53,10 +53,13 @@ def observed_share(
 
 
 def list_unobserved(device: SphericalElectromagnet, covariance: Array, used: NDArray[np.bool_]) -> tuple[str, ...]:
-    """One sentence for each common change that the readings said nothing of."""
+    """One sentence for each common change that the readings said nothing of.
+
+    covariance (15 k, 15 k) of the errors θ [T, 1, m] after the calibration; used (k,).
+    """
     functions = _functions(device, used)
     lines = []
-    for name, (share, left) in observed_share(device, covariance, used).items():
+    for name, (share, left) in find_observed_share(device, covariance, used).items():
         _, what, _, unit = functions[name]
         if share > _UNOBSERVED:
             lines.append(f"{what}: known to {left:.2g} {unit} from the device file only")

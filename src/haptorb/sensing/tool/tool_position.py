@@ -183,6 +183,17 @@ class HallTracker(Estimator):
         return self._last
 
     @property
+    def remark(self) -> str:
+        """Sensors that differ from ideal ones, and that nobody calibrated."""
+        errors, name = self._device.hall.errors, self._device.name
+        if self._device.hall.correction is not None or not (errors.offset or errors.gain or errors.placement):
+            return ""
+        return (
+            f"the field sensors of {name} are not calibrated: the tool's place is some millimetres off, or lost; run "
+            f"`haptorb calibrate {name}` and give its file, --calibration FILE or calibration=FILE in Python"
+        )
+
+    @property
     def model(self) -> str:
         """The device's model that is inverted."""
         return self._controller_model.name

@@ -70,7 +70,7 @@ def make_tracker(device: SphericalElectromagnet, noise: float, bandwidth: float,
     made["nearest"] = device.contact_distance - _REACH
     made["furthest"] = device.contact_distance + device.shell_thickness + _REACH
     made["lowest"] = math.cos(min(device.workspace_half_angle + math.radians(30), math.pi))
-    used = _used(device)
+    used = _find_used(device)
     made["readings"], made["lasting"] = 3 * int(used.sum()), lasting
     made["coil_error"] = 0.0 if device.hall.correction is not None else coil_error(device)
     core = device.core_dynamics
@@ -88,7 +88,7 @@ def make_sensors(device: SphericalElectromagnet, offsets: Array) -> Records:
     """(k,) SENSOR for `device` with `offsets` (k, 3) [T]: nothing was read yet."""
     made = np.zeros(device.sensors, dtype=SENSOR)
     correction = device.hall.correction
-    made["used"], made["per_moment"] = _used(device), moment_field(device)
+    made["used"], made["per_moment"] = _find_used(device), moment_field(device)
     made["offset"], made["gain"] = offsets, np.eye(3) if correction is None else correction.gain
     made["left"] = made["field"] = made["taken"] = made["age"] = -math.inf
     made["field"][~made["used"]] = 0.0
@@ -107,7 +107,7 @@ def coil_error(device: SphericalElectromagnet) -> float:
     return math.sqrt(errors.gain**2 + 2 * errors.cross**2 + 2 * errors.angle**2 + far**2)
 
 
-def _used(device: SphericalElectromagnet) -> NDArray[np.bool_]:
+def _find_used(device: SphericalElectromagnet) -> NDArray[np.bool_]:
     """(k,) sensors that have not failed."""
     correction = device.hall.correction
     return np.ones(device.sensors, dtype=np.bool_) if correction is None else correction.used
