@@ -17,9 +17,10 @@ from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.sensing.calibration_file import read_calibration, write_calibration
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from oracles.endurance_fit import endurance_fit
 
-OMNI = load("omni")
+OMNI = without_errors(load("omni"))  # sensors with noise and steps only
 
 
 class WiringError(Driver):

@@ -20,6 +20,7 @@ from haptorb.apps.reproduce.zarate2020.hall_trial import shell_places, try_hall_
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.numerics.arrays import Array
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.sensing.tool.place_filter import noise_share
 from haptorb.sensing.tool.position_accuracy import better_sensors, position_accuracy, with_sensors
 
@@ -79,7 +80,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
     """Accuracy at every placement, by formula and tried, and what draws the maps."""
     from haptorb.devices.loader import load
 
-    device = electromagnet(load("omni"))
+    device = without_errors(electromagnet(load("omni")))
     cases = [(name, placed, amperes) for name, placed in placements(device).items() for amperes in (0.0, _FULL)]
     distances = device.contact_distance + np.linspace(0, device.shell_thickness, 7)
     angles = np.linspace(0.0, device.workspace_half_angle, 8)
