@@ -12,7 +12,7 @@ from haptorb.apps.terminal import Column, TextTable, make_console, print_json, p
 from haptorb.errors import InputError
 
 if TYPE_CHECKING:
-    from haptorb.apps.calibrate.steps import Step
+    from haptorb.apps.calibrate.step import Step
 
 __all__ = ["register"]
 

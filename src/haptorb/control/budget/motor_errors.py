@@ -103,8 +103,7 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
             slopes,
         )  # fmt: skip
         design = np.column_stack([slopes.reshape(-1, 3), field.ravel()])
-        solution: Array = np.linalg.solve(design.T @ design, design.T)
-        return field, solution
+        return field, np.asarray(np.linalg.solve(design.T @ design, design.T), dtype=np.float64)
 
     def make_trial(self) -> MotorTrial:
         """The motor as it is believed to be."""

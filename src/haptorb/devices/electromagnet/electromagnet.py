@@ -98,7 +98,9 @@ class SphericalElectromagnet(Device):
     moments_from: str = "device file"  #: where `moment_per_current` comes from: that, "windings" or "calibration"
     core_dynamics: CoreDynamics = field(default_factory=CoreDynamics)  #: eddy currents and remanence
     marks: Marks | None = None  #: places to touch with the tip, where there are any
-    uncertainty: ToolUncertainty = field(default_factory=ToolUncertainty)  #: how well the values are known
+    uncertainty: ToolUncertainty = field(
+        default_factory=lambda: ToolUncertainty.model_validate({})
+    )  #: how well the values are known
 
     models: tuple[str, ...] = ("exact", "published")
 

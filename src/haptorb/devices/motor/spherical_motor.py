@@ -84,7 +84,9 @@ class SphericalMotor(Device):
     hand: Grasp  #: who holds the handle
     rotor: Rotor
     regulator: Regulator | None
-    uncertainty: MotorUncertainty = field(default_factory=MotorUncertainty)  #: how well the values are known
+    uncertainty: MotorUncertainty = field(
+        default_factory=lambda: MotorUncertainty.model_validate({})
+    )  #: how well the values are known
     findings: tuple[str, ...] = ()  #: what validation objected to, where it was overridden
 
     models: tuple[str, ...] = ("table", "exact", "published", "dipole")

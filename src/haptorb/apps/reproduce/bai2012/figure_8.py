@@ -114,16 +114,19 @@ def _draw_figure(pull: PhaseRecord, right: PhaseRecord, path: Path) -> Path:
             top.plot(along, wrench[:, 0], "C1", label="F_X' on the plug: −1 times (17)'s, which is the pull")
             top.plot(along, wrench[:, 1], "C0", label="F_Y' on the plug")
             top.set(ylabel="N", title="Phase 1, translating: pulled at a tilt of 2°")
-            meant = [(of_forces[0] * wrench[:, 1], "η̂₁ F_Y' of (6b)"), (of_forces[1] * wrench[:, 0], "η̂₂ F_X' of (6b)")]
+            expected = [
+                (of_forces[0] * wrench[:, 1], "η̂₁ F_Y' of (6b)"),
+                (of_forces[1] * wrench[:, 0], "η̂₂ F_X' of (6b)"),
+            ]
         else:
             top.plot(along, wrench[:, 5], "C2", label="T_Z' about o' on the plug")
             top.set(ylabel="N·m", title="Phase 2, rotating: righted")
-            meant = [(of_torques[2] * wrench[:, 5], "η₃ T_φ' of (5b)")]
+            expected = [(of_torques[2] * wrench[:, 5], "η₃ T_φ' of (5b)")]
         asked, given = course.euler_torque("asked"), course.euler_torque("given")
         for axis, name in enumerate(("T_ψ", "T_λ", "T_φ")):
             torques.plot(along, given[:, axis], color=f"C{axis}", linewidth=0.8, alpha=0.6)
             torques.plot(along, asked[:, axis], color=f"C{axis}", linestyle="--", label=name)
-        for values, name in meant:
+        for values, name in expected:
             torques.plot(along[::60], values[::60], "k.", ms=4, label=name)
         torques.set(ylabel="N·m", title=f"torque about ψ, λ, φ (× {FORCE_SCALE:g}): asked dashed, given solid")
         # Phase 2 turns the handle about φ, where phase 1 asks for nothing of its own.

@@ -24,13 +24,13 @@ from haptorb.devices.electromagnet.remarks import FORCE_JND
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
 
-__all__ = ["Place", "error_map", "items", "list_places"]
+__all__ = ["GridPlace", "error_map", "items", "list_places"]
 
 _ASKED = 0.3  #: [N]
 _TILTS = (0.0, 15.0, 30.0)  #: [°]
 
 
-class Place(NamedTuple):
+class GridPlace(NamedTuple):
     """A pose of the tool, and what currents really do to it there."""
 
     cell: tuple[int, int]  #: of the map: distance and angle
@@ -39,7 +39,7 @@ class Place(NamedTuple):
     second: SecondWrench
 
 
-def list_places(device: SphericalElectromagnet, tilt: float, distances: Array, angles: Array) -> list[Place]:
+def list_places(device: SphericalElectromagnet, tilt: float, distances: Array, angles: Array) -> list[GridPlace]:
     """Every distance [m] and polar angle [rad], the tool tilted by `tilt` [rad] in four ways."""
     found = []
     ways = np.arange(4) * np.pi / 2 if tilt else np.zeros(1)
@@ -49,11 +49,11 @@ def list_places(device: SphericalElectromagnet, tilt: float, distances: Array, a
         for way in ways:
             axis = np.cos(tilt) * u + np.sin(tilt) * (np.cos(way) * e + np.sin(way) * f)
             state = State.at(distance * u, axis)
-            found.append(Place((i, j), u, state, compute_second_wrench(device, state)))
+            found.append(GridPlace((i, j), u, state, compute_second_wrench(device, state)))
     return found
 
 
-def error_map(device: SphericalElectromagnet, model: str, places: list[Place], asked: float = _ASKED) -> Array:
+def error_map(device: SphericalElectromagnet, model: str, places: list[GridPlace], asked: float = _ASKED) -> Array:
     """(distances, angles) [N] of force error by the inverse of `model`, the worst of all places of a cell and of
     `asked` [N] outwards and inwards."""
     allocator = LeastSquaresAllocator.force(1e3 * device.coils.current_limit, compensate_passive=True)

@@ -37,17 +37,19 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     numbers = [[prompt["set_point"] for prompt in one] for one in prompts]
     report(0.7)
     world = study.make_world(study.conditions[0].name, points[0].number)
+    spacing = float(np.diff(rings).mean())
+    twice = 2.0 * float(np.mean([set(Counter(one).values()) == {2} for one in numbers]))
     own = "haptorb's layout and order of the study"
     found = (
         _AT.item("points", "set-points", 25, Entry(len(points), own)),
         _AT.item("rings", "angles θ with an error of their own in Fig. 9", 4, Entry(len(rings), own), erratum="E31",
                  where="Fig. 9"),
-        _AT.item("meridian", "set-points apart along a meridian", 18.0, Entry(np.diff(rings).mean(), own), "°", 1e-9,
+        _AT.item("meridian", "set-points apart along a meridian", 18.0, Entry(spacing, own), "°", 1e-9,
                  where="§I"),
         _AT.assume("nearest", "nearest set-points apart: 'evenly separated by 18°'", 18.0, apart.min(), "°", 1e-9,
                    "the paper does not list its points; 1 + 4 + 8 + 12 on four rings are assumed so that this holds"),
         _AT.item("twice", "how often a person is asked for each point: 'exactly twice'", 2,
-                 Entry(np.mean([set(Counter(one).values()) == {2} for one in numbers]) * 2, own), "1", 1e-9),
+                 Entry(twice, own), "1", 1e-9),
         _AT.item("per-person", "data points per user", 50, Entry(len(numbers[0]), own)),
         _AT.compare("random", "share of the users whose order differs from all others'", 1.0,
                 len({tuple(one) for one in numbers}) / len(numbers), "1", 0.0, "'randomly selected'"),
