@@ -10,7 +10,8 @@ from haptorb.numerics.arrays import Array, Record, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.charged_ring import dipole_on_charges
 from haptorb.simulation.electromagnet.sensors import SENSES
-from haptorb.simulation.parts.coils import coil_step
+from haptorb.simulation.electromagnet.true_heat import COILS, NODES
+from haptorb.simulation.parts.coils import coupled_coil_step
 from haptorb.simulation.parts.hand import rotation_left
 from haptorb.simulation.parts.tool import TOOL, contact, matrix, move
 
@@ -23,7 +24,8 @@ ELECTROMAGNET = fields(
     ("nearest", "f8"),  # distance from the centre [m] below which the core's pull is that there
     ("dt", "f8"),  # of a step [s]
     ("steps", "i8"),  # in one call
-    ("heat", "f8", (2, 3)),  # `TwoNode.step` of a step
+    ("heat", "f8", (NODES, NODES + COILS)),  # `ThermalNetwork.step` of a step
+    ("core", "f8"),  # temperature of what lies between the coils [K]
     ("wrench", "f8", (6,)),  # of coils and core on the tool, mean of the last call [N, N·m]
     ("depth", "f8"),  # how far the dome gives way under the tool [m]
 )
@@ -78,7 +80,7 @@ def advance(
             for i in range(3):
                 emf += per_current[3 + i, k] * tool.w[i]
             coils[k].emf = emf
-        coil_step(coils, e.heat, dt)
+        e.core = coupled_coil_step(coils, e.heat, e.core, dt)
         for i in range(6):
             given[i] = passive[i]
             for k in range(count):

@@ -16,14 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.apps.reproduce.item import Item
-from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
-from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.calibration.thermal_identification import ThermalIdentification, thermal_identification
-from haptorb.simulation.parts.coils import coil_step, cold_coils
+from haptorb.simulation.electromagnet.true_heat import COILS, NODES, fill_step
+from haptorb.simulation.parts.coils import cold_coils, coupled_coil_step
 
 __all__ = ["ThermalCourse", "heating_course", "items"]
 
@@ -58,7 +57,8 @@ def heating_course(
         raise InputError(f"needs 0 < duty ≤ 1, on > 0, off ≥ 0 and a coil that exists; got {duty}, {on}, {off}, {coil}")
     rng = np.random.default_rng(seed)
     supply, coils = device.supply, device.coils
-    state, heat = cold_coils(device), two_node(device).step(_STEP)
+    state, heat, core = cold_coils(device), np.empty((NODES, NODES + COILS)), coils.heat.ambient
+    fill_step(coils.heat.network(device.channels), _STEP, heat)
     one, duties = state[coil : coil + 1], state["duty"]
     every, lines = round(_LINE / _STEP), []
     for line in range(round((on + off) / _LINE)):
@@ -67,7 +67,7 @@ def heating_course(
         before = float(one["winding"][0]), float(one["body"][0])
         edge = before[1] + device.thermometer_noise * rng.normal()
         for _ in range(every):
-            coil_step(state, heat, _STEP)
+            core = coupled_coil_step(state, heat, core, _STEP)
             readings.append(_read(float(one["current"][0]), supply.current_noise, supply.current_step, rng))
         i = float(np.mean(readings))
         resistance = supply.voltage * duty / i if duties[coil] else np.nan
@@ -77,12 +77,6 @@ def heating_course(
         lines.append((line * _LINE, i, supply.voltage * duties[coil] * i, inside, outside, *before))
     t, current, power, inside_t, outside_t, winding, body = np.array(lines).T
     return ThermalCourse(t, current, power, inside_t, outside_t, winding, body, coils.heat.ambient)
-
-
-def two_node(device: Device) -> TwoNode:
-    """The coils' heat as the device file says."""
-    heat = device.coils.heat
-    return TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
 
 
 def _read(value: float, noise: float, step: float, rng: np.random.Generator) -> float:

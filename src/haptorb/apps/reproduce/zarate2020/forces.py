@@ -13,7 +13,7 @@ from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.physics.sources.dipole import MU0
-from haptorb.physics.thermal import TwoNode, single_time_constant
+from haptorb.physics.thermal import single_time_constant
 
 __all__ = ["items"]
 
@@ -30,7 +30,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     per_ampere = per_moment * tool.moment * mean
     exact = -float(device.wrench_map(contact, "exact").matrix[2, 2])
     heat = device.coils.heat
-    coil = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
+    coils, alone = heat.network(device.channels), np.eye(device.channels)[0]  # the printed endurances: one coil alone
     rise = heat.derate - heat.ambient
     report(0.5)
     volume = pi * (tool.outer_radius**2 - tool.inner_radius**2) * tool.length
@@ -63,16 +63,16 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
         _AT.item("fifteen", "15 × P_ave, 'peaks for a few seconds', and full power", 15 * 17.0, 144.0 / ohm, "W", 16.0,
                  "'up to'"),
         _AT.item("few-seconds", "seconds that 15 × 17 W may last: 'a few', the 5 s of §V", 5.0,
-                 coil.time_to(rise, 255.0), "s", 1.0, "'a few'"),
-        _AT.item("full", "seconds at full power, 240 W, from cold", 5.0, coil.time_to(rise, 240.0), "s", 0.1,
-                 "two nodes fitted to the three endurances", where="§V"),
-        _AT.item("half", "seconds at half duty, a quarter of the power", 60.0, coil.time_to(rise, 60.0), "s", 0.5,
-                 "two nodes fitted to the three endurances", where="§V"),
+                 coils.time_to(rise, 255.0 * alone), "s", 1.0, "'a few'"),
+        _AT.item("full", "seconds at full power, 240 W, from cold", 5.0, coils.time_to(rise, 240.0 * alone), "s", 0.1,
+                 "network fitted to the three endurances of one coil", where="§V"),
+        _AT.item("half", "seconds at half duty, a quarter of the power", 60.0, coils.time_to(rise, 60.0 * alone), "s",
+                 0.5, "network fitted to the three endurances of one coil", where="§V"),
         _AT.item("for-ever", "continuous power of the coil", 17.0,
-                 rise / (1 / heat.winding_to_body + 1 / heat.body_to_air), "W", 0.1,
-                 "two nodes fitted to the three endurances"),
+                 rise / float(coils.rise_per_watt[0, 0]), "W", 0.1,
+                 "network fitted to the three endurances of one coil"),
         _AT.claim("minutes", "order of magnitude of the thermal time, log₁₀ of minutes: 'in the order of minutes'", 0.0,
-                 log10(coil.time_constants[1] / 60.0), "1", 0.8, "an order of magnitude"),
+                 log10(float(coils.time_constants[0]) / 60.0), "1", 0.8, "an order of magnitude"),
         _AT.note("one-node-5", "time constant that one body would need for 5 s at 230 W", one_constant[0], "s",
                  "one body contradicts itself: see the next; hence two"),
         _AT.note("one-node-60", "and for 60 s at half duty", one_constant[1], "s"),
