@@ -78,7 +78,9 @@ def test_without_a_core_every_coil_is_two_nodes():
         )
 
 
-@pytest.mark.parametrize(("power", "coefficient"), [((60.0, 0, 0), 0.0), ((60.0, 30.0, 0), 3.93e-3), ((20.0,) * 3, 3.93e-3)])
+@pytest.mark.parametrize(
+    ("power", "coefficient"), [((60.0, 0, 0), 0.0), ((60.0, 30.0, 0), 3.93e-3), ((20.0,) * 3, 3.93e-3)]
+)
 def test_the_time_to_a_limit_is_when_the_course_gets_there(power, coefficient):
     to_core, start = (0.5, 0.4, 0.6), np.array([5.0, 0, 3, 2, 0, 1, 1])
     network = ThermalNetwork.of_coils(COIL, to_core, 50.0)
@@ -100,7 +102,7 @@ def test_two_coils_on_last_shorter_than_one():
 
 
 def test_the_printed_endurances_are_those_of_one_coil_of_the_omni():
-    """17 W for ever, 240 W for 5 s, 60 W for 60 s (Zárate 2020 §III, §V), whichever coil it is; together they last less."""
+    """17 W for ever, 240 W for 5 s, 60 W for 60 s (Zárate 2020 §III, §V), whichever coil; together they last less."""
     omni = load("omni")
     heat, network = omni.coils.heat, omni.coils.heat.network(3)
     rise = heat.derate - heat.ambient

@@ -32,8 +32,8 @@ def omni_card():
     able = FeasibleWrench(np.zeros((8, 3)), np.zeros((8, 3)), np.zeros((4, 3)), np.array([0.5, 0, 0.87]), 0.522, 0.0098)
     card._feasible_wrenches = [(State.at((0.0, 0.0, 0.05)), able)]
     card._predicted = np.diag([0.1875, 0.2045, 0.2242])
-    return card.show, ["[mm]", "[mN]", "[mN·m]", "[°]", "[JND]", "[m²]", "1175", "522", "279", "124", "192", "86", "52.9", "15.6",
-                       "2.2", "+0.1875", "tangential", "668 s"]  # fmt: skip
+    return card.show, ["[mm]", "[mN]", "[mN·m]", "[°]", "[JND]", "[m²]", "1175", "522", "279", "124", "192", "86",
+                       "52.9", "15.6", "2.2", "+0.1875", "tangential", "668 s"]  # fmt: skip
 
 
 def pmsm_card():

@@ -61,7 +61,7 @@ def test_the_guaranteed_force_is_given_everywhere_and_no_more(state, seed):
     assert -hull.equations[:, 3].max() == pytest.approx(able.guaranteed_force, rel=1e-9)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(poses, st.integers(0, 1000))
 def test_a_weak_supply_takes_corners_off_and_hardly_more(state, seed):
     """Currents within the box and 360 W lie inside the polytope but for 1 %; it needs no current beyond either."""
@@ -69,7 +69,7 @@ def test_a_weak_supply_takes_corners_off_and_hardly_more(state, seed):
     hot = OMNI.coils.resistance_at(np.full(3, OMNI.coils.heat.stop))
     assert ((able.currents**2 @ hot) <= 360.0 * (1 + 1e-9)).all()
     assert (np.abs(able.currents) <= OMNI.coils.current_limit * (1 + 1e-9)).all()
-    currents = np.random.default_rng(seed).uniform(-20, 20, (2000, 3))
+    currents = np.random.default_rng(seed).uniform(-20, 20, (500, 3))
     currents = currents[currents**2 @ hot <= 360.0]
     hull = ConvexHull(able.force - known.passive[:3])
     force = 0.99 * currents @ known.force.T

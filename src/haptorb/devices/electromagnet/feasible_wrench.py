@@ -22,7 +22,7 @@ from haptorb.numerics.arrays import Array
 
 __all__ = ["FeasibleWrench", "feasible_wrench"]
 
-_GRID = 9  #: points along an edge of the currents' box
+_GRID = 13  #: points along an edge of the currents' box
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from haptorb.devices.schema.sections import Positive, Section
 
 __all__ = ["CouplingSection", "ThermalSection"]
 
-_FASTEST = 5.0  #: rate of a coupling that the guard's thermal model can follow [1/s]
+_FASTEST = 40.0  #: rate of a coupling that the guard's thermal model can follow [1/s]
 
 
 class CouplingSection(Section):
@@ -55,7 +55,7 @@ class ThermalSection(Section):
         coupling = HeatCoupling(self.coupling.core_capacity, self.coupling.winding_to_core)
         rates = {
             "core_capacity": sum(coupling.winding_to_core) / coupling.core_capacity,
-            "winding_to_core": (max(coupling.winding_to_core) + heat.winding_to_body) / heat.winding_capacity,
+            "winding_to_core": max(coupling.winding_to_core) / heat.winding_capacity,
         }
         for key, rate in rates.items():
             if rate > _FASTEST:

@@ -110,7 +110,7 @@ class SimulatedElectromagnet(Simulation):
         """Cold coils without currents, the tool at rest 12 mm above the dome's summit, noise from `seed`."""
         self._senses["generator"] = seed_noise(seed)
         self._coils = cold_coils(self.device)
-        self._heat, self._last_dt = draw_network(self.device, seed), 0.0
+        self._heat, self._last_dt = draw_network(self.device), 0.0
         self._state["core"] = self.device.coils.heat.ambient
         self._state["wrench"] = self._state["depth"] = 0.0
         self._t = 0.0

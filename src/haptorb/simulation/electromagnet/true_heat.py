@@ -7,6 +7,7 @@ the stand, which the file's network does not have.
 from __future__ import annotations
 
 from dataclasses import replace
+from zlib import crc32
 
 import numpy as np
 
@@ -21,11 +22,14 @@ NODES = 2 * COILS + 1  #: windings, bodies, and a core, which uncoupled coils do
 _STAND = 0.05  #: conductance of the stand, as a share of that of all bodies to the air
 
 
-def draw_network(device: Device, seed: int) -> ThermalNetwork:
-    """A network that `device` could have by its file, drawn with `seed`; the file's own if its values are exact."""
+def draw_network(device: Device, specimen: int = 0) -> ThermalNetwork:
+    """A network that a `specimen` of `device` could have by its file; the file's own if its values are exact.
+
+    Of one file and number it is always the same: noise changes from run to run, coils do not.
+    """
     heat = device.coils.heat
     network = heat.network(device.channels)
-    draw = np.random.Generator(np.random.PCG64([seed, 2]))
+    draw = np.random.Generator(np.random.PCG64([crc32(device.digest.encode()), specimen]))
 
     def spread(values: Array) -> Array:
         spread_values: Array = values * (1.0 + heat.tolerance * draw.uniform(-1.0, 1.0, values.shape))
