@@ -77,6 +77,7 @@ RULES = [
         "tests/apps/console/test_pointer_relay.py",
     ),
     ("cool-simulated", "real coils stay as warm as they are", "always", "tests/runtime/tick/test_cooling.py"),
+    ("excuse-simulated", "a real device trips on a busy computer", "always", "tests/runtime/processes/test_loop.py"),
     ("host-silent", "a silent host is dead", "never", "tests/runtime/processes/test_loop.py"),
     ("host-stopped", "a stopped host is dead within 100 ms", "never", "tests/runtime/realtime/test_host_heartbeat.py"),
     (

@@ -191,7 +191,7 @@ def take_study(wanted: list[tuple[str, str, str, Path]]) -> None:
         for who, moment, theme, path in wanted:
             with tempfile.TemporaryDirectory() as folder:
                 # Poses last a second instead of 50 ms: a computer that takes pictures meanwhile stutters.
-                slow = 'based_on = "omni"\nname = "omni"\ntitle = "pictures"\n[limits]\nexpiry = "1 s"\n'
+                slow = 'based_on = "omni"\nname = "pictures"\ntitle = "Omni for pictures"\n[limits]\nexpiry = "1 s"\n'
                 Path(folder, "slow.toml").write_text(slow, encoding="utf-8")
                 Path(folder, "places.toml").write_text('device = "slow.toml"\n' + found[1], encoding="utf-8")
                 _study(browser, Path(folder), who, moment, theme, path)

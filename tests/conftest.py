@@ -159,11 +159,11 @@ def reproduction():
     from haptorb.apps.reproduce import ReproductionResult, find_reproduction
 
     @cache
-    def made(paper: str, name: str) -> ReproductionResult:
+    def make(paper: str, name: str) -> ReproductionResult:
         one, shares = find_reproduction(paper, name), []
         result = ReproductionResult(one, *one.make(shares.append))
         assert shares == sorted(shares)
         assert shares[-1] == 1.0  # what is told of the progress
         return result
 
-    return made
+    return make

@@ -41,7 +41,7 @@ class Time:
         self.then()
 
 
-def wired(matrix: Array) -> tuple[I2cDriver, Time, ChipBus]:
+def wire(matrix: Array) -> tuple[I2cDriver, Time, ChipBus]:
     """A driver whose measured currents are `matrix` (3, 3) [A] times the duties."""
     bus, pwm, currents, _ = ChipBus.of_device()
     time = Time()
@@ -54,8 +54,8 @@ def wired(matrix: Array) -> tuple[I2cDriver, Time, ChipBus]:
     return I2cDriver(load("omni"), bus, thermometers=Thermometers, clock=lambda: bus.now), time, bus
 
 
-def moved(matrix: Array, coil: str = "y", duty: float = 0.05) -> tuple[str, ...]:
-    driver, time, _ = wired(matrix)
+def verdict_of(matrix: Array, coil: str = "y", duty: float = 0.05) -> tuple[str, ...]:
+    driver, time, _ = wire(matrix)
     return jog(load("omni"), driver, coil, duty, clock=time.clock, wait=time.wait).verdict
 
 
@@ -63,7 +63,7 @@ GOOD = 20.0 * np.eye(3)
 
 
 def test_a_good_coil_gets_no_complaint() -> None:
-    driver, time, _ = wired(GOOD)
+    driver, time, _ = wire(GOOD)
     seen = jog(load("omni"), driver, "y", -0.1, clock=time.clock, wait=time.wait)
     assert seen.verdict == ()
     assert seen.resistance == pytest.approx(0.6, rel=0.01)
@@ -81,12 +81,12 @@ def test_a_good_coil_gets_no_complaint() -> None:
     ],
 )
 def test_every_mistake_of_wiring_is_named(matrix: Array, complaint: str) -> None:
-    (sentence,) = moved(matrix)
+    (sentence,) = verdict_of(matrix)
     assert complaint in sentence
 
 
 def test_too_much_current_stops_the_jog_and_the_coils() -> None:
-    driver, time, bus = wired(GOOD * 10)
+    driver, time, bus = wire(GOOD * 10)
     with pytest.raises(DriverError, match="above 3 A"):
         jog(load("omni"), driver, "x", 0.1, current_limit=3.0, clock=time.clock, wait=time.wait)
     assert bus.closed
@@ -113,7 +113,7 @@ def test_jogging_the_simulated_device_finds_its_own_resistance() -> None:
     ],
 )
 def test_what_is_not_gentle_is_refused(arguments: dict[str, float]) -> None:
-    driver, _, _ = wired(GOOD)
+    driver, _, _ = wire(GOOD)
     with pytest.raises(InputError):
         jog(load("omni"), driver, "x", **arguments)
     with pytest.raises(UnknownName, match="coil"):
@@ -121,7 +121,7 @@ def test_what_is_not_gentle_is_refused(arguments: dict[str, float]) -> None:
 
 
 def test_monitoring_switches_nothing_on() -> None:
-    driver, time, bus = wired(GOOD)
+    driver, time, bus = wire(GOOD)
     seen = list(monitor(driver, 10.0, 1.0, clock=time.clock, wait=time.wait))
     assert 9 <= len(seen) <= 11
     assert bus.chips[0].duties().tolist() == [0, 0, 0]  # type: ignore[attr-defined]
@@ -136,7 +136,7 @@ def test_probing_a_bus_names_what_answers_and_what_does_not() -> None:
     bus.transfer([(0x60, bytes((0x06, 0, 0x10, 0, 0)))])  # what a program that was killed may leave: always on
     found = chips_on(bus, "i2c:1", lambda: bus.now)
     assert found.answers
-    assert pwm.driven(0) == 0.0  # off before the monostable enables it
+    assert pwm.read_output(0) == 0.0  # off before the monostable enables it
     assert any("disabled 20" in sentence for sentence in found.about)
     assert found.driver == "i2c:1"
     currents[1].present = False
@@ -158,7 +158,7 @@ def test_probing_a_bus_says_why_its_monostable_will_not_do() -> None:
 
 
 def test_a_line_of_the_monitor_says_when_the_coils_state_is_not_known() -> None:
-    driver, time, _ = wired(GOOD)
+    driver, time, _ = wire(GOOD)
     sample = next(iter(monitor(driver, 10.0, 0.05, clock=time.clock, wait=time.wait)))
     assert "UNKNOWN" not in line(sample, CoilState.OFF)
     assert "COIL STATE UNKNOWN" in line(sample, CoilState.UNKNOWN)
@@ -196,18 +196,18 @@ def test_only_no_watchdog_drives_a_bus_without_a_monostable(
 ) -> None:
     asked: list[object] = []
 
-    class Refused(Exception):
+    class RefusalError(Exception):
         pass
 
-    def made(*_: object, watchdog: object = None, **__: object) -> None:
+    def refuse(*_: object, watchdog: object = None, **__: object) -> None:
         asked.append(watchdog)
-        raise Refused
+        raise RefusalError
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("haptorb.runtime.drivers.i2c.i2c_driver.I2cDriver", made)
-    monkeypatch.setattr("haptorb.runtime.servo.servo.Servo", made)
+    monkeypatch.setattr("haptorb.runtime.drivers.i2c.i2c_driver.I2cDriver", refuse)
+    monkeypatch.setattr("haptorb.runtime.servo.servo.Servo", refuse)
     for more in ([], ["--no-watchdog"]):
-        with suppress(Refused, SystemExit):
+        with suppress(RefusalError, SystemExit):
             main([*command, *more])
     assert asked == [True, False]
 

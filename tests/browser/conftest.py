@@ -36,7 +36,7 @@ def _fake() -> Any:
 
 
 @contextmanager
-def served(console: Console) -> Iterator[Console]:
+def serve(console: Console) -> Iterator[Console]:
     """The console answers for as long as the block lasts."""
     serving = threading.Thread(target=console.serve)
     serving.start()
@@ -79,7 +79,7 @@ class Screen:
         """What the newest row that the page has says."""
         return self.tell(f"haptorb.value('{name}')")
 
-    def felt(self, direction: Any) -> float:
+    def force_at(self, direction: Any) -> float:
         """The painted map in a direction [N]."""
         return self.tell(f"haptorb.felt({[float(x) for x in direction]}).force")
 
@@ -96,7 +96,7 @@ class Screen:
             self.page.mouse.up()
         raise AssertionError("the stylus cannot be taken")
 
-    def settled(self) -> None:
+    def wait_until_still(self) -> None:
         """Wait until the stylus hangs still."""
         self.until("haptorb.value('p').every(Number.isFinite)")
         before = self.value("p")
@@ -185,7 +185,7 @@ def painting() -> Iterator[ForceMapProcess]:
 def staged(browser: Any, fake: Any, painting: ForceMapProcess) -> Iterator[Any]:
     """A function that shows the imagined servo on a page of a given size and theme."""
     pages = []
-    with Console(fake, 0, felt=painting) as console, served(console):
+    with Console(fake, 0, felt=painting) as console, serve(console):
 
         def show(width: int = 1280, height: int = 800, **options: Any) -> Screen:
             query, context = options.pop("query", ""), options.pop("context", None)

@@ -36,7 +36,7 @@ def governed(tmp_path):
     make = f"import {{ build }} from 'esbuild'; await build({json.dumps(options)})"
     subprocess.run([tool, "--input-type=module", "-e", make], cwd=web, check=True, timeout=60)
 
-    def told(paces: list[int]) -> list[str]:
+    def measure_governor(paces: list[int]) -> list[str]:
         ask = (
             f"import {{ Governor }} from {json.dumps(bundle.as_uri())};"
             f"const governor = new Governor('full', false); let now = 0; governor.frame(now);"
@@ -45,10 +45,10 @@ def governed(tmp_path):
         run = subprocess.run([tool, "--input-type=module", "-e", ask], check=True, timeout=60, capture_output=True)
         return json.loads(run.stdout)
 
-    return told
+    return measure_governor
 
 
-def moved(screen, fake, wanted: str, most: int = 1500) -> int:
+def move_until(screen, fake, wanted: str, most: int = 1500) -> int:
     """Move the stylus until `wanted` is true on the page; how many places that took."""
     for k in range(most):
         fake.target = fake.at(20 + 10 * np.sin(k / 5), -50.0, 0.048)
@@ -58,7 +58,7 @@ def moved(screen, fake, wanted: str, most: int = 1500) -> int:
     raise AssertionError(f"never came true: {wanted}; level {screen.tell('haptorb.level')}")
 
 
-def seen(screen) -> np.ndarray:
+def view_pixels(screen) -> np.ndarray:
     """The view's pixels (height, width, 3), without the note."""
     screen.tell("['hint', 'detail'].forEach((id) => (document.getElementById(id).style.visibility = 'hidden'))")
     picture = screen.page.locator("#view").screenshot()
@@ -99,9 +99,9 @@ def test_what_was_tried_and_failed_is_not_tried_again_soon(governed):
 def test_what_stands_still_is_kept_while_the_stylus_moves(staged, fake):
     screen = staged(query="?detail=layered")
     screen.until("haptorb.status === 'running' && haptorb.felt([0, 0, 1]).force !== 0")
-    moved(screen, fake, "haptorb.kept > 0")
+    move_until(screen, fake, "haptorb.kept > 0")
     kept, drawn = screen.tell("[haptorb.kept, haptorb.drawn]")
-    moved(screen, fake, f"haptorb.drawn > {drawn + 60}")
+    move_until(screen, fake, f"haptorb.drawn > {drawn + 60}")
     still = screen.tell("haptorb.kept") - kept  # the coils' glow, every three seconds
     assert still < 20
     # What is drawn anew is the stylus and its arrows, not the whole view.
@@ -115,7 +115,7 @@ def test_what_stands_still_is_kept_while_the_stylus_moves(staged, fake):
     # Turned, the old picture holds no more; at rest a new one is made.
     screen.page.get_by_role("button", name="Turn the view right").click()
     kept = screen.tell("haptorb.kept")
-    moved(screen, fake, f"haptorb.kept > {kept}")
+    move_until(screen, fake, f"haptorb.kept > {kept}")
 
 
 def test_drawn_in_layers_it_is_the_same_picture(staged, fake):
@@ -124,11 +124,11 @@ def test_drawn_in_layers_it_is_the_same_picture(staged, fake):
         screen = staged(query=f"?detail={level}")
         screen.until("haptorb.status === 'running' && haptorb.felt([0, 0, 1]).force !== 0")
         if level == "layered":
-            moved(screen, fake, "haptorb.kept > 0")
+            move_until(screen, fake, "haptorb.kept > 0")
         fake.target = fake.at(24.0, -50.0, 0.048)
         for _ in range(20):  # a busy machine shows late what it was told
             screen.page.wait_for_timeout(500)
-            picture = seen(screen)
+            picture = view_pixels(screen)
             if pictures and np.abs(picture - pictures[-1]).mean() < (0.2 if level == "full" else 1.0):
                 break
             if level == "full":

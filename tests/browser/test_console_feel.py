@@ -26,12 +26,12 @@ def radial(force, p) -> float:
     return float(np.dot(force[:3], p) / np.linalg.norm(p))
 
 
-def along(degrees: float, azimuth: float = 30.0) -> list[float]:
+def direction(degrees: float, azimuth: float = 30.0) -> list[float]:
     t, a = math.radians(degrees), math.radians(azimuth)
     return [math.sin(t) * math.cos(a), math.sin(t) * math.sin(a), math.cos(t)]
 
 
-def turned(q) -> np.ndarray:
+def axis_of(q) -> np.ndarray:
     """The mover's z axis for a quaternion."""
     x, y, z, w = q
     return np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
@@ -49,9 +49,9 @@ def test_feel_the_dome_and_stop(live):
     screen.until("haptorb.felt([0, 0, 1]).force !== 0")
     device, dome = load("omni"), Dome()
     angles = (0.0, 10.0, 26.0, 36.0, 50.0, 58.0, 70.0)
-    points = np.array([along(angle) for angle in angles]) * device.contact_distance
+    points = np.array([direction(angle) for angle in angles]) * device.contact_distance
     computed, _ = force_map(device, dome, points)
-    painted = [screen.felt(point) for point in points]
+    painted = [screen.force_at(point) for point in points]
     assert painted == pytest.approx(computed, abs=0.06)  # the nearest vertex is up to 1.2° away
     assert painted[1] > 0.25
     assert painted[3] < -0.4
@@ -62,7 +62,7 @@ def test_feel_the_dome_and_stop(live):
     for k in range(1, 21):
         page.mouse.move(x + 6 * k, y + k)
         page.wait_for_timeout(15)
-    screen.settled()
+    screen.wait_until_still()
     expect_law(screen, device, dome)
     assert screen.tell("haptorb.arrow")
     shown = float(page.locator("#asked").inner_text())
@@ -73,14 +73,14 @@ def test_feel_the_dome_and_stop(live):
         page.wait_for_timeout(15)
     moved = f"Math.hypot(...haptorb.value('target').map((x, i) => x - {goal}[i])) > 0.012"
     screen.until(moved)  # a busy browser is late
-    screen.settled()
+    screen.wait_until_still()
     expect_law(screen, device, dome)
     assert np.linalg.norm(np.subtract(before, screen.value("p"))) > 0.01
 
     # The paper's model instead of the exact one, while it is held.
     page.get_by_label("controller model").select_option("published")
     screen.until("haptorb.value('model')[0] === 1")
-    screen.settled()
+    screen.wait_until_still()
     expect_law(screen, device, dome)
     asked, given, p = (screen.value(name) for name in ("asked", "given", "p"))
     assert abs(radial(given, p) - radial(asked, p)) > 0.02
@@ -104,7 +104,7 @@ def expect_law(screen, device, dome) -> None:
     row = screen.tell(
         "({p: haptorb.value('p'), q: haptorb.value('q'), asked: haptorb.value('asked'), given: haptorb.value('given')})"
     )
-    state = State.at(row["p"], turned(row["q"]))
+    state = State.at(row["p"], axis_of(row["q"]))
     expected = dome.for_device(device).wrench(state)
     assert row["asked"][:3] == pytest.approx(expected[:3], abs=0.02)
     given = radial(row["asked"], row["p"])
@@ -125,7 +125,7 @@ def test_radial_force_vanishes_at_theta_1_and_everything_from_theta_2(live):
     for _ in range(14):
         page.keyboard.press("Shift+ArrowRight")  # down one side, to the edge of the workspace
         page.wait_for_timeout(150)
-    screen.settled()
+    screen.wait_until_still()
     assert tilt(screen.value("p")) > 54.5
     assert screen.value("asked")[:3] == [0.0, 0.0, 0.0]
     cursor, _ = host.rows(0, "tick")

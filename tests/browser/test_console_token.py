@@ -10,7 +10,7 @@ from websockets.sync.client import connect
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 
-def covered(page) -> str:
+def cover_text(page) -> str:
     """What stands on the page instead of everything else."""
     page.locator("#lock-title").wait_for()
     assert page.locator("header").is_hidden()
@@ -24,11 +24,11 @@ def test_without_the_token_the_page_says_what_it_needs(browser, staged):
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
     page.goto(f"{console.origin}/")
-    assert "the address that the terminal printed" in covered(page)
+    assert "the address that the terminal printed" in cover_text(page)
     assert not any("/api/" in url or "/ws" in url for url in asked)
     page.goto(f"{console.origin}/#of-an-earlier-run-0123")
     page.wait_for_timeout(500)
-    assert "the address that the terminal printed" in covered(page)
+    assert "the address that the terminal printed" in cover_text(page)
     page.goto(console.url)  # pasted over it: only what is behind the # differs
     page.locator("#stop").wait_for()
     assert page.locator("#lock").is_hidden()
@@ -46,7 +46,7 @@ def test_a_seventeenth_page_waits_and_then_goes_on(browser, staged):
         others = [stack.enter_context(connect(address, additional_headers=shown, close_timeout=0.3)) for _ in range(16)]
         page = browser.new_page()
         page.goto(console.url)
-        assert "16 pages are open already" in covered(page)
+        assert "16 pages are open already" in cover_text(page)
         others[7].close()
         page.locator("#stop").wait_for()
         page.close()

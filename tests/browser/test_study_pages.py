@@ -43,7 +43,7 @@ CONTROLS = {"button", "textbox", "spinbutton", "application", "img", "image", "p
 COMMAND = [sys.executable, "-c", "import sys; from haptorb.apps.cli import main; sys.exit(main())", "study", "run"]
 
 
-def unnamed(page: Any) -> list[str]:
+def nameless_roles(page: Any) -> list[str]:
     """Roles of controls to which the browser's accessibility tree gives no name."""
     session = page.context.new_cdp_session(page)
     nodes = session.send("Accessibility.getFullAXTree")["nodes"]
@@ -146,7 +146,7 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     desk.keyboard.press("Enter")
     run.state(page, "consent")
     assert "You may stop at any time." in page.locator("#message").inner_text()
-    assert unnamed(page) == unnamed(desk) == []
+    assert nameless_roles(page) == nameless_roles(desk) == []
     assert "-30 dB" in page.locator("#mask").inner_text()
     page.keyboard.press("Enter")  # the focus is on agreeing
     run.state(page, "running", 0)
@@ -157,7 +157,7 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     assert (said.get_attribute("role"), said.get_attribute("aria-live")) == ("status", "polite")
     assert page.locator("#ask").inner_text() in said.inner_text()
     assert "Trial 1." in said.inner_text()
-    assert unnamed(page) == unnamed(desk) == []
+    assert nameless_roles(page) == nameless_roles(desk) == []
 
     # By keyboard: arrows move the pen and the force comes; a number that there is not is told.
     run.until(page, "study.pen && Math.hypot(study.pen.x, study.pen.y) < 1.4")  # an arrow begins where the pen is
@@ -204,7 +204,7 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     assert "only they can press Resume" in said.inner_text()
     assert page.locator("#stop").is_visible()
     assert "Stopped by the participant." in desk.locator("#alert").inner_text()
-    assert unnamed(page) == unnamed(desk) == []
+    assert nameless_roles(page) == nameless_roles(desk) == []
     faults = find_faults(page) + find_faults(desk)  # with what they say of a Stop
     assert not faults, "\n".join(faults)
     assert page.get_by_role("button", name="Resume").count() == 0
@@ -222,7 +222,7 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
         page.keyboard.press("Enter")
     run.state(page, "question")
     assert "Which hand holds the pen?" in said.inner_text()
-    assert unnamed(page) == []
+    assert nameless_roles(page) == []
     page.get_by_role("button", name="right").click()
     run.state(page, "done")
     assert "Thank you" in said.inner_text()

@@ -50,29 +50,28 @@ def is_no_verb(name: str) -> bool:
 
 
 def is_value(function: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
-    """A property is read like a value: `trip.confirmed` is an adjective, and right."""
+    """A property or a fixture is read like a value: `trip.confirmed` is an adjective, and right."""
     for decorator in function.decorator_list:
         name = ast.unparse(decorator)
-        if name in {"property", "cached_property", "functools.cached_property"} or name.endswith(
-            (".setter", ".deleter")
-        ):
+        values = {"property", "cached_property", "functools.cached_property"}
+        if name in values or name.startswith("pytest.fixture") or name.endswith((".setter", ".deleter")):
             return True
     return False
 
 
-def named(body: list[ast.stmt], where: str) -> Iterator[tuple[str, Definition]]:
+def definitions(body: list[ast.stmt], where: str) -> Iterator[tuple[str, Definition]]:
     """(qualified name, node) of every class and function, inner ones too."""
     for node in body:
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
             yield f"{where}.{node.name}", node
-            yield from named(node.body, f"{where}.{node.name}")
+            yield from definitions(node.body, f"{where}.{node.name}")
         else:
             for field in ("body", "orelse", "finalbody", "handlers"):
-                yield from named(getattr(node, field, []), where)
+                yield from definitions(getattr(node, field, []), where)
 
 
 def names(source: str, where: str) -> list[tuple[str, Definition]]:
-    return list(named(ast.parse(source).body, where))
+    return list(definitions(ast.parse(source).body, where))
 
 
 def variables(source: str, where: str) -> Iterator[tuple[str, str]]:
@@ -106,8 +105,9 @@ def ours(root: Path) -> list[tuple[str, Definition]]:
 
 @pytest.fixture(scope="module")
 def beside(root: Path) -> list[tuple[str, Definition]]:
-    """Of what is run beside the package."""
-    return [found for file, text in sources(root, "scripts", "benchmarks").items() for found in names(text, file)]
+    """Of what is run beside the package, tests included."""
+    folders = ("scripts", "benchmarks", "tests")
+    return [found for file, text in sources(root, *folders).items() for found in names(text, file)]
 
 
 def past(found: list[tuple[str, Definition]]) -> list[str]:

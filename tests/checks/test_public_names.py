@@ -87,7 +87,7 @@ def arrays(function: Any) -> tuple[bool, bool]:
     return any(re.search(r"\bArray(Like)?\b", kind) for kind in kinds), "Array" in str(signature.return_annotation)
 
 
-def raised(function: Any) -> set[str]:
+def errors_raised_by(function: Any) -> set[str]:
     """Errors of haptorb that the function's own body raises."""
     try:
         tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
@@ -121,7 +121,7 @@ def test_arrays_have_shapes_and_units(module: ModuleType) -> None:
 def test_what_is_raised_is_told(module: ModuleType) -> None:
     mute = []
     for name, function, told in callables(module):
-        errors_ = raised(function)
+        errors_ = errors_raised_by(function)
         said = told + "\n" + (module.__doc__ or "")
         if errors_ and not (any(error in said for error in errors_) or re.search(r"[Rr]aise|[Rr]efuse", told)):
             mute.append(f"{name}: raises {', '.join(sorted(errors_))}")

@@ -13,7 +13,7 @@ LOCAL = re.compile(r"(?<![\w.~$}-])/(?:home|root|Users|work|mnt|opt)/\w|(?<![\w/
 UNFINISHED = re.compile(r"\b(?:TODO|FIXME|XXX|HACK)\b|raise NotImplementedError\b")
 
 
-def tracked(root: Path) -> list[Path]:
+def project_files(root: Path) -> list[Path]:
     """Files that belong to the project: known to git, or new and not ignored."""
     try:
         listed = subprocess.run(
@@ -36,11 +36,11 @@ def lines(path: Path) -> list[str]:
         return []
 
 
-def found(pattern: re.Pattern[str], root: Path, folders: tuple[str, ...] = ("",)) -> list[str]:
+def find_lines(pattern: re.Pattern[str], root: Path, folders: tuple[str, ...] = ("",)) -> list[str]:
     """Every `file:line: text` in which `pattern` occurs, outside this file, which must spell what it looks for."""
     return [
         f"{path.relative_to(root)}:{number}: {line.strip()[:120]}"
-        for path in tracked(root)
+        for path in project_files(root)
         if path != Path(__file__).resolve() and any(path.is_relative_to(root / folder) for folder in folders)
         for number, line in enumerate(lines(path), 1)
         if pattern.search(line)
@@ -48,7 +48,7 @@ def found(pattern: re.Pattern[str], root: Path, folders: tuple[str, ...] = ("",)
 
 
 def test_no_path_of_a_particular_machine(root: Path) -> None:
-    assert found(LOCAL, root) == []
+    assert find_lines(LOCAL, root) == []
 
 
 @pytest.mark.parametrize(
@@ -68,15 +68,15 @@ def test_the_pattern_for_local_paths_sees_what_it_must(line: str, local: bool) -
 
 
 def test_nothing_is_marked_unfinished(root: Path) -> None:
-    assert found(UNFINISHED, root, ("src", "web", "firmware", "examples", "benchmarks")) == []
+    assert find_lines(UNFINISHED, root, ("src", "web", "firmware", "examples", "benchmarks")) == []
 
 
 def test_lock_file_has_no_download_addresses(root: Path) -> None:
-    for lock in (path for path in tracked(root) if path.name == "package-lock.json"):
+    for lock in (path for path in project_files(root) if path.name == "package-lock.json"):
         assert '"resolved"' not in lock.read_text(), f"{lock.relative_to(root)}: a registry of its own would be ignored"
 
 
 def test_no_file_is_large(root: Path) -> None:
-    large = [f"{path.relative_to(root)}: {path.stat().st_size} bytes" for path in tracked(root)
+    large = [f"{path.relative_to(root)}: {path.stat().st_size} bytes" for path in project_files(root)
              if path.stat().st_size > 1_000_000]  # fmt: skip
     assert large == []

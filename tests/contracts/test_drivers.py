@@ -51,7 +51,7 @@ class Subject:
         return sample, self.driver.write(duties)
 
 
-def simulated() -> Subject:
+def sim_subject() -> Subject:
     driver = SimDriver.of(load("omni"), 1e-3)
     return Subject(driver, lambda: driver._duties)
 
@@ -73,7 +73,7 @@ BESIDE_A_CLOCK = [pytest.mark.firmware, pytest.mark.realtime(retry=False), pytes
 @pytest.fixture(params=["sim", "i2c", pytest.param("serial", marks=BESIDE_A_CLOCK)])
 def subject(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Subject]:
     if request.param == "sim":
-        yield simulated()
+        yield sim_subject()
         return
     if request.param == "i2c":
         yield i2c()
@@ -182,7 +182,7 @@ def test_engaging_what_runs_changes_nothing(subject: Subject) -> None:
         assert applied == pytest.approx(SOME, abs=1e-3)
 
 
-def prepared(subject: Subject, times: int) -> tuple[Array, Array]:
+def prepare_and_apply(subject: Subject, times: int) -> tuple[Array, Array]:
     """What ten ticks, each prepared so many times, applied (10, 3) [1], and what they read (10, 33)."""
     subject.now = 0.0
     applied, read = [], []
@@ -197,10 +197,10 @@ def prepared(subject: Subject, times: int) -> tuple[Array, Array]:
 
 
 def test_a_tick_is_the_same_whether_it_was_prepared_or_not_or_twice(subject: Subject) -> None:
-    applied, read = prepared(subject, 0)
+    applied, read = prepare_and_apply(subject, 0)
     assert applied.any()
     for times in (1, 2):
-        applied_then, read_then = prepared(subject, times)
+        applied_then, read_then = prepare_and_apply(subject, times)
         np.testing.assert_array_equal(applied_then, applied)
         if subject.repeats:
             np.testing.assert_array_equal(read_then, read)

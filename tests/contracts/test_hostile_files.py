@@ -49,7 +49,7 @@ def hostile() -> ModuleType:
     return module
 
 
-def found(hostile: ModuleType, kind: str, mutants: int, folder: Path) -> Any:
+def find_faults(hostile: ModuleType, kind: str, mutants: int, folder: Path) -> Any:
     known = {one.name: one for one in hostile.kinds(folder)}
     assert set(known) == set(KINDS)
     told = hostile.try_mutants(known[kind], mutants, 1, folder)
@@ -59,14 +59,14 @@ def found(hostile: ModuleType, kind: str, mutants: int, folder: Path) -> Any:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_few_hundred_of_each(hostile: ModuleType, tmp_path: Path, kind: str) -> None:
-    assert found(hostile, kind, FEWER.get(kind, 200), tmp_path).wrong == []
+    assert find_faults(hostile, kind, FEWER.get(kind, 200), tmp_path).wrong == []
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("kind", KINDS)
 def test_ten_thousand_of_each(hostile: ModuleType, tmp_path: Path, kind: str) -> None:
-    told = found(hostile, kind, 1000 if kind in ("motor", "variant") else 10_000, tmp_path)
+    told = find_faults(hostile, kind, 1000 if kind in ("motor", "variant") else 10_000, tmp_path)
     print(
         f"{kind}: {told.read} read, {told.refused} refused, slowest {told.slowest:.2f} s, {told.memory / 1024:.0f} MB"
     )

@@ -57,13 +57,13 @@ class Spring(World):
         return wrench
 
 
-class Declared(Spring):
+class DeclaredSpring(Spring):
     """The same, declared active."""
 
     passive = False
 
 
-def pushed(world, tracker_rate, latency, seconds=2.5):
+def push_across(world, tracker_rate, latency, seconds=2.5):
     """The tool's place across `world` in a light hand that leans on it once, and what was injected."""
     omni, grip = load("omni"), GRIPS["light"]
     held = Hand(grip.mass, grip.damping, grip.stiffness, omni.hand.turn_damping, omni.hand.turn_stiffness)
@@ -83,8 +83,8 @@ def pushed(world, tracker_rate, latency, seconds=2.5):
 @pytest.mark.parametrize(("tracker_rate", "latency", "stiffness"), [(240.0, 5e-3, 400.0), (120.0, 10e-3, 165.0)])
 def test_a_spring_beyond_the_loops_bound_is_quieted(tracker_rate, latency, stiffness):
     """1.6 and 1.2 times what the loop stands: left alone it ends in the limits, with the control it dies away."""
-    alone, nothing = pushed(Declared(stiffness=stiffness), tracker_rate, latency)
-    damped, injected = pushed(Spring(stiffness=stiffness), tracker_rate, latency)
+    alone, nothing = push_across(DeclaredSpring(stiffness=stiffness), tracker_rate, latency)
+    damped, injected = push_across(Spring(stiffness=stiffness), tracker_rate, latency)
     assert not nothing.any()
     assert injected.max() > 0.5
     assert np.std(damped[-500:]) < 0.1 * np.std(alone[-500:])

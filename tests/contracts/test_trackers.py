@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
-from trackers import SUBJECTS, Fed, NatNet, Osc, Subject, natnet_frame
+from trackers import SUBJECTS, FeedSubject, NatNet, Osc, Subject, natnet_frame
 
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.loader import load
@@ -35,7 +35,7 @@ def subject(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Subject]
 def test_before_its_first_pose_it_knows_nothing(subject: Subject) -> None:
     pose = subject.tracker.pose(subject.now())
     assert not pose.valid
-    if isinstance(subject, Fed):  # the pointer's hand plays its guided motion, a simulated one's business
+    if isinstance(subject, FeedSubject):  # the pointer's hand plays its guided motion, a simulated one's business
         assert not np.isfinite(subject.tracker.goal(subject.now()).stamp)
 
 

@@ -69,7 +69,7 @@ class Pointer(Subject, PointerSource):
         self._pointed = self._pointed._replace(held=False)
 
 
-class Fed(Subject):
+class FeedSubject(Subject):
     """A feed in this process, with its reception and its block."""
 
     def __init__(self, feed: Feed) -> None:
@@ -77,16 +77,16 @@ class Fed(Subject):
         self.reception = PoseFilter(feed, self._block)
         self.tracker = FeedTracker(self._block)
 
-    def listened(self, before: int, patience: float = 5.0) -> None:
+    def listen(self, before: int, patience: float = 5.0) -> None:
         """Until one more message was taken or refused."""
         reception = self.reception
         assert reception is not None
         end = time.monotonic() + patience
-        while self.heard() == before and time.monotonic() < end:
+        while self.message_count() == before and time.monotonic() < end:
             reception.listen(0.02)
-        assert self.heard() > before, "nothing was heard"
+        assert self.message_count() > before, "nothing was heard"
 
-    def heard(self) -> int:
+    def message_count(self) -> int:
         reception = self.reception
         assert reception is not None
         return reception.accepted + reception.lost + sum(reception.refused.values())
@@ -96,7 +96,7 @@ class Fed(Subject):
         self._feed.close()
 
 
-class Osc(Fed):
+class Osc(FeedSubject):
     """A program on this computer that sends OSC."""
 
     def __init__(self, tmp_path: Path, token: str = "") -> None:
@@ -118,9 +118,9 @@ class Osc(Fed):
         return builder.build().dgram
 
     def send(self, data: bytes) -> None:
-        before = self.heard()
+        before = self.message_count()
         self._sending.send(data)
-        self.listened(before)
+        self.listen(before)
 
     def say(self, p: Sequence[float], q: Sequence[float] = UPRIGHT) -> None:
         self.send(self.message("/haptorb/pose", *map(float, p), *map(float, q), time.monotonic() - 100.0))
@@ -133,7 +133,7 @@ class Osc(Fed):
         super().close()
 
 
-class Lsl(Fed):
+class Lsl(FeedSubject):
     """A stream of the lab streaming layer, from this very process."""
 
     def __init__(self, tmp_path: Path, channels: int = 8) -> None:
@@ -151,9 +151,9 @@ class Lsl(Fed):
             list(self._feed.receive(0.05))
 
     def push(self, values: Sequence[float], stamp: float = 0.0) -> None:
-        before = self.heard()
+        before = self.message_count()
         self._outlet.push_sample([float(x) for x in values], stamp)
-        self.listened(before)
+        self.listen(before)
 
     def say(self, p: Sequence[float], q: Sequence[float] = UPRIGHT) -> None:
         self.push([*p, *q, 1.0])
@@ -171,7 +171,7 @@ def natnet_frame(p: Sequence[float], q: Sequence[float], stamp: float, tracked: 
     return struct.pack("<HH", 7, len(content)) + content
 
 
-class NatNet(Fed):
+class NatNet(FeedSubject):
     """A server that knows one rigid body."""
 
     def __init__(self, tmp_path: Path) -> None:
@@ -197,9 +197,9 @@ class NatNet(Fed):
         super().__init__(NatNetFeed(connected, version, 7))
 
     def send(self, data: bytes) -> None:
-        before = self.heard()
+        before = self.message_count()
         self._server.sendto(data, self._client)
-        self.listened(before)
+        self.listen(before)
 
     def say(self, p: Sequence[float], q: Sequence[float] = UPRIGHT) -> None:
         self.send(natnet_frame(p, q, time.monotonic()))
@@ -226,7 +226,7 @@ def recording(path: Path, told: Sequence[tuple[float, float, Sequence[float], bo
     return path
 
 
-class Replay(Fed):
+class Replay(FeedSubject):
     """A recording that is written first: its first tenth of a second has no pose; then every word is one tick."""
 
     def __init__(self, tmp_path: Path) -> None:
@@ -242,8 +242,8 @@ class Replay(Fed):
         reception = self.reception
         assert reception is not None
         reception._feed = self._feed
-        before = self.heard()
-        self.listened(before)
+        before = self.message_count()
+        self.listen(before)
 
     def say(self, p: Sequence[float], q: Sequence[float] = UPRIGHT) -> None:
         self._tell(p, True)

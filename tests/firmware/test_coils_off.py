@@ -26,17 +26,17 @@ LIMIT_MS = 20.0
 PACE = 0.15
 
 
-def killed(emulator: Any, host: subprocess.Popen[str]) -> str:
+def kill(emulator: Any, host: subprocess.Popen[str]) -> str:
     host.kill()
     return "since_byte_ms"
 
 
-def frozen(emulator: Any, host: subprocess.Popen[str]) -> str:
+def freeze(emulator: Any, host: subprocess.Popen[str]) -> str:
     os.kill(host.pid, signal.SIGSTOP)
     return "since_byte_ms"
 
 
-def pulled(emulator: Any, host: subprocess.Popen[str]) -> str:
+def pull(emulator: Any, host: subprocess.Popen[str]) -> str:
     emulator.tell("pull")
     return "since_mark_ms"
 
@@ -56,7 +56,7 @@ def brown_out(emulator: Any, host: subprocess.Popen[str]) -> str:
     return "since_mark_ms"
 
 
-def hung(emulator: Any, host: subprocess.Popen[str]) -> str:
+def hang(emulator: Any, host: subprocess.Popen[str]) -> str:
     emulator.tell("hang")
     return "since_mark_ms"
 
@@ -86,19 +86,19 @@ def short_circuit(emulator: Any, host: subprocess.Popen[str]) -> str:
     return "since_mark_ms"
 
 
-def mended(emulator: Any, fault: Callable[[Any, Any], str]) -> None:
+def mend(emulator: Any, fault: Callable[[Any, Any], str]) -> None:
     """All is well again, and the firmware has had the quarter of a second in which it looks at every chip; after a
     restart, the second in which it learns how warm the coils are, before which it does not engage."""
     for command in ("noise 0", "free", "button 0", "present ina219-y", "resistance 0 0.6"):
         emulator.tell(command)
     emulator.tell("pace 1")
-    emulator.wait(1.5 if fault in (reset, brown_out, hung) else 0.25)
+    emulator.wait(1.5 if fault in (reset, brown_out, hang) else 0.25)
     emulator.tell(f"pace {PACE}")
 
 
 #: those that the protocol document promises, a hundred times each in the nightly run
-PROMISED = (killed, frozen, pulled, garbage, reset)
-OTHERS = (brown_out, hung, button, bus_stuck, current_sensor_gone, chip_forgot, short_circuit)
+PROMISED = (kill, freeze, pull, garbage, reset)
+OTHERS = (brown_out, hang, button, bus_stuck, current_sensor_gone, chip_forgot, short_circuit)
 
 
 def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int, patience: float = 20.0) -> list[float]:
@@ -129,9 +129,9 @@ def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int,
             host.kill()
             host.wait()
             host.stdout.close()
-            if fault is pulled:
+            if fault is pull:
                 emulator.tell("plug")
-            mended(emulator, fault)
+            mend(emulator, fault)
     return times
 
 
@@ -191,7 +191,7 @@ def broken(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[s
 @pytest.mark.parametrize(
     ("file", "right", "wrong", "fault"),
     [
-        ("core/config.h", "#define SILENCE_MS 15", "#define SILENCE_MS 40", killed),
+        ("core/config.h", "#define SILENCE_MS 15", "#define SILENCE_MS 40", kill),
         ("core/config.h", "#define SILENCE_MS 15", "#define SILENCE_MS 40", garbage),
         (
             "core/bridge.c",

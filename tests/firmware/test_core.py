@@ -20,20 +20,20 @@ def compiler() -> None:
         pytest.skip("gcc and make are not installed (Debian: apt-get install gcc make)")
 
 
-def made(target: str) -> str:
+def make(target: str) -> str:
     done = subprocess.run(["make", "-C", str(FIRMWARE), target], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     return done.stdout
 
 
 def test_core_does_what_it_says() -> None:
-    found = re.search(r"(\d+) checks, 0 failures", made("test"))
+    found = re.search(r"(\d+) checks, 0 failures", make("test"))
     assert found is not None
     assert int(found[1]) > 10_000
 
 
 def test_ten_million_random_bytes_make_no_wrong_duty() -> None:
-    found = re.search(r"(\d+) bytes, (\d+) answers, (\d+) true frames taken, .* (\d+) wrong duties", made("fuzz"))
+    found = re.search(r"(\d+) bytes, (\d+) answers, (\d+) true frames taken, .* (\d+) wrong duties", make("fuzz"))
     assert found is not None
     assert int(found[1]) >= 10_000_000
     assert int(found[3]) > 1000  # it was listening all the time
@@ -41,7 +41,7 @@ def test_ten_million_random_bytes_make_no_wrong_duty() -> None:
 
 
 def test_fuzzing_would_notice_a_parser_without_check_sum(tmp_path: Path) -> None:
-    made("fuzz")
+    make("fuzz")
     core = FIRMWARE / "core"
     shutil.copytree(core, tmp_path / "core")
     shutil.copytree(FIRMWARE / "tests", tmp_path / "tests")

@@ -28,7 +28,7 @@ def commands(port: Path, built: Path) -> list[list[str]]:
     return found
 
 
-def done(words: list[str]) -> str:
+def run_checked(words: list[str]) -> str:
     """What a command says; again where this computer was too busy for a device that switches off after 15 ms."""
     for _ in range(8):
         ended = subprocess.run(words, capture_output=True, text=True, check=False, timeout=120)
@@ -58,7 +58,7 @@ def test_the_tutorial(built, tmp_path):
             assert port.exists()
             told = []
             for words in others:
-                told.append(done(words))
+                told.append(run_checked(words))
         finally:
             emulator.terminate()
             started = emulator.communicate(timeout=30)[0]

@@ -56,7 +56,7 @@ SOURCES = {
 BODIES = {name: case.source for name, case in SOURCES.items() if isinstance(case.source, RoundBody)}
 
 
-def around(case: Case, count: int = 60) -> np.ndarray:
+def points_around(case: Case, count: int = 60) -> np.ndarray:
     """Points outside, 1.1 to about 10 radii from the origin."""
     rng = np.random.default_rng(7)
     out = rng.normal(size=(count, 3))
@@ -80,7 +80,7 @@ every = pytest.mark.parametrize("case", SOURCES.values(), ids=SOURCES)
 
 @every
 def test_divergence_is_zero(case):
-    slopes = gradient(case.source, around(case))
+    slopes = gradient(case.source, points_around(case))
     off = np.abs(np.trace(slopes, axis1=1, axis2=2)) / np.linalg.norm(slopes, axis=(1, 2))
     assert np.percentile(off, 90) < 1e-8
     assert off.max() < 1e-4
@@ -88,7 +88,7 @@ def test_divergence_is_zero(case):
 
 @every
 def test_curl_is_zero_outside(case):
-    slopes = gradient(case.source, around(case))
+    slopes = gradient(case.source, points_around(case))
     off = np.abs(slopes - np.swapaxes(slopes, 1, 2)).max(axis=(1, 2)) / np.linalg.norm(slopes, axis=(1, 2))
     assert np.percentile(off, 90) < 1e-8
     assert off.max() < 1e-4
@@ -96,7 +96,7 @@ def test_curl_is_zero_outside(case):
 
 @every
 def test_gradient_is_that_of_the_field(case):
-    points = around(case)
+    points = points_around(case)
     slopes = gradient(case.source, points)
     off = np.abs(case.source.field_gradient(points) - slopes).max(axis=(1, 2)) / np.abs(slopes).max(axis=(1, 2))
     assert np.percentile(off, 90) < 1e-8
@@ -117,7 +117,7 @@ def test_far_field_is_that_of_a_dipole_with_the_same_moment(case):
 
 @every
 def test_turning_and_moving_the_source_turns_and_moves_the_field(case):
-    points, shift = around(case), np.array([0.3, -0.1, 0.2])
+    points, shift = points_around(case), np.array([0.3, -0.1, 0.2])
     moved = PlacedSource(case.source, shift, TURN)
     assert moved.field(points @ TURN.T + shift) == pytest.approx(
         case.source.field(points) @ TURN.T, rel=1e-7, abs=1e-9 * np.abs(case.source.field(points)).max()
@@ -129,7 +129,7 @@ def test_turning_and_moving_the_source_turns_and_moves_the_field(case):
     "case", [c for c in SOURCES.values() if c.round], ids=[n for n, c in SOURCES.items() if c.round]
 )
 def test_round_sources_do_not_notice_a_spin_and_know_up_from_down(case):
-    points = around(case)
+    points = points_around(case)
     spin = Rotation.from_euler("Z", 1.234).as_matrix()
     field = case.source.field(points)
     scale = np.abs(field).max()

@@ -38,7 +38,7 @@ class Shell:
         assert "Traceback" not in out + err
         return code, out, err
 
-    def done(self, line: str) -> str:
+    def run_checked(self, line: str) -> str:
         """Standard output of a command that must do its work."""
         code, out, err = self(line)
         assert code == 0, err
@@ -50,7 +50,7 @@ def shell(capfd, tmp_path, monkeypatch):
     """Her folder, with a copy of the Omni in which she changed some values."""
     monkeypatch.chdir(tmp_path)
     shell = Shell(capfd)
-    text = shell.done("devices omni")
+    text = shell.run_checked("devices omni")
     for before, after in CHANGES:
         assert text.count(before) == 1, before
         text = text.replace(before, after)
@@ -66,29 +66,29 @@ def edit(before: str, after: str) -> None:
 
 
 def test_what_is_there_and_a_copy_of_it(shell):
-    assert shell.done("--version").startswith("haptorb ")
-    assert "omni" in shell.done("devices")
-    text = shell.done("devices omni")
+    assert shell.run_checked("--version").startswith("haptorb ")
+    assert "omni" in shell.run_checked("devices")
+    text = shell.run_checked("devices omni")
     Path("copy.toml").write_text(text, encoding="utf-8")
-    omni, copy = json.loads(shell.done("inspect omni copy.toml --json"))
+    omni, copy = json.loads(shell.run_checked("inspect omni copy.toml --json"))
     assert omni == copy
 
 
 def test_more_turns_and_a_longer_magnet_are_seen_in_the_card(shell):
-    omni, mine = json.loads(shell.done("inspect omni mine.toml --json"))
+    omni, mine = json.loads(shell.run_checked("inspect omni mine.toml --json"))
     turns, before = mine["predicted_moment_per_current_m2"][2][2], omni["predicted_moment_per_current_m2"][2][2]
     assert turns > 1.15 * before  # a fifth more turns, a little further out
     assert mine["tool_moment_a_m2"] == pytest.approx(1.25 * omni["tool_moment_a_m2"])
-    table = shell.done("inspect omni mine.toml --plot both.svg")
+    table = shell.run_checked("inspect omni mine.toml --plot both.svg")
     row = next(line for line in table.splitlines() if line.startswith("moment of the tool"))
     assert row.split()[-3:] == ["2.41", "3.01", "+25"]
     assert Path("both.svg").read_text(encoding="utf-8").startswith("<?xml")
 
 
 def test_the_drawing_has_the_values_of_the_file(shell):
-    assert "mine.drawing.png" in shell.done("show mine.toml --view section")
+    assert "mine.drawing.png" in shell.run_checked("show mine.toml --view section")
     assert Path("mine.drawing.png").stat().st_size > 10_000
-    parts = json.loads(shell.done("show mine.toml --json"))
+    parts = json.loads(shell.run_checked("show mine.toml --json"))
     coil = next(part for part in parts["parts"] if part["name"] == "z")
     assert coil["outer_radius_m"] == pytest.approx(0.0269, abs=1e-9)
     sensors = [spot["position_m"] for spot in parts["spots"] if spot["role"] == "sensor"]

@@ -37,14 +37,14 @@ print(round(-1e3 * float(K[2, 0]), 1), held, type(ring_tool.dipole_per_ampere)._
 """
 
 
-def told(program: str) -> str:
+def output_of(program: str) -> str:
     done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
 
 
 def test_the_first_call_loads_the_compiler_for_all_kernels() -> None:
-    assert told(PROGRAM) == "48.0 [] CPUDispatcher CPUDispatcher"
+    assert output_of(PROGRAM) == "48.0 [] CPUDispatcher CPUDispatcher"
 
 
 def test_a_source_that_is_edited_before_the_first_call_is_another_state(tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ print(double.double(1.0))
 
 @pytest.mark.parametrize("package", ["tick", "drivers", "processes"])
 def test_what_runs_beside_a_clock_has_the_compiler_loaded(package: str) -> None:
-    assert told(f"import sys, haptorb.runtime.{package}; print('numba' in sys.modules)") == "True"
+    assert output_of(f"import sys, haptorb.runtime.{package}; print('numba' in sys.modules)") == "True"
 
 
 def test_a_postponed_kernel_can_be_called_by_others_and_sent_elsewhere() -> None:

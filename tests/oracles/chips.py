@@ -98,9 +98,9 @@ class PCA9685(Chip):
 
     def level(self, output: int) -> float:
         """Share of the time for which `output` is high; none of it while OE is high."""
-        return 0.0 if self.oe() else self.driven(output)
+        return 0.0 if self.oe() else self.read_output(output)
 
-    def driven(self, output: int) -> float:
+    def read_output(self, output: int) -> float:
         """The same as the registers alone have it."""
         on_low, on_high, off_low, off_high = self._outputs[0x06 + 4 * output : 0x0A + 4 * output]
         if self._outputs[0x00] & 0x10 or off_high & 0x10:  # asleep, or always off, which wins

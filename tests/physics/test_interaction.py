@@ -47,7 +47,7 @@ def test_published_force_between_coaxial_magnets(formulation, first, second, new
     assert np.abs(push.value[[0, 1, 3, 4, 5]]).max() < 1e-9
 
 
-def reversed_pose(position, turn):
+def inverse_pose(position, turn):
     return -turn.T @ position, turn.T
 
 
@@ -56,7 +56,7 @@ def test_coil_torque_converges_and_the_second_formulation_confirms_it():
     close = wrench(MAGNET, COIL, ASIDE, TILT, precision=1e-8)
     closer = wrench(MAGNET, COIL, ASIDE, TILT, precision=1e-11)
     assert np.linalg.norm(close.value[3:] - closer.value[3:]) < 1e-8 * np.linalg.norm(closer.value[3:])
-    place, turn = reversed_pose(ASIDE, TILT)
+    place, turn = inverse_pose(ASIDE, TILT)
     charges = wrench_on_charges(COIL, MAGNET, place, turn, about=place, precision=1e-6)
     # third law, in the magnet's frame: force opposite, and torque about the magnet's centre opposite
     on_coil = wrench(MAGNET, COIL, ASIDE, TILT, about=(0, 0, 0), precision=1e-9).value

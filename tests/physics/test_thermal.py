@@ -14,7 +14,7 @@ COIL = TwoNode(15.0, 73.0, 1.9, 1 / 3)
 coils = st.builds(TwoNode, st.floats(1, 50), st.floats(20, 500), st.floats(0.2, 10), st.floats(0.05, 3))
 
 
-def integrated(coil, t, power, start=(0.0, 0.0)):
+def integrate(coil, t, power, start=(0.0, 0.0)):
     """The rises at t by a general-purpose integrator; power is a function of the winding's rise."""
 
     def rate(_, x):
@@ -26,7 +26,7 @@ def integrated(coil, t, power, start=(0.0, 0.0)):
 
 @given(coils, st.floats(0.0, 250.0), st.floats(0.01, 500.0), st.floats(0, 80), st.floats(0, 80))
 def test_step_and_course_are_those_of_the_equations(coil, power, t, winding, body):
-    truth = integrated(coil, t, lambda _: power, (winding, body))
+    truth = integrate(coil, t, lambda _: power, (winding, body))
     assert np.allclose(coil.step(t) @ [winding, body, power], truth, rtol=1e-6, atol=1e-6)
     assert np.allclose(coil.rise(t, power, (winding, body)), truth, rtol=1e-6, atol=1e-6)
     stepped = heat_step(coil.step(t), 298.15 + winding, 298.15 + body, 298.15, power)
@@ -77,14 +77,14 @@ def test_times_with_resistance_that_follows_temperature(drive):
     def heating(x):
         return power * (1 + alpha * x) if drive == "current" else power / (1 + alpha * x)
 
-    assert integrated(COIL, t, heating)[0] == pytest.approx(60.0, abs=1e-3)
+    assert integrate(COIL, t, heating)[0] == pytest.approx(60.0, abs=1e-3)
 
 
 def test_constant_current_runs_away_where_constant_power_settles():
     assert COIL.time_to(1e4, 90.0) == np.inf
     t = COIL.time_to(1e4, 90.0, drive="current")
     assert np.isfinite(t)
-    assert integrated(COIL, t, lambda x: 90.0 * (1 + 3.93e-3 * x))[0] == pytest.approx(1e4, rel=1e-5)
+    assert integrate(COIL, t, lambda x: 90.0 * (1 + 3.93e-3 * x))[0] == pytest.approx(1e4, rel=1e-5)
     assert COIL.time_to(1e4, 90.0, drive="voltage") == np.inf
 
 

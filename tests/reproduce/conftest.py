@@ -13,21 +13,21 @@ from haptorb.apps.reproduce import ReproductionResult
 def numbers(reproduction: Callable[[str, str], ReproductionResult]) -> Callable[..., list[float]]:
     """The computed numbers of some items of one reproduction, after a look that each of them holds."""
 
-    def told(paper: str, name: str, *ids: str) -> list[float]:
+    def values_of(paper: str, name: str, *ids: str) -> list[float]:
         items = {item.id: item for item in reproduction(paper, name).items}
         chosen = [items[one] for one in ids]
         assert [item.id for item in chosen if item.verdict == "differs"] == []
         return [item.computed for item in chosen if item.computed is not None]
 
-    return told
+    return values_of
 
 
 @pytest.fixture(scope="session")
 def printed(reproduction: Callable[[str, str], ReproductionResult]) -> Callable[..., list[float]]:
     """What the paper prints for some items, evaluated."""
 
-    def told(paper: str, name: str, *ids: str) -> list[float]:
+    def values_of(paper: str, name: str, *ids: str) -> list[float]:
         items = {item.id: item for item in reproduction(paper, name).items}
         return [items[one].published for one in ids if items[one].published is not None]
 
-    return told
+    return values_of

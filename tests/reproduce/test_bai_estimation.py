@@ -22,7 +22,7 @@ def pmsm():
     return haptorb.load("pmsm")
 
 
-def mapped(torque_map, motor, R):
+def map_error(torque_map, motor, R):
     """NRMSE of K_17 at R (n, 3, 3), ideal sensors."""
     true = motor.torque_characteristic(R, "table")
     found, known = np.empty_like(true), np.empty(true.shape[2])
@@ -47,7 +47,7 @@ def test_ten_nodes_over_nine_sensors_reach_what_the_paper_s_method_can(tmp_path)
 
 
 def test_a_linear_map_of_all_readings_is_a_tenth_off(pmsm):
-    assert 0.07 < mapped(LinearTorque(pmsm), pmsm, random_workspace(pmsm, 400, 1)) < 0.11
+    assert 0.07 < map_error(LinearTorque(pmsm), pmsm, random_workspace(pmsm, 400, 1)) < 0.11
 
 
 def test_least_squares_follow_figure_4_exactly_and_with_noise_to_a_two_thousandth(pmsm):

@@ -46,7 +46,7 @@ def workspace(count: int) -> np.ndarray:
 WORKSPACE = workspace(25)
 
 
-def modelled(magnet: MultipoleSource, coil: MultipoleSource) -> np.ndarray:
+def model_torque(magnet: MultipoleSource, coil: MultipoleSource) -> np.ndarray:
     """(n, 3, 24) torque on the rotor per ampere by pole pairs: F = Σ q B at every pole, torque about the centre."""
     frames = np.array([rotation_to_axis(u) for u in MAGNETS])
     poles = (np.einsum("iab,pb->ipa", frames, magnet.poles) + R_PM * MAGNETS[:, None]).reshape(-1, 3)
@@ -85,7 +85,7 @@ def test_moments_in_the_readings_of_table_1(numbers):
 
 
 def test_published_model_against_exact_bodies_over_the_workspace(true):
-    model = modelled(PM.model, EM.model)
+    model = model_torque(PM.model, EM.model)
     scale, shape = scale_and_shape(model, true)
     assert scale == pytest.approx(0.045, abs=0.004)
     assert shape == pytest.approx(0.025, abs=0.004)
@@ -96,8 +96,8 @@ def test_published_model_against_exact_bodies_over_the_workspace(true):
 def test_other_readings_are_far_off(true):
     """E1: the coil's length as l/2a = 0.3, or the magnet's l̄/l as printed."""
     aspect = load_published("bai2012-em-aspect")
-    assert scale_and_shape(modelled(PM.model, aspect.model), exact(aspect.body))[0] == pytest.approx(0.29, abs=0.02)
-    assert scale_and_shape(modelled(load_published("bai2012-pm-printed").model, EM.model), true)[0] > 0.5
+    assert scale_and_shape(model_torque(PM.model, aspect.model), exact(aspect.body))[0] == pytest.approx(0.29, abs=0.02)
+    assert scale_and_shape(model_torque(load_published("bai2012-pm-printed").model, EM.model), true)[0] > 0.5
 
 
 def test_field_of_the_published_models_in_the_gap(numbers):
@@ -117,5 +117,5 @@ def test_fitted_models_with_no_more_dipoles_are_within_half_a_percent(true, fits
     assert coil.model.dipoles <= EM.model.dipoles
     assert magnet.rms < 0.015
     assert coil.rms < 0.002
-    found = modelled(magnet.model, coil.model)
+    found = model_torque(magnet.model, coil.model)
     assert np.linalg.norm(found - true) / np.linalg.norm(true) < 0.005

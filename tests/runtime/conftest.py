@@ -94,6 +94,9 @@ class FakeChain:
     def prepare(self, now: float) -> None:
         pass
 
+    def excuse_lateness(self) -> None:
+        pass
+
     def step(self, row: Any, now: float) -> None:
         at, wants = self._layout, self._behaviour
         if self._ticks == wants.get("raise_at"):

@@ -104,7 +104,21 @@ def _numba() -> Any:
     import numba
 
     _disable_gathers(numba)
+    _limit_optimisation(numba)
     return numba
+
+
+def _limit_optimisation(numba: Any) -> None:
+    """Have kernels compiled without the passes that cost much and gain nothing here.
+
+    Most kernels work on three or six numbers in turn: vector code for their loops, and what the third level adds to the
+    second, took a third of the time of a first start and made no tick shorter (docs/decisions/0003). Not where
+    somebody chose otherwise.
+    """
+    if "NUMBA_OPT" not in os.environ:
+        numba.config.OPT = type(numba.config.OPT)(2)
+    if "NUMBA_LOOP_VECTORIZE" not in os.environ:
+        numba.config.LOOP_VECTORIZE = 0
 
 
 def _disable_gathers(numba: Any) -> None:

@@ -22,7 +22,7 @@ from oracles.endurance_fit import endurance_fit
 OMNI = load("omni")
 
 
-class Rewired(Driver):
+class WiringError(Driver):
     """Another driver whose duties and samples are changed on the way."""
 
     name, simulated = "rewired", True
@@ -48,10 +48,10 @@ class Rewired(Driver):
         return self.inner.truth()
 
 
-def measured(device=OMNI, truth=None, **changes):
+def calibrate_simulation(device=OMNI, truth=None, **changes):
     """Calibrate `device` on a simulation of `truth`."""
     inner, pace = make_driver("sim", truth or device, 3)
-    driver = Rewired(inner, **changes)
+    driver = WiringError(inner, **changes)
     try:
         return calibrate(device, driver, pace=pace)
     finally:
@@ -59,9 +59,9 @@ def measured(device=OMNI, truth=None, **changes):
         assert not inner.simulation.quantise(inner._duties).any()  # coils off, however it ended
 
 
-def told(**changes):
+def refusal(**changes):
     with pytest.raises(CalibrationError) as failure:
-        measured(**changes)
+        calibrate_simulation(**changes)
     return str(failure.value)
 
 
@@ -70,7 +70,7 @@ def test_what_differs_from_the_file_is_found():
     skew = np.array([[1.04, 0.035, 0.0], [0.0, 0.97, 0.0], [0.0, 0.02, 1.03]])
     coils = replace(OMNI.coils, resistance=OMNI.coils.resistance * (1.0, 1.0, 1.05))
     truth = replace(OMNI, moment_per_current=skew @ OMNI.moment_per_current, coils=coils)
-    found = measured(truth=truth)
+    found = calibrate_simulation(truth=truth)
     scale = np.linalg.norm(truth.moment_per_current, axis=0)
     assert np.abs((found.moment_per_current - truth.moment_per_current) / scale).max() < 0.003
     assert found.resistance == pytest.approx(coils.resistance, rel=0.01)
@@ -82,32 +82,32 @@ def test_what_differs_from_the_file_is_found():
 
 def test_faults_of_the_wiring_are_named():
     swapped, reversed_z = [1, 0, 2], np.array([1.0, 1.0, -1.0])
-    assert "coil 'x' changes the current sensor of coil 'y'" in told(duties=lambda d: d[swapped])
-    assert "coil 'z' is negative" in told(sample=lambda s: replace(s, currents=s.currents * reversed_z))
-    assert "coil 'y' carries" in told(sample=lambda s: replace(s, currents=s.currents * (1, 0, 1)))
-    assert "applied no duty" in told(duties=lambda d: d * (1, 0, 1))
+    assert "coil 'x' changes the current sensor of coil 'y'" in refusal(duties=lambda d: d[swapped])
+    assert "coil 'z' is negative" in refusal(sample=lambda s: replace(s, currents=s.currents * reversed_z))
+    assert "coil 'y' carries" in refusal(sample=lambda s: replace(s, currents=s.currents * (1, 0, 1)))
+    assert "applied no duty" in refusal(duties=lambda d: d * (1, 0, 1))
 
 
 def test_a_coil_wound_the_other_way_is_named():
     moments = OMNI.moment_per_current * (1.0, -1.0, 1.0)
-    assert "coil 'y' produces a reversed moment" in told(truth=replace(OMNI, moment_per_current=moments))
+    assert "coil 'y' produces a reversed moment" in refusal(truth=replace(OMNI, moment_per_current=moments))
 
 
 def test_a_wrong_shunt_is_named():
-    assert "value of its shunt" in told(sample=lambda s: replace(s, currents=s.currents * (1, 0.5, 1)))
+    assert "value of its shunt" in refusal(sample=lambda s: replace(s, currents=s.currents * (1, 0.5, 1)))
 
 
 def test_a_tool_nearby_is_named_and_nothing_is_driven():
     driven = []
 
-    def remembered(duties):
+    def remember(duties):
         driven.append(np.abs(duties).max())
         return duties
 
     inner = SimDriver.of(OMNI, 2e-3)  # without the hand that holds the tool away
     _, pace = make_driver("sim", OMNI)
     with pytest.raises(CalibrationError, match="take the tool"):
-        calibrate(OMNI, Rewired(inner, duties=remembered), pace=pace)
+        calibrate(OMNI, WiringError(inner, duties=remember), pace=pace)
     assert max(driven) == 0.0
 
 
@@ -121,11 +121,11 @@ def test_a_tool_nearby_is_named_and_nothing_is_driven():
     ],
 )
 def test_a_device_that_is_not_fit_is_refused(change, message):
-    assert message in told(sample=change)
+    assert message in refusal(sample=change)
 
 
 def test_the_file_keeps_every_digit_and_names_its_device(tmp_path):
-    found, path = measured(), tmp_path / "omni.json"
+    found, path = calibrate_simulation(), tmp_path / "omni.json"
     heated = replace(found, heat=TwoNode(15.0, 73.0, 1.9, 0.33))
     write_calibration(heated, path)
     again = read_calibration(path)
@@ -216,7 +216,7 @@ def test_heat_from_a_recording(tmp_path, monkeypatch):
         rises = coil.step(step) @ (*rises, i * i * warm)
     t, i, R, edge = np.array(rows).T
 
-    class Told:
+    class FakeRecording:
         digest = OMNI.digest
 
         def __init__(self, path):
@@ -231,13 +231,13 @@ def test_heat_from_a_recording(tmp_path, monkeypatch):
             out[:, heated] = {"currents": i, "resistance": R, "boundary": edge}[name]
             return out
 
-    monkeypatch.setattr("haptorb.runtime.recording.recording.Recording", Told)
+    monkeypatch.setattr("haptorb.runtime.recording.recording.Recording", FakeRecording)
     record = thermal_record("heat.mcap", OMNI)
     assert np.isnan(record.winding[-1])
     found = record.identify()
     assert found.endurance(60.0, 60.0) == pytest.approx(60.0, rel=0.1)
     assert found.model.steady_rise(17.0)[0] == pytest.approx(60.0, rel=0.1)
-    monkeypatch.setattr(Told, "digest", "e" * 64)
+    monkeypatch.setattr(FakeRecording, "digest", "e" * 64)
     with pytest.raises(CalibrationError, match="was recorded on device 'omni' with file eeee"):
         thermal_record("heat.mcap", OMNI)
 

@@ -175,12 +175,12 @@ def test_who_stops_goes_on_later(tmp_path: Path) -> None:
 def test_an_interruption_keeps_what_was_measured_and_leaves_the_coils_off(tmp_path: Path) -> None:
     out, bench = tmp_path / "omni.json", Bench()
 
-    def interrupted(s: Any) -> Any:
+    def interrupt(s: Any) -> Any:
         if bench.written > 400:  # in the middle of the schedule
             raise KeyboardInterrupt
         return s
 
-    bench.sample = interrupted
+    bench.sample = interrupt
     with pytest.raises(KeyboardInterrupt):
         through(bench, out)
     assert not bench.inner._duties.any()
@@ -276,13 +276,13 @@ def fake_bench(monkeypatch: pytest.MonkeyPatch) -> Any:
 
     cloudpickle.register_pickle_by_value(sys.modules[__name__])
 
-    def calibrated(*arguments: Any, **named: Any) -> Any:
+    def calibrate_fake(*arguments: Any, **named: Any) -> Any:
         tick = assemble(*arguments, **named)
         type(tick.driver).calibration = property(lambda self: b"k" * 16)
         assert isinstance(tick.driver, SimDriver)
         return tick
 
-    monkeypatch.setattr(servo_module, "assemble", calibrated)
+    monkeypatch.setattr(servo_module, "assemble", calibrate_fake)
     with servo_module.Servo(OMNI, record=False) as servo:
         yield servo
 

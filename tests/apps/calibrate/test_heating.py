@@ -56,14 +56,14 @@ class Hesitant(Driver):
         return self.inner.truth()
 
 
-def found_by(driver: Hesitant) -> Any:
+def identify_with(driver: Hesitant) -> Any:
     with driver:
         return identify_heat(DriverSession(OMNI, driver, driver.pace), OMNI, OMNI.coils.resistance, COURSE)
 
 
 def test_seconds_that_were_lost_do_not_spoil_the_record() -> None:
     trips = (0.55, 7.3, 8.9, 21.35, 40.0, 62.7, 89.95, 101.5, 130.2)
-    whole, torn = found_by(Hesitant(())), found_by(driver := Hesitant(trips))
+    whole, torn = identify_with(Hesitant(())), identify_with(driver := Hesitant(trips))
     assert (whole.lost, torn.lost, driver.engaged) == (0, len(trips), len(trips))
     for name in ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air"):
         assert getattr(torn.found.model, name) == pytest.approx(getattr(whole.found.model, name), rel=0.05)
@@ -74,10 +74,10 @@ def test_seconds_that_were_lost_do_not_spoil_the_record() -> None:
 def test_any_other_trip_ends_the_step() -> None:
     driver = Hesitant((7.3,), DriverError)
     with pytest.raises(DriverError, match="a test wanted it"):
-        found_by(driver)
+        identify_with(driver)
     assert driver.engaged == 0
 
 
 def test_a_record_that_is_mostly_pauses_is_refused() -> None:
     with pytest.raises(CalibrationError, match=r"too busy: 31 of .* s of readings are lost"):
-        found_by(Hesitant(np.arange(1.0, 140.0, 2.5)))
+        identify_with(Hesitant(np.arange(1.0, 140.0, 2.5)))

@@ -74,8 +74,9 @@ class FakeServo:
         self._name = name
         self._changes += 1
 
-    def point(self, p: Any, q: Any = None) -> None:
+    def point(self, p: Any, q: Any = None, *, patience: float = 0.0) -> None:
         self.calls.append(("point", tuple(p), q))
+        self.patience = patience
         self.target = np.array(p, dtype=float)
 
     def release(self) -> None:

@@ -32,6 +32,16 @@ def test_a_held_pointer_is_kept_through_a_stutter_only(servo, driver, seconds, m
     assert hand.held, "a page that comes back holds it still"
 
 
+@pytest.mark.parametrize(("driver", "simulated"), [("serial:/dev/ttyUSB0", False), ("sim", True)])
+def test_only_a_simulated_hand_bridges_a_server_without_processor(servo, driver, simulated):
+    servo.driver = driver
+    hand = PointerRelay(servo)
+    for say in (lambda: hand.point(pointer(1.0, 0.01, held=True)), hand.keep):
+        servo.patience = math.nan
+        say()
+        assert (0.1 < servo.patience < 0.5) if simulated else servo.patience == 0.0
+
+
 def test_a_page_waits_longer_only_where_nothing_is_powered(servo):
     assert session(servo, "now")["patience"] == 1.0
     servo.driver = "serial:/dev/ttyUSB0"

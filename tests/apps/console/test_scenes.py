@@ -28,7 +28,7 @@ rings = [
 """
 
 
-def sent(device):
+def arriving_scene(device):
     """The scene as it arrives at the page."""
     return json.loads(json.dumps(device.kind.part("scene")(device)))
 
@@ -39,7 +39,7 @@ def coils(scene):
 
 def test_coils_of_omni_have_the_sizes_and_axes_of_the_file():
     omni = haptorb.load("omni")
-    scene = sent(omni)
+    scene = arriving_scene(omni)
     for k, coil in enumerate(coils(scene)):
         assert coil["name"] == omni.coils.names[k]
         assert coil["inner_radius"] == pytest.approx(omni.windings.inner_radius[k], abs=1e-9)
@@ -54,15 +54,15 @@ def test_coils_of_omni_have_the_sizes_and_axes_of_the_file():
 
 def test_coils_sensors_and_names_that_the_file_changes_change_the_picture():
     text = OMNI.replace("[22.3, 24.3, 26.3]", "[22.3, 24.3, 29.0]").replace('["x", "y", "z"]', '["a", "b", "c"]')
-    scene = sent(parse(text.replace("[55.0, 0.0, 0.0]", "[51.0, 2.0, 0.0]"), "mine.toml"))
+    scene = arriving_scene(parse(text.replace("[55.0, 0.0, 0.0]", "[51.0, 2.0, 0.0]"), "mine.toml"))
     assert [coil["name"] for coil in coils(scene)] == ["a", "b", "c"]
     assert coils(scene)[2]["outer_radius"] == pytest.approx(0.029, abs=1e-9)
     assert scene["sensors"][0] == pytest.approx([0.051, 0.002, 0.0], abs=1e-9)
 
 
 def test_moved_coils_of_a_motor_move_in_the_picture():
-    before, device = sent(haptorb.load("pmsm")), parse(MOVED, "moved.toml")
-    after = sent(device)
+    before, device = arriving_scene(haptorb.load("pmsm")), parse(MOVED, "moved.toml")
+    after = arriving_scene(device)
     positions = np.array([coil["position"] for coil in coils(after)])
     assert positions == pytest.approx(device.electromagnets.positions, abs=1e-9)
     first, then = (coils(scene)[16]["position"] for scene in (before, after))

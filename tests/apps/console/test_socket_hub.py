@@ -65,11 +65,11 @@ class Client:
         raise AssertionError("it did not come")
 
     def event(self, kind: str, **wanted: Any) -> dict[str, Any]:
-        def found() -> dict[str, Any] | None:
+        def find() -> dict[str, Any] | None:
             matching = [e for e in self.events if e["event"] == kind and wanted.items() <= e.items()]
             return matching[-1] if matching else None
 
-        return self.until(found)
+        return self.until(find)
 
     def do(self, **command: Any) -> None:
         self.socket.send(json.dumps(command))
@@ -78,18 +78,20 @@ class Client:
         self.socket.send(struct.pack("<9d", stamp, *p, *[math.nan] * 4, float(held)))
 
 
-def shown(console) -> dict[str, str]:
+def token_header(console) -> dict[str, str]:
     return {"Authorization": f"Bearer {console.token}"}
 
 
-def joined(console, **more: Any) -> ClientConnection:
+def join(console, **more: Any) -> ClientConnection:
     # A client that does not read what is on its way does not see the server's goodbye, either.
-    return connect(f"ws://127.0.0.1:{console.port}/ws", additional_headers=shown(console), close_timeout=0.3, **more)
+    return connect(
+        f"ws://127.0.0.1:{console.port}/ws", additional_headers=token_header(console), close_timeout=0.3, **more
+    )
 
 
 @pytest.fixture
 def client(console):
-    with joined(console, origin=console.origin) as socket:
+    with join(console, origin=console.origin) as socket:
         yield Client(socket)
 
 
@@ -101,7 +103,7 @@ def eventually(what: Callable[[], Any]) -> None:
 
 
 def test_session_tells_all_that_a_page_needs(console):
-    told = httpx.get(f"{console.origin}/api/session", headers=shown(console)).json()
+    told = httpx.get(f"{console.origin}/api/session", headers=token_header(console)).json()
     assert told["simulated"] is True
     assert told["steered"] is True
     assert told["device"]["name"] == "omni"
@@ -145,7 +147,7 @@ def test_pointer_goes_to_the_servo_and_its_answer_is_marked(client, servo):
 
 
 def test_resting_hand_is_refreshed_while_the_page_is_there(console, servo):
-    with joined(console) as socket:
+    with join(console) as socket:
         page = Client(socket)
         page.event("role", control=True)
         page.point(1.0, (0.01, 0.0, 0.047), held=False)
@@ -158,7 +160,7 @@ def test_resting_hand_is_refreshed_while_the_page_is_there(console, servo):
 
 
 def test_vanishing_in_the_middle_of_a_drag_stops_the_refresh(console, servo):
-    with joined(console) as socket:
+    with join(console) as socket:
         page = Client(socket)
         page.event("role", control=True)
         page.point(1.0, (0.01, 0.0, 0.047), held=True)
@@ -258,7 +260,7 @@ def test_a_stop_after_an_engage_is_the_last_word(client, servo):
 
 def test_a_stop_of_any_page_takes_an_engage_back(console, client, servo):
     client.event("role", control=True)
-    with joined(console) as socket:
+    with join(console) as socket:
         other = Client(socket)
         other.event("role", control=False)
         for k in range(20):
@@ -279,7 +281,7 @@ def test_a_stop_of_any_page_takes_an_engage_back(console, client, servo):
 )
 def test_a_stop_is_obeyed_however_it_is_written(console, client, servo, stop):
     client.event("role", control=True)
-    with joined(console) as socket:
+    with join(console) as socket:
         Client(socket).event("role", control=False)
         socket.send(stop)
         eventually(lambda: servo.count("stop") == 1)
@@ -287,18 +289,18 @@ def test_a_stop_is_obeyed_however_it_is_written(console, client, servo, stop):
 
 def test_sixteen_pages_and_no_more(console, servo):
     with ExitStack() as stack:
-        pages = [stack.enter_context(joined(console)) for _ in range(16)]
+        pages = [stack.enter_context(join(console)) for _ in range(16)]
         Client(pages[-1]).event("role", control=False)
-        with joined(console) as late, pytest.raises(ConnectionClosed) as refused:
+        with join(console) as late, pytest.raises(ConnectionClosed) as refused:
             late.recv(timeout=5)
         assert refused.value.rcvd.code == 1013
         assert "close one" in refused.value.rcvd.reason
         pages[3].close()
-        eventually(lambda: admitted(console))
+        eventually(lambda: is_admitted(console))
 
 
-def admitted(console) -> bool:
-    with joined(console) as page:
+def is_admitted(console) -> bool:
+    with join(console) as page:
         try:
             return bool(page.recv(timeout=5))
         except ConnectionClosed:
@@ -328,7 +330,7 @@ def test_rows_are_read_once_for_all_pages(console, servo, monkeypatch):
     rows = servo.rows
     monkeypatch.setattr(servo, "rows", lambda cursor=0: read.append(cursor) or rows(cursor))
     with ExitStack() as stack:
-        pages = [Client(stack.enter_context(joined(console))) for _ in range(5)]
+        pages = [Client(stack.enter_context(join(console))) for _ in range(5)]
         for page in pages:
             page.until(lambda page=page: len(page.rows) > 3)
     assert sum(cursor == 0 for cursor in read) <= 2, "the whole of the kept rows is not copied for every page"
@@ -342,7 +344,7 @@ def test_nonsense_bytes_are_refused(client, servo):
 
 def test_second_page_watches_but_may_stop(console, client, servo):
     client.event("role", control=True)
-    with joined(console) as socket:
+    with join(console) as socket:
         other = Client(socket)
         other.event("role", control=False)
         other.point(1.0, (0.01, 0.0, 0.047), held=True)
@@ -388,14 +390,14 @@ def test_a_map_that_cannot_be_painted_is_said(servo):
 
     from haptorb.apps.console import Console
 
-    def broken(name, values, model, points):
+    def fail(name, values, model, points):
         raise ValueError("no such force")
 
-    with Console(servo, 0, felt=broken) as console:
+    with Console(servo, 0, felt=fail) as console:
         serving = threading.Thread(target=console.serve)
         serving.start()
         try:
-            with joined(console) as socket:
+            with join(console) as socket:
                 assert "no such force" in Client(socket).event("mistake")["text"]
         finally:
             console.close()

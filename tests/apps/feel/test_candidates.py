@@ -37,7 +37,7 @@ top = "flat"
 """
 
 
-def written(tmp_path: Path, text: str) -> Path:
+def write(tmp_path: Path, text: str) -> Path:
     path = tmp_path / "designs.toml"
     path.write_text(text, encoding="utf-8")
     return path
@@ -59,7 +59,7 @@ def test_the_example_is_what_it_says() -> None:
 
 
 def test_an_outlet_by_the_paper(tmp_path: Path) -> None:
-    designs = load_designs(written(tmp_path, OUTLET))
+    designs = load_designs(write(tmp_path, OUTLET))
     (design,) = designs.designs
     assert design.world == Outlet(beam="paper")
     assert designs.gains.verdict == "scaled"
@@ -68,30 +68,30 @@ def test_an_outlet_by_the_paper(tmp_path: Path) -> None:
 
 
 def test_a_design_is_known_by_what_makes_its_feel(tmp_path: Path) -> None:
-    first = load_designs(written(tmp_path, OUTLET)).designs[0].digest
-    assert load_designs(written(tmp_path, OUTLET.replace("Outlet of", "The outlet of"))).designs[0].digest == first
-    assert load_designs(written(tmp_path, OUTLET.replace("0.134", "0.135"))).designs[0].digest != first
+    first = load_designs(write(tmp_path, OUTLET)).designs[0].digest
+    assert load_designs(write(tmp_path, OUTLET.replace("Outlet of", "The outlet of"))).designs[0].digest == first
+    assert load_designs(write(tmp_path, OUTLET.replace("0.134", "0.135"))).designs[0].digest != first
 
 
 def test_e8_contradicting_sizes_are_told_with_the_amount(tmp_path: Path) -> None:
     with pytest.raises(InputError) as told:
-        load_designs(written(tmp_path, OUTLET.replace('top = "flat"', "")))
+        load_designs(write(tmp_path, OUTLET.replace('top = "flat"', "")))
     for part in ("designs.toml", "design 'printed'", "6.935 mm", "5.135 mm too much", "E8"):
         assert part in str(told.value)
 
 
 def test_e7_a_soft_metal_is_remarked_upon(tmp_path: Path) -> None:
     text = OUTLET.replace("friction", 'youngs_modulus = "1.13 GPa"\nfriction')
-    (design,) = load_designs(written(tmp_path, text)).designs
+    (design,) = load_designs(write(tmp_path, text)).designs
     assert any("E7" in remark and "1.13 GPa" in remark for remark in design.remarks)
     text = text.replace('material = "phosphor bronze"', 'material = "resin"\npoisson_ratio = 0.4')
-    (design,) = load_designs(written(tmp_path, text)).designs
+    (design,) = load_designs(write(tmp_path, text)).designs
     assert not any("E7" in remark for remark in design.remarks)
 
 
 def test_a_metal_among_the_plastics_is_remarked_upon(tmp_path: Path) -> None:
     text = OUTLET.replace('"phosphor bronze"', '"ABS"\nyoungs_modulus = "113 GPa"')
-    (design,) = load_designs(written(tmp_path, text)).designs
+    (design,) = load_designs(write(tmp_path, text)).designs
     assert any("typical of a metal" in remark for remark in design.remarks)
 
 
@@ -120,7 +120,7 @@ def test_a_metal_among_the_plastics_is_remarked_upon(tmp_path: Path) -> None:
 )
 def test_mistakes_are_named(tmp_path: Path, old: str, new: str, told: str) -> None:
     with pytest.raises(InputError) as caught:
-        load_designs(written(tmp_path, OUTLET.replace(old, new, 1)))
+        load_designs(write(tmp_path, OUTLET.replace(old, new, 1)))
     assert told in str(caught.value)
     assert "designs.toml" in str(caught.value)
 
@@ -128,7 +128,7 @@ def test_mistakes_are_named(tmp_path: Path, old: str, new: str, told: str) -> No
 def test_all_mistakes_are_told_at_once(tmp_path: Path) -> None:
     text = OUTLET + '\n[design.second]\npeak = "9 kg"\n[design.third]\npeak = "9.6 mm"\ntop = "round"\n'
     with pytest.raises(InputError) as caught:
-        load_designs(written(tmp_path, text))
+        load_designs(write(tmp_path, text))
     assert "design 'second': peak" in str(caught.value)
     assert "design 'third': top" in str(caught.value)
 

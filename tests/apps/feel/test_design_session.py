@@ -23,7 +23,7 @@ from haptorb.errors import InputError, RecordingError
 EXAMPLE = Path(module.__file__).with_name("example.toml")
 
 
-def felt(session: FeelSession, name: str) -> Trace:
+def feel(session: FeelSession, name: str) -> Trace:
     trace = Trace(session.candidates[name])
     for k in range(50):
         target = State(k * 1e-3, np.eye(3), np.array([k * 1e-4, 0, 0]), np.zeros(3), np.array([0.1, 0, 0]))
@@ -33,7 +33,7 @@ def felt(session: FeelSession, name: str) -> Trace:
 
 def test_feel_rate_choose_and_come_back(tmp_path: Path) -> None:
     session = FeelSession(tmp_path / "s", load_designs(EXAMPLE))
-    kept = session.keep(felt(session, "firm"))
+    kept = session.keep(feel(session, "firm"))
     assert kept == "traces/firm-0001.csv"
     session.rate("firm", 6, person="anna", comment="holds well, größer", trace=kept)
     session.rate("firm", 5)
@@ -49,10 +49,10 @@ def test_feel_rate_choose_and_come_back(tmp_path: Path) -> None:
     choice = again.choice()
     assert choice is not None
     assert choice.design == "firm"
-    assert again.keep(felt(again, "firm")) == "traces/firm-0002.csv"
+    assert again.keep(feel(again, "firm")) == "traces/firm-0002.csv"
     rows = again.trace(kept)
     assert rows.shape == (50, len(COLUMNS))
-    assert rows == pytest.approx(felt(again, "firm").rows, rel=1e-8, abs=1e-12)
+    assert rows == pytest.approx(feel(again, "firm").rows, rel=1e-8, abs=1e-12)
 
 
 def test_a_rating_belongs_to_the_design_as_it_was(tmp_path: Path) -> None:
@@ -94,7 +94,7 @@ def test_what_was_rated_survives_a_killed_process(tmp_path: Path) -> None:
 
 def test_the_comparison_is_a_table_and_a_picture(tmp_path: Path) -> None:
     session = FeelSession(tmp_path, load_designs(EXAMPLE))
-    session.rate("firm", 6, trace=session.keep(felt(session, "firm")))
+    session.rate("firm", 6, trace=session.keep(feel(session, "firm")))
     session.choose("firm")
     table = comparison(session.candidates, session)
     assert table["firm"]["chosen"]

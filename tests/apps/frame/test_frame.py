@@ -34,7 +34,7 @@ def no_bar(title: str, seconds: float) -> object:
     return nullcontext(lambda passed: None)
 
 
-class Played(Feed):
+class PlaybackFeed(Feed):
     """What one step's person would do, at once; what waited before is an old pose."""
 
     def __init__(self, rehearsal: Rehearsal, spoil: object = None) -> None:
@@ -86,7 +86,7 @@ def test_a_rehearsal_runs_through_sockets_and_its_file_is_taken_by_run(
 
 
 def test_what_waited_before_a_step_is_none_of_its_poses() -> None:
-    played = Played(Rehearsal(OMNI, 0, 3))
+    played = PlaybackFeed(Rehearsal(OMNI, 0, 3))
     said: list[str] = []
     found = register_frame(OMNI, played, ask=played.do, say=said.append, bar=no_bar, pace=0.001)  # type: ignore[arg-type]
     assert found is not None
@@ -110,13 +110,13 @@ def test_what_waited_before_a_step_is_none_of_its_poses() -> None:
     ],
 )  # fmt: skip
 def test_what_cannot_be_a_session_is_refused(spoil: object, error: type[Exception], told: str) -> None:
-    played = Played(Rehearsal(OMNI, 0, 3), spoil)
+    played = PlaybackFeed(Rehearsal(OMNI, 0, 3), spoil)
     with pytest.raises(error, match=told):
         register_frame(OMNI, played, ask=played.do, say=print, bar=no_bar, pace=0.001)  # type: ignore[arg-type]
 
 
 def test_a_person_may_stop() -> None:
-    played = Played(Rehearsal(OMNI, 0, 3))
+    played = PlaybackFeed(Rehearsal(OMNI, 0, 3))
     asked: list[str] = []
 
     def ask(stroke: Stroke) -> bool:

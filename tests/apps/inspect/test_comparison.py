@@ -11,10 +11,10 @@ import pytest
 from rich.console import Console
 
 import haptorb
-from haptorb.apps.cli import main
 from haptorb.apps.inspect import Comparison, card, name_devices
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
+from oracles.command import run_command
 
 LONGER = """
 based_on = "omni"
@@ -23,16 +23,6 @@ title = "Omni with a longer tool magnet"
 [tool]
 length = "30 mm"
 """
-
-
-def run(capsys, *words):
-    try:
-        code = main(list(words))
-    except SystemExit as end:
-        code = int(end.code or 0)
-    out, err = capsys.readouterr()
-    assert "Traceback" not in out + err
-    return code, out, err
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +42,7 @@ def three(cards):
     return Comparison(cards, ["omni", "pmsm", "longer"])
 
 
-def printed(report, width):
+def text_of(report, width):
     out = io.StringIO()
     report.show(Console(file=out, width=width))
     return out.getvalue()
@@ -60,7 +50,7 @@ def printed(report, width):
 
 @pytest.mark.parametrize("width", [80, 120, 60])
 def test_every_number_of_every_device_is_whole_at_every_width(three, width):
-    text = printed(three, width)
+    text = text_of(three, width)
     assert all(len(line) <= width for line in text.splitlines())
     words = text.split()
     for one in three.cards:
@@ -70,14 +60,14 @@ def test_every_number_of_every_device_is_whole_at_every_width(three, width):
 
 
 def test_a_quantity_that_a_kind_does_not_have_is_a_dash(three):
-    rows = [line for line in printed(three, 120).splitlines() if line.startswith("peak radial force in contact [mN]")]
+    rows = [line for line in text_of(three, 120).splitlines() if line.startswith("peak radial force in contact [mN]")]
     assert rows[0].split()[-3:] == [f"{1e3 * three.cards[0].numbers()['layers'][0]['peak_radial_n']:.0f}", "-",
                                     f"{1e3 * three.cards[2].numbers()['layers'][0]['peak_radial_n']:.0f}"]  # fmt: skip
 
 
 def test_two_of_a_kind_have_their_change(cards):
     omni, _, long = cards
-    text = printed(Comparison([omni, long], ["omni", "longer"]), 100)
+    text = text_of(Comparison([omni, long], ["omni", "longer"]), 100)
     row = next(line for line in text.splitlines() if line.startswith("moment of the tool"))
     assert row.split()[-1] == "+25"  # 30 mm for 24 mm
     row = next(line for line in text.splitlines() if line.startswith("supply"))
@@ -101,7 +91,7 @@ def test_curves_lie_over_each_other_with_units_and_a_legend(three):
 
 def test_the_command_compares_and_json_is_a_list(capsys, longer, tmp_path):
     picture = tmp_path / "both.pdf"
-    code, out, _ = run(capsys, "inspect", "omni", str(longer), "--json", "--plot", str(picture))
+    code, out, _ = run_command(capsys, "inspect", "omni", str(longer), "--json", "--plot", str(picture))
     assert code == 0
     told = json.loads(out)
     assert [one["name"] for one in told] == ["omni", "longer"]
@@ -110,7 +100,7 @@ def test_the_command_compares_and_json_is_a_list(capsys, longer, tmp_path):
 
 
 def test_one_device_keeps_its_object(capsys):
-    assert json.loads(run(capsys, "inspect", "omni", "--json")[1])["name"] == "omni"
+    assert json.loads(run_command(capsys, "inspect", "omni", "--json")[1])["name"] == "omni"
 
 
 def test_devices_of_one_name_are_called_by_their_files(longer):
@@ -123,7 +113,7 @@ def test_a_copy_is_said_to_be_one(capsys, tmp_path):
     copy = tmp_path / "copy.toml"
     original = files("haptorb.devices") / "catalogue" / "omni.toml"
     copy.write_text(original.read_text(encoding="utf-8"), encoding="utf-8")
-    _, out, _ = run(capsys, "inspect", "omni", str(copy))
+    _, out, _ = run_command(capsys, "inspect", "omni", str(copy))
     assert "the same in every value" in out
 
 
@@ -140,7 +130,7 @@ def test_a_copy_is_said_to_be_one(capsys, tmp_path):
     ],
 )
 def test_a_mistake_is_one_message(capsys, words, said):
-    code, out, err = run(capsys, "inspect", *words)
+    code, out, err = run_command(capsys, "inspect", *words)
     assert code == 2
     assert said in err
     assert not out
@@ -152,7 +142,7 @@ def test_too_many_devices_are_refused(cards):
 
 
 def test_changes_that_divide_by_nothing_are_left_out(cards):
-    text = printed(Comparison([cards[0], cards[2]], ["a", "b"]), 120)
+    text = text_of(Comparison([cards[0], cards[2]], ["a", "b"]), 120)
     assert "nan" not in text
     assert "inf" not in text
     assert np.isfinite([one.value for one in cards[0].quantities()]).all()

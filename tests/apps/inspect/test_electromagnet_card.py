@@ -34,7 +34,7 @@ def test_people_see_both_and_the_difference(made):
         assert f"{100 * (predicted[k] / OMNI.moment_per_current[k, k] - 1):+.1f}" in told
 
 
-def shown(device):
+def text_of(device):
     out = io.StringIO()
     card(device).show(Console(file=out, width=400))
     return out.getvalue()
@@ -43,19 +43,19 @@ def shown(device):
 def test_moments_that_differ_have_a_line_of_their_own():
     windings = replace(OMNI.windings, turns=2 * OMNI.windings.turns)
     device = replace(OMNI, windings=windings)
-    lines = [line for line in shown(device).splitlines() if line.startswith("Moments differ")]
+    lines = [line for line in text_of(device).splitlines() if line.startswith("Moments differ")]
     assert len(lines) == 1
     for k, percent in enumerate(("+92 %", "+95 %", "+105 %")):
         assert f"{np.linalg.norm(OMNI.moment_per_current[:, k]):.4f} m²" in lines[0]
         assert f"{2 * OMNI.predict_moments()[k, k]:.4f} m²" in lines[0]
         assert percent in lines[0]
     assert any("moments differ" in remark for remark in card(device).numbers()["remarks"])
-    assert "Moments differ" not in shown(OMNI)
+    assert "Moments differ" not in text_of(OMNI)
 
 
 def test_a_card_says_that_moments_come_from_the_windings_and_how_good_that_is():
     device = replace(OMNI, moment_per_current=OMNI.predict_moments(), moments_from="windings")
-    told = shown(device)
+    told = text_of(device)
     assert "computed from [windings]" in told
     assert "21 %" in told
     assert "off by" not in told

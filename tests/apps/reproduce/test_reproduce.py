@@ -91,12 +91,12 @@ def test_a_report_is_not_overwritten(capsys, tmp_path, ending):
 def test_a_broken_item_is_told_and_ends_with_1(capsys, tmp_path, monkeypatch):
     items, _ = find_reproduction("bai2012", "table 3").make()
 
-    class Broken:
+    class BrokenItem:
         @staticmethod
         def items(report):
             return (replace(items[0], computed=items[0].computed * 1.01), *items[1:]), None
 
-    monkeypatch.setattr(registry, "import_module", lambda name: Broken)
+    monkeypatch.setattr(registry, "import_module", lambda name: BrokenItem)
     words = ("reproduce", "bai2012", "--table", "3", "--out", str(tmp_path))
     code, out, _ = run_command(capsys, *words)
     assert code == 1

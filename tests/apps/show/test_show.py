@@ -10,22 +10,12 @@ import numpy as np
 import pytest
 
 import haptorb
-from haptorb.apps.cli import main
 from haptorb.devices.loader import parse
 from haptorb.errors import InputError
+from oracles.command import run_command
 
 OMNI = (files("haptorb.devices") / "catalogue" / "omni.toml").read_text(encoding="utf-8")
 SIGNS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
-
-
-def run(capsys, *words):
-    try:
-        code = main(list(words))
-    except SystemExit as end:
-        code = int(end.code or 0)
-    out, err = capsys.readouterr()
-    assert "Traceback" not in out + err
-    return code, out, err
 
 
 def outlines(figure, name):
@@ -38,7 +28,7 @@ def outlines(figure, name):
 def test_it_writes_the_format_of_the_name(capsys, tmp_path, suffix):
     path = tmp_path / f"a{suffix}"
     view = "both" if suffix == ".png" else "section"
-    code, out, _ = run(capsys, "show", "omni", "--view", view, "--output", str(path))
+    code, out, _ = run_command(capsys, "show", "omni", "--view", view, "--output", str(path))
     assert code == 0
     assert str(path) in out
     assert path.read_bytes().startswith(SIGNS[suffix])
@@ -46,7 +36,7 @@ def test_it_writes_the_format_of_the_name(capsys, tmp_path, suffix):
 
 def test_without_a_name_the_file_is_called_after_the_device(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert run(capsys, "show", "omni", "--view", "section")[0] == 0
+    assert run_command(capsys, "show", "omni", "--view", "section")[0] == 0
     assert [path.name for path in tmp_path.iterdir()] == ["omni.drawing.png"]
 
 
@@ -80,7 +70,7 @@ def test_what_the_file_does_not_state_is_said():
 
 
 def test_numbers_have_units_in_their_keys(capsys):
-    code, out, _ = run(capsys, "show", "pmsm", "--json")
+    code, out, _ = run_command(capsys, "show", "pmsm", "--json")
     assert code == 0
     told = json.loads(out)
     place = next(part for part in told["parts"] if part["name"] == "EM17")["position_m"]
@@ -102,7 +92,7 @@ def test_numbers_have_units_in_their_keys(capsys):
 )
 def test_a_mistake_is_one_message_and_no_file(capsys, tmp_path, monkeypatch, words, said):
     monkeypatch.chdir(tmp_path)
-    code, out, err = run(capsys, "show", *words)
+    code, out, err = run_command(capsys, "show", *words)
     assert code == 2
     assert said in err
     assert not out

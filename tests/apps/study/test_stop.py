@@ -77,7 +77,7 @@ class Desk:
             assert self._go_on.wait(60)
 
     @contextmanager
-    def locked(self) -> Iterator[threading.Event]:
+    def lock(self) -> Iterator[threading.Event]:
         """The database waits with the next thing that is to be kept; the event: it does."""
         self._locked = True
         try:
@@ -107,7 +107,7 @@ def _stop(desk: Desk, who: str) -> None:
 @pytest.mark.parametrize("who", ["first", "second", "experimenter"])
 def test_stop_of_any_page_comes_before_the_database(desk: Desk, who: str) -> None:
     desk.trial()
-    with desk.locked() as waits:
+    with desk.lock() as waits:
         desk.first.do("answer", trial=0, value=1)
         assert waits.wait(30)  # the thread of the sessions is held up
         _stop(desk, who)
@@ -127,7 +127,7 @@ def test_stop_of_any_page_comes_before_the_database(desk: Desk, who: str) -> Non
 
 def test_a_resume_that_was_asked_for_before_a_stop_is_dropped_and_told(desk: Desk) -> None:
     desk.trial()
-    with desk.locked() as waits:
+    with desk.lock() as waits:
         desk.first.do("answer", trial=0, value=1)
         assert waits.wait(30)
         desk.first.do("stop")
@@ -146,7 +146,7 @@ def test_a_resume_that_was_asked_for_before_a_stop_is_dropped_and_told(desk: Des
 
 def test_a_page_that_goes_away_stops_before_the_database(desk: Desk) -> None:
     desk.trial()
-    with desk.locked() as waits:
+    with desk.lock() as waits:
         desk.first.do("answer", trial=0, value=1)
         assert waits.wait(30)
         desk.first.close()
@@ -159,7 +159,7 @@ def test_a_page_that_goes_away_stops_before_the_database(desk: Desk) -> None:
 @pytest.mark.parametrize("end", ["leave", "abort"])
 def test_ending_a_session_stops_before_the_database(desk: Desk, end: str) -> None:
     desk.trial()
-    with desk.locked() as waits:
+    with desk.lock() as waits:
         desk.experimenter.do(end)
         _until(lambda: desk.servo.off)
         assert waits.wait(30)
@@ -169,7 +169,7 @@ def test_ending_a_session_stops_before_the_database(desk: Desk, end: str) -> Non
 
 def test_closing_the_server_stops_before_the_database(desk: Desk) -> None:
     desk.trial()
-    with desk.locked() as waits:
+    with desk.lock() as waits:
         desk.first.do("answer", trial=0, value=1)
         assert waits.wait(30)
         closing = threading.Thread(target=desk.reception.close)
@@ -245,7 +245,7 @@ def test_a_stop_while_the_device_starts_holds_once_it_runs(desk: Desk, monkeypat
 
 
 def test_a_begin_that_was_asked_for_before_a_stop_begins_stopped(desk: Desk) -> None:
-    with desk.locked() as waits:
+    with desk.lock() as waits:
         desk.experimenter.do("begin", code="P01")
         assert waits.wait(30)
         assert not desk.served.servos
@@ -454,7 +454,7 @@ def test_ctrl_c_stops_before_the_main_thread_hears_of_it(typed: int) -> None:
 
 def test_a_page_that_asks_for_too_much_is_told_so_and_stops_all_the_same(desk: Desk) -> None:
     desk.trial()
-    with desk.locked() as waits:
+    with desk.lock() as waits:
         desk.first.do("answer", trial=0, value=1)
         assert waits.wait(30)
         for _ in range(300):

@@ -18,7 +18,7 @@ WITHOUT_JSON = {"study run", "study simulate", "study export", "hardware emulate
 COMMAND = typer.main.get_command(app)
 
 
-def told(capsys, monkeypatch, width, *words):
+def text_of(capsys, monkeypatch, width, *words):
     monkeypatch.setenv("COLUMNS", str(width))
     COMMAND.main(list(words), prog_name="haptorb", standalone_mode=False)
     out = capsys.readouterr().out
@@ -28,10 +28,10 @@ def told(capsys, monkeypatch, width, *words):
 
 @pytest.mark.parametrize("width", [80, 120, 38])
 def test_every_parameter_of_every_world(capsys, monkeypatch, width):
-    listed = told(capsys, monkeypatch, width, "worlds")
+    listed = text_of(capsys, monkeypatch, width, "worlds")
     for name, world in CATALOGUE.items():
         assert " ".join((world.__doc__ or "").splitlines()[0].split()) in listed
-        text = told(capsys, monkeypatch, width, "worlds", name)
+        text = text_of(capsys, monkeypatch, width, "worlds", name)
         for item in parameters(world).values():
             assert item.name in text
             assert f"{item.low:g} … {item.high:g}" in text
@@ -42,11 +42,11 @@ def test_every_parameter_of_every_world(capsys, monkeypatch, width):
 def test_what_is_assumed(capsys, monkeypatch, width):
     from haptorb.devices.loader import load
 
-    text = told(capsys, monkeypatch, width, "inspect", "omni", "--assumed")
+    text = text_of(capsys, monkeypatch, width, "inspect", "omni", "--assumed")
     for key, reason in load("omni").assumed.items():
         assert key in text
         assert " ".join(reason.split()[:3]) in text
-    assert json.loads(told(capsys, monkeypatch, 10_000, "inspect", "omni", "--assumed", "--json")) == dict(
+    assert json.loads(text_of(capsys, monkeypatch, 10_000, "inspect", "omni", "--assumed", "--json")) == dict(
         load("omni").assumed
     )
 

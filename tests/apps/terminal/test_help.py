@@ -29,7 +29,7 @@ def see(capsys, monkeypatch, width, *words):
     return capsys.readouterr().out
 
 
-def flat(text):
+def flatten(text):
     return " ".join(text.translate(FRAME).split())
 
 
@@ -41,15 +41,15 @@ def lines(text):
 @pytest.mark.parametrize("words", EVERY, ids=lambda words: " ".join(words) or "haptorb")
 def test_nothing_that_the_source_says_is_missing_or_changed(capsys, monkeypatch, words, width):
     printed = see(capsys, monkeypatch, width, *words)
-    command, told = EVERY[words], flat(printed)
+    command, told = EVERY[words], flatten(printed)
     assert max(map(len, lines(printed))) <= width
     for paragraph in (command.help or "").split("\n\n"):
-        assert flat(paragraph) in told
+        assert flatten(paragraph) in told
     for inner in getattr(command, "commands", {}).values():
-        assert flat(inner.help.split("\n\n")[0]) in told
+        assert flatten(inner.help.split("\n\n")[0]) in told
     for parameter in command.params:
         text = getattr(parameter, "help", None)
-        assert text is None or flat(text) in told
+        assert text is None or flatten(text) in told
         for name in parameter.opts + parameter.secondary_opts:
             assert re.search(rf"(^| ){re.escape(name)}(\.\.\.)?[, ]", told)
         if getattr(parameter, "show_default", False) and isinstance(parameter.default, int | float | str):
@@ -61,7 +61,7 @@ def test_a_narrow_terminal_and_one_without_greek(capsys, monkeypatch, words):
     printed = see(capsys, monkeypatch, 38, *words)
     assert all(len(line) <= 38 or re.fullmatch(r" *\S+|.*\[default: \S+\]", line) for line in lines(printed))
     for parameter in EVERY[words].params:
-        assert flat(getattr(parameter, "help", None) or "") in flat(printed)
+        assert flatten(getattr(parameter, "help", None) or "") in flatten(printed)
 
 
 def test_units_and_literals_that_were_lost_once(capsys, monkeypatch):
@@ -71,7 +71,7 @@ def test_units_and_literals_that_were_lost_once(capsys, monkeypatch):
         ("hardware", "emulate"): ("centre [mm];",),
         ("calibrate",): ("[DEVICE.calibration.json]",),
     }.items():
-        told = flat(see(capsys, monkeypatch, 80, *words))
+        told = flatten(see(capsys, monkeypatch, 80, *words))
         for literal in literals:
             assert literal in told
 
@@ -90,5 +90,5 @@ def test_outputs_that_carry_ascii_only():
         capture_output=True, check=True,
     )  # fmt: skip
     told = done.stdout.decode("ascii")
-    assert "in kg, N.s/m, N/m" in flat(told)
+    assert "in kg, N.s/m, N/m" in flatten(told)
     assert told.count("?") == EVERY[("check",)].help.count("?") + 1

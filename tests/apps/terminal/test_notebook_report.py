@@ -23,7 +23,7 @@ REPORT: dict[str, Any] = {
 }  # fmt: skip
 
 
-def shown(report: Any) -> tuple[str, str]:
+def show(report: Any) -> tuple[str, str]:
     """The line and the HTML of `report`; both are checked for what a notebook needs."""
     line, html = repr(report), report._repr_html_()
     assert line == str(report)
@@ -37,7 +37,7 @@ def shown(report: Any) -> tuple[str, str]:
 
 def test_the_fitness_of_a_computer() -> None:
     machine = Machine("a <fast> processor", 4, "6.1 PREEMPT", True, False, "performance", "3.11")
-    line, html = shown(Fitness(REPORT, machine, StolenTime(0, 0.0, 1.0), 30.0, True))
+    line, html = show(Fitness(REPORT, machine, StolenTime(0, 0.0, 1.0), 30.0, True))
     assert "fit: ticks in time 99.997 %, lateness, 99 % 30 µs" in line
     assert "This computer is fit" in html
     assert "a &lt;fast&gt; processor" in html
@@ -47,13 +47,13 @@ def test_the_fitness_of_a_computer() -> None:
 def test_the_verdict_on_a_world() -> None:
     wall = worlds.Wall(stiffness=400.0, damping=0.0, greatest=20.0)
     verdict = judge_world(haptorb.load("omni"), wall, Setting())
-    line, html = shown(verdict)
+    line, html = show(verdict)
     assert f"{verdict.verdict} the boundary" in line
     assert "N/m" in html
 
 
 def test_the_card_of_a_device() -> None:
-    line, html = shown(card(haptorb.load("omni")))
+    line, html = show(card(haptorb.load("omni")))
     assert line.startswith("<ElectromagnetCard of omni: ")
     assert "[mN]" in html
     assert "Ω at 20 °C" in html
@@ -61,14 +61,14 @@ def test_the_card_of_a_device() -> None:
 
 def test_benchmarks(root: Path) -> None:
     found = load_result(root / "docs" / "benchmarks.json")
-    line, html = shown(found)
+    line, html = show(found)
     assert found.day in line
     assert "µs" in html
 
 
 def test_a_reproduction() -> None:
     item = Item("x", "bai2012", "Fig. 4", "a < b", 1.0, 1.0, "N·m", 0.1)
-    line, html = shown(ReproductionResult(find_reproduction("bai2012", "figure 4"), (item,), None))
+    line, html = show(ReproductionResult(find_reproduction("bai2012", "figure 4"), (item,), None))
     assert "1 reproduced" in line
     assert "a &lt; b" in html
     assert "N·m" in html

@@ -231,7 +231,7 @@ def asked(monkeypatch):
     return found
 
 
-def flat(text):
+def flatten(text):
     return " ".join(text.split())
 
 
@@ -254,7 +254,7 @@ def test_every_number_unit_and_head_is_printed_whole(asked, name, width):
     long = [line for line in printed.splitlines() if cell_len(line) > width]
     assert all(len(line.split()) == 1 for line in long), long  # a path or a name of its own
     for literal in literals:
-        assert literal in flat(printed), f"{literal} is missing or torn"
+        assert literal in flatten(printed), f"{literal} is missing or torn"
     tables = list(asked)
     cells = Counter()
     for table in tables:

@@ -47,13 +47,13 @@ def port(monkeypatch):
     listening.close()
 
 
-def opened(port, words=b""):
+def open_socket(port, words=b""):
     one = socket.create_connection(("127.0.0.1", port), timeout=10)
     one.sendall(words)
     return one
 
 
-def ended(one):
+def is_ended(one):
     """Whether the server ends the connection; what it said until then is read away."""
     with contextlib.suppress(ConnectionResetError), one:
         while one.recv(65536):
@@ -82,7 +82,7 @@ UPGRADE = (
     ],
 )
 def test_a_stranger_is_gone_soon_and_is_no_news(port, words, capfd, caplog):
-    assert ended(opened(port, words))
+    assert is_ended(open_socket(port, words))
     assert httpx.get(f"http://127.0.0.1:{port}/").status_code == 200
     assert "Traceback" not in capfd.readouterr().err
     assert not [record for record in caplog.records if record.name.startswith(("uvicorn", "asyncio"))]
@@ -98,16 +98,16 @@ def test_a_stranger_is_gone_soon_and_is_no_news(port, words, capfd, caplog):
     ],
 )
 def test_a_frame_that_is_none_ends_its_page_and_is_no_news(port, frame, capfd, caplog):
-    one = opened(port, UPGRADE + b"\r\n")
+    one = open_socket(port, UPGRADE + b"\r\n")
     assert b" 101 " in one.recv(1000)
     one.sendall(frame)
-    assert ended(one)
+    assert is_ended(one)
     assert "Traceback" not in capfd.readouterr().err
     assert not [record for record in caplog.records if record.name.startswith(("uvicorn", "asyncio"))]
 
 
 def test_who_never_reads_is_cut_off(port):
-    one = opened(port, HALF + b"\r\n")
+    one = open_socket(port, HALF + b"\r\n")
     one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     end = time.monotonic() + 20
     with one:
@@ -121,14 +121,14 @@ def test_who_never_reads_is_cut_off(port):
 
 
 def test_many_silent_ones_take_nobodys_place(port):
-    silent = [opened(port) for _ in range(3 * connection.MOST)]
+    silent = [open_socket(port) for _ in range(3 * connection.MOST)]
     assert httpx.get(f"http://127.0.0.1:{port}/").status_code == 200
     with connect(f"ws://127.0.0.1:{port}/ws") as page:
-        more = [opened(port) for _ in range(3 * connection.MOST)]
+        more = [open_socket(port) for _ in range(3 * connection.MOST)]
         time.sleep(1.0)  # longer than a stranger may stay: a page may
         page.send("still here")
         assert page.recv(timeout=10) == "still here"
-    assert all(ended(one) for one in silent + more)
+    assert all(is_ended(one) for one in silent + more)
 
 
 def test_what_is_too_large_ends_a_page_and_no_other(port):

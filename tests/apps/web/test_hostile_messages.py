@@ -166,21 +166,21 @@ class Line:
         for k, text in enumerate(said):
             self.socket.send(text)
             if k % 500 == 499:
-                self.answered(f"{last} {k}")
-        self.answered(last)
+                self.await_answer(f"{last} {k}")
+        self.await_answer(last)
 
-    def answered(self, word: str) -> None:
+    def await_answer(self, word: str) -> None:
         self.told.clear()
         asked = -math.inf
 
-        def heard() -> bool:
+        def is_answered() -> bool:
             nonlocal asked
             if time.monotonic() - asked > 2.0:  # a newer mistake, of a world that is refused late, takes its place
                 asked = time.monotonic()
                 self.socket.send(json.dumps({"do": word}))
             return any(told["event"] == "mistake" and word in told["text"] for told in [*self.told])
 
-        self.until(heard)
+        self.until(is_answered)
 
     def until(self, what: Callable[[], object]) -> None:
         end = time.monotonic() + 60
@@ -243,7 +243,7 @@ def test_a_study_survives_them(n, tmp_path, monkeypatch, capfd, caplog):
                 for page, texts in zip(both, said, strict=True):
                     for text in islice(texts, 200):
                         page.socket.send(text)
-                    _answered(page, f"no such thing {part}")
+                    _await_answer(page, f"no such thing {part}")
             for page in both:
                 page.close()
             chief = desk.experimenter()
@@ -259,16 +259,16 @@ def test_a_study_survives_them(n, tmp_path, monkeypatch, capfd, caplog):
             desk.close()
 
 
-def _answered(page: Any, word: str) -> None:
+def _await_answer(page: Any, word: str) -> None:
     asked = -math.inf
 
-    def heard(page: Any) -> bool:
+    def is_answered(page: Any) -> bool:
         nonlocal asked
         if time.monotonic() - asked > 2.0:  # of many mistakes at once only some are told
             asked = time.monotonic()
             page.socket.send(json.dumps({"do": word}))
         return any(word in text for text in page.mistakes)
 
-    page.until(heard)
+    page.until(is_answered)
     page.mistakes.clear()
     page.heard.clear()

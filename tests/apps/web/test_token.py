@@ -71,7 +71,7 @@ def test_where_it_is_shown(headers, known):
 def test_only_pages_and_their_files_are_open(kind, path, shown, passes):
     came = []
 
-    async def inside(scope, receive, send):
+    async def answer(scope, receive, send):
         came.append(scope["path"])
         if kind == "http":
             await PlainTextResponse("in")(scope, receive, send)
@@ -85,7 +85,7 @@ def test_only_pages_and_their_files_are_open(kind, path, shown, passes):
         raise AssertionError("nobody reads")
 
     headers = [(b"host", b"127.0.0.1:8765")] + ([(b"authorization", f"Bearer {shown}".encode())] if shown else [])
-    asyncio.run(AccessGate(inside, token=KEY)({"type": kind, "path": path, "headers": headers}, receive, send))
+    asyncio.run(AccessGate(answer, token=KEY)({"type": kind, "path": path, "headers": headers}, receive, send))
     assert bool(came) is passes
     if not passes:
         assert sent[0].get("status", 403) == 403

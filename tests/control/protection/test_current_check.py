@@ -42,7 +42,7 @@ class Check:
         return check_currents(self.clock[0], self.coils, age)
 
 
-def found_after(lie, coil=None, duties=lambda n: np.array([0.4, -0.2, 0.1]), ticks=2000, start=100, age=0.0):
+def ticks_until_found(lie, coil=None, duties=lambda n: np.array([0.4, -0.2, 0.1]), ticks=2000, start=100, age=0.0):
     """Ticks from the `lie`'s beginning until the check says no; None: never."""
     coil, check = coil or Coil(), Check()
     applied, before = np.zeros(3), np.zeros(3)
@@ -72,15 +72,15 @@ def one(change):
 )
 @pytest.mark.parametrize("start", [0, 700])
 def test_a_sensor_that_lies_is_found_within_50_ms(change, start):
-    assert found_after(one(change), start=start) <= 50
+    assert ticks_until_found(one(change), start=start) <= 50
 
 
 def test_current_in_a_coil_that_was_told_to_have_none_is_found():
-    assert found_after(one(lambda i: 19.0), duties=lambda n: np.zeros(3)) <= 50
+    assert ticks_until_found(one(lambda i: 19.0), duties=lambda n: np.zeros(3)) <= 50
 
 
 def test_a_sensor_that_reads_three_quarters_is_found_by_the_resistance_that_it_makes():
-    assert found_after(lambda i: 0.7 * i, duties=lambda n: np.full(3, 0.15), ticks=20000) is not None
+    assert ticks_until_found(lambda i: 0.7 * i, duties=lambda n: np.full(3, 0.15), ticks=20000) is not None
 
 
 @pytest.mark.parametrize("age", [0.0, DT])
@@ -103,7 +103,7 @@ def test_tolerances_and_delays_are_no_fault(coil, gain, offset, age):
 
     noise = random.normal(0, 0.004, (4000, 3))
     counter = iter(noise)
-    assert found_after(lambda i: gain * i + offset + next(counter), coil, duties, 4000, 0, age) is None
+    assert ticks_until_found(lambda i: gain * i + offset + next(counter), coil, duties, 4000, 0, age) is None
 
 
 def test_a_moving_mover_induces_and_is_no_fault():

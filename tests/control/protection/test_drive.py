@@ -16,7 +16,7 @@ from haptorb.sensing.sample import Estimate
 from .protected import DT, FRESH, OMNI, PUSH, Loop, sample
 
 
-class Driven:
+class CoilCurrents:
     """A loop without limits, of which only the drive remains."""
 
     def __init__(self, device=OMNI):
@@ -42,9 +42,9 @@ class Driven:
         return self.coils["resistance"].copy()
 
 
-def driven(wanted, resistance, seconds, drive=None):
+def drive_coils(wanted, resistance, seconds, drive=None):
     """Currents through real coils of `resistance` (t) under the drive, no inductance, nothing quantised."""
-    drive = drive or Driven()
+    drive = drive or CoilCurrents()
     measured, applied = np.zeros(3), np.zeros(3)
     course = []
     for n in range(int(seconds / DT)):
@@ -56,14 +56,14 @@ def driven(wanted, resistance, seconds, drive=None):
 
 def test_at_the_resistance_it_knows_the_current_is_right_at_once():
     cold = OMNI.coils.resistance_at(np.full(3, 298.15))
-    course, _ = driven((5, -3, 1), lambda t: cold, 0.1)
+    course, _ = drive_coils((5, -3, 1), lambda t: cold, 0.1)
     assert np.allclose(course[5:], (5, -3, 1), rtol=1e-3)
 
 
 def test_a_warm_coil_is_learned_within_a_fifth_of_a_second():
     """60 K are 24 % of resistance: uncompensated 19 % of current are missing, compensated less than 1 %."""
     cold, warm = (OMNI.coils.resistance_at(np.full(3, t)) for t in (298.15, 358.15))
-    course, _ = driven((5, -3, 1), lambda t: cold if t < 0.5 else warm, 1.0)
+    course, _ = drive_coils((5, -3, 1), lambda t: cold if t < 0.5 else warm, 1.0)
     error = np.abs(course / (5, -3, 1) - 1)
     assert error[501].min() > 0.15
     assert error[-300:].max() < 0.01
@@ -80,7 +80,7 @@ def test_a_warm_coil_is_learned_within_a_fifth_of_a_second():
 def test_it_cannot_run_away(course):
     """Whatever is read: zero currents, saturated duties, wrong signs, no numbers; the duty stays a duty and the
     resistance stays one that copper can have."""
-    drive = Driven()
+    drive = CoilCurrents()
     low, high = OMNI.coils.resistance_at(np.full(3, 230.0)), OMNI.coils.resistance_at(np.full(3, 455.0))
     for wanted, measured, applied in course:
         duties = drive.duties(np.full(3, wanted), np.full(3, measured), np.full(3, applied))
@@ -91,7 +91,7 @@ def test_it_cannot_run_away(course):
 
 
 def test_saturation_keeps_the_direction():
-    drive = Driven()
+    drive = CoilCurrents()
     for _ in range(3):
         duties = drive.duties(np.array([40.0, -20, 10]), np.zeros(3), np.zeros(3)).copy()
     assert np.abs(duties).max() == pytest.approx(1)
@@ -99,7 +99,7 @@ def test_saturation_keeps_the_direction():
 
 
 def test_without_current_nothing_is_learned():
-    drive = Driven()
+    drive = CoilCurrents()
     before = drive.resistance.copy()
     for _ in range(1000):
         drive.duties(np.zeros(3), np.zeros(3), np.zeros(3))
@@ -107,7 +107,7 @@ def test_without_current_nothing_is_learned():
 
 
 def test_rest_is_zero_and_forgets_the_last_step():
-    drive = Driven()
+    drive = CoilCurrents()
     drive.duties(np.full(3, 10.0), np.zeros(3), np.zeros(3))
     drive.loop.protection.trip(Trip.STOPPED)
     drive.loop.ask()
@@ -120,7 +120,7 @@ def test_what_the_mover_induces_is_fed_forward_and_not_taken_for_resistance():
     """A coil under 2 V of its mover's making carries what is wanted, and its resistance stays what it is."""
     cold = OMNI.coils.resistance_at(np.full(3, 298.15))
     wanted, emf = np.array([5.0, -3.0, 1.0]), np.array([2.0, 2.0, -1.0])
-    drive, measured, applied = Driven(), np.zeros(3), np.zeros(3)
+    drive, measured, applied = CoilCurrents(), np.zeros(3), np.zeros(3)
     for _ in range(400):
         applied = drive.duties(wanted, measured, applied, emf).copy()
         measured = (applied * OMNI.supply.voltage - emf) / cold
@@ -132,7 +132,7 @@ def test_a_motors_small_currents_teach_as_well():
     """A twentieth of a motor's ampere is enough to learn by; a fixed half ampere would never be reached."""
     pmsm = load("pmsm")
     warm = pmsm.coils.resistance_at(np.full(12, 338.15))
-    drive, measured, applied = Driven(pmsm), np.zeros(12), np.zeros(12)
+    drive, measured, applied = CoilCurrents(pmsm), np.zeros(12), np.zeros(12)
     wanted = np.full(12, 0.05)
     for _ in range(600):
         applied = drive.duties(wanted, measured, applied).copy()
@@ -142,7 +142,7 @@ def test_a_motors_small_currents_teach_as_well():
 
 def through_inductance(wanted, seconds, resistance, inductance):
     """Currents at the ends of the ticks through coils with inductance, each tick an exponential."""
-    drive, measured, applied = Driven(), np.zeros(3), np.zeros(3)
+    drive, measured, applied = CoilCurrents(), np.zeros(3), np.zeros(3)
     left, course = np.exp(-resistance * DT / inductance), []
     for n in range(int(seconds / DT)):
         applied = drive.duties(np.asarray(wanted(n), float), measured, applied).copy()

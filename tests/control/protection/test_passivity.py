@@ -17,7 +17,7 @@ UPRIGHT, STILL = np.eye(3), np.zeros(3)
 NOTHING = WrenchMap(np.zeros((6, 3)), np.zeros(6))
 
 
-class Watched:
+class PassivityTrial:
     """A loop without limits, of which only the passivity control remains."""
 
     def __init__(self, arm=0.0, lag=0.0):
@@ -45,7 +45,7 @@ def spring(K, *, seconds=2.0, late=0, every=1, lag=0.0, passive=True, still=Fals
 
     Returns the control, what was injected in each tick, and the energy that the held, late force really gave.
     """
-    control, injected, true = Watched(lag=lag), [], 0.0
+    control, injected, true = PassivityTrial(lag=lag), [], 0.0
     x = 1e-3 * np.sin(2 * np.pi * 5 * np.arange(int(seconds / DT) + 1) * DT) * (not still)
     for n in range(int(seconds / DT)):
         m = max((n - late) // every * every, 0)
@@ -82,7 +82,7 @@ def test_the_energy_is_the_one_that_the_hand_got():
 
 def test_a_stored_energy_that_is_given_back_is_no_sin():
     """A tool that starts high on a spring and is let go slowly: millijoules come out, nothing is injected."""
-    control = Watched()
+    control = PassivityTrial()
     for n in range(3000):
         x = 0.02 * (1 - n / 3000)
         control.damp(np.array([-200.0 * x, 0, 0, 0, 0, 0]), np.array([x, 0, 0.06]), UPRIGHT, n * DT, 0.0)
@@ -100,7 +100,7 @@ def test_an_active_world_is_watched_and_left_alone():
 def test_what_is_injected_brakes_and_is_bounded():
     control, injected, _ = spring(5000.0, late=5, seconds=4.0)
     assert 0 < injected.max() <= 0.25 * 0.1 / (2 * DT + 5 * DT) + 1e-9
-    control, late, braked = Watched(), 5, 0
+    control, late, braked = PassivityTrial(), 5, 0
     x = 1e-3 * np.sin(2 * np.pi * 5 * np.arange(2000) * DT)
     for n in range(late + 1, 2000):
         wrench = np.array([-5000.0 * x[n - late], 0, 0, 0, 0, 0])
@@ -117,7 +117,7 @@ def test_a_rotor_is_watched_in_its_turning():
     """The same spring as a torque on a handle of 0.1 m: K r² about the axis."""
     arm, K = 0.1, 3000.0
     for factor, acts in ((0.5, False), (1.5, True)):
-        control = Watched(arm)
+        control = PassivityTrial(arm)
         injected = 0.0
         for n in range(6000):
             angle = 0.01 * np.sin(2 * np.pi * 5 * n * DT)
@@ -133,7 +133,7 @@ def test_a_rotor_is_watched_in_its_turning():
 
 def test_poses_that_move_though_their_stamp_stands_are_of_now():
     """A predicted pose keeps the stamp of its measurement: it is taken for what it says of the present."""
-    control, x = Watched(), 0.0
+    control, x = PassivityTrial(), 0.0
     for n in range(4000):
         x = 1e-3 * np.sin(2 * np.pi * 5 * n * DT)
         age = (n % 16) * DT + 0.01
@@ -152,7 +152,7 @@ def test_another_world_begins_anew():
 
 
 def test_a_pause_is_no_movement():
-    control = Watched()
+    control = PassivityTrial()
     for n, now in enumerate((0.0, DT, 0.3, 0.3 + DT)):
         at = np.array([0.01 * n, 0.0, 0.05])
         control.damp(np.array([5.0, 0, 0, 0, 0, 0]), at, UPRIGHT, now, 0.0)
@@ -165,7 +165,7 @@ numbers = st.floats(-1e3, 1e3) | st.sampled_from([float("nan"), float("inf"), 0.
 @settings(max_examples=150, deadline=None)
 @given(st.lists(st.tuples(numbers, numbers, st.floats(-1, 1), st.floats(0, 0.1) | st.just(float("nan"))), max_size=40))
 def test_whatever_comes_it_stays_finite_and_adds_only_bounded_braking(course):
-    control = Watched(0.1)
+    control = PassivityTrial(0.1)
     for n, (force, torque, place, age) in enumerate(course):
         wrench = np.array([force, 0, 0, torque, 0, 0])
         out = control.damp(wrench, np.array([place, 0, 0.05]), UPRIGHT, n * DT, age)

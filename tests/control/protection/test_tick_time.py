@@ -44,6 +44,19 @@ def test_every_rate_is_judged_by_its_own_deadlines(rate):
     assert overrun_after((3,), period=1 / rate) <= 0.2 + 3 / rate
 
 
+def test_lateness_that_is_excused_is_no_missed_time_but_a_silence_all_the_same():
+    clock = make_clock(DT)
+    advance_clock(clock[0], 0.0)
+    for n in range(1, 40):
+        clock["excused"] = True
+        assert advance_clock(clock[0], 0.03 * n) == pytest.approx(0.03)
+        assert clock["restart"][0]
+        assert not clock["overrun"][0]
+    for n in range(3):  # each time anew
+        advance_clock(clock[0], 1.2 + 0.03 * n)
+    assert clock["overrun"][0]
+
+
 def test_a_silence_of_the_loop_restarts_the_ramp_and_a_late_tick_does_not():
     clock = make_clock(DT)
     assert advance_clock(clock[0], 7.0) == DT  # nothing is known of what was before the first tick

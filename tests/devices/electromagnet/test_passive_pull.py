@@ -73,11 +73,11 @@ def test_force_and_torque_are_the_slopes_of_one_energy(way, distance, axis, abou
     for i, e in enumerate(np.eye(3)):
         assert slope(lambda s, e=e: -PULL.energy(p + s * e, axis), h) == pytest.approx(wrench[i], abs=1e-6 * size)
 
-    def turned(angle):  # Rodrigues
+    def turn_axis(angle):  # Rodrigues
         across = np.cross(about, axis)
         return axis * np.cos(angle) + across * np.sin(angle) + about * (about @ axis) * (1 - np.cos(angle))
 
-    turning = slope(lambda s: -PULL.energy(p, turned(s)), 1e-3)
+    turning = slope(lambda s: -PULL.energy(p, turn_axis(s)), 1e-3)
     assert turning == pytest.approx(wrench[3:] @ about, abs=1e-6 * size * distance)
 
 

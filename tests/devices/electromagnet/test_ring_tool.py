@@ -19,7 +19,7 @@ ways = (
 far = st.floats(0.05, 0.2)
 
 
-def turned(axis):
+def turn_to(axis):
     """Any R that turns z to `axis`: the magnets are round, nothing else of it is read."""
     R = np.full((3, 3), np.nan)
     R[:, 2] = axis
@@ -29,14 +29,14 @@ def turned(axis):
 def dipole_map(p, axis, moment):
     """(6, 3) per A·m² of the electromagnet, on a point dipole."""
     K = np.empty((6, 3))
-    dipole_per_ampere(moment, np.eye(3), p, turned(axis), K)
+    dipole_per_ampere(moment, np.eye(3), p, turn_to(axis), K)
     return K
 
 
 def ring_map(p, axis):
     """(6, 3) per A·m² of the electromagnet, on a ring magnet over a core that pulls at nothing by itself."""
     K, passive = np.empty((6, 3)), np.ones(6)
-    ring_per_ampere(ROWS, np.zeros((24, 12)), 0.032, np.eye(3), p, turned(axis), K, passive)
+    ring_per_ampere(ROWS, np.zeros((24, 12)), 0.032, np.eye(3), p, turn_to(axis), K, passive)
     assert not passive.any()
     return K
 

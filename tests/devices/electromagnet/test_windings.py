@@ -53,7 +53,7 @@ def test_the_assumed_coils_of_omni_predict_the_calibrated_moments_within_5_perce
     assert (alone < 0.8 * predicted).all()  # without the core a quarter and more would be missing
 
 
-def parsed(tmp_path, old, new):
+def parse_text(tmp_path, old, new):
     text = files("haptorb.devices").joinpath("catalogue", "omni.toml").read_text(encoding="utf-8")
     assert old in text
     path = tmp_path / "other.toml"
@@ -74,13 +74,13 @@ def parsed(tmp_path, old, new):
 )
 def test_windings_that_cannot_be_are_named(tmp_path, old, new, word):
     with pytest.raises(DeviceError, match=word):
-        parsed(tmp_path, old, new)
+        parse_text(tmp_path, old, new)
 
 
 def test_a_device_without_sizes_predicts_nothing(tmp_path):
     text = files("haptorb.devices").joinpath("catalogue", "omni.toml").read_text(encoding="utf-8")
     start, end = text.index("[windings]"), text.index("[dome]")
-    assert parsed(tmp_path, text[start:end], "").predict_moments() is None
+    assert parse_text(tmp_path, text[start:end], "").predict_moments() is None
 
 
 @pytest.mark.parametrize("mu", [np.inf, 1000.0, 7.0, 1.001])

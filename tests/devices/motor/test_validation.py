@@ -12,7 +12,7 @@ from haptorb.devices.motor.validation import grouping
 from haptorb.errors import DeviceError
 
 
-def changed(*replacements):
+def change_text(*replacements):
     """The catalogue's PMSM with pieces of its text replaced."""
     text = (Path(loader.__file__).parent / "catalogue" / "pmsm.toml").read_text(encoding="utf-8")
     for old, new in replacements:
@@ -23,7 +23,7 @@ def changed(*replacements):
 
 def refusal(*replacements):
     with pytest.raises(DeviceError) as caught:
-        parse(changed(*replacements), "mine")
+        parse(change_text(*replacements), "mine")
     return str(caught.value)
 
 
@@ -82,12 +82,12 @@ def test_wrong_pairing_is_caught(polarity, winding):
 def test_one_magnet_turned_round_does_not_stop_the_motor():
     signs = [(1 if (j % 12 + j // 12) % 2 == 0 else -1) for j in range(24)]
     signs[5] = -signs[5]
-    parse(changed(('polarity = "checkerboard"', f"polarity = {signs}")), "mine")
+    parse(change_text(('polarity = "checkerboard"', f"polarity = {signs}")), "mine")
 
 
 def test_a_motor_that_cannot_turn_about_every_axis_is_caught():
     """All coils on the equator and all magnets near it: at zero tilt nothing turns the rotor about X or Y enough."""
-    text = changed(
+    text = change_text(
         ('latitude = "-15 deg", count = 12', 'latitude = "0 deg", count = 12'),
         ('  { latitude = "15 deg", count = 12, first = "0 deg", step = "30 deg" },\n', ""),
         ('  { latitude = "-26 deg", count = 8, first = "22.5 deg", step = "45 deg" },\n', ""),
@@ -157,7 +157,7 @@ def test_sensors_in_the_way_are_caught():
 )
 def test_bad_values_are_named(old, new, message):
     with pytest.raises((DeviceError, haptorb.errors.UnknownName), match=message):
-        parse(changed((old, new)), "mine")
+        parse(change_text((old, new)), "mine")
 
 
 def test_a_device_based_on_itself_is_refused(tmp_path):

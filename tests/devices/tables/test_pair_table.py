@@ -200,7 +200,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path / "haptorb" / "tables"
 
 
-def kept(precision: float = 1e-4) -> PairTable:
+def load_table(precision: float = 1e-4) -> PairTable:
     return table_cache.load_field_table(MAGNET, R_PM, 50e-3, precision=precision)
 
 
@@ -212,17 +212,17 @@ def forbid(monkeypatch) -> None:
 
 
 def test_a_kept_table_is_read_back_bit_for_bit(folder, monkeypatch):
-    first = kept()
+    first = load_table()
     forbid(monkeypatch)
-    again = kept()
+    again = load_table()
     assert (again.cells == first.cells).all()
     assert (again.scale, again.bound) == (first.scale, first.bound)
     assert len(list(folder.iterdir())) == 1
 
 
 def test_another_body_distance_or_precision_is_another_table(folder):
-    kept()
-    kept(1e-3)
+    load_table()
+    load_table(1e-3)
     table_cache.load_field_table(MAGNET, R_PM, 51e-3, precision=1e-4)
     table_cache.load_field_table(CylinderMagnet(15.875e-3, 5.08e-3, 1.3100000000000003), R_PM, 50e-3, precision=1e-4)
     assert len(list(folder.iterdir())) == 4
@@ -243,7 +243,7 @@ def test_the_code_of_all_that_makes_a_tables_numbers_is_in_its_name():
 
 @pytest.mark.parametrize("damage", ["empty", "torn", "bit", "scale", "foreign", "binary", "list"])
 def test_a_damaged_or_foreign_file_is_found_and_made_again(folder, damage):
-    first = kept()
+    first = load_table()
     (path,) = folder.iterdir()
     whole = path.read_bytes()
     head, numbers = whole.split(b"\n", 1)
@@ -260,22 +260,22 @@ def test_a_damaged_or_foreign_file_is_found_and_made_again(folder, damage):
         }[damage]
     )
     assert path.read_bytes() != whole
-    again = kept()
+    again = load_table()
     assert (again.cells == first.cells).all()
     assert again.scale == first.scale
     assert path.read_bytes() == whole
 
 
 def test_a_sound_table_under_another_tables_name_is_not_believed(folder):
-    first = kept()
+    first = load_table()
     (path,) = folder.iterdir()
     table_cache.load_field_table(MAGNET, R_PM, 51e-3, precision=1e-4)
     (other,) = set(folder.iterdir()) - {path}
     path.write_bytes(other.read_bytes())
-    assert (kept().cells == first.cells).all()
+    assert (load_table().cells == first.cells).all()
 
 
 def test_a_cache_that_cannot_be_written_costs_time_only(tmp_path, monkeypatch):
     (tmp_path / "haptorb").write_text("a file where the folder should be")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert kept().bound < 1e-3
+    assert load_table().bound < 1e-3

@@ -15,7 +15,7 @@ COIL = Coil(1000, 0.3 * 15.88e-3, 15.88e-3, 7.62e-3)
 RI, RO, HALF = COIL.inner_radius, COIL.outer_radius, COIL.length / 2
 
 
-def scattered(count: int, seed: int = 0) -> np.ndarray:
+def scatter(count: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).normal(size=(count, 3)) * 0.02
 
 
@@ -24,7 +24,7 @@ def test_field_agrees_with_many_sheets_outside():
     x, w = np.polynomial.legendre.leggauss(400)
     middle, half = (RO + RI) / 2, (RO - RI) / 2
     sheets = SheetStack(middle + half * x, HALF, MU0 * 1000 / (COIL.length * (RO - RI)) * half * w)
-    points = scattered(2000)
+    points = scatter(2000)
     rho = np.hypot(points[:, 0], points[:, 1])
     points = points[(rho < 0.95 * RI) | (rho > 1.05 * RO) | (np.abs(points[:, 2]) > 2 * HALF)]
     true = sheets.field(points)
@@ -45,14 +45,14 @@ def test_on_the_axis_the_textbook_formula_holds():
 
 @pytest.mark.parametrize("precision", [1e-3, 1e-6, 1e-9])
 def test_the_bound_holds_inside_and_outside(precision):
-    points = scattered(1000, 1)
+    points = scatter(1000, 1)
     value, bound = COIL.field_bounded(points, precision)
     true, rest = COIL.field_bounded(points, 1e-12)
     assert (np.abs(value - true).max(axis=1) <= bound + rest + 1e-15).all()
 
 
 def test_gradient_is_the_derivative_of_the_field_in_the_winding_too():
-    points = scattered(300, 2)
+    points = scatter(300, 2)
     h = 1e-6
     found = np.stack(
         [
@@ -86,7 +86,7 @@ def test_unreachable_precision_names_the_best_reached():
 
 
 def test_series_takes_over_without_a_step():
-    out = scattered(200, 3)
+    out = scatter(200, 3)
     out *= 4 * COIL.bounding_radius / np.linalg.norm(out, axis=1, keepdims=True)
     for quantity in (COIL.field, COIL.field_gradient):
         below, above = quantity(out * (1 - 1e-13)), quantity(out * (1 + 1e-13))
@@ -121,11 +121,11 @@ def test_inductance_is_the_flux_of_its_own_field():
     total = 0.0
     for height, weight in zip(HALF * x, 0.5 * w, strict=True):
 
-        def linked(r, height=height):
+        def linkage(r, height=height):
             turns = 1000 * min(1.0, (RO - r) / (RO - RI))
             return 2 * np.pi * r * turns * COIL.field_bounded((r, 0, height), 1e-8)[0][2]
 
-        total += weight * (quad(linked, 0, RI)[0] + quad(linked, RI, RO)[0])
+        total += weight * (quad(linkage, 0, RI)[0] + quad(linkage, RI, RO)[0])
     assert COIL.inductance == pytest.approx(total, rel=1e-6)
 
 

@@ -31,7 +31,7 @@ def test_infinite_permeability_is_a_mirror_charge_and_its_balance(s_way, s_far, 
     assert np.allclose(series, mirrored, rtol=1e-9, atol=1e-12 * np.linalg.norm(charge_field(1.0, s, np.zeros(3))))
 
 
-def collocated_field(mu, s, x):
+def collocation_field(mu, s, x):
     """Field at x of a sphere of radius 1 near a unit charge at s, by fundamental solutions: no harmonics anywhere.
 
     Sources inside stand for the answer outside, sources outside for the field inside; potential and normal flux are
@@ -71,7 +71,7 @@ def test_finite_permeability_against_a_numerical_solution(mu):
     s, scale = np.array([0.4, -0.3, 1.7]), MU0 / (4 * np.pi)
     x = [[0.2, 0.1, 1.6], [1.5, 0.3, -0.2], [-0.4, 0.3, -2.0]]
     series = SoftSphere(1.0, mu).compute_induced_field([s], [1.0], x, precision=1e-12)
-    assert np.allclose(series, collocated_field(mu, s, x), rtol=0, atol=2e-4 * scale)
+    assert np.allclose(series, collocation_field(mu, s, x), rtol=0, atol=2e-4 * scale)
 
 
 def test_no_sphere_no_answer():

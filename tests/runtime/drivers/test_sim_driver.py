@@ -224,7 +224,7 @@ def test_it_says_what_it_is():
     assert (driver.name, driver.simulated) == ("sim", True)
 
 
-def _driven(prepares):
+def _drive(prepares):
     """Five ticks, `prepares` saying for which instants each is prepared: truth, currents and poses, as bytes.
 
     Each is read twice: the sensors' noise is another one then.
@@ -241,9 +241,9 @@ def _driven(prepares):
 
 
 def test_what_is_prepared_is_what_would_have_been_read():
-    unprepared = _driven([[]] * 5)
-    assert _driven([[0], [1], [2], [3], [4]]) == unprepared
-    assert _driven([[0, 0], [], [2, 2, 2], [3], [4]]) == unprepared
+    unprepared = _drive([[]] * 5)
+    assert _drive([[0], [1], [2], [3], [4]]) == unprepared
+    assert _drive([[0, 0], [], [2, 2, 2], [3], [4]]) == unprepared
 
 
 def test_time_passes_while_the_loop_waits_and_reading_only_hands_over():

@@ -116,6 +116,14 @@ def test_guided_until_held_then_back_to_rest() -> None:
     assert path[-1] == pytest.approx(position_on_path(DURATION))
 
 
+def test_a_simulated_hand_is_as_patient_as_its_word() -> None:
+    hand = Hand()
+    tracker = PointerTracker(hand)
+    hand.now = PointerState(True, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0, 0, 1]), 4.0, patience=0.3)
+    assert [tracker.goal(t).stamp for t in (4.0, 4.2, 4.3, 9.0)] == [4.0, 4.2, 4.3, 4.3]
+    assert tracker.goal(3.9).stamp == 4.0, "said after the tick began"
+
+
 @given(st.lists(st.floats(-0.2, 0.2), min_size=3, max_size=3).map(np.array))
 def test_released_anywhere(p: Array) -> None:
     hand = Hand()

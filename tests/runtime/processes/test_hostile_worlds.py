@@ -17,11 +17,12 @@ import pytest
 
 from haptorb.errors import ServoError
 from haptorb.runtime.processes.prestart import start_module
+from haptorb.runtime.servo.servo import Servo
 
 AT = 100  #: the tick that misbehaves
 
 
-def gone(pid: int) -> bool:
+def is_gone(pid: int) -> bool:
     """Whether a process ended; one that only waits to be collected counts."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
@@ -61,7 +62,18 @@ def test_a_world_that_hangs_is_told_and_ended_by_force(fake_servo: Any, hang: Ca
         with pytest.raises(ServoError, match=r"world 'nothing' hangs: the last tick began .* and did not end"):
             servo.run(30)
         assert not servo.alive
-        assert gone(servo.servo_pid)
+        assert is_gone(servo.servo_pid)
+
+
+def test_a_world_that_does_not_return_from_its_first_call_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def endless(state: Any) -> None:
+        swallow()
+
+    monkeypatch.setattr("haptorb.runtime.servo.process_group._FIRST_CALL", 0.3)
+    servo = Servo("omni", endless, record=False)
+    with pytest.raises(ServoError, match=r"world 'endless' has not returned from its first call for 0\.3 s"):
+        servo.open()
+    servo.close()
 
 
 def test_a_world_that_only_loops_is_ended_in_order(fake_servo: Any) -> None:
@@ -103,7 +115,7 @@ def test_what_a_world_has_started_ends_with_the_servo(fake_servo: Any, tmp_path:
     with fake_servo({"act_at": AT, "act": start}).servo as servo:
         assert eventually(lambda: told.exists() and told.read_text() != "")
         assert servo.alive
-    assert eventually(lambda: gone(int(told.read_text())))
+    assert eventually(lambda: is_gone(int(told.read_text())))
 
 
 _HOST = """
@@ -140,7 +152,7 @@ def host(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], int, Path]]:
             yield process, servo, flag
         finally:
             process.kill()
-            if not gone(servo):
+            if not is_gone(servo):
                 os.kill(servo, signal.SIGKILL)
 
 
@@ -152,7 +164,7 @@ def test_a_servo_that_hangs_does_not_outlive_its_host(
     flag.touch()
     process.send_signal(number)
     process.wait()
-    assert eventually(lambda: gone(servo))
+    assert eventually(lambda: is_gone(servo))
 
 
 _ENDS = """
@@ -230,4 +242,4 @@ def test_what_a_world_has_started_does_not_outlive_the_host(tmp_path: Path) -> N
         assert process.stdout is not None
         assert process.stdout.readline()
         process.kill()
-    assert eventually(lambda: gone(int(told.read_text())))
+    assert eventually(lambda: is_gone(int(told.read_text())))

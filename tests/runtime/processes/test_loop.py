@@ -27,15 +27,19 @@ BEAT = 1_000_000_000
 
 
 class WoundClock:
-    """Comes back at the told numbers of periods after the start, one after the other; the host's heart beats or not."""
+    """Comes back at the told numbers of periods after the start, one after the other; the host's heart beats or not.
 
-    def __init__(self, shared: SharedMemory, ticks: Iterable[int], beating: bool) -> None:
+    ahead: which deadline after the last tick's is the first that a loop can still meet; above 1, its tick took long.
+    """
+
+    def __init__(self, shared: SharedMemory, ticks: Iterable[int], beating: bool, *, ahead: int = 1) -> None:
+        self._ahead = ahead
         self.schedule = Schedule(RATE, BEAT)
         self._shared, self._ticks, self._beating = shared, iter(ticks), beating
         self.waits = 0
 
     def sleep(self) -> float:
-        return self.schedule.time(self.schedule.deadline(self.schedule.number + 1))
+        return self.schedule.time(self.schedule.deadline(self.schedule.number + self._ahead))
 
     def wait(self) -> tuple[int, int, int]:
         number = next(self._ticks, None)
@@ -177,6 +181,33 @@ def test_stop_and_engage_in_one_tick_are_taken_in_their_order() -> None:
 
     assert states_after(stop_then_engage)[1] == RAMPING
     assert states_after(lambda host: host.stop(), engage_then_stop)[2] == TRIPPED
+
+
+@pytest.mark.parametrize(
+    ("simulated", "ahead", "state"),
+    [(True, 1, RUNNING), (False, 1, TRIPPED), (True, 3, TRIPPED), (False, 3, TRIPPED)],
+    ids=["woken late", "woken late, real", "busy", "busy, real"],
+)
+def test_a_simulated_device_trips_for_slow_ticks_and_not_for_a_busy_computer(simulated, ahead, state) -> None:
+    omni, world = load("omni"), find_world("dome")()
+    shared = SharedMemory.create(RowLayout.of(omni))
+    states: list[float] = []
+
+    def look() -> None:
+        latest = shared.ring.latest()
+        assert latest is not None
+        states.append(latest[shared.layout["guard"]][0])
+
+    try:
+        chain = assemble(omni, world, "sim", RATE, 0, None, PointerTracker())
+        chain.driver.simulated = simulated
+        script = Script({700: look}, 701)
+        ticks = (n if n < 400 else 400 + 3 * (n - 400) for n in script)  # only every third deadline is met
+        chain.driver.open()
+        Loop(chain, world, shared, RATE, os.getppid()).run(WoundClock(shared, ticks, beating=True, ahead=ahead))
+    finally:
+        shared.unlink()
+    assert states == [state]
 
 
 def run(ticks: Iterable[int], beating: bool) -> tuple[bool, Loop, WoundClock]:

@@ -69,11 +69,11 @@ def test_it_serves_once(folders: Path) -> None:
 
 
 def test_a_plan_that_cannot_be_sent_ends_it(folders: Path) -> None:
-    class Held(Dome):
+    class LockedDome(Dome):
         def __reduce__(self) -> str:
             raise TypeError("not to be pickled")
 
-    servo = Servo("omni", Held(), record=False)
+    servo = Servo("omni", LockedDome(), record=False)
     standby = PrestartedProcess()
     with pytest.raises(InputError, match="cannot be sent to the servo's process: not to be pickled"):
         servo.open(standby)

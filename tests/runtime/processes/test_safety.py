@@ -24,7 +24,7 @@ from haptorb.worlds import Nothing
 pytestmark = pytest.mark.realtime
 
 
-def _gone(pid: int) -> bool:
+def _is_gone(pid: int) -> bool:
     """Whether a process ended; one that only waits to be collected counts."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
@@ -68,23 +68,23 @@ def test_told_to_end_while_starting(fake_servo: Any, monkeypatch: pytest.MonkeyP
     chance = random.Random(3)
     wait = ProcessGroup.wait_until_running
 
-    def told(children: ProcessGroup) -> None:
+    def wait_and_end(children: ProcessGroup) -> None:
         time.sleep(0.6 * chance.random())
         os.kill(children.servo_pid, signal.SIGTERM)
         wait(children)
 
-    def lived(servo: Any) -> None:
+    def live(servo: Any) -> None:
         with servo:
             servo.run(10)
 
-    monkeypatch.setattr(ProcessGroup, "wait_until_running", told)
+    monkeypatch.setattr(ProcessGroup, "wait_until_running", wait_and_end)
     for _ in range(6):
         made = fake_servo()
         servo = made.servo
         with pytest.raises(ServoError):
-            lived(servo)
+            live(servo)
         assert made.words() in ([], ["open", "close"])
-        assert _gone(servo._children.servo_pid)
+        assert _is_gone(servo._children.servo_pid)
 
 
 def test_servo_killed(fake_servo: Any) -> None:
@@ -211,7 +211,7 @@ def test_parent_killed(tmp_path: Path) -> None:
     process, servo, recorder, shared, path, _ = _script(tmp_path, str(tmp_path / "a.mcap"))
     process.kill()
     process.communicate()
-    _until(lambda: _gone(servo) and _gone(recorder))
+    _until(lambda: _is_gone(servo) and _is_gone(recorder))
     assert not shared.exists()
     recording = Recording(path)
     assert not recording.truncated
@@ -224,7 +224,7 @@ def test_parent_killed_leaves_no_temporary_files(tmp_path: Path) -> None:
     process, servo, recorder, *left = _script(tmp_path, "")
     process.kill()
     process.communicate()
-    _until(lambda: _gone(servo) and _gone(recorder))
+    _until(lambda: _is_gone(servo) and _is_gone(recorder))
     assert not any(path.exists() for path in left)
 
 
@@ -232,7 +232,7 @@ def test_parent_stopped_then_gone_on(tmp_path: Path) -> None:
     process, servo, _, _, path, _ = _script(tmp_path, str(tmp_path / "a.mcap"))
     process.send_signal(signal.SIGSTOP)
     try:
-        _until(lambda: _gone(servo))
+        _until(lambda: _is_gone(servo))
     finally:
         process.send_signal(signal.SIGCONT)
     _, errors = process.communicate(timeout=30)
@@ -245,8 +245,8 @@ def test_interrupted_from_the_keyboard(tmp_path: Path) -> None:
     process, servo, recorder, shared, path, _ = _script(tmp_path, str(tmp_path / "a.mcap"))
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=30)
-    assert _gone(servo)
-    assert _gone(recorder)
+    assert _is_gone(servo)
+    assert _is_gone(recorder)
     assert not shared.exists()
     recording = Recording(path)
     assert not recording.truncated

@@ -15,7 +15,7 @@ from haptorb.runtime.realtime.host_heartbeat import LATE, SILENCE, STOPPED, Host
 MS = 1_000_000
 
 
-def heard(state: Callable[[int], str]) -> tuple[int, str]:
+def listen(state: Callable[[int], str]) -> tuple[int, str]:
     """After how much silence [ms] the host is taken for dead, and why; `state` gives its state at a time [ms]."""
     now = [0]
     life = HostHeartbeat(lambda: state(now[0]))
@@ -27,20 +27,20 @@ def heard(state: Callable[[int], str]) -> tuple[int, str]:
 
 @pytest.mark.parametrize("state", ["T", "t"])
 def test_a_host_that_was_stopped_is_dead_soon(state: str) -> None:
-    after, why = heard(lambda at: state)
+    after, why = listen(lambda at: state)
     assert after == pytest.approx(1e3 * STOPPED, abs=5)
     assert "stopped" in why
 
 
 @pytest.mark.parametrize("state", ["R", "S", "D", "X", ""])
 def test_a_host_that_is_busy_or_waits_has_more_time(state: str) -> None:
-    after, why = heard(lambda at: state)
+    after, why = listen(lambda at: state)
     assert after == pytest.approx(1e3 * SILENCE, abs=2)
     assert "did not respond" in why
 
 
 def test_a_host_that_is_stopped_while_it_is_late_is_dead_at_once() -> None:
-    after, _ = heard(lambda at: "T" if at > 300 else "S")
+    after, _ = listen(lambda at: "T" if at > 300 else "S")
     assert after == pytest.approx(300, abs=7)
 
 

@@ -26,7 +26,7 @@ def policy(pid: int) -> int:
     return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[_POLICY])
 
 
-def ended(pid: int) -> bool:
+def is_ended(pid: int) -> bool:
     """Whether `pid` is gone, or only waits to be buried, within ten seconds."""
     for _ in range(500):
         try:
@@ -55,14 +55,14 @@ def awake(servo: Servo) -> int:
 def test_the_loops_core_is_kept_awake_behind_all_others_as_long_as_it_runs() -> None:
     with Servo("omni", "nothing", record=False) as servo:
         keeper = awake(servo)
-    assert ended(keeper)
+    assert is_ended(keeper)
 
 
 def test_it_ends_with_a_servo_that_is_killed() -> None:
     with Servo("omni", "nothing", record=False) as servo:
         keeper = awake(servo)
         os.kill(servo.servo_pid, signal.SIGKILL)
-        assert ended(keeper)
+        assert is_ended(keeper)
 
 
 def test_a_process_that_is_bound_to_no_core_keeps_none_awake() -> None:

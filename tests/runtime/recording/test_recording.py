@@ -38,7 +38,7 @@ def _rows(n: int, seed: int = 0) -> Any:
     return rows
 
 
-def _recorded(
+def _record(
     path: Path, rows: Any, layout: RowLayout = LAYOUT, rate: float = RATE, finish: bool = True, **device: str
 ) -> Path:
     with path.open("wb") as file:
@@ -55,13 +55,13 @@ def _recorded(
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return _recorded(tmp_path_factory.mktemp("recordings") / "whole.mcap", _rows(400))
+    return _record(tmp_path_factory.mktemp("recordings") / "whole.mcap", _rows(400))
 
 
 def test_bit_for_bit(tmp_path: Path) -> None:
     rows = _rows(100)
     rows[7, 3:9] = np.nan, np.inf, -np.inf, -0.0, 5e-324, 1.7e308
-    recording = Recording(_recorded(tmp_path / "a.mcap", rows))
+    recording = Recording(_record(tmp_path / "a.mcap", rows))
     assert recording.rows.tobytes() == rows.tobytes()
     assert recording.layout == LAYOUT
     assert not recording.truncated
@@ -75,10 +75,10 @@ def test_bit_for_bit(tmp_path: Path) -> None:
 
 def test_without_sensors_and_without_rows(tmp_path: Path) -> None:
     layout = RowLayout(channels=1, sensors=0)
-    recording = Recording(_recorded(tmp_path / "a.mcap", np.ones((5, layout.width)), layout))
+    recording = Recording(_record(tmp_path / "a.mcap", np.ones((5, layout.width)), layout))
     assert recording.layout == layout
     assert recording["currents"].shape == (5,)
-    empty = Recording(_recorded(tmp_path / "b.mcap", np.ones((0, layout.width)), layout))
+    empty = Recording(_record(tmp_path / "b.mcap", np.ones((0, layout.width)), layout))
     assert len(empty) == 0
     assert empty["p"].shape == (0, 3)
     with pytest.raises(RecordingError, match="no rows to plot"):
@@ -142,7 +142,7 @@ def test_damaged_anywhere(whole: Path, tmp_path: Path, at: int, bit: int) -> Non
 
 
 def test_never_finished(tmp_path: Path) -> None:
-    recording = Recording(_recorded(tmp_path / "a.mcap", _rows(400), finish=False))
+    recording = Recording(_record(tmp_path / "a.mcap", _rows(400), finish=False))
     assert recording.truncated
     assert len(recording) >= 400 - 40 - 20
 
@@ -152,7 +152,7 @@ def test_little_is_lost_at_any_rate(tmp_path: Path, rate: float) -> None:
     """Before the end, all but a tenth of a second is in the file."""
     layout = RowLayout(channels=3, sensors=0)
     n = int(rate)
-    recording = Recording(_recorded(tmp_path / "a.mcap", np.zeros((n, layout.width)), layout, rate, finish=False))
+    recording = Recording(_record(tmp_path / "a.mcap", np.zeros((n, layout.width)), layout, rate, finish=False))
     assert (n - len(recording)) / rate < 0.06  # and 20 ms until the recorder looks again
 
 
@@ -238,7 +238,7 @@ def test_plot_names_coils_as_the_device_does(tmp_path: Path, noted: str | None) 
     """Where the recording does not say, they are numbered."""
     shown = ["x", "y", r"z \$1\$"] if noted and "y" in noted else ["1", "2", "3"]
     device = {} if noted is None else {"coils": noted}
-    figure = Recording(_recorded(tmp_path / "a.mcap", _rows(50), **device)).plot()
+    figure = Recording(_record(tmp_path / "a.mcap", _rows(50), **device)).plot()
     texts = {text.get_text() for axes in figure.axes if (legend := axes.get_legend()) for text in legend.get_texts()}
     assert {f"coil {name}" for name in shown} | {f"winding {name}" for name in shown} <= texts
 
@@ -247,7 +247,7 @@ def test_plot_keeps_every_peak(tmp_path: Path) -> None:
     rows = _rows(30_000)
     rows[:, LAYOUT["given"]] = 0.0
     rows[12_345, LAYOUT["given"].start] = 9.0
-    figure = Recording(_recorded(tmp_path / "a.mcap", rows)).plot()
+    figure = Recording(_record(tmp_path / "a.mcap", rows)).plot()
     line = figure.axes[0].lines[0]
     assert np.asarray(line.get_ydata()).max() == 9.0
     assert len(np.asarray(line.get_ydata())) <= 4000

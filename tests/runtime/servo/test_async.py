@@ -22,12 +22,12 @@ def _delay(monkeypatch: pytest.MonkeyPatch, name: str) -> tuple[threading.Event,
     wants, may = threading.Event(), threading.Event()
     method: Callable[[ProcessGroup], None] = getattr(ProcessGroup, name)
 
-    def delayed(group: ProcessGroup) -> None:
+    def delay(group: ProcessGroup) -> None:
         wants.set()
         assert may.wait(PATIENCE), "the event loop stands still"
         method(group)
 
-    monkeypatch.setattr(ProcessGroup, name, delayed)
+    monkeypatch.setattr(ProcessGroup, name, delay)
     return wants, may
 
 

@@ -52,6 +52,22 @@ def test_a_pose_is_held_until_something_else_is_said(fake_servo: Any) -> None:
         _until(servo, lambda: servo.latest().age == 0.0)  # the guided motion
 
 
+def test_a_patient_word_keeps_the_pose_fresh(fake_servo: Any) -> None:
+    with fake_servo().servo as servo:
+        expiry, patience = servo.device.limits.expiry, 0.4
+        for wrong in (-0.1, 1.5, float("nan")):
+            with pytest.raises(InputError, match="patience"):
+                servo.point(HERE, patience=wrong)
+        cursor, _ = servo.rows()
+        servo.point(HERE, patience=patience)
+        _until(servo, lambda: _is_old(servo))
+        _, rows = servo.rows(cursor)
+        rows = rows[(rows[:, servo.layout["target"]] == HERE).all(axis=1)]
+        fresh = rows[rows[:, servo.layout["age"].start] <= expiry]
+        held = float(np.ptp(fresh[:, servo.layout["t"].start]))
+        assert patience - 0.05 < held < patience + expiry + 0.05
+
+
 def test_a_path_is_followed_to_its_last_pose(fake_servo: Any) -> None:
     with fake_servo().servo as servo:
         cursor, _ = servo.rows()

@@ -245,10 +245,10 @@ def test_interrupt_in_run_closes(fake_servo: Any, monkeypatch: pytest.MonkeyPatc
     made = fake_servo()
     made.servo.open()
 
-    def interrupted(seconds: float) -> None:
+    def interrupt(seconds: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("haptorb.runtime.servo.servo_context.sleep", interrupted)
+    monkeypatch.setattr("haptorb.runtime.servo.servo_context.sleep", interrupt)
     with pytest.raises(KeyboardInterrupt):
         made.servo.run(1.0)
     monkeypatch.undo()

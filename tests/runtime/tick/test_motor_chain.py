@@ -60,14 +60,14 @@ class Rig:
         return np.array(self.rows)[:, self.tick.layout[name]]
 
 
-def pulled(t):
+def hand_path(t):
     s = min(max((t - 0.6) / 1.2, 0.0), 1.0)
     return 0.02, np.radians(-18.0 + 22.0 * s * s * (3 - 2 * s)), 0.0
 
 
 @pytest.fixture(scope="module")
 def pull():
-    return Rig(pulled).go(2.2)
+    return Rig(hand_path).go(2.2)
 
 
 def test_a_pull_is_felt(pull):
@@ -106,7 +106,7 @@ def test_the_row_is_told_in_full(pull):
 def test_the_drive_feeds_forward_what_the_turning_magnets_induce(monkeypatch):
     """Swung at 2 rad/s with nothing to feel, the induced voltage would drive currents that nobody wants."""
 
-    def unwanted(feed):
+    def current_error(feed):
         rig = Rig(lambda t: (0.0, 0.3 * np.sin(7.0 * t), 0.0), world=Nothing())
         if not feed:  # as if the rotor stood still, as far as the drive knows
             protect = rig.tick.protection.protect_wrench
@@ -119,12 +119,12 @@ def test_the_drive_feeds_forward_what_the_turning_magnets_induce(monkeypatch):
         rig.go(0.6)
         return np.sqrt(((rig["currents"] - rig["wanted"])[350:] ** 2).mean())
 
-    assert unwanted(feed=True) < 0.4 * unwanted(feed=False)
+    assert current_error(feed=True) < 0.4 * current_error(feed=False)
 
 
 @pytest.mark.parametrize("moment", [0.9, 1.2005, 1.35])
 def test_switching_in_the_middle_of_a_pull_is_no_step(moment):
-    rig = Rig(pulled).go(moment)
+    rig = Rig(hand_path).go(moment)
     rig.tick.linkage.set_mode("rotate")
     rig.go(0.3)
     at = round(moment / DT)
@@ -156,7 +156,7 @@ def test_closed_paths_through_the_chain_give_the_hand_no_energy():
 
 
 def test_another_world_begins_anew_and_another_parameter_does_not():
-    rig = Rig(pulled).go(2.0)
+    rig = Rig(hand_path).go(2.0)
     out = rig["object"][-1, 0]
     rig.tick.change_world(Outlet(friction=0.2))
     rig.go(0.01)
@@ -177,7 +177,7 @@ def test_one_dead_sensor_is_no_trip():
 
 
 def test_all_sensors_dead_ends_in_coils_off():
-    rig = Rig(pulled).go(1.2)
+    rig = Rig(hand_path).go(1.2)
     assert rig["currents"][-1].any()
     rig.motor.fail(range(48), "dead")
     rig.go(0.05)
@@ -201,7 +201,7 @@ def test_a_hand_that_wants_too_much_meets_the_stop():
 
 
 def test_two_runs_are_alike_to_the_bit():
-    one, two = Rig(pulled).go(0.8), Rig(pulled).go(0.8)
+    one, two = Rig(hand_path).go(0.8), Rig(hand_path).go(0.8)
     keep = np.ones(one.tick.layout.width, bool)
     keep[one.tick.layout["stages"]] = False
     keep[:5] = False

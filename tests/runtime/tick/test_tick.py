@@ -174,7 +174,7 @@ def test_the_stylus_yields():
 
 
 @dataclass(frozen=True)
-class Broken(World):
+class BrokenWorld(World):
     """A world as a user might write it."""
 
     what: object = None
@@ -210,7 +210,7 @@ class Careless(World):
 def test_a_broken_world_ends_in_coils_off(what, reason):
     rig = Rig().go(500)
     assert rig["currents"].any()
-    rig.tick.change_world(Broken(what))
+    rig.tick.change_world(BrokenWorld(what))
     rig.go(1)
     assert rig["trip"][0] == reason
     assert rig.is_off()
@@ -223,19 +223,19 @@ def test_a_broken_world_ends_in_coils_off(what, reason):
 
 def test_a_world_that_leaves_is_explained():
     rig = Rig().go(10)
-    rig.tick.change_world(Broken(SystemExit(3)))
+    rig.tick.change_world(BrokenWorld(SystemExit(3)))
     rig.go(1)
     assert rig.tick.error.splitlines()[0] == "the world called sys.exit(3)"
 
 
 def test_the_line_of_a_world_that_fails_is_told():
     rig = Rig().go(10)
-    rig.tick.change_world(Broken(ZeroDivisionError("division by zero")))
+    rig.tick.change_world(BrokenWorld(ZeroDivisionError("division by zero")))
     rig.go(1)
     first, place, source = rig.tick.error.splitlines()
     assert first == "ZeroDivisionError: division by zero"
     assert place.startswith(f'  File "{__file__}", line ')
-    assert place.endswith("in Broken.wrench")
+    assert place.endswith("in BrokenWorld.wrench")
     assert source == "    raise self.what"
 
 
@@ -252,7 +252,7 @@ def test_a_wrench_of_another_kind_is_told_with_the_place_of_its_function(what):
 
 def test_a_tick_that_is_ended_from_outside_is_no_failure_of_its_world():
     rig = Rig().go(10)
-    rig.tick.change_world(Broken(TickTimeout("it takes too long")))
+    rig.tick.change_world(BrokenWorld(TickTimeout("it takes too long")))
     with pytest.raises(TickTimeout):
         rig.go(1)
 

@@ -36,13 +36,13 @@ def frame(name: str, simulated: bool = True) -> TrackerFrame:
     )  # fmt: skip
 
 
-def seen(magnet: Array, turn: Array) -> tuple[list[float], list[float]]:
+def body_seen_at(magnet: Array, turn: Array) -> tuple[list[float], list[float]]:
     """Where the tracker sees the body while the tool's magnet is there, turned so."""
     one = TRACKER.observe((magnet - UP * turn[:, 2])[None], turn[None], np.random.default_rng(0))
     return one.p[0].tolist(), one.q[0].tolist()
 
 
-class Told(Feed):
+class ScriptFeed(Feed):
     """A feed that says what the test wants."""
 
     def __init__(self) -> None:
@@ -58,14 +58,14 @@ class Told(Feed):
 
 
 def test_pose_velocity_and_turning_rate_are_the_stators_and_times_are_untouched() -> None:
-    told = Told()
+    told = ScriptFeed()
     block = PoseBlock((memory := memoryview(bytearray(8 * WORDS))).cast("q"), memory.cast("d"), 0)
     reception = PoseFilter(FramedFeed(told, frame("osc:9000")), block)
     v, w = np.array([0.05, -0.1, 0.02]), np.array([0.3, -0.2, 0.8])
     for k in range(60):
         t = 0.005 * k
         turn = Rotation.from_rotvec(w * t).as_matrix()
-        told.next = [RawPose(*map(tuple, seen(np.array([0.0, 0.0, 0.05]) + v * t, turn)), 10.0 + t, 10.001 + t)]
+        told.next = [RawPose(*map(tuple, body_seen_at(np.array([0.0, 0.0, 0.05]) + v * t, turn)), 10.0 + t, 10.001 + t)]
         reception.listen(0.0)
     now = block.read_pose()
     assert now.valid
@@ -88,7 +88,7 @@ def test_the_loop_follows_a_tracker_in_its_own_frame() -> None:
     """The tool's magnet at (10, −5, 55) mm, tilted, told as a rigid body's pose a metre away in a turned frame."""
     port = free_port()
     place, turn = np.array([0.010, -0.005, 0.055]), Rotation.from_rotvec([0.2, 0.1, 0.5]).as_matrix()
-    p, q = seen(place, turn)
+    p, q = body_seen_at(place, turn)
     assert np.linalg.norm(p) > 0.5
     name = f"osc:{port}"
     with (

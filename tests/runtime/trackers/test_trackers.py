@@ -253,7 +253,7 @@ def test_integers_floats_and_bundles_are_understood() -> None:
     one.close()
 
 
-class Told(Feed):
+class ScriptFeed(Feed):
     """A feed that says what the test wants."""
 
     def __init__(self) -> None:
@@ -267,7 +267,7 @@ class Told(Feed):
         return
 
 
-def received(feed: Feed) -> tuple[PoseFilter, PoseBlock]:
+def open_reception(feed: Feed) -> tuple[PoseFilter, PoseBlock]:
     memory = memoryview(bytearray(8 * WORDS))
     block = PoseBlock(memory.cast("q"), memory.cast("d"), 0)
     return PoseFilter(feed, block), block
@@ -292,8 +292,8 @@ NUMBERS = st.floats(width=64) | st.floats(-0.1, 0.1) | st.sampled_from([0.0, 1.0
 @example([[0.0] * 6 + [1.0, 7.2e16]], [0.0] * 20)
 def test_whatever_numbers_are_sent_only_poses_reach_the_loop(sent: list[list[float]], gaps: list[float]) -> None:
     one, arrival = feed(), 1000.0
-    told = Told()
-    reception, block = received(told)
+    told = ScriptFeed()
+    reception, block = open_reception(told)
     last = float("-inf")
     for numbers, gap in zip(sent, gaps, strict=False):
         arrival += gap
@@ -319,8 +319,8 @@ def test_whatever_bytes_are_sent_nothing_breaks(data: bytes) -> None:
 
 def test_twenty_thousand_mutated_messages() -> None:
     """Bytes flipped, cut and doubled in messages of the right layout: counted, never believed when they cannot be."""
-    draw, one, told = random.Random(7), feed(), Told()
-    reception, block = received(told)
+    draw, one, told = random.Random(7), feed(), ScriptFeed()
+    reception, block = open_reception(told)
     good = pose(0.05, 1.0)
     count = 20_000
     for k in range(count):
@@ -363,8 +363,8 @@ def test_frames_of_natnet_that_are_cut_or_flipped_are_garbage() -> None:
 
 
 def test_velocity_is_that_of_the_poses_and_a_jump_has_none() -> None:
-    told = Told()
-    reception, block = received(told)
+    told = ScriptFeed()
+    reception, block = open_reception(told)
 
     def say(t: float, x: float, angle: float = 0.0) -> PoseRecord:
         q = (0.0, 0.0, float(np.sin(angle / 2)), float(np.cos(angle / 2)))
@@ -381,7 +381,7 @@ def test_velocity_is_that_of_the_poses_and_a_jump_has_none() -> None:
     assert reception.facts()["refused"] == {}
 
 
-def path(reception: PoseFilter, told: Told, block: PoseBlock, poses: Any) -> list[bool]:
+def path(reception: PoseFilter, told: ScriptFeed, block: PoseBlock, poses: Any) -> list[bool]:
     """Whether the tool is known after each of (time, x, angle about z, time of arrival if it is another)."""
     known = []
     for t, x, angle, *arrival in poses:
@@ -401,8 +401,8 @@ def quietly(begin: float, n: int, x: float = 0.0, angle: float = 0.0) -> list[tu
 
 @pytest.mark.parametrize("jump", [{"x": 0.05}, {"x": -1.0}, {"angle": 0.5}, {"angle": 3.1}])
 def test_a_jump_counts_as_lost_until_the_poses_agree(jump: dict[str, float]) -> None:
-    told = Told()
-    reception, block = received(told)
+    told = ScriptFeed()
+    reception, block = open_reception(told)
     assert path(reception, told, block, quietly(10.0, 10)) == [True] * 10
     known = path(reception, told, block, quietly(10.1, 10, **jump))
     assert known == [False] * 5 + [True] * 5, "five poses, 50 ms apart from first to last, agree with each other"
@@ -413,8 +413,8 @@ def test_a_jump_counts_as_lost_until_the_poses_agree(jump: dict[str, float]) -> 
 
 
 def test_one_wrong_pose_loses_the_tool_and_is_never_believed() -> None:
-    told = Told()
-    reception, block = received(told)
+    told = ScriptFeed()
+    reception, block = open_reception(told)
     assert all(path(reception, told, block, quietly(10.0, 10)))
     assert path(reception, told, block, [(10.1, 0.2, 0.0)]) == [False]
     assert block.read_pose().p[0] == 0.0
@@ -422,16 +422,16 @@ def test_one_wrong_pose_loses_the_tool_and_is_never_believed() -> None:
 
 
 def test_two_tools_in_turns_are_none() -> None:
-    told = Told()
-    reception, block = received(told)
+    told = ScriptFeed()
+    reception, block = open_reception(told)
     mixed = [(10.0 + 0.005 * k, 0.04 * (k % 2), 0.0) for k in range(200)]
     assert path(reception, told, block, mixed) == [True] + [False] * 199
     assert reception.accepted == 1
 
 
 def test_a_quick_hand_a_burst_and_a_pause_are_no_jumps() -> None:
-    told = Told()
-    reception, block = received(told)
+    told = ScriptFeed()
+    reception, block = open_reception(told)
     quick = [(10.0 + 0.01 * k, 0.028 * k, 0.28 * k) for k in range(50)]  # 2.8 m/s, 28 rad/s
     waited = [(11.0 + 1e-5 * k, 1.372 + 0.02 * k, 13.72) for k in range(4)]  # 2 m/s at 100 Hz, held up on the way
     later = [(12.0, 0.2, 0.0)]
@@ -441,8 +441,8 @@ def test_a_quick_hand_a_burst_and_a_pause_are_no_jumps() -> None:
 
 
 def test_a_tool_that_was_lost_may_be_found_anywhere() -> None:
-    told = Told()
-    reception, block = received(told)
+    told = ScriptFeed()
+    reception, block = open_reception(told)
     assert all(path(reception, told, block, quietly(10.0, 5)))
     told.next = [RawPose((), (), 10.05, 10.05, False)]
     reception.listen(0.0)
@@ -451,8 +451,8 @@ def test_a_tool_that_was_lost_may_be_found_anywhere() -> None:
 
 
 def test_another_sender_is_not_heard() -> None:
-    one, told = feed(), Told()
-    reception, block = received(told)
+    one, told = feed(), ScriptFeed()
+    reception, block = open_reception(told)
 
     def say(sender: object, z: float, t: float, *sent: float) -> PoseRecord:
         told.next = list(one.read(pose(z, *sent), t, sender))

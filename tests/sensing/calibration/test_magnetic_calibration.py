@@ -16,7 +16,7 @@ from haptorb.sensing.calibration.magnetic_calibration import excitation, magneti
 OMNI = load("omni")
 
 
-def measured(M, noise=0.0, seed=0, **schedule):
+def measure(M, noise=0.0, seed=0, **schedule):
     """What the sensors read on a device whose moments per ampere are M, with `noise` as a share of the rms signal."""
     rng = np.random.default_rng(seed)
     currents = excitation(OMNI, **schedule)
@@ -28,7 +28,7 @@ def measured(M, noise=0.0, seed=0, **schedule):
 
 def test_without_noise_it_is_exact():
     M = OMNI.moment_per_current * 1.07
-    currents, fields, offsets = measured(M)
+    currents, fields, offsets = measure(M)
     found = magnetic_calibration(OMNI, currents, currents, fields)
     assert np.allclose(found.moment_per_current, M, rtol=1e-9)
     assert np.allclose(found.offsets, offsets, atol=1e-12)
@@ -38,7 +38,7 @@ def test_without_noise_it_is_exact():
 def test_one_percent_of_noise_leaves_three_permille():
     for seed in range(10):
         M = OMNI.moment_per_current @ (np.eye(3) + 0.05 * np.random.default_rng(seed).normal(size=(3, 3)))
-        currents, fields, _ = measured(M, 0.01, seed)
+        currents, fields, _ = measure(M, 0.01, seed)
         found = magnetic_calibration(OMNI, currents, currents, fields)
         error = np.abs(found.moment_per_current - M) / np.linalg.norm(M, axis=0)
         assert error.max() < 0.003
@@ -51,13 +51,13 @@ def test_two_degrees_of_skew_are_found_to_a_tenth(degrees):
     M = np.diag([0.2, 0.2, 0.2])
     M[:, 1] = Rotation.from_euler("z", degrees, degrees=True).apply(M[:, 1])  # away from (towards) coil x
     for seed in range(5):
-        currents, fields, _ = measured(M, 0.01, seed)
+        currents, fields, _ = measure(M, 0.01, seed)
         skew = magnetic_calibration(OMNI, currents, currents, fields).skew(("x", "y", "z"))
         assert np.degrees(skew["x", "y"]) == pytest.approx(degrees, abs=0.1)
         assert np.degrees(skew["x", "z"]) == pytest.approx(0, abs=0.1)
 
 
-def told(wanted, currents, fields):
+def refusal(wanted, currents, fields):
     with pytest.raises(CalibrationError) as failure:
         magnetic_calibration(OMNI, wanted, currents, fields)
     return str(failure.value)
@@ -65,17 +65,17 @@ def told(wanted, currents, fields):
 
 def test_an_unplugged_coil_is_named():
     M = OMNI.moment_per_current
-    wanted, _, _ = measured(M)
+    wanted, _, _ = measure(M)
     currents = wanted.copy()
     currents[:, 1] = 0.0
     fields = np.array([[dipole.field(M @ i, s) for s in OMNI.hall.positions] for i in currents])
-    assert "coil 'y'" in told(wanted, currents, fields)
-    assert "unplugged" in told(wanted, currents, fields)
+    assert "coil 'y'" in refusal(wanted, currents, fields)
+    assert "unplugged" in refusal(wanted, currents, fields)
 
 
 def test_swapped_coils_are_named():
-    currents, fields, _ = measured(OMNI.moment_per_current[:, [0, 2, 1]])
-    message = told(currents, currents, fields)
+    currents, fields, _ = measure(OMNI.moment_per_current[:, [0, 2, 1]])
+    message = refusal(currents, currents, fields)
     assert "coil 'y' produces the moment of coil 'z'" in message
     assert "swap" in message
 
@@ -83,19 +83,19 @@ def test_swapped_coils_are_named():
 def test_a_reversed_coil_is_named():
     M = OMNI.moment_per_current.copy()
     M[:, 2] *= -1
-    currents, fields, _ = measured(M)
-    assert "coil 'z' produces a reversed moment" in told(currents, currents, fields)
+    currents, fields, _ = measure(M)
+    assert "coil 'z' produces a reversed moment" in refusal(currents, currents, fields)
 
 
 @pytest.mark.parametrize("fault", ["dead", "turned"])
 def test_a_sensor_that_does_not_follow_is_named(fault):
-    currents, fields, _ = measured(OMNI.moment_per_current, 0.002)
+    currents, fields, _ = measure(OMNI.moment_per_current, 0.002)
     fields[:, 4] = 1e-4 if fault == "dead" else -fields[:, 4]
-    assert "field sensor 5 of 9" in told(currents, currents, fields)
+    assert "field sensor 5 of 9" in refusal(currents, currents, fields)
 
 
 def test_a_schedule_that_excites_nothing_is_refused():
-    currents, fields, _ = measured(OMNI.moment_per_current)
+    currents, fields, _ = measure(OMNI.moment_per_current)
     with pytest.raises(InputError, match="never excited"):
         magnetic_calibration(OMNI, currents * (1, 1, 0), currents * (1, 1, 0), fields)
     together = np.outer(np.linspace(-3, 3, len(currents)), np.ones(3))
@@ -106,7 +106,7 @@ def test_a_schedule_that_excites_nothing_is_refused():
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2), st.integers(0, 100))
 def test_readings_that_are_no_numbers_are_refused(axis, row):
-    currents, fields, _ = measured(OMNI.moment_per_current, levels=3, repeats=3)
+    currents, fields, _ = measure(OMNI.moment_per_current, levels=3, repeats=3)
     fields[row % len(fields), 0, axis] = np.nan
     with pytest.raises(InputError, match="finite"):
         magnetic_calibration(OMNI, currents, currents, fields)
@@ -119,7 +119,7 @@ def test_shapes_are_told():
 
 def test_it_is_applied_to_the_device():
     M = OMNI.moment_per_current * 0.9
-    currents, fields, _ = measured(M)
+    currents, fields, _ = measure(M)
     device = magnetic_calibration(OMNI, currents, currents, fields).apply(OMNI)
     assert np.allclose(device.moment_per_current, M)
     assert replace(device, moment_per_current=OMNI.moment_per_current).name == OMNI.name

@@ -29,13 +29,13 @@ def session(seed: int, noise: float = 1e-4, **person: float) -> tuple[SyntheticT
     return tracker, SimulatedPerson(OMNI, tracker, seed, **person).session()
 
 
-def changed(touched: TouchSession, change: Callable[[Touches], Touches]) -> TouchSession:
+def change_touches(touched: TouchSession, change: Callable[[Touches], Touches]) -> TouchSession:
     return TouchSession(
         change(touched.dome), {name: change(one) for name, one in touched.marks.items()}, change(touched.roll)
     )
 
 
-def missed(found, tracker: SyntheticTracker, seed: int) -> tuple[float, float]:
+def error_of(found, tracker: SyntheticTracker, seed: int) -> tuple[float, float]:
     """Of the magnet over the dome, rms [m], and of its axis, greatest [rad]; by poses without noise."""
     still = replace(tracker, noise=0.0, turning=0.0)
     seen = SimulatedPerson(OMNI, still, seed + 1).dome(150)
@@ -51,7 +51,7 @@ def missed(found, tracker: SyntheticTracker, seed: int) -> tuple[float, float]:
 def test_any_frame_and_body_is_found_to_a_quarter_millimetre_and_half_a_degree(seed: int, noise: float) -> None:
     tracker, touched = session(seed, noise)
     found = frame_registration(touched, OMNI)
-    place, angle = missed(found, tracker, seed)
+    place, angle = error_of(found, tracker, seed)
     assert place < 0.25e-3
     assert angle < np.deg2rad(0.5)
     assert place < 3.0 * found.position + 1e-5  # what it says of itself
@@ -75,14 +75,14 @@ def test_two_formulations_agree(seed: int) -> None:
                                     - OMNI.dome_radius) < 0.6e-3)  # fmt: skip
     q0 = Rotation.from_matrix(R0.T)
 
-    def left(u: np.ndarray) -> np.ndarray:
+    def residuals(u: np.ndarray) -> np.ndarray:
         c, a, turn = u[:3] + centre, u[3:6] + start.tip, q0 * Rotation.from_mrp(u[6:])
         far = np.linalg.norm(dome.point(a) - c, axis=1) - OMNI.dome_radius
         wanted = turn.apply(OMNI.marks.positions) + c
         near = [one.point(a) - place for one, place in zip(stands, wanted, strict=True)]
         return np.concatenate([far, np.concatenate(near).ravel()])
 
-    other = least_squares(left, np.zeros(9), x_scale=[1e-3] * 6 + [1e-2] * 3, xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+    other = least_squares(residuals, np.zeros(9), x_scale=[1e-3] * 6 + [1e-2] * 3, xtol=1e-14, ftol=1e-14, gtol=1e-14).x
     R = (q0 * Rotation.from_mrp(other[6:])).inv().as_matrix()
     assert np.abs(other[3:6] + start.tip - found.tip).max() < 3e-5
     assert np.abs(-R @ (other[:3] + centre) - found.t).max() < 3e-4  # a metre from the origin
@@ -136,7 +136,7 @@ def test_the_jacobian_is_that_of_the_residuals() -> None:
 # what people mix up
 
 
-def mirrored(one: Touches) -> Touches:
+def mirror(one: Touches) -> Touches:
     return Touches(one.p * [-1, 1, 1], one.q * [1, -1, -1, 1])
 
 
@@ -145,7 +145,7 @@ MIXED_UP: dict[str, tuple[Callable[[Touches], Touches], str]] = {
     "centimetres": (lambda one: Touches(1e2 * one.p, one.q), "centimetres"),
     "inches": (lambda one: Touches(one.p / 0.0254, one.q), "inches"),
     "scaled": (lambda one: Touches(1.07 * one.p, one.q), r"out of scale: the marks appear 1\.0[67]\d* times"),
-    "left-handed": (mirrored, "left-handed.*send −x with the quaternion x −y −z w"),
+    "left-handed": (mirror, "left-handed.*send −x with the quaternion x −y −z w"),
     "w first": (lambda one: Touches(one.p, one.q[:, [3, 0, 1, 2]]), "w came first"),
     "inverse": (lambda one: Touches(one.p, one.q * [-1, -1, -1, 1]), "turned the other way"),
     "loose": (lambda one: Touches(one.p + 0.02 * np.sin(np.arange(len(one)))[:, None], one.q), "no tip fits"),
@@ -158,7 +158,7 @@ def test_what_people_mix_up_is_named(name: str, seed: int) -> None:
     change, told = MIXED_UP[name]
     _, touched = session(seed)
     with pytest.raises(CalibrationError, match=told):
-        frame_registration(changed(touched, change), OMNI)
+        frame_registration(change_touches(touched, change), OMNI)
 
 
 def test_marks_in_another_order_are_named() -> None:

@@ -14,7 +14,7 @@ NOBODY = Pose(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), False)
 START, SLOPE = np.array([1.0, -2.0, 0.5]), np.array([100.0, 300.0, -50.0])  #: [A], [A/s]
 
 
-def taken(history, t, currents_age, field_age, *, field=True, at=None):
+def take_sample(history, t, currents_age, field_age, *, field=True, at=None):
     """One sample of currents that rise steadily, its field full of its own time."""
     when = t - currents_age if at is None else at
     read = np.full((2, 3), t - field_age if field else np.nan)
@@ -32,7 +32,7 @@ def test_steady_change_is_followed_exactly_whatever_the_ages(steps):
     history, t = CurrentHistory(3, 2), 0.0
     for step, age, apart in steps:
         t += step
-        taken(history, t, age, max(age - apart, 0.0))
+        take_sample(history, t, age, max(age - apart, 0.0))
         if np.isfinite(history.field).all():
             assert history.field == pytest.approx(history.taken)
             assert history.currents == pytest.approx(START + SLOPE * history.taken)
@@ -41,7 +41,7 @@ def test_steady_change_is_followed_exactly_whatever_the_ages(steps):
 def test_each_field_is_told_once_and_a_tick_later():
     history, seen = CurrentHistory(3, 2), []
     for tick in range(6):
-        taken(history, 1e-3 * tick, 1.3e-3, 1e-3)
+        take_sample(history, 1e-3 * tick, 1.3e-3, 1e-3)
         seen.append(history.field[0, 0])
     assert np.isnan(seen[0])
     assert seen[1:] == pytest.approx([1e-3 * tick - 1e-3 for tick in range(5)])
@@ -49,24 +49,26 @@ def test_each_field_is_told_once_and_a_tick_later():
 
 def test_a_lost_answer_tells_nothing_and_the_field_goes_on_waiting():
     history = CurrentHistory(3, 2)
-    taken(history, 0.0, 1e-3, 0.7e-3)
-    taken(history, 1e-3, 2e-3, 1.7e-3, field=False)  # the same currents, a tick older
+    take_sample(history, 0.0, 1e-3, 0.7e-3)
+    take_sample(history, 1e-3, 2e-3, 1.7e-3, field=False)  # the same currents, a tick older
     assert np.isnan(history.field).all()
-    taken(history, 2e-3, 1e-3, 0.7e-3)
+    take_sample(history, 2e-3, 1e-3, 0.7e-3)
     assert history.taken == pytest.approx(-0.7e-3)
     assert history.currents == pytest.approx(START + SLOPE * history.taken)
 
 
 def test_after_a_pause_and_far_from_all_currents_nothing_is_told():
     history = CurrentHistory(3, 2)
-    taken(history, 0.0, 1e-3, 0.7e-3)
-    taken(history, 0.2, 1e-3, 0.7e-3)
+    take_sample(history, 0.0, 1e-3, 0.7e-3)
+    take_sample(history, 0.2, 1e-3, 0.7e-3)
     assert np.isnan(history.field).all()  # what flowed in a fifth of a second, nobody knows
-    taken(history, 0.201, 1e-3, 0.9e-3)
+    take_sample(history, 0.201, 1e-3, 0.9e-3)
     assert np.isfinite(history.field).all()
     history = CurrentHistory(3, 2)
     for tick in range(40):
-        taken(history, 1e-3 * tick, 1e-3, 30e-3)  # a field that waited on the board for longer than currents are kept
+        take_sample(
+            history, 1e-3 * tick, 1e-3, 30e-3
+        )  # a field that waited on the board for longer than currents are kept
         assert np.isnan(history.field).all()
 
 
@@ -86,10 +88,10 @@ def test_a_field_that_waited_on_the_board_has_the_currents_of_its_own_time():
 def test_doubt_is_that_of_a_change_and_fades():
     history = CurrentHistory(3, 2)
     for tick in range(3):
-        taken(history, 1e-3 * tick, 1e-3, 0.7e-3)
+        take_sample(history, 1e-3 * tick, 1e-3, 0.7e-3)
     assert history.doubt == pytest.approx(0.15e-3 * np.abs(SLOPE))
     for tick in range(3, 23):
-        taken(history, 1e-3 * tick, 1e-3, 0.7e-3, at=1.0)
+        take_sample(history, 1e-3 * tick, 1e-3, 0.7e-3, at=1.0)
     assert (history.doubt < 0.25 * 0.15e-3 * 1e3 * np.abs(SLOPE)).all()
 
 
@@ -97,19 +99,19 @@ def test_ages_that_make_a_measurement_seem_older_than_the_last_tell_nothing_new(
     """Ages are known to some tenths of a millisecond; the order in which answers come is not in doubt."""
     history = CurrentHistory(3, 2)
     for tick in range(3):
-        taken(history, 1e-3 * tick, 1e-3, 0.7e-3)
-    taken(history, 3e-3, 2.2e-3, 1.9e-3)
+        take_sample(history, 1e-3 * tick, 1e-3, 0.7e-3)
+    take_sample(history, 3e-3, 2.2e-3, 1.9e-3)
     assert np.isnan(history.field).all()
-    taken(history, 4e-3, 1e-3, 0.7e-3)
+    take_sample(history, 4e-3, 1e-3, 0.7e-3)
     assert history.currents == pytest.approx(START + SLOPE * history.taken)
 
 
 def test_a_clock_that_begins_anew_begins_anew():
     history = CurrentHistory(3, 2)
     for tick in range(3):
-        taken(history, 5.0 + 1e-3 * tick, 1e-3, 0.7e-3)
-    taken(history, 0.0, 1e-3, 0.7e-3)
+        take_sample(history, 5.0 + 1e-3 * tick, 1e-3, 0.7e-3)
+    take_sample(history, 0.0, 1e-3, 0.7e-3)
     assert np.isnan(history.field).all()
-    taken(history, 1e-3, 1e-3, 0.7e-3)
+    take_sample(history, 1e-3, 1e-3, 0.7e-3)
     assert history.taken == pytest.approx(-0.7e-3)
     assert history.currents == pytest.approx(START + SLOPE * history.taken)

@@ -13,7 +13,7 @@ from haptorb.sensing.tool.place_filter import (
 )
 
 
-def told(places, rate, bandwidth=100.0):
+def filter_places(places, rate, bandwidth=100.0):
     """(n, 3) places and velocities from `places` (n, 3) [m] measured at `rate` [Hz], and the filter."""
     belief = np.zeros(1, FILTER)[0]
     out, rates = np.empty_like(places), np.empty_like(places)
@@ -33,7 +33,7 @@ def told(places, rate, bandwidth=100.0):
 def test_three_decibels_at_the_bandwidth_at_every_rate(rate, bandwidth):
     t = np.arange(round(40 * rate / bandwidth)) / rate
     wave = np.sin(2 * np.pi * bandwidth * t)
-    late = told(np.column_stack([wave, wave, wave]), rate, bandwidth)[0][len(t) // 2 :, 0]
+    late = filter_places(np.column_stack([wave, wave, wave]), rate, bandwidth)[0][len(t) // 2 :, 0]
     basis = np.column_stack([np.sin(2 * np.pi * bandwidth * t), np.cos(2 * np.pi * bandwidth * t)])[len(t) // 2 :]
     gain = np.linalg.norm(np.linalg.lstsq(basis, late, rcond=None)[0])
     assert gain == pytest.approx(np.sqrt(0.5), rel=1e-3)
@@ -42,7 +42,7 @@ def test_three_decibels_at_the_bandwidth_at_every_rate(rate, bandwidth):
 @pytest.mark.parametrize("rate", [50.0, 150.0, 200.0])
 def test_a_loop_slower_than_twice_the_bandwidth_is_not_filtered(rate):
     places = np.random.default_rng(0).normal(size=(20, 3))
-    out, rates, _ = told(places, rate)
+    out, rates, _ = filter_places(places, rate)
     assert out == pytest.approx(places)
     assert rates[1:] == pytest.approx(np.diff(places, axis=0) * rate)
     assert noise_share(100.0, rate) == 1.0
@@ -50,12 +50,12 @@ def test_a_loop_slower_than_twice_the_bandwidth_is_not_filtered(rate):
 
 def test_a_steady_motion_is_not_late_and_a_step_is_overshot_by_a_seventh():
     steady = np.outer(np.arange(100) * 1e-3, (0.2, 0.0, -0.1))
-    out, rates, _ = told(steady, 1000.0)
+    out, rates, _ = filter_places(steady, 1000.0)
     assert out[60:] == pytest.approx(steady[60:], abs=1e-7)
     assert rates[60:] == pytest.approx(np.broadcast_to((0.2, 0.0, -0.1), (40, 3)), abs=1e-5)
     step = np.zeros((80, 3))
     step[10:] = 1.0
-    out = told(step, 1000.0)[0]
+    out = filter_places(step, 1000.0)[0]
     assert 1.10 < out.max() < 1.145
     assert out[60:] == pytest.approx(np.ones((20, 3)), abs=1e-4)
 
@@ -63,7 +63,7 @@ def test_a_steady_motion_is_not_late_and_a_step_is_overshot_by_a_seventh():
 @pytest.mark.parametrize(("rate", "bandwidth"), [(1000.0, 100.0), (4000.0, 100.0), (1000.0, 30.0)])
 def test_noise_is_averaged_as_the_formula_and_the_spread_say(rate, bandwidth):
     places = np.random.default_rng(1).normal(size=(20_000, 3))
-    out, rates, belief = told(places, rate, bandwidth)
+    out, rates, belief = filter_places(places, rate, bandwidth)
     assert np.std(out[200:]) == pytest.approx(noise_share(bandwidth, rate), rel=0.03)
     assert np.sqrt(belief["variance"]) == pytest.approx(noise_share(bandwidth, rate), rel=1e-6)
     assert np.std(rates[200:]) == pytest.approx(np.sqrt(belief["rate_variance"]), rel=0.03)

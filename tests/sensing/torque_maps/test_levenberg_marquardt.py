@@ -9,7 +9,7 @@ from haptorb.sensing.torque_maps.levenberg_marquardt import _normal_equations, f
 RNG = np.random.default_rng(0)
 
 
-def predicted(x, hidden, output):
+def predict(x, hidden, output):
     h = np.tanh(x @ hidden[:, :-1].T + hidden[:, -1])
     return h @ output[:, :-1].T + output[:, -1]
 
@@ -20,11 +20,11 @@ def test_normal_equations_are_those_of_the_jacobian():
     weights = np.concatenate([hidden.ravel(), output.ravel()])
 
     def at(w):
-        return predicted(x, w[:25].reshape(5, 5), w[25:].reshape(3, 6)).ravel()
+        return predict(x, w[:25].reshape(5, 5), w[25:].reshape(3, 6)).ravel()
 
     step = 1e-6
     J = np.stack([(at(weights + step * e) - at(weights - step * e)) / (2 * step) for e in np.eye(len(weights))], axis=1)
-    residual = y - predicted(x, hidden, output)
+    residual = y - predict(x, hidden, output)
     x1 = np.concatenate([x, np.ones((40, 1))], axis=1)
     h1 = np.concatenate([np.tanh(x1 @ hidden.T), np.ones((40, 1))], axis=1)
     normal, downhill = _normal_equations(x1, h1, output, residual)
@@ -35,7 +35,7 @@ def test_normal_equations_are_those_of_the_jacobian():
 def test_it_finds_a_network_that_was_hidden_in_the_data():
     x = RNG.standard_normal((600, 3))
     hidden, output = RNG.standard_normal((3, 4)), RNG.standard_normal((2, 4))
-    result = train_network(x, predicted(x, hidden, output), nodes=3, starts=6, iterations=200, seed=1)
+    result = train_network(x, predict(x, hidden, output), nodes=3, starts=6, iterations=200, seed=1)
     assert result.rms < 1e-6
 
 
@@ -60,7 +60,7 @@ def test_progress_is_told_and_reaches_the_end():
 def test_a_perfect_fit_ends_early():
     x = RNG.standard_normal((50, 2))
     hidden, output = RNG.standard_normal((3, 3)), RNG.standard_normal((1, 4))
-    _, _, course = fit_weights(x, predicted(x, hidden, output), hidden, output, iterations=30)
+    _, _, course = fit_weights(x, predict(x, hidden, output), hidden, output, iterations=30)
     assert len(course) < 5
 
 

@@ -52,7 +52,7 @@ def sample(motor, R, t=0.0, currents=None):
     return Sample(t, flowing, np.full(motor.channels, 293.0), field, NOBODY)
 
 
-def asked(torque_map, motor, R):
+def ask(torque_map, motor, R):
     """K of all coils at R (n, 3, 3)."""
     out, known = np.empty((len(R), 3, len(motor.electromagnets))), np.empty(len(motor.electromagnets))
     for number, field in enumerate(motor.sensor_field(R, "table")):
@@ -86,7 +86,7 @@ def test_a_coil_without_sensors_is_an_error(pmsm):
 
 def test_kernel_equals_the_networks_it_was_folded_from(pmsm, networks, maps):
     R = random_orientations(20, 2)
-    found = asked(maps["network"], pmsm, R)
+    found = ask(maps["network"], pmsm, R)
     field = pmsm.sensor_field(R, "table")
     for near, network in zip(neighbourhoods(pmsm), networks.networks, strict=True):
         for member in range(len(near.coils)):
@@ -108,7 +108,7 @@ def test_tanh_of_many_numbers_at_once():
 def test_error_over_the_workspace(pmsm, maps, name, least, most):
     R = random_orientations(300, 3)
     true = pmsm.torque_characteristic(R, "table")
-    error = np.sqrt(((asked(maps[name], pmsm, R) - true) ** 2).mean() / (true**2).mean())
+    error = np.sqrt(((ask(maps[name], pmsm, R) - true) ** 2).mean() / (true**2).mean())
     assert least < error < most
 
 
@@ -201,7 +201,7 @@ def test_a_network_file_tells_the_same_again(pmsm, networks, maps, tmp_path):
     assert (again.device, again.digest, again.reach) == (networks.device, networks.digest, networks.reach)
     assert again.record == networks.record
     R = random_orientations(3, 7)
-    np.testing.assert_array_equal(asked(NetworkTorque(pmsm, again), pmsm, R), asked(maps["network"], pmsm, R))
+    np.testing.assert_array_equal(ask(NetworkTorque(pmsm, again), pmsm, R), ask(maps["network"], pmsm, R))
     assert list(path.parent.iterdir()) == [path]  # nothing half written is left
 
 

@@ -19,13 +19,13 @@ UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 OFF = np.zeros(3)
 
 
-def held_still(**changes):
+def hold_still(**changes):
     """The Omni in a hand that does not yield, so that forces can be read at a known place."""
     hand = dataclasses.replace(OMNI.hand, stiffness=1e7, damping=1e4, turn_stiffness=1e4, turn_damping=10.0, **changes)
     return SimulatedElectromagnet(dataclasses.replace(OMNI, hand=hand))
 
 
-def settled(omni, duties, p, q=UPRIGHT, seconds=0.05):
+def settle(omni, duties, p, q=UPRIGHT, seconds=0.05):
     for _ in range(round(seconds / 1e-3)):
         omni.advance(1e-3, omni.quantise(duties), p, q)
     return omni.truth()
@@ -36,16 +36,16 @@ def settled(omni, duties, p, q=UPRIGHT, seconds=0.05):
 )
 def test_the_dipole_inverse_gives_too_much_and_the_core_pulls(distance, excess, pull):
     """Errata E16 and E18 as a user meets them: what is given against what a dipole controller asked for."""
-    omni, p = held_still(), np.array([0.0, 0.0, distance])
+    omni, p = hold_still(), np.array([0.0, 0.0, distance])
     omni.place(p, UPRIGHT)
-    passive = settled(omni, OFF, p)
+    passive = settle(omni, OFF, p)
     assert -1e3 * passive[2] == pytest.approx(pull, rel=0.02)
     state = omni.state()
     asked = np.array([0.0, 0.0, 0.1])
     matrix = OMNI.wrench_map(state, "published").matrix[:3]
     currents = np.linalg.solve(matrix, asked)
     duties = currents * OMNI.coils.resistance_at(omni.winding) / OMNI.supply.voltage
-    given = settled(omni, duties, p)
+    given = settle(omni, duties, p)
     true_currents = omni.currents
     modelled = matrix @ true_currents
     assert modelled[2] == pytest.approx(0.1, rel=0.01)  # the drive gives the currents
@@ -53,10 +53,10 @@ def test_the_dipole_inverse_gives_too_much_and_the_core_pulls(distance, excess, 
 
 
 def test_truth_is_the_devices_exact_wrench_map():
-    omni, q = held_still(), np.array([0.15, -0.1, 0.05, 1.0])
+    omni, q = hold_still(), np.array([0.15, -0.1, 0.05, 1.0])
     p = np.array([0.02, -0.01, 0.055])
     omni.place(p, q)
-    settled(omni, np.array([0.3, -0.2, 0.1]), p, q)
+    settle(omni, np.array([0.3, -0.2, 0.1]), p, q)
     exact = OMNI.wrench_map(omni.state(), "exact").wrench(omni.currents)
     assert np.allclose(omni.truth(), exact, rtol=0, atol=1e-3 * np.linalg.norm(exact[:3]))
 
@@ -79,7 +79,7 @@ def test_the_stylus_visibly_yields():
 def test_pressing_on_the_dome_the_tip_stays_outside():
     omni, goal = SimulatedElectromagnet(OMNI), np.array([0.0, 0.0, 0.045])
     omni.place((0, 0, 0.055), UPRIGHT)
-    settled(omni, OFF, goal, seconds=1.0)
+    settle(omni, OFF, goal, seconds=1.0)
     assert 0.0 < omni.depth < 1e-4
     assert omni.state().distance == pytest.approx(OMNI.contact_distance, abs=1e-4)
     assert np.abs(omni.state().v).max() < 1e-3
@@ -89,7 +89,7 @@ def test_let_go_it_falls_and_in_the_hand_it_does_not():
     loose, held = SimulatedElectromagnet(OMNI, held=False), SimulatedElectromagnet(OMNI)
     for omni in (loose, held):
         omni.place((0.3, 0, 0.3), UPRIGHT)
-        settled(omni, OFF, np.array([0.3, 0, 0.3]), seconds=0.1)
+        settle(omni, OFF, np.array([0.3, 0, 0.3]), seconds=0.1)
     assert loose.state().v[2] == pytest.approx(-0.980665, rel=1e-4)
     assert held.state().p == pytest.approx([0.3, 0, 0.3], abs=1e-5)
 
@@ -99,7 +99,7 @@ def test_a_moving_magnet_induces_currents_that_brake_it():
     omni = SimulatedElectromagnet(OMNI, held=False)
     omni.place((0, 0, 0.075), UPRIGHT)
     height, heat = omni.state().p[2], omni.winding.sum()
-    settled(omni, OFF, OFF, seconds=0.05)
+    settle(omni, OFF, OFF, seconds=0.05)
     assert omni.state().p[2] < height
     assert omni.currents[2] != 0.0
     assert omni.winding.sum() > heat
@@ -163,7 +163,7 @@ def test_the_same_seed_and_calls_give_the_same_bits():
 def test_reset_begins_again():
     omni = SimulatedElectromagnet(OMNI, seed=4)
     start, first = omni.state(), omni.sample(0.0, 0.0, True)
-    settled(omni, np.ones(3), np.array([0.01, 0, 0.05]), seconds=0.3)
+    settle(omni, np.ones(3), np.array([0.01, 0, 0.05]), seconds=0.3)
     omni.reset(4)
     again = omni.sample(0.0, 0.0, True)
     assert np.array_equal(omni.state().p, start.p)
@@ -179,7 +179,7 @@ def test_finer_steps_change_little():
     for step in (2.5e-4, 2.5e-5):
         omni = SimulatedElectromagnet(OMNI, step=step)
         omni.place((0.0, 0.0, 0.055), UPRIGHT)
-        settled(omni, np.array([0.1, 0.0, -0.2]), np.array([0.01, 0, 0.05]), seconds=0.4)
+        settle(omni, np.array([0.1, 0.0, -0.2]), np.array([0.01, 0, 0.05]), seconds=0.4)
         ends.append(np.concatenate([omni.state().p, omni.currents / 1e3]))
     assert np.abs(ends[0] - ends[1]).max() < 1e-4
 
@@ -207,7 +207,7 @@ def test_a_pose_is_the_trackers_word_and_stays_what_it_was():
     omni = SimulatedElectromagnet(OMNI)
     sample = omni.sample(1.0, 0.9, False)
     p = sample.pose.p.copy()
-    settled(omni, OFF, np.array([0.02, 0, 0.05]))
+    settle(omni, OFF, np.array([0.02, 0, 0.05]))
     assert (sample.t, sample.pose.t, sample.pose.valid) == (1.0, 0.9, False)
     assert np.array_equal(sample.pose.p, p)
     assert not np.array_equal(omni.state().p, p)

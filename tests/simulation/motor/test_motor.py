@@ -26,7 +26,7 @@ UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 DT = 1e-3
 
 
-def tilted(psi=0.0, lam=0.0, phi=0.0):
+def turn_of(psi=0.0, lam=0.0, phi=0.0):
     return Rotation.from_euler("XYZ", [psi, lam, phi], degrees=True).as_quat()
 
 
@@ -57,7 +57,7 @@ def go(motor, seconds, duties=OFF, goal=UPRIGHT):
 def test_a_free_rotor_keeps_energy_and_spin(w, angles):
     """Weight, regulator and stop only: all have potentials and turn about horizontal axes."""
     motor = frictionless()
-    motor.place(NOWHERE, tilted(*angles))
+    motor.place(NOWHERE, turn_of(*angles))
     motor.spin(w)
     energy, upright = motor.energy, motor.momentum[2]
     energies, momenta, touched = [], [], False
@@ -98,7 +98,7 @@ def test_it_rests_where_nothing_pushes_it_and_falls_where_no_regulator_holds_it(
     held = go(SimulatedMotor(PMSM, grasp=HANDLE_LOOSE), 0.5)
     assert held.state().R_SR[2, 2] == 1.0
     falling = SimulatedMotor(dataclasses.replace(PMSM, regulator=None), grasp=HANDLE_LOOSE)
-    falling.place(NOWHERE, tilted(lam=5.0))
+    falling.place(NOWHERE, turn_of(lam=5.0))
     go(falling, 3.0)
     tilt = np.degrees(np.arccos(falling.state().R_SR[2, 2]))
     assert tilt == pytest.approx(22.5, abs=0.2)  # on the end stop, which yields by a tenth of a degree
@@ -111,7 +111,7 @@ def test_dry_friction_holds_what_is_too_weak():
     motor = SimulatedMotor(PMSM, grasp=HANDLE_LOOSE)
     back = torque_over_sine(1.0, *PMSM.tilt_torque)
     small = np.degrees(0.5 * PMSM.rotor.dry_friction / abs(back))
-    motor.place(NOWHERE, tilted(lam=float(small)))
+    motor.place(NOWHERE, turn_of(lam=float(small)))
     before = motor.state().R_SR
     go(motor, 0.2)
     assert np.abs(motor.state().R_SR - before).max() < 1e-12
@@ -120,14 +120,14 @@ def test_dry_friction_holds_what_is_too_weak():
 def test_passive_torque_is_the_devices_own():
     motor = SimulatedMotor(PMSM, grasp=replace(PMSM.hand, stiffness=1e6, damping=1e3))
     for angles in ((10, 5, 40), (-20, 3, 0), (0, 0, 0), (7, -19, 123)):
-        q = tilted(*angles)
+        q = turn_of(*angles)
         motor.place(NOWHERE, q)
         motor.advance(DT, OFF, NOWHERE, q)
         assert motor.truth() == pytest.approx(PMSM.passive(motor.state().R_SR), abs=2e-5)
 
 
 def test_torque_is_the_characteristic_times_the_currents():
-    q = tilted(10, 5, 5)
+    q = turn_of(10, 5, 5)
     motor = SimulatedMotor(PMSM, grasp=replace(PMSM.hand, stiffness=1e6, damping=1e3))
     motor.place(NOWHERE, q)
     duties = 0.3 * np.sin(np.arange(12.0))
@@ -145,12 +145,12 @@ def test_one_look_up_of_the_characteristic_serves_a_tick(speed):
     0.001°, the same torque to 0.05 % of the greatest, while up to 1.1 N·m throw the rotor about at up to 12 rad/s."""
     whole, apart = SimulatedMotor(PMSM, seed=1), SimulatedMotor(PMSM, seed=1)
     for motor in (whole, apart):
-        motor.place(NOWHERE, tilted(5, -3, 10))
+        motor.place(NOWHERE, turn_of(5, -3, 10))
         motor.spin(speed * np.array([0.3, -0.2, 1.0]))
     turned, torques, fastest = [], [], 0.0
     for n in range(400):
         duties = 0.6 * np.sin(0.02 * n * np.arange(1, 13))
-        goal = tilted(11 * np.sin(4e-3 * speed * n), 11 * np.cos(3e-3 * speed * n), 0.057 * speed * n)
+        goal = turn_of(11 * np.sin(4e-3 * speed * n), 11 * np.cos(3e-3 * speed * n), 0.057 * speed * n)
         whole.advance(DT, duties, NOWHERE, goal)
         mean = np.zeros(6)
         for _ in range(4):
@@ -171,7 +171,7 @@ def test_the_coils_pay_for_what_the_rotor_gets():
     motor = SimulatedMotor(PMSM, grasp=HANDLE_LOOSE)
     for name in ("damping", "friction", "stop", "stop_damping"):
         motor._rotor[name] = 0.0
-    motor.place(NOWHERE, tilted(3, -4, 10))
+    motor.place(NOWHERE, turn_of(3, -4, 10))
     duties = np.where(np.arange(12) % 3 == 0, 0.08, -0.05)
     start = motor.energy
     supplied = heated = 0.0
@@ -193,7 +193,7 @@ def test_the_hand_leads_and_yields():
     """Mass, spring and damper: at rest the handle stands off by torque over stiffness."""
     grasp = PMSM.hand
     motor = SimulatedMotor(PMSM, grasp=grasp)
-    go(motor, 1.5, OFF, tilted(lam=10.0))
+    go(motor, 1.5, OFF, turn_of(lam=10.0))
     off = 10.0 - np.degrees(Rotation.from_matrix(motor.state().R_SR).as_euler("XYZ")[1])
     back = -motor.truth()[4]
     rub = PMSM.rotor.dry_friction
@@ -204,7 +204,7 @@ def test_the_hand_leads_and_yields():
 @given(st.tuples(*[st.floats(-180, 180)] * 3), st.lists(st.floats(-1, 1), min_size=12, max_size=12))
 def test_no_hand_and_no_current_brings_it_out_of_its_workspace(angles, duties):
     motor = SimulatedMotor(PMSM)
-    go(motor, 0.3, np.array(duties), tilted(*angles))
+    go(motor, 0.3, np.array(duties), turn_of(*angles))
     tilt = np.degrees(np.arccos(motor.state().R_SR[2, 2]))
     assert tilt < 22.5 + 6.0  # a hand that wants it 180° away leans 13 N·m on a stop of 200 N·m/rad
     assert np.isfinite(motor.state().R_SR).all()
@@ -212,7 +212,7 @@ def test_no_hand_and_no_current_brings_it_out_of_its_workspace(angles, duties):
 
 def test_the_sensors_read_magnets_and_coils():
     motor = SimulatedMotor(PMSM, seed=3, quality=HallQuality(0.0, 0.0, 0.0))
-    q = tilted(8, -6, 20)
+    q = turn_of(8, -6, 20)
     go(motor, 0.05, np.full(12, 0.1), q)
     sample = motor.sample(0.05, 0.05, True)
     R = motor.state().R_SR
@@ -229,7 +229,7 @@ def test_sensors_fail_as_they_are_told():
     motor.fail([4], "dead")
     motor.fail([5], "saturated")
     motor.fail([6], "stuck")
-    motor.place(NOWHERE, tilted(lam=15.0))
+    motor.place(NOWHERE, turn_of(lam=15.0))
     seen = motor.sample(0, 0, True).field
     frames = PMSM.sensor_layout.frames
     assert np.abs(seen[4]).max() < 1e-3
@@ -246,19 +246,19 @@ def test_sensors_fail_as_they_are_told():
 def test_the_same_seed_gives_the_same_bits():
     def course(seed):
         motor = SimulatedMotor(PMSM, seed=seed, magnet_spread=0.01)
-        go(motor, 0.02, np.full(12, 0.2), tilted(lam=10.0))
+        go(motor, 0.02, np.full(12, 0.2), turn_of(lam=10.0))
         return motor.sample(0.0, 0.0, True).field.tobytes()
 
     one = SimulatedMotor(PMSM, seed=5, magnet_spread=0.01)
     go(one, 0.1, np.full(12, -0.2))
     one.reset(7)
-    go(one, 0.02, np.full(12, 0.2), tilted(lam=10.0))
+    go(one, 0.02, np.full(12, 0.2), turn_of(lam=10.0))
     assert one.sample(0.0, 0.0, True).field.tobytes() == course(7) != course(8)
 
 
 def test_magnets_of_uneven_strength_give_another_torque():
     def torque(spread):
-        q = tilted(10, 5, 5)
+        q = turn_of(10, 5, 5)
         motor = SimulatedMotor(PMSM, seed=1, grasp=replace(PMSM.hand, stiffness=1e6, damping=1e3), magnet_spread=spread)
         motor.place(NOWHERE, q)
         go(motor, 0.03, 0.2 * np.cos(np.arange(12.0)), q)
@@ -269,7 +269,7 @@ def test_magnets_of_uneven_strength_give_another_torque():
 
 def test_what_is_no_number_changes_nothing():
     motor = SimulatedMotor(PMSM)
-    go(motor, 0.05, OFF, tilted(lam=10.0))
+    go(motor, 0.05, OFF, turn_of(lam=10.0))
     go(motor, 0.3, motor.quantise(np.full(12, np.nan)), np.full(4, np.nan))
     assert not motor.quantise(np.full(12, np.nan)).any()
     assert np.degrees(Rotation.from_matrix(motor.state().R_SR).as_euler("XYZ")[1]) > 5.0

@@ -23,18 +23,18 @@ def test_the_generator_is_the_published_one():
     """The first outputs of xoshiro256++ from state (1, 2, 3, 4), by whole-number arithmetic."""
     mask, s, words = (1 << 64) - 1, [1, 2, 3, 4], []
 
-    def rotated(x, k):
+    def rotate(x, k):
         return ((x << k) | (x >> (64 - k))) & mask
 
     for _ in range(4):
-        words.append((rotated((s[0] + s[3]) & mask, 23) + s[0]) & mask)
+        words.append((rotate((s[0] + s[3]) & mask, 23) + s[0]) & mask)
         t = (s[1] << 17) & mask
         s[2] ^= s[0]
         s[3] ^= s[1]
         s[1] ^= s[2]
         s[0] ^= s[3]
         s[2] ^= t
-        s[3] = rotated(s[3], 45)
+        s[3] = rotate(s[3], 45)
     assert words[0] == 41943041
     u = [((word >> 11) + 1) / 2**53 for word in words]
     expected = []

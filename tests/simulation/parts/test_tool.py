@@ -38,14 +38,14 @@ def tool_at(p, turn=(0.0, 0.0, 0.0), v=(0.0, 0.0, 0.0), w=(0.0, 0.0, 0.0), *, gr
     return tool
 
 
-def turned(tool):
+def turn_with(tool):
     R = np.empty((3, 3))
     matrix(tool["q"], R)
     return R
 
 
 def step(tool, dt=DT):
-    R, wrench, turn = turned(tool), np.zeros(6), np.zeros(3)
+    R, wrench, turn = turn_with(tool), np.zeros(6), np.zeros(3)
     depth = contact(tool, R, dt, wrench)
     rotation_left(tool["q"], tool["goal_q"], turn)
     move(tool, R, turn, wrench, dt)
@@ -53,19 +53,19 @@ def step(tool, dt=DT):
 
 
 def kinetic(tool):
-    w = turned(tool).T @ tool["w"]
+    w = turn_with(tool).T @ tool["w"]
     return 0.5 * tool["mass"] * tool["v"] @ tool["v"] + 0.5 * INERTIA @ w**2
 
 
 def touching(tool):
     """Depth of the shaft's nearest point in the dome, found by brute force."""
     s = np.linspace(-TIP, TAIL, 20001)
-    return RADIUS - np.linalg.norm(tool["p"] + s[:, None] * turned(tool)[:, 2], axis=1).min()
+    return RADIUS - np.linalg.norm(tool["p"] + s[:, None] * turn_with(tool)[:, 2], axis=1).min()
 
 
 @given(triples)
 def test_matrix_is_scipys(turn):
-    assert np.allclose(turned(tool_at((0, 0, 1), turn)), Rotation.from_rotvec(turn).as_matrix(), atol=1e-14)
+    assert np.allclose(turn_with(tool_at((0, 0, 1), turn)), Rotation.from_rotvec(turn).as_matrix(), atol=1e-14)
 
 
 @given(st.tuples(*[st.floats(-2, 2)] * 3), st.tuples(*[st.floats(-2, 2)] * 3), st.sampled_from([-1.0, 1.0]))
@@ -89,11 +89,11 @@ def test_free_fall():
 
 def test_spinning_freely_keeps_angular_momentum_and_energy():
     tool = tool_at((0, 0, 2.0), (0.3, 0.1, 0), w=(3.0, 5.0, 40.0))
-    momentum = turned(tool) @ (INERTIA * (turned(tool).T @ tool["w"]))
+    momentum = turn_with(tool) @ (INERTIA * (turn_with(tool).T @ tool["w"]))
     energy = kinetic(tool)
     for _ in range(4000):
         step(tool, dt=DT / 10)
-    after = turned(tool) @ (INERTIA * (turned(tool).T @ tool["w"]))
+    after = turn_with(tool) @ (INERTIA * (turn_with(tool).T @ tool["w"]))
     assert np.linalg.norm(after - momentum) < 2e-2 * np.linalg.norm(momentum)
     assert kinetic(tool) == pytest.approx(energy, rel=2e-2)
     assert np.linalg.norm(tool["q"]) == pytest.approx(1.0, abs=1e-12)
@@ -143,7 +143,7 @@ def test_friction_stops_a_slide_and_does_not_turn_it_round():
     speeds = []
     for _ in range(1000):
         step(tool)
-        tip = tool["v"] + np.cross(tool["w"], -TIP * turned(tool)[:, 2])
+        tip = tool["v"] + np.cross(tool["w"], -TIP * turn_with(tool)[:, 2])
         speeds.append(tip[0])
     assert speeds[0] > 0.0
     assert np.abs(speeds[-200:]).max() < 2e-3
@@ -153,7 +153,7 @@ def test_friction_stops_a_slide_and_does_not_turn_it_round():
 @given(st.floats(1e-5, 0.3), st.floats(1e-5, 1e-3), st.floats(0.1, 20.0))
 def test_however_rough_friction_only_stops(speed, depth, friction):
     tool, wrench = tool_at((0, 0, 0.05 - depth), v=(speed, 0, 0), dome={"friction": friction}), np.zeros(6)
-    contact(tool, turned(tool), DT, wrench)
+    contact(tool, turn_with(tool), DT, wrench)
     pushed = np.array([wrench[0], 0, 0]) / MASS, np.array([0, wrench[4] / INERTIA[1], 0])
     tip = speed + DT * (pushed[0] + np.cross(pushed[1], [0, 0, -TIP]))[0]
     assert wrench[0] < 0.0
@@ -170,7 +170,7 @@ def test_the_dome_never_pulls():
 def test_the_nearest_point_of_the_shaft_touches(place, turn):
     p = np.array(place) * 0.04 + (0, 0, 0.03)
     tool, wrench = tool_at(p, 3 * np.array(turn), dome=SLICK), np.zeros(6)
-    depth = contact(tool, turned(tool), DT, wrench)
+    depth = contact(tool, turn_with(tool), DT, wrench)
     expected = max(touching(tool), 0.0)
     assert depth == pytest.approx(expected, abs=2e-8)
     if expected > 1e-6:

@@ -27,7 +27,7 @@ def frame_along(axis):
     return np.array([x, np.cross(z, x), z])
 
 
-def printed_force(rp, summit, d_min, me0, theta1, theta2, d_max, m_p):
+def paper_force(rp, summit, d_min, me0, theta1, theta2, d_max, m_p):
     """Fig. 3, calc_F, in the summit's frame, with the argument of E13 and F_t along the e_t of E12."""
     to_summit = frame_along(np.asarray(summit, float))
     local = to_summit @ rp
@@ -44,7 +44,7 @@ def printed_force(rp, summit, d_min, me0, theta1, theta2, d_max, m_p):
     return to_summit.T @ (Fr * e_r + Ft * e_t)
 
 
-def printed_moment(rp, force, m_p):
+def paper_moment(rp, force, m_p):
     """Fig. 3, calc_Me, with the 1/m_p that E14 adds: m_e in the tool's frame is (1, 1, −1/2) · F, scaled."""
     to_tool = frame_along(rp)
     d = np.linalg.norm(rp)
@@ -71,7 +71,7 @@ def test_the_map_is_the_printed_algorithm_corrected(alpha, azimuth, d, tilt, bea
         return  # on the very edge of a cut-off, or where e_t does not exist, both readings are right
     if abs(d - dome.reach) < 1e-12:
         return
-    wanted = printed_force(rp, summit, 0.050, me0, np.radians(theta1), np.radians(theta1 + extra), 0.070, 2.406)
+    wanted = paper_force(rp, summit, 0.050, me0, np.radians(theta1), np.radians(theta1 + extra), 0.070, 2.406)
     got = dome.wrench(State.at(rp))
     assert np.allclose(got[:3], wanted, atol=1e-7)
     assert not got[3:].any()
@@ -87,7 +87,7 @@ def test_the_printed_inverse_with_its_tool_moment_gives_the_dipole_force_back():
         rp *= 0.05 / np.linalg.norm(rp)
         rp[2] = abs(rp[2])
         force = dome.wrench(State.at(rp))[:3]
-        moment = printed_moment(rp, force, omni.tool.moment)
+        moment = paper_moment(rp, force, omni.tool.moment)
         currents = np.linalg.solve(omni.moment_per_current, moment)
         assert np.allclose(omni.wrench_map(State.at(rp), "published").force @ currents, force, atol=1e-9)
 

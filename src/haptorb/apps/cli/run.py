@@ -130,7 +130,7 @@ def _run_without_console(servo: Servo, standby: PrestartedProcess, duration: flo
             number = int(signal.SIGINT)
         except _Termination:
             number = int(signal.SIGTERM)
-        _report(servo, json)
+    _report(servo, json)
     return number
 
 
@@ -157,7 +157,7 @@ def _run_with_console(
         with tell_missing_pose(servo):
             number = console.serve(open_browser=browser, until=look)
         servo.check()  # a servo that died says why, and the exit code says that it did
-        _report(servo, json)
+    _report(servo, json)
     return number or 0
 
 

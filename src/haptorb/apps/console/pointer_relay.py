@@ -10,7 +10,8 @@ before the page's own worker drops the pose, and what the worker may be silent b
 allows a quarter of a second at most; then the pose expires (`limits.expiry`), the guard fades the force out within
 50 ms and trips. A simulated one can hurt nobody, and no tracker has failed: it allows a second, and then the simulated
 hand lets go and is back at its rest within 1.5 s, without a trip. A page that goes away in the middle of a drag lets
-the pose expire with either.
+the pose expire with either. This process too may wait for a processor: the simulated hand stays where it is for 0.3 s
+without a word from here.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ class Patience(NamedTuple):
 PATIENCE = Patience(page=0.25, worker=0.15)
 PATIENCE_SIMULATED = Patience(page=1.0, worker=1.0)
 
+_STARVATION = 0.3  #: what a simulated hand bridges while this process has no processor [s]
 #: how close the row's goal must be to the page's to be its answer [m]: float32 on the way
 _SAME = 1e-6
 #: a hand that was let go for so long is at rest [s]
@@ -59,6 +61,7 @@ class PointerRelay:
     def __init__(self, servo: RunningServo) -> None:
         self._servo = servo
         self._simulated, self._grace = servo.driver == "sim", patience_for(servo.driver).worker
+        self._patience = _STARVATION if self._simulated else 0.0
         self._last: tuple[Array, Array | None, float] | None = None  # what is held, and when it was last said
         self._rested = 0.0  # when it was let go
         self._resting: tuple[Array, Array | None] | None = None
@@ -68,7 +71,7 @@ class PointerRelay:
 
     def point(self, pointer: Pointer) -> None:
         """The page's pointer moved, or was let go at `pointer.p`."""
-        self._servo.point(pointer.p, pointer.q)
+        self._servo.point(pointer.p, pointer.q, patience=self._patience)
         self.held = pointer.held
         self._resting = None if pointer.held else (pointer.p, pointer.q)
         if not pointer.held:
@@ -80,10 +83,10 @@ class PointerRelay:
     def keep(self) -> None:
         """Refresh a hand at rest, or one whose page stutters; to be called well within the device's expiry."""
         if self._resting is not None:
-            self._servo.point(*self._resting)
+            self._servo.point(*self._resting, patience=self._patience)
         elif self._last is not None:
             if time.monotonic() - self._last[2] < self._grace:  # safety: pointer-bridged
-                self._servo.point(self._last[0], self._last[1])
+                self._servo.point(self._last[0], self._last[1], patience=self._patience)
             else:
                 self.drop()
 

@@ -97,8 +97,9 @@ class RunningServo(Protocol):
         """All rows (n, width) since `cursor`, and the cursor after them."""
         ...
 
-    def point(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
-        """The hand wants the mover at `p`; worth nothing after the device's expiry."""
+    def point(self, p: ArrayLike, q: ArrayLike | None = None, *, patience: float = 0.0) -> None:
+        """The hand wants the mover at `p`; worth nothing after the device's expiry, and `patience` [s] longer where
+        the hand is simulated."""
         ...
 
     def release(self) -> None:

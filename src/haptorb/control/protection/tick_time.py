@@ -19,10 +19,11 @@ _GAP = 0.025  #: missed time that one gap counts at most [s]: one pause of the c
 BUCKETS = 8  #: of the window
 
 #: period and elapsed [s]; time of the last tick [s], NaN before the first; silence [s] that restarts the ramp; bucket:
-#: number of the one that is filled now; overrun and restart: what the last tick found; missed: time in each bucket [s]
+#: number of the one that is filled now; overrun and restart: what the last tick found; excused: the next tick's
+#: lateness does not count as missed time; missed: time in each bucket [s]
 CLOCK = fields(
     ("period", "f8"), ("elapsed", "f8"), ("time", "f8"), ("silence", "f8"), ("bucket", "f8"), ("overrun", "?"),
-    ("restart", "?"), ("missed", "f8", (BUCKETS,)),
+    ("restart", "?"), ("excused", "?"), ("missed", "f8", (BUCKETS,)),
 )  # fmt: skip
 
 
@@ -49,7 +50,7 @@ def advance_clock(c: Record, now: float) -> float:
     """A tick begins at `now` [s] on the loop's clock; returns the time since the last one [s].
 
     c is one CLOCK: `restart` tells that the loop was silent for longer than a device's watchdog waits, `overrun` that
-    within the last 0.2 s fewer than 80 % of the deadlines were met.
+    within the last 0.2 s fewer than 80 % of the deadlines were met, those aside that are `excused`.
     """
     elapsed = now - c.time
     if not np.isfinite(elapsed):
@@ -62,12 +63,13 @@ def advance_clock(c: Record, now: float) -> float:
             c.missed[int(bucket - i) % BUCKETS] = 0.0
         c.bucket = bucket
     late = elapsed - c.period
-    if late > 0.5 * c.period and np.isfinite(bucket):
+    if late > 0.5 * c.period and np.isfinite(bucket) and not c.excused:
         c.missed[int(bucket) % BUCKETS] += min(late, _GAP)
     total = 0.0
     for i in range(BUCKETS):
         total += c.missed[i]
     c.overrun = total > (1.0 - _SHARE) * _WINDOW + 0.5 * c.period
+    c.excused = False
     c.restart = elapsed > c.silence
     c.elapsed = elapsed
     c.time = now

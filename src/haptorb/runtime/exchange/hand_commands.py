@@ -18,6 +18,8 @@ from haptorb.runtime.trackers.tracker_registry import has_feed
 
 __all__ = ["HandCommands"]
 
+_MOST_PATIENT = 1.0  #: a hand without a word for longer is lost, even a simulated one [s]
+
 
 class HandCommands(ABC):
     """The pointer of `device`, in memory that the loop reads. The newest of `point`, `hold`, `follow` and `release`
@@ -43,21 +45,24 @@ class HandCommands(ABC):
             raise ServoError("the servo was not started: use `with haptorb.Servo(...) as servo:`")
         return self._memory_or_none
 
-    def point(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
+    def point(self, p: ArrayLike, q: ArrayLike | None = None, *, patience: float = 0.0) -> None:
         """The hand wants the tool's magnet at `p` (3,) [m], turned to `q` (4,) (x, y, z, w); None: its axis radial.
 
         Of a motor only the turn counts: `q`, or a place `p` towards which the handle is to point.
         It must be said again within the device's `limits.expiry`, else the pose counts as lost; `hold` and `follow`
-        do that by themselves.
+        do that by themselves. A simulated hand stays there `patience` [s] longer, 1 s at most: for a program that may
+        be kept from the processor. A real tool's pose is as old as its last word, whatever the patience.
 
         Raises InputError for another shape, a number that is not finite, a place more than 1 m from the device's
-        centre, or a quaternion of zeros; ServoError before the start.
+        centre, a quaternion of zeros, or a patience beyond 0 to 1 s; ServoError before the start.
         """
         place, turn = check_pose(p, q, self._farthest)
+        if not 0.0 <= patience <= _MOST_PATIENT:
+            raise InputError(f"patience must be between 0 and {_MOST_PATIENT:g} s; got {patience:g}")
         memory = self._memory
         with self._speaking:
             self._forget_keeper()
-            memory.pointer.write(True, place, turn, monotonic())
+            memory.pointer.write(True, place, turn, monotonic(), patience)
 
     def hold(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
         """The simulated hand stays at `p` (3,) [m], turned to `q` (4,), until `release` or another word of the hand.

@@ -68,8 +68,8 @@ class Word(IntEnum):
     CLUTCH = 21  #: 0: as it is, 1: engaged, 2: let go
     MODEL = 22  #: 0: as it is, else number of the device's model from 1 on
     COOL = 23  #: count: simulated coils at the ambient temperature
-    POINTER = 24  #: and the nine after it
-    SCALE = 34  #: 0: as it is, else the scale of a motor's torques, in millionths
+    POINTER = 24  #: and the ten after it
+    SCALE = 35  #: 0: as it is, else the scale of a motor's torques, in millionths
     # servo → host
     PID = 40
     PHASE = 41
@@ -82,6 +82,7 @@ class Word(IntEnum):
     PEAK = 48  #: float: greatest force on the mover [N]
     WORLD = 49  #: changes of the world
     PEAK_TORQUE = 50  #: float: greatest torque on the mover [N·m]
+    FIRST_CALL = 51  #: monotonic clock at which the first call of a user's world began [ns]; 0: none runs
     # recorder → host
     RECORDER = 56  #: a Phase
     WRITTEN = 57  #: rows that are in the file, whatever happens to the recorder

@@ -23,6 +23,7 @@ class PointerState(NamedTuple):
     p: Array  #: (3,) [m], frame S
     q: Array  #: (4,) quaternion (x, y, z, w) of R_SR
     stamp: float  #: the computer's monotonic clock when it was said [s]
+    patience: float = 0.0  #: how long a simulated hand stays there without another word [s]
 
 
 class PointerSource(ABC):
@@ -63,12 +64,23 @@ class PointerTracker(Tracker):
         self._rest = guide.at(guide.duration)
 
     def goal(self, now: float) -> Goal:
-        """The goal at `now` [s] on the loop's clock."""
+        """The goal of a simulated hand at `now` [s] on the loop's clock; while its word is patient, as fresh as now."""
+        goal, patience = self._find(now)
+        if not patience:
+            return goal
+        return Goal(goal.p, goal.q, max(goal.stamp, min(now, goal.stamp + patience)), goal.held)
+
+    def pose(self, now: float) -> Pose:
+        """The pointer as the pose of a real tool: believed only while a person holds it, and as old as its word."""
+        return self._pose(self._find(now)[0], now)
+
+    def _find(self, now: float) -> tuple[Goal, float]:
+        """The goal, as old as its word, and that word's patience [s]."""
         if self._source is not None:
             pointed = self._source.read_pointer()
             if pointed.held:
                 self._last, self._released = (pointed.p, pointed.q), now
-                return Goal(pointed.p, pointed.q, pointed.stamp - self.origin, True)
+                return Goal(pointed.p, pointed.q, pointed.stamp - self.origin, True), pointed.patience
         guide, since = self._guide, now - self._released
         if since >= (guide.duration if self._last is None else _RELEASE):
             p, q = self._rest
@@ -77,8 +89,4 @@ class PointerTracker(Tracker):
         else:
             s = min(since / _RELEASE, 1.0)
             p, q = guide.pose_on_return(*self._last, s * s * s * (10.0 + s * (6.0 * s - 15.0)))
-        return Goal(p, q, now, False)
-
-    def pose(self, now: float) -> Pose:
-        """The pointer as the pose of a real tool: believed only while a person holds it."""
-        return self._pose(self.goal(now), now)
+        return Goal(p, q, now, False), 0.0

@@ -12,25 +12,28 @@ from haptorb.runtime.pointer.pointer import PointerSource, PointerState
 
 __all__ = ["WORDS", "PointerBlock"]
 
-WORDS = 10  #: sequence, held, p (3), q (4), stamp
+WORDS = 11  #: sequence, held, p (3), q (4), stamp, patience
 
 
 @final
 class PointerBlock(PointerSource):
-    """Ten words at `at`, seen both as integers and as floats."""
+    """Eleven words at `at`, seen both as integers and as floats."""
 
     def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
         self._words = SeqlockWords(words, floats, at, WORDS)
         self._pointed = PointerState(False, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), 0.0)
 
-    def write(self, held: bool, p: Array, q: Array, stamp: float) -> None:
-        """Say where the pointer is, `p` (3,) [m] and `q` (4,) (x, y, z, w), at `stamp` [s]; for the one writer."""
-        self._words.write(held, (*p.tolist(), *q.tolist(), stamp))
+    def write(self, held: bool, p: Array, q: Array, stamp: float, patience: float = 0.0) -> None:
+        """Say where the pointer is, `p` (3,) [m] and `q` (4,) (x, y, z, w), at `stamp` [s]; for the one writer.
+
+        A simulated hand stays there for `patience` [s] without another word.
+        """
+        self._words.write(held, (*p.tolist(), *q.tolist(), stamp, patience))
 
     def read_pointer(self) -> PointerState:
         """The pointer as last written completely; if it is being written just now, the one before."""
         news = self._words.news()
         if news is not None:
             held, n = news
-            self._pointed = PointerState(held, np.array(n[:3]), np.array(n[3:7]), n[7])
+            self._pointed = PointerState(held, np.array(n[:3]), np.array(n[3:7]), n[7], n[8])
         return self._pointed

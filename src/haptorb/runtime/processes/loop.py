@@ -118,8 +118,12 @@ class Loop:
         words[Word.ORIGIN] = schedule.origin
         words[Word.PHASE] = Phase.RUNNING
         while True:
-            chain.prepare(clock.sleep())
+            following = schedule.time(schedule.deadline(schedule.number + 1))
+            deadline = clock.sleep()
+            chain.prepare(deadline)
             now, lateness, skipped = clock.wait()
+            if skipped and deadline == following:  # the last tick ended in time
+                chain.excuse_lateness()
             if self.told_by or words[Word.QUIT]:
                 return None
             if skipped * period > _STANDSTILL:  # whoever held up this loop held up the host's heart as well

@@ -21,6 +21,7 @@ from contextlib import redirect_stdout, suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from time import monotonic_ns
 from types import FrameType
 
 from haptorb import worlds
@@ -43,7 +44,7 @@ from haptorb.runtime.realtime.parent_death import die_with_parent, end_group, is
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.trackers.feed_tracker import FeedTracker
 from haptorb.runtime.trackers.tracker import Tracker
-from haptorb.worlds.own.failure import keep_source
+from haptorb.worlds.own.failure import keep_source, try_world
 from haptorb.worlds.world import World
 
 __all__ = ["main"]
@@ -155,6 +156,13 @@ def _rehearse(plan: plans.Plan, shared: SharedMemory) -> None:
     Then one tick of every world of the catalogue: who chooses another while the loop runs must not wait for its code,
     and neither must the coils.
     """
+    for own in (plan.world, *plan.own_worlds.values()):
+        if type(own) in worlds.CATALOGUE.values():
+            continue
+        shared.words[Word.FIRST_CALL] = monotonic_ns()  # the host ends one that does not return
+        with suppress(HaptorbError):  # said in the first tick, with its place
+            try_world(own, plan.device)
+        shared.words[Word.FIRST_CALL] = 0
     chain = plan.practice(PointerTracker())
     row = shared.layout.empty()
     with chain.driver:

@@ -32,12 +32,17 @@ _STUCK = 1.0  #: without a tick the servo is told that it is stuck [s]
 _HUNG = 1.5  #: and so long without one it is killed [s]
 _STALLED = 1.0  #: without a look for rows the recorder is said to stand still [s]
 _START = 180.0  #: the first start on a machine compiles the kernels [s]
+_FIRST_CALL = 20.0  #: a world that compiles code of its own may take long, once [s]
 _USUAL = 3.0  #: a start with compiled code; who needs longer has it compiled by two [s]
 _FINISH = 1.5  #: to end as told before a signal is sent [s]
 _DRAIN = 20.0  #: for the recorder to write what it has [s]
 _HANG = (
     "world '{}' hangs: the last tick began {:.1f} s ago and did not end; the process was killed. A world must "
     "return from every call at once, and must not catch every exception"
+)
+_ENDLESS = (
+    "world '{}' has not returned from its first call for {:g} s; the process was ended. A world must return from every "
+    "call at once"
 )
 _STALL = (
     "the recorder has not written for {:.1f} s, and rows that it does not fetch in time are lost; check for a full or "
@@ -119,6 +124,8 @@ class ProcessGroup:
             self.check()
             if trouble := self.tracker_trouble:
                 raise DriverError(trouble)
+            if (first := words[Word.FIRST_CALL]) and monotonic_ns() - first > 1e9 * _FIRST_CALL:
+                raise ServoError(_ENDLESS.format(self._shared.world_now(), _FIRST_CALL))
             if monotonic() > start + _START:
                 raise ServoError(f"the servo did not start within {_START:g} s")
             if self._compiler is None and self._compiling_since(start):

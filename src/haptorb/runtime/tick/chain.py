@@ -40,6 +40,9 @@ class Chain(Protocol):
     def linkage(self) -> Joining:
         """What joins the mover to the world's object."""
 
+    def excuse_lateness(self) -> None:
+        """The next step is late because the computer woke the loop too late, not because a step took too long."""
+
     def prepare(self, now: float) -> None:
         """The tick at `now` [s] is near: do what need not wait for it."""
 

@@ -144,6 +144,11 @@ class Tick:
             self.driver.cool()
             self.protection.restart_heat()
 
+    def excuse_lateness(self) -> None:
+        """The computer woke the loop too late. A simulated device does not trip for that; a real one may."""
+        if self.driver.simulated:  # safety: excuse-simulated
+            self.protection.excuse_lateness()
+
     def prepare(self, now: float) -> None:
         """Let the driver do what it can before the tick at `now` [s]."""
         t0 = perf_counter()

@@ -44,7 +44,7 @@ def sat(study: Study, place: Path, code: str, driver: str | None, most: int = 10
             sitting.answer(Answer(value, (0.0, 0.0, 0.05), 1.0), driver=driver)
 
 
-def printed(analysis: Analysis) -> str:
+def text_of(analysis: Analysis) -> str:
     told = StringIO()
     console = make_console()
     console.file, console.width = told, 120
@@ -59,7 +59,7 @@ def test_a_single_participant_gives_no_nan(procedure: str, most: int, tmp_path: 
     sat(study, tmp_path / "s.db", "P01", "sim", most)
     found = analysis_of(tmp_path / "s.db")
     drawn = [text.get_text() for figure in figures(found).values() for text in figure.findobj(Text)]
-    for told in (page(found, NO_IMAGES), printed(found), *drawn):
+    for told in (page(found, NO_IMAGES), text_of(found), *drawn):
         assert not re.search(r"\b(nan|inf)\b", str(told), re.IGNORECASE)
     json.dumps(found.numbers(), allow_nan=False)
 
@@ -75,7 +75,7 @@ def test_a_simulated_device_is_named_on_every_page_and_figure(identify: Study, t
     drawn = figures(found)
     assert len(drawn) == 3
     assert all(figure.get_supxlabel() == found.origin for figure in drawn.values())
-    assert found.origin in " ".join(printed(found).split())
+    assert found.origin in " ".join(text_of(found).split())
 
 
 @pytest.mark.parametrize(
@@ -109,4 +109,4 @@ def test_a_mean_threshold_leaves_out_whoever_has_none(tmp_path: Path) -> None:
         sat(study, tmp_path / "s.db", code, "sim")
     found = analysis_of(tmp_path / "s.db")
     assert all(math.isnan(value) for people in found.thresholds.values() for value in people.values())
-    assert "mean" not in printed(found)
+    assert "mean" not in text_of(found)

@@ -26,7 +26,7 @@ HERE = (0.0, 0.0, 0.05)
 ROOT = Path(__file__).resolve().parents[4]
 
 
-def killed(folder: Path, kills: int, *, forked: bool = False) -> dict[str, Any]:
+def kill_sessions(folder: Path, kills: int, *, forked: bool = False) -> dict[str, Any]:
     """What benchmarks/safety/study_kill.py finds."""
     spec = importlib.util.spec_from_file_location("study_kill", ROOT / "benchmarks" / "safety" / "study_kill.py")
     assert spec is not None
@@ -234,12 +234,12 @@ def test_a_step_that_fails_leaves_the_older_schema_as_it_was(tmp_path: Path, mon
 
     whole = migrations.STEPS[1]
 
-    def broken(connection: Connection) -> None:
+    def fail(connection: Connection) -> None:
         whole(connection)
         connection.exec_driver_sql("SELECT * FROM there_is_no_such_table")
 
     with monkeypatch.context() as changed:
-        changed.setattr(migrations, "STEPS", {1: broken})
+        changed.setattr(migrations, "STEPS", {1: fail})
         with pytest.raises(RecordingError, match="there_is_no_such_table"):
             database(tmp_path / "s.db")
     with sqlite3.connect(tmp_path / "s.db") as raw:
@@ -316,7 +316,7 @@ def test_simulated_participants_are_asked_nothing_in_words(tmp_path: Path) -> No
 
 
 def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
-    found = killed(tmp_path, 10, forked=True)
+    found = kill_sessions(tmp_path, 10, forked=True)
     assert (found["kills"], found["lost"], found["doubled"]) == (10, 0, 0)
     assert found["in_the_middle"] > 0
 
@@ -324,6 +324,6 @@ def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_200_times_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
-    found = killed(tmp_path, 200)
+    found = kill_sessions(tmp_path, 200)
     assert (found["kills"], found["lost"], found["doubled"]) == (200, 0, 0)
     assert found["resume_s_median"] < 5.0

@@ -24,7 +24,7 @@ from haptorb.runtime.row import RowLayout
 pytestmark = pytest.mark.realtime
 
 
-class Kept:
+class MemoryStream:
     """An outlet that keeps what it is given."""
 
     def __init__(self) -> None:
@@ -58,7 +58,7 @@ class Rows:
 
 
 def test_every_tick_is_sent_once_with_its_own_time() -> None:
-    markers, pose, servo = Kept(), Kept(), Rows()
+    markers, pose, servo = MemoryStream(), MemoryStream(), Rows()
     streams = Streams(markers, pose, offset=5.0)
     for count in (3, 3, 10, 400):
         servo.count = count
@@ -82,8 +82,8 @@ def test_markers_tell_a_session_in_its_order(identify: Study, tmp_path: Path) ->
     assert spec.loader is not None
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
-    servo, markers, now = module.FakeServo(), Kept(), [0.0]
-    streams = Streams(markers, Kept(), offset=0.0)
+    servo, markers, now = module.FakeServo(), MemoryStream(), [0.0]
+    streams = Streams(markers, MemoryStream(), offset=0.0)
     with StoredSession(database(tmp_path / "s.db"), identify, "P01") as sitting:
         conduct = TrialRunner(sitting, TrialDevice(identify, servo), None, streams.mark, clock=lambda: now[0])
         servo.trip(module.Trip.OVERHEATED)

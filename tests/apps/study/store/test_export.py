@@ -40,7 +40,7 @@ def read(path: Path, separator: str) -> list[dict[str, str]]:
         return list(csv.DictReader(file, delimiter=separator))
 
 
-def listed(folder: Path) -> dict[str, bytes]:
+def list_files(folder: Path) -> dict[str, bytes]:
     """Every file under `folder` with its content."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
@@ -103,9 +103,9 @@ def test_a_csv_export_is_written_whole_or_not_at_all(
     (folder / there).write_text("mine")
     with pytest.raises(RecordingError, match=rf"{there} exists.*overwrite=True"):
         write_csv(identify, columns, folder / "t.csv", replies=REPLIES)
-    assert listed(folder) == {there: b"mine"}
+    assert list_files(folder) == {there: b"mine"}
     write_csv(identify, columns, folder / "t.csv", overwrite=True, replies=REPLIES)
-    assert set(listed(folder)) == {"t.csv", "t.json", "t-questions.csv"}
+    assert set(list_files(folder)) == {"t.csv", "t.json", "t-questions.csv"}
 
 
 def test_a_disk_that_fills_while_the_last_file_is_moved_leaves_all_as_it_was(
@@ -126,7 +126,7 @@ def test_a_disk_that_fills_while_the_last_file_is_moved_leaves_all_as_it_was(
         changed.setattr(os, "replace", fail)
         with pytest.raises(RecordingError, match="No space left"):
             write_csv(identify, columns, folder / "t.csv", overwrite=True, replies=REPLIES)
-    assert listed(folder) == {"t.csv": b"mine", "t-questions.csv": b"mine too"}
+    assert list_files(folder) == {"t.csv": b"mine", "t-questions.csv": b"mine too"}
 
 
 def test_a_folder_that_is_no_export_is_never_replaced(identify: Study, columns: Columns, tmp_path: Path) -> None:
@@ -139,10 +139,10 @@ def test_a_folder_that_is_no_export_is_never_replaced(identify: Study, columns: 
     write_bids(identify, columns, home, overwrite=True)
     assert (home / "README").read_text(encoding="utf-8") != "changed"
     (home / "dataset_description.json").write_text('{"GeneratedBy": [{"Name": "fMRIPrep"}]}')
-    before = listed(home)
+    before = list_files(home)
     with pytest.raises(RecordingError, match="no export of haptorb"):
         write_bids(identify, columns, home, overwrite=True)
-    assert listed(home) == before
+    assert list_files(home) == before
     (tmp_path / "file").write_text("mine")
     with pytest.raises(RecordingError, match="is a file"):
         write_bids(identify, columns, tmp_path / "file", overwrite=True)
@@ -152,11 +152,11 @@ def test_a_bids_folder_that_cannot_be_finished_leaves_the_old_one(
     identify: Study, columns: Columns, tmp_path: Path
 ) -> None:
     folder = write_bids(identify, columns, tmp_path / "bids")
-    before = listed(tmp_path)
+    before = list_files(tmp_path)
     broken = {name: values for name, values in columns.items() if name != "answer"}
     with pytest.raises(KeyError):
         write_bids(identify, broken, folder, overwrite=True)
-    assert listed(tmp_path) == before
+    assert list_files(tmp_path) == before
 
 
 def test_the_command_counts_trials_lists_codes_and_names_force(

@@ -47,17 +47,17 @@ def server() -> Iterator[str]:
             os.chown(folder, user.pw_uid, user.pw_gid)
         environment = {"PATH": os.environ["PATH"], "LC_ALL": "C.UTF-8", "HOME": str(folder)}
         init = [programs / "initdb", "-D", folder / "data", "-U", "study", "-A", "trust", "-E", "UTF8", "--no-sync"]
-        _done(init, folder, environment, who)
+        _run_checked(init, folder, environment, who)
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             port = free.getsockname()[1]
         options = f"-c listen_addresses=127.0.0.1 -c port={port} -c unix_socket_directories={folder}"
         control = [programs / "pg_ctl", "-D", folder / "data", "-w", "-t", "60", "-l", folder / "log"]
-        _done([*control, "-o", options, "start"], folder, environment, who)
+        _run_checked([*control, "-o", options, "start"], folder, environment, who)
         try:
             yield f"postgresql://study@127.0.0.1:{port}/postgres"
         finally:
-            _done([*control, "-m", "immediate", "stop"], folder, environment, who)
+            _run_checked([*control, "-m", "immediate", "stop"], folder, environment, who)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -74,7 +74,7 @@ def _user() -> pwd.struct_passwd | None:
     return None
 
 
-def _done(command: list[object], folder: Path, environment: dict[str, str], who: dict[str, object]) -> None:
+def _run_checked(command: list[object], folder: Path, environment: dict[str, str], who: dict[str, object]) -> None:
     # Not through pipes: the server inherits them, and reading them would last as long as it does.
     with (folder / "said").open("wb") as said:
         ran = subprocess.run(

@@ -131,7 +131,7 @@ def test_open_names_what_is_missing() -> None:
     assert one.pwm.duties().tolist() == [0, 0, 0]
 
 
-class Warned:
+class WarningLog:
     """A guardian that goes as soon as it is told to, and can be gone."""
 
     def __init__(self) -> None:
@@ -154,20 +154,20 @@ class Warned:
         return True
 
 
-class Watched(Port):
+class PortWatch(Port):
     """Simulated chips and guardians of ours."""
 
     name = "i2c:watched"
 
     def __init__(self, bus: I2cBus) -> None:
         self.bus = bus
-        self.guardians: list[Warned] = []
+        self.guardians: list[WarningLog] = []
 
     def open(self) -> I2cBus:
         return self.bus
 
     def watcher(self) -> Watchdog:
-        self.guardians.append(Warned())
+        self.guardians.append(WarningLog())
         return self.guardians[-1]
 
     def close(self) -> None:
@@ -176,7 +176,7 @@ class Watched(Port):
 
 def test_a_guardian_that_has_gone_means_no_current_until_there_is_another() -> None:
     bench = Bench()
-    port = Watched(bench.bus)
+    port = PortWatch(bench.bus)
     bench.driver = I2cDriver(load("omni"), port, thermometers=Thermometers, clock=lambda: bench.bus.now)
     with bench.driver:
         bench.tick(SOME)
@@ -192,7 +192,7 @@ def test_a_guardian_that_has_gone_means_no_current_until_there_is_another() -> N
         assert bench.pwm.duties() == pytest.approx(SOME, abs=1e-3)
 
 
-def watched(patience: float) -> tuple[int, list[float], threading.Thread, list[bool]]:
+def start_watch(patience: float) -> tuple[int, list[float], threading.Thread, list[bool]]:
     read, write = os.pipe()
     off: list[float] = []
     ended: list[bool] = []
@@ -202,7 +202,7 @@ def watched(patience: float) -> tuple[int, list[float], threading.Thread, list[b
 
 
 def test_guardian_switches_off_when_the_program_ends() -> None:
-    write, off, thread, ended = watched(60.0)
+    write, off, thread, ended = start_watch(60.0)
     os.write(write, b"1")
     os.close(write)
     thread.join(10)
@@ -211,7 +211,7 @@ def test_guardian_switches_off_when_the_program_ends() -> None:
 
 
 def test_guardian_switches_off_when_the_program_hangs_and_is_not_talked_out_of_it() -> None:
-    write, off, thread, ended = watched(0.05)
+    write, off, thread, ended = start_watch(0.05)
     os.write(write, b"1")
     thread.join(10)
     assert len(off) == 1
@@ -222,7 +222,7 @@ def test_guardian_switches_off_when_the_program_hangs_and_is_not_talked_out_of_i
 
 
 def test_guardian_is_patient_while_nothing_is_engaged() -> None:
-    write, off, thread, _ = watched(0.02)
+    write, off, thread, _ = start_watch(0.02)
     os.write(write, b"10")
     time.sleep(0.15)
     assert off == []

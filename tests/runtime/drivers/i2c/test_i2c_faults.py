@@ -249,13 +249,13 @@ def test_a_real_guardian_that_stops_or_dies_is_noticed(
     port.end()
 
 
-def wired(script: ModuleType, **told: object) -> tuple[I2cDriver, object, TCA9534]:
+def wire(script: ModuleType, **told: object) -> tuple[I2cDriver, object, TCA9534]:
     bus = script.FaultyBus()
     expander = next(chip for chip in bus.chips.chips if isinstance(chip, TCA9534))
     return I2cDriver(load("omni"), bus, thermometers=Thermometers, clock=lambda: bus.now, **told), bus, expander
 
 
-def tied_low(bus: object, chip: TCA9534) -> None:
+def tie_low(bus: object, chip: TCA9534) -> None:
     bus.pwm.oe = chip.wired[3] = lambda: False
 
 
@@ -282,7 +282,7 @@ def _monostable(chip: TCA9534) -> object:
 @pytest.mark.parametrize(
     ("fault", "told"),
     [
-        (tied_low, "low although nothing triggers"),
+        (tie_low, "low although nothing triggers"),
         (no_trigger, "does not stay low"),
         (too_long, "low although nothing triggers|still low 30 ms after"),
         (too_short, "holds for 5.* ms, not"),
@@ -290,20 +290,20 @@ def _monostable(chip: TCA9534) -> object:
     ],
 )
 def test_without_a_working_monostable_it_does_not_open(script: ModuleType, fault: object, told: str) -> None:
-    driver, bus, chip = wired(script)
+    driver, bus, chip = wire(script)
     fault(bus, chip)
     with pytest.raises(DriverError, match=told) as refused:
         driver.open()
     assert bus.zero
     assert "--no-watchdog" in str(refused.value) or fault is too_short
-    driver, bus, chip = wired(script, watchdog=False)
+    driver, bus, chip = wire(script, watchdog=False)
     fault(bus, chip)
     driver.open()
     driver.close()
 
 
 def test_a_monostable_that_was_bridged_later_is_noticed_when_engaging(script: ModuleType) -> None:
-    driver, bus, chip = wired(script)
+    driver, bus, chip = wire(script)
     driver.open()
     bus.chips.chips[1].present = False
     driver.read(bus.now)
@@ -311,7 +311,7 @@ def test_a_monostable_that_was_bridged_later_is_noticed_when_engaging(script: Mo
     with pytest.raises(DriverError, match="does not answer"):
         driver.read(bus.now)
     bus.chips.chips[1].present = True
-    tied_low(bus, chip)
+    tie_low(bus, chip)
     with pytest.raises(DriverError, match="low although nothing triggers"):
         driver.engage()
     assert driver.write(SOME).tolist() == [0, 0, 0]

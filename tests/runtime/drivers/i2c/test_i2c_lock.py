@@ -97,7 +97,7 @@ def test_what_the_file_says_is_not_trusted(tmp_path: Path, text: str) -> None:
     one.close()
 
 
-def removed(path: Path) -> None:
+def remove(path: Path) -> None:
     path.unlink()
 
 
@@ -106,7 +106,7 @@ def another(path: Path) -> None:
     path.write_text("")
 
 
-@pytest.mark.parametrize("deed", [removed, another])
+@pytest.mark.parametrize("deed", [remove, another])
 def test_a_file_that_was_removed_is_no_lock(tmp_path: Path, deed: Callable[[Path], None]) -> None:
     """Who holds what no longer has a name excludes nobody: the next one gets a file of its own, and holds that."""
     first = lock(tmp_path)
@@ -152,7 +152,7 @@ def test_a_link_in_its_place_is_refused(tmp_path: Path) -> None:
 def test_two_drivers_do_not_share_a_bus(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first drives, the second is refused by name before it has sent anything."""
     chips, pwm, _, _ = ChipBus.of_device()
-    monkeypatch.setattr(i2c_chips, "LinuxBus", lambda number: _Borrowed(chips))
+    monkeypatch.setattr(i2c_chips, "LinuxBus", lambda number: _BorrowedBus(chips))
     monkeypatch.setattr(i2c_chips, "device_number", lambda number: BUS)
     monkeypatch.setattr(i2c_chips, "BusLock", lambda bus, address, name: BusLock(bus, address, name, tmp_path))
     monkeypatch.setattr(
@@ -175,7 +175,7 @@ def test_two_drivers_do_not_share_a_bus(tmp_path: Path, monkeypatch: pytest.Monk
         second.write(np.array([0.25, 0.0, 0.0]))
 
 
-class _Borrowed:
+class _BorrowedBus:
     def __init__(self, chips: ChipBus) -> None:
         self.transfer = chips.transfer
 

@@ -31,10 +31,10 @@ pytestmark = pytest.mark.realtime
     ],
 )
 def test_a_port_that_cannot_be_opened_is_explained(number: int, told: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refused(*arguments: object, **named: object) -> None:
+    def refuse(*arguments: object, **named: object) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(serial_port, "_serial", lambda: refused)
+    monkeypatch.setattr(serial_port, "_serial", lambda: refuse)
     monkeypatch.setattr(serial_port, "port_list", lambda: [("/dev/ttyACM7", "Arduino")])
     with pytest.raises(DriverError, match=told):
         serial_port.SerialPort("/dev/ttyACM0")
