@@ -2,10 +2,10 @@
 
     python benchmarks/supply_power.py [--wrenches N]
 
-The Omni with its exact and its published model, where the file's 360 W hold; and the motor of Bai 2012 with 6 W, because
-its file has no limit. Poses are random over the shell and over all orientations, wrenches random in direction and up to
-twice what one coil can give. Power is Σ R i² with every winding at its stop temperature. Exit code 1 if any is above the
-limit, or turned away from the wrench by more than 10⁻⁶ of it.
+The Omni with its exact and its published model, where the file's limit holds; and the motor of Bai 2012 with 6 W, as
+its file has none. Poses are random over the shell and over all orientations, wrenches random in direction and about up
+to twice what one coil can give. Power is Σ R i² with every winding at its stop temperature. Exit code 1 if any is above
+the limit, or turned away from the wrench by more than 10⁻⁶ of it.
 """
 
 from __future__ import annotations
@@ -79,9 +79,8 @@ def main() -> int:
         "omni, published": (omni, tool_maps(omni, "published", draw), force_allocator(omni), 0),
         "pmsm, table, 6 W": (weak, rotor_maps(weak, "table", draw), torque_allocator(weak), 3),
     }
-    print(
-        f"{'case':18} {'wrenches':>9} {'power/limit':>14} {'direction':>10} {'free':>8} {'current':>8} {'power':>8} {'s':>6}"
-    )
+    heads = f"{'free':>8} {'current':>8} {'power':>8} {'s':>6}"
+    print(f"{'case':18} {'wrenches':>9} {'power/limit':>14} {'direction':>10} {heads}")
     for seed, (name, (device, maps, allocator, part)) in enumerate(cases.items()):
         start = perf_counter()
         most, drift, reasons = try_case(device, maps, allocator, part, each, seed)

@@ -19,7 +19,7 @@ networks = st.builds(
 )  # fmt: skip
 
 
-def integrated(coil, to_core, core_capacity, t, power, start, coefficient=0.0):
+def integrate(coil, to_core, core_capacity, t, power, start, coefficient=0.0):
     """The rises at t by a general-purpose integrator, written from the equations coil by coil."""
     m = len(to_core)
 
@@ -44,7 +44,7 @@ def test_step_and_course_are_those_of_the_equations(to_core, core, t, seed):
     draw, m = np.random.default_rng(seed), len(to_core)
     power, start = draw.uniform(0, 100, m), draw.uniform(0, 50, 2 * m + 1)
     network = ThermalNetwork.of_coils(COIL, to_core, core)
-    truth = integrated(COIL, to_core, core, t, power, start)
+    truth = integrate(COIL, to_core, core, t, power, start)
     assert np.allclose(network.step(t) @ [*start, *power], truth, rtol=1e-6, atol=1e-6)
     assert np.allclose(network.rise(t, power, start), truth, rtol=1e-6, atol=1e-6)
     out = np.empty(2 * m + 1)
@@ -86,9 +86,9 @@ def test_the_time_to_a_limit_is_when_the_course_gets_there(power, coefficient):
     network = ThermalNetwork.of_coils(COIL, to_core, 50.0)
     drive = "current" if coefficient else "power"
     t = network.time_to(40.0, power, start, drive=drive, coefficient=coefficient)
-    truth = integrated(COIL, to_core, 50.0, t, np.array(power), start, coefficient)
+    truth = integrate(COIL, to_core, 50.0, t, np.array(power), start, coefficient)
     assert truth[:3].max() == pytest.approx(40.0, abs=1e-5)
-    before = integrated(COIL, to_core, 50.0, 0.99 * t, np.array(power), start, coefficient)
+    before = integrate(COIL, to_core, 50.0, 0.99 * t, np.array(power), start, coefficient)
     assert before[:3].max() < 40.0
 
 

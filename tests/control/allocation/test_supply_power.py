@@ -19,7 +19,7 @@ OMNI, PMSM = load("omni"), load("pmsm")
 WEAK = replace(PMSM, supply=replace(PMSM.supply, power=6.0))
 
 
-def hot(device):
+def hot_resistance(device):
     return device.coils.resistance_at(np.full(device.channels, device.coils.heat.stop))
 
 
@@ -39,7 +39,7 @@ def random_maps(draw, device, count):
 @pytest.mark.parametrize(("device", "make", "part"), [(OMNI, force_allocator, 0), (WEAK, torque_allocator, 3)])
 def test_never_above_the_limit_and_along_the_wrench(device, make, part):
     """10⁴ random wrenches, many of them beyond every limit (`benchmarks/supply_power.py`: 10⁶)."""
-    draw, allocator, resistance = np.random.default_rng(1), make(device), hot(device)
+    draw, allocator, resistance = np.random.default_rng(1), make(device), hot_resistance(device)
     reasons = dict.fromkeys(Saturation, 0)
     for known in random_maps(draw, device, 100):
         strength = np.linalg.norm(known.matrix[part : part + 3], axis=0).max() * device.coils.current_limit[0]

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from haptorb.devices.loader import load
 from haptorb.simulation.electromagnet.true_heat import COILS, NODES, draw_network, fill_step
-from haptorb.simulation.parts.coils import chop, coil_step, cold_coils, coupled_coil_step
+from haptorb.simulation.parts.coils import chop, coil_step, cold_coils, network_coil_step
 
 OMNI = load("omni")
 _H = OMNI.coils.heat
@@ -88,7 +88,7 @@ def warm(device, duties, dt, steps, network=None):
     fill_step(network or device.coils.heat.network(3), dt, step)
     state["duty"] = duties
     for _ in range(steps):
-        core = coupled_coil_step(state, step, core, dt)
+        core = network_coil_step(state, step, core, dt)
     return state, core
 
 

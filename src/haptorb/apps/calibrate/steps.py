@@ -177,7 +177,7 @@ class HeatStep(Step):
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
         """What it stands for ever, one coil alone and all together."""
-        heat = _measured_heat(result).apply(device)
+        heat = _read_heat(result).apply(device)
         rise_per_watt = heat.network(device.channels).rise_per_watt
         rise = heat.derate - heat.ambient
         watts = f"{rise / rise_per_watt.diagonal().max():.1f} W continuous"
@@ -229,7 +229,7 @@ def calibration_of(
 ) -> Calibration:
     """The file's content; `heat` from elsewhere stands where the step was not taken."""
     if "heat" in results:
-        heat = _measured_heat(results["heat"])
+        heat = _read_heat(results["heat"])
     ambient, resistance = results["rest"]["temperatures_k"], results["currents"]["resistance_ohm"]
     return compose_calibration(
         device, np.array(ambient), np.array(resistance), _magnetic(results["magnetic"]), heat, simulated
@@ -241,7 +241,7 @@ def schedule_of(device: SphericalElectromagnet, levels: int, repeats: int) -> Ar
     return excitation(device, levels=levels, repeats=repeats)
 
 
-def _measured_heat(result: Mapping[str, Any]) -> MeasuredHeat:
+def _read_heat(result: Mapping[str, Any]) -> MeasuredHeat:
     names = ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air")
     coupling = None
     if "core_capacity" in result:

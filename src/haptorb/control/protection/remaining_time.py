@@ -27,12 +27,12 @@ def remaining_time(h: Record, coils: Records) -> float:
             return 0.0
         coupled = coupled or coils[j].to_core > 0.0
     if coupled or h.tolerance > 0.0:
-        return _together(h, coils)
-    return _alone(h, coils)
+        return _step_ahead(h, coils)
+    return _solve_single(h, coils)
 
 
 @kernel
-def _together(h: Record, coils: Records) -> float:
+def _step_ahead(h: Record, coils: Records) -> float:
     """The time for coils that warm each other, or whose values have a tolerance: steps that grow with the time.
 
     Each is implicit, and as in the observer's steps what leaves a node counts with the smallest conductance, what
@@ -99,7 +99,7 @@ def _find_core(h: Record, coils: Records, core: float, dt: float) -> float:
 
 
 @kernel
-def _alone(h: Record, coils: Records) -> float:
+def _solve_single(h: Record, coils: Records) -> float:
     """The time for coils that do not warm each other, with exact values: two nodes each, in closed form.
 
     Warm copper takes more power from the same current, which makes the two-node equations no less linear: only the

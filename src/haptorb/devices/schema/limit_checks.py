@@ -35,8 +35,8 @@ def list_limit_mistakes(coils: Coils, supply: Supply, limits: Limits, force: flo
     most = _greatest_power(coils, supply)
     if _WRONG_UNIT * supply.power < most:
         found.append(
-            f"supply.power is {supply.power:g} W, but one coil at its current limit takes {most:.3g} W: the coils would "
-            "never get warm; is its unit right?"
+            f"supply.power is {supply.power:g} W, but one coil at its current limit takes {most:.3g} W; "
+            "is its unit right?"
         )
     heat = coils.heat
     alike: dict[str, list[str]] = {}

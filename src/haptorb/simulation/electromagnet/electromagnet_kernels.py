@@ -11,7 +11,7 @@ from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.charged_ring import dipole_on_charges
 from haptorb.simulation.electromagnet.sensors import SENSES
 from haptorb.simulation.electromagnet.true_heat import COILS, NODES
-from haptorb.simulation.parts.coils import coupled_coil_step
+from haptorb.simulation.parts.coils import network_coil_step
 from haptorb.simulation.parts.hand import rotation_left
 from haptorb.simulation.parts.tool import TOOL, contact, matrix, move
 
@@ -80,7 +80,7 @@ def advance(
             for i in range(3):
                 emf += per_current[3 + i, k] * tool.w[i]
             coils[k].emf = emf
-        e.core = coupled_coil_step(coils, e.heat, e.core, dt)
+        e.core = network_coil_step(coils, e.heat, e.core, dt)
         for i in range(6):
             given[i] = passive[i]
             for k in range(count):

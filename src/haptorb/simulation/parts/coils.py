@@ -16,7 +16,7 @@ from haptorb.numerics.compiled import kernel
 from haptorb.physics.thermal import heat_step
 from haptorb.physics.thermal_network import network_step
 
-__all__ = ["COIL", "chop", "coil_step", "cold_coils", "coupled_coil_step"]
+__all__ = ["COIL", "chop", "coil_step", "cold_coils", "network_coil_step"]
 
 #: Of each coil: what does not change about it, and how it is now.
 COIL = fields(
@@ -84,7 +84,7 @@ def coil_step(coils: Records, heat: Array, dt: float) -> None:
 
 
 @kernel
-def coupled_coil_step(coils: Records, heat: Array, core: float, dt: float) -> float:
+def network_coil_step(coils: Records, heat: Array, core: float, dt: float) -> float:
     """Advance `coils`, (m,) COIL, by `dt` [s] under their duties and emf; the core's temperature after it [K].
 
     heat (2 m + 1, 3 m + 1) is the step of a `ThermalNetwork` of windings, bodies and a core, which is at `core` [K].

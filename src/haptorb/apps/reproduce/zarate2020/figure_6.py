@@ -22,7 +22,7 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.sensing.calibration.thermal_identification import ThermalIdentification, thermal_identification
 from haptorb.simulation.electromagnet.true_heat import COILS, NODES, fill_step
-from haptorb.simulation.parts.coils import cold_coils, coupled_coil_step
+from haptorb.simulation.parts.coils import cold_coils, network_coil_step
 
 __all__ = ["ThermalCourse", "heating_course", "items"]
 
@@ -67,7 +67,7 @@ def heating_course(
         before = float(one["winding"][0]), float(one["body"][0])
         edge = before[1] + device.thermometer_noise * rng.normal()
         for _ in range(every):
-            core = coupled_coil_step(state, heat, core, _STEP)
+            core = network_coil_step(state, heat, core, _STEP)
             readings.append(_read(float(one["current"][0]), supply.current_noise, supply.current_step, rng))
         i = float(np.mean(readings))
         resistance = supply.voltage * duty / i if duties[coil] else np.nan
