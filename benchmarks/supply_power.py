@@ -2,7 +2,7 @@
 
     python benchmarks/supply_power.py [--wrenches N]
 
-The Omni with its exact and its published model, where the file's limit holds; and the motor of Bai 2012 with 6 W, as
+The Omni with its exact and its published model, where the file's limit holds; and the motor of Bai 2012 with 300 W, as
 its file has none. Poses are random over the shell and over all orientations, wrenches random in direction and about up
 to twice what one coil can give. Power is Σ R i² with every winding at its stop temperature. Exit code 1 if any is above
 the limit, or turned away from the wrench by more than 10⁻⁶ of it.
@@ -72,12 +72,12 @@ def main() -> int:
     parser.add_argument("--wrenches", type=int, default=1_000_000, help="in all")
     each = max(PER_POSE, parser.parse_args().wrenches // 3)
     omni, pmsm = load("omni"), load("pmsm")
-    weak = replace(pmsm, supply=replace(pmsm.supply, power=6.0))
+    weak = replace(pmsm, supply=replace(pmsm.supply, power=300.0))
     draw, well = np.random.default_rng(0), True
     cases = {
         "omni, exact": (omni, tool_maps(omni, "exact", draw), force_allocator(omni), 0),
         "omni, published": (omni, tool_maps(omni, "published", draw), force_allocator(omni), 0),
-        "pmsm, table, 6 W": (weak, rotor_maps(weak, "table", draw), torque_allocator(weak), 3),
+        "pmsm, table, 300 W": (weak, rotor_maps(weak, "table", draw), torque_allocator(weak), 3),
     }
     heads = f"{'free':>8} {'current':>8} {'power':>8} {'s':>6}"
     print(f"{'case':18} {'wrenches':>9} {'power/limit':>14} {'direction':>10} {heads}")

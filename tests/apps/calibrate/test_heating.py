@@ -15,9 +15,11 @@ from haptorb.apps.calibrate.measure import DriverSession
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, DriverError, HostSilent
 from haptorb.runtime.drivers.driver import Driver
+from haptorb.simulation.electromagnet.true_heat import draw_network
 
 OMNI: Any = load("omni")
-COURSE = HeatingSchedule(heating=90.0, cooling=60.0)
+COURSE = HeatingSchedule(heating=45.0, cooling=30.0)
+COLD = OMNI.coils.resistance_at(np.full(3, OMNI.coils.heat.ambient))
 TRIPPED = "the firmware switched the coils off: a test wanted it"
 
 
@@ -59,18 +61,19 @@ class Hesitant(Driver):
 
 def identify_with(driver: Hesitant) -> Any:
     with driver:
-        return identify_heat(DriverSession(OMNI, driver, driver.pace), OMNI, OMNI.coils.resistance, COURSE)
+        return identify_heat(DriverSession(OMNI, driver, driver.pace), OMNI, COLD, COURSE)
 
 
 def test_seconds_that_were_lost_do_not_spoil_the_record() -> None:
-    trips = (0.55, 7.3, 8.9, 21.35, 40.0, 89.95, 101.5, 180.2, 301.5)
+    """What follows from the values, the steady rise of each winding per watt in each, is the simulated coils'."""
+    trips = (0.55, 7.3, 8.9, 21.35, 40.0, 89.95, 101.5, 130.2, 150.2)
+    true = draw_network(OMNI).rise_per_watt
     whole, torn = identify_with(Hesitant(())), identify_with(driver := Hesitant(trips))
     assert (whole.lost, torn.lost, driver.engaged) == (0, len(trips), len(trips))
-    for name in ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air"):
-        assert getattr(torn.found.model, name) == pytest.approx(getattr(whole.found.model, name), rel=0.1)
-        assert getattr(whole.found.model, name) == pytest.approx(getattr(OMNI.coils.heat, name), rel=0.25)
-    assert whole.found.coupling.winding_to_core == pytest.approx(OMNI.coils.heat.coupling.winding_to_core, rel=0.25)
-    assert torn.found.model.body_to_air == pytest.approx(OMNI.coils.heat.body_to_air, rel=0.25)
+    assert whole.found.network.rise_per_watt == pytest.approx(true, rel=0.2)
+    assert torn.found.network.rise_per_watt == pytest.approx(whole.found.network.rise_per_watt, rel=0.1)
+    for name in ("winding_capacity", "winding_to_body"):
+        assert getattr(torn.found.model, name) == pytest.approx(getattr(OMNI.coils.heat, name), rel=0.25)
     assert torn.found.residual < 2 * whole.found.residual + 0.1
 
 
@@ -82,8 +85,8 @@ def test_any_other_trip_ends_the_step() -> None:
 
 
 def test_a_record_that_is_mostly_pauses_is_refused() -> None:
-    with pytest.raises(CalibrationError, match=r"too busy: 67 of .* s of readings are lost"):
-        identify_with(Hesitant(np.arange(1.0, 320.0, 2.5)))
+    with pytest.raises(CalibrationError, match=r"too busy: 34 of .* s of readings are lost"):
+        identify_with(Hesitant(np.arange(1.0, 160.0, 2.5)))
 
 
 @pytest.mark.parametrize(
@@ -111,11 +114,11 @@ def test_coils_that_do_not_warm_each_other_need_one_record_only() -> None:
     """As before there were couplings: the first coil alone, and two nodes."""
     heat = replace(OMNI.coils.heat, coupling=None)
     device = replace(OMNI, coils=replace(OMNI.coils, heat=heat))
-    assert COURSE.seconds(device) == 150.0 < COURSE.seconds(OMNI) == 330.0
+    assert COURSE.seconds(device) == 75.0 < COURSE.seconds(OMNI) == 165.0
     driver = Hesitant(())
     driver.inner, driver.pace = make_driver("sim", device, 5)
     with driver:
         session = DriverSession(device, driver, driver.pace)
-        found: Any = identify_heat(session, device, device.coils.resistance, COURSE).found
+        found: Any = identify_heat(session, device, COLD, replace(COURSE, heating=90.0)).found
     assert found.model.body_to_air == pytest.approx(heat.body_to_air, rel=0.3)
     assert not hasattr(found, "coupling")

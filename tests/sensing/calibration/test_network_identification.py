@@ -18,9 +18,9 @@ TRUE, COUPLING = TwoNode(14.0, 45.0, 1.2, 0.13), HeatCoupling(60.0, (0.7, 0.4, 0
 AMBIENT, WARM = 298.15, 0.6
 
 
-def record(driven=(0, 1, 2), heated=180, cooled=180, watts=20.0, noise=0.1, seed=0, always=None):
+def record(driven=(0, 1, 2), heated=180, cooled=180, watts=20.0, noise=0.1, small=WARM, always=None):
     """Each coil of `driven` in turn for `heated` seconds, then `cooled` seconds; a small power in all the time."""
-    power = np.full((heated * len(driven) + cooled, 3), WARM)
+    power = np.full((heated * len(driven) + cooled, 3), small)
     for n, coil in enumerate(driven):
         power[n * heated : (n + 1) * heated, coil] = watts
     if always is not None:
@@ -29,7 +29,7 @@ def record(driven=(0, 1, 2), heated=180, cooled=180, watts=20.0, noise=0.1, seed
     rises = np.zeros((len(power), 7))
     for n in range(len(power) - 1):
         rises[n + 1] = step @ [*rises[n], *power[n]]
-    noisy = AMBIENT + rises + noise * np.random.default_rng(seed).normal(size=rises.shape)
+    noisy = AMBIENT + rises + noise * np.random.default_rng(0).normal(size=rises.shape)
     return HeatRecord(np.arange(len(power), dtype=float), power, noisy[:, :3], noisy[:, 3:6], AMBIENT)
 
 
@@ -61,9 +61,9 @@ def test_windings_that_are_read_only_while_their_coil_is_driven_are_enough():
         ({"always": 1}, "coil 'y' is on in the whole record.*drive each coil alone"),
         ({"driven": (0, 2)}, "coil 'y' was never heated.*drive each coil alone"),
         ({"heated": 8, "cooled": 8}, "coil 'x' was driven alone in only 8 readings"),
-        ({"heated": 30, "cooled": 0, "noise": 0.5}, r"\(89 s\) does not determine the .*three minutes"),
-        ({"watts": 0.61}, "driven alone in only 0"),
-        ({"watts": 2.5}, "boundary of coil 'x' warmed by only .* heat longer"),
+        ({"heated": 12, "cooled": 0, "noise": 1.0}, r"\(35 s\) does not determine the .*three minutes"),
+        ({"watts": 0.61}, "coil 'x' is on in the whole record"),
+        ({"watts": 0.8, "small": 0.0, "noise": 0.01}, "boundary of coil 'x' warmed by only .* heat longer"),
     ],
     ids=["always on", "never on", "too few", "too short", "nothing switched", "lukewarm"],
 )

@@ -18,12 +18,13 @@ from haptorb.numerics.arrays import Array, check_finite
 from haptorb.physics.thermal import TwoNode
 from haptorb.physics.thermal_network import ThermalNetwork
 
-__all__ = ["HeatRecord", "NetworkIdentification", "network_identification"]
+__all__ = ["HeatRecord", "NetworkIdentification", "coil_identification", "network_identification"]
 
 _TRUST = 0.25  #: relative standard deviation of a value above which the record does not determine it
 _FEWEST = 20  #: readings of a record
 _ON = 0.25  #: share of the record's greatest power from which on a coil counts as driven
 _ALONE = 10  #: readings at least in which a coil is driven and no other is
+_COIL = ("winding capacity", "body capacity", "conductance from winding to body", "conductance to the air")
 _WARM = 2.0  #: by which each boundary must warm [K]
 
 
@@ -51,8 +52,22 @@ class NetworkIdentification:
 
     model: TwoNode  #: of each coil
     coupling: HeatCoupling
-    uncertainty: Array  #: (5 + m,) of the model's four values, the core's capacity, the conductances to it
+    uncertainty: Array  #: (4,) of the model's values; then, where they were fitted too, of core and conductances to it
     residual: float  #: rms [K]
+
+    @property
+    def network(self) -> ThermalNetwork:
+        """All coils together."""
+        return ThermalNetwork.of_coils(self.model, self.coupling.winding_to_core, self.coupling.core_capacity)
+
+    def endurance(self, rise: float, power: float, coil: int = 0) -> float:
+        """Seconds from cold until the winding's rise is `rise` [K] under `power` [W] in `coil` alone; inf if never."""
+        network = self.network
+        return network.time_to(rise, power * np.eye(network.windings)[coil])
+
+    def sustained_power(self, rise: float, coil: int = 0) -> float:
+        """The power [W] in `coil` alone at which its winding's rise settles at `rise` [K]."""
+        return rise / float(self.network.rise_per_watt[coil, coil])
 
 
 def network_identification(record: HeatRecord, names: Sequence[str], guess: Heat) -> NetworkIdentification:
@@ -63,31 +78,58 @@ def network_identification(record: HeatRecord, names: Sequence[str], guess: Heat
     """
     _check_record(record, len(names))
     _check_switching(record, names)
-    m, n = len(names), len(record.t)
-    known = np.isfinite(record.winding)
-    first = np.where(known[0], record.winding[0], record.boundary[0])
-    start = np.concatenate([first, record.boundary[0], [record.boundary[0].mean()]]) - record.ambient
+    coupling = guess.coupling or HeatCoupling(2.0 * guess.winding_capacity, (0.3 * guess.winding_to_body,) * len(names))
+    begin = np.array([*_coil_values(guess), coupling.core_capacity, *coupling.winding_to_core])
+    what = [*_COIL, "core's capacity", *(f"conductance from coil '{name}' to the core" for name in names)]
+    values, spread, residual = _fit(record, begin, np.empty(0), what)
+    found = HeatCoupling(float(values[4]), tuple(values[5:].tolist()))
+    return NetworkIdentification(TwoNode(*values[:4].tolist()), found, spread, residual)
+
+
+def coil_identification(record: HeatRecord, guess: Heat) -> NetworkIdentification:
+    """Fit the coils' four values to `record` with the couplings of `guess` as they are.
+
+    For a record of one coil that was driven: what was not measured of the others is NaN. Raises CalibrationError if it
+    does not determine all four; InputError if it is no record, or `guess` has no couplings.
+    """
+    coupling = guess.coupling
+    if coupling is None:
+        raise InputError("the heat of coupled coils needs couplings; use thermal_identification for a coil by itself")
+    _check_record(record, len(coupling.winding_to_core))
+    fixed = np.array([coupling.core_capacity, *coupling.winding_to_core])
+    values, spread, residual = _fit(record, np.array(_coil_values(guess)), fixed, list(_COIL))
+    return NetworkIdentification(TwoNode(*values.tolist()), coupling, spread, residual)
+
+
+def _coil_values(heat: Heat) -> tuple[float, ...]:
+    return heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air
+
+
+def _fit(record: HeatRecord, begin: Array, fixed: Array, what: Sequence[str]) -> tuple[Array, Array, float]:
+    """Values that explain `record`, their relative standard deviations, and the rms of what is left [K].
+
+    `begin` is where the search starts, `fixed` what follows it among a network's values: four of each coil, the core's
+    capacity, the conductances to it. `what` names those that are searched for.
+    """
+    n, m = record.power.shape
+    seen = np.isfinite(record.winding), np.isfinite(record.boundary)
+    outside = np.where(seen[1][0], record.boundary[0], record.ambient)
+    inside = np.where(seen[0][0], record.winding[0], outside)
+    start = np.concatenate([inside, outside, [outside.mean()]]) - record.ambient
     steps = np.round(np.diff(record.t), 9)
 
-    def network(logs: Array) -> ThermalNetwork:
-        values = np.exp(logs)
-        return ThermalNetwork.of_coils(TwoNode(*values[:4].tolist()), values[5:], float(values[4]))
-
     def remainder(logs: Array) -> Array:
-        model = network(logs)
+        values = np.concatenate([np.exp(logs), fixed])
+        model = ThermalNetwork.of_coils(TwoNode(*values[:4].tolist()), values[5:], float(values[4]))
         step = {dt: model.step(dt) for dt in np.unique(steps).tolist()}
         rises = np.empty((n, 2 * m + 1))
         rises[0] = start
         for k, dt in enumerate(steps.tolist()):
             rises[k + 1] = step[dt] @ np.concatenate([rises[k], record.power[k]])
-        windings = rises[:, :m] + record.ambient - record.winding
-        bodies = rises[:, m : 2 * m] + record.ambient - record.boundary
-        return np.concatenate([windings[known], bodies.ravel()])
+        gaps = [rises[:, :m] + record.ambient - record.winding, rises[:, m:-1] + record.ambient - record.boundary]
+        return np.concatenate([gap[known] for gap, known in zip(gaps, seen, strict=True)])
 
-    coupling = guess.coupling or HeatCoupling(2.0 * guess.winding_capacity, (0.3 * guess.winding_to_body,) * m)
-    begin = [guess.winding_capacity, guess.body_capacity, guess.winding_to_body, guess.body_to_air,
-             coupling.core_capacity, *coupling.winding_to_core]  # fmt: skip
-    # Within a factor of 50 of the file's values: what runs further away is not determined, and its steps overflow.
+    # Within a factor of 50 of the start: what runs further away is not determined, and its steps overflow.
     logs = np.log(begin)
     fit = least_squares(remainder, logs, bounds=(logs - np.log(50.0), logs + np.log(50.0)), x_scale="jac")
     variance = float(fit.fun @ fit.fun) / max(1, len(fit.fun) - len(begin))
@@ -97,23 +139,19 @@ def network_identification(record: HeatRecord, names: Sequence[str], guess: Heat
         spread = np.full(len(begin), np.inf)
     weak = np.flatnonzero(~(spread <= _TRUST))
     if not fit.success or len(weak):
-        what = ["winding capacity", "body capacity", "conductance from winding to body", "conductance to the air",
-                "core's capacity", *(f"conductance from coil '{name}' to the core" for name in names)]  # fmt: skip
         raise CalibrationError(
             f"the record ({record.t[-1] - record.t[0]:.0f} s) does not determine the "
             f"{' and the '.join(what[k] for k in weak) or 'model'}: drive each coil alone until its boundary flattens "
             "(three minutes), and record the cooling after the last one for as long"
         )
-    values = np.exp(fit.x)
-    found = HeatCoupling(float(values[4]), tuple(values[5:].tolist()))
-    return NetworkIdentification(TwoNode(*values[:4].tolist()), found, spread, variance**0.5)
+    return np.exp(fit.x), spread, variance**0.5
 
 
 def _check_record(record: HeatRecord, coils: int) -> None:
     """InputError unless the arrays fit each other and time runs forward."""
     times = check_finite(record.t, "t")
     shapes = [np.shape(check_finite(record.power, "power")), np.shape(record.winding),
-              np.shape(check_finite(record.boundary, "boundary temperatures"))]  # fmt: skip
+              np.shape(record.boundary)]  # fmt: skip
     if times.ndim != 1 or any(shape != (len(times), coils) for shape in shapes):
         raise InputError(f"power, winding and boundary must have shape ({len(times)}, {coils}); got {shapes}")
     if len(times) < _FEWEST or not (np.diff(times) > 0).all():
@@ -126,15 +164,17 @@ def _check_switching(record: HeatRecord, names: Sequence[str]) -> None:
     most = float(record.power.max())
     if not most > 0.0:
         raise CalibrationError(f"no coil was heated: {how}")
+    check_finite(record.boundary, "boundary temperatures")
     on = record.power > _ON * most
     for k, name in enumerate(names):
-        alone = on[:, k] & (on.sum(axis=1) == 1)
-        if not on[:, k].any():
-            raise CalibrationError(f"coil '{name}' was never heated: {how}")
         if on[:, k].all():
             raise CalibrationError(
                 f"coil '{name}' is on in the whole record: its heat and that of the others cannot be told apart; {how}"
             )
+    for k, name in enumerate(names):
+        alone = on[:, k] & (on.sum(axis=1) == 1)
+        if not on[:, k].any():
+            raise CalibrationError(f"coil '{name}' was never heated: {how}")
         if alone.sum() < _ALONE:
             raise CalibrationError(f"coil '{name}' was driven alone in only {alone.sum()} readings: {how}")
         warmed = float(np.ptp(record.boundary[:, k]))
