@@ -94,14 +94,14 @@ def _begin(h: Record, coils: Records) -> None:
 @kernel
 def _warm(h: Record, coils: Records, dt: float) -> None:
     """A step of `dt` [s] of windings, bodies and core: all flows from the temperatures at its beginning."""
-    least, most = 1.0 - h.tolerance, 1.0 + h.tolerance
+    least, most = 1.0 - h.tolerance, 1.0 + h.tolerance  # safety: heat-is-an-upper-bound
     pull = -np.expm1(-_PULL * dt)
     into_core = 0.0
     for j in range(coils.size):
         c = coils[j]
         winding, body = c.winding, c.body
         to_body, to_air = h.winding_to_body * (winding - body), h.body_to_air * (body - h.ambient)
-        to_core = c.to_core * (winding - h.core)
+        to_core = c.to_core * (winding - h.core)  # safety: coils-warm-each-other
         heat = c.heating * (1.0 + h.coefficient * (winding - h.reference))
         # What leaves a node counts with the smallest conductance, what enters it with the greatest.
         net = heat - to_body * (least if to_body > 0.0 else most) - to_core * (least if to_core > 0.0 else most)
