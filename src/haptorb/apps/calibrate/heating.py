@@ -30,7 +30,7 @@ from haptorb.sensing.calibration.thermal_identification import ThermalIdentifica
 __all__ = ["HEATING", "HeatingResult", "HeatingSchedule", "identify_heat"]
 
 _RATE = 250.0  #: a firmware's watchdog waits 15 ms: three readings may come late, in six minutes [Hz]
-_UNWATCHED = 50.0  #: nothing watches a simulation [Hz]
+_UNWATCHED = 100.0  #: nothing watches a simulation [Hz]
 _BIN = 1.0  #: readings are averaged over this [s]
 _MARGIN = 5.0  #: heating ends so far below the device's warning [K]
 _COLD = 4.0  #: a coil that is warmer than the others by this is not cold [K]
