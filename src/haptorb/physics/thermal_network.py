@@ -4,9 +4,9 @@
     C_b db_j/dt = G_wb (w_j − b_j) − G_ba b_j
     C_c dc/dt   = Σ_j G_wc,j (w_j − c)
 
-Any network of capacities and conductances is solved, exactly: with symmetric conductances its modes are real, and every
-course is a sum of exponentials. Without a core it is one `TwoNode` for each coil. Left out: radiation, and convection
-that grows with the rise.
+Fourier's law between nodes, for nested coils as those of Zárate 2020. Any network of capacities and conductances is
+solved, exactly: with symmetric conductances its modes are real, and every course is a sum of exponentials. Without a
+core it is one `TwoNode` for each coil. Left out: radiation, and convection that grows with the rise.
 """
 
 from __future__ import annotations
@@ -130,8 +130,8 @@ class ThermalNetwork:
         if not float(check_finite(dt, "dt")) >= 0.0:
             raise InputError(f"dt must be 0 or more; got {dt} s")
         rates, modes, root = self._modes(np.zeros(self.windings))
-        kept = np.exp(rates * dt)
-        after = (modes * kept) @ modes.T * root / root[:, None]
+        remaining = np.exp(rates * dt)
+        after = (modes * remaining) @ modes.T * root / root[:, None]
         driven = (modes * _integral(rates, dt)) @ modes.T / root / root[:, None]
         return np.ascontiguousarray(np.hstack([after, driven[:, : self.windings]]))
 
@@ -221,9 +221,9 @@ class ThermalNetwork:
 
     def _course(self, t: Array, source: Array, begin: Array, heating: Array) -> Array:
         rates, modes, root = self._modes(heating)
-        kept = np.exp(rates * t[..., None]) * (modes.T @ (root * begin))
+        remaining = np.exp(rates * t[..., None]) * (modes.T @ (root * begin))
         driven = _integral(rates, t[..., None]) * (modes.T @ (source / root))
-        rises: Array = (kept + driven) @ modes.T / root
+        rises: Array = (remaining + driven) @ modes.T / root
         return rises
 
 

@@ -101,13 +101,13 @@ def test_a_record_that_is_mostly_pauses_is_refused() -> None:
     ids=["dead", "always on"],
 )
 def test_a_coil_that_does_not_switch_ends_the_step(change: Any, message: str) -> None:
-    class Stuck(Hesitant):
+    class StuckDriver(Hesitant):
         def read(self, now: float) -> Any:
             sample = super().read(now)
             return replace(sample, currents=change(sample.currents)) if self.live else sample
 
     with pytest.raises(CalibrationError, match=message):
-        identify_with(Stuck(()))
+        identify_with(StuckDriver(()))
 
 
 def test_coils_that_do_not_warm_each_other_need_one_record_only() -> None:

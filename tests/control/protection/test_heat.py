@@ -22,12 +22,14 @@ def corner(seed):
     """A network with every value at one end of the tolerance, or (seed 0, 1) all at the same end."""
     draw, network = np.random.default_rng(seed), HEAT.network(3)
 
-    def off(values):
+    def shift(values):
         signs = np.full(values.shape, 2 * seed - 1.0) if seed < 2 else draw.choice((-1.0, 1.0), values.shape)
         return values * (1 + HEAT.tolerance * signs)
 
-    between = np.triu(off(network.exchange))
-    return replace(network, capacity=off(network.capacity), exchange=between + between.T, to_air=off(network.to_air))
+    between = np.triu(shift(network.exchange))
+    return replace(
+        network, capacity=shift(network.capacity), exchange=between + between.T, to_air=shift(network.to_air)
+    )
 
 
 class True3:

@@ -65,7 +65,7 @@ class NetworkIdentification:
         network = self.network
         return network.time_to(rise, power * np.eye(network.windings)[coil])
 
-    def sustained_power(self, rise: float, coil: int = 0) -> float:
+    def find_sustained_power(self, rise: float, coil: int = 0) -> float:
         """The power [W] in `coil` alone at which its winding's rise settles at `rise` [K]."""
         return rise / float(self.network.rise_per_watt[coil, coil])
 
@@ -112,9 +112,9 @@ def _fit(record: HeatRecord, begin: Array, fixed: Array, what: Sequence[str]) ->
     capacity, the conductances to it. `what` names those that are searched for.
     """
     n, m = record.power.shape
-    seen = np.isfinite(record.winding), np.isfinite(record.boundary)
-    outside = np.where(seen[1][0], record.boundary[0], record.ambient)
-    inside = np.where(seen[0][0], record.winding[0], outside)
+    measured = np.isfinite(record.winding), np.isfinite(record.boundary)
+    outside = np.where(measured[1][0], record.boundary[0], record.ambient)
+    inside = np.where(measured[0][0], record.winding[0], outside)
     start = np.concatenate([inside, outside, [outside.mean()]]) - record.ambient
     steps = np.round(np.diff(record.t), 9)
 
@@ -127,7 +127,7 @@ def _fit(record: HeatRecord, begin: Array, fixed: Array, what: Sequence[str]) ->
         for k, dt in enumerate(steps.tolist()):
             rises[k + 1] = step[dt] @ np.concatenate([rises[k], record.power[k]])
         gaps = [rises[:, :m] + record.ambient - record.winding, rises[:, m:-1] + record.ambient - record.boundary]
-        return np.concatenate([gap[known] for gap, known in zip(gaps, seen, strict=True)])
+        return np.concatenate([gap[known] for gap, known in zip(gaps, measured, strict=True)])
 
     # Within a factor of 50 of the start: what runs further away is not determined, and its steps overflow.
     logs = np.log(begin)

@@ -114,7 +114,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
         )  # fmt: skip
 
     return (
-        one("sustained", "continuous power of a coil, from the record", 17.0, found.sustained_power(rise), "W"),
+        one("sustained", "continuous power of a coil, from the record", 17.0, found.find_sustained_power(rise), "W"),
         one("full", "seconds at full power from cold, from the record", 5.0, found.endurance(rise, 240.0), "s"),
         one("half", "seconds at half duty from cold, from the record", 60.0, found.endurance(rise, 60.0), "s"),
         Item("fig6-peak", "zarate2020", "Fig. 6", "winding after 3 min at 30 % duty", None,
