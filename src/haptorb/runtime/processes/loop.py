@@ -34,6 +34,8 @@ _STANDSTILL = 100_000_000  #: without a tick, after which the host is given its 
 _TRIPPED = float(GuardState.TRIPPED)
 _LOOK = 0.05  #: between two looks for the parent [s]
 _ERROR = 4000  #: characters of what a failed world or driver said
+_MEAN = 64  #: ticks over which their time is averaged
+_LONG = 4  #: periods that one tick counts at most in that average: the computer may pause in the middle of it
 _LIFE = 2.0  #: without a tick, after which the kernel ends the process [s]
 
 
@@ -67,6 +69,7 @@ class Loop:
         _load(self._row, shared.layout.places)
         self._ticks = 0
         self._now = 0.0  # on the loop's clock [s]
+        self._work = 0.0  # what a tick takes, averaged [ns]
         # safety: start-stop
         self._stopped = 0  # a stop that was given while the servo started counts in the first tick
         self._engaged = shared.words[Word.ENGAGE]
@@ -122,7 +125,7 @@ class Loop:
             deadline = clock.sleep()
             chain.prepare(deadline)
             now, lateness, skipped = clock.wait()
-            if skipped and deadline == following:  # the last tick ended in time
+            if skipped and (deadline == following or self._work < period):  # no tick's own work made this one late
                 chain.excuse_lateness()
             if self.told_by or words[Word.QUIT]:
                 return None
@@ -148,6 +151,7 @@ class Loop:
             self._ticks += 1
             self._announce_trip()
             took = monotonic_ns() - now
+            self._work += (min(took, _LONG * period) - self._work) / _MEAN
             count_tick(counts, self._ticks, schedule.missed, lateness, took, period)
 
     def _execute_requests(self) -> None:
