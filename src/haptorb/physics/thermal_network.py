@@ -108,7 +108,7 @@ class ThermalNetwork:
     @property
     def rise_per_watt(self) -> Array:
         """(m, m) [K/W] steady rise of each winding (row) for power in each (column)."""
-        inverse: Array = np.linalg.inv(self._outflow())
+        inverse: Array = np.asarray(np.linalg.inv(self._outflow()), dtype=np.float64)
         return inverse[: self.windings, : self.windings]
 
     @property
@@ -119,8 +119,7 @@ class ThermalNetwork:
 
     def steady_rise(self, power: ArrayLike) -> Array:
         """(n,) rise of all nodes [K] when `power` (m,) [W] has flowed for ever."""
-        rise: Array = np.linalg.solve(self._outflow(), self._source(power))
-        return rise
+        return np.asarray(np.linalg.solve(self._outflow(), self._source(power)), dtype=np.float64)
 
     def step(self, dt: float) -> Array:
         """(n, n + m) exact step over `dt` [s]: rises after = step @ (rises, powers held in between).
@@ -163,7 +162,7 @@ class ThermalNetwork:
         source, begin, m = self._source(power), self._begin(start), self.windings
         if (source < 0.0).any() or not (np.isfinite(rise) and coefficient >= 0.0):
             raise InputError(
-                f"power must be 0 or more and all numbers finite; got {power} W, {rise} K, {coefficient}/K"
+                f"power must be 0 or more and all numbers finite; got {power!r} W, {rise} K, {coefficient}/K"
             )
         if begin[:m].max() >= rise:
             return 0.0

@@ -127,8 +127,8 @@ def identify_heat(
     whole = record.compose(float(cold[watched].mean()))
     if coils.heat.coupling is not None:
         return HeatingResult(network_identification(whole, coils.names, coils.heat), lost)
-    one = (values[:, 0] for values in (whole.power, whole.winding, whole.boundary))
-    return HeatingResult(thermal_identification(whole.t, *one, whole.ambient), lost)
+    power, winding, boundary = whole.power[:, 0], whole.winding[:, 0], whole.boundary[:, 0]
+    return HeatingResult(thermal_identification(whole.t, power, winding, boundary, whole.ambient), lost)
 
 
 def _check_currents(device: SphericalElectromagnet, currents: Array, expected: Array, watched: list[int]) -> None:

@@ -47,8 +47,8 @@ class ThermalRecord:
         record, coils = self.measured, self.device.coils
         if coils.heat.coupling is not None:
             return network_identification(record, coils.names, coils.heat)
-        one = (values[:, 0] for values in (record.power, record.winding, record.boundary))
-        return thermal_identification(record.t, *one, record.ambient)
+        power, winding, boundary = record.power[:, 0], record.winding[:, 0], record.boundary[:, 0]
+        return thermal_identification(record.t, power, winding, boundary, record.ambient)
 
     def measure(self) -> MeasuredHeat:
         """The same, as a calibration keeps it."""

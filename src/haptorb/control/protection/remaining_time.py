@@ -95,7 +95,7 @@ def _find_core(h: Record, coils: Records, core: float, dt: float) -> float:
     if balance == 0.0:
         return core  # there is none
     capacity = h.core_capacity * (least if inflow > 0.0 else most) / dt
-    return (capacity * core + start * inflow + constant) / (capacity + balance)
+    return float((capacity * core + start * inflow + constant) / (capacity + balance))
 
 
 @kernel

@@ -141,7 +141,7 @@ def _fit(record: HeatRecord, begin: Array, fixed: Array, what: Sequence[str]) ->
     if not fit.success or len(weak):
         raise CalibrationError(
             f"the record ({record.t[-1] - record.t[0]:.0f} s) does not determine the "
-            f"{' and the '.join(what[k] for k in weak) or 'model'}: drive each coil alone until its boundary flattens "
+            f"{' and the '.join(what[k] for k in weak.tolist()) or 'model'}: drive each coil alone until its boundary flattens "
             "(three minutes), and record the cooling after the last one for as long"
         )
     return np.exp(fit.x), spread, variance**0.5
