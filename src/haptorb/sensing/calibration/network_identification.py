@@ -137,12 +137,12 @@ def _fit(record: HeatRecord, begin: Array, fixed: Array, what: Sequence[str]) ->
         spread = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)) * variance)  # of a logarithm: relative
     except np.linalg.LinAlgError:
         spread = np.full(len(begin), np.inf)
-    weak = np.flatnonzero(~(spread <= _TRUST))
-    if not fit.success or len(weak):
+    weak = [name for name, one in zip(what, spread, strict=True) if not one <= _TRUST]
+    if not fit.success or weak:
         raise CalibrationError(
-            f"the record ({record.t[-1] - record.t[0]:.0f} s) does not determine the "
-            f"{' and the '.join(what[k] for k in weak.tolist()) or 'model'}: drive each coil alone until its boundary flattens "
-            "(three minutes), and record the cooling after the last one for as long"
+            f"the record ({record.t[-1] - record.t[0]:.0f} s) does not determine the {' and the '.join(weak) or 'model'}: "
+            "drive each coil alone until its boundary flattens (three minutes), and record the cooling after the last "
+            "one for as long"
         )
     return np.exp(fit.x), spread, variance**0.5
 
