@@ -92,13 +92,13 @@ def calibrate(
     tell("coils: " + ", ".join(f"{name} {r:.4f} Ω" for name, r in zip(found.coils.names, result.resistance,
                                                                      strict=True)))  # fmt: skip
     if result.heat is not None:
-        heat = result.heat.apply(found)
-        network, rise = heat.network(found.channels), heat.derate - heat.ambient
+        values = result.heat.apply(found)
+        network, rise = values.network(found.channels), values.derate - values.ambient
         alone = np.arange(found.channels) == int(network.rise_per_watt.diagonal().argmax())
         hot, half = network.time_to(rise, 240.0 * alone), network.time_to(rise, 60.0 * alone)
         tell(f"heat of one coil: {rise / network.rise_per_watt.diagonal().max():.1f} W continuous, 240 W for {hot:.1f} "
              f"s, 60 W for {half:.0f} s")  # fmt: skip
-        if heat.coupling is not None:
+        if values.coupling is not None:
             tell(f"heat of all coils together: {rise / network.rise_per_watt.sum(axis=1).max():.1f} W continuous in "
                  "each")  # fmt: skip
     tell(f"written: {path}{' (simulated)' if result.simulated else ''}, id {result.id.hex()}")

@@ -140,9 +140,9 @@ def _fit(record: HeatRecord, begin: Array, fixed: Array, what: Sequence[str]) ->
     weak = [name for name, one in zip(what, spread, strict=True) if not one <= _TRUST]
     if not fit.success or weak:
         raise CalibrationError(
-            f"the record ({record.t[-1] - record.t[0]:.0f} s) does not determine the {' and the '.join(weak) or 'model'}: "
-            "drive each coil alone until its boundary flattens (three minutes), and record the cooling after the last "
-            "one for as long"
+            f"the record ({record.t[-1] - record.t[0]:.0f} s) does not determine the "
+            f"{' and the '.join(weak) or 'model'}: drive each coil alone until its boundary flattens (three minutes), "
+            "and record the cooling after the last one for as long"
         )
     return np.exp(fit.x), spread, variance**0.5
 
