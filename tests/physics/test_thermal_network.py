@@ -101,6 +101,14 @@ def test_two_coils_on_last_shorter_than_one():
     assert network.time_to(60.0, (0, 0, 0), np.full(7, 61.0)) == 0.0
 
 
+def test_currents_that_run_away_reach_the_limit_all_the_same():
+    """Constant currents whose heat grows faster than it leaves; pytest takes an overflow on the way for an error."""
+    network = ThermalNetwork.of_coils(COIL, (0.5, 0.5, 0.5), 50.0)
+    t = network.time_to(60.0, (400.0, 400.0, 0), drive="current")
+    truth = integrate(COIL, (0.5, 0.5, 0.5), 50.0, t, np.array([400.0, 400.0, 0]), np.zeros(7), 3.93e-3)
+    assert truth[:3].max() == pytest.approx(60.0, abs=1e-4)
+
+
 def test_the_printed_endurances_are_those_of_one_coil_of_the_omni():
     """17 W for ever, 240 W for 5 s, 60 W for 60 s (Zárate 2020 §III, §V), whichever coil; together they last less."""
     omni = load("omni")

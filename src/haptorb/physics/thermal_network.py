@@ -25,6 +25,7 @@ __all__ = ["ThermalNetwork", "network_step"]
 
 _DRIVES = ("power", "current")
 _MOMENTS = 400  #: at which a course is looked at before a crossing is found exactly
+_RUNAWAY = 500.0  #: exponent of a course beyond every temperature, whose square is still a number
 _LONGEST = 40.0  #: after so many of the slowest time constants everything has settled
 
 
@@ -175,8 +176,7 @@ class ThermalNetwork:
         slowest = np.abs(rates)[np.abs(rates) > 1e-12].min(initial=np.inf)
         end = _LONGEST / min(slowest, float(np.abs(rates).max()))
         moments = np.geomspace(1e-4 / float(np.abs(rates).max()), end, _MOMENTS)
-        with np.errstate(over="ignore"):
-            course = self._course(moments, source, begin, heating)[:, :m].max(axis=1)
+        course = self._course(moments, source, begin, heating)[:, :m].max(axis=1)
         beyond = np.flatnonzero(course >= rise)
         if not len(beyond):
             return float("inf")
@@ -220,7 +220,7 @@ class ThermalNetwork:
 
     def _course(self, t: Array, source: Array, begin: Array, heating: Array) -> Array:
         rates, modes, root = self._modes(heating)
-        remaining = np.exp(rates * t[..., None]) * (modes.T @ (root * begin))
+        remaining = np.exp(np.minimum(rates * t[..., None], _RUNAWAY)) * (modes.T @ (root * begin))
         driven = _integral(rates, t[..., None]) * (modes.T @ (source / root))
         rises: Array = (remaining + driven) @ modes.T / root
         return rises
@@ -228,7 +228,7 @@ class ThermalNetwork:
 
 def _integral(rates: Array, t: Array | float) -> Array:
     """∫ e^(λs) ds from 0 to `t` for each of the `rates` λ; t itself where λ is zero."""
-    product = rates * t
+    product = np.minimum(rates * t, _RUNAWAY)
     small = np.abs(product) < 1e-12
     integral: Array = np.where(small, t, np.expm1(product) / np.where(small, 1.0, rates))
     return integral
