@@ -26,6 +26,7 @@ _LOAD_WINDOW = 1.0  #: over which the present load is averaged [s]
 _STEP = 0.02  #: longest step of the integration [s]
 _LONGEST = 60.0  #: time that one tick can make up for [s]; a longer pause leaves the windings as warm as after this
 _OFTEN = 0.02  #: between two computations of the time that is left [s]
+_SELDOM = 0.1  #: the same for coupled coils, of which a computation takes as long as a third of a tick's other work [s]
 
 
 @kernel
@@ -74,7 +75,8 @@ def observe_heat(h: Record, coils: Records, elapsed: float) -> None:
             hottest = winding
     h.hottest = hottest
     h.remaining_age += elapsed
-    if not h.started or h.remaining_age >= _OFTEN - 1e-9:
+    often = _OFTEN if h.core_capacity == 0.0 else _SELDOM
+    if not h.started or h.remaining_age >= often - 1e-9:
         h.remaining_age = 0.0
         h.remaining = remaining_time(h, coils)
     h.started = True

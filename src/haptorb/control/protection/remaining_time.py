@@ -10,8 +10,8 @@ from haptorb.numerics.compiled import kernel
 __all__ = ["remaining_time"]
 
 _FIRST = 0.02  #: first step into the future [s]
-_GROWTH = 1.1  #: of each step to the next
-_STEPS = 130  #: as many: 13 hours
+_GROWTH = 1.15  #: of each step to the next
+_STEPS = 90  #: as many: ten hours
 _IMPLICIT = 0.55  #: weight of a step's end: second order but for a little, and stable however long the step is
 
 
