@@ -37,6 +37,7 @@ from haptorb.runtime.drivers.serial.emulator import EmulatedDevice, Emulator
 from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
 from haptorb.runtime.tick.assembly import estimator_of
 from haptorb.sensing.estimator import Estimator
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 
 BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"
 CALIBRATED = 1e-3  #: of each entry of the moment map, as a share of its column
@@ -48,6 +49,7 @@ class _Run:
     """One emulated device, its driver open."""
 
     def __init__(self, device: SphericalElectromagnet, folder: str, pace: float) -> None:
+        device = without_errors(device)  # what the turns cost, and not the sensors
         self.pace = pace
         self.trackers: dict[tuple[bool, int], Estimator] = {}
         self.goal = (np.array([0.0, 0.0, device.contact_distance + 2e-3]), np.array([0.0, 0.0, 0.0, 1.0]))
@@ -72,7 +74,7 @@ def tracker_of(device: SphericalElectromagnet, driving: bool, seed: int) -> Esti
     rng = np.random.default_rng(seed)
     scale = CALIBRATED * driving * np.linalg.norm(device.moment_per_current, axis=0)
     moments = device.moment_per_current + scale * rng.standard_normal(device.moment_per_current.shape)
-    return estimator_of(replace(device, moment_per_current=moments), "hall", None, in_turns=True)
+    return estimator_of(replace(without_errors(device), moment_per_current=moments), "hall", None, in_turns=True)
 
 
 def errors(place: Array, driving: bool, run: _Run, ticks: int, number: int) -> Array:

@@ -22,12 +22,25 @@ from typing import Any
 from haptorb.apps.bench.outside import HAPTORB
 
 BUILD = Path(__file__).resolve().parents[1] / "firmware" / "build"
+#: sensors with noise and steps only: what turns and lateness cost is measured here
+IDEAL = """based_on = "omni"
+name = "omni-ideal"
+[hall]
+offset = "0 mT"
+gain = 0
+cross = 0
+placement = "0 mm"
+angle = "0 deg"
+[core_dynamics]
+eddy_share = 0
+remanent_moment = "0 A*m^2"
+"""
 MINE = [sys.executable, "-c", HAPTORB]
 
 
-def run(port: Path, seconds: float, rate: float, tracker: str) -> dict[str, Any]:
+def run(device: Path, port: Path, seconds: float, rate: float, tracker: str) -> dict[str, Any]:
     """One run's report."""
-    words = ["run", "omni", "--driver", f"serial:{port}", "--tracker", tracker, "--headless", "--json"]
+    words = ["run", str(device), "--driver", f"serial:{port}", "--tracker", tracker, "--headless", "--json"]
     words += ["--duration", f"{seconds:g}", "--rate", f"{rate:g}"]
     done = subprocess.run([*MINE, *words], capture_output=True, text=True, check=False, timeout=seconds + 120)
     if done.returncode:
@@ -39,15 +52,16 @@ def run(port: Path, seconds: float, rate: float, tracker: str) -> dict[str, Any]
 def measure(runs: int, seconds: float, rate: float, tracker: str) -> dict[str, Any]:
     """What came of each run, and how many ended well."""
     with tempfile.TemporaryDirectory() as folder:
-        port = Path(folder, "omni")
-        words = ["hardware", "emulate", "--height", "52", "--port", str(port), "--build", str(BUILD)]
+        port, device = Path(folder, "omni"), Path(folder, "omni-ideal.toml")
+        device.write_text(IDEAL, encoding="utf-8")
+        words = ["hardware", "emulate", str(device), "--height", "52", "--port", str(port), "--build", str(BUILD)]
         with subprocess.Popen([*MINE, *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as emulator:
             try:
                 while not port.exists():
                     if emulator.poll() is not None:
                         raise SystemExit(f"no emulator: {emulator.communicate()[1].decode().strip()}")
                     time.sleep(0.1)
-                reports = [run(port, seconds, rate, tracker) for _ in range(runs)]
+                reports = [run(device, port, seconds, rate, tracker) for _ in range(runs)]
             finally:
                 emulator.terminate()
     held = [report["trips"][0]["t"] if report["trips"] else seconds for report in reports]

@@ -34,7 +34,7 @@ def test_rows_that_had_two_contacts_on_every_device_keep_their_layout() -> None:
 
 def test_a_calibration_is_believed_of_its_device() -> None:
     calibration = read_calibration(OLDER / "omni.calibration.json")
-    assert calibration.apply(load("omni")).channels == 3
+    assert calibration.apply(load(OLDER / "omni.toml")).channels == 3
 
 
 def test_a_device_file_describes_the_same_device() -> None:

@@ -20,6 +20,7 @@ from haptorb.runtime.drivers.serial.serial_driver import SerialDriver
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.tick.assembly import estimator_of
 from haptorb.runtime.tick.tick import Tick
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.worlds.maps.dome import Dome
 
 pytestmark = [pytest.mark.firmware, pytest.mark.realtime, pytest.mark.timeout(600)]
@@ -33,7 +34,7 @@ UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 def omni() -> SphericalElectromagnet:
     device = load("omni")
     assert isinstance(device, SphericalElectromagnet)
-    return device
+    return without_errors(device)  # sensors with noise and steps only: what turns cost is tried here
 
 
 @pytest.fixture

@@ -16,8 +16,12 @@ __all__ = ["numbers", "parse_document"]
 _LARGEST = 1e15  #: in SI units; what is measured is smaller, and products of it must not overflow
 
 
-def parse_document(text: str, name: str, kind: str, wanted: str, keys: Set[str], remedy: str) -> Mapping[str, Any]:
+def parse_document(
+    text: str, name: str, kind: str, wanted: str, keys: Set[str], remedy: str, optional: Set[str] = frozenset()
+) -> Mapping[str, Any]:
     """What `text` says, a `kind` of format `wanted` with `keys`; `name` is what mistakes are reported under.
+
+    `optional` keys may be missing, in files of an older version.
 
     Raises CalibrationError, with what to do about it, for anything else.
 
@@ -33,7 +37,7 @@ def parse_document(text: str, name: str, kind: str, wanted: str, keys: Set[str],
         raise CalibrationError(
             f"{name} is not a {kind} that this version reads: format must be '{wanted}'; got {quote(found)}"
         )
-    missing, strange = keys - set(raw), set(raw) - keys
+    missing, strange = keys - set(raw), set(raw) - keys - optional
     if missing or strange:
         what = f"{min(missing)} is missing" if missing else f"{quote(min(strange))} is not a known key"
         raise CalibrationError(f"{name}: {what}; {remedy}")

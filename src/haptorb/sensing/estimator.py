@@ -43,6 +43,11 @@ class Estimator(ABC):
         """Which of the device's models the wrench maps are from; empty: from none of them."""
         return ""
 
+    @property
+    def remark(self) -> str:
+        """What a person should know before this estimator is relied on; empty for nothing."""
+        return ""
+
     def change_model(self, name: str) -> None:
         """Go over to the device's model `name` in the wrench maps, without a step; InputError if there is only one."""
         raise InputError(f"this estimator has one model only; it cannot switch to '{name}'")

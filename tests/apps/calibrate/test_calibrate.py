@@ -18,9 +18,10 @@ from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.sensing.calibration.calibration import Calibration, MeasuredHeat
 from haptorb.sensing.calibration_file import read_calibration, write_calibration
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from oracles.endurance_fit import endurance_fit
 
-OMNI = load("omni")
+OMNI = without_errors(load("omni"))  # sensors with noise and steps only
 ALONE = replace(OMNI, coils=replace(OMNI.coils, heat=replace(OMNI.coils.heat, coupling=None)))
 HEAT = {"winding_capacity": 15.0, "body_capacity": 40.0, "winding_to_body": 1.4, "body_to_air": 0.15}
 

@@ -74,8 +74,8 @@ def held(monkeypatch: pytest.MonkeyPatch) -> None:
     from haptorb.apps.calibrate import dialog as guides
     from haptorb.apps.calibrate import driver as doors
 
-    def hold(driver: Any, device: Any, *, near: bool) -> None:
-        doors.hold_tool(getattr(driver, "inner", driver), device, near=near)
+    def hold(driver: Any, device: Any, hand: Any) -> None:
+        doors.hold_tool(getattr(driver, "inner", driver), device, hand)
 
     monkeypatch.setattr(guides, "hold_tool", hold)
 
@@ -96,8 +96,10 @@ def test_all_steps_make_one_file_and_its_id_is_kept_by_the_device(tmp_path: Path
     assert found.heat.model.winding_to_body == pytest.approx(OMNI.coils.heat.winding_to_body, rel=0.25)
     assert found.heat.coupling is not None
     assert found.heat.coupling.winding_to_core == pytest.approx(OMNI.coils.heat.coupling.winding_to_core, rel=0.4)
-    assert sum("5/5" in line for line in said) == 1
+    assert sum("7/7" in line for line in said) == 1
     assert any("polarity correct" in line for line in said)
+    assert found.sensors is not None
+    assert found.sensors.failed == ()
     assert [path.name for path in tmp_path.iterdir()] == ["omni.json"]  # nothing else is left
 
 

@@ -18,6 +18,7 @@ MAGNETIC = {
     "residual_t": 0.0,
     "condition": 1.0,
     "repeatability": 0.0,
+    "failed": [],
 }
 
 

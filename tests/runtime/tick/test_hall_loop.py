@@ -16,10 +16,11 @@ from haptorb.runtime.pointer.pointer import PointerTracker
 from haptorb.runtime.servo.servo import Servo
 from haptorb.runtime.tick.assembly import allocator_of, assemble, check_estimator, estimator_of
 from haptorb.runtime.tick.tick import Tick
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.sensing.tool.tool_position import HallTracker
 from haptorb.worlds import find_world
 
-OMNI = load("omni")
+OMNI = without_errors(load("omni"))  # sensors with noise and steps only
 
 
 def run(tick, seconds):

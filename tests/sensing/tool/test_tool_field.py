@@ -12,9 +12,10 @@ from haptorb.devices.loader import load
 from haptorb.devices.state import rotation_to_axis
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.soft_sphere import SoftSphere
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.sensing.tool.tool_field import ToolModel, coil_field, tool_field
 
-OMNI = load("omni")
+OMNI = without_errors(load("omni"))  # sensors with noise and steps only
 angle = st.floats(-1.0, 1.0)
 
 

@@ -14,12 +14,13 @@ from haptorb.errors import InputError, UnknownName
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.soft_sphere import SoftSphere
 from haptorb.sensing.sample import Pose, Sample
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.sensing.tool.place_filter import noise_share
 from haptorb.sensing.tool.position_accuracy import better_sensors, position_accuracy, with_sensors
 from haptorb.sensing.tool.tool_field import ToolModel, coil_field, tool_field, unpack_model
 from haptorb.sensing.tool.tool_position import IN_TURNS, HallTracker
 
-OMNI = load("omni")
+OMNI = without_errors(load("omni"))  # sensors with noise and steps only
 NO_POSE = Pose(0.0, np.eye(3), np.full(3, np.nan), np.zeros(3), np.zeros(3), False)
 FULL = np.array([20.0, -20.0, 20.0])
 

@@ -11,10 +11,11 @@ from hypothesis.extra.numpy import arrays
 from haptorb.devices.kind import DeviceKind
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
 from haptorb.simulation.registry import simulate
 
-OMNI = load("omni")
+OMNI = without_errors(load("omni"))  # sensors with noise and steps only
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 OFF = np.zeros(3)
 

@@ -10,9 +10,10 @@ from haptorb.devices.loader import load
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.ring import RingMagnet
 from haptorb.physics.sources.soft_sphere import SoftSphere
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
 
-OMNI = load("omni")
+OMNI = without_errors(load("omni"))  # sensors with noise and steps only
 REST = np.zeros(3)
 ways = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 0.2)
 

@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from haptorb.devices.loader import load
 from haptorb.devices.motor.api import torque_characteristic
-from haptorb.devices.motor.handle import HANDLE_LOOSE, HallQuality
+from haptorb.devices.motor.handle import HANDLE_LOOSE
 from haptorb.devices.motor.regulator import torque_over_sine
+from haptorb.devices.sensor_errors import SensorErrors
 from haptorb.errors import InputError, UnknownName
 from haptorb.simulation.motor.motor import SimulatedMotor
 from haptorb.simulation.motor.motor_kernels import pack_magnetics
@@ -211,7 +212,7 @@ def test_no_hand_and_no_current_brings_it_out_of_its_workspace(angles, duties):
 
 
 def test_the_sensors_read_magnets_and_coils():
-    motor = SimulatedMotor(PMSM, seed=3, quality=HallQuality(0.0, 0.0, 0.0))
+    motor = SimulatedMotor(PMSM, seed=3, quality=SensorErrors())
     q = turn_of(8, -6, 20)
     go(motor, 0.05, np.full(12, 0.1), q)
     sample = motor.sample(0.05, 0.05, True)
@@ -283,7 +284,7 @@ def test_what_is_no_number_changes_nothing():
         lambda: SimulatedMotor(PMSM, -1),
         lambda: replace(PMSM.hand, stiffness=-1),
         lambda: replace(PMSM.hand, mass=float("nan")),
-        lambda: HallQuality(-1e-3, 0, 0),
+        lambda: SensorErrors(-1e-3, 0, 0),
         lambda: SimulatedMotor(PMSM).place(NOWHERE, np.zeros(4)),
         lambda: SimulatedMotor(PMSM).place(NOWHERE, (0, 0, np.nan, 1)),
         lambda: SimulatedMotor(PMSM).spin((1, 2)),

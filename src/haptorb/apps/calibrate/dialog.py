@@ -14,7 +14,8 @@ from haptorb.apps.calibrate.driver import hold_tool
 from haptorb.apps.calibrate.heating import HEATING, HeatingSchedule
 from haptorb.apps.calibrate.measure import DriverSession, Pace
 from haptorb.apps.calibrate.progress_file import ProgressFile
-from haptorb.apps.calibrate.steps import STEPS, Step, StepContext, calibration_of, schedule_of
+from haptorb.apps.calibrate.step import Step, StepContext
+from haptorb.apps.calibrate.steps import STEPS, calibration_of, schedule_of
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, DriverError, InputError, UnknownName
 from haptorb.runtime.drivers.driver import Driver
@@ -134,7 +135,7 @@ def _take_step(
     effort: tuple[int, int],
     course: HeatingSchedule,
 ) -> dict[str, object]:
-    hold_tool(driver, device, near=step.near)
+    hold_tool(driver, device, step.hand)
     schedule = schedule_of(device, *effort)
     with driver:
         blank = StepContext(device, DriverSession(device, driver, pace), driver.field_axes, schedule, course)

@@ -18,6 +18,7 @@ from haptorb.runtime.drivers.driver import Driver
 from haptorb.sensing.calibration.calibration import Calibration, MeasuredHeat
 from haptorb.sensing.calibration.magnetic_calibration import MagneticCalibration, excitation, magnetic_calibration
 from haptorb.sensing.sample import Sample
+from haptorb.sensing.tool.tracker_state import coil_error
 
 __all__ = ["RATE", "DriverSession", "Pace", "calibrate", "compose_calibration", "mean_field"]
 
@@ -28,6 +29,7 @@ _LEAST = 3  #: readings of every field sensor at each current
 _GENTLE = 1.0  #: with which each coil is tried first [A]
 _NOTHING = 0.03  #: of it is no current; a tenth is a wrong shunt
 _CLEAR = 0.15e-3  #: field at rest above which a magnet must be near; the earth has 0.05 mT [T]
+_OFFSETS = 4.0  #: standard deviations of the sensors' offsets that may come on top
 _ZERO = 0.1  #: current read at rest above which a current sensor lies [A]
 _FACTOR = 1.6  #: resistance may be off the file's by this
 _LEAK = 0.15  #: share of a coil's current that another's sensor may read
@@ -161,7 +163,7 @@ class DriverSession:
                 "sensor has an offset, or its bridge does not switch off"
             )
         field = np.linalg.norm(mean_field(samples), axis=1)
-        if len(field) and field.max() > _CLEAR:
+        if len(field) and field.max() > _CLEAR + _OFFSETS * device.hall.errors.offset:
             raise CalibrationError(
                 f"field sensor {int(np.argmax(field)) + 1} reads {field.max() * 1e3:.2f} mT with all coils off: take "
                 "the tool, and other magnets, at least 30 cm away"
@@ -223,7 +225,8 @@ class DriverSession:
         found = magnetic_calibration(device, wanted, currents, fields, self._driver.field_axes)
         strength = float(np.sqrt((fields**2).mean()))
         averaged = np.sqrt(RATE * (self._hold() - _SETTLE) / self._turns)
-        most = _NOISY * np.hypot(device.hall.noise, device.hall.step) / averaged + _SHARE * strength
+        share = _SHARE + 2 * coil_error(device)
+        most = _NOISY * np.hypot(device.hall.noise, device.hall.step) / averaged + share * strength
         if found.residual > most:
             raise CalibrationError(
                 f"the coils' field is not dipolar: residual {found.residual * 1e6:.0f} µT, above {most * 1e6:.0f} "

@@ -33,12 +33,27 @@ _SHAPES: dict[str, dict[str, tuple[int | None, ...]]] = {
         "residual_t": (),
         "condition": (),
         "repeatability": (),
+        "failed": (None,),
+    },
+    "fields": {
+        "per_ampere_t": (_SENSORS, 3, _COILS),
+        "deviation_t": (_COILS,),
+        "at_rest_t": (_SENSORS, 3),
+        "deviation_at_rest_t": (),
+        "failed": (None,),
     },
     "heat": {
         **dict.fromkeys(("winding_capacity", "body_capacity", "winding_to_body", "body_to_air", "residual_k"), ()),
         "uncertainty": (None,),
     },
     "tool": {"likeness": (), "strength": ()},
+    "sensors": {
+        "positions_m": (_SENSORS, 3),
+        "gain": (_SENSORS, 3, 3),
+        "offsets_t": (_SENSORS, 3),
+        "per_ampere_t": (_SENSORS, 3, _COILS),
+        **dict.fromkeys(("uncertainty_t", "place_m", "axis_rad", "strength", "residual"), ()),
+    },
 }
 #: what a result may have, of coupled coils: all of it or nothing
 _OPTIONAL: dict[str, dict[str, tuple[int | None, ...]]] = {"heat": {"core_capacity": (), "winding_to_core": (_COILS,)}}

@@ -6,15 +6,16 @@ the part, and leaves nothing.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any, final
 
 import numpy as np
 
-from haptorb.apps.calibrate.heating import HEATING, HeatingSchedule, identify_heat
-from haptorb.apps.calibrate.measure import DriverSession, compose_calibration, mean_field
+from haptorb.apps.calibrate.heating import identify_heat
+from haptorb.apps.calibrate.measure import compose_calibration, mean_field
+from haptorb.apps.calibrate.sensor_steps import FieldsStep, SensorsStep
+from haptorb.apps.calibrate.step import Results, Step, StepContext
 from haptorb.devices.device import HeatCoupling
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import rotation_to_axis
@@ -24,49 +25,10 @@ from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.calibration.calibration import Calibration, MeasuredHeat
 from haptorb.sensing.calibration.magnetic_calibration import MagneticCalibration, excitation
 from haptorb.sensing.calibration.network_identification import NetworkIdentification
+from haptorb.sensing.calibration.sensor_calibration import SensorCalibration
 from haptorb.sensing.tool.tool_field import ToolModel, tool_field
 
-__all__ = ["STEPS", "Step", "StepContext", "calibration_of"]
-
-Results = Mapping[str, Mapping[str, Any]]
-
-
-@dataclass(frozen=True)
-class StepContext:
-    """One device with its driver open: what a step may use.
-
-    axes      (k, 3) directions of one-axis field sensors; None: three axes each
-    schedule  (n, m) [A] of the magnetic step
-    course    of the heat step
-    """
-
-    device: SphericalElectromagnet
-    session: DriverSession
-    axes: Array | None
-    schedule: Array
-    course: HeatingSchedule = HEATING
-
-
-class Step(ABC):
-    """One thing to be measured; `needs` are the steps before it."""
-
-    name: str
-    title: str
-    asks: str  #: of the person, before it begins
-    needs: tuple[str, ...] = ()
-    near = False  #: the tool is at the summit, not away
-
-    @abstractmethod
-    def seconds(self, bench: StepContext) -> float:
-        """How long it takes, for a bar."""
-
-    @abstractmethod
-    def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
-        """Do it; CalibrationError names what is not as it must be."""
-
-    @abstractmethod
-    def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
-        """The result in one line."""
+__all__ = ["STEPS", "calibration_of", "schedule_of"]
 
 
 @final
@@ -131,13 +93,15 @@ class MagneticStep(Step):
             "residual_t": found.residual,
             "condition": found.condition,
             "repeatability": found.repeatability,
+            "failed": list(found.failed),
         }
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
         """How well it fits, and the coils' skew."""
         skew = _magnetic(result).skew(device.coils.names)
         angles = ", ".join(f"{a} and {b} {90 + np.degrees(angle):.2f}° apart" for (a, b), angle in skew.items())
-        return f"residual {1e6 * result['residual_t']:.1f} µT rms; coils {angles}"
+        failed = "".join(f"; field sensor {n + 1} does not follow the coils: left out" for n in result["failed"])
+        return f"residual {1e6 * result['residual_t']:.1f} µT rms; coils {angles}{failed}"
 
 
 @final
@@ -191,7 +155,7 @@ class HeatStep(Step):
 class ToolStep(Step):
     """The tool's magnet at the summit: which way round it is. Coils stay off."""
 
-    name, title, needs, near = "tool", "the tool's magnet", ("rest", "magnetic"), True
+    name, title, needs, hand = "tool", "the tool's magnet", ("rest", "magnetic"), "summit"
     asks = "Hold the tool upright on the summit of the dome. The coils stay off."
 
     def seconds(self, bench: StepContext) -> float:
@@ -221,7 +185,15 @@ class ToolStep(Step):
 
 
 #: in the order in which they are taken
-STEPS: tuple[Step, ...] = (RestStep(), CurrentsStep(), MagneticStep(), HeatStep(), ToolStep())
+STEPS: tuple[Step, ...] = (
+    RestStep(),
+    CurrentsStep(),
+    MagneticStep(),
+    FieldsStep(),
+    HeatStep(),
+    ToolStep(),
+    SensorsStep(),
+)
 
 
 def calibration_of(
@@ -231,9 +203,13 @@ def calibration_of(
     if "heat" in results:
         heat = _read_heat(results["heat"])
     ambient, resistance = results["rest"]["temperatures_k"], results["currents"]["resistance_ohm"]
-    return compose_calibration(
+    sensors = None
+    if "sensors" in results:
+        sensors = SensorCalibration.parse(results["sensors"], "step 'sensors'", device.sensors, device.channels)
+    found = compose_calibration(
         device, np.array(ambient), np.array(resistance), _magnetic(results["magnetic"]), heat, simulated
     )
+    return replace(found, sensors=sensors)
 
 
 def schedule_of(device: SphericalElectromagnet, levels: int, repeats: int) -> Array:
@@ -254,6 +230,7 @@ def _magnetic(result: Mapping[str, Any]) -> MagneticCalibration:
     return MagneticCalibration(
         np.array(result["moment_per_current_m2"]), np.array(result["uncertainty_m2"]), np.array(result["offsets_t"]),
         float(result["residual_t"]), float(result["condition"]), float(result["repeatability"]),
+        tuple(result["failed"]),
     )  # fmt: skip
 
 

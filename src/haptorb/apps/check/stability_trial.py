@@ -21,6 +21,7 @@ from haptorb.runtime.drivers.sim_driver import SimDriver
 from haptorb.runtime.tick.assembly import allocator_of, estimator_of
 from haptorb.runtime.tick.tick import Tick
 from haptorb.runtime.trackers.tracker import Goal
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
 from haptorb.worlds.world import World
 
@@ -54,13 +55,15 @@ def grows(
 ) -> bool:  # fmt: skip
     """Whether an oscillation of the tool across a spring of `stiffness` [N/m] grows; `grip` is the hand alone.
 
-    hall: the field sensors tell the pose, without noise (which makes the tool tremble, and no spring unstable).
+    hall: the field sensors tell the pose, as a calibration leaves them and without noise (which makes the tool tremble,
+    and no spring unstable).
     """
     held = replace(
         device,
         hand=Hand(grip.mass, grip.damping, grip.stiffness, device.hand.turn_damping, device.hand.turn_stiffness),
     )
     if hall:
+        held = without_errors(held)
         held = replace(
             held,
             hall=replace(held.hall, noise=0.0, step=0.0),

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from haptorb.apps.figure_file import check_figure_file
 from haptorb.apps.terminal import make_console, make_progress, print_json
 from haptorb.errors import InputError
+
+if TYPE_CHECKING:
+    from haptorb.devices.motor.spherical_motor import SphericalMotor
 
 __all__ = ["register"]
 
@@ -28,6 +31,9 @@ def estimators(
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of noise and orientations.")] = 0,
     plot: Annotated[Path | None, typer.Option(help="Draw Fig. 4 and more into this PNG, SVG or PDF file.")] = None,
+    sensors: Annotated[
+        bool, typer.Option("--sensors", help="What each error of the field sensors does to orientation and torque.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Compare network, linear map and least squares under noise, offset, a dead sensor and changed magnets."""
@@ -43,6 +49,11 @@ def estimators(
 
     known = motor(device)
     build_tables(known)
+    if sensors:
+        if plot is not None or networks is not None:
+            raise InputError("--sensors tries least squares only and draws nothing; leave out --plot and --networks")
+        _print_effects(known, max(10, orientations // 5), seed, json)
+        return
     trained = check_networks(known) if networks is None else read_networks(networks)
     with make_progress() as bar:
         task = bar.add_task("comparing", total=1.0)
@@ -55,3 +66,17 @@ def estimators(
         print_comparison(result, make_console())
     if plot is not None:
         plot_comparison(result, plot)
+
+
+def _print_effects(known: SphericalMotor, orientations: int, seed: int, json: bool) -> None:
+    from haptorb.apps.estimators import find_effects, print_effects
+
+    with make_progress() as bar:
+        task = bar.add_task("trying", total=1.0)
+        found = find_effects(
+            known, orientations=orientations, seed=seed, report=lambda done: bar.update(task, completed=done)
+        )
+    if json:
+        print_json(found.numbers())
+    else:
+        print_effects(found, make_console())

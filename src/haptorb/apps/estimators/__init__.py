@@ -3,6 +3,23 @@
 from __future__ import annotations
 
 from haptorb.apps.estimators.comparison import EstimatorComparison, compare
-from haptorb.apps.estimators.show import plot_comparison, print_comparison
+from haptorb.apps.estimators.sensor_effects import SensorEffects, find_effects
+from haptorb.apps.estimators.show import (
+    plot_comparison,
+    plot_disturbances,
+    plot_noise,
+    print_comparison,
+    print_effects,
+)
 
-__all__ = ["EstimatorComparison", "compare", "plot_comparison", "print_comparison"]
+__all__ = [
+    "EstimatorComparison",
+    "SensorEffects",
+    "compare",
+    "find_effects",
+    "plot_comparison",
+    "plot_disturbances",
+    "plot_noise",
+    "print_comparison",
+    "print_effects",
+]

@@ -19,7 +19,16 @@ from haptorb.numerics.arrays import Array
 from haptorb.sensing.orientation.spin_ambiguity import spin_period
 from haptorb.sensing.torque_maps.network import TrainedNetworks
 
-__all__ = ["TORQUE_JND", "CoilTrace", "EstimatorComparison", "EstimatorRow", "compare"]
+__all__ = [
+    "ASKED",
+    "TORQUE_JND",
+    "CoilTrace",
+    "EstimatorComparison",
+    "EstimatorRow",
+    "compare",
+    "orientation_gaps",
+    "torque_error",
+]
 
 #: field of a row → its key with the unit; shares have none
 _KEYS = {
@@ -155,8 +164,8 @@ def _row(
     one = {where: share * case.strength * K[:, :, channel] for where, K in true.items()}
     found = {where: share * answer.K[:, :, channel] for where, answer in outputs.items()}
     over = outputs["workspace"]
-    wrong = _torque_error(motor, over, case.strength * true["workspace"])
-    gaps = _gaps(motor, over.R, places["workspace"])
+    wrong = torque_error(motor, over, case.strength * true["workspace"])
+    gaps = orientation_gaps(motor, over.R, places["workspace"])
     return EstimatorRow(
         name,
         case.name,
@@ -170,7 +179,7 @@ def _row(
     )
 
 
-def _torque_error(motor: SphericalMotor, output: EstimatorOutput, true: Array) -> Array:
+def torque_error(motor: SphericalMotor, output: EstimatorOutput, true: Array) -> Array:
     """(n,) error [N·m] of the torque that the true K makes of the currents that the estimated K asks for."""
     allocator = MinimumPowerAllocator(motor.coils.current_limit, resistance=motor.coils.resistance)
     directions = np.random.default_rng(7).standard_normal((len(true), 3))
@@ -188,7 +197,7 @@ def _torque_error(motor: SphericalMotor, output: EstimatorOutput, true: Array) -
     return wrong
 
 
-def _gaps(motor: SphericalMotor, found: Array, true: Array) -> Array:
+def orientation_gaps(motor: SphericalMotor, found: Array, true: Array) -> Array:
     """(n,) angle between orientations [rad], the least over all branches of spin."""
     period = spin_period(motor)
     relative = np.swapaxes(true, 1, 2) @ found

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptorb.devices.motor.handle import HallQuality
 from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.devices.sensor_errors import SensorErrors, draw_sensors
 from haptorb.numerics.arrays import Array
-from haptorb.simulation.motor.hall import FAILURES, draw_halls, greatest_reading, read_halls
+from haptorb.simulation.parts.hall import FAILURES, greatest_reading, make_halls, read_halls
 from haptorb.simulation.parts.noise import seed_noise
 
 __all__ = ["NOISES", "Disturbance", "disturbances"]
@@ -30,12 +30,11 @@ class Disturbance:
     def readings(self, motor: SphericalMotor, R: Array, seed: int = 0) -> Array:
         """(n, k, 3) [T], stator frame: what the sensors of `motor` say at R (n, 3, 3), no currents flowing."""
         ideal = self.noise is not None
-        halls = draw_halls(
+        halls = make_halls(
             motor.sensor_layout.frames,
-            HallQuality(self.gain, self.offset, self.gain),
+            draw_sensors(SensorErrors(self.gain, self.offset, self.gain), motor.sensors, seed),
             motor.hall.noise if self.noise is None else self.noise,
             0.0 if ideal else motor.hall.step,
-            seed,
         )
         if ideal:
             halls["reach"] = greatest_reading(motor.hall.step)
@@ -44,7 +43,7 @@ class Disturbance:
         noise = seed_noise(seed)
         field = self.strength * motor.sensor_field(R, "table")
         for reading in field:
-            read_halls(halls, noise, reading)
+            read_halls(halls, noise, 0.0, reading)
         return field
 
 

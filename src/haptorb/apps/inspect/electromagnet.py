@@ -11,6 +11,7 @@ from rich.console import Console
 from haptorb.apps.inspect.card import Card, facts, print_card
 from haptorb.apps.inspect.force_table import print_force_tables
 from haptorb.apps.inspect.quantities import Curve, Quantity, common_curves, common_quantities
+from haptorb.apps.inspect.sensing import summarize_sensing
 from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet.feasible_wrench import FeasibleWrench, feasible_wrench
@@ -96,6 +97,8 @@ class ElectromagnetCard(Card):
             ("actuated", "3 degrees of freedom: force, or torque about two axes, or a blend of both"),
             ("sensed", f"tool's position and axis (5) by a tracker; {device.sensors} field sensors of 3 axes"),
         ]
+        if device.sensors > 1:
+            more.append(("by field sensors", summarize_sensing(device)))
         print_card(device, console, more)
         print_text(console)
         coupled = device.coils.heat.coupling is not None

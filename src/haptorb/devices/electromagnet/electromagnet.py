@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 from typing import ClassVar
@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from haptorb.devices.device import Device, Shell
+from haptorb.devices.electromagnet.core_dynamics import CoreDynamics
 from haptorb.devices.electromagnet.kind import ELECTROMAGNET
 from haptorb.devices.electromagnet.passive_pull import PassivePull
 from haptorb.devices.electromagnet.remarks import list_remarks
@@ -20,6 +21,7 @@ from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.kind import DeviceKind
 from haptorb.devices.schema.limit_checks import list_limit_remarks
 from haptorb.devices.state import State
+from haptorb.devices.uncertainty.tool import ToolUncertainty
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.display.quantity_text import format_quantity
 from haptorb.errors import GeometryError
@@ -94,7 +96,9 @@ class SphericalElectromagnet(Device):
     thermometer_noise: float  #: [K]
     windings: Windings | None = None  #: the coils' sizes, where somebody gave or assumed them
     moments_from: str = "device file"  #: where `moment_per_current` comes from: that, "windings" or "calibration"
+    core_dynamics: CoreDynamics = field(default_factory=CoreDynamics)  #: eddy currents and remanence
     marks: Marks | None = None  #: places to touch with the tip, where there are any
+    uncertainty: ToolUncertainty = field(default_factory=ToolUncertainty)  #: how well the values are known
 
     models: tuple[str, ...] = ("exact", "published")
 

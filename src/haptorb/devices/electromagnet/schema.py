@@ -9,9 +9,10 @@ import numpy as np
 from annotated_types import Gt, Len
 from pydantic import Field, model_validator
 
+from haptorb.devices.electromagnet.core_dynamics import CoreDynamics
 from haptorb.devices.electromagnet.electromagnet import DomeContact, Hand, SphericalElectromagnet, Tool
 from haptorb.devices.electromagnet.geometry_checks import list_geometry_mistakes
-from haptorb.devices.electromagnet.touch_points import Marks
+from haptorb.devices.electromagnet.touch_points import MarksSection
 from haptorb.devices.electromagnet.windings import Windings
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.schema import key as m
@@ -20,21 +21,19 @@ from haptorb.devices.schema.limit_checks import list_limit_mistakes
 from haptorb.devices.schema.sections import (
     RIGHT_ANGLE,
     CommonFile,
-    FieldSensorsSection,
-    Name,
-    Point,
     Positive,
     Section,
     ThermometerSection,
     check_wall,
 )
+from haptorb.devices.schema.sensor_sections import FieldSensorsSection
 from haptorb.devices.schema.thermal_sections import ThermalSection
+from haptorb.devices.uncertainty.tool import ToolUncertainty
 from haptorb.errors import DeviceError
 from haptorb.physics.sources.soft_sphere import SoftSphere
 
 __all__ = ["ElectromagnetFile"]
 
-_SPREAD = 1e-3  #: marks nearer to a common line than this cannot hold a frame [m]
 Row3 = Annotated[tuple[q.MomentPerCurrent, ...], Len(3, 3)]
 
 
@@ -49,6 +48,30 @@ class ElectromagnetSection(Section):
     ] = None
     core_radius: Annotated[q.Length, Positive, m.Meaning("radius of the soft-magnetic sphere inside the coils")]
     core_permeability: Annotated[q.Number, Gt(1), m.Meaning("relative permeability of the core; inf is allowed")]
+
+
+class CoreDynamicsSection(Section):
+    """[core_dynamics]"""
+
+    eddy_share: Annotated[
+        q.Number, Field(ge=0, lt=1), m.Meaning("share of the moment that eddy currents in the core delay")
+    ]
+    eddy_time: Annotated[q.Duration, Positive, m.Meaning("time constant of that delay")]
+    remanent_moment: Annotated[
+        q.MagneticMoment, Field(ge=0), m.Meaning("moment along an axis that stays in the core after a large current")
+    ]
+    reversing_moment: Annotated[
+        q.MagneticMoment, Positive, m.Meaning("change of the moment that turns the remanence from full to none")
+    ]
+    spread: Annotated[
+        q.Number,
+        Field(ge=0, le=1),
+        m.Meaning("relative standard deviation of share, time and remanent moment from device to device"),
+    ]
+
+    def build(self) -> CoreDynamics:
+        """As the device has it."""
+        return CoreDynamics(**self.model_dump())
 
 
 class DomeSection(Section):
@@ -131,39 +154,6 @@ class WindingsSection(Section):
         return Windings(*(np.array(part) for part in (self.turns, self.inner_radius, self.outer_radius, self.length)))
 
 
-class MarksSection(Section):
-    """[marks]"""
-
-    names: Annotated[
-        tuple[Name, ...],
-        Len(3, 100),
-        m.Meaning("name of each mark"),
-        m.Form("3 to 100, spelled as name, all different"),
-    ]
-    positions: Annotated[
-        tuple[Point, ...],
-        Len(3, 100),
-        m.Meaning("bottom of each mark's dot, stator frame, one per name"),
-        m.Form("3 to 100 places x, y, z, not inside the dome and not on one line"),
-    ]
-
-    @model_validator(mode="after")
-    def _check_marks(self) -> MarksSection:
-        if len(self.names) != len(self.positions):
-            raise ValueError(f"has {len(self.names)} names but {len(self.positions)} positions")
-        if len(set(self.names)) != len(self.names):
-            raise ValueError("has a duplicate name")
-        places = np.array(self.positions)
-        spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-        if spread[1] < _SPREAD:
-            raise ValueError("must not lie on one line: a frame could turn about it")
-        return self
-
-    def build(self) -> Marks:
-        """As the device has it."""
-        return Marks(self.names, np.array(self.positions))
-
-
 class ElectromagnetFile(CommonFile):
     """A file of kind "spherical-electromagnet"."""
 
@@ -185,6 +175,11 @@ class ElectromagnetFile(CommonFile):
         m.Meaning("the thermal model of all coils together"),
         m.Without("no coil warms another, and the values of coils.heat are exact"),
     ] = None
+    core_dynamics: Annotated[
+        CoreDynamicsSection | None,
+        m.Meaning("eddy currents and remanence of the core"),
+        m.Without("the core follows the currents at once and keeps no moment"),
+    ] = None
     windings: Annotated[
         WindingsSection | None,
         m.Meaning("sizes of the coils, one value per coil"),
@@ -195,6 +190,12 @@ class ElectromagnetFile(CommonFile):
         m.Meaning("places on the device that a tracker's frame is registered at"),
         m.Without("none: no `haptorb frame`"),
     ] = None
+    uncertainty: Annotated[
+        ToolUncertainty,
+        m.Meaning("standard uncertainty of what is assumed or measured, for `haptorb inspect --errors`"),
+        m.Without("the defaults below"),
+        Field(default_factory=ToolUncertainty),
+    ]
 
     @model_validator(mode="after")
     def _clear(self) -> ElectromagnetFile:
@@ -269,9 +270,13 @@ class ElectromagnetFile(CommonFile):
             tool=Tool(**tool),
             hand=Hand(**self.hand.model_dump()),
             contact=DomeContact(dome.stiffness, dome.damping, dome.friction),
-            hall=FieldSensors(np.array(hall.positions).reshape(-1, 3), hall.noise, hall.step),
+            hall=FieldSensors(
+                np.array(hall.positions).reshape(-1, 3), hall.noise, hall.step, hall.errors(), hall.warming
+            ),
+            core_dynamics=CoreDynamics() if self.core_dynamics is None else self.core_dynamics.build(),
             thermometer_step=self.thermometer.step,
             thermometer_noise=self.thermometer.noise,
             windings=windings,
             marks=None if self.marks is None else self.marks.build(),
+            uncertainty=self.uncertainty,
         )

@@ -1,4 +1,4 @@
-"""What surrounds a motor's rotor: the hand on its handle, the stop at its edge, and sensors that differ."""
+"""What surrounds a motor's rotor: the hand on its handle, and the stop at its edge."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from haptorb.errors import InputError
 
-__all__ = ["HANDLE_LOOSE", "EndStop", "Grasp", "HallQuality"]
+__all__ = ["HANDLE_LOOSE", "EndStop", "Grasp"]
 
 
 @dataclass(frozen=True)
@@ -40,18 +40,3 @@ class EndStop:
 
     stiffness: float  #: [N·m/rad]
     damping: float  #: [N·m·s/rad]
-
-
-@dataclass(frozen=True)
-class HallQuality:
-    """Standard deviations of what differs from sensor to sensor; noise and quantum are alike for all."""
-
-    gain: float  #: relative
-    offset: float  #: [T]
-    cross: float  #: share of another axis that is read as well
-
-    def __post_init__(self) -> None:
-        for name in ("gain", "offset", "cross"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InputError(f"HallQuality.{name} must be a standard deviation from 0 on; got {value!r}")

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Ge, Len
+from annotated_types import Len
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from haptorb.devices.motor.layouts import Layout, PartRing, alternate_signs
 from haptorb.devices.schema import key as m
 from haptorb.devices.schema import quantity as q
 from haptorb.devices.schema.sections import RIGHT_ANGLE, Count, Positive, Section, check_wall
+from haptorb.devices.schema.sensor_sections import SensorQualitySection
 from haptorb.errors import quote
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources.multipole import MultipoleSource
@@ -149,18 +150,11 @@ class ElectromagnetsSection(Section):
         return self
 
 
-class SensorsSection(Section):
+class SensorsSection(SensorQualitySection):
     """[sensors]: three-axis field sensors on the stator."""
 
     distance: Annotated[q.Length, Positive, m.Meaning("distance of the field sensors from the motor's centre")]
     rings: Annotated[Rings, m.Meaning("rings of three-axis field sensors on the stator")]
-    noise: Annotated[q.Polarization, Ge(0), m.Meaning("standard deviation of one reading, each axis")]
-    step: Annotated[q.Polarization, Ge(0), m.Meaning("smallest step of a reading")]
-    gain: Annotated[q.Number, Ge(0), m.Meaning("standard deviation of the relative gain error from sensor to sensor")]
-    offset: Annotated[q.Polarization, Ge(0), m.Meaning("standard deviation of the offset from sensor to sensor")]
-    cross: Annotated[
-        q.Number, Ge(0), m.Meaning("standard deviation of what one axis reads of another, as a share of it")
-    ]
 
 
 class GroupsSection(Section):

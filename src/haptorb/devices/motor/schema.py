@@ -6,10 +6,11 @@ from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from haptorb.devices.device import Coils
 from haptorb.devices.field_sensors import FieldSensors
-from haptorb.devices.motor.handle import EndStop, Grasp, HallQuality
+from haptorb.devices.motor.handle import EndStop, Grasp
 from haptorb.devices.motor.magnetics_schema import (
     ElectromagnetsSection,
     GroupsSection,
@@ -40,6 +41,7 @@ from haptorb.devices.schema.sections import (
     Text,
     ThermometerSection,
 )
+from haptorb.devices.uncertainty.motor import MotorUncertainty
 from haptorb.errors import DeviceError
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources.coil import Coil
@@ -96,6 +98,12 @@ class MotorFile(Section):
         m.Meaning("two opposed ring magnets that hold the rotor up"),
         m.Without("none: only the currents do"),
     ] = None
+    uncertainty: Annotated[
+        MotorUncertainty,
+        m.Meaning("standard uncertainty of what is assumed or measured, for `haptorb inspect --errors`"),
+        m.Without("the defaults below"),
+        Field(default_factory=MotorUncertainty),
+    ]
 
     def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalMotor:
         """The device that this file describes; DeviceError with all findings unless they are overridden."""
@@ -134,8 +142,7 @@ class MotorFile(Section):
             electromagnets=layout(e.distance, e.rings),
             electromagnet=coil,
             sensor_layout=sensors,
-            hall=FieldSensors(sensors.positions, s.noise, s.step),
-            hall_spread=HallQuality(s.gain, s.offset, s.cross),
+            hall=FieldSensors(sensors.positions, s.noise, s.step, s.errors(), s.warming),
             groups=groups,
             magnet_model=None if m.multipole is None else m.multipole.build(m.radius, m.length),
             coil_model=None if e.multipole is None else e.multipole.build(e.outer_radius, e.length),
@@ -146,6 +153,7 @@ class MotorFile(Section):
             hand=Grasp(self.hand.mass, self.hand.stiffness, self.hand.damping, self.hand.radius),
             rotor=Rotor(**{**self.rotor.model_dump(), "inertia": np.array(self.rotor.inertia)}),
             regulator=self._regulator(),
+            uncertainty=self.uncertainty,
         )
 
     def _channels(self, coil: Coil, groups: Array) -> Coils:

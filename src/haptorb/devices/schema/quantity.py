@@ -30,12 +30,14 @@ __all__ = [
     "Current",
     "Damping",
     "Duration",
+    "FieldDrift",
     "Force",
     "HeatCapacity",
     "Inductance",
     "Inertia",
     "InverseKelvin",
     "Length",
+    "MagneticMoment",
     "Mass",
     "Modulus",
     "MomentPerCurrent",
@@ -197,4 +199,6 @@ Temperature = Annotated[float, _unit_validator("K", "a temperature")]
 TemperatureStep = Annotated[float, _unit_validator("delta_degC", "a temperature difference")]
 HeatCapacity = Annotated[float, _unit_validator("J/K", "a heat capacity")]
 Conductance = Annotated[float, _unit_validator("W/K", "a heat conductance")]
+FieldDrift = Annotated[float, _unit_validator("T/K", "a flux density per kelvin")]
+MagneticMoment = Annotated[float, _unit_validator("A*m**2", "a magnetic moment")]
 InverseKelvin = Annotated[float, _unit_validator("1/K", "a temperature coefficient")]

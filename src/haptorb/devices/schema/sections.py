@@ -16,7 +16,6 @@ __all__ = [
     "RIGHT_ANGLE",
     "CommonFile",
     "Count",
-    "FieldSensorsSection",
     "HeatSection",
     "LimitsSection",
     "Name",
@@ -189,19 +188,6 @@ class LimitsSection(Section):
     def build(self) -> Limits:
         """As the device has it."""
         return Limits(**self.model_dump())
-
-
-class FieldSensorsSection(Section):
-    """[hall]"""
-
-    positions: Annotated[
-        tuple[Point, ...],
-        Len(0, 100),
-        m.Meaning("place of each three-axis field sensor, stator frame; its number is the sensor's"),
-        m.Form("0 to 100 places x, y, z outside the core"),
-    ]
-    noise: Annotated[q.Polarization, Field(ge=0), m.Meaning("standard deviation of one reading, each axis")]
-    step: Annotated[q.Polarization, Field(ge=0), m.Meaning("smallest step of a reading")]
 
 
 class ThermometerSection(Section):

@@ -38,6 +38,8 @@ _USUAL = {
     "J/K": "J/K",
     "W/K": "W/K, mW/K",
     "1/K": "1/K",
+    "T/K": "µT/K, mT/K",
+    "A*m**2": "mA*m^2, A*m^2, emu",
     "Pa": "GPa, MPa, Pa, psi",
 }
 _LONG_PREFIXES = ("", "nano", "micro", "milli", "centi", "kilo", "mega", "giga")

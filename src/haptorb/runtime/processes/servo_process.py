@@ -120,7 +120,7 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
         if end_signals.early:
             sys.exit(128 + end_signals.early)
         chain.driver.open()
-        shared.warning.write(disagreement(chain.driver.calibration, plan.calibration))
+        shared.warning.write(disagreement(chain.driver.calibration, plan.calibration) or chain.remark)
         clock = Clock(plan.rate, chain.driver.lead)
         tracker.origin = clock.schedule.origin * 1e-9
         die_with_parent(signal.SIGUSR1)  # in order from here on, with the coils off first ...

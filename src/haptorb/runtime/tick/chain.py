@@ -33,6 +33,10 @@ class Chain(Protocol):
         """What a failed world or driver said, and where in a user's code; empty for other trips."""
 
     @property
+    def remark(self) -> str:
+        """What a person should know of the estimator before it is relied on; empty for nothing."""
+
+    @property
     def driver(self) -> Driver:
         """The door to the device."""
 

@@ -77,6 +77,11 @@ class Tick:
         self._start = {field.name: self.layout[field.name].start for field in self.layout.fields}
 
     @property
+    def remark(self) -> str:
+        """What a person should know of the estimator before it is relied on; empty for nothing."""
+        return self.estimator.remark
+
+    @property
     def error(self) -> str:
         """What a failed world or driver said, and where in a user's code; empty for other trips. Read it after the
         tick: to say it takes longer than to switch the coils off."""

@@ -16,6 +16,7 @@ from haptorb.errors import CalibrationError, quote
 from haptorb.files.json_file import numbers, parse_document
 from haptorb.numerics.arrays import Array
 from haptorb.physics.thermal import TwoNode
+from haptorb.sensing.calibration.sensor_calibration import SensorCalibration
 
 __all__ = ["FORMAT", "Calibration", "MeasuredHeat"]
 
@@ -60,6 +61,7 @@ class Calibration:
     residual            rms that the magnetic regression leaves [T]; condition and repeatability as there
     heat                from a thermal record; None where none was given
     simulated           it was measured on a simulation
+    sensors             offset, gain and place of every field sensor; None where the steps were not taken
     """
 
     device: str
@@ -73,6 +75,7 @@ class Calibration:
     repeatability: float
     heat: MeasuredHeat | None
     simulated: bool
+    sensors: SensorCalibration | None = None
 
     def apply(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
         """`device` with what was measured; CalibrationError if the calibration is another device's."""
@@ -85,7 +88,10 @@ class Calibration:
         coils = replace(device.coils, resistance=self.resistance)
         if self.heat is not None:
             coils = replace(coils, heat=self.heat.apply(device))
-        return replace(device, moment_per_current=self.moment_per_current, moments_from="calibration", coils=coils)
+        hall = device.hall if self.sensors is None else self.sensors.apply(device.hall)
+        return replace(
+            device, moment_per_current=self.moment_per_current, moments_from="calibration", coils=coils, hall=hall
+        )
 
     @property
     def id(self) -> bytes:
@@ -112,13 +118,14 @@ class Calibration:
             "condition": self.condition,
             "repeatability": self.repeatability,
             "heat": heat,
+            "field_sensors": None if self.sensors is None else self.sensors.numbers(),
         }
         return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
     @classmethod
     def parse(cls, text: str, name: str) -> Calibration:
         """From JSON; `name` is what mistakes are reported under. CalibrationError if it is no calibration."""
-        raw = parse_document(text, name, "calibration", FORMAT, _KEYS, "calibrate again")
+        raw = parse_document(text, name, "calibration", FORMAT, _KEYS, "calibrate again", {"field_sensors"})
         moments = numbers(raw, "moment_per_current_m2", name, (3, None))
         channels = moments.shape[1]
         if np.linalg.matrix_rank(moments) < min(3, channels):
@@ -128,18 +135,22 @@ class Calibration:
         resistance = numbers(raw, "resistance_ohm", name, (channels,))
         if not (resistance > 0).all():
             raise CalibrationError(f"{name}: resistance_ohm must be positive; got {resistance.tolist()}")
+        offsets, sensors = numbers(raw, "offsets_t", name, (None, 3)), None
+        if raw.get("field_sensors") is not None:
+            sensors = SensorCalibration.parse(raw["field_sensors"], name, len(offsets), channels)
         return cls(
             _check_text(raw, "device", name),
             _check_text(raw, "digest", name),
             moments,
             numbers(raw, "uncertainty_m2", name, moments.shape),
-            numbers(raw, "offsets_t", name, (None, 3)),
+            offsets,
             resistance,
             float(numbers(raw, "residual_t", name, ())),
             float(numbers(raw, "condition", name, ())),
             float(numbers(raw, "repeatability", name, ())),
             _heat(raw["heat"], channels, name),
             raw["simulated"],
+            sensors,
         )
 
 

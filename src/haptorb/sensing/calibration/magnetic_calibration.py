@@ -18,9 +18,11 @@ from haptorb.errors import CalibrationError, InputError
 from haptorb.numerics.arrays import Array, check_finite
 from haptorb.physics.sources import dipole
 
-__all__ = ["MagneticCalibration", "excitation", "magnetic_calibration"]
+__all__ = ["MagneticCalibration", "check_conduction", "excitation", "find_silent", "magnetic_calibration"]
 
 _DEAD = 0.2  #: share of the wanted current below which a coil counts as not connected
+_SILENT = 0.2  #: share of the expected field below which a sensor does not answer
+_MOST_SILENT = 4  #: one of so many sensors may be silent
 _ALIKE = 0.8  #: cosine from which a coil's moment counts as being along another coil's axis
 
 
@@ -34,6 +36,7 @@ class MagneticCalibration:
     residual            rms of what the model leaves unexplained [T]
     condition           of the regression: how much worse the worst-determined combination is than the best
     repeatability       greatest relative difference between the results of the odd and the even readings
+    failed              sensors, from 0, that do not answer the coils at all: they are left out
     """
 
     moment_per_current: Array
@@ -42,6 +45,7 @@ class MagneticCalibration:
     residual: float
     condition: float
     repeatability: float
+    failed: tuple[int, ...] = ()
 
     def skew(self, names: tuple[str, ...]) -> dict[tuple[str, str], float]:
         """Angle between each two coils' axes, less 90° [rad]."""
@@ -107,13 +111,15 @@ def magnetic_calibration(
     visible = (
         np.broadcast_to(np.eye(3), (places, 3, 3)) if axes is None else _project(check_finite(axes, "axes"), places)
     )
-    _check_conduction(device, want, i)
+    check_conduction(device, want, i)
+    failed = find_silent(device, i, B)
+    visible = np.where(np.isin(np.arange(places), failed)[:, None, None], 0.0, visible)
     result = _regress(device, visible, i, B)
     _check_wiring(device, result.moment_per_current)
     _check_sensors(device, visible, i, B, result)
     odd, even = (_regress(device, visible, i[k::2], B[k::2]).moment_per_current for k in (1, 0))
     scale = np.linalg.norm(result.moment_per_current, axis=0)
-    return replace(result, repeatability=float((np.abs(odd - even) / scale).max()))
+    return replace(result, repeatability=float((np.abs(odd - even) / scale).max()), failed=failed)
 
 
 def _project(axes: Array, places: int) -> Array:
@@ -148,7 +154,30 @@ def _regress(device: SphericalElectromagnet, visible: Array, i: Array, B: Array)
     return MagneticCalibration(M, spread, offsets, variance**0.5, condition, 0.0)
 
 
-def _check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Array) -> None:
+def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) -> tuple[int, ...]:
+    """Sensors, from 0, whose readings (n, k, 3) [T] stay where they are while `currents` (n, m) [A] flow.
+
+    Raises CalibrationError that names them where they are more than a quarter: then it is not the sensors.
+    """
+    at, x = device.hall.positions, currents - currents.mean(axis=0)
+    swing = fields - fields.mean(axis=0)
+    modelled = np.stack([dipole.field(device.moment_per_current @ row, at) for row in x])
+    signal, answer = (np.sqrt((part**2).mean(axis=(0, 2))) for part in (modelled, swing))
+    silent = tuple(int(s) for s in np.flatnonzero(answer < _SILENT * signal))
+    if len(silent) > device.sensors // _MOST_SILENT:
+        names = ", ".join(str(s + 1) for s in silent)
+        raise CalibrationError(
+            f"field sensors {names} of {device.sensors} do not answer the coils: check their supply and connection; "
+            f"one in {_MOST_SILENT} may be left out"
+        )
+    return silent
+
+
+def check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Array) -> None:
+    """Every coil must carry what is wanted of it: `wanted` and `measured` (n, m) [A].
+
+    Raises CalibrationError that names a coil which does not conduct, InputError where one was never asked to.
+    """
     for coil, name in enumerate(device.coils.names):
         asked = float(np.abs(wanted[:, coil]).max())
         if asked == 0.0:
@@ -182,10 +211,12 @@ def _check_wiring(device: SphericalElectromagnet, measured: Array) -> None:
 def _check_sensors(
     device: SphericalElectromagnet, visible: Array, i: Array, B: Array, result: MagneticCalibration
 ) -> None:
-    """Every sensor must see what the others agree on."""
+    """Every sensor that has not failed must see what the others agree on."""
     at = device.hall.positions
     x, y = i - i.mean(axis=0), B - B.mean(axis=0)
     for s in range(len(at)):
+        if not visible[s].any():
+            continue
         modelled = np.array([visible[s] @ dipole.field(result.moment_per_current @ row, at[s]) for row in x])
         excess = float(((y[:, s] - modelled) ** 2).mean() ** 0.5)
         signal = float((modelled**2).mean() ** 0.5)

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, check_finite, vectors
@@ -82,7 +81,7 @@ def with_sensors(device: SphericalElectromagnet, positions: ArrayLike) -> Spheri
     at = vectors(positions, "positions").reshape(-1, 3)
     if len(at) < 2 or float(np.linalg.norm(at, axis=1).min()) <= device.core_radius:
         raise InputError("field sensors must be at least two, outside the core")
-    return replace(device, hall=FieldSensors(at, device.hall.noise, device.hall.step))
+    return replace(device, hall=replace(device.hall, positions=at, correction=None))
 
 
 def better_sensors(device: SphericalElectromagnet) -> Array:

@@ -82,7 +82,13 @@ def unpack_model(model: Array) -> TrackerModel:
 
 
 def coil_field(device: SphericalElectromagnet) -> Array:
-    """(k, 3, m) [T/A] what an ampere in each coil does at each sensor, the core's answer to the coils included."""
+    """(k, 3, m) [T/A] what an ampere in each coil does at each sensor, the core's answer to the coils included.
+
+    As the sensors of `device` tell it, where a calibration measured it.
+    """
+    correction = device.hall.correction
+    if correction is not None:
+        return np.ascontiguousarray(correction.per_ampere)
     per_ampere: Array = np.ascontiguousarray(moment_field(device) @ device.moment_per_current)
     return per_ampere
 

@@ -47,21 +47,23 @@ def _inverse(N: Array) -> bool:
 
 
 @kernel
-def weigh_moment(t: Record, columns: Array, currents: Array, share: float) -> None:
+def weigh_moment(t: Record, columns: Array, currents: Array, lagged: Array, share: float) -> None:
     """Fill the weight of tracker t; zeros, plain least squares, where the moment is known as well as perfectly.
 
-    columns (m,) [m⁴] squares of the moment map's columns, whose entries are known to `share`; currents (m,) [A].
+    columns (m,) [m⁴] squares of the moment map's columns, whose entries are known to `share`; currents (m,) [A], and
+    lagged (m,) [A] the same through the core's lag, whose share is known to t.eddy_doubt.
     """
-    errors, G = 0.0, t.weight
+    errors, G = t.remanent * t.remanent, t.weight
     for j in range(currents.shape[0]):
-        errors += columns[j] * (share * currents[j]) ** 2
+        late = t.eddy_doubt * (currents[j] - lagged[j])
+        errors += columns[j] * ((share * currents[j]) ** 2 + late * late)
     G[:] = t.moment_noise
     for a in range(3):
         G[a, a] += errors
     if _inverse(G):
         for a in range(3):
             for b in range(3):
-                G[a, b] = t.noise * t.noise * G[a, b] + t.coupling[a, b]
+                G[a, b] = (t.noise * t.noise + t.lasting * t.lasting) * G[a, b] + t.coupling[a, b]
         if _inverse(G):
             return
     G[:] = 0.0
@@ -80,6 +82,8 @@ def _normal(t: Record, sensors: Records, B: Array, J: Array, gradient: Array) ->
     shared, known = np.zeros((3, 6)), np.zeros((3, 6))  # Uᵀ [J, r], and G times it
     for k in range(sensors.size):
         sensor = sensors[k]
+        if not sensor.used:
+            continue
         for i in range(3):
             r, age = sensor.field[i] - B[k, i], sensor.age[i]
             if age > 0.0:

@@ -44,7 +44,8 @@ _MOST = 4  #: evaluations
 _EXACT, _COLD = 1e-6, 40  #: last step of a fit from nothing [m, rad], and its evaluations at most
 _MANY = 5.0  #: residuals so many times the sensors' noise are no noise
 _SHARE = 0.01  #: of the coils' own field that calibration may leave unexplained
-_CALIBRATED = 1e-3  #: standard deviation of the moment map's entries after a calibration, of their column
+CALIBRATED = 1e-3  #: standard deviation of the moment map's entries after a calibration, of their column
+_PAUSED = 0.05  #: without currents for so long the core's lag is over [s]
 _OLD = 0.05  #: a reading that is older tells nothing any more: a sensor has gone [s]
 _FRESH = 0.05  #: weight of a tick in the share of readings that are new
 _VAGUE = 3e-3  #: standard deviation of the place above which it is not known [m]
@@ -52,36 +53,62 @@ _OUTWARD = -0.2  #: a tool whose axis points inwards by more than this cosine ha
 
 
 @kernel
+def _pass_lag(t: Record, currents: Array, lagged: Array, taken: float) -> None:
+    """lagged (m,) [A] goes on to what `currents` (m,) [A] at `taken` [s] make of it through the core's lag."""
+    passed = taken - t.lagged_at
+    known = passed <= _PAUSED
+    keep = np.exp(-passed / t.eddy_time) if passed > 0.0 and known else 1.0
+    for j in range(currents.shape[0]):
+        if not known or not np.isfinite(lagged[j]):
+            lagged[j] = currents[j]
+        else:
+            lagged[j] = currents[j] + keep * (lagged[j] - currents[j])
+    if passed > 0.0:
+        t.lagged_at = taken
+
+
+@kernel
 def subtract_coils(
-    tracker: Records, sensors: Records, model: Array, read: Array, currents: Array, taken: float, now: float
-) -> bool:
-    """The sensors' field = read (k, 3) [T] − offsets − field of the coils, where something was read, at `taken` [s];
-    their ages `now` [s], limit and weight for such currents (m,) [A]; False if a current is not a number or a reading
-    too old."""
+    tracker: Records, sensors: Records, model: Array, read: Array, currents: Array, lagged: Array, taken: float,
+    now: float,
+) -> bool:  # fmt: skip
+    """The sensors' field = gain (read (k, 3) [T] − offsets − coils), where something was read, at `taken` [s]; their
+    ages `now` [s], limit and weight for such currents (m,) [A]; False if a current is not a number or a reading too
+    old. lagged (m,) [A]: the currents through the core's lag, as the last call left them."""
     t, known = tracker[0], unpack_model(model)
     total, oldest, new = 0.0, 0.0, 0
+    _pass_lag(t, currents, lagged, taken)
     for k in range(sensors.size):
         sensor = sensors[k]
+        if not sensor.used:
+            continue
         for i in range(3):
             coils = 0.0
             for j in range(currents.shape[0]):
-                coils += known.per_ampere[3 * k + i, j] * currents[j]
+                coils += known.per_ampere[3 * k + i, j] * (currents[j] - t.eddy_share * (currents[j] - lagged[j]))
             total += coils * coils
             left = read[k, i] - sensor.offset[i] - coils
             if left - left == 0.0:  # a number
-                sensor.field[i] = left
+                sensor.left[i] = left
                 sensor.taken[i] = taken
                 new += 1
             age = now - sensor.taken[i]
             sensor.age[i] = age
             if not age <= oldest:
                 oldest = age
-    t.share += _FRESH * (new / read.size - t.share)
+        for i in range(3):
+            sensor.field[i] = (
+                sensor.gain[i, 0] * sensor.left[0]
+                + sensor.gain[i, 1] * sensor.left[1]
+                + sensor.gain[i, 2] * sensor.left[2]
+            )
+    t.share += _FRESH * (new / t.readings - t.share)
     if not (np.isfinite(total) and oldest <= _OLD):
         return False
-    square = _MANY * _MANY * (t.noise * t.noise + t.swing * t.swing)
-    t.limit = np.sqrt(square + _SHARE * _SHARE * total / read.size)
-    weigh_moment(t, known.columns, currents, _CALIBRATED)
+    square = _MANY * _MANY * (t.noise * t.noise + t.swing * t.swing + t.lasting * t.lasting)
+    share = max(_SHARE, 3.0 * t.coil_error)
+    t.limit = np.sqrt(square + share * share * total / t.readings)
+    weigh_moment(t, known.columns, currents, lagged, CALIBRATED)
     return True
 
 
@@ -156,17 +183,17 @@ def fit_anew(tracker: Records, sensors: Records, model: Array, p: Array, R: Arra
 
 @kernel
 def follow_tool(
-    tracker: Records, sensors: Records, model: Array, read: Array, currents: Array, taken: float, now: float, dt: float,
-    pose: Array,
+    tracker: Records, sensors: Records, model: Array, read: Array, currents: Array, lagged: Array, taken: float,
+    now: float, dt: float, pose: Array,
 ) -> int:  # fmt: skip
     """From what was read (k, 3) [T] to the pose (6, 3) as in `filter_fit`, starting where the tool should be after `dt`
     [s]; for VAGUE it is what the filter alone expects.
 
     Arguments as in `subtract_coils`.
     """
-    if not subtract_coils(tracker, sensors, model, read, currents, taken, now):
+    if not subtract_coils(tracker, sensors, model, read, currents, lagged, taken, now):
         return UNREAD
-    t, R, p, readings = tracker[0], pose[:3], pose[3], 3 * sensors.size
+    t, R, p, readings = tracker[0], pose[:3], pose[3], tracker[0].readings
     predict(t.filter, dt, p, R)
     _fill_rates(t, R)
     found, misfit = fit_tool(t, sensors, unpack_model(model).tool, _NEAR, _TURN, _MOST, p, R)

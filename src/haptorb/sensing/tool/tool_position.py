@@ -94,9 +94,17 @@ class HallTracker(Estimator):
             )
         if not 1.0 <= bandwidth <= 1000.0:
             raise InputError(f"bandwidth must be between 1 and 1000 Hz; got {bandwidth!r}")
-        lasting = np.zeros((device.sensors, 3)) if offsets is None else check_finite(offsets, "offsets")
-        if lasting.shape != (device.sensors, 3):
-            raise InputError(f"offsets must have shape ({device.sensors}, 3); got {lasting.shape}")
+        correction = device.hall.correction
+        if correction is not None:
+            offsets = correction.offset
+            if int(correction.used.sum()) < 2:
+                raise InputError(
+                    f"device '{device.name}': fewer than two field sensors work; repair them and calibrate again, or "
+                    "use another tracker"
+                )
+        zero = np.zeros((device.sensors, 3)) if offsets is None else check_finite(offsets, "offsets")
+        if zero.shape != (device.sensors, 3):
+            raise InputError(f"offsets must have shape ({device.sensors}, 3); got {zero.shape}")
         self._device = device
         self._controller_model = ControllerModel(device, model)
         self._shape, tool = (device.sensors, 3), ToolModel.of(device)
@@ -109,7 +117,14 @@ class HallTracker(Estimator):
         self._read = (supply.current_noise**2 + supply.current_step**2 / 12) * (self._moments @ self._moments.T)
         self._history = CurrentHistory(device.channels, device.sensors)
         self.noise = float(np.hypot(max(hall.noise, 1e-7), hall.step / np.sqrt(12)))  #: of one reading [T]
-        self._tracker, self._sensors = make_tracker(device, self.noise, self.bandwidth), make_sensors(device, lasting)
+        if correction is None:
+            lasting = 0.0 if offsets is not None else device.hall.errors.offset
+        else:
+            lasting = correction.uncertainty
+        self._tracker = make_tracker(device, self.noise, self.bandwidth, lasting)
+        self._sensors = make_sensors(device, zero)
+        self._lagged = np.full(device.channels, np.nan)  # currents through the core's lag
+        self._fields *= np.repeat(self._sensors["used"], 3)
         self._filter = self._tracker["filter"]
         self._moment_noise: Array = self._tracker["moment_noise"][0]
         self._moment_noise[:] = self._read
@@ -141,9 +156,9 @@ class HallTracker(Estimator):
             if not 0.0 <= dt <= _PAUSE:
                 self._filter["velocity"] = self._filter["axis_rate"] = 0.0
                 dt = 0.0
-            code = follow_tool(tracker, sensors, model, read, currents, taken, sample.t, dt, pose)
+            code = follow_tool(tracker, sensors, model, read, currents, self._lagged, taken, sample.t, dt, pose)
         else:  # what is left of the readings without the coils; the place is still to be searched
-            whole = subtract_coils(tracker, sensors, model, read, currents, taken, sample.t)
+            whole = subtract_coils(tracker, sensors, model, read, currents, self._lagged, taken, sample.t)
             code = UNEXPLAINED if whole else UNREAD
         if code == UNEXPLAINED:
             self._found = False
@@ -166,6 +181,17 @@ class HallTracker(Estimator):
         self._found, self.verdict = True, ""
         self._last = Estimate(state, wrench_map, True, sample.t - self._t)
         return self._last
+
+    @property
+    def remark(self) -> str:
+        """Sensors that differ from ideal ones, and that nobody calibrated."""
+        errors, name = self._device.hall.errors, self._device.name
+        if self._device.hall.correction is not None or not (errors.offset or errors.gain or errors.placement):
+            return ""
+        return (
+            f"the field sensors of {name} are not calibrated: the tool's place is some millimetres off, or lost; run "
+            f"`haptorb calibrate {name}` and give its file, --calibration FILE or calibration=FILE in Python"
+        )
 
     @property
     def model(self) -> str:
@@ -197,7 +223,7 @@ class HallTracker(Estimator):
         cross = self._fields @ sensors["field"].ravel()
         misfits = (self._fields**2).sum(axis=1) - 2 * np.abs(cross)
         best, limit, covariance = math.inf, float(tracker["limit"][0]), self.covariance.copy()
-        readings = self._fields.shape[1]
+        readings = int(tracker["readings"][0])
         for at in _choose_starts(self._grid, np.argsort(misfits).tolist(), 4):
             p, R = self._grid[at].copy(), rotation_to_axis(math.copysign(1.0, cross[at]) * self._grid[at])
             good, misfit = fit_anew(tracker, sensors, self._model, p, R)

@@ -1,12 +1,14 @@
 """A spherical electromagnet, its tool and a hand, simulated: what the driver of a real one would meet.
 
 The truth is finer than the controller's model: the tool's magnet has its true size (erratum E16), the core pulls it
-with currents off (erratum E18), coils have inductance and warm up, the moving tool induces a voltage in them, sensors
-are noisy. So what is asked and what is given differ here as they would in reality.
+with currents off (erratum E18), eddy currents delay the core and some of its moment stays, coils have inductance and
+warm up, the moving tool induces a voltage in them, sensors are noisy, off their places and askew. So what is asked and
+what is given differ here as they would in reality.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from math import ceil
 from typing import final
 
@@ -14,17 +16,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.sensor_errors import draw_sensors
 from haptorb.devices.state import State
-from haptorb.errors import DriverError, InputError
+from haptorb.errors import DriverError, InputError, UnknownName
 from haptorb.numerics.arrays import Array, Record, check_finite, vectors
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.soft_sphere import SoftSphere
 from haptorb.sensing.sample import Pose, Sample
+from haptorb.simulation.electromagnet.core import make_core
 from haptorb.simulation.electromagnet.electromagnet_kernels import ELECTROMAGNET, advance
 from haptorb.simulation.electromagnet.sensors import Magnets, pack_magnets, sense
 from haptorb.simulation.electromagnet.true_heat import draw_network, fill_step
 from haptorb.simulation.parts.coils import chop, cold_coils
+from haptorb.simulation.parts.hall import FAILURES, make_halls
 from haptorb.simulation.parts.noise import seed_noise
 from haptorb.simulation.parts.tool import GRAVITY, matrix
 from haptorb.simulation.simulation import Simulation
@@ -38,6 +43,9 @@ _SHORTEST = 5e-6  #: a simulation with finer steps than this is slower than time
 @final
 class SimulatedElectromagnet(Simulation):
     """Coils, core, tool, dome and hand of `device`, in steps of at most `step` [s].
+
+    specimen: number of the device among its like, from 0; the lasting errors of its sensors and its core are drawn from
+    the device file's distributions with it, so that the same number is the same device whatever the noise's seed.
 
     held=False lets the tool go: no hand, and gravity acts on it. With a hand, the hand carries the tool's weight.
 
@@ -53,11 +61,18 @@ class SimulatedElectromagnet(Simulation):
     """
 
     def __init__(
-        self, device: SphericalElectromagnet, seed: int = 0, *, held: bool = True, step: float = 2.5e-4
+        self,
+        device: SphericalElectromagnet,
+        seed: int = 0,
+        *,
+        held: bool = True,
+        step: float = 2.5e-4,
+        specimen: int = 0,
     ) -> None:
         if not (np.isfinite(step) and 0.0 < step <= 1e-3):
             raise InputError(f"step of the simulation must be above 0 and at most 1 ms; got {step} s")
         self.device: SphericalElectromagnet = device
+        self._specimen = specimen
         self._state = np.zeros(1, dtype=ELECTROMAGNET)
         self._state["nearest"] = device.passive_pull.nearest
         self._tool, self._senses = self._state["tool"], self._state["senses"]
@@ -69,7 +84,11 @@ class SimulatedElectromagnet(Simulation):
         self._rows = self.ring.rows
         self._table = np.array(device.passive_pull.table)
         self._per_ampere = np.array(device.moment_per_current, dtype=np.float64, order="C")
-        positions = np.array(hall.positions, dtype=np.float64, order="C").reshape(-1, 3)
+        nominal = np.array(hall.positions, dtype=np.float64, order="C").reshape(-1, 3)
+        drawn = draw_sensors(hall.errors, len(nominal), specimen)
+        self._halls = make_halls(np.tile(np.eye(3), (len(nominal), 1, 1)), drawn, hall.noise, hall.step)
+        self._state["core"] = make_core(device.core_dynamics.draw(specimen))
+        positions = np.ascontiguousarray(nominal + drawn.placement)
         sphere = SoftSphere(device.core_radius, device.core_permeability)
         order = 1
         if len(positions):
@@ -82,7 +101,8 @@ class SimulatedElectromagnet(Simulation):
                 ChargedRing(*size, radial=1, azimuth=4).rows,
                 float(device.core_radius),
                 sphere.response(order),
-                np.ascontiguousarray((unit @ self._per_ampere).reshape(3 * len(positions), device.channels)),
+                np.ascontiguousarray(unit.reshape(-1, 3)),
+                self._per_ampere,
                 positions,
             )
         )
@@ -102,7 +122,7 @@ class SimulatedElectromagnet(Simulation):
         if held:
             for name in ("stiffness", "damping", "turn_stiffness", "turn_damping"):
                 it["grip"][name] = getattr(hand, name)
-        senses["field_noise"], senses["field_step"] = device.hall.noise, device.hall.step
+        senses["warming"] = device.hall.warming
         senses["current_noise"], senses["current_step"] = supply.current_noise, supply.current_step
         senses["heat_noise"], senses["heat_step"] = device.thermometer_noise, device.thermometer_step
 
@@ -110,16 +130,18 @@ class SimulatedElectromagnet(Simulation):
         """Cold coils without currents, the tool at rest 12 mm above the dome's summit, noise from `seed`."""
         self._senses["generator"] = seed_noise(seed)
         self._coils = cold_coils(self.device)
-        self._heat, self._last_dt = draw_network(self.device), 0.0
-        self._state["core"] = self.device.coils.heat.ambient
+        self._heat, self._last_dt = draw_network(self.device, self._specimen), 0.0
+        self._state["core_temperature"] = self.device.coils.heat.ambient
         self._state["wrench"] = self._state["depth"] = 0.0
+        for name in ("lagging", "play", "extra"):
+            self._state["core"][name] = 0.0
         self._t = 0.0
         self.place((0.0, 0.0, self.device.contact_distance + _ABOVE), (0.0, 0.0, 0.0, 1.0))
 
     def cool(self) -> None:
         """Coils at the ambient temperature at once; currents go on."""
         self._coils["winding"] = self._coils["body"] = self._coils["ambient"]
-        self._state["core"] = self.device.coils.heat.ambient
+        self._state["core_temperature"] = self.device.coils.heat.ambient
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
         """Put the tool at `p` (3,) [m] with quaternion `q` (4,), at rest; nearer than contact is lifted to contact.
@@ -143,6 +165,18 @@ class SimulatedElectromagnet(Simulation):
         out = np.empty(self.device.channels)
         chop(np.ascontiguousarray(duties, dtype=np.float64), self._steps_of_duty, out)
         return out
+
+    def fail(self, sensors: Iterable[int], kind: str = "dead") -> None:
+        """Let field sensors of these numbers, from 0, fail: "dead", "stuck", "saturated"; "none" repairs them.
+
+        Raises UnknownName for another kind, InputError for a sensor that is not there.
+        """
+        if kind not in FAILURES:
+            raise UnknownName("failure", kind, FAILURES)
+        for number in sensors:
+            if not 0 <= number < self.device.sensors:
+                raise InputError(f"sensor must be 0 to {self.device.sensors - 1}; got {number}")
+            self._halls["failure"][number] = FAILURES[kind]
 
     def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
         """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one.
@@ -169,7 +203,7 @@ class SimulatedElectromagnet(Simulation):
         channels, places = self.device.channels, self.device.sensors
         read, pose = np.empty(2 * channels), np.empty((6, 3))
         field = np.empty((places, 3))
-        if not sense(self._state, self._coils, self._magnets, pose, read, field):
+        if not sense(self._state, self._coils, self._halls, self._magnets, pose, read, field):
             raise DriverError(
                 "the simulated tool's state is not finite: a value of the device file is unrealistic; "
                 "compare tool, hand and contact with the file of 'omni'"
@@ -210,7 +244,7 @@ class SimulatedElectromagnet(Simulation):
     @property
     def core(self) -> float:
         """The true temperature of what lies between the coils [K]."""
-        return float(self._state["core"][0])
+        return float(self._state["core_temperature"][0])
 
     @property
     def depth(self) -> float:

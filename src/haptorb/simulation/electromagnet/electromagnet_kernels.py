@@ -9,6 +9,7 @@ from haptorb.devices.electromagnet.ring_tool import per_ampere
 from haptorb.numerics.arrays import Array, Record, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.charged_ring import dipole_on_charges
+from haptorb.simulation.electromagnet.core import CORE, core_step
 from haptorb.simulation.electromagnet.sensors import SENSES
 from haptorb.simulation.electromagnet.true_heat import COILS, NODES
 from haptorb.simulation.parts.coils import network_coil_step
@@ -25,7 +26,8 @@ ELECTROMAGNET = fields(
     ("dt", "f8"),  # of a step [s]
     ("steps", "i8"),  # in one call
     ("heat", "f8", (NODES, NODES + COILS)),  # `ThermalNetwork.step` of a step
-    ("core", "f8"),  # temperature of what lies between the coils [K]
+    ("core_temperature", "f8"),  # temperature of what lies between the coils [K]
+    ("core", CORE),
     ("wrench", "f8", (6,)),  # of coils and core on the tool, mean of the last call [N, N·m]
     ("depth", "f8"),  # how far the dome gives way under the tool [m]
 )
@@ -80,11 +82,14 @@ def advance(
             for i in range(3):
                 emf += per_current[3 + i, k] * tool.w[i]
             coils[k].emf = emf
-        e.core = network_coil_step(coils, e.heat, e.core, dt)
+        e.core_temperature = network_coil_step(coils, e.heat, e.core_temperature, dt)
+        core_step(e.core, moment_per_current, coils, dt)
         for i in range(6):
             given[i] = passive[i]
             for k in range(count):
                 given[i] += per_current[i, k] * coils[k].mean
+            for k in range(3):
+                given[i] += per_moment[i, k] * e.core.extra[k]
             truth[i] += given[i] / e.steps
             total[i] = given[i]
         e.depth = contact(tool, R, dt, total)

@@ -16,18 +16,19 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.devices.motor.handle import Grasp, HallQuality
+from haptorb.devices.motor.handle import Grasp
 from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.devices.sensor_errors import SensorErrors, draw_sensors
 from haptorb.devices.state import State
 from haptorb.errors import DriverError, InputError, UnknownName
 from haptorb.numerics.arrays import Array, check_finite
 from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.sample import Pose, Sample
-from haptorb.simulation.motor.hall import FAILURES, draw_halls
 from haptorb.simulation.motor.hanging import hang, limit_tilt, potential_energy
 from haptorb.simulation.motor.motor_kernels import MOTOR, Magnetics, advance, pack_magnetics, sense
 from haptorb.simulation.motor.rotor import angular_velocity
 from haptorb.simulation.parts.coils import chop, cold_coils
+from haptorb.simulation.parts.hall import FAILURES, make_halls
 from haptorb.simulation.parts.hand import rotation_left
 from haptorb.simulation.parts.noise import seed_noise
 from haptorb.simulation.parts.tool import matrix
@@ -62,7 +63,7 @@ class SimulatedMotor(Simulation):
         seed: int = 0,
         *,
         grasp: Grasp | None = None,
-        quality: HallQuality | None = None,
+        quality: SensorErrors | None = None,
         magnet_spread: float = 0.0,
         step: float = 2.5e-4,
     ) -> None:
@@ -72,7 +73,7 @@ class SimulatedMotor(Simulation):
             raise InputError(f"magnet_spread must be a share from 0 to below 1; got {magnet_spread!r}")
         self.device: SphericalMotor = device
         self.grasp = grasp or device.hand
-        self._quality, self._spread = quality or device.hall_spread, float(magnet_spread)
+        self._quality, self._spread = quality or device.hall.errors, float(magnet_spread)
         self._longest = float(step)
         heat, tables, supply = device.coils.heat, device.tables, device.supply
         self._heat = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
@@ -80,6 +81,7 @@ class SimulatedMotor(Simulation):
         self._still = np.zeros(3)
         self._state = np.zeros(1, dtype=MOTOR)
         self._state["current_noise"], self._state["current_step"] = supply.current_noise, supply.current_step
+        self._state["warming"] = device.hall.warming
         self._state["heat_noise"], self._state["heat_step"] = device.thermometer_noise, device.thermometer_step
         self._state["rotor"] = hang(device, self.grasp)
         self._rotor = self._state["rotor"]
@@ -104,7 +106,8 @@ class SimulatedMotor(Simulation):
         """Cold coils without currents, the rotor upright and at rest, noise and lasting errors from `seed`."""
         self._state["generator"] = seed_noise(seed)
         device, hall = self.device, self.device.hall
-        self._halls = draw_halls(device.sensor_layout.frames, self._quality, hall.noise, hall.step, seed)
+        specimen = draw_sensors(self._quality, device.sensors, seed)
+        self._halls = make_halls(device.sensor_layout.frames, specimen, hall.noise, hall.step)
         self._halls["failure"] = self._failures
         draw = np.random.Generator(np.random.PCG64([seed, 1]))
         polarity = np.array(device.polarity, dtype=np.float64)

@@ -11,9 +11,9 @@ from haptorb.devices.tables.table_kernels import sensor_field, torque_characteri
 from haptorb.numerics.arrays import Array, Record, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.numerics.packing import pack, part
-from haptorb.simulation.motor.hall import read_halls
 from haptorb.simulation.motor.rotor import ROTOR, angular_velocity, kick, turn
 from haptorb.simulation.parts.coils import coil_step
+from haptorb.simulation.parts.hall import read_halls
 from haptorb.simulation.parts.noise import fill_normal, quantise
 from haptorb.simulation.parts.tool import matrix
 
@@ -31,6 +31,7 @@ MOTOR = fields(
     ("pressed", "f8"),  # how far the end stop gives way [rad]
     ("current_noise", "f8"),  # [A]
     ("current_step", "f8"),  # [A]
+    ("warming", "f8"),  # rise of the sensors' temperature as a share of the coils' at their boundary
     ("heat_noise", "f8"),  # [K]
     ("heat_step", "f8"),  # [K]
     ("generator", "u8", (4,)),  # of the sensors' noise
@@ -182,5 +183,8 @@ def sense(
         ampere = coils[j].current
         for r in range(total_field.shape[0]):
             total_field[r] += coil_field[j, r] * ampere
-    read_halls(halls, m.generator, field)
+    warmth = 0.0
+    for j in range(channels):
+        warmth += m.warming * (coils[j].body - coils[j].ambient) / channels
+    read_halls(halls, m.generator, warmth, field)
     return True

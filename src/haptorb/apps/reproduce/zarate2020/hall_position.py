@@ -1,4 +1,4 @@
-"""What Zárate 2020 left for later: the tool's place from the nine Hall sensors, without a tracker, coils driven.
+"""Beyond Zárate 2020, which uses a tracker: the tool's place from the nine Hall sensors alone, coils driven.
 
 Twice, and independently: the accuracy that the sensors' noise and the coils' currents allow over the shell (Cramér and
 Rao), and what the tracker reaches on the simulated device. For the places of the sensors that the device file assumes,
@@ -20,6 +20,7 @@ from haptorb.apps.reproduce.zarate2020.hall_trial import shell_places, try_hall_
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.numerics.arrays import Array
+from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.sensing.tool.place_filter import noise_share
 from haptorb.sensing.tool.position_accuracy import better_sensors, position_accuracy, with_sensors
 
@@ -27,6 +28,7 @@ __all__ = ["bound", "items", "placements", "position_map"]
 
 _CALIBRATED = 1e-3  #: standard deviation of the moment map's entries after `haptorb calibrate`
 _NOISES = (0.01e-3, 0.02e-3, 0.05e-3)
+_WHERE = "not in the paper"
 _FULL = 20.0  #: current of every coil at full duty [A]
 
 
@@ -78,7 +80,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
     """Accuracy at every placement, by formula and tried, and what draws the maps."""
     from haptorb.devices.loader import load
 
-    device = electromagnet(load("omni"))
+    device = without_errors(electromagnet(load("omni")))
     cases = [(name, placed, amperes) for name, placed in placements(device).items() for amperes in (0.0, _FULL)]
     distances = device.contact_distance + np.linspace(0, device.shell_thickness, 7)
     angles = np.linspace(0.0, device.workspace_half_angle, 8)
@@ -98,8 +100,8 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
                                ("tried, at the worst place", reached[:, part].max())):  # fmt: skip
                 what = f"rms error of the {kind} over the shell, {how}: {where}"
                 id = f"{key}-{kind}-{how.replace(',', '').replace(' ', '-')}"
-                found.append(Item(id, "zarate2020", "§VI", what, None, scale * float(value), unit, None))
-        found.append(Item(f"{key}-found", "zarate2020", "§VI", f"share of ticks in which the tool is found: {where}",
+                found.append(Item(id, "zarate2020", _WHERE, what, None, scale * float(value), unit, None))
+        found.append(Item(f"{key}-found", "zarate2020", _WHERE, f"share of ticks in which the tool is found: {where}",
                           None, float(weights @ reached[:, 2]), "1", None))  # fmt: skip
         report((n + 1) / len(cases))
     return tuple(found), lambda path: _draw_figure(maps, list(placements(device)), distances, angles, path)

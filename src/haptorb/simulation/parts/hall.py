@@ -1,19 +1,20 @@
-"""Three-axis Hall sensors as they come: gain, offset, cross-axis, noise, quantum, range, and some that fail.
+"""Three-axis Hall sensors as they come: gain, offset, cross-axis, drift, noise, quantum, range, and some that fail.
 
-Every sensor reads along its own axes (ϑ̂, φ̂, r̂) and what it reads is turned into the stator frame, as a driver does. The
-errors that stay (gain, offset, cross-axis) are drawn once from the seed; the noise is drawn with every reading.
+Every sensor reads along its own axes, the columns of its frame, and what it reads is turned into the stator frame, as a
+driver does. The errors that stay are those of a SensorSpecimen; the noise is drawn with every reading. Where a sensor
+really is, is up to who computes the field that it reads.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from haptorb.devices.motor.handle import HallQuality
+from haptorb.devices.sensor_errors import SensorSpecimen
 from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.simulation.parts.noise import Noise, fill_normal, quantise
 
-__all__ = ["FAILURES", "HALL", "draw_halls", "greatest_reading", "read_halls"]
+__all__ = ["FAILURES", "HALL", "greatest_reading", "make_halls", "read_halls"]
 
 #: how a sensor can fail, and the number that stands for it
 FAILURES = {"none": 0, "dead": 1, "stuck": 2, "saturated": 3}
@@ -24,6 +25,8 @@ HALL = fields(
     ("frame", "f8", (3, 3)),  # columns ϑ̂, φ̂, r̂
     ("mixing", "f8", (3, 3)),  # reading per field along the sensor's own axes
     ("offset", "f8", (3,)),  # [T]
+    ("gain_drift", "f8", (3,)),  # [1/K]
+    ("offset_drift", "f8", (3,)),  # [T/K]
     ("noise", "f8"),  # [T]
     ("step", "f8"),  # [T]
     ("reach", "f8"),  # greatest reading of an axis [T]
@@ -37,15 +40,12 @@ def greatest_reading(step: float) -> float:
     return 32767 * step if step > 0 else np.inf
 
 
-def draw_halls(frames: Array, quality: HallQuality, noise: float, step: float, seed: int) -> Records:
-    """(k,) HALL with `frames` (k, 3, 3) whose lasting errors are those of `seed`; none fails. Fields in [T]."""
-    count = len(frames)
-    draw = np.random.Generator(np.random.PCG64(seed))
-    errors = draw.standard_normal((count, 3, 3))
-    made = np.zeros(count, dtype=HALL)
+def make_halls(frames: Array, specimen: SensorSpecimen, noise: float, step: float) -> Records:
+    """(k,) HALL with `frames` (k, 3, 3) and the lasting errors of `specimen`; none fails. Fields in [T]."""
+    made = np.zeros(len(frames), dtype=HALL)
     made["frame"] = frames
-    made["mixing"] = np.eye(3) + errors * np.where(np.eye(3, dtype=bool), quality.gain, quality.cross)
-    made["offset"] = quality.offset * draw.standard_normal((count, 3))
+    for name in ("mixing", "offset", "gain_drift", "offset_drift"):
+        made[name] = getattr(specimen, name)
     made["noise"], made["step"], made["reach"] = noise, step, greatest_reading(step)
     return made
 
@@ -66,25 +66,29 @@ def _fault_value(failure: int, held: float, own: float, quiet: float, reach: flo
 
 
 @kernel
-def read_halls(halls: Records, noise: Noise, field: Array) -> None:
-    """Turn the true `field` (k, 3) [T], stator frame, into what `halls`, (k,) HALL, read of it, in place."""
+def read_halls(halls: Records, noise: Noise, warmth: float, field: Array) -> None:
+    """Turn the true `field` (k, 3) [T], stator frame, into what `halls`, (k,) HALL, read of it, in place.
+
+    warmth [K]: by how much the sensors are warmer than when they were calibrated.
+    """
     draws = np.empty(3 * halls.size)
     fill_normal(noise, draws)
     for k in range(halls.size):
         hall = halls[k]
         F, M, offset, held = hall.frame, hall.mixing, hall.offset, hall.held
+        gain_drift, offset_drift = hall.gain_drift, hall.offset_drift
         sigma, reach, step, failure = hall.noise, hall.reach, hall.step, hall.failure
         x, y, z = field[k, 0], field[k, 1], field[k, 2]
         a = F[0, 0] * x + F[1, 0] * y + F[2, 0] * z  # along its own axes
         b = F[0, 1] * x + F[1, 1] * y + F[2, 1] * z
         c = F[0, 2] * x + F[1, 2] * y + F[2, 2] * z
-        u = offset[0] + sigma * draws[3 * k]
-        v = offset[1] + sigma * draws[3 * k + 1]
-        w = offset[2] + sigma * draws[3 * k + 2]
+        u = offset[0] + warmth * offset_drift[0] + sigma * draws[3 * k]
+        v = offset[1] + warmth * offset_drift[1] + sigma * draws[3 * k + 1]
+        w = offset[2] + warmth * offset_drift[2] + sigma * draws[3 * k + 2]
         if failure == 0:
-            u = _convert(u + (M[0, 0] * a + M[0, 1] * b + M[0, 2] * c), reach, step)
-            v = _convert(v + (M[1, 0] * a + M[1, 1] * b + M[1, 2] * c), reach, step)
-            w = _convert(w + (M[2, 0] * a + M[2, 1] * b + M[2, 2] * c), reach, step)
+            u = _convert(u + warmth * gain_drift[0] * a + (M[0, 0] * a + M[0, 1] * b + M[0, 2] * c), reach, step)
+            v = _convert(v + warmth * gain_drift[1] * b + (M[1, 0] * a + M[1, 1] * b + M[1, 2] * c), reach, step)
+            w = _convert(w + warmth * gain_drift[2] * c + (M[2, 0] * a + M[2, 1] * b + M[2, 2] * c), reach, step)
             held[0], held[1], held[2] = u, v, w
         else:
             u = _convert(_fault_value(failure, held[0], a, u, reach), reach, step)

@@ -1,0 +1,143 @@
+"""The tool by the field sensors, tried: simulated devices, calibrated as `haptorb calibrate` does, over the shell.
+
+    python benchmarks/sensing_accuracy.py [--specimens 3] [--places 16] [--dead 5] [--json]
+
+Nothing here is from the formulas of `haptorb inspect --sensing`. Each specimen has its own lasting errors, drawn from
+the device file's distributions, and a tool magnet 1 % stronger than the file says. Three trackers read the same
+simulation: one that knows nothing of the errors, one with the step `magnetic` only, one with `fields` and `sensors`.
+--dead N lets sensor N fail before the calibration.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from haptorb.apps.calibrate.dialog import check_steps, guide_calibration
+from haptorb.apps.calibrate.driver import hold_tool
+from haptorb.apps.calibrate.measure import Pace
+from haptorb.apps.reproduce.zarate2020.hall_trial import clamp_tool, shell_places
+from haptorb.devices.electromagnet.api import electromagnet
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.loader import load
+from haptorb.devices.state import rotation_to_axis
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.drivers.sim_driver import SimDriver
+from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.sensing.tool.tool_position import HallTracker
+from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
+
+STRONGER = 1.01  #: of the tool's magnet, relative to the file
+STEPS = ("rest", "currents", "magnetic", "fields", "tool", "sensors")
+SETTLED, TICKS = 60, 120
+
+
+def simulate(device: SphericalElectromagnet, seed: int, specimen: int, dead: int) -> SimulatedElectromagnet:
+    """Device number `specimen`, with sensor `dead`, from 1, failed; 0: none."""
+    stronger = replace(device, tool=replace(device.tool, remanence=STRONGER * device.tool.remanence))
+    world = SimulatedElectromagnet(stronger, seed, specimen=specimen)
+    if dead:
+        world.fail([dead - 1])
+    return world
+
+
+def calibrate(device: SphericalElectromagnet, specimen: int, dead: int) -> Calibration:
+    """What the guided calibration finds of it."""
+    driver = SimDriver(simulate(device, specimen, specimen, dead), 2e-3, seed=specimen)
+    hold_tool(driver, device, "away")
+    with tempfile.TemporaryDirectory() as folder:
+        found = guide_calibration(
+            device, driver, Path(folder, "found.json"), steps=check_steps(STEPS), pace=Pace.for_simulation()
+        )
+    assert found is not None
+    return found
+
+
+def read(
+    believed: SphericalElectromagnet, offsets: Array | None, device: SphericalElectromagnet, duty: float,
+    places: Array, specimen: int, dead: int,
+) -> Array:  # fmt: skip
+    """(n, 3) mean squares of the errors of place [m²] and axis [rad²], and share of ticks in which it was found."""
+    out = np.full((len(places), 3), np.nan)
+    still = clamp_tool(device)
+    for row, p in zip(out, places, strict=True):
+        world = simulate(still, specimen, specimen, dead)
+        q = Rotation.from_matrix(rotation_to_axis(p)).as_quat()
+        world.place(p, q)
+        tracker, squares = HallTracker(believed, offsets=offsets), []
+        for tick in range(TICKS):
+            world.advance(1e-3, np.full(device.channels, duty), p, q)
+            found = tracker.update(world.sample(1e-3 * tick, 1e-3 * tick, True))
+            if tick >= SETTLED and found.valid:
+                far, true = found.state.p - world.state().p, world.state().axis
+                squares.append((far @ far, np.arccos(np.clip(found.state.axis @ true, -1, 1)) ** 2))
+        row[2] = len(squares) / (TICKS - SETTLED)
+        if squares:
+            row[:2] = np.mean(squares, axis=0)
+    return out
+
+
+def measure(device: SphericalElectromagnet, specimens: int, count: int, dead: int) -> list[dict[str, Any]]:
+    """One row for each tracker and current."""
+    every, weights = shell_places(device)
+    chosen = np.unique(np.linspace(0, len(every) - 1, count).round().astype(int))
+    places, share = every[chosen], weights[chosen] / weights[chosen].sum()
+    gathered: dict[tuple[str, float], list[Array]] = {}
+    for specimen in range(specimens):
+        found = calibrate(device, specimen, dead)
+        moments = replace(device, moment_per_current=found.moment_per_current)
+        trackers = {
+            "not calibrated": (device, None),
+            "magnetic": (moments, found.offsets),
+            "fields and sensors": (found.apply(device), None),
+        }
+        for name, (believed, offsets) in trackers.items():
+            for duty in (0.0, 1.0):
+                errors = read(believed, offsets, device, duty, places, specimen, dead)
+                gathered.setdefault((name, duty), []).append(errors)
+    rows = []
+    for (name, duty), errors in gathered.items():
+        squares = np.stack(errors)
+        finite = np.isfinite(squares[:, :, 0])
+        weight = np.where(finite, share, 0.0)
+        mean = [float((weight * np.nan_to_num(squares[:, :, part])).sum() / weight.sum()) for part in (0, 1)]
+        rows.append(
+            {
+                "calibration": name,
+                "duty": duty,
+                "place_mm": 1e3 * math.sqrt(mean[0]),
+                "axis_deg": math.degrees(math.sqrt(mean[1])),
+                "found": float((share * squares[:, :, 2]).sum() / len(squares)),
+            }
+        )
+    return rows
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--specimens", type=int, default=3)
+    parser.add_argument("--places", type=int, default=16)
+    parser.add_argument("--dead", type=int, default=0)
+    parser.add_argument("--json", action="store_true")
+    words = parser.parse_args()
+    rows = measure(electromagnet(load("omni")), words.specimens, words.places, words.dead)
+    if words.json:
+        print(json.dumps(rows, indent=1))
+        return
+    print("calibration            duty  place [mm]  axis [°]  found [%]")
+    for row in rows:
+        print(f"{row['calibration']:22} {row['duty']:4.0f}  {row['place_mm']:10.2f}  {row['axis_deg']:8.2f}  "
+              f"{100 * row['found']:9.1f}")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

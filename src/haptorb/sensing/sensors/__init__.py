@@ -1,0 +1,1 @@
+"""The field sensors themselves: their errors, what these do to the tool's place, and a calibration that finds them."""
