@@ -29,6 +29,7 @@ STOP_TESTS, EXPORT_TESTS = "tests/apps/study/test_stop.py", "tests/apps/study/st
 TERMINAL_TESTS = "tests/apps/study/session/test_terminal_session.py"
 HOSTILE, TRACKER_TESTS = "tests/contracts/test_hostile_files.py", "tests/contracts/test_trackers.py"
 DRIVE_TESTS, GUARD_TESTS = "tests/control/protection/test_drive.py", "tests/control/protection/test_guard.py"
+HEAT_TESTS = "tests/control/protection/test_heat.py"
 PASSIVITY_TESTS = "tests/control/protection/test_passivity.py"
 I2C_TESTS, LOCK_TESTS = "tests/runtime/drivers/i2c/test_i2c_faults.py", "tests/runtime/drivers/i2c/test_i2c_lock.py"
 SERIAL_TESTS = "tests/runtime/drivers/serial/test_serial_driver.py"
@@ -252,7 +253,15 @@ RULES = [
     ("trips-latch", "trips latch", "drop", GUARD_TESTS),
     ("engaging-ramps-from-zero", "engaging ramps from zero", "replace value by 1.0", GUARD_TESTS),
     ("engaging-blind-is-refused", "engaging blind is refused", "without 1", GUARD_TESTS),
-    ("warm-coils-are-derated", "warm coils are derated", "replace value.args[2] by 1.0", GUARD_TESTS),
+    ("warm-coils-are-derated", "warm coils are derated", "replace value.args[3] by 1.0", GUARD_TESTS),
+    ("supply-power-is-kept", "the supply gives no more than its power", "never", GUARD_TESTS),
+    (
+        "heat-is-an-upper-bound",
+        "no winding is hotter than it is taken for, however the values are off",
+        "replace value by (1.0, 1.0)",
+        HEAT_TESTS,
+    ),
+    ("coils-warm-each-other", "coils warm each other", "replace value by 0.0", HEAT_TESTS),
     ("hot-coils-trip", "hot coils trip", "never", GUARD_TESTS),
     ("overcurrent-trips", "overcurrent trips", "never", GUARD_TESTS),
     ("resistance-is-bounded", "resistance is bounded", "replace value by {value.args[0].args[0]}", DRIVE_TESTS),

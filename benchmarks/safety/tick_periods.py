@@ -5,7 +5,8 @@
 The whole chain of the Omni runs in simulated time at a nominal 1 kHz and renders 5 N (clamped by the device's limits)
 at contact, with ticks of 1 to 50 ms, and with patterns of late ticks that meet more than 80 % of the deadlines.
 Somebody re-engages 0.3 s after every trip. Limits: OVERRUN within 0.2 s where fewer than 80 % of the deadlines are met
-and never elsewhere; the observed winding within 2 K of the simulated one; no winding more than 2 K above stop.
+and never elsewhere; the observed winding at most 2 K below the simulated one, which differs from the device file within
+its tolerance; no winding more than 2 K above stop.
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ class Push(World):
 
 
 def try_case(steps: tuple[int, ...], seconds: float) -> tuple[float, float, float, int]:
-    """(greatest error of the observed winding [K], greatest winding above stop [K], longest time to OVERRUN [s], its
-    count) while ticks last `steps` [ms] in turn."""
+    """(most by which the observed winding is below the simulated one [K], greatest winding above stop [K], longest time
+    to OVERRUN [s], its count) while ticks last `steps` [ms] in turn."""
     device = load("omni")
     goal = Goal(np.array([0.0, 0.0, device.contact_distance]), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, False)
     driver = SimDriver.of(device, MS, lambda now: goal)
@@ -66,7 +67,7 @@ def try_case(steps: tuple[int, ...], seconds: float) -> tuple[float, float, floa
             tick.step(row, now * MS)
             true = simulation.winding  # type: ignore[attr-defined]
             # Observed up to now, as the simulation is: both have seen the same time.
-            error = max(error, float(np.abs(tick.protection.coils["winding"] - true).max()))
+            error = max(error, float((true - tick.protection.coils["winding"]).max()))
             above = max(above, float(true.max()) - device.coils.heat.stop)
             if tick.protection.tripped and tripped < 0:
                 tripped = now
@@ -85,7 +86,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=120.0, help="of simulated time in each case")
     seconds = parser.parse_args().seconds
     well = True
-    print(f"{'case':30} {'observer off by':>16} {'winding − stop':>16} {'OVERRUN after':>14} {'trips':>6}")
+    print(f"{'case':30} {'observer below':>16} {'winding − stop':>16} {'OVERRUN after':>14} {'trips':>6}")
     for name, steps in CASES.items():
         error, above, longest, count = try_case(steps, seconds)
         met = len(steps) / sum(steps)
@@ -98,7 +99,7 @@ def main() -> int:
         )
     print(
         "kept" if well else "NOT kept",
-        f": observer within {OBSERVER_ERROR:g} K, winding at most {ABOVE:g} K above stop, OVERRUN in {SOON:g} s",
+        f": observer at most {OBSERVER_ERROR:g} K below, winding at most {ABOVE:g} K above stop, OVERRUN in {SOON:g} s",
     )
     return 0 if well else 1
 

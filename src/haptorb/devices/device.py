@@ -16,13 +16,23 @@ from haptorb.display.presentable import Presentable
 from haptorb.display.quantity_text import format_number, format_quantity
 from haptorb.errors import InputError, UnknownName
 from haptorb.numerics.arrays import Array
+from haptorb.physics.thermal import TwoNode
+from haptorb.physics.thermal_network import ThermalNetwork
 
-__all__ = ["Coils", "Device", "Heat", "Limits", "Shell", "Supply", "require"]
+__all__ = ["Coils", "Device", "Heat", "HeatCoupling", "Limits", "Shell", "Supply", "require"]
+
+
+@dataclass(frozen=True)
+class HeatCoupling:
+    """What lets channels warm each other: one core, or former, between their windings."""
+
+    core_capacity: float  #: [J/K]
+    winding_to_core: tuple[float, ...]  #: (m,) conductance of each winding [W/K]
 
 
 @dataclass(frozen=True)
 class Heat:
-    """Two bodies in a row per channel, winding → body → air, alike for all channels.
+    """Two bodies in a row per channel, winding → body → air, alike for all channels; and what couples the channels.
 
     One time constant cannot hold the published endurance figures together (Zárate 2020 §III and §V); two can.
     """
@@ -35,6 +45,20 @@ class Heat:
     warn: float  #: winding temperature at which the user is told [K]
     derate: float  #: from here currents are reduced [K]
     stop: float  #: here the coils go off [K]
+    coupling: HeatCoupling | None = None  #: None: no channel warms another
+    tolerance: float = 0.0  #: relative: how far capacities and conductances may be off
+
+    @property
+    def coil(self) -> TwoNode:
+        """Winding and body of one channel, without what couples it to others."""
+        return TwoNode(self.winding_capacity, self.body_capacity, self.winding_to_body, self.body_to_air)
+
+    def network(self, channels: int) -> ThermalNetwork:
+        """All `channels` and what couples them: nodes are the windings, the bodies and, if there is one, the core."""
+        coupling = self.coupling
+        if coupling is None:
+            return ThermalNetwork.of_coils(self.coil, np.zeros(channels), 1.0)
+        return ThermalNetwork.of_coils(self.coil, coupling.winding_to_core, coupling.core_capacity)
 
 
 @dataclass(frozen=True)
@@ -63,6 +87,7 @@ class Supply:
     duty_bits: int  #: resolution of the duty cycle's magnitude
     current_noise: float  #: standard deviation of one current reading [A]
     current_step: float  #: quantum of one current reading [A]
+    power: float = np.inf  #: greatest power that it gives to all channels together [W]
 
 
 @dataclass(frozen=True)
@@ -171,18 +196,23 @@ class Device(Presentable, ABC):
         few = self.channels <= 6
         names = ", ".join(coils.names) if few else f"{coils.names[0]} to {coils.names[-1]}"
         peak, lasting = float(coils.current_limit.max()), float(self.sustained_current.min())
+        together = float(self.sustained_current_together.min())
+        continuous = f"{format_quantity(lasting, 'A')} continuous"
+        if heat.coupling is not None:
+            continuous += f" in one coil, {format_quantity(together, 'A')} in all"
+        power = "" if np.isinf(self.supply.power) else f", {format_quantity(self.supply.power, 'W')}"
         ohms = f"{format_number(float(coils.resistance.min()))} Ω at {coils.reference_temperature - 273.15:.0f} °C"
         return [
             ("title", self.title),
             ("source", self.source),
             ("channels", f"{self.channels} ({names})"),
-            ("current", f"{format_quantity(peak, 'A')} peak, {format_quantity(lasting, 'A')} continuous"),
+            ("current", f"{format_quantity(peak, 'A')} peak, {continuous}"),
             ("coils", f"{ohms}, {format_quantity(float(coils.inductance.min()), 'H')}"),
             (
                 "temperatures",
                 f"currents reduced from {heat.derate - 273.15:.0f} °C, off at {heat.stop - 273.15:.0f} °C",
             ),
-            ("supply", f"{format_quantity(self.supply.voltage, 'V')}, {self.supply.duty_bits} bits of duty"),
+            ("supply", f"{format_quantity(self.supply.voltage, 'V')}{power}, {self.supply.duty_bits} bits of duty"),
             (
                 "limits",
                 f"{format_quantity(limits.force, 'N')}, {format_quantity(limits.torque, 'N·m')}, "
@@ -201,14 +231,43 @@ class Device(Presentable, ABC):
         return driven
 
     @property
+    def greatest_resistance(self) -> Array:
+        """(m,) resistance of windings at the stop temperature, the warmest that may carry a current [Ω]."""
+        return self.coils.resistance_at(np.full(self.channels, self.coils.heat.stop))
+
+    @property
     def sustained_current(self) -> Array:
-        """(m,) the current that may flow for ever: the winding settles at the derating temperature [A]."""
-        heat = self.coils.heat
-        rise = heat.derate - heat.ambient
-        power = rise / (1 / heat.winding_to_body + 1 / heat.body_to_air)
-        warm = self.coils.resistance_at(np.full(self.channels, heat.derate))
-        current: Array = np.minimum(np.sqrt(power / warm), self.coils.current_limit)
+        """(m,) the current that may flow for ever in a channel alone: its winding settles at the derating temperature
+        [A]."""
+        rise_per_ampere2 = np.diagonal(self._rise_per_ampere2)
+        current: Array = np.minimum(np.sqrt(self._greatest_rise / rise_per_ampere2), self.coils.current_limit)
         return current
+
+    @property
+    def sustained_current_together(self) -> Array:
+        """(m,) the same current in all channels, for ever: the hottest winding settles at the derating temperature [A].
+
+        No greater than `sustained_current`; the same where no channel warms another and all are alike.
+        """
+        hottest = float(self._rise_per_ampere2.sum(axis=1).max())
+        current: Array = np.minimum(np.sqrt(self._greatest_rise / hottest), self.coils.current_limit)
+        return current
+
+    @property
+    def _greatest_rise(self) -> float:
+        return self.coils.heat.derate - self.coils.heat.ambient
+
+    @property
+    def _rise_per_ampere2(self) -> Array:
+        """(m, m) [K/A²] steady rise of each winding (row) for the square of the current in each channel (column).
+
+        All resistances as at the derating temperature: no winding is warmer, and few are as warm.
+        """
+        coils = self.coils
+        rise: Array = coils.heat.network(self.channels).rise_per_watt * coils.resistance_at(
+            np.full(self.channels, coils.heat.derate)
+        )
+        return rise
 
 
 D = TypeVar("D", bound=Device)

@@ -79,7 +79,12 @@ class RowLayout:
             Field("boundary", m, "K", "boundary temperature of each coil, measured"),
             Field("winding", m, "K", "winding temperature of each coil, estimated by the guard's thermal model"),
             Field("remaining", 1, "s", "time until a winding reaches its derating temperature at the present load"),
-            Field("saturated", 1, "1", "1 if the limits prevent the asked wrench"),
+            Field(
+                "saturated",
+                1,
+                "1",
+                "limit that holds the asked wrench back: 0 none, 1 a coil's current, 2 the supply's power",
+            ),
             Field("model", 1, "1", "controller model, index in the device's models; NaN: none of them"),
             Field("field", 3 * k, "T", "field sensors, x y z each"),
             Field("mode", 1, "1", "mode of the mover: 0 direct, 1 translate, 2 rotate"),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.control.allocation.allocator import Allocator
-from haptorb.control.allocation.least_squares import LeastSquaresAllocator
+from haptorb.control.allocation.for_device import force_allocator
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array, vectors
@@ -35,7 +35,7 @@ def force_map(
     """
     at = vectors(points, "points").reshape(-1, 3)
     fitted = world.for_device(device)
-    allocate = (allocator or LeastSquaresAllocator.force(device.coils.current_limit, compensate_passive=True)).allocate
+    allocate = (allocator or force_allocator(device)).allocate
     inverted = device.check_model(model or device.models[0])
     radial = np.empty(len(at))
     saturated = np.empty(len(at), dtype=np.bool_)

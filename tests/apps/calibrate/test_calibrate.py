@@ -10,17 +10,20 @@ import pytest
 from haptorb.apps.calibrate import calibrate, thermal_record
 from haptorb.apps.calibrate.driver import make_driver
 from haptorb.apps.cli import main
+from haptorb.devices.device import HeatCoupling
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
 from haptorb.physics.thermal import TwoNode
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.sensing.calibration.calibration import Calibration, MeasuredHeat
 from haptorb.sensing.calibration_file import read_calibration, write_calibration
 from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from oracles.endurance_fit import endurance_fit
 
 OMNI = without_errors(load("omni"))  # sensors with noise and steps only
+ALONE = replace(OMNI, coils=replace(OMNI.coils, heat=replace(OMNI.coils.heat, coupling=None)))
+HEAT = {"winding_capacity": 15.0, "body_capacity": 40.0, "winding_to_body": 1.4, "body_to_air": 0.15}
 
 
 class WiringError(Driver):
@@ -127,11 +130,16 @@ def test_a_device_that_is_not_fit_is_refused(change, message):
 
 def test_the_file_keeps_every_digit_and_names_its_device(tmp_path):
     found, path = calibrate_simulation(), tmp_path / "omni.json"
-    heated = replace(found, heat=TwoNode(15.0, 73.0, 1.9, 0.33))
+    coupling = HeatCoupling(48.0, (0.4, 0.5, 0.6))
+    heated = replace(found, heat=MeasuredHeat(TwoNode(15.0, 73.0, 1.9, 0.33), coupling))
     write_calibration(heated, path)
     again = read_calibration(path)
     assert again.text() == heated.text()
     assert again.apply(OMNI).coils.heat.body_to_air == 0.33
+    assert again.apply(OMNI).coils.heat.coupling == coupling
+    assert again.apply(OMNI).coils.heat.tolerance == OMNI.coils.heat.tolerance
+    with pytest.raises(CalibrationError, match=r"the heat of uncoupled coils.*repeat the heat step"):
+        replace(found, heat=MeasuredHeat(TwoNode(15.0, 73.0, 1.9, 0.33))).apply(OMNI)
     with pytest.raises(CalibrationError, match="exists"):
         write_calibration(found, path)
     assert read_calibration(path).heat is not None  # the first one is still there
@@ -153,6 +161,9 @@ def test_the_file_keeps_every_digit_and_names_its_device(tmp_path):
         ("residual_t", None, "finite numbers"),
         ("digest", 7, "must be a text"),
         ("heat", {"winding_capacity": 1}, "heat must be"),
+        ("heat", {**HEAT, "core_capacity": 50.0}, "heat must be.*winding_to_core"),
+        ("heat", {**HEAT, "core_capacity": 50.0, "winding_to_core": [0.5]}, "winding_to_core must.*shape"),
+        ("heat", {**HEAT, "core_capacity": 50.0, "winding_to_core": [0.5, 0, 0.5]}, "positive"),
         ("extra", 1, "'extra' is not a known key"),
     ],
 )
@@ -186,13 +197,13 @@ def test_heat_from_a_table(tmp_path):
         winding = f"{25 + rises[0]:.2f}" if watts else ""
         rows.append(f"{n * step},{watts},{winding},{25 + rises[1]:.2f}")
         rises = coil.step(step) @ (*rises, watts)
-    found = thermal_record(table(tmp_path / "heat.csv", rows), OMNI).identify()
+    found = thermal_record(table(tmp_path / "heat.csv", rows), ALONE).identify()
     assert found.endurance(60.0, 240.0) == pytest.approx(5.0, rel=0.1)
     assert found.endurance(60.0, 60.0) == pytest.approx(60.0, rel=0.1)
     assert found.model.steady_rise(17.0)[0] == pytest.approx(60.0, rel=0.1)
     short = [f"{n},17.0,{30 + n // 4},{25 + n // 9}" for n in range(40)]
     with pytest.raises(CalibrationError, match="does not determine"):
-        thermal_record(table(tmp_path / "short.csv", short), OMNI).identify()
+        thermal_record(table(tmp_path / "short.csv", short), ALONE).identify()
 
 
 def test_the_angle_between_coils_is_told():
@@ -233,28 +244,66 @@ def test_heat_from_a_recording(tmp_path, monkeypatch):
             return out
 
     monkeypatch.setattr("haptorb.runtime.recording.recording.Recording", FakeRecording)
-    record = thermal_record("heat.mcap", OMNI)
-    assert np.isnan(record.winding[-1])
+    record = thermal_record("heat.mcap", ALONE)
+    assert np.isnan(record.measured.winding[-1, 0])
     found = record.identify()
     assert found.endurance(60.0, 60.0) == pytest.approx(60.0, rel=0.1)
     assert found.model.steady_rise(17.0)[0] == pytest.approx(60.0, rel=0.1)
     monkeypatch.setattr(FakeRecording, "digest", "e" * 64)
     with pytest.raises(CalibrationError, match="was recorded on device 'omni' with file eeee"):
-        thermal_record("heat.mcap", OMNI)
+        thermal_record("heat.mcap", ALONE)
 
 
 def test_tables_that_are_no_records(tmp_path):
     with pytest.raises(CalibrationError, match="at least 20"):
-        thermal_record(table(tmp_path / "a.csv", ["0,1,25,25"]), OMNI)
+        thermal_record(table(tmp_path / "a.csv", ["0,1,25,25"]), ALONE)
     with pytest.raises(CalibrationError, match="line 3"):
-        thermal_record(table(tmp_path / "b.csv", ["0,1,25,25", "1,1,25,warm"]), OMNI)
+        thermal_record(table(tmp_path / "b.csv", ["0,1,25,25", "1,1,25,warm"]), ALONE)
     with pytest.raises(CalibrationError, match="line 22: t_s"):
-        thermal_record(table(tmp_path / "c.csv", [f"{n},1,25,25" for n in range(20)] + ["20,,25,25"]), OMNI)
+        thermal_record(table(tmp_path / "c.csv", [f"{n},1,25,25" for n in range(20)] + ["20,,25,25"]), ALONE)
     (tmp_path / "d.csv").write_text("t,p\n1,2\n")
     with pytest.raises(CalibrationError, match="column t_s is missing"):
-        thermal_record(tmp_path / "d.csv", OMNI)
+        thermal_record(tmp_path / "d.csv", ALONE)
     with pytest.raises(CalibrationError, match="cannot be read"):
-        thermal_record(tmp_path / "none.csv", OMNI)
+        thermal_record(tmp_path / "none.csv", ALONE)
+
+
+def write_coupled_table(path, always_on=False):
+    """Each coil at 20 W for three minutes, then three of cooling, as the device file's network has it."""
+    network = OMNI.coils.heat.network(3)
+    step, rises, rows = network.step(1.0), np.zeros(7), []
+    for n in range(720):
+        watts = np.full(3, 0.6)
+        if n < 540:
+            watts[n // 180] = 20.0
+        if always_on:
+            watts[2] = 20.0
+        cells = [n, *watts, *(25 + rises[:3]), *(25 + rises[3:6])]
+        rows.append(",".join(f"{cell:.3f}" for cell in cells))
+        rises = step @ [*rises, *watts]
+    heads = [f"{what}_{name}_{unit}" for what, unit in (("power", "w"), ("winding", "degc"), ("boundary", "degc"))
+             for name in "xyz"]  # fmt: skip
+    path.write_text("\n".join([",".join(["t_s", *heads]), *rows]) + "\n")
+    return path
+
+
+def test_coupled_heat_from_a_table_by_the_command(tmp_path, monkeypatch, capsys):
+    """--thermal: the couplings are in the file; of one coil always on, or of one coil alone, nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    write_coupled_table(tmp_path / "stuck.csv", always_on=True)
+    table(tmp_path / "one.csv", ["0,1,25,25"])
+    for name, message in (("stuck", "coil 'z' is on in the whole record"), ("one", "column power_x_w is missing")):
+        assert main(["calibrate", "omni", "--thermal", f"{name}.csv"]) == 2
+        assert message in capsys.readouterr().err
+        assert not list(tmp_path.glob("omni*"))
+    write_coupled_table(tmp_path / "heat.csv")
+    with suppress(SystemExit):
+        main(["calibrate", "omni", "--thermal", "heat.csv", "--steps", "rest,currents,magnetic"])
+    out = capsys.readouterr().out
+    assert "heat of all coils together: 8.1 W continuous in each" in out
+    heat = read_calibration("omni.calibration.json").heat
+    assert heat.coupling.winding_to_core == pytest.approx((0.5, 0.5, 0.5), rel=0.02)
+    assert heat.model.body_to_air == pytest.approx(OMNI.coils.heat.body_to_air, rel=0.02)
 
 
 def test_the_command(tmp_path, monkeypatch, capsys):

@@ -88,13 +88,14 @@ def test_all_steps_make_one_file_and_its_id_is_kept_by_the_device(tmp_path: Path
     said: list[str] = []
     out = tmp_path / "omni.json"
     inner, pace = make_driver("sim", OMNI, 3)
-    course = HeatingSchedule(heating=90.0, cooling=60.0)
+    course = HeatingSchedule(heating=45.0, cooling=30.0)
     found = guide_calibration(OMNI, inner, out, pace=pace, guide=Dialog(said.append), course=course)
     assert found is not None
     assert read_calibration(out).text() == found.text()
     assert found.heat is not None
-    assert found.heat.body_to_air == pytest.approx(OMNI.coils.heat.body_to_air, rel=0.25)
-    assert found.heat.winding_to_body == pytest.approx(OMNI.coils.heat.winding_to_body, rel=0.25)
+    assert found.heat.model.winding_to_body == pytest.approx(OMNI.coils.heat.winding_to_body, rel=0.25)
+    assert found.heat.coupling is not None
+    assert found.heat.coupling.winding_to_core == pytest.approx(OMNI.coils.heat.coupling.winding_to_core, rel=0.4)
     assert sum("7/7" in line for line in said) == 1
     assert any("polarity correct" in line for line in said)
     assert found.sensors is not None

@@ -59,3 +59,25 @@ def test_a_card_says_that_moments_come_from_the_windings_and_how_good_that_is():
     assert "computed from [windings]" in told
     assert "21 %" in told
     assert "off by" not in told
+
+
+def test_continuous_force_is_stated_with_one_coil_warm_and_with_all(made):
+    """The factor between both is that of the currents; a device whose coils are not coupled has one figure only."""
+    contact = made.numbers()["layers"][0]
+    one, all_warm = contact["continuous_radial_n"], contact["continuous_radial_all_warm_n"]
+    assert all_warm / one == pytest.approx(OMNI.sustained_current_together[0] / OMNI.sustained_current[0])
+    text = text_of(OMNI)
+    assert f"{1e3 * one:.0f}" in text
+    assert f"{1e3 * all_warm:.0f}" in text
+    assert "4.75 A continuous with one coil warm, 3.27 A with all coils warm" in text
+    alone = replace(OMNI, coils=replace(OMNI.coils, heat=replace(OMNI.coils.heat, coupling=None)))
+    assert "all coils warm" not in text_of(alone)
+
+
+def test_peaks_are_what_the_supply_gives(made):
+    """A quarter of the power halves the peak where only the supply limits it; what lasts stays."""
+    weak = card(replace(OMNI, supply=replace(OMNI.supply, power=40.0))).numbers()
+    weaker = card(replace(OMNI, supply=replace(OMNI.supply, power=10.0))).numbers()
+    assert weaker["layers"][0]["peak_radial_n"] == pytest.approx(weak["layers"][0]["peak_radial_n"] / 2)
+    assert weak["feasible"][0]["guaranteed_force_n"] < made.numbers()["feasible"][0]["guaranteed_force_n"]
+    assert weak["supply_w"] == 40.0

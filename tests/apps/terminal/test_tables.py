@@ -26,13 +26,14 @@ def omni_card():
 
     card = object.__new__(ElectromagnetCard)
     card._device = load("omni")
-    layers = tuple(Layer(d, 1.1752, 0.5221, 0.2794, 0.1243, 0.0529, 0.1562) for d in (0.050, 0.070))
+    forces = (1.1752, 0.5221, 0.2794, 0.1243, 0.1925, 0.0856)
+    layers = tuple(Layer(d, *forces, 0.0529, 0.1562) for d in (0.050, 0.070))
     card._capability = ShellCapability(layers, ((1.0, 4.2), (0.25, 668.0), (0.2, float("inf"))))
     able = FeasibleWrench(np.zeros((8, 3)), np.zeros((8, 3)), np.zeros((4, 3)), np.array([0.5, 0, 0.87]), 0.522, 0.0098)
     card._feasible_wrenches = [(State.at((0.0, 0.0, 0.05)), able)]
     card._predicted = np.diag([0.1875, 0.2045, 0.2242])
-    return card.show, ["[mm]", "[mN]", "[mN·m]", "[°]", "[JND]", "[m²]", "1175", "522", "279", "124", "52.9", "15.6",
-                       "2.2", "+0.1875", "tangential", "668 s"]  # fmt: skip
+    return card.show, ["[mm]", "[mN]", "[mN·m]", "[°]", "[JND]", "[m²]", "1175", "522", "279", "124", "192", "86",
+                       "52.9", "15.6", "2.2", "+0.1875", "tangential", "668 s"]  # fmt: skip
 
 
 def pmsm_card():

@@ -80,7 +80,7 @@ class Loop:
         state, coils = self.protection.state, self.protection.coils
         for name in ("force", "torque", "slew", "expiry"):
             state["guard"][name] = np.inf
-        state["clock"]["silence"] = np.inf
+        state["clock"]["silence"] = state["guard"]["power"] = np.inf
         coils["limit"] = coils["broken"] = 1e9
         state["heat"]["derate"], state["heat"]["stop"] = 1e9, 2e9
         return self.open()

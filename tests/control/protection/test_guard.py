@@ -87,11 +87,23 @@ def test_no_current_beyond_its_limit_and_no_step_beyond_the_slew(wanted):
         last = out
 
 
+def test_the_supply_gives_no_more_than_its_power_whatever_is_wanted():
+    """All coils at 20 A would take 720 W of cold and more of warm windings; of 360 W each gets the same share."""
+    loop = Loop().run()
+    hot = OMNI.coils.resistance_at(np.full(3, OMNI.coils.heat.stop))
+    for wanted in ((20.0, -20, 20), (-20.0, 3, 20), (20.0, 20, 0)):
+        for _ in range(60):
+            out = loop.tick(wanted)
+            assert hot @ out**2 <= OMNI.supply.power * (1 + 1e-9)
+        assert hot @ out**2 == pytest.approx(OMNI.supply.power)
+        assert np.allclose(out / out[0], np.array(wanted) / wanted[0])
+
+
 def test_limited_currents_keep_their_direction():
     loop = Loop().run()
     for _ in range(50):
-        out = loop.tick((80.0, -40, 20))
-    assert np.allclose(out, (20, -10, 5))
+        out = loop.tick((80.0, -20, 10))
+    assert np.allclose(out, (20, -5, 2.5))
 
 
 def test_an_old_pose_ramps_to_zero_and_latches():

@@ -1,18 +1,21 @@
 """The polytopes of force and torque: their corners are reached, their inside is, and beyond them nothing is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from haptorb.control.allocation.least_squares import LeastSquaresAllocator
+from haptorb.control.allocation.for_device import force_allocator
 from haptorb.devices.electromagnet.feasible_wrench import feasible_wrench
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.errors import GeometryError
 
 OMNI = load("omni")
+STRONG = replace(OMNI, supply=replace(OMNI.supply, power=np.inf))
 angle = st.floats(-0.9, 0.9)
 
 
@@ -28,7 +31,7 @@ poses = st.builds(pose, angle, angle, st.floats(0.05, 0.07), angle, angle)
 @settings(max_examples=40, deadline=None)
 @given(poses, st.integers(0, 1000))
 def test_every_wrench_within_the_currents_lies_inside(state, seed):
-    able, known = feasible_wrench(OMNI, state), OMNI.wrench_map(state, "exact")
+    able, known = feasible_wrench(STRONG, state), OMNI.wrench_map(state, "exact")
     hull = ConvexHull(able.force)
     currents = np.random.default_rng(seed).uniform(-1, 1, (200, 3)) * OMNI.coils.current_limit
     wrenches = currents @ known.matrix.T + known.passive
@@ -46,8 +49,9 @@ def test_every_wrench_within_the_currents_lies_inside(state, seed):
 @settings(max_examples=40, deadline=None)
 @given(poses, st.integers(0, 1000))
 def test_the_guaranteed_force_is_given_everywhere_and_no_more(state, seed):
-    able, known = feasible_wrench(OMNI, state), OMNI.wrench_map(state, "exact")
-    allocator = LeastSquaresAllocator.force(OMNI.coils.current_limit, compensate_passive=True)
+    device = OMNI if seed % 2 else STRONG
+    able, known = feasible_wrench(device, state), OMNI.wrench_map(state, "exact")
+    allocator = force_allocator(device)
     ways = np.random.default_rng(seed).normal(size=(30, 3))
     ways /= np.linalg.norm(ways, axis=1)[:, None]
     for way in ways:
@@ -55,6 +59,22 @@ def test_the_guaranteed_force_is_given_everywhere_and_no_more(state, seed):
         assert not allocation.saturated
     hull = ConvexHull(able.force)
     assert -hull.equations[:, 3].max() == pytest.approx(able.guaranteed_force, rel=1e-9)
+
+
+@settings(max_examples=5, deadline=None)
+@given(poses, st.integers(0, 1000))
+def test_a_weak_supply_takes_corners_off_and_hardly_more(state, seed):
+    """Currents within the box and 360 W lie inside the polytope but for 1 %; it needs no current beyond either."""
+    able, known = feasible_wrench(OMNI, state), OMNI.wrench_map(state, "exact")
+    hot = OMNI.coils.resistance_at(np.full(3, OMNI.coils.heat.stop))
+    assert ((able.currents**2 @ hot) <= 360.0 * (1 + 1e-9)).all()
+    assert (np.abs(able.currents) <= OMNI.coils.current_limit * (1 + 1e-9)).all()
+    currents = np.random.default_rng(seed).uniform(-20, 20, (500, 3))
+    currents = currents[currents**2 @ hot <= 360.0]
+    hull = ConvexHull(able.force - known.passive[:3])
+    force = 0.99 * currents @ known.force.T
+    assert (hull.equations[:, :3] @ force.T + hull.equations[:, 3:]).max() < 1e-9
+    assert hull.volume < 0.75 * abs(np.linalg.det(known.force * 40.0))
 
 
 def test_no_torque_about_the_tools_own_axis():

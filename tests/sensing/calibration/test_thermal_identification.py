@@ -5,7 +5,6 @@ import pytest
 
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError
-from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.calibration.thermal_identification import thermal_identification
 from oracles.endurance_fit import endurance_fit
 
@@ -43,11 +42,10 @@ def test_the_printed_endurances_follow_from_the_record(seed):
 
 def test_the_device_file_says_the_same():
     heat = load("omni").coils.heat
-    model = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
-    rise = heat.derate - heat.ambient
-    assert model.steady_rise(17.0)[0] == pytest.approx(rise, rel=0.01)
-    assert model.time_to(rise, 240.0) == pytest.approx(5.0, rel=0.01)
-    assert model.time_to(rise, 60.0) == pytest.approx(60.0, rel=0.01)
+    model, rise, alone = heat.network(3), heat.derate - heat.ambient, np.array([0.0, 1.0, 0.0])
+    assert model.steady_rise(17.0 * alone)[1] == pytest.approx(rise, rel=0.01)
+    assert model.time_to(rise, 240.0 * alone) == pytest.approx(5.0, rel=0.01)
+    assert model.time_to(rise, 60.0 * alone) == pytest.approx(60.0, rel=0.01)
 
 
 def test_a_winding_that_is_only_read_while_it_is_heated_is_enough():

@@ -18,9 +18,8 @@ from haptorb.apps.calibrate.step import Step, StepContext
 from haptorb.apps.calibrate.steps import STEPS, calibration_of, schedule_of
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, DriverError, InputError, UnknownName
-from haptorb.physics.thermal import TwoNode
 from haptorb.runtime.drivers.driver import Driver
-from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.sensing.calibration.calibration import Calibration, MeasuredHeat
 from haptorb.sensing.calibration_file import write_calibration
 
 __all__ = ["Dialog", "check_steps", "guide_calibration"]
@@ -73,7 +72,7 @@ def guide_calibration(
     out: Path,
     *,
     steps: Sequence[Step] = STEPS,
-    heat: TwoNode | None = None,
+    heat: MeasuredHeat | None = None,
     pace: Pace | None = None,
     guide: Dialog | None = None,
     restart: bool = False,

@@ -21,6 +21,7 @@ Hand = Literal["away", "summit", "led"]  #: where a hand has the tool
 
 _LEAN = 0.4  #: greatest slope of a tool that is led, each way
 _STEP = 2e-3  #: of the simulated device [s]
+_COARSE = 1e-3  #: of its physics: nothing moves, and currents and heat are exact in steps of any length [s]
 _PATIENCE = 0.05  #: for an answer: six minutes of heat should not end with a moment's hesitation of the device [s]
 
 
@@ -42,9 +43,10 @@ def make_driver(
         return real_driver(name, device, patience=_PATIENCE, watchdog=watchdog), Pace()
     from haptorb.runtime.drivers.sim_driver import SimDriver
     from haptorb.runtime.tick.assembly import check_driver
+    from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
 
     check_driver(name)
-    driver = SimDriver.of(device, _STEP, seed=seed)
+    driver = SimDriver(SimulatedElectromagnet(device, seed, step=_COARSE), _STEP, seed=seed)
     hold_tool(driver, device, "away")
     return driver, Pace.for_simulation()
 

@@ -1,11 +1,11 @@
-"""Heat, measured: one coil is warmed as the paper did it and left to cool, and two nodes explain what was read.
+"""Heat, measured: a coil is warmed as the paper did it, each after the other where they warm each other, and watched.
 
-Its resistance tells the winding's temperature, so a small current stays on while it cools. Zárate 2020, Fig. 6: 30 %
-duty for three minutes.
+Its resistance tells the winding's temperature, so a small current stays on in every coil that is watched. Zárate 2020,
+Fig. 6: 30 % duty for three minutes.
 
-Six minutes are long for a computer that must never be silent for 15 ms. Where it was, and the firmware switched off for
+Minutes are long for a computer that must never be silent for 15 ms. Where it was, and the firmware switched off for
 that reason alone, the second is lost and the record goes on in the next: less heat went in, and that is written down.
-The person has agreed to current in this coil for all of the step, with the tool away; any other trip ends it.
+The person has agreed to current in the coils for all of the step, with the tool away; any other trip ends it.
 """
 
 from __future__ import annotations
@@ -20,6 +20,11 @@ from haptorb.apps.calibrate.measure import DriverSession
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, HostSilent
 from haptorb.numerics.arrays import Array
+from haptorb.sensing.calibration.network_identification import (
+    HeatRecord,
+    NetworkIdentification,
+    network_identification,
+)
 from haptorb.sensing.calibration.thermal_identification import ThermalIdentification, thermal_identification
 
 __all__ = ["HEATING", "HeatingResult", "HeatingSchedule", "identify_heat"]
@@ -30,22 +35,25 @@ _BIN = 1.0  #: readings are averaged over this [s]
 _MARGIN = 5.0  #: heating ends so far below the device's warning [K]
 _COLD = 4.0  #: a coil that is warmer than the others by this is not cold [K]
 _LOST = 0.2  #: share of the seconds that may be lost: with more, the record is one of this computer
+_NOTHING = 0.02  #: current of a driven coil that is none [A]
+_TOO_MUCH, _OFFSET = 1.5, 0.3  #: times the expected current, and [A], beyond which a coil does not switch
+_NOBODY = -1
 _BREATH = 0.1  #: a pause lasts at least this [s]
 
 
 @dataclass(frozen=True)
 class HeatingSchedule:
-    """How long and how strongly: duties [1] and seconds."""
+    """How long and how strongly: duties [1] and seconds, of heating for each coil."""
 
     hot: float = 0.3
     heating: float = 180.0
     warm: float = 0.05
     cooling: float = 180.0
 
-    @property
-    def seconds(self) -> float:
-        """From the first to the last reading."""
-        return self.heating + self.cooling
+    def seconds(self, device: SphericalElectromagnet) -> float:
+        """From the first to the last reading of `device`: coupled coils are heated one after the other."""
+        heated = 1 if device.coils.heat.coupling is None else device.channels
+        return heated * self.heating + self.cooling
 
 
 HEATING = HeatingSchedule()
@@ -55,97 +63,113 @@ HEATING = HeatingSchedule()
 class HeatingResult:
     """What was found, and how many seconds were lost because this computer hesitated."""
 
-    found: ThermalIdentification
+    found: ThermalIdentification | NetworkIdentification
     lost: int
 
 
 def identify_heat(
-    session: DriverSession,
-    device: SphericalElectromagnet,
-    resistance: Array,
-    course: HeatingSchedule = HEATING,
-    coil: int = 0,
+    session: DriverSession, device: SphericalElectromagnet, resistance: Array, course: HeatingSchedule = HEATING
 ) -> HeatingResult:
-    """The two nodes of `coil`, found over `course`; `resistance` (m,) [Ω] as it was when cold.
+    """The heat of `device`, found over `course`; `resistance` (m,) [Ω] as it was when cold.
 
-    Begin with a cold device: its first temperature is taken as the room's. Raises CalibrationError if it is not, if the
-    record determines too little, or if more than a fifth of it was lost.
+    Coils that are coupled are driven one after the other while all are watched; of coils that are alike and do not warm
+    each other the first is enough. Begin with a cold device: its first temperature is taken as the room's. Raises
+    CalibrationError if it is not, if a coil does not switch, if the record determines too little, or if more than a
+    fifth of it was lost.
     """
     coils, rate = device.coils, _UNWATCHED if session.simulated else _RATE
+    watched = list(range(device.channels if coils.heat.coupling is not None else 1))
     rest, _ = session.hold(np.zeros(device.channels), 0.2, rate=rate)
     cold = np.mean([sample.temperatures for sample in rest], axis=0)
-    if cold[coil] - cold.min() > _COLD:
+    warmest = max(watched, key=lambda k: float(cold[k]))
+    if cold[warmest] - cold.min() > _COLD:
         raise CalibrationError(
-            f"coil '{coils.names[coil]}' is {cold[coil] - cold.min():.0f} K warmer than the others: let it cool for "
-            "ten minutes"
+            f"coil '{coils.names[warmest]}' is {cold[warmest] - cold.min():.0f} K warmer than the others: let it cool "
+            "for ten minutes"
         )
     hot, cool = int(course.heating / _BIN), int(course.cooling / _BIN)
-    hottest, start, ohms = coils.heat.warn - _MARGIN, session.now(), float(resistance[coil])
-    duties, record = np.zeros(device.channels), _Record()
+    plan = [coil for coil in watched for _ in range(hot)] + [_NOBODY] * cool  # who is driven in each second
+    hottest, start, record = coils.heat.warn - _MARGIN, session.now(), _Record(len(watched))
+    ohms = np.array(resistance, dtype=np.float64)
     n = lost = 0
-    while n < hot + cool:
-        duties[coil] = course.hot if n < hot else course.warm
+    while n < len(plan):
+        duties = np.zeros(device.channels)
+        duties[watched] = course.warm
+        if plan[n] != _NOBODY:
+            duties[plan[n]] = course.hot
         try:
             samples, applied = session.hold(duties, _BIN, 0.2 * _BIN, rate=rate)
         except HostSilent as cause:  # safety: silence-forgiven
             lost += 1
-            if lost > _LOST * (hot + cool):  # safety: heating-end
+            if lost > _LOST * len(plan):  # safety: heating-end
                 raise CalibrationError(
                     f"this computer was too busy: {lost} of {n + 1} s of readings are lost; close other programs, or "
                     "use another computer"
                 ) from cause
-            last = (duties[coil] * device.supply.voltage) ** 2 / ohms
-            record.spend(min(max(session.now() - start, n * _BIN), (n + 1) * _BIN), last)
+            last = (duties * device.supply.voltage) ** 2 / ohms
+            record.spend(min(max(session.now() - start, n * _BIN), (n + 1) * _BIN), last[watched])
             after = _pause(session, device, start, n, rate)
-            record.spend(after * _BIN, 0.0)
+            record.spend(after * _BIN, 0.0 * last[watched])
             lost, n = lost + after - n - 1, after
             continue
-        current = float(np.mean([sample.currents[coil] for sample in samples]))
+        currents = np.mean([sample.currents for sample in samples], axis=0)
         edge = np.mean([sample.temperatures for sample in samples], axis=0)
-        volts = abs(float(applied[coil])) * device.supply.voltage
-        if abs(current) < 0.02:
-            raise CalibrationError(
-                f"coil '{coils.names[coil]}' carries no current during heating: is the device engaged?"
-            )
-        ohms = volts / abs(current)
-        warm = cold[coil] + (ohms / resistance[coil] - 1) / coils.temperature_coefficient
-        record.tell((n + 0.6) * _BIN, warm, edge[coil])  # readings are averaged over the last four fifths
-        record.spend((n + 1) * _BIN, volts * abs(current))
-        if edge[coil] > hottest and n < hot:
-            hot = n + 1
+        volts = np.abs(applied) * device.supply.voltage
+        _check_currents(device, np.abs(currents), volts / resistance, watched)
+        ohms[watched] = volts[watched] / np.abs(currents[watched])
+        warm = cold + (ohms / resistance - 1) / coils.temperature_coefficient
+        record.tell((n + 0.6) * _BIN, warm[watched], edge[watched])  # readings are averaged over the last four fifths
+        record.spend((n + 1) * _BIN, (volts * np.abs(currents))[watched])
+        if plan[n] != _NOBODY and edge[plan[n]] > hottest:
+            plan = plan[: n + 1] + [coil for coil in plan[n + 1 :] if coil != plan[n]]
         n += 1
     session.hold(np.zeros(device.channels), 0.02, rate=rate)
-    return HeatingResult(
-        thermal_identification(record.times, record.power(), record.winding, record.boundary, float(cold[coil])), lost
-    )
+    whole = record.compose(float(cold[watched].mean()))
+    if coils.heat.coupling is not None:
+        return HeatingResult(network_identification(whole, coils.names, coils.heat), lost)
+    power, winding, boundary = whole.power[:, 0], whole.winding[:, 0], whole.boundary[:, 0]
+    return HeatingResult(thermal_identification(whole.t, power, winding, boundary, whole.ambient), lost)
+
+
+def _check_currents(device: SphericalElectromagnet, currents: Array, expected: Array, watched: list[int]) -> None:
+    """CalibrationError unless the coils carry about what they should: `currents` and `expected` (m,) [A]."""
+    for k, name in enumerate(device.coils.names):
+        if k in watched and currents[k] < _NOTHING:
+            raise CalibrationError(f"coil '{name}' carries no current during heating: is the device engaged?")
+        if currents[k] > _TOO_MUCH * expected[k] + _OFFSET:
+            raise CalibrationError(
+                f"coil '{name}' carries {currents[k]:.1f} A where {expected[k]:.1f} A should flow: it does not switch. "
+                "Switch off the coils' supply, and check the coil's bridge, its driver and its wiring"
+            )
 
 
 @final
 class _Record:
-    """Temperatures [K] at times [s], and the heat [J] that went in since the beginning, at times of its own."""
+    """Temperatures [K] of some coils at times [s], and the heat [J] that went into each, at times of its own."""
 
-    def __init__(self) -> None:
-        self.times: list[float] = []
-        self.winding: list[float] = []
-        self.boundary: list[float] = []
-        self._until, self._joules = [0.0], [0.0]
+    def __init__(self, coils: int) -> None:
+        self._times: list[float] = []
+        self._winding: list[Array] = []
+        self._boundary: list[Array] = []
+        self._until, self._joules = [0.0], [np.zeros(coils)]
 
-    def tell(self, t: float, winding: float, boundary: float) -> None:
-        """One pair of temperatures."""
-        self.times.append(t)
-        self.winding.append(winding)
-        self.boundary.append(float(boundary))
+    def tell(self, t: float, winding: Array, boundary: Array) -> None:
+        """The temperatures of all coils (m,) at one time."""
+        self._times.append(t)
+        self._winding.append(winding)
+        self._boundary.append(boundary)
 
-    def spend(self, until: float, watts: float) -> None:
-        """So much power from the last such time until this one."""
+    def spend(self, until: float, watts: Array) -> None:
+        """So much power (m,) from the last such time until this one."""
         self._joules.append(self._joules[-1] + watts * (until - self._until[-1]))
         self._until.append(until)
 
-    def power(self) -> Array:
-        """(n,) mean power [W] from each of the times to the next, from the last to the end."""
-        times = np.array([*self.times, self._until[-1]])
-        mean: Array = np.diff(np.interp(times, self._until, self._joules)) / np.diff(times)
-        return mean
+    def compose(self, ambient: float) -> HeatRecord:
+        """All of it, with the mean power from each of the times to the next, from the last to the end."""
+        times = np.array([*self._times, self._until[-1]])
+        heat = np.array([np.interp(times, self._until, joules) for joules in np.transpose(self._joules)])
+        power = np.diff(heat) / np.diff(times)
+        return HeatRecord(times[:-1], power.T, np.array(self._winding), np.array(self._boundary), ambient)
 
 
 def _pause(session: DriverSession, device: SphericalElectromagnet, start: float, second: int, rate: float) -> int:

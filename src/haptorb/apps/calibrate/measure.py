@@ -14,11 +14,9 @@ import numpy as np
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError
 from haptorb.numerics.arrays import Array
-from haptorb.physics.thermal import TwoNode
 from haptorb.runtime.drivers.driver import Driver
-from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.sensing.calibration.calibration import Calibration, MeasuredHeat
 from haptorb.sensing.calibration.magnetic_calibration import MagneticCalibration, excitation, magnetic_calibration
-from haptorb.sensing.calibration.thermal_identification import ThermalIdentification
 from haptorb.sensing.sample import Sample
 from haptorb.sensing.tool.tracker_state import coil_error
 
@@ -60,7 +58,7 @@ class Pace:
 def calibrate(
     device: SphericalElectromagnet,
     driver: Driver,
-    thermal: ThermalIdentification | None = None,
+    heat: MeasuredHeat | None = None,
     *,
     pace: Pace | None = None,
     say: Callable[[str], None] = lambda text: None,
@@ -80,9 +78,7 @@ def calibrate(
         found = session.magnetic(resistance)
     for (one, other), angle in found.skew(device.coils.names).items():
         say(f"    coils {one} and {other}: {90 + np.degrees(angle):.2f}° apart")
-    return compose_calibration(
-        device, ambient, resistance, found, None if thermal is None else thermal.model, driver.simulated
-    )
+    return compose_calibration(device, ambient, resistance, found, heat, driver.simulated)
 
 
 def compose_calibration(
@@ -90,7 +86,7 @@ def compose_calibration(
     ambient: Array,
     resistance: Array,
     found: MagneticCalibration,
-    heat: TwoNode | None,
+    heat: MeasuredHeat | None,
     simulated: bool,
 ) -> Calibration:
     """The calibration that the steps' results make: `ambient` (m,) [K], `resistance` (m,) [Ω] at that temperature."""

@@ -55,6 +55,8 @@ _SHAPES: dict[str, dict[str, tuple[int | None, ...]]] = {
         **dict.fromkeys(("uncertainty_t", "place_m", "axis_rad", "strength", "residual"), ()),
     },
 }
+#: what a result may have, of coupled coils: all of it or nothing
+_OPTIONAL: dict[str, dict[str, tuple[int | None, ...]]] = {"heat": {"core_capacity": (), "winding_to_core": (_COILS,)}}
 
 
 @final
@@ -111,7 +113,9 @@ def _check_steps(steps: Any, lengths: Mapping[int | None, int | None]) -> dict[s
     for name, result in dict(steps).items():
         if name not in _SHAPES or not isinstance(result, dict):
             raise ValueError(f"{name} is not a step")
-        for key, shape in _SHAPES[name].items():
+        optional = _OPTIONAL.get(name, {})
+        shapes = _SHAPES[name] | (optional if optional.keys() & result.keys() else {})
+        for key, shape in shapes.items():
             numbers(result, key, name, tuple(lengths.get(one, one) for one in shape))
         if name == "magnetic" and not np.linalg.norm(result["moment_per_current_m2"], axis=0).all():
             raise ValueError("a coil without a moment has no axis")

@@ -1,4 +1,7 @@
-"""A record of heating and cooling: from a recording of the loop, or from a table as CSV."""
+"""A record of heating and cooling: from a recording of the loop, or from a table as CSV.
+
+Of coupled coils it has all; of coils that do not warm each other, and are alike, one.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +14,17 @@ import numpy as np
 from haptorb.devices.device import Device
 from haptorb.errors import CalibrationError, quote
 from haptorb.numerics.arrays import Array
+from haptorb.sensing.calibration.calibration import MeasuredHeat
+from haptorb.sensing.calibration.network_identification import (
+    HeatRecord,
+    NetworkIdentification,
+    network_identification,
+)
 from haptorb.sensing.calibration.thermal_identification import ThermalIdentification, thermal_identification
 
 __all__ = ["ThermalRecord", "thermal_record"]
 
-_COLUMNS = ("t_s", "power_w", "winding_degc", "boundary_degc")
+_COLUMNS = ("power_w", "winding_degc", "boundary_degc")  #: of a coil alone; of several power_NAME_w and so on
 _BIN = 0.5  #: readings of a recording are averaged over so long [s]
 _LONGEST = 30 * 24 * 3600.0  #: [s]
 _LARGEST = 1e6  #: of any value, in its unit
@@ -25,38 +34,59 @@ _TRUST = 0.5  #: current from which the resistance tells a temperature [A]
 
 @dataclass(frozen=True)
 class ThermalRecord:
-    """One coil's course; winding is NaN where no current told its resistance."""
+    """The course of all coils of `device`, or of one if they are not coupled.
 
-    t: Array  #: (n,) [s]
-    power: Array  #: (n,) [W]
-    winding: Array  #: (n,) [K]
-    boundary: Array  #: (n,) [K]
-    ambient: float  #: [K]
+    A winding is NaN where no current told its resistance.
+    """
 
-    def identify(self) -> ThermalIdentification:
-        """The two nodes that explain it; CalibrationError if the record is too short or too cool."""
-        return thermal_identification(self.t, self.power, self.winding, self.boundary, self.ambient)
+    measured: HeatRecord
+    device: Device
+
+    def identify(self) -> ThermalIdentification | NetworkIdentification:
+        """What explains it; CalibrationError if the record is too short or too cool, or coils were not driven alone."""
+        record, coils = self.measured, self.device.coils
+        if coils.heat.coupling is not None:
+            return network_identification(record, coils.names, coils.heat)
+        power, winding, boundary = record.power[:, 0], record.winding[:, 0], record.boundary[:, 0]
+        return thermal_identification(record.t, power, winding, boundary, record.ambient)
+
+    def measure(self) -> MeasuredHeat:
+        """The same, as a calibration keeps it."""
+        found = self.identify()
+        return MeasuredHeat(found.model, found.coupling if isinstance(found, NetworkIdentification) else None)
 
 
 def thermal_record(path: str | Path, device: Device) -> ThermalRecord:
     """Read `path`: an MCAP recording of `device`, or CSV with the columns t_s, power_w, winding_degc (may be empty),
-    boundary_degc. The ambient temperature is the boundary's at the start: begin cold."""
+    boundary_degc; for coupled coils t_s, and power_NAME_w, winding_NAME_degc, boundary_NAME_degc of each coil. The
+    ambient temperature is the boundary's at the start: begin cold."""
     place = Path(path).expanduser()
-    return _from_table(place) if place.suffix.lower() == ".csv" else _from_recording(place, device)
+    table = place.suffix.lower() == ".csv"
+    return ThermalRecord(_from_table(place, device) if table else _from_recording(place, device), device)
 
 
-def _from_table(path: Path) -> ThermalRecord:
+def _columns(device: Device) -> tuple[str, ...]:
+    """t_s, then powers, windings and boundaries, each of all coils."""
+    if device.coils.heat.coupling is None:
+        return ("t_s", *_COLUMNS)
+    named = (column.rsplit("_", 1) for column in _COLUMNS)
+    return ("t_s", *(f"{what}_{name}_{unit}" for what, unit in named for name in device.coils.names))
+
+
+def _from_table(path: Path, device: Device) -> HeatRecord:
+    columns = _columns(device)
     try:
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
-            missing = [name for name in _COLUMNS if name not in (reader.fieldnames or ())]
+            missing = [name for name in columns if name not in (reader.fieldnames or ())]
             if missing:
                 raise CalibrationError(
-                    f"{path}: column {missing[0]} is missing; a thermal record has {', '.join(_COLUMNS)}"
+                    f"{path}: column {missing[0]} is missing; a thermal record of '{device.name}' has "
+                    f"{', '.join(columns)}"
                 )
             rows = []
             for line in reader:
-                cells = [(line[name] or "").strip() for name in _COLUMNS]
+                cells = [(line[name] or "").strip() for name in columns]
                 try:
                     rows.append([float(cell) if cell else np.nan for cell in cells])
                 except ValueError as cause:
@@ -71,12 +101,15 @@ def _from_table(path: Path) -> ThermalRecord:
     if len(rows) < 20:
         raise CalibrationError(f"{path} has {len(rows)} readings; a thermal record needs at least 20")
     table = np.array(rows)
-    if not np.isfinite(table[:, [0, 1, 3]]).all():
-        first = int(np.flatnonzero(~np.isfinite(table[:, [0, 1, 3]]).all(axis=1))[0]) + 2
-        raise CalibrationError(f"{path}, line {first}: t_s, power_w and boundary_degc must be numbers")
+    k = (len(columns) - 1) // 3
+    power, winding, boundary = table[:, 1 : 1 + k], table[:, 1 + k : 1 + 2 * k], table[:, 1 + 2 * k :]
+    whole = np.isfinite(np.column_stack([table[:, 0], power, boundary])).all(axis=1)
+    if not whole.all():
+        first = int(np.flatnonzero(~whole)[0]) + 2
+        raise CalibrationError(f"{path}, line {first}: t_s, power and boundary temperature must be numbers")
     _check_series(path, table[:, 0], np.nan_to_num(table[:, 1:], nan=0.0, posinf=np.inf, neginf=-np.inf))
-    boundary = table[:, 3] + 273.15
-    return ThermalRecord(table[:, 0], table[:, 1], table[:, 2] + 273.15, boundary, float(boundary[:3].mean()))
+    outside = boundary + 273.15
+    return HeatRecord(table[:, 0], power, winding + 273.15, outside, float(outside[:3].mean()))
 
 
 def _check_series(path: Path, t: Array, values: Array) -> None:
@@ -87,7 +120,7 @@ def _check_series(path: Path, t: Array, values: Array) -> None:
         raise CalibrationError(f"{path}: powers, currents, resistances and temperatures must be below {_LARGEST:g}")
 
 
-def _from_recording(path: Path, device: Device) -> ThermalRecord:
+def _from_recording(path: Path, device: Device) -> HeatRecord:
     from haptorb.runtime.recording.recording import Recording
 
     recording = Recording(path)
@@ -109,18 +142,19 @@ def _from_recording(path: Path, device: Device) -> ThermalRecord:
     if currents.shape[1] != device.channels or not resistance.shape == boundary.shape == currents.shape:
         raise CalibrationError(f"{path} has {currents.shape[1]} coils, device '{device.name}' has {device.channels}")
     _check_series(path, t, np.column_stack([currents, resistance, boundary]))
-    coil = int(np.argmax((currents**2).mean(axis=0)))
-    i, R, edge = currents[:, coil], resistance[:, coil], boundary[:, coil]
+    coupled = device.coils.heat.coupling is not None
+    used = list(range(device.channels)) if coupled else [int(np.argmax((currents**2).mean(axis=0)))]
     bins = ((t - t[0]) / _BIN).astype(int)
     _, where, count = np.unique(bins, return_inverse=True, return_counts=True)
 
     def mean(values: Array) -> Array:
-        averaged: Array = np.bincount(where, values) / count
+        averaged: Array = np.column_stack([np.bincount(where, column) / count for column in values[:, used].T])
         return averaged
 
     coils = device.coils
-    warm = coils.reference_temperature + (mean(R) / coils.resistance[coil] - 1) / coils.temperature_coefficient
-    winding = np.where(np.sqrt(mean(i * i)) > _TRUST, warm, np.nan)
-    temperature = mean(edge)
+    ratio = mean(resistance) / coils.resistance[used]
+    warm = coils.reference_temperature + (ratio - 1) / coils.temperature_coefficient
+    winding = np.where(np.sqrt(mean(currents**2)) > _TRUST, warm, np.nan)
+    temperature = mean(boundary)
     start = t[0] + _BIN * np.unique(bins)
-    return ThermalRecord(start, mean(i * i * R), winding, temperature, float(temperature[0]))
+    return HeatRecord(start, mean(currents**2 * resistance), winding, temperature, float(temperature[0].mean()))

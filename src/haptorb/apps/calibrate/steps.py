@@ -16,13 +16,15 @@ from haptorb.apps.calibrate.heating import identify_heat
 from haptorb.apps.calibrate.measure import compose_calibration, mean_field
 from haptorb.apps.calibrate.sensor_steps import FieldsStep, SensorsStep
 from haptorb.apps.calibrate.step import Results, Step, StepContext
+from haptorb.devices.device import HeatCoupling
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import rotation_to_axis
 from haptorb.errors import CalibrationError
 from haptorb.numerics.arrays import Array
 from haptorb.physics.thermal import TwoNode
-from haptorb.sensing.calibration.calibration import Calibration
+from haptorb.sensing.calibration.calibration import Calibration, MeasuredHeat
 from haptorb.sensing.calibration.magnetic_calibration import MagneticCalibration, excitation
+from haptorb.sensing.calibration.network_identification import NetworkIdentification
 from haptorb.sensing.calibration.sensor_calibration import SensorCalibration
 from haptorb.sensing.tool.tool_field import ToolModel, tool_field
 
@@ -104,20 +106,30 @@ class MagneticStep(Step):
 
 @final
 class HeatStep(Step):
-    """Two nodes of heat, from one coil warmed and cooled."""
+    """Windings, bodies and what couples them, from coils warmed one after the other and cooled."""
 
     name, title, needs = "heat", "heat", ("rest", "currents")
-    asks = "One coil warms by about 25 K in three minutes, then cools for three. Start cold; do not touch it."
+    asks = (
+        "Each coil is heated by about 25 K in three minutes, one after the other (only the first if the device file "
+        "couples none), while all are watched; then all cool for three. Start cold; do not touch them."
+    )
 
     def seconds(self, bench: StepContext) -> float:
         """Both halves."""
-        return bench.course.seconds + 0.22
+        return bench.course.seconds(bench.device) + 0.22
 
     def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
         """Capacities and conductances, and how sure they are."""
         did = identify_heat(bench.session, bench.device, np.array(before["currents"]["resistance_ohm"]), bench.course)
         found, model = did.found, did.found.model
+        coupled = {}
+        if isinstance(found, NetworkIdentification):
+            coupled = {
+                "core_capacity": found.coupling.core_capacity,
+                "winding_to_core": list(found.coupling.winding_to_core),
+            }
         return {
+            **coupled,
             "winding_capacity": model.winding_capacity,
             "body_capacity": model.body_capacity,
             "winding_to_body": model.winding_to_body,
@@ -128,11 +140,15 @@ class HeatStep(Step):
         }
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
-        """What it stands for ever."""
-        heat = device.coils.heat
-        watts = (heat.derate - heat.ambient) / (1 / result["winding_to_body"] + 1 / result["body_to_air"])
+        """What it stands for ever, one coil alone and all together."""
+        heat = _read_heat(result).apply(device)
+        rise_per_watt = heat.network(device.channels).rise_per_watt
+        rise = heat.derate - heat.ambient
+        watts = f"{rise / rise_per_watt.diagonal().max():.1f} W continuous"
+        if heat.coupling is not None:
+            watts += f" in one coil, {rise / rise_per_watt.sum(axis=1).max():.1f} W in each of all"
         lost = f"; {n} s lost because this computer was busy" if (n := result.get("lost_s", 0)) else ""
-        return f"{watts:.1f} W continuous; residual {result['residual_k']:.2f} K rms{lost}"
+        return f"{watts}; residual {result['residual_k']:.2f} K rms{lost}"
 
 
 @final
@@ -181,12 +197,11 @@ STEPS: tuple[Step, ...] = (
 
 
 def calibration_of(
-    device: SphericalElectromagnet, results: Results, simulated: bool, heat: TwoNode | None = None
+    device: SphericalElectromagnet, results: Results, simulated: bool, heat: MeasuredHeat | None = None
 ) -> Calibration:
     """The file's content; `heat` from elsewhere stands where the step was not taken."""
     if "heat" in results:
-        names = ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air")
-        heat = TwoNode(*(float(results["heat"][name]) for name in names))
+        heat = _read_heat(results["heat"])
     ambient, resistance = results["rest"]["temperatures_k"], results["currents"]["resistance_ohm"]
     sensors = None
     if "sensors" in results:
@@ -200,6 +215,15 @@ def calibration_of(
 def schedule_of(device: SphericalElectromagnet, levels: int, repeats: int) -> Array:
     """(n, m) [A] the magnetic step's currents."""
     return excitation(device, levels=levels, repeats=repeats)
+
+
+def _read_heat(result: Mapping[str, Any]) -> MeasuredHeat:
+    names = ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air")
+    coupling = None
+    if "core_capacity" in result:
+        to_core = tuple(float(value) for value in result["winding_to_core"])
+        coupling = HeatCoupling(float(result["core_capacity"]), to_core)
+    return MeasuredHeat(TwoNode(*(float(result[name]) for name in names)), coupling)
 
 
 def _magnetic(result: Mapping[str, Any]) -> MagneticCalibration:

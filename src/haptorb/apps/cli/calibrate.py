@@ -33,7 +33,7 @@ def calibrate(
     thermal: Annotated[
         Path | None,
         typer.Option(help="Thermal record instead of the heat step: an MCAP recording, or CSV with t_s, power_w, "
-                          "winding_degc, boundary_degc."),
+                          "winding_degc, boundary_degc; for coupled coils power_NAME_w and so on."),
     ] = None,
     restart: Annotated[bool, typer.Option("--restart", help="Repeat steps that are already done.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
@@ -44,6 +44,8 @@ def calibrate(
     json: Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")] = False,
 ) -> None:  # fmt: skip
     """Calibrate a device: polarity, current sensing, field per ampere, heat, tool. Resumes where it was interrupted."""
+    import numpy as np
+
     from haptorb.apps.calibrate import thermal_record
     from haptorb.apps.calibrate.dialog import Dialog, check_steps, guide_calibration
     from haptorb.apps.calibrate.driver import make_driver
@@ -59,7 +61,7 @@ def calibrate(
     names = None if steps is None else [name.strip() for name in steps.split(",")]
     chosen = check_steps(names, () if thermal is None else ("heat",))
     path = check_writable(out or Path(f"{found.name}.calibration.json"), overwrite=force)
-    heat = None if thermal is None else thermal_record(thermal, found).identify().model
+    heat = None if thermal is None else thermal_record(thermal, found).measure()
     through, pace = make_driver(driver, found, seed, watchdog=not no_watchdog)
     asks = not (yes or through.simulated)
     if asks and not sys.stdin.isatty():
@@ -90,10 +92,15 @@ def calibrate(
     tell("coils: " + ", ".join(f"{name} {r:.4f} Ω" for name, r in zip(found.coils.names, result.resistance,
                                                                      strict=True)))  # fmt: skip
     if result.heat is not None:
-        model, rise = result.heat, found.coils.heat.derate - found.coils.heat.ambient
-        hot, half = model.time_to(rise, 240.0), model.time_to(rise, 60.0)
-        sustained = rise / (1 / model.winding_to_body + 1 / model.body_to_air)
-        tell(f"heat: {sustained:.1f} W continuous, 240 W for {hot:.1f} s, 60 W for {half:.0f} s")
+        values = result.heat.apply(found)
+        network, rise = values.network(found.channels), values.derate - values.ambient
+        alone = np.arange(found.channels) == int(network.rise_per_watt.diagonal().argmax())
+        hot, half = network.time_to(rise, 240.0 * alone), network.time_to(rise, 60.0 * alone)
+        tell(f"heat of one coil: {rise / network.rise_per_watt.diagonal().max():.1f} W continuous, 240 W for {hot:.1f} "
+             f"s, 60 W for {half:.0f} s")  # fmt: skip
+        if values.coupling is not None:
+            tell(f"heat of all coils together: {rise / network.rise_per_watt.sum(axis=1).max():.1f} W continuous in "
+                 "each")  # fmt: skip
     tell(f"written: {path}{' (simulated)' if result.simulated else ''}, id {result.id.hex()}")
 
 

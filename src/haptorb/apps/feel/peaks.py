@@ -15,6 +15,7 @@ import numpy as np
 from haptorb.apps.feel.candidates import Candidate
 from haptorb.apps.feel.course import InsertionForces, force_along
 from haptorb.apps.feel.trace import COLUMNS, HAND
+from haptorb.control.allocation.allocator import Saturation
 from haptorb.numerics.arrays import Array
 
 __all__ = ["AGREE", "PeakComparison", "compare_peaks"]
@@ -131,5 +132,6 @@ def _explain_hand(row: Array) -> str:
         )
     if abs(given - asked) <= AGREE * asked:
         return ""
-    why = "the device was at its limit" if saturated else "currents rise with the coils' time constant"
+    limit = Saturation(int(saturated)) if saturated in tuple(Saturation) else Saturation.NONE
+    why = f"the device was at its limit, {limit.text}" if limit else "currents rise with the coils' time constant"
     return f"{1e3 * asked:.0f} mN·m were asked, {1e3 * given:.0f} mN·m given: {why}"

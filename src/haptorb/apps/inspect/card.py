@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.console import Console
 
 from haptorb.apps.inspect.quantities import Curve, Quantity
@@ -70,8 +71,10 @@ def facts(device: Device) -> dict[str, Any]:
         "channels": list(coils.names),
         "current_limit_a": coils.current_limit.tolist(),
         "sustained_current_a": device.sustained_current.tolist(),
+        "sustained_current_all_warm_a": device.sustained_current_together.tolist(),
         "resistance_ohm": coils.resistance.tolist(),
         "supply_v": device.supply.voltage,
+        "supply_w": device.supply.power if np.isfinite(device.supply.power) else None,
         "limits": {
             "force_n": device.limits.force,
             "torque_nm": device.limits.torque,
@@ -93,11 +96,15 @@ def print_card(device: Device, console: Console, more: Iterable[tuple[str, str]]
     names = ", ".join(coils.names) if device.channels <= 6 else f"{coils.names[0]} … {coils.names[-1]}"
     torque = f"{limits.torque * 1e3:g} mN·m" if limits.torque < 1 else f"{limits.torque:g} N·m"
     guard = f"{limits.force:g} N, {torque}, {limits.slew / 1e3:g} A/ms, poses expire after {limits.expiry * 1e3:g} ms"
+    lasting = f"{device.sustained_current.min():.2f} A continuous"
+    if coils.heat.coupling is not None:
+        lasting += f" with one coil warm, {device.sustained_current_together.min():.2f} A with all coils warm"
+    power = "" if np.isinf(device.supply.power) else f", {device.supply.power:g} W for all coils"
     facts = [
         ("channels", f"{device.channels} ({names})"),
-        ("current", f"{amperes} A peak, {device.sustained_current.min():.2f} A continuous"),
+        ("current", f"{amperes} A peak, {lasting}"),
         ("coils", f"{coils.resistance.min():.3g} Ω at {coils.reference_temperature - 273.15:.0f} °C"),
-        ("supply", f"{device.supply.voltage:g} V, {device.supply.duty_bits}-bit duty"),
+        ("supply", f"{device.supply.voltage:g} V{power}, {device.supply.duty_bits}-bit duty"),
         ("guard", guard),
     ]
     print_facts(console, [*facts, *more])

@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 
 from haptorb.apps.inspect.card import Card, facts, print_card
+from haptorb.apps.inspect.force_table import print_force_tables
 from haptorb.apps.inspect.quantities import Curve, Quantity, common_curves, common_quantities
 from haptorb.apps.inspect.sensing import summarize_sensing
 from haptorb.apps.terminal import Column, TextTable, print_table, print_text
@@ -58,6 +59,8 @@ class ElectromagnetCard(Card):
                     "peak_tangential_n": layer.peak_tangential,
                     "continuous_radial_n": layer.lasting_radial,
                     "continuous_tangential_n": layer.lasting_tangential,
+                    "continuous_radial_all_warm_n": layer.lasting_radial_all_warm,
+                    "continuous_tangential_all_warm_n": layer.lasting_tangential_all_warm,
                     "passive_pull_n": layer.passive_pull,
                     "dipole_error": layer.dipole_error,
                     "dipole_error_jnd": layer.dipole_error_jnd,
@@ -98,30 +101,8 @@ class ElectromagnetCard(Card):
             more.append(("by field sensors", summarize_sensing(device)))
         print_card(device, console, more)
         print_text(console)
-        forces = TextTable(
-            (
-                Column("distance", "mm", "key"), Column("peak radial", "mN"), Column("peak tangential", "mN"),
-                Column("continuous radial", "mN"), Column("continuous tangential", "mN"),
-                Column("passive pull", "mN"), Column("dipole error", "%"), Column("dipole error", "JND"),
-            ),
-            "Force on a radial tool at the weakest place and direction of the workspace",
-        )  # fmt: skip
-        for layer in capability.layers:
-            newtons = (layer.peak_radial, layer.peak_tangential, layer.lasting_radial, layer.lasting_tangential)
-            forces.add_row(
-                f"{layer.distance * 1e3:.0f}",
-                *(f"{1e3 * force:.0f}" for force in newtons),
-                f"{1e3 * layer.passive_pull:.1f}",
-                f"{100 * layer.dipole_error:.1f}",
-                f"{layer.dipole_error_jnd:.1f}",
-            )
-        print_table(console, forces)
-        print_text(
-            console,
-            f"dipole error: greatest, of the dipole model's force. JND: just-noticeable difference, "
-            f"{100 * FORCE_JND:.0f} % of force\n",
-            "dim",
-        )
+        coupled = device.coils.heat.coupling is not None
+        print_force_tables(console, capability.layers, device.supply.power, coupled=coupled)
         able_table = TextTable(
             (
                 Column("distance", "mm", "key"), Column("from the summit", "°", "key"), Column("force", "mN"),
@@ -203,8 +184,12 @@ class ElectromagnetCard(Card):
             Quantity("shell", "mm", 1e3 * device.shell_thickness),
             Quantity("peak radial force in contact", "mN", 1e3 * near.peak_radial),
             Quantity("peak tangential force in contact", "mN", 1e3 * near.peak_tangential),
-            Quantity("continuous radial force in contact", "mN", 1e3 * near.lasting_radial),
-            Quantity("continuous tangential force in contact", "mN", 1e3 * near.lasting_tangential),
+            Quantity("continuous radial force in contact, one coil warm", "mN", 1e3 * near.lasting_radial),
+            Quantity("continuous tangential force in contact, one coil warm", "mN", 1e3 * near.lasting_tangential),
+            Quantity("continuous radial force in contact, all coils warm", "mN", 1e3 * near.lasting_radial_all_warm),
+            Quantity(
+                "continuous tangential force in contact, all coils warm", "mN", 1e3 * near.lasting_tangential_all_warm
+            ),
             Quantity("peak radial force at the shell's end", "mN", 1e3 * far.peak_radial),
             Quantity("passive pull in contact", "mN", 1e3 * near.passive_pull),
             Quantity("force in every direction at the summit", "mN", 1e3 * summit.guaranteed_force),
@@ -224,10 +209,14 @@ class ElectromagnetCard(Card):
         radial, tangential = "Radial force, weakest place", "Tangential force, weakest place and direction"
         return [
             curve(radial, "peak", [layer.peak_radial for layer in layers], "-"),
-            curve(radial, "continuous", [layer.lasting_radial for layer in layers], "--"),
+            curve(radial, "continuous, one coil warm", [layer.lasting_radial for layer in layers], "--"),
+            curve(radial, "continuous, all coils warm", [layer.lasting_radial_all_warm for layer in layers], "-."),
             curve(radial, "passive pull", [layer.passive_pull for layer in layers], ":"),
             curve(tangential, "peak", [layer.peak_tangential for layer in layers], "-"),
-            curve(tangential, "continuous", [layer.lasting_tangential for layer in layers], "--"),
+            curve(tangential, "continuous, one coil warm", [layer.lasting_tangential for layer in layers], "--"),
+            curve(
+                tangential, "continuous, all coils warm", [layer.lasting_tangential_all_warm for layer in layers], "-."
+            ),
             *common_curves(self._device),
         ]
 
@@ -241,10 +230,17 @@ class ElectromagnetCard(Card):
         left, right, able = figure.subplots(1, 3)
         left.plot(distance, [1e3 * layer.peak_radial for layer in layers], "C0-o", label="radial, peak")
         left.plot(distance, [1e3 * layer.peak_tangential for layer in layers], "C1-s", label="tangential, peak")
-        left.plot(distance, [1e3 * layer.lasting_radial for layer in layers], "C0--o", label="radial, continuous")
-        left.plot(
-            distance, [1e3 * layer.lasting_tangential for layer in layers], "C1--s", label="tangential, continuous"
-        )
+        for style, label, radial, tangential in (
+            ("--", "continuous, one coil warm", "lasting_radial", "lasting_tangential"),
+            ("-.", "continuous, all warm", "lasting_radial_all_warm", "lasting_tangential_all_warm"),
+        ):
+            left.plot(
+                distance, [1e3 * getattr(layer, radial) for layer in layers], f"C0{style}o", label=f"radial, {label}"
+            )
+            left.plot(
+                distance, [1e3 * getattr(layer, tangential) for layer in layers], f"C1{style}s",
+                label=f"tangential, {label}",
+            )  # fmt: skip
         left.plot(distance, [1e3 * layer.passive_pull for layer in layers], "k:", label="passive pull")
         left.set(xlabel="tool's magnet from the centre [mm]", ylabel="force [mN]", ylim=(0, None))
         left.set_title("Force in the weakest direction", loc="left")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +13,27 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, check_finite
 from haptorb.numerics.record import record
 
-__all__ = ["Allocation", "Allocator", "check_limit", "check_problem"]
+__all__ = ["SATURATIONS", "Allocation", "Allocator", "Saturation", "check_limit", "check_power", "check_problem"]
+
+
+class Saturation(IntEnum):
+    """Which limit holds a wrench back; the numbers stand in recordings and never change."""
+
+    NONE = 0
+    CURRENT = 1  #: a coil's current limit
+    POWER = 2  #: the supply's power limit
+
+    @property
+    def text(self) -> str:
+        """The limit in words; empty for none.
+
+        >>> Saturation.POWER.text
+        "the supply's power limit"
+        """
+        return ("", "a coil's current limit", "the supply's power limit")[self]
+
+
+SATURATIONS = tuple(Saturation)  #: by number: many times faster than a call of the class
 
 
 @record
@@ -21,13 +42,13 @@ class Allocation:
 
     currents   (m,) [A]
     residual   (6,) wrench asked for less wrench given [N, N·m]; the passive wrench counts as given
-    saturated  a current stands at its limit
+    saturated  which limit holds it back, or at which a current stands; false if there is none
     scale      the one factor by which the wrench was cut to respect the limits; 1 where it was not
     """
 
     currents: Array
     residual: Array
-    saturated: bool
+    saturated: Saturation
     scale: float
 
 
@@ -54,6 +75,23 @@ def check_limit(value: ArrayLike) -> Array:
     if (limit < 0).any():
         raise InputError(f"current_limit must not be negative: it bounds a magnitude; got {value!r}")
     return np.ascontiguousarray(limit)
+
+
+def check_power(resistance: ArrayLike | None, power: float, channels: int) -> Array:
+    """(m,) resistances [Ω] for the heat Σ R i², all alike where None are given, and a `power` [W] that can limit it.
+
+    Raises InputError for another shape, for what is not positive, and for a power without resistances.
+    """
+    if not power > 0.0:
+        raise InputError(f"power must be the supply's limit, above 0 W, or inf for none; got {power!r}")
+    if resistance is None:
+        if np.isfinite(power):
+            raise InputError("a power limit needs the resistance of every channel")
+        return np.ones(channels)
+    ohms = np.ascontiguousarray(check_finite(resistance, "resistance"))
+    if ohms.shape != (channels,) or not (ohms > 0).all():
+        raise InputError(f"resistance must have one entry > 0 per channel, shape ({channels},); got {resistance!r}")
+    return ohms
 
 
 def check_problem(wrench_map: WrenchMap, wrench: ArrayLike, channels: int) -> tuple[Array, Array, Array]:

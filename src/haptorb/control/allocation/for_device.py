@@ -1,4 +1,9 @@
-"""The allocators that the kinds of devices name: made from a device's own limits."""
+"""The allocators that the kinds of devices name: made from a device's own limits.
+
+The supply's power is reckoned with windings at the stop temperature, the warmest that may carry a current: cooler ones
+take less. It is the power that the coils turn into heat; what builds up their field, watts for milliseconds, comes from
+the supply's capacitors.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +22,10 @@ def force_allocator(device: Device) -> Allocator:
     >>> type(force_allocator(load("omni"))).__name__
     'LeastSquaresAllocator'
     """
-    return LeastSquaresAllocator.force(device.coils.current_limit, compensate_passive=True)
+    coils = device.coils
+    return LeastSquaresAllocator.force(
+        coils.current_limit, compensate_passive=True, resistance=device.greatest_resistance, power=device.supply.power
+    )
 
 
 def torque_allocator(device: Device) -> Allocator:
@@ -27,5 +35,7 @@ def torque_allocator(device: Device) -> Allocator:
     >>> type(torque_allocator(load("pmsm"))).__name__
     'MinimumPowerAllocator'
     """
-    coils = device.coils
-    return MinimumPowerAllocator(coils.current_limit, resistance=coils.resistance, compensate_passive=True)
+    return MinimumPowerAllocator(
+        device.coils.current_limit, resistance=device.greatest_resistance, compensate_passive=True,
+        power=device.supply.power,
+    )  # fmt: skip

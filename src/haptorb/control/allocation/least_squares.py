@@ -5,8 +5,8 @@ about its own axis (rank 2), or a compromise; a motor with many channels can giv
 serves all: minimise ‖W (A i − w)‖², and where many currents do so, take the smallest. Zárate 2020's radial case is the
 special case of force weights at a radial tool.
 
-Whatever exceeds a channel's limit scales all currents by one factor: the direction of the wrench is kept, its
-magnitude is cut and the cut is told.
+Whatever exceeds a channel's limit, or the supply's power, scales all currents by one factor: the direction of the
+wrench is kept, its magnitude is cut and the cut is told.
 """
 
 from __future__ import annotations
@@ -14,7 +14,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.control.allocation.allocator import Allocation, Allocator, check_limit, check_problem
+from haptorb.control.allocation.allocator import (
+    SATURATIONS,
+    Allocation,
+    Allocator,
+    Saturation,
+    check_limit,
+    check_power,
+    check_problem,
+)
+from haptorb.control.allocation.supply_power import hold_power
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, Records, check_finite, fields
@@ -22,6 +31,7 @@ from haptorb.numerics.compiled import kernel
 
 __all__ = ["LeastSquaresAllocator", "least_squares_currents"]
 
+_CURRENT, _POWER = int(Saturation.CURRENT), int(Saturation.POWER)
 FORCE = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 TORQUE = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 
@@ -31,6 +41,7 @@ _SETTINGS = fields(
     ("truncation", "f8"),  # relative singular value
     ("damping", "f8"),  # relative to the greatest singular value
     ("compensated", "f8"),  # share of the wrench at zero current that is subtracted
+    ("power", "f8"),  # of the supply [W]
 )
 
 
@@ -155,8 +166,9 @@ def least_squares_currents(
 
 @kernel
 def _allocate(
-    settings: Records, matrix: Array, passive: Array, wrench: Array, limit: Array, currents: Array, residual: Array
-) -> float:
+    settings: Records, matrix: Array, passive: Array, wrench: Array, limit: Array, resistance: Array, currents: Array,
+    residual: Array,
+) -> tuple[float, int]:  # fmt: skip
     s = settings[0]
     target = residual  # filled with the residual afterwards
     for i in range(6):
@@ -164,12 +176,17 @@ def _allocate(
         if not np.isfinite(passive[i]):
             target[i] = np.nan
     scale = least_squares_currents(matrix, target, s.weights, limit, s.truncation, s.damping, currents)
+    reason = _CURRENT if scale < 1.0 else 0
+    share = hold_power(currents, resistance, s.power)
+    if share < 1.0:
+        scale *= share
+        reason = _POWER
     for i in range(6):
         given = passive[i]
         for j in range(currents.shape[0]):
             given += matrix[i, j] * currents[j]
         residual[i] = wrench[i] - given
-    return scale
+    return scale, reason
 
 
 class LeastSquaresAllocator(Allocator):
@@ -180,6 +197,8 @@ class LeastSquaresAllocator(Allocator):
     damping              relative to the greatest singular value: near singular poses trades accuracy for current
     truncation           relative singular value up to which a direction counts as unreachable
     compensate_passive   subtract the wrench that is there at zero current
+    resistance           (m,) of the channels as warm as they may be [Ω]
+    power                greatest power Σ R i² that the supply gives [W]; needs `resistance`
 
     Raises InputError for weights that are not six, negative or all zero, and for damping or truncation outside 0 to 1.
 
@@ -198,6 +217,8 @@ class LeastSquaresAllocator(Allocator):
         damping: float = 0.0,
         truncation: float = 1e-6,
         compensate_passive: bool = False,
+        resistance: ArrayLike | None = None,
+        power: float = np.inf,
     ) -> None:
         self.current_limit = check_limit(current_limit)
         worth = check_finite(weights, "weights")
@@ -208,15 +229,20 @@ class LeastSquaresAllocator(Allocator):
         if not 0.0 < truncation < 1.0:
             raise InputError(f"truncation must be between 0 and 1; got {truncation!r}")
         self.truncation = truncation
+        self.resistance = check_power(resistance, power, len(self.current_limit))
         self._settings = np.zeros(1, dtype=_SETTINGS)
         self._settings["weights"], self._settings["compensated"] = worth, compensate_passive
         self._settings["truncation"], self._settings["damping"] = truncation, damping
+        self._settings["power"] = power
         self.weights: Array = self._settings["weights"][0]
 
     @classmethod
-    def force(cls, current_limit: ArrayLike, *, compensate_passive: bool = False) -> LeastSquaresAllocator:
+    def force(
+        cls, current_limit: ArrayLike, *, compensate_passive: bool = False, resistance: ArrayLike | None = None,
+        power: float = np.inf,
+    ) -> LeastSquaresAllocator:  # fmt: skip
         """Force only: what torque comes along is in the residual."""
-        return cls(current_limit, FORCE, compensate_passive=compensate_passive)
+        return cls(current_limit, FORCE, compensate_passive=compensate_passive, resistance=resistance, power=power)
 
     @classmethod
     def torque(cls, current_limit: ArrayLike, *, compensate_passive: bool = False) -> LeastSquaresAllocator:
@@ -239,7 +265,7 @@ class LeastSquaresAllocator(Allocator):
         matrix, passive, asked = check_problem(wrench_map, wrench, limit.shape[0])
         currents = np.empty(limit.shape[0])
         residual = np.empty(6)
-        scale = _allocate(self._settings, matrix, passive, asked, limit, currents, residual)
+        scale, reason = _allocate(self._settings, matrix, passive, asked, limit, self.resistance, currents, residual)
         if scale != scale:
             raise InputError(f"wrench and wrench map must be finite; got wrench {wrench!r}, map {wrench_map!r}")
-        return Allocation(currents, residual, scale < 1.0, scale)
+        return Allocation(currents, residual, SATURATIONS[reason], scale)

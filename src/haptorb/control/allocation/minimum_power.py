@@ -5,8 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.control.allocation.allocator import Allocation, Allocator, check_limit, check_problem
+from haptorb.control.allocation.allocator import (
+    SATURATIONS,
+    Allocation,
+    Allocator,
+    Saturation,
+    check_limit,
+    check_power,
+    check_problem,
+)
 from haptorb.control.allocation.bounded_power import NOT_FINITE, solve_bounded_power
+from haptorb.control.allocation.supply_power import hold_power
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.errors import InputError, UnknownName
 from haptorb.numerics.arrays import Array, check_finite, vectors
@@ -14,6 +23,7 @@ from haptorb.numerics.compiled import kernel
 
 __all__ = ["MinimumPowerAllocator", "minimum_power_currents"]
 
+_CURRENT, _POWER = int(Saturation.CURRENT), int(Saturation.POWER)
 _BEYOND = ("scale", "least-squares")
 
 
@@ -47,10 +57,11 @@ def _allocate(
     limit: Array,
     resistance: Array,
     compensated: float,
+    power: float,
     nearest: bool,
     currents: Array,
     residual: Array,
-) -> tuple[int, float, bool]:
+) -> tuple[int, float, int]:
     torque = np.empty(3)
     ready = True
     for i in range(6):
@@ -58,15 +69,20 @@ def _allocate(
     for i in range(3):
         torque[i] = wrench[3 + i] - compensated * passive[3 + i] if ready else np.nan
     status, scale = solve_bounded_power(matrix[3:], torque, limit, resistance, nearest, currents)
-    saturated = False
+    reason = _CURRENT if scale < 1.0 else 0
     for j in range(currents.shape[0]):
-        saturated = saturated or (limit[j] > 0.0 and abs(currents[j]) >= limit[j])
+        if limit[j] > 0.0 and abs(currents[j]) >= limit[j]:
+            reason = _CURRENT
+    share = hold_power(currents, resistance, power)
+    if share < 1.0:
+        scale *= share
+        reason = _POWER
     for i in range(6):
         given = passive[i]
         for j in range(currents.shape[0]):
             given += matrix[i, j] * currents[j]
         residual[i] = wrench[i] - given
-    return status, scale, saturated or scale < 1.0
+    return status, scale, reason
 
 
 class MinimumPowerAllocator(Allocator):
@@ -77,6 +93,8 @@ class MinimumPowerAllocator(Allocator):
                          the nearest torque there is
     resistance           (m,) [Ω], alike for all channels if not given: the heat is Σ R i²
     compensate_passive   subtract the torque that is there at zero current (a weight-compensating regulator's)
+    power                greatest power Σ R i² that the supply gives [W]; needs `resistance`. The currents of least heat
+                         are scaled, which is the most torque for that power unless some stand at their limits
 
     Raises UnknownName for another `infeasible`, InputError for limits or resistances that cannot be.
 
@@ -93,16 +111,13 @@ class MinimumPowerAllocator(Allocator):
         infeasible: str = "scale",
         resistance: ArrayLike | None = None,
         compensate_passive: bool = False,
+        power: float = np.inf,
     ) -> None:
         self.current_limit = check_limit(current_limit)
         if infeasible not in _BEYOND:
             raise UnknownName("choice for an infeasible torque", infeasible, _BEYOND)
-        ones = np.ones_like(self.current_limit)
-        self.resistance = ones if resistance is None else np.ascontiguousarray(check_finite(resistance, "resistance"))
-        if self.resistance.shape != self.current_limit.shape or not (self.resistance > 0).all():
-            raise InputError(
-                f"resistance must have one entry > 0 per channel, shape {self.current_limit.shape}; got {resistance!r}"
-            )
+        self.resistance = check_power(resistance, power, len(self.current_limit))
+        self.power = float(power)
         self._nearest = infeasible == "least-squares"
         self._compensated = 1.0 if compensate_passive else 0.0
 
@@ -112,9 +127,10 @@ class MinimumPowerAllocator(Allocator):
         matrix, passive, asked = check_problem(wrench_map, wrench, limit.shape[0])
         currents = np.empty(limit.shape[0])
         residual = np.empty(6)
-        status, scale, saturated = _allocate(
-            matrix, passive, asked, limit, self.resistance, self._compensated, self._nearest, currents, residual
-        )
+        status, scale, reason = _allocate(
+            matrix, passive, asked, limit, self.resistance, self._compensated, self.power, self._nearest, currents,
+            residual,
+        )  # fmt: skip
         if status == NOT_FINITE:
             raise InputError(f"wrench and wrench map must be finite; got wrench {wrench!r}, map {wrench_map!r}")
-        return Allocation(currents, residual, saturated, scale)
+        return Allocation(currents, residual, SATURATIONS[reason], scale)

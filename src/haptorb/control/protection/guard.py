@@ -144,7 +144,7 @@ def limit_currents(g: Record, heat: Record, coils: Records, wanted: Array) -> No
             trip(g, _CURRENTS)
             _clear_currents(coils)
             return
-    _hold(coils, wanted, share, g.slew * g.dt)  # safety: warm-coils-are-derated
+    _hold(g, coils, wanted, share)  # safety: warm-coils-are-derated
 
 
 @kernel
@@ -154,12 +154,20 @@ def _clear_currents(coils: Records) -> None:
 
 
 @kernel
-def _hold(coils: Records, wanted: Array, share: float, step: float) -> None:
-    """Scale `share` of `wanted` (m,) [A] into the limits, then its change into `step` [A], keeping directions."""
-    scale = share
+def _hold(g: Record, coils: Records, wanted: Array, share: float) -> None:
+    """Scale `share` of `wanted` (m,) [A] into the limits of coils and supply, then its change into the slew's.
+
+    Directions are kept. What is held is then within the supply's power too: it lies between two currents that are.
+    """
+    scale, step = share, g.slew * g.dt
     for j in range(wanted.size):
         if abs(wanted[j]) * scale > coils[j].limit:  # safety: current-is-clamped
             scale = coils[j].limit / abs(wanted[j])
+    power = 0.0
+    for j in range(wanted.size):
+        power += coils[j].hot * (scale * wanted[j]) ** 2
+    if power > g.power:  # safety: supply-power-is-kept
+        scale *= np.sqrt(g.power / power)
     largest = 0.0
     for j in range(wanted.size):
         largest = max(largest, abs(scale * wanted[j] - coils[j].held))

@@ -45,6 +45,7 @@ GUARD = fields(
     ("force", "f8"),  # limit [N]
     ("torque", "f8"),  # limit [N·m]
     ("slew", "f8"),  # limit [A/s]
+    ("power", "f8"),  # that the supply gives to all coils [W]
 )
 
 HEAT = fields(
@@ -62,6 +63,9 @@ HEAT = fields(
     ("body_capacity", "f8"),  # [J/K]
     ("winding_to_body", "f8"),  # [W/K]
     ("body_to_air", "f8"),  # [W/K]
+    ("tolerance", "f8"),  # relative, of capacities and conductances
+    ("core", "f8"),  # temperature of what lies between coupled coils [K]
+    ("core_capacity", "f8"),  # [J/K]; 0 where coils are not coupled
 )
 
 DRIVE = fields(
@@ -112,6 +116,8 @@ COIL = fields(
     ("inductance", "f8"),  # [H]
     ("least", "f8"),  # resistance that the winding can have [Ω]
     ("greatest", "f8"),  # resistance that the winding can have [Ω]
+    ("to_core", "f8"),  # heat conductance from winding to core [W/K]; 0 where coils are not coupled
+    ("hot", "f8"),  # resistance at the stop temperature [Ω]
     ("learnable", "f8"),  # current above which the resistance is learned [A]
     # this tick
     ("current", "f8"),  # measured [A]
@@ -124,8 +130,15 @@ COIL = fields(
     # heat
     ("winding", "f8"),  # temperature [K]
     ("body", "f8"),  # temperature [K]
+    ("heating", "f8"),  # i²R at the reference temperature, mean of this tick [W]
     ("load", "f8"),  # i²R at the reference temperature, averaged [W]
     ("heat_current", "f8"),  # measured when the heat was last observed [A]
+    ("ahead_winding", "f8"),  # temperature in the future, while the time that is left is computed [K]
+    ("ahead_body", "f8"),  # [K]
+    ("free", "f8"),  # that winding if the core were at zero [K]
+    ("share", "f8"),  # of the core's temperature in that winding's
+    ("body_free", "f8"),  # that body if its winding were at zero [K]
+    ("body_share", "f8"),  # of the winding's temperature in that body's
     # drive
     ("resistance", "f8"),  # as learned [Ω]
     ("duty", "f8"),  # chosen in this tick, −1 to 1
@@ -161,12 +174,15 @@ def make_state(device: Device, dt: float, arm: float = 0.0, lag: float = 0.0) ->
     guard["dt"] = dt
     for name in ("expiry", "force", "torque", "slew"):
         guard[name] = getattr(limits, name)
-    heat["hottest"] = heat["ambient"] = thermal.ambient
+    guard["power"] = device.supply.power
+    heat["hottest"] = heat["core"] = heat["ambient"] = thermal.ambient
     heat["remaining"] = np.inf
     heat["derate"], heat["stop"] = thermal.derate, thermal.stop
     heat["coefficient"], heat["reference"] = coils.temperature_coefficient, coils.reference_temperature
     for name in ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air"):
         heat[name] = getattr(thermal, name)
+    heat["tolerance"] = thermal.tolerance
+    heat["core_capacity"] = 0.0 if thermal.coupling is None else thermal.coupling.core_capacity
     state["drive"]["supply"], state["drive"]["dt"] = device.supply.voltage, dt
     passivity["arm"], passivity["dt"], passivity["lag"] = arm, dt, lag
     passivity["balance"], passivity["passive"] = CREDIT, True
@@ -184,8 +200,10 @@ def make_coils(device: Device) -> Records:
     made["voltage"] = device.supply.voltage
     made["cold"], made["inductance"] = coils.resistance, coils.inductance
     made["reference"], made["coefficient"] = coils.reference_temperature, coils.temperature_coefficient
+    made["hot"] = device.greatest_resistance
     made["least"] = coils.resistance_at(np.full(device.channels, _COLDEST))
     made["greatest"] = coils.resistance_at(np.full(device.channels, _HOTTEST))
+    made["to_core"] = 0.0 if coils.heat.coupling is None else coils.heat.coupling.winding_to_core
     made["resistance"] = coils.resistance_at(ambient)
     made["winding"] = made["body"] = ambient
     made["ratio"] = 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -26,6 +27,7 @@ from haptorb.devices.schema.sections import (
     check_wall,
 )
 from haptorb.devices.schema.sensor_sections import FieldSensorsSection
+from haptorb.devices.schema.thermal_sections import ThermalSection
 from haptorb.devices.uncertainty.tool import ToolUncertainty
 from haptorb.errors import DeviceError
 from haptorb.physics.sources.soft_sphere import SoftSphere
@@ -168,6 +170,11 @@ class ElectromagnetFile(CommonFile):
     hand: Annotated[HandSection, m.Meaning("the hand that holds the tool, for simulation and stability")]
     hall: Annotated[FieldSensorsSection, m.Meaning("field sensors of the stator")]
     thermometer: Annotated[ThermometerSection, m.Meaning("thermometers of the coils")]
+    thermal: Annotated[
+        ThermalSection | None,
+        m.Meaning("the thermal model of all coils together"),
+        m.Without("no coil warms another, and the values of coils.heat are exact"),
+    ] = None
     core_dynamics: Annotated[
         CoreDynamicsSection | None,
         m.Meaning("eddy currents and remanence of the core"),
@@ -246,8 +253,11 @@ class ElectromagnetFile(CommonFile):
         elif windings is not None:
             core = SoftSphere(self.electromagnet.core_radius, self.electromagnet.core_permeability)
             moments = windings.moment_per_current(core)
+        common, coils = self.common(), self.coils.build()
+        if self.thermal is not None:
+            common["coils"] = replace(coils, heat=self.thermal.complete(coils.heat, len(coils.names)))
         return SphericalElectromagnet(
-            **self.common(),
+            **common,
             assumed=assumed,
             digest=digest,
             moment_per_current=moments,

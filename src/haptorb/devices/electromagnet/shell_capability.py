@@ -1,4 +1,8 @@
-"""What a spherical electromagnet can do over its shell: peak and lasting force, endurance, and its model's error."""
+"""What a spherical electromagnet can do over its shell: peak and lasting force, endurance, and its model's error.
+
+Coils that warm each other last less. A lasting force is stated with one coil warm, where each coil carries what it
+stands alone, and with all coils warm, where each carries what it stands while all carry as much.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +26,10 @@ class Layer:
     distance: float  #: of the tool's magnet from the centre [m]
     peak_radial: float
     peak_tangential: float
-    lasting_radial: float
+    lasting_radial: float  #: one coil warm
     lasting_tangential: float
+    lasting_radial_all_warm: float
+    lasting_tangential_all_warm: float
     passive_pull: float  #: towards the centre, with all currents off
     dipole_error: float  #: greatest relative error of the dipole model's force
 
@@ -61,7 +67,7 @@ def _cap(half_angle: float, points: int) -> Array:
 
 
 def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -> Layer:
-    limit, sustained = device.coils.current_limit, device.sustained_current
+    most = np.array([device.coils.current_limit, device.sustained_current, device.sustained_current_together])
     radial, tangential, pulls, errors = [], [], [], []
     for direction in directions:
         state = State.at(distance * direction)
@@ -70,23 +76,34 @@ def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -
         per_newton = np.linalg.inv(exact.force)
         ways = state.R_SR.T  # rows: two tangents and the radial direction
         amperes = np.abs(ways @ per_newton.T)  # (3, m) for one newton each way
-        most = np.array([(limit / amperes).min(axis=1), (sustained / amperes).min(axis=1)])
-        radial.append(most[:, 2])
+        radial.append(_greatest(device, amperes[2:], most))
         # The weakest direction in the tangent plane, on a circle of them
         circle = np.linspace(0, np.pi, 16, endpoint=False)
         around = np.cos(circle)[:, None] * ways[0] + np.sin(circle)[:, None] * ways[1]
-        amperes = np.abs(around @ per_newton.T)
-        tangential.append([(limit / amperes).min(), (sustained / amperes).min()])
+        tangential.append(_greatest(device, np.abs(around @ per_newton.T), most))
         pulls.append(-exact.passive[:3] @ direction)
         errors.append(np.linalg.norm(exact.force @ np.linalg.inv(dipole.force) - np.eye(3), 2))
-    peak, lasting = np.min(radial, axis=0)
-    peak_t, lasting_t = np.min(tangential, axis=0)
+    peak, lasting, warm = np.min(radial, axis=0)
+    peak_t, lasting_t, warm_t = np.min(tangential, axis=0)
     return Layer(
         distance,
         float(peak),
         float(peak_t),
         float(lasting),
         float(lasting_t),
+        float(warm),
+        float(warm_t),
         float(np.mean(pulls)),
         float(np.max(errors)),
     )
+
+
+def _greatest(device: SphericalElectromagnet, amperes: Array, most: Array) -> Array:
+    """(k,) the greatest force [N] in every one of some directions, within each row of `most` (k, m) [A] and the supply.
+
+    amperes (n, m) is what one newton takes in each direction.
+    """
+    within = (most[:, None, :] / amperes).min(axis=2)
+    supplied = np.sqrt(device.supply.power / (device.greatest_resistance * amperes**2).sum(axis=1))
+    greatest: Array = np.minimum(within, supplied).min(axis=1)
+    return greatest

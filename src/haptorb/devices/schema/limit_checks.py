@@ -32,6 +32,12 @@ def list_limit_mistakes(coils: Coils, supply: Supply, limits: Limits, force: flo
                 f"({most:.2g} {unit}): it would limit nothing; is its unit right?"
             )
     driven = supply.voltage / coils.resistance
+    most = _greatest_power(coils, supply)
+    if _WRONG_UNIT * supply.power < most:
+        found.append(
+            f"supply.power is {supply.power:g} W, but one coil at its current limit takes {most:.3g} W; "
+            "is its unit right?"
+        )
     heat = coils.heat
     alike: dict[str, list[str]] = {}
     for name, current, most, ohms in zip(coils.names, coils.current_limit, driven, coils.resistance, strict=True):
@@ -63,6 +69,12 @@ def list_limit_remarks(coils: Coils, supply: Supply, limits: Limits, force: floa
         if limit > _NO_LIMIT * most
     ]
     driven = supply.voltage / coils.resistance
+    most = _greatest_power(coils, supply)
+    if supply.power < most:
+        found.append(
+            f"supply.power is {supply.power:g} W, but one coil at its current limit takes {most:.3g} W: the limit is "
+            "never reached, and peak forces are the supply's"
+        )
     over = np.flatnonzero(coils.current_limit > _SURPLUS * driven)
     if len(over):
         k = int(over[0])
@@ -72,6 +84,12 @@ def list_limit_remarks(coils: Coils, supply: Supply, limits: Limits, force: floa
             f"{100 * (coils.current_limit[k] / driven[k] - 1):.0f} %"
         )
     return found
+
+
+def _greatest_power(coils: Coils, supply: Supply) -> float:
+    """What the coil that takes most takes alone, cold [W]."""
+    current = np.minimum(coils.current_limit, supply.voltage / coils.resistance)
+    return float((current**2 * coils.resistance).max())
 
 
 def _wrenches(limits: Limits, force: float, torque: float) -> list[tuple[str, str, float, float]]:

@@ -43,6 +43,7 @@ __all__ = [
     "MomentPerCurrent",
     "Number",
     "Polarization",
+    "Power",
     "QuantityKind",
     "Resistance",
     "Slew",
@@ -188,6 +189,7 @@ Inertia = Annotated[float, _unit_validator("kg*m**2", "a moment of inertia")]
 Current = Annotated[float, _unit_validator("A", "a current")]
 Slew = Annotated[float, _unit_validator("A/s", "a rate of current")]
 Voltage = Annotated[float, _unit_validator("V", "a voltage")]
+Power = Annotated[float, _unit_validator("W", "a power")]
 Resistance = Annotated[float, _unit_validator("ohm", "a resistance")]
 Inductance = Annotated[float, _unit_validator("H", "an inductance")]
 Modulus = Annotated[float, _unit_validator("Pa", "a modulus of elasticity")]

@@ -154,10 +154,17 @@ class SupplySection(Section):
     ]
     current_noise: Annotated[q.Current, Field(ge=0), m.Meaning("standard deviation of one current reading")]
     current_step: Annotated[q.Current, Field(ge=0), m.Meaning("smallest step of a current reading")]
+    power: Annotated[
+        q.Power | None,
+        Positive,
+        m.Meaning("greatest power that the supply gives to all coils together, their windings at the stop temperature"),
+        m.Without("no limit"),
+    ] = None
 
     def build(self) -> Supply:
         """As the device has it."""
-        return Supply(**self.model_dump())
+        values = self.model_dump()
+        return Supply(**{**values, "power": np.inf if self.power is None else self.power})
 
 
 class LimitsSection(Section):

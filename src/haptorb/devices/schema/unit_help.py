@@ -27,6 +27,7 @@ _USUAL = {
     "A": "A, mA",
     "A/s": "A/ms, A/s",
     "V": "V, mV",
+    "W": "W, mW, kW",
     "ohm": "ohm, Ω, mohm",
     "H": "mH, µH, H",
     "F": "µF, nF, F",

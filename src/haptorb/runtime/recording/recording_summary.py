@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from haptorb.control.allocation.allocator import Saturation
 from haptorb.display.html import curves_svg
 from haptorb.display.quantity_text import format_quantity
 from haptorb.errors import RecordingError
@@ -115,6 +116,10 @@ def _figures(recording: Summarized) -> list[tuple[str, str]]:
         facts.append(("largest current", format_quantity(_largest(np.abs(recording["currents"])), "A")))
     if "winding" in known:
         facts.append(("warmest winding", f"{_largest(recording['winding']) - 273.15:.1f} °C"))
+    if "saturated" in known:
+        shares = [(100 * float(np.mean(recording["saturated"] == one)), one.text) for one in Saturation if one]
+        held_back = ", ".join(f"{share:.2g} % of the ticks by {limit}" for share, limit in shares if share)
+        facts.append(("wrench held back", held_back))
     if "lateness" in known:
         late = recording["lateness"]
         most = float(np.quantile(late, 0.99, method="lower")) if np.isfinite(late).all() else float("nan")

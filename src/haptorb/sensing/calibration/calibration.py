@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from haptorb.devices.device import Heat, HeatCoupling
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, quote
 from haptorb.files.json_file import numbers, parse_document
@@ -17,12 +18,37 @@ from haptorb.numerics.arrays import Array
 from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.calibration.sensor_calibration import SensorCalibration
 
-__all__ = ["FORMAT", "Calibration"]
+__all__ = ["FORMAT", "Calibration", "MeasuredHeat"]
 
 FORMAT = "haptorb-calibration-1"
 _KEYS = {"format", "device", "digest", "moment_per_current_m2", "uncertainty_m2", "offsets_t", "resistance_ohm",
          "residual_t", "condition", "repeatability", "heat", "simulated"}  # fmt: skip
+_COUPLING = ("core_capacity", "winding_to_core")
 _HEAT = ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air")
+
+
+@dataclass(frozen=True)
+class MeasuredHeat:
+    """Winding and body of each coil, and what couples the coils; None: they do not warm each other."""
+
+    model: TwoNode
+    coupling: HeatCoupling | None = None
+
+    def apply(self, device: SphericalElectromagnet) -> Heat:
+        """The heat of `device` with what was measured; CalibrationError if it does not fit the coils."""
+        heat, coupling = device.coils.heat, self.coupling
+        if (coupling is None) != (heat.coupling is None):
+            measured, file = ("uncoupled", "couples them") if coupling is None else ("coupled", "does not couple them")
+            raise CalibrationError(
+                f"the calibration has the heat of {measured} coils, and the file of device '{device.name}' {file} "
+                f"([thermal.coupling]); repeat the heat step: `haptorb calibrate {device.name} --restart`"
+            )
+        if coupling is not None and len(coupling.winding_to_core) != device.channels:
+            raise CalibrationError(
+                f"the calibration couples {len(coupling.winding_to_core)} coils, and device '{device.name}' has "
+                f"{device.channels}; calibrate again"
+            )
+        return replace(heat, **{name: getattr(self.model, name) for name in _HEAT}, coupling=coupling)
 
 
 @dataclass(frozen=True)
@@ -33,7 +59,7 @@ class Calibration:
     offsets             (k, 3) [T] of the field sensors at zero current, without a tool
     resistance          (m,) [Ω] at the device file's reference temperature
     residual            rms that the magnetic regression leaves [T]; condition and repeatability as there
-    heat                two nodes from a thermal record; None where none was given
+    heat                from a thermal record; None where none was given
     simulated           it was measured on a simulation
     sensors             offset, gain and place of every field sensor; None where the steps were not taken
     """
@@ -47,7 +73,7 @@ class Calibration:
     residual: float
     condition: float
     repeatability: float
-    heat: TwoNode | None
+    heat: MeasuredHeat | None
     simulated: bool
     sensors: SensorCalibration | None = None
 
@@ -61,8 +87,7 @@ class Calibration:
             )
         coils = replace(device.coils, resistance=self.resistance)
         if self.heat is not None:
-            heat = replace(coils.heat, **{name: getattr(self.heat, name) for name in _HEAT})
-            coils = replace(coils, heat=heat)
+            coils = replace(coils, heat=self.heat.apply(device))
         hall = device.hall if self.sensors is None else self.sensors.apply(device.hall)
         return replace(
             device, moment_per_current=self.moment_per_current, moments_from="calibration", coils=coils, hall=hall
@@ -75,7 +100,11 @@ class Calibration:
 
     def text(self) -> str:
         """As JSON, every digit kept."""
-        heat = None if self.heat is None else {name: getattr(self.heat, name) for name in _HEAT}
+        heat: dict[str, Any] | None = None
+        if self.heat is not None:
+            heat = {name: getattr(self.heat.model, name) for name in _HEAT}
+            if self.heat.coupling is not None:
+                heat |= {name: getattr(self.heat.coupling, name) for name in _COUPLING}
         content = {
             "format": FORMAT,
             "device": self.device,
@@ -119,7 +148,7 @@ class Calibration:
             float(numbers(raw, "residual_t", name, ())),
             float(numbers(raw, "condition", name, ())),
             float(numbers(raw, "repeatability", name, ())),
-            _heat(raw["heat"], name),
+            _heat(raw["heat"], channels, name),
             raw["simulated"],
             sensors,
         )
@@ -131,12 +160,20 @@ def _check_text(raw: Mapping[str, Any], key: str, name: str) -> str:
     return str(raw[key])
 
 
-def _heat(raw: Any, name: str) -> TwoNode | None:
+def _heat(raw: Any, channels: int, name: str) -> MeasuredHeat | None:
     if raw is None:
         return None
-    if not isinstance(raw, Mapping) or set(raw) != set(_HEAT):
-        raise CalibrationError(f"{name}: heat must be null or have exactly {', '.join(_HEAT)}")
+    if not isinstance(raw, Mapping) or set(raw) not in ({*_HEAT}, {*_HEAT, *_COUPLING}):
+        raise CalibrationError(
+            f"{name}: heat must be null or have exactly {', '.join(_HEAT)}; coupled coils have "
+            f"{' and '.join(_COUPLING)} too"
+        )
     values = [float(numbers(raw, key, name, ())) for key in _HEAT]
+    coupling = None
+    if _COUPLING[0] in raw:
+        to_core = numbers(raw, "winding_to_core", name, (channels,)).tolist()
+        coupling = HeatCoupling(float(numbers(raw, "core_capacity", name, ())), tuple(to_core))
+        values += [coupling.core_capacity, *coupling.winding_to_core]
     if not all(value > 0 for value in values):
         raise CalibrationError(f"{name}: all values of heat must be positive; got {values}")
-    return TwoNode(*values)
+    return MeasuredHeat(TwoNode(*values[:4]), coupling)

@@ -23,11 +23,11 @@ from haptorb.numerics.arrays import Array, Record, check_finite, vectors
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.charged_ring import ChargedRing
 from haptorb.physics.sources.soft_sphere import SoftSphere
-from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.sample import Pose, Sample
 from haptorb.simulation.electromagnet.core import make_core
 from haptorb.simulation.electromagnet.electromagnet_kernels import ELECTROMAGNET, advance
 from haptorb.simulation.electromagnet.sensors import Magnets, pack_magnets, sense
+from haptorb.simulation.electromagnet.true_heat import draw_network, fill_step
 from haptorb.simulation.parts.coils import chop, cold_coils
 from haptorb.simulation.parts.hall import FAILURES, make_halls
 from haptorb.simulation.parts.noise import seed_noise
@@ -72,9 +72,7 @@ class SimulatedElectromagnet(Simulation):
         if not (np.isfinite(step) and 0.0 < step <= 1e-3):
             raise InputError(f"step of the simulation must be above 0 and at most 1 ms; got {step} s")
         self.device: SphericalElectromagnet = device
-        heat = device.coils.heat
-        self._heat = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
-        self._last_dt = 0.0
+        self._specimen = specimen
         self._state = np.zeros(1, dtype=ELECTROMAGNET)
         self._state["nearest"] = device.passive_pull.nearest
         self._tool, self._senses = self._state["tool"], self._state["senses"]
@@ -132,6 +130,8 @@ class SimulatedElectromagnet(Simulation):
         """Cold coils without currents, the tool at rest 12 mm above the dome's summit, noise from `seed`."""
         self._senses["generator"] = seed_noise(seed)
         self._coils = cold_coils(self.device)
+        self._heat, self._last_dt = draw_network(self.device, self._specimen), 0.0
+        self._state["core_temperature"] = self.device.coils.heat.ambient
         self._state["wrench"] = self._state["depth"] = 0.0
         for name in ("lagging", "play", "extra"):
             self._state["core"][name] = 0.0
@@ -141,6 +141,7 @@ class SimulatedElectromagnet(Simulation):
     def cool(self) -> None:
         """Coils at the ambient temperature at once; currents go on."""
         self._coils["winding"] = self._coils["body"] = self._coils["ambient"]
+        self._state["core_temperature"] = self.device.coils.heat.ambient
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
         """Put the tool at `p` (3,) [m] with quaternion `q` (4,), at rest; nearer than contact is lifted to contact.
@@ -190,7 +191,7 @@ class SimulatedElectromagnet(Simulation):
             steps = max(ceil(dt / self._longest - 1e-9), 1)
             self._last_dt = dt
             self._state["dt"], self._state["steps"] = dt / steps, steps
-            self._state["heat"] = self._heat.step(dt / steps)
+            fill_step(self._heat, dt / steps, self._state["heat"][0])
         advance(self._state, self._coils, duties, goal_p, goal_q, self._rows, self._table, self._per_ampere)
         self._t += dt
 
@@ -239,6 +240,11 @@ class SimulatedElectromagnet(Simulation):
         """(m,) the coil bodies' true temperatures [K]."""
         boundary: Array = self._coils["body"].copy()
         return boundary
+
+    @property
+    def core(self) -> float:
+        """The true temperature of what lies between the coils [K]."""
+        return float(self._state["core_temperature"][0])
 
     @property
     def depth(self) -> float:

@@ -11,7 +11,8 @@ from haptorb.numerics.compiled import kernel
 from haptorb.physics.sources.charged_ring import dipole_on_charges
 from haptorb.simulation.electromagnet.core import CORE, core_step
 from haptorb.simulation.electromagnet.sensors import SENSES
-from haptorb.simulation.parts.coils import coil_step
+from haptorb.simulation.electromagnet.true_heat import COILS, NODES
+from haptorb.simulation.parts.coils import network_coil_step
 from haptorb.simulation.parts.hand import rotation_left
 from haptorb.simulation.parts.tool import TOOL, contact, matrix, move
 
@@ -24,7 +25,8 @@ ELECTROMAGNET = fields(
     ("nearest", "f8"),  # distance from the centre [m] below which the core's pull is that there
     ("dt", "f8"),  # of a step [s]
     ("steps", "i8"),  # in one call
-    ("heat", "f8", (2, 3)),  # `TwoNode.step` of a step
+    ("heat", "f8", (NODES, NODES + COILS)),  # `ThermalNetwork.step` of a step
+    ("core_temperature", "f8"),  # temperature of what lies between the coils [K]
     ("core", CORE),
     ("wrench", "f8", (6,)),  # of coils and core on the tool, mean of the last call [N, N·m]
     ("depth", "f8"),  # how far the dome gives way under the tool [m]
@@ -80,7 +82,7 @@ def advance(
             for i in range(3):
                 emf += per_current[3 + i, k] * tool.w[i]
             coils[k].emf = emf
-        coil_step(coils, e.heat, dt)
+        e.core_temperature = network_coil_step(coils, e.heat, e.core_temperature, dt)
         core_step(e.core, moment_per_current, coils, dt)
         for i in range(6):
             given[i] = passive[i]

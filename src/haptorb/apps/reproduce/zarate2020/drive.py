@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.apps.reproduce.item import Item
-from haptorb.apps.reproduce.zarate2020.figure_6 import two_node
 from haptorb.control.protection.drive import choose_duties
 from haptorb.control.protection.state import make_coils, make_state
 from haptorb.devices.device import Device
@@ -65,7 +64,7 @@ def drive_course(
             f"needs a current the coils may carry and a rise to 120 K; got {wanted} A, {rise} K, {seconds} s"
         )
     rng = np.random.default_rng(seed)
-    heat, supply = two_node(device).step(_DT), device.supply
+    heat, supply = device.coils.heat.coil.step(_DT), device.supply
     ask = np.full(device.channels, wanted)
     believed = device.coils.resistance_at(np.full(device.channels, device.coils.heat.ambient))
     courses = []

@@ -9,7 +9,6 @@ from haptorb.apps.reproduce.entry import read_entry
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Report
 from haptorb.apps.reproduce.zarate2020.drive import Drive, drive_course
-from haptorb.apps.reproduce.zarate2020.figure_6 import two_node
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
@@ -69,7 +68,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
 def _find_lost_energy(device: SphericalElectromagnet, dt: float = 0.02, seconds: float = 60.0) -> float:
     """Of one simulated coil: ∫ V₀ u i dt less C_w x_w + C_b x_b + ∫ G_ba x_b dt, over the first of them."""
     heat, coils = device.coils.heat, cold_coils(device)
-    step = two_node(device).step(dt)
+    step = device.coils.heat.coil.step(dt)
     coils["duty"][0] = 0.5
     given = lost = before = 0.0
     for _ in range(round(seconds / dt)):

@@ -1,10 +1,10 @@
 """Zárate 2020, Fig. 6: one coil at 30 % duty for three minutes, then three of cooling; and what follows from it.
 
 The winding's temperature T_in comes from its resistance, V0 u/i, while the current is on; the boundary's, T_out, from
-its sensor. No temperature compensation, as in the paper: the current falls as the wire warms. From that record alone
-two nodes are identified, and the three printed endurances follow: 17 W for ever, full power (20 A, 240 W, erratum E15)
-for 5 s, half duty (60 W) for 60 s. A check of the chain from sensors to endurance, not of the real coil: the simulated
-coil's four values were themselves fitted to the printed endurances.
+its sensor. No temperature compensation, as in the paper: the current falls as the wire warms. From that record, and the
+device file's couplings to the other coils, four values are identified, and the three printed endurances follow: 17 W
+for ever, full power (20 A, 240 W, erratum E15) for 5 s, half duty (60 W) for 60 s. A check of the chain from sensors to
+endurance, not of the real coil: the simulated coil's values were themselves fitted to the printed endurances.
 """
 
 from __future__ import annotations
@@ -21,9 +21,13 @@ from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
-from haptorb.physics.thermal import TwoNode
-from haptorb.sensing.calibration.thermal_identification import ThermalIdentification, thermal_identification
-from haptorb.simulation.parts.coils import coil_step, cold_coils
+from haptorb.sensing.calibration.network_identification import (
+    HeatRecord,
+    NetworkIdentification,
+    coil_identification,
+)
+from haptorb.simulation.electromagnet.true_heat import COILS, NODES, fill_step
+from haptorb.simulation.parts.coils import cold_coils, network_coil_step
 
 __all__ = ["ThermalCourse", "heating_course", "items"]
 
@@ -42,11 +46,18 @@ class ThermalCourse:
     outside: Array  #: boundary by its sensor [K]
     winding: Array  #: the true one [K]
     body: Array  #: the true one [K]
-    ambient: float  #: [K]
+    coil: int  #: that was driven
 
-    def identify(self) -> ThermalIdentification:
-        """Two nodes from the record."""
-        return thermal_identification(self.t, self.power, self.inside, self.outside, self.ambient)
+    def record(self, device: Device) -> HeatRecord:
+        """The record as identification takes it: nothing was measured of the other coils of `device`."""
+        n, m = len(self.t), device.channels
+        power, inside, outside = np.zeros((n, m)), np.full((n, m), np.nan), np.full((n, m), np.nan)
+        power[:, self.coil], inside[:, self.coil], outside[:, self.coil] = self.power, self.inside, self.outside
+        return HeatRecord(self.t, power, inside, outside, device.coils.heat.ambient)
+
+    def identify(self, device: Device) -> NetworkIdentification:
+        """The coil's values from the record, with the couplings of `device`, of which it tells nothing."""
+        return coil_identification(self.record(device), device.coils.heat)
 
 
 def heating_course(
@@ -58,7 +69,8 @@ def heating_course(
         raise InputError(f"needs 0 < duty ≤ 1, on > 0, off ≥ 0 and a coil that exists; got {duty}, {on}, {off}, {coil}")
     rng = np.random.default_rng(seed)
     supply, coils = device.supply, device.coils
-    state, heat = cold_coils(device), two_node(device).step(_STEP)
+    state, heat, core = cold_coils(device), np.empty((NODES, NODES + COILS)), coils.heat.ambient
+    fill_step(coils.heat.network(device.channels), _STEP, heat)
     one, duties = state[coil : coil + 1], state["duty"]
     every, lines = round(_LINE / _STEP), []
     for line in range(round((on + off) / _LINE)):
@@ -67,7 +79,7 @@ def heating_course(
         before = float(one["winding"][0]), float(one["body"][0])
         edge = before[1] + device.thermometer_noise * rng.normal()
         for _ in range(every):
-            coil_step(state, heat, _STEP)
+            core = network_coil_step(state, heat, core, _STEP)
             readings.append(_read(float(one["current"][0]), supply.current_noise, supply.current_step, rng))
         i = float(np.mean(readings))
         resistance = supply.voltage * duty / i if duties[coil] else np.nan
@@ -76,13 +88,7 @@ def heating_course(
         outside = np.rint(edge / step) * step if step else edge
         lines.append((line * _LINE, i, supply.voltage * duties[coil] * i, inside, outside, *before))
     t, current, power, inside_t, outside_t, winding, body = np.array(lines).T
-    return ThermalCourse(t, current, power, inside_t, outside_t, winding, body, coils.heat.ambient)
-
-
-def two_node(device: Device) -> TwoNode:
-    """The coils' heat as the device file says."""
-    heat = device.coils.heat
-    return TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
+    return ThermalCourse(t, current, power, inside_t, outside_t, winding, body, coil)
 
 
 def _read(value: float, noise: float, step: float, rng: np.random.Generator) -> float:
@@ -97,10 +103,8 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
     device = electromagnet(load("omni"))
     course = heating_course(device)
     report(0.5)
-    found = course.identify()
+    found = course.identify(device)
     rise = device.coils.heat.derate - device.coils.heat.ambient
-    model = found.model
-    sustained = rise / (1 / model.winding_to_body + 1 / model.body_to_air)
     report(1.0)
 
     def one(name: str, what: str, believed: float, computed: float, unit: str) -> Item:
@@ -110,15 +114,15 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
         )  # fmt: skip
 
     return (
-        one("sustained", "continuous power of a coil, from the record", 17.0, sustained, "W"),
+        one("sustained", "continuous power of a coil, from the record", 17.0, found.find_sustained_power(rise), "W"),
         one("full", "seconds at full power from cold, from the record", 5.0, found.endurance(rise, 240.0), "s"),
         one("half", "seconds at half duty from cold, from the record", 60.0, found.endurance(rise, 60.0), "s"),
         Item("fig6-peak", "zarate2020", "Fig. 6", "winding after 3 min at 30 % duty", None,
              float(np.nanmax(course.inside)) - 273.15, "°C", None),
-    ), lambda path: _draw_figure(course, found, path)  # fmt: skip
+    ), lambda path: _draw_figure(device, course, found, path)  # fmt: skip
 
 
-def _draw_figure(course: ThermalCourse, found: ThermalIdentification, path: Path) -> Path:
+def _draw_figure(device: Device, course: ThermalCourse, found: NetworkIdentification, path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -126,12 +130,15 @@ def _draw_figure(course: ThermalCourse, found: ThermalIdentification, path: Path
     FigureCanvasAgg(figure)
     panel = figure.subplots()
     minutes = course.t / 60
-    model = np.zeros((len(course.t), 2))
-    for n, dt in enumerate(np.diff(course.t)):
-        model[n + 1] = found.model.step(float(dt)) @ (*model[n], course.power[n])
+    network, m = found.network, device.channels
+    model, power = np.zeros((len(course.t), network.nodes)), course.record(device).power
+    step = network.step(_LINE)
+    for n in range(len(course.t) - 1):
+        model[n + 1] = step @ np.concatenate([model[n], power[n]])
+    model = model[:, [course.coil, m + course.coil]] + device.coils.heat.ambient
     panel.plot(minutes, course.inside - 273.15, "C3.", ms=3, label="T_in: winding, by its resistance")
     panel.plot(minutes, course.outside - 273.15, "C0.", ms=3, label="T_out: boundary, by its sensor")
-    panel.plot(minutes, model + course.ambient - 273.15, "k-", lw=1, label="two nodes identified")
+    panel.plot(minutes, model - 273.15, "k-", lw=1, label="identified network")
     panel.set(xlabel="time [min]", ylabel="temperature [°C]", xlim=(0, minutes[-1]))
     right = panel.twinx()
     right.plot(minutes, course.current, "C2-", lw=1, label="I_y")

@@ -10,14 +10,13 @@ from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.entry import read_entry
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Report
-from haptorb.apps.reproduce.zarate2020.figure_6 import two_node
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.dipole import MU0
-from haptorb.physics.thermal import TwoNode, single_time_constant
+from haptorb.physics.thermal import single_time_constant
 from haptorb.simulation.parts.coils import coil_step, cold_coils
 
 __all__ = ["items"]
@@ -35,7 +34,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
     per_ampere = _average_force(device)
     exact = -float(device.wrench_map(contact, "exact").matrix[2, 2])
     heat = device.coils.heat
-    coil = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
+    coils, alone = heat.network(device.channels), np.eye(device.channels)[0]  # the printed endurances: one coil alone
     rise = heat.derate - heat.ambient
     report(0.5)
     volume = pi * (tool.outer_radius**2 - tool.inner_radius**2) * tool.length
@@ -65,15 +64,16 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                  12.0, "5 %: 'roughly 0.6 Ω'"),
         _AT.note("fifteen", "full power over the averaged 17 W: 'peaks up to 15 × P_ave'",
                  _drive_fully(device)[1] / 17.0),
-        _AT.assume("full", "seconds at full power, 240 W, from cold", 5.0, coil.time_to(rise, 240.0), "s", 0.1,
-                   "two nodes fitted to the three endurances", where="§V"),
-        _AT.assume("half", "seconds at half duty, a quarter of the power", 60.0, coil.time_to(rise, 60.0), "s", 0.5,
-                   "two nodes fitted to the three endurances", where="§V"),
+        _AT.assume("full", "seconds at full power, 240 W, from cold", 5.0, coils.time_to(rise, 240.0 * alone), "s",
+                   0.1, "network fitted to the three endurances of one coil", where="§V"),
+        _AT.assume("half", "seconds at half duty, a quarter of the power", 60.0, coils.time_to(rise, 60.0 * alone), "s",
+                   0.5, "network fitted to the three endurances of one coil", where="§V"),
         _AT.assume("for-ever", "continuous power of the coil", 17.0,
-                   rise / (1 / heat.winding_to_body + 1 / heat.body_to_air), "W", 0.1,
-                   "two nodes fitted to the three endurances"),
+                   rise / float(coils.rise_per_watt[0, 0]), "W", 0.1,
+                   "network fitted to the three endurances of one coil"),
         _AT.assume("minutes", "order of magnitude of the thermal time, log₁₀ of minutes: 'in the order of minutes'",
-                   0.0, log10(coil.time_constants[1] / 60.0), "1", 0.8, "two nodes fitted to the three endurances"),
+                   0.0, log10(float(coils.time_constants[0]) / 60.0), "1", 0.8,
+                   "network fitted to the three endurances of one coil"),
         _AT.note("one-node-5", "time constant that one body would need for 5 s at 230 W", one_constant[0], "s",
                  "one body contradicts itself: see the next; hence two"),
         _AT.note("one-node-60", "and for 60 s at half duty", one_constant[1], "s"),
@@ -97,7 +97,7 @@ def _average_force(device: SphericalElectromagnet) -> float:
 def _simulate_coil(device: SphericalElectromagnet, duty: float, seconds: float = 0.02) -> tuple[float, float]:
     """Current [A] and heat [W] of the simulated x coil after `seconds` at `duty`, kept at room temperature."""
     coils, dt = cold_coils(device), 1e-3
-    step = two_node(device).step(dt)
+    step = device.coils.heat.coil.step(dt)
     for _ in range(round(seconds / dt)):
         coils["winding"] = coils["body"] = coils["ambient"] = device.coils.reference_temperature
         coils["duty"][0] = duty

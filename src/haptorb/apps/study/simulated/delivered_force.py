@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import final
 
-from haptorb.control.allocation.least_squares import LeastSquaresAllocator
+from haptorb.control.allocation.for_device import force_allocator
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array
@@ -23,7 +23,7 @@ class DeliveredForce:
     def __init__(self, device: SphericalElectromagnet, world: World, model: str | None = None) -> None:
         self._device, self._world = device, world.for_device(device)
         self._model = device.check_model(model or device.models[0])
-        self._allocator = LeastSquaresAllocator.force(device.coils.current_limit, compensate_passive=True)
+        self._allocator = force_allocator(device)
 
     def force(self, direction: Array) -> Array:
         """(3,) force [N] on a tool in contact in `direction` (3,), a unit vector."""

@@ -13,11 +13,10 @@ import numpy as np
 
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.model.order import plan, procedure_of
-from haptorb.control.allocation.least_squares import LeastSquaresAllocator
+from haptorb.control.allocation.for_device import force_allocator
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State, rotation_to_axis
 from haptorb.numerics.arrays import Array
-from haptorb.physics.thermal import TwoNode
 from haptorb.worlds.maps.dome import Dome
 from haptorb.worlds.maps.domes import overlaps
 
@@ -112,7 +111,7 @@ def load_squared(device: SphericalElectromagnet, study: Study, prompt: Prompt) -
     point = study.point(prompt.set_point or study.points[0].number)
     world = study.make_world(prompt.condition, point.number, prompt.level or None).for_device(device)
     cut_off = world.cut_off_deg if isinstance(world, Dome) else 54.0
-    allocator = LeastSquaresAllocator.force(device.coils.current_limit, compensate_passive=True)
+    allocator = force_allocator(device)
     turn = rotation_to_axis(point.direction)
     squares = []
     for alpha in np.radians((np.arange(6) + 0.5) / 6 * cut_off):
@@ -170,17 +169,19 @@ def _peaks(
 ) -> Array:
     """(m,) greatest winding temperature [K] over the session, from cold; resistance follows the temperature."""
     coils, heat = device.coils, device.coils.heat
-    model = TwoNode(heat.winding_capacity, heat.body_capacity, heat.winding_to_body, heat.body_to_air)
+    m = device.channels
+    model = heat.network(m)
+    n = model.nodes
     count = max(1, round(seconds))
     step = model.step(seconds / count)
-    rest = model.step(pause)[:, :2] if pause else np.eye(2)
-    rise, peak = np.zeros((2, device.channels)), np.zeros(device.channels)
+    rest = model.step(pause)[:, :n] if pause else np.eye(n)
+    rise, peak = np.zeros(n), np.zeros(m)
     for load, prompt in zip(loads, prompts, strict=True):
         if prompt.pause:
-            rise = model.step(prompt.pause)[:, :2] @ rise
+            rise = model.step(prompt.pause)[:, :n] @ rise
         for _ in range(count):
-            power = load * coils.resistance_at(heat.ambient + rise[0])
-            rise = step[:, :2] @ rise + step[:, 2:] * power
-            peak = np.maximum(peak, rise[0])
+            power = load * coils.resistance_at(heat.ambient + rise[:m])
+            rise = step[:, :n] @ rise + step[:, n:] @ power
+            peak = np.maximum(peak, rise[:m])
         rise = rest @ rise
     return heat.ambient + peak

@@ -1,0 +1,103 @@
+"""Coils that warm each other, off from the device file within its tolerance: is a winding ever hotter than is observed?
+
+    python benchmarks/safety/coupled_heat.py [--devices N] [--minutes M]
+
+Each of the Omnis has capacities and conductances of its own, every one at one end of the file's tolerance. The guard of
+the loop drives them for minutes in simulated time, at 100 Hz: full current is asked of one, of two, of all coils, or of
+each at random. The thermometers read the bodies, nothing reads windings and core. Limits: no winding more than 0.1 K
+hotter than is observed, none above the stop temperature. Exit code 1 if one was not kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+
+import numpy as np
+
+from haptorb.control.protection.protection import Protection
+from haptorb.devices.device import Device
+from haptorb.devices.loader import load
+from haptorb.devices.state import State
+from haptorb.devices.wrench_map import WrenchMap
+from haptorb.numerics.arrays import Array
+from haptorb.physics.thermal_network import ThermalNetwork
+from haptorb.sensing.sample import Estimate, Pose, Sample
+
+DT, BELOW = 0.01, 0.1
+ASKED = {"one coil": (1, 0, 0), "two coils": (1, 1, 0), "all coils": (1, 1, 1), "at random": None}
+
+
+def corner_network(device: Device, draw: np.random.Generator) -> ThermalNetwork:
+    """A network with every value at one end of the tolerance, drawn by itself."""
+    heat, network = device.coils.heat, device.coils.heat.network(device.channels)
+
+    def shift(values: Array) -> Array:
+        shifted: Array = values * (1.0 + heat.tolerance * draw.choice((-1.0, 1.0), values.shape))
+        return shifted
+
+    between = np.triu(shift(network.exchange))
+    return replace(
+        network, capacity=shift(network.capacity), exchange=between + between.T, to_air=shift(network.to_air)
+    )
+
+
+def try_device(device: Device, network: ThermalNetwork, asked: Array, switches: bool, seed: int) -> tuple[float, ...]:
+    """(most above observed [K], hottest winding over the stop [K], greatest excess of the observed [K])."""
+    m, coils, heat = device.channels, device.coils, device.coils.heat
+    draw, step, rises = np.random.default_rng(seed), network.step(DT), np.zeros(network.nodes)
+    protection = Protection(device, DT)
+    place = State.at((0.0, 0.0, 0.05))
+    estimate = Estimate(place, WrenchMap(np.zeros((6, m)), np.zeros(6)), True, 0.0)
+    pose = Pose(0.0, place.R_SR, place.p, place.w, place.v, True)
+    on = np.ones(m)
+    below, above, excess = -np.inf, -np.inf, -np.inf
+    for tick in range(len(asked)):
+        protection.protect_wrench(np.zeros(6), estimate, tick * DT)
+        if tick == 0:
+            protection.engage()
+        if switches and draw.random() < DT / 3.0:
+            on = (draw.random(m) < 0.5).astype(float)
+        held, c = protection.coils["held"].copy(), protection.coils
+        rises = step @ np.concatenate([rises, held**2 * coils.resistance_at(heat.ambient + rises[:m])])
+        volts = held * c["cold"] * (1.0 + c["coefficient"] * (c["winding"] - c["reference"]))
+        sample = Sample(0.0, held, heat.ambient + rises[m : 2 * m], np.zeros((0, 3)), pose, 0.0)
+        protection.protect_currents(asked[tick] * on, estimate, sample, volts / device.supply.voltage)
+        gap = heat.ambient + rises[:m] - c["winding"]
+        below, excess = max(below, float(gap.max())), max(excess, float(-gap.min()))
+        above = max(above, heat.ambient + float(rises[:m].max()) - heat.stop)
+        if protection.tripped:
+            raise SystemExit(f"tripped: {protection.reason.name}")
+    return below, above, excess
+
+
+def main() -> int:
+    """All cases; exit code 1 if a limit was not kept."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--devices", type=int, default=50, help="in each case")
+    parser.add_argument("--minutes", type=float, default=4.0, help="of simulated time for each device")
+    options = parser.parse_args()
+    omni, well = load("omni"), True
+    ticks = round(60 * options.minutes / DT)
+    print(f"{'asked of':12} {'devices':>8} {'above observed':>15} {'above stop':>12} {'observed in excess':>19}")
+    for name, which in ASKED.items():
+        worst = np.full(3, -np.inf)
+        for number in range(options.devices):
+            draw = np.random.default_rng([number, len(name)])
+            asked = np.tile(20.0 * np.array(which or (1, 1, 1), dtype=np.float64), (ticks, 1))
+            found = try_device(omni, corner_network(omni, draw), asked, which is None, number)
+            worst = np.maximum(worst, found)
+        good = bool(worst[0] <= BELOW and worst[1] <= 0.0)
+        well &= good
+        print(
+            f"{name:12} {options.devices:8d} {worst[0]:13.2f} K {worst[1]:10.1f} K {worst[2]:17.1f} K"
+            f"{'' if good else '  NOT kept'}",
+            flush=True,
+        )
+    print("kept" if well else "NOT kept", f": at most {BELOW:g} K above what is observed, never above stop")
+    return 0 if well else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
