@@ -44,7 +44,9 @@ autodoc_type_aliases = {"Array": "Array", "ArrayLike": "ArrayLike"}
 autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 100
 add_module_names = False
-toc_object_entries = False  # every page has the contents of all pages: with all functions in it that is half of the build
+toc_object_entries = (
+    False  # every page has the contents of all pages: with all functions in it that is half of the build
+)
 
 bibtex_bibfiles = ["references.bib"]
 bibtex_default_style = "plain"

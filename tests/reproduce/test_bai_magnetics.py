@@ -79,7 +79,7 @@ def true() -> np.ndarray:
 
 
 def test_moments_in_the_readings_of_table_1(numbers):
-    """E1: the magnet's poles and its polarization agree for l̄/l = 0.2, not for the printed 0.3; so does the coil."""
+    """E1: the magnet's poles and its polarization agree for l̄/l = 0.2, not for the printed 0.3."""
     ids = "t1-pm-per-metre", "t1-pm-ratio", "t1-pm-printed", "t1-em-moment", "t1-em-aspect"
     assert numbers("bai2012", "table 1", *ids) == pytest.approx([825.35, 0.1996, 1.503, 0.36707, 1.371], abs=2e-3)
 

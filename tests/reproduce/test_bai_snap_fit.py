@@ -43,7 +43,8 @@ def test_phase_2_the_torque_falls_to_zero_with_the_tilt(numbers) -> None:
     torque = np.array([world.wrench(plug(4e-3, tilt=tilt))[5] for tilt in tilts])
     assert (np.diff(torque) < 0).all()
     assert torque[0] == pytest.approx(world.wrench(plug(4e-3, tilt=TILT))[1] * (ARM - X_0 - 4e-3))
-    assert numbers("bai2012", "figure 7", "fig7-18-falls", "fig7-18-zero") == [1.0, 0.0]
+    assert torque[-1] == 0.0
+    assert numbers("bai2012", "figure 7", "fig7-18-falls") == [1.0]
 
 
 @pytest.mark.parametrize("world", [PublishedOutlet(beam="timoshenko"), Outlet()], ids=["published", "felt"])
@@ -132,7 +133,7 @@ def test_e24_equation_17_lacks_the_pull_that_a_tilted_face_needs(numbers) -> Non
     printed_curl, felt_curl, missing = numbers("bai2012", "figure 7", *ids)
     assert printed_curl == pytest.approx(-2 * math.tan(TILT), rel=1e-3)
     assert felt_curl == pytest.approx(0.0, abs=1e-3)
-    assert missing == pytest.approx(0.19, abs=0.02)  # at the start of phase 1: a sixth of the pull
+    assert missing == pytest.approx(0.19, abs=0.02)  # at the start of phase 1: a fifth of the pull
 
 
 def test_e25_friction_by_the_direction_of_pulling_gives_energy(numbers) -> None:

@@ -34,7 +34,7 @@ def test_e1_exact_torque_of_the_inch_reading(numbers) -> None:
 def test_e2_theta_is_a_latitude(numbers) -> None:
     # Read as colatitudes, ±15° puts a ring's magnets on a cone about Z, 15° wide: neighbours 7.7° apart, and each
     # spans 26.3° as seen from the centre.
-    nearest, cone = numbers(BAI, "table A.1", "ta1-pm-nearest", "ta1-pm-cone")
+    nearest, cone = numbers(BAI, "table A.1", "ta1-pm-nearest", "ta1-pm-cone-nearest")
     assert (nearest, cone) == pytest.approx((28.9, 7.7), abs=0.1)
     assert nearest > 2 * np.degrees(np.arctan(15.875 / 67.9)) == pytest.approx(26.3, abs=0.05)
     assert numbers(BAI, "table A.1", "ta1-em-17-x") == pytest.approx([0.0], abs=1e-6)
@@ -52,7 +52,7 @@ def test_e3_the_printed_coils_overlap_and_their_pairs_are_not_opposite(numbers) 
 
 def test_e3_half_a_step_in_the_other_column_mends_everything(numbers) -> None:
     assert numbers(BAI, "table A.1", "ta1-em-nearest") == pytest.approx([33.9], abs=0.05)
-    assert numbers(BAI, "table 2", *(f"t2-u{n}" for n in range(1, 13))) == pytest.approx([180.0] * 12)
+    assert numbers(BAI, "table 2", "t2-opposite", "t2-opposite-printed") == pytest.approx([180.0, 159.8], abs=0.02)
 
 
 def test_e4_the_polarity_decides_how_pairs_must_be_wired(numbers) -> None:
@@ -66,11 +66,10 @@ def test_e5_only_the_corrected_equation_is_the_derivative_of_the_energy(numbers,
     ids = "dmp-9-printed-y", "dmp-9-printed-z"
     assert numbers(BAI, "equations 7 to 9", *ids) == pytest.approx([-0.1961, 0.0259], abs=1e-4)
     assert printed(BAI, "equations 7 to 9", *ids) == pytest.approx([5.916, -0.857], abs=2e-3)
-    assert numbers(BAI, "equations 7 to 9", "dmp-9-work") == pytest.approx([0.0], abs=1e-7)
 
 
 def test_e6_only_equation_6b_conserves_power(numbers) -> None:
-    assert numbers(BAI, "equations 1 to 6", "eq-6-text") == pytest.approx([0.0], abs=1e-12)
+    assert numbers(BAI, "equations 1 to 6", "eq-6-power", "eq-6-text") == pytest.approx([0.0, 1.0], abs=1e-12)
     rng = np.random.default_rng(6)
     zeta = np.array([0.4, 0.7, 0.2])  # ζ̂1, ζ̂2, ζ̂3 [m/rad]
     for force, (psi, lam, phi) in zip(rng.normal(size=(20, 3)), rng.normal(size=(20, 3)), strict=True):

@@ -30,9 +30,9 @@ def test_e8_angle_height_and_length_of_the_ramp_cannot_all_hold(numbers) -> None
 
 
 def test_e9_the_closed_form_of_omega_minus_needs_another_h_x(numbers, printed) -> None:
-    ids = "b-b2b", "b-b5b", "b-b5c"
-    assert numbers(BAI, "appendix B", *ids) == pytest.approx((3.0, 3024, 95.39), abs=0.01)
-    assert printed(BAI, "appendix B", *ids) == pytest.approx((2.25, 2376, 74.95), abs=0.01)
+    ids = "b-b5b", "b-b5c"
+    assert numbers(BAI, "appendix B", *ids) == pytest.approx((3024, 95.39), abs=0.01)
+    assert printed(BAI, "appendix B", *ids) == pytest.approx((2376, 74.95), abs=0.01)
     assert numbers(BAI, "appendix B", "b-e9-effect") == pytest.approx([-0.0244], abs=2e-4)
 
 
@@ -44,11 +44,11 @@ def test_e10_the_last_member_of_equation_18_is_a_length_squared(numbers, printed
 def test_e11_a_beam_loaded_where_the_contact_is_is_almost_five_times_softer(numbers, printed) -> None:
     found = numbers(BAI, "appendix B", "b-12-load", "b-12-load-flat", "b-12-softer")
     assert found == pytest.approx([15490, 15206, 4.77], rel=0.002)
-    assert printed(BAI, "appendix B", "b-12-load") == pytest.approx([3245.9], abs=0.1)
+    assert printed(BAI, "appendix B", "b-12-load-flat") == pytest.approx([3245.9], abs=0.1)
 
 
 def test_e20_the_reaction_torque_falls_with_the_tilt_not_against_it(numbers) -> None:
-    assert numbers(BAI, "figure 7", "fig7-18-falls", "fig7-18-zero") == [1.0, 0.0]
+    assert numbers(BAI, "figure 7", "fig7-18-falls") == [1.0]
 
 
 def test_e21_the_shear_ratio_is_another_poissons_ratio(numbers) -> None:

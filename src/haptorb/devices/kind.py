@@ -47,6 +47,7 @@ class DeviceKind:
     scene          (device) → JSON for the console's picture, with "kind": one of the page's scenes; None: axes
     force_map      (device) → process that computes the force painted into the console's picture
     card           (device) → Card of `haptorb inspect`
+    errors         (device, wrench asked, estimator, calibration) → ErrorModel of `haptorb inspect --errors`
     workspace      (device) → Workspace of `haptorb check --world`
     boundary       largest stiffness of the simulated chain, as `haptorb check --world --plot` tries it
     """
@@ -67,6 +68,7 @@ class DeviceKind:
     scene: Part | None = None
     force_map: Part | None = None
     card: Part | None = None
+    errors: Part | None = None
     workspace: Part | None = None
     boundary: Part | None = None
 

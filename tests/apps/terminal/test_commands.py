@@ -63,7 +63,7 @@ def test_statements_of_a_paper(capsys, monkeypatch, width):
     monkeypatch.setenv("COLUMNS", str(width))
     _show([SimpleNamespace(items=items)], [Path("page [1].html")])
     text = " ".join(capsys.readouterr().out.split())
-    for part in ("Fig. 8: least force [of all]", "1.02", "reproduced with erratum E15", "page [1].html", "20 A"):
+    for part in ("Fig. 8: least force [of all]", "1.02", "contradicted (E15)", "page [1].html", "20 A"):
         assert part in text
 
 

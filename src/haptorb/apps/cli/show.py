@@ -11,6 +11,7 @@ from haptorb.apps.terminal import (
     Column,
     TextTable,
     make_console,
+    make_progress,
     print_facts,
     print_json,
     print_table,
@@ -20,6 +21,8 @@ from haptorb.apps.terminal import (
 from haptorb.errors import InputError, UnknownName
 
 if TYPE_CHECKING:
+    from haptorb.apps.inspect import Card, Comparison
+    from haptorb.apps.inspect.errors import ErrorReport
     from haptorb.devices.device import Device
 
 __all__ = ["register"]
@@ -103,16 +106,36 @@ def inspect(
     json: Annotated[bool, typer.Option("--json", help="Print JSON; a list for several devices.")] = False,
     assumed: Annotated[bool, typer.Option("--assumed", help="List the assumed values with their reasons.")] = False,
     override: Annotated[bool, typer.Option("--override", help="Inspect a device that the validation refuses.")] = False,
+    errors: Annotated[
+        bool, typer.Option("--errors", help="Show the error budget of the delivered wrench of one device.")
+    ] = False,
+    wrench: Annotated[
+        str | None,
+        typer.Option(help='With --errors: wrench asked for, such as "100 mN" or "0.4 N*m" [half of the least peak].'),
+    ] = None,
+    estimator: Annotated[
+        str | None, typer.Option(help="With --errors: what tells where the mover is [the kind's first].")
+    ] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="With --errors: calibration file, from `haptorb calibrate`.")
+    ] = None,
+    samples: Annotated[int, typer.Option(help="With --errors: devices drawn for each region of the workspace.")] = 2000,
+    seed: Annotated[int, typer.Option(help="With --errors: seed of what is drawn.")] = 0,
     sensing: Annotated[
         bool, typer.Option("--sensing", help="How well the field sensors locate the tool, error by error.")
     ] = False,
 ) -> None:
-    """Show what devices can do: workspace, forces, heat limits and model errors; several side by side."""
+    """Show what devices can do: workspace, forces, heat limits and model errors; several side by side.
+
+    With --errors: the band in which the wrench of 95 % of such devices lies, and what contributes most to it.
+    """
     from haptorb.apps.figure_file import check_figure_file, write_figure
     from haptorb.apps.inspect import Comparison, card, name_devices
     from haptorb.apps.progress import build_tables
     from haptorb.devices.loader import load
 
+    if not errors and (wrench, estimator, calibration) != (None, None, None):
+        raise InputError("--wrench, --estimator and --calibration belong to --errors")
     found = [load(device, override=override) for device in devices]
     labels = name_devices(found, devices)
     if assumed:
@@ -127,14 +150,44 @@ def inspect(
         check_figure_file(plot, "--plot")
     for one in found:
         build_tables(one)
-    cards = [card(one) for one in found]
-    report = cards[0] if len(cards) == 1 else Comparison(cards, labels)
+    report: ErrorReport | Card | Comparison
+    if errors:
+        if len(found) > 1:
+            raise InputError(f"--errors is for one device; got {len(found)}")
+        report = _budget_errors(found[0], wrench, estimator, calibration, samples, seed)
+    else:
+        cards = [card(one) for one in found]
+        report = cards[0] if len(cards) == 1 else Comparison(cards, labels)
     if plot is not None:
         write_figure(report.draw(), plot, "--plot")
     if json:
         print_json(report.numbers())
     else:
         report.show(make_console())
+
+
+def _budget_errors(
+    device: Device, wrench: str | None, estimator: str | None, calibration: Path | None, samples: int, seed: int
+) -> ErrorReport:
+    """The error budget, with a bar while it is computed."""
+    from haptorb.apps.inspect.errors import report_errors
+    from haptorb.devices.schema.quantity import si
+    from haptorb.sensing.calibration_file import read_calibration
+
+    if not 100 <= samples <= 100_000 or seed < 0:
+        raise InputError(f"--samples must be 100 to 100000 and --seed 0 or more; got {samples} and {seed}")
+    unit, kind = ("N*m", "a torque") if device.shell is None else ("N", "a force")
+    try:
+        asked = None if wrench is None else si(wrench, unit, kind)
+    except ValueError as cause:
+        raise InputError(f"--wrench {cause}") from cause
+    known = None if calibration is None else read_calibration(calibration)
+    with make_progress() as bar:
+        task = bar.add_task("drawing devices", total=1.0)
+        return report_errors(
+            device, asked=asked, estimator=estimator, calibration=known, samples=samples, seed=seed,
+            report=lambda done: bar.update(task, completed=done),
+        )  # fmt: skip
 
 
 def _print_sensing(devices: list[Device], json: bool) -> None:

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from haptorb.apps.estimators.comparison import EstimatorComparison, compare
 from haptorb.apps.estimators.sensor_effects import SensorEffects, find_effects
-from haptorb.apps.estimators.show import plot_comparison, print_comparison, print_effects
+from haptorb.apps.estimators.show import (
+    plot_comparison,
+    plot_disturbances,
+    plot_noise,
+    print_comparison,
+    print_effects,
+)
 
 __all__ = [
     "EstimatorComparison",
@@ -12,6 +18,8 @@ __all__ = [
     "compare",
     "find_effects",
     "plot_comparison",
+    "plot_disturbances",
+    "plot_noise",
     "print_comparison",
     "print_effects",
 ]

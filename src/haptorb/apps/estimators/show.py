@@ -12,7 +12,7 @@ from haptorb.apps.estimators.comparison import EstimatorComparison, EstimatorRow
 from haptorb.apps.estimators.sensor_effects import SensorEffects
 from haptorb.apps.terminal import Column, TextTable, print_table, print_text
 
-__all__ = ["plot_comparison", "print_comparison", "print_effects"]
+__all__ = ["plot_comparison", "plot_disturbances", "plot_noise", "print_comparison", "print_effects"]
 
 #: estimator → colour that people who confuse red and green can tell apart, and marker
 STYLE = {"network": ("#d55e00", "o"), "linear": ("#8a8a8a", "s"), "least-squares": ("#0072b2", "D")}
@@ -91,8 +91,8 @@ def plot_comparison(comparison: EstimatorComparison, path: Path) -> None:
     above, below = halves
     _courses(above.subplots(1, 3), comparison)
     left, right = below.subplots(1, 2, width_ratios=(1, 2))
-    _noise(left, comparison)
-    _plot_disturbances(right, comparison)
+    plot_noise(left, comparison)
+    plot_disturbances(right, comparison)
     figure.suptitle(
         f"From field to torque: three estimators of '{comparison.device}', electromagnet {comparison.coil}",
         x=0.01, ha="left", fontweight="bold", color=INK,
@@ -118,7 +118,8 @@ def _courses(places: Any, comparison: EstimatorComparison) -> None:
     _set_title(place, "error along it [mN·m/A]", "t [s]")
 
 
-def _noise(place: Any, comparison: EstimatorComparison) -> None:
+def plot_noise(place: Any, comparison: EstimatorComparison) -> None:
+    """Error of K over the workspace against the noise of a reading, into the axes `place`."""
     names = comparison.disturbances[: len(comparison.noises)]
     noise = 1e3 * np.array(comparison.noises)
     left = noise[1] / 10  # where "no noise" stands on a logarithmic axis
@@ -136,7 +137,8 @@ def _noise(place: Any, comparison: EstimatorComparison) -> None:
     _set_title(place, "NRMSE over the workspace against noise [%]", "noise of one reading, rms [mT]")
 
 
-def _plot_disturbances(place: Any, comparison: EstimatorComparison) -> None:
+def plot_disturbances(place: Any, comparison: EstimatorComparison) -> None:
+    """Error of a delivered torque by estimator, for everything else that disturbs it, into the axes `place`."""
     names = comparison.disturbances[len(comparison.noises) :]
     height = 0.26
     for offset, estimator in enumerate(comparison.estimators):

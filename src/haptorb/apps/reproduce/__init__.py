@@ -1,8 +1,9 @@
 """Both papers again: every number that they state beside the one computed here, and figures drawn from the chain."""
 
 from haptorb.apps.reproduce.item import Item
+from haptorb.apps.reproduce.page import report_page
 from haptorb.apps.reproduce.registry import PAPERS, Reproduction, find_reproduction, reproductions
-from haptorb.apps.reproduce.report import ReproductionResult, report_page, summary
+from haptorb.apps.reproduce.report import ReproductionResult, summary
 
 __all__ = [
     "PAPERS",

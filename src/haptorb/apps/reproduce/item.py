@@ -1,19 +1,35 @@
-"""One published statement, and what is computed here in its place."""
+"""One published statement, what stands in its place here, and the class that follows from how that was obtained."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
-__all__ = ["VERDICTS", "Item", "exempt"]
+__all__ = ["CLASSES", "MEANINGS", "Basis", "Item", "exempt"]
 
-VERDICTS = ("reproduced", "reproduced with erratum", "cannot be checked", "differs")
+#: How the number here was obtained: computed without the printed one, held by a file or a table of the package, assumed
+#: or fitted so that the printed one comes out, or computed to be compared with another number of this project.
+Basis = Literal["computed", "held", "assumed", "own"]
+
+#: The classes, and what each of them says
+MEANINGS = {
+    "reproduced": "an independent computation meets the printed value",
+    "contradicted": "the computation does not meet the printed value, but a correction that has evidence: an erratum",
+    "differs": "neither the printed value nor a correction is met",
+    "transcribed": "a device file, a world or a table of haptorb holds the value: no computation",
+    "assumed": "the printed value was put into the model, by an assumption or a fit, and comes out again",
+    "ours": "the paper prints no such value",
+    "not checkable": "no computation can decide it",
+}
+CLASSES = tuple(MEANINGS)
+
+_CLASS_OF: dict[Basis, str] = {"held": "transcribed", "assumed": "assumed", "own": "ours"}
 
 
 @dataclass(frozen=True)
 class Item:
-    """A statement of a paper against ours.
+    """A statement of a paper against ours. Build it by a `Citation`, which knows the basis from what it is given.
 
     id          short and unique within its paper
     paper       key in references.bib
@@ -28,6 +44,10 @@ class Item:
     erratum     of ours that stands behind the number, such as "E7"; empty for none
     corrected   what stands in the print's place by that erratum; None where the printed number itself is kept
     why         why this tolerance, or why it cannot be checked
+    basis       how `computed` was obtained
+    held_at     where the package holds it; empty for what is computed
+    known       why it differs and what it would take, where that is known: such a difference stays in its class, but
+                is no news
     """
 
     id: str
@@ -42,34 +62,70 @@ class Item:
     corrected: float | None = None
     why: str = ""
     implied: bool = False
+    basis: Basis = "computed"
+    held_at: str = ""
+    known: str = ""
 
     @property
     def verdict(self) -> str:
-        """One of VERDICTS, the second one with its erratum's name. NaN differs, and so does a correction missed.
+        """One of CLASSES. NaN differs, and so does a correction missed.
 
         >>> Item("x", "bai2012", "Fig. 8", "a force", 1.0, 1.02, "N", 0.05).verdict
         'reproduced'
         >>> Item("y", "zarate2020", "§II.B", "current", 24.0, 20.0, "A", 0.1, "E15", corrected=20.0).verdict
-        'reproduced with erratum E15'
+        'contradicted'
+        >>> Item("z", "zarate2020", "§II.B", "supply", 12.0, 12.0, "V", 0.1, basis="held").verdict
+        'transcribed'
         """
-        if self.computed is not None and not math.isfinite(self.computed):
+        if self.computed is None:
+            return "not checkable"
+        if not math.isfinite(self.computed):
             return "differs"
         goal = self.published if self.corrected is None else self.corrected
-        if self.computed is None or goal is None or self.tolerance is None:
-            return "cannot be checked"
+        if goal is None or self.tolerance is None:
+            return "ours"
         if not abs(self.computed - goal) <= self.tolerance:
             return "differs"
-        return f"reproduced with erratum {self.erratum}" if self.erratum else "reproduced"
+        return _CLASS_OF.get(self.basis) or ("contradicted" if self.is_corrected else "reproduced")
+
+    @property
+    def is_corrected(self) -> bool:
+        """Whether a correction stands in the print's place that the print itself does not meet."""
+        if self.corrected is None or self.published is None or self.tolerance is None:
+            return False
+        return not abs(self.published - self.corrected) <= self.tolerance
+
+    @property
+    def is_surprise(self) -> bool:
+        """Whether it differs and nobody has said why.
+
+        >>> Item("x", "bai2012", "Fig. 4", "R²", 1.0, 0.8, "1", 0.001, known="ten nodes do no better").is_surprise
+        False
+        """
+        return self.verdict == "differs" and not self.known
 
     @property
     def checked(self) -> bool:
-        """Whether a number of ours was held against one of the paper."""
-        return self.verdict != "cannot be checked"
+        """Whether a number here was held against another one."""
+        return self.computed is not None and self.tolerance is not None
+
+    @property
+    def label(self) -> str:
+        """The class, with the erratum behind it.
+
+        >>> Item("y", "zarate2020", "§II.B", "current", 24.0, 20.0, "A", 0.1, "E15", corrected=20.0).label
+        'contradicted (E15)'
+        """
+        return f"{self.verdict} ({self.erratum})" if self.erratum else self.verdict
 
     @property
     def reason(self) -> str:
-        """`why`, and where nothing was said, that the paper prints no number."""
-        return self.why or ("" if self.checked else "the paper prints no number; this is ours")
+        """`why`, or where nothing was said, what the class says of a value that was not computed."""
+        if self.known and self.verdict == "differs":
+            return self.known
+        if self.why or self.verdict in ("reproduced", "contradicted", "differs", "not checkable"):
+            return self.why
+        return f"held by {self.held_at}" if self.held_at else MEANINGS[self.verdict]
 
     def numbers(self) -> dict[str, Any]:
         """As plain JSON types."""
@@ -80,6 +136,6 @@ def exempt(id: str, paper: str, where: str, what: str, why: str) -> Item:
     """A statement that no computation can check, and why.
 
     >>> exempt("photo", "zarate2020", "Fig. 1", "the prototype in use", "a photograph").verdict
-    'cannot be checked'
+    'not checkable'
     """
     return Item(id, paper, where, what, None, None, "", None, why=why)

@@ -21,6 +21,7 @@ from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.kind import DeviceKind
 from haptorb.devices.schema.limit_checks import list_limit_remarks
 from haptorb.devices.state import State
+from haptorb.devices.uncertainty.tool import ToolUncertainty
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.display.quantity_text import format_quantity
 from haptorb.errors import GeometryError
@@ -97,6 +98,7 @@ class SphericalElectromagnet(Device):
     moments_from: str = "device file"  #: where `moment_per_current` comes from: that, "windings" or "calibration"
     core_dynamics: CoreDynamics = field(default_factory=CoreDynamics)  #: eddy currents and remanence
     marks: Marks | None = None  #: places to touch with the tip, where there are any
+    uncertainty: ToolUncertainty = field(default_factory=ToolUncertainty)  #: how well the values are known
 
     models: tuple[str, ...] = ("exact", "published")
 

@@ -19,6 +19,7 @@ ELECTROMAGNET = DeviceKind(
     scene="haptorb.apps.console.scenes:dome_scene",
     force_map="haptorb.apps.console.force_map_process:ForceMapProcess",
     card="haptorb.apps.inspect.electromagnet:ElectromagnetCard",
+    errors="haptorb.control.budget.tool_sources:tool_errors",
     workspace="haptorb.apps.check.workspace:shell_workspace",
     boundary="haptorb.apps.check.stability_trial:boundary",
 )

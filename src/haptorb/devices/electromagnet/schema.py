@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from haptorb.devices.electromagnet.core_dynamics import CoreDynamics
 from haptorb.devices.electromagnet.electromagnet import DomeContact, Hand, SphericalElectromagnet, Tool
 from haptorb.devices.electromagnet.geometry_checks import list_geometry_mistakes
-from haptorb.devices.electromagnet.touch_points import Marks
+from haptorb.devices.electromagnet.touch_points import MarksSection
 from haptorb.devices.electromagnet.windings import Windings
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.schema import key as m
@@ -20,20 +20,18 @@ from haptorb.devices.schema.limit_checks import list_limit_mistakes
 from haptorb.devices.schema.sections import (
     RIGHT_ANGLE,
     CommonFile,
-    Name,
-    Point,
     Positive,
     Section,
     ThermometerSection,
     check_wall,
 )
 from haptorb.devices.schema.sensor_sections import FieldSensorsSection
+from haptorb.devices.uncertainty.tool import ToolUncertainty
 from haptorb.errors import DeviceError
 from haptorb.physics.sources.soft_sphere import SoftSphere
 
 __all__ = ["ElectromagnetFile"]
 
-_SPREAD = 1e-3  #: marks nearer to a common line than this cannot hold a frame [m]
 Row3 = Annotated[tuple[q.MomentPerCurrent, ...], Len(3, 3)]
 
 
@@ -154,39 +152,6 @@ class WindingsSection(Section):
         return Windings(*(np.array(part) for part in (self.turns, self.inner_radius, self.outer_radius, self.length)))
 
 
-class MarksSection(Section):
-    """[marks]"""
-
-    names: Annotated[
-        tuple[Name, ...],
-        Len(3, 100),
-        m.Meaning("name of each mark"),
-        m.Form("3 to 100, spelled as name, all different"),
-    ]
-    positions: Annotated[
-        tuple[Point, ...],
-        Len(3, 100),
-        m.Meaning("bottom of each mark's dot, stator frame, one per name"),
-        m.Form("3 to 100 places x, y, z, not inside the dome and not on one line"),
-    ]
-
-    @model_validator(mode="after")
-    def _check_marks(self) -> MarksSection:
-        if len(self.names) != len(self.positions):
-            raise ValueError(f"has {len(self.names)} names but {len(self.positions)} positions")
-        if len(set(self.names)) != len(self.names):
-            raise ValueError("has a duplicate name")
-        places = np.array(self.positions)
-        spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-        if spread[1] < _SPREAD:
-            raise ValueError("must not lie on one line: a frame could turn about it")
-        return self
-
-    def build(self) -> Marks:
-        """As the device has it."""
-        return Marks(self.names, np.array(self.positions))
-
-
 class ElectromagnetFile(CommonFile):
     """A file of kind "spherical-electromagnet"."""
 
@@ -218,6 +183,12 @@ class ElectromagnetFile(CommonFile):
         m.Meaning("places on the device that a tracker's frame is registered at"),
         m.Without("none: no `haptorb frame`"),
     ] = None
+    uncertainty: Annotated[
+        ToolUncertainty,
+        m.Meaning("standard uncertainty of what is assumed or measured, for `haptorb inspect --errors`"),
+        m.Without("the defaults below"),
+        Field(default_factory=ToolUncertainty),
+    ]
 
     @model_validator(mode="after")
     def _clear(self) -> ElectromagnetFile:
@@ -297,4 +268,5 @@ class ElectromagnetFile(CommonFile):
             thermometer_noise=self.thermometer.noise,
             windings=windings,
             marks=None if self.marks is None else self.marks.build(),
+            uncertainty=self.uncertainty,
         )

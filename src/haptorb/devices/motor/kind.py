@@ -22,5 +22,6 @@ MOTOR = DeviceKind(
     geometry="haptorb.devices.motor.geometry:motor_geometry",
     scene="haptorb.apps.console.scenes:motor_scene",
     card="haptorb.apps.inspect.motor:MotorCard",
+    errors="haptorb.control.budget.motor_sources:motor_errors",
     workspace="haptorb.apps.check.workspace:tilt_workspace",
 )

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from haptorb.devices.device import Coils
 from haptorb.devices.field_sensors import FieldSensors
@@ -40,6 +41,7 @@ from haptorb.devices.schema.sections import (
     Text,
     ThermometerSection,
 )
+from haptorb.devices.uncertainty.motor import MotorUncertainty
 from haptorb.errors import DeviceError
 from haptorb.numerics.arrays import Array
 from haptorb.physics.sources.coil import Coil
@@ -96,6 +98,12 @@ class MotorFile(Section):
         m.Meaning("two opposed ring magnets that hold the rotor up"),
         m.Without("none: only the currents do"),
     ] = None
+    uncertainty: Annotated[
+        MotorUncertainty,
+        m.Meaning("standard uncertainty of what is assumed or measured, for `haptorb inspect --errors`"),
+        m.Without("the defaults below"),
+        Field(default_factory=MotorUncertainty),
+    ]
 
     def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalMotor:
         """The device that this file describes; DeviceError with all findings unless they are overridden."""
@@ -145,6 +153,7 @@ class MotorFile(Section):
             hand=Grasp(self.hand.mass, self.hand.stiffness, self.hand.damping, self.hand.radius),
             rotor=Rotor(**{**self.rotor.model_dump(), "inertia": np.array(self.rotor.inertia)}),
             regulator=self._regulator(),
+            uncertainty=self.uncertainty,
         )
 
     def _channels(self, coil: Coil, groups: Array) -> Coils:

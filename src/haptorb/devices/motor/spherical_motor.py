@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, final
 
@@ -27,6 +27,7 @@ from haptorb.devices.motor.regulator import Regulator, torque_over_sine
 from haptorb.devices.motor.tables import MotorTables, motor_tables
 from haptorb.devices.schema.limit_checks import list_limit_remarks
 from haptorb.devices.state import State
+from haptorb.devices.uncertainty.motor import MotorUncertainty
 from haptorb.devices.wrench_map import WrenchMap
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.rotations import rotation_from_euler
@@ -83,6 +84,7 @@ class SphericalMotor(Device):
     hand: Grasp  #: who holds the handle
     rotor: Rotor
     regulator: Regulator | None
+    uncertainty: MotorUncertainty = field(default_factory=MotorUncertainty)  #: how well the values are known
     findings: tuple[str, ...] = ()  #: what validation objected to, where it was overridden
 
     models: tuple[str, ...] = ("table", "exact", "published", "dipole")
@@ -173,11 +175,16 @@ class SphericalMotor(Device):
             *tail,
         ]
 
+    @property
+    def weight_torque(self) -> float:
+        """What the rotor's weight does over sin(tilt) [N·m]: (h ẑ_R) × (−m g Ẑ); positive where it tips the rotor."""
+        return self.rotor.mass * GRAVITY * self.rotor.centre_of_mass
+
     @cached_property
     def tilt_torque(self) -> tuple[Array, float]:
         """(n,) coefficients of what weight and regulator do [N·m], and the least cosine, as
         `regulator.torque_over_sine` takes them: torque over sin(tilt), positive where it turns the rotor upright."""
-        weight = self.rotor.mass * GRAVITY * self.rotor.centre_of_mass  # (h ẑ_R) × (−m g Ẑ)
+        weight = self.weight_torque
         if self.regulator is None:
             return np.array([-weight]), 0.0
         series, least = self.regulator.series

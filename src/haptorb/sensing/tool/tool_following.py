@@ -44,7 +44,7 @@ _MOST = 4  #: evaluations
 _EXACT, _COLD = 1e-6, 40  #: last step of a fit from nothing [m, rad], and its evaluations at most
 _MANY = 5.0  #: residuals so many times the sensors' noise are no noise
 _SHARE = 0.01  #: of the coils' own field that calibration may leave unexplained
-_CALIBRATED = 1e-3  #: standard deviation of the moment map's entries after a calibration, of their column
+CALIBRATED = 1e-3  #: standard deviation of the moment map's entries after a calibration, of their column
 _PAUSED = 0.05  #: without currents for so long the core's lag is over [s]
 _OLD = 0.05  #: a reading that is older tells nothing any more: a sensor has gone [s]
 _FRESH = 0.05  #: weight of a tick in the share of readings that are new
@@ -108,7 +108,7 @@ def subtract_coils(
     square = _MANY * _MANY * (t.noise * t.noise + t.swing * t.swing + t.lasting * t.lasting)
     share = max(_SHARE, 3.0 * t.coil_error)
     t.limit = np.sqrt(square + share * share * total / t.readings)
-    weigh_moment(t, known.columns, currents, lagged, _CALIBRATED)
+    weigh_moment(t, known.columns, currents, lagged, CALIBRATED)
     return True
 
 

@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.apps.reproduce.citation import Citation
+from haptorb.apps.reproduce.entry import read_count, read_entry
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Drawing, Report
 from haptorb.devices.motor.api import motor
 from haptorb.numerics.arrays import Array
+from haptorb.physics import published_multipoles as _LIST
 from haptorb.physics.multipole_fit import residual, shell_region
-from haptorb.physics.published_multipoles import COIL_STRENGTHS, MAGNET_STRENGTHS, load_published
+from haptorb.physics.published_multipoles import MAGNET_STRENGTHS, load_published
 from haptorb.physics.sources.source import Source
 
 __all__ = ["BY_COIL", "BY_MAGNET", "items"]
@@ -32,44 +34,49 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     printed, aspect = load_published("bai2012-pm-printed"), load_published("bai2012-em-aspect")
     once, often = MAGNET_STRENGTHS[0] + 10 * sum(MAGNET_STRENGTHS[1:]), 10 * sum(MAGNET_STRENGTHS)
     per_metre = pm.body.moment[2] / pm.body.length
-    coil = device.electromagnet
     found = (
-        _AT.item("pm-a", "PM: a, as in the device file", 15.875, 1e3 * device.magnet.radius, "mm"),
-        _AT.claim("pm-inch", "PM: a in inches, a round number", 0.625, 1e3 * device.magnet.radius / _INCH, "inch"),
-        _AT.item("pm-l", "PM: l, printed without a unit, as in the device file", 0.2,
-                 1e3 * device.magnet.length / _INCH, "inch", erratum="E1"),
-        _AT.item("pm-polarization", "PM: μ₀M₀, as in the device file", 1.31, device.magnet.polarization, "T"),
-        _AT.item("pm-n", "PM: n, dipoles on a loop", 10, pm.model.per_loop),
-        _AT.item("pm-k", "PM: k, loops", 4, len(pm.model.loop_strengths) - 1),
+        _AT.item("pm-a", "PM: a", 15.875, read_entry(device, "magnet.radius", 1e3), "mm"),
+        _AT.item("pm-l", "PM: l, printed without a unit", 0.2, read_entry(device, "magnet.length", 1e3 / _INCH), "inch",
+                 erratum="E1"),
+        _AT.item("pm-polarization", "PM: μ₀M₀", 1.31, read_entry(device, "magnet.polarization"), "T"),
+        _AT.item("pm-n", "PM: n, dipoles on a loop", 10, read_entry(_LIST, "PUBLISHED[bai2012-pm].model.per_loop")),
+        _AT.claim("pm-strengths", "PM: number of strengths, k + 1", 5, read_count(_LIST, "MAGNET_STRENGTHS")),
         _AT.item("pm-ratio", "PM: l̄/l that gives the magnet its moment", 0.3, per_metre / once, "1", 1e-3,
                  "strengths are printed with three digits", erratum="E1", corrected=0.2),
-        _AT.claim("pm-per-metre", "PM: sum of all strengths, the axis once, times 0.2, against μ₀M₀/μ₀ · πa²",
-                 0.2 * once, per_metre, "A·m", 2.0, "0.2 %: strengths are printed with three digits", erratum="E1"),
-        _AT.claim("pm-moment", "PM: moment, by strengths (printed) and by polarization (here)", pm.model.moment[2],
-                 pm.body.moment[2], "A·m²", 0.01, "0.2 %", erratum="E1"),
+        _AT.claim("pm-moment", "PM: moment, by strengths (printed) and by polarization (here)", 33.5 * 5.08e-3 * 0.2
+                 + 10 * 410.2 * 5.08e-3 * 0.2, pm.model.moment[2], "A·m²", 1e-9, "(m₀ + n Σ m_j) l̄ by hand",
+                 erratum="E1"),
+        *(
+            _AT.claim(f"pm-{name}", f"PM: field {1e3 * z:.3g} mm above its middle, by strengths (printed) and by its "
+                     "exact body", 1e6 * pm.model.field((0, 0, z))[2], 1e6 * pm.body.field((0, 0, z))[2], "µT",
+                     1e6 * share * pm.model.field((0, 0, z))[2], why, erratum="E1", where="eq. (8)")
+            for name, z, share, why in (("near", 0.03, 0.03, "3 %: a model of 41 pairs of poles"),
+                                        ("far", 0.5, 0.005, "0.5 %: strengths are printed with three digits"))
+        ),
+        _AT.note("pm-per-metre", "PM: moment per metre of length, μ₀M₀/μ₀ · πa²", per_metre, "A·m"),
         _AT.note("pm-printed", "PM: moment of the strengths over the magnet's with l̄/l = 0.3",
                  printed.model.moment[2] / printed.body.moment[2], "1", "50 % too large: this reading is rejected"),
         _AT.note("pm-often", "PM: the same with l̄/l = 0.2 and the axis counted n times", 0.2 * often / per_metre, "1",
                  "7.5 % too large: equation (8) counts j = 0 n times"),
-        _AT.item("em-a", "EM: a, as in the device file", 15.88, 1e3 * coil.outer_radius, "mm"),
-        _AT.item("em-ar", "EM: a_r, inner over outer radius", 0.3, coil.inner_radius / coil.outer_radius, "1", 1e-9),
-        _AT.item("em-l", "EM: l, printed without a unit, as in the device file", 0.3, 1e3 * coil.length / _INCH,
+        _AT.item("em-a", "EM: a", 15.88, read_entry(device, "electromagnet.outer_radius", 1e3), "mm"),
+        _AT.item("em-ar", "EM: a_r, inner over outer radius", 0.3,
+                 read_entry(device, "electromagnet.inner_radius", 1e3 / 15.88), "1", 1e-9),
+        _AT.item("em-l", "EM: l, printed without a unit", 0.3, read_entry(device, "electromagnet.length", 1e3 / _INCH),
                  "inch", erratum="E1"),
-        _AT.item("em-turns", "EM: turns", 1000, coil.turns),
-        _AT.item("em-n", "EM: n, dipoles on a loop", 16, em.model.per_loop),
-        _AT.item("em-k", "EM: k, loops", 6, len(em.model.loop_strengths) - 1),
-        _AT.item("em-ratio", "EM: l̄/l", 0.442, em.model.pole_distance / em.body.length, "1", 1e-9),
-        _AT.claim("em-moment", "EM: moment per ampere, by strengths (printed) and by the winding (here)",
-                 em.model.moment[2], em.body.moment[2], "A·m²/A", 0.04,
-                 "10 %: the strengths were fitted to the near field, not to the moment", erratum="E1"),
-        _AT.note("em-aspect", "EM: the same as a ratio, l read as l/2a = 0.3",
+        _AT.item("em-turns", "EM: turns", 1000, read_entry(device, "electromagnet.turns")),
+        _AT.item("em-n", "EM: n, dipoles on a loop", 16, read_entry(_LIST, "PUBLISHED[bai2012-em].model.per_loop")),
+        _AT.claim("em-strengths", "EM: number of strengths, k + 1", 7, read_count(_LIST, "COIL_STRENGTHS")),
+        _AT.item("em-ratio", "EM: l̄/l", 0.442,
+                 read_entry(_LIST, "PUBLISHED[bai2012-em].model.pole_distance", 1e3 / (0.3 * _INCH)), "1", 1e-9),
+        _AT.note("em-moment", "EM: moment per ampere, by the winding", em.body.moment[2], "A·m²/A"),
+        _AT.note("em-moments", "EM: moment of the strengths over that of the winding", em.model.moment[2]
+                 / em.body.moment[2], "1", "they were fitted to the near field, not to the moment"),
+        _AT.note("em-aspect", "EM: the same with l read as l/2a = 0.3",
                  aspect.model.moment[2] / aspect.body.moment[2], "1", "37 % too large: this reading is rejected"),
         _AT.note("pm-gap", "PM: rms error of the published model's field where the coils are",
                  residual(pm.body, pm.model, BY_MAGNET).rms, "1"),
         _AT.note("em-gap", "EM: rms error of the published model's field where the magnets are",
                  residual(em.body, em.model, BY_COIL).rms, "1"),
-        _AT.claim("pm-strengths", "PM: number of strengths, k + 1", 5, len(MAGNET_STRENGTHS)),
-        _AT.claim("em-strengths", "EM: number of strengths, k + 1", 7, len(COIL_STRENGTHS)),
     )  # fmt: skip
     report(1.0)
     return found, lambda path: _draw_figure(

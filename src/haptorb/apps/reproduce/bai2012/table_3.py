@@ -1,4 +1,4 @@
-"""Bai 2012, Table 3: the outlet's sizes and materials, and which of them cannot be (errata E7, E8, E21)."""
+"""Bai 2012, Table 3: the outlet's sizes and materials, and which of them cannot be (errata E7, E8, E29)."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.integrate import quad
 
 from haptorb.apps.reproduce.citation import Citation
+from haptorb.apps.reproduce.entry import read_entry
+from haptorb.apps.reproduce.hook_quadrature import L_M, bend_hook, compute_pull_stiffness
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Report
 from haptorb.devices.state import State
 from haptorb.errors import GeometryError
-from haptorb.physics.beams import SHEAR_COEFFICIENT
+from haptorb.physics import beams, materials
+from haptorb.physics import hook as hooks
 from haptorb.physics.hook import TABLE_3
 from haptorb.worlds.snap_fit.outlet import Outlet
 from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
@@ -21,41 +23,49 @@ from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
 __all__ = ["items"]
 
 _AT = Citation("bai2012", "t3", "Table 3")
-_AS = "rounding; as in the world"
 
 
 def items(report: Report) -> tuple[tuple[Item, ...], None]:
     """Each entry as the world has it; the pull that the modulus gives; the ramp that contradicts itself."""
-    hook, world, mm = TABLE_3, Outlet(), 1e3
-    room = (hook.peak - hook.base_length) * mm
+    world, mm, degree = Outlet(), 1e3, math.degrees(1.0)
+    room = (TABLE_3.peak - TABLE_3.base_length) * mm
     entries = (
-        ("lb", "ℓ_b", 5.4, hook.base_length * mm, "mm"), ("lm", "ℓ_m", 9.6, hook.peak * mm, "mm"),
-        ("beta", "β", 58.8, math.degrees(hook.rear), "°"), ("hb", "h_b", 1.8, hook.height * mm, "mm"),
-        ("h0", "h₀", 0.6, hook.thickness * mm, "mm"), ("w", "w", 8.0, hook.width * mm, "mm"),
-        ("ws", "w_s", 4.8, world.opening * mm, "mm"), ("wp", "w_p", 6.3, world.plug_width * mm, "mm"),
-        ("nu", "ν of the socket", 0.41, hook.poisson_ratio, "1"), ("mu", "μ", 0.134, world.friction, "1"),
+        ("lb", "ℓ_b", 5.4, "base_length", mm, "mm"), ("lm", "ℓ_m", 9.6, "peak", mm, "mm"),
+        ("beta", "β", 58.8, "rear", degree, "°"), ("hb", "h_b", 1.8, "height", mm, "mm"),
+        ("h0", "h₀", 0.6, "thickness", mm, "mm"), ("w", "w", 8.0, "width", mm, "mm"),
+        ("nu", "ν of the socket", 0.41, "poisson_ratio", 1.0, "1"),
     )  # fmt: skip
-    found = [_AT.item(name, what, value, ours, unit, 1e-9, _AS) for name, what, value, ours, unit in entries]
+    found = [
+        _AT.item(name, what, value, read_entry(hooks, f"TABLE_3.{entry}", per), unit)
+        for name, what, value, entry, per, unit in entries
+    ]
     found += [
-        _AT.item("e-socket", "E of phosphor bronze", 1.13, hook.youngs_modulus / 1e9, "GPa", 1.0,
-                 "handbooks: 110 to 115 GPa", erratum="E7", corrected=113.0),
-        _AT.claim("pull", "whole pull of the outlet by (17), untilted, H_x as printed", _pull(1.13e9), _pull(113e9),
-                 "N",
-                 0.1, "a household outlet holds tens of newtons", erratum="E7", corrected=50.8),
-        _AT.item("p", "p of eq. (12), by integrating the shear over a rectangular section", 1.2, _shear_coefficient(),
-                 "1", 1e-9),
-        _AT.item("p-used", "p as in the beam models", 1.2, SHEAR_COEFFICIENT),
-        _AT.item("ramp", "height that β gives over ℓ_m − ℓ_b", 1.8, room * math.tan(hook.rear), "mm", 0.01,
-                 "three printed numbers exclude each other", erratum="E8", corrected=6.94),
-        _AT.item("ramp-angle", "angle that h_b gives over ℓ_m − ℓ_b", 58.8, math.degrees(hook.ramp_to_peak().rear), "°",
-                 0.05, "the same", erratum="E8", corrected=23.2),
-        _AT.claim("ramp-end", "where the ramp of β reaches h_b, over h₀", 16.0, hook.ramp_end / hook.thickness, "1",
-                 0.005, "the closed forms of appendix B end it there", erratum="E8",
-                 corrected=10.82),
-        _AT.claim("ramp-refused", "1 if a hook with these sizes and no flat top is refused", 1.0, float(_rejects()),
+        _AT.item("ws", "w_s", 4.8, read_entry(world, "opening", mm), "mm"),
+        _AT.item("wp", "w_p", 6.3, read_entry(world, "plug_width", mm), "mm"),
+        _AT.item("mu", "μ", 0.134, read_entry(world, "friction")),
+        _AT.item("e-socket", "E of phosphor bronze", 1.13, read_entry(hooks, "TABLE_3.youngs_modulus", 1e-9), "GPa",
+                 1.0, "handbooks: 110 to 115 GPa", erratum="E7", corrected=113.0),
+        _AT.item("e-plug-list", "E of brass, in the list of materials", 0.93,
+                 read_entry(materials, "MATERIALS[brass].youngs_modulus", 1e-9), "GPa", 1.0, "handbooks: 90 to 105 GPa",
+                 erratum="E7", corrected=93.0),
+        _AT.claim("pull", "whole pull of the outlet by (17), untilted, H_x as printed, E as printed, and 113 GPa",
+                 _pull(1.13e9), _pull(113e9), "N", 0.01, "a household outlet holds tens of newtons; (12), (13) by "
+                 "quadrature", erratum="E7", corrected=compute_pull_stiffness(1 + 0.75 / 0.6) * 0.134 * 1.5e-3),
+        _AT.item("p-used", "p of eq. (12)", 1.2, read_entry(beams, "SHEAR_COEFFICIENT"), "1", 1e-9,
+                 "A ∫ (Q/(I b))² dA of a rectangle gives it too"),
+        _AT.item("ramp", "height that β gives over ℓ_m − ℓ_b", 1.8, room * math.tan(TABLE_3.rear), "mm", 0.01,
+                 "three printed numbers exclude each other", erratum="E8",
+                 corrected=4.2 * math.tan(math.radians(58.8))),
+        _AT.note("ramp-angle", "angle that h_b gives over ℓ_m − ℓ_b", math.degrees(TABLE_3.ramp_to_peak().rear), "°"),
+        _AT.note("ramp-end", "where the ramp of β reaches h_b, over h₀", TABLE_3.ramp_end / TABLE_3.thickness, "1",
+                 "the closed forms of appendix B end it there"),
+        _AT.compare("ramp-refused", "1 if a hook with these sizes and no flat top is refused", 1.0, float(_rejects()),
                  "1", 0.0, "what cannot be built must not be rendered", erratum="E8"),
         _AT.claim("delta", "δ of each hook with the plug in, (w_p − w_s)/2", 0.75, 1e3 * _bend_hook(), "mm", 1e-6,
                  "found by the outlet's contact"),
+        _AT.claim("yield", "yield stress of phosphor bronze over that at the hooks' root, plug in: 1 or more, or it is "
+                 "bent for good", 1.0, _find_margin(), "1", 5e-3, "a beam loaded at the contact, by quadrature; yield "
+                 "0.55 GPa by handbooks", erratum="E29", corrected=_find_margin_by_quadrature()),
         _AT.exempt("e-plug", "E of brass, 0.93 GPa (93: E7), and its ν = 0.35", "the plug is rigid throughout"),
         _AT.exempt("thickness", "thickness of the plug, 1.5 mm", "it enters no equation; with w_p it names the plug "
                       "whose length h is assumed after"),
@@ -70,11 +80,6 @@ def _pull(modulus: float) -> float:
     return -float(world.wrench(state)[0])
 
 
-def _shear_coefficient() -> float:
-    """A ∫ (Q/(I b))² dA over a unit square: what shear energy a rectangular section has beyond an even one."""
-    return float(quad(lambda y: (12 * 0.5 * (0.25 - y * y)) ** 2, -0.5, 0.5)[0])  # I = 1/12, Q = (1/4 − y²)/2
-
-
 def _rejects() -> bool:
     try:
         replace(TABLE_3, flat_top=False)
@@ -86,3 +91,15 @@ def _rejects() -> bool:
 def _bend_hook() -> float:
     contacts = Outlet().contacts(State(0.0, np.eye(3), np.array([1e-3, 0, 0]), np.zeros(3), np.zeros(3)))
     return contacts[0].deflection
+
+
+def _find_margin() -> float:
+    plus = beams.compliance(TABLE_3, TABLE_3.peak).plus
+    bronze = materials.MATERIALS["phosphor bronze"]
+    strain = float(beams.root_strain(TABLE_3, TABLE_3.peak, 0.75e-3, plus))
+    return bronze.yield_strength / (strain * TABLE_3.youngs_modulus)
+
+
+def _find_margin_by_quadrature() -> float:
+    """F_y X is the moment at the root, h₀/2 from the middle: ε = 6 X Δ/Ω₊."""
+    return 0.55 / (113.0 * 6 * L_M * (0.75 / 0.6) / bend_hook(shear=1.2 * 2 * 1.41))

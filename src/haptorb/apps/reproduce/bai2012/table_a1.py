@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.apps.reproduce.citation import Citation
+from haptorb.apps.reproduce.entry import Entry, read_entry
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Drawing, Report
 from haptorb.devices.loader import load
@@ -35,11 +36,14 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     for name, parts, first, last, latitude, start, step, corrected, erratum in _COLUMNS:
         lat, lon = _angles(layouts[parts].directions[first - 1 : last])
         found += [
-            _AT.item(f"{name}-theta", f"ϑ of {parts} {first}–{last}, a latitude", latitude, lat.mean(), "°", 1e-9,
+            _AT.item(f"{name}-theta", f"ϑ of {parts} {first}–{last}, a latitude", latitude,
+                     Entry(lat.mean(), f"pmsm: latitude of {parts} {first}–{last}"), "°", 1e-9,
                      erratum="E2" if latitude else ""),
-            _AT.item(f"{name}-phi", f"φ of {parts[:-1]} {first}", start, lon[0], "°", 1e-9, erratum=erratum,
+            _AT.item(f"{name}-phi", f"φ of {parts[:-1]} {first}", start,
+                     Entry(lon[0], f"pmsm: first longitude of {parts} {first}–{last}"), "°", 1e-9, erratum=erratum,
                      corrected=corrected),
-            _AT.item(f"{name}-step", f"step of φ over {parts} {first}–{last}", step, _step(lon), "°", 1e-9),
+            _AT.item(f"{name}-step", f"step of φ over {parts} {first}–{last}", step,
+                     Entry(_step(lon), f"pmsm: step of {parts} {first}–{last}"), "°", 1e-9),
         ]  # fmt: skip
     coil, magnet = device.electromagnet, device.magnet
     u, v = device.electromagnets, device.magnets
@@ -48,33 +52,42 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
              ((magnet.radius, v.distance), (coil.outer_radius, u.distance))]  # fmt: skip
     printed = motor(load("pmsm-printed-table", override=True))
     found += [
-        _AT.item("r-pm", "R_PM", 67.9, 1e3 * v.distance, "mm"),
-        _AT.item("r-em", "R_EM", 56.8, 1e3 * u.distance, "mm"),
-        _AT.item("r-sensor", "R_Sensor", 62.4, 1e3 * device.sensor_layout.distance, "mm"),
-        _AT.claim("em-17-x", "angle between EM 17 and the X axis, 'located on the X axis'", 0.0,
-                 np.degrees(np.arccos(u.directions[16, 0])), "°", 1e-5, "rounding", erratum="E3", where="§2.3"),
-        _AT.claim("sensor-on-em", "greatest angle between an EM's axis and the nearest sensor", 0.0, on_axis.max(), "°",
-                 1e-5, "columns of sensors and EMs share their angles", erratum="E3"),
-        _AT.claim("pm-apart", "nearest PMs apart over what one spans: 1 if they fit", 1.0,
-                 float(_nearest(v.directions) > spans[0]), "1", 0.0, "28.9° against 26.3°; on a cone of colatitudes "
-                 "they would be 7.7° apart", erratum="E2"),
+        _AT.item("r-pm", "R_PM", 67.9, read_entry(device, "magnets.distance", 1e3), "mm"),
+        _AT.item("r-em", "R_EM", 56.8, read_entry(device, "electromagnets.distance", 1e3), "mm"),
+        _AT.item("r-sensor", "R_Sensor", 62.4, read_entry(device, "sensor_layout.distance", 1e3), "mm"),
+        _AT.claim("em-17-x", "angle between EM 17 and the X axis, 'located on the X axis', coils placed by E3", 0.0,
+                 np.degrees(np.arccos(u.directions[16, 0])), "°", 1e-5, "a direction", erratum="E3", where="§2.3"),
+        _AT.claim("em-17-printed", "the same with the printed longitudes", 0.0,
+                 np.degrees(np.arccos(printed.electromagnets.directions[16, 0])), "°", 1e-5, "45°(17 − 17) + 22.5°",
+                 erratum="E3", corrected=22.5),
+        _AT.compare("sensor-on-em", "greatest angle between an EM's axis and the nearest sensor, placed by E3", 0.0,
+                 on_axis.max(), "°", 1e-5, "columns of sensors and EMs share their angles", erratum="E3"),
+        _AT.compare("pm-apart", "room between the nearest PMs, read as latitudes: 1 if they do not overlap", 1.0,
+                 float(_nearest(v.directions) > spans[0]), "1", 0.0, "28.9° against the 26.3° that one spans",
+                 erratum="E2"),
+        _AT.claim("pm-cone", "the same of one ring with ϑ read as a colatitude, as (A.1) is printed", 1.0,
+                 float(_nearest(_colatitude(v.directions[:12])) > spans[0]), "1", 0.0, "7.7° against 26.3°",
+                 erratum="E2", corrected=0.0, where="eq. (A.1)"),
         _AT.note("pm-nearest", "nearest PMs apart", _nearest(v.directions), "°"),
-        _AT.note("pm-cone", "the same in one ring with ϑ read as colatitude", _nearest(_colatitude(v.directions[:12])),
-                 "°", "each spans 26.3°: the parts intersect (E2)"),
-        _AT.claim("em-apart", "nearest EMs apart over what one spans: 1 if they fit", 1.0,
-                 float(_nearest(u.directions) > spans[1]), "1", 0.0, "33.9° against 31.2°", erratum="E3"),
+        _AT.note("pm-cone-nearest", "nearest PMs of one ring apart, ϑ read as a colatitude",
+                 _nearest(_colatitude(v.directions[:12])), "°", "each spans 26.3°: the parts intersect (E2)"),
+        _AT.compare("em-apart", "room between the nearest EMs, placed by E3: 1 if they do not overlap", 1.0,
+                 float(_nearest(u.directions) > spans[1]), "1", 0.0, "33.9° against the 31.2° that one spans",
+                 erratum="E3"),
+        _AT.claim("em-overlap", "the same with the printed longitudes", 1.0,
+                 float(_nearest(printed.electromagnets.directions) > spans[1]), "1", 0.0, "26° against 31.2°",
+                 erratum="E3", corrected=0.0),
         _AT.note("em-nearest", "nearest EMs apart", _nearest(u.directions), "°"),
         _AT.note("em-printed", "the same as printed", _nearest(printed.electromagnets.directions), "°",
                  "each spans 31.2°: coils overlap (E3)"),
-        _AT.claim("printed-refused", "1 if the loader refuses the table to the letter", 1.0, float(_rejects()), "1",
-                 0.0,
-                 "validation must find what the print hides", erratum="E3"),
-        _AT.claim("gap", "1 if sensors lie between the coils' outer and the magnets' inner faces", 1.0,
+        _AT.compare("printed-refused", "1 if the loader refuses the table to the letter", 1.0, float(_rejects()), "1",
+                 0.0, "validation must find what the print hides", erratum="E3"),
+        _AT.compare("gap", "1 if sensors lie between the coils' outer and the magnets' inner faces", 1.0,
                  float(_is_in_gap(device)), "1", 0.0, "60.61 mm < 62.4 mm < 65.36 mm with lengths in inches",
                  erratum="E1"),
         _AT.claim("alternating", "share of nearest neighbours among the PMs with opposite polarity", 1.0,
-                 _opposite_share(device), "1", 0.0, "'adjacent PMs have alternating magnetization'", erratum="E4",
-                 where="App. A"),
+                 Entry(_opposite_share(device), "pmsm: polarity of the magnets"), "1", 0.0,
+                 "'adjacent PMs have alternating magnetization'", erratum="E4", where="App. A"),
     ]  # fmt: skip
     report(1.0)
     return tuple(found), lambda path: _draw_figure(device, printed, path)

@@ -32,7 +32,7 @@ from haptorb.sensing.sample import Estimate, Sample
 from haptorb.simulation.motor.motor import SimulatedMotor
 from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
 
-__all__ = ["ARM", "FORCE_SCALE", "TILT", "X_0", "PhaseRecord", "two_phases"]
+__all__ = ["ARM", "FORCE_SCALE", "TILT", "X_0", "PhaseRecord", "euler_axes", "two_phases"]
 
 TILT = math.radians(2.0)  #: ε_z at the start
 _WORLD = PublishedOutlet(creep=1e-4)  #: sliding friction from 0.1 mm/s on, as (15) has it at any speed
@@ -53,8 +53,8 @@ class PhaseRecord:
     """Rows of one phase, one per tick.
 
     rows        (n, width) as recorded, by `layout`
-    psi, lam    (n, m) currents that the T_ψ and the T_λ part of the asked torque take by themselves [A]
-    phi, rest   (n, m) those of the T_φ part, and those that hold up weight and regulator [A]
+    psi, lam    (n, m) currents that T_ψ and T_λ of the asked torque, eqs. (5b) and (6b), take by themselves [A]
+    phi, rest   (n, m) those of T_φ, and those that hold up weight and regulator [A]
     """
 
     layout: RowLayout
@@ -67,6 +67,11 @@ class PhaseRecord:
     def __getitem__(self, name: str) -> Array:
         """(n, width) the field `name`."""
         return self.rows[:, self.layout[name]]
+
+    def euler_torque(self, name: str) -> Array:
+        """(n, 3) T_ψ, T_λ, T_φ [N·m], as (5b) and (6b) mean them, of the wrench `name`."""
+        torque: Array = np.einsum("nij,nj->ni", euler_axes(self["q"]), self[name][:, 3:])
+        return torque
 
     @property
     def tilt(self) -> Array:
@@ -89,6 +94,24 @@ class _RecordingEstimator(Estimator):
         estimate = self.inner.update(sample)
         self.map = estimate.wrench_map
         return estimate
+
+
+def euler_axes(q: Array) -> Array:
+    """(..., 3, 3) the axes that ψ, λ and φ turn about at the orientation `q` (..., 4), as rows, stator frame.
+
+    R = Rx(ψ) Ry(λ) Rz(φ): X itself, Y turned by ψ, Z turned by both. They are at right angles only where λ = 0.
+
+    >>> euler_axes(np.array([0.0, 0.0, 0.0, 1.0])).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    x, y, z, w = np.moveaxis(q, -1, 0)
+    spin = np.stack([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)], axis=-1)
+    axes = np.zeros((*spin.shape, 3))
+    axes[..., 0, 0] = 1.0
+    sideways = np.hypot(spin[..., 1], spin[..., 2])
+    axes[..., 1, 1], axes[..., 1, 2] = spin[..., 2] / sideways, -spin[..., 1] / sideways
+    axes[..., 2, :] = spin
+    return axes
 
 
 def _smooth(s: float) -> float:
@@ -128,7 +151,9 @@ def two_phases(
             rows.append(row.copy())
             bare = WrenchMap(recorder.map.matrix, np.zeros(6))
             torque = row[asked][3:]
-            shares = [np.r_[0, 0, 0, part] for part in np.diag(torque)]
+            axes = euler_axes(row[layout["q"]])
+            alone = np.linalg.inv(axes)  # columns: what has a component along one of them and none along the others
+            shares = [np.r_[0, 0, 0, part] for part in (alone * (axes @ torque)).T]
             shares.append(-recorder.map.passive)
             split.append([parts.allocate(bare, share).currents for share in shares])
             if report is not None and n % 100 == 0:

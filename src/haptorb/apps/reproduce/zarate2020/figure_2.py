@@ -71,13 +71,15 @@ def radial_zero(world: World, distance: float, top: float = np.pi) -> float:
 
 def tilt_force_map(world: World, distance: float, half: float, size: int) -> tuple[Array, Array, Array]:
     """Tilt east and north (size,) [rad], radial force (size, size) [N], and force aside (size, size, 2) [N], seen from
-    above with tilt as distance from the middle; NaN beyond `half` [rad]."""
+    above with tilt as distance from the middle; to one and a half steps beyond `half` [rad], so that a picture can be
+    cut round there, then NaN."""
+    edge = half * (1 + 3 / (size - 1))
     axis = np.linspace(-half, half, size)
     radial, aside = np.full((size, size), np.nan), np.full((size, size, 2), np.nan)
     for j, v in enumerate(axis):
         for i, u in enumerate(axis):
             tilt, turn = np.hypot(u, v), np.arctan2(v, u)
-            if tilt > half:
+            if tilt > edge:
                 continue
             e_r = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
             e_t = np.array([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), -np.sin(tilt)])
@@ -116,8 +118,8 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
              implied=True),
         _angle("c-zero", "angle at which the adjustable map's radial force vanishes first", 18.0,
                np.degrees(radial_zero(sharp, d)), "E13", 18.0),
-        _angle("c-printed", "the same by the printed argument α·2θ1/π", 18.0, 90.0 * 180.0 / (2 * _NARROW), "E13",
-               450.0),
+        _angle("c-printed", "the same by the printed argument α·2θ1/π, found in the printed code", 18.0,
+               np.degrees(_find_printed_zero()), "E13", 180.0 / _NARROW * 45.0),
         _angle("c-cut", "angle at which its forces are cut off", 54.0, np.degrees(edge), "", None),
         Item("fig2c-given", "zarate2020", "Fig. 2c",
              "what the exact inverse gives of that map in contact, greatest error", None,
@@ -133,6 +135,18 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
 def _angle(name: str, what: str, published: float, computed: float, erratum: str, corrected: float | None) -> Item:
     return Item(f"fig2{name}", "zarate2020", f"Fig. 2{name[0]}", what, published, float(computed), "°", 0.01, erratum,
                 corrected, "a hundredth of a degree: found by bisection")  # fmt: skip
+
+
+def _find_printed_zero() -> float:
+    """The smallest angle [rad] at which F_r of the code of Fig. 3 as printed changes its sign."""
+    from scipy.optimize import brentq
+
+    def radial(alpha: float) -> float:
+        return 2.0 * np.cos(alpha * 2 * np.radians(_NARROW) / np.pi)
+
+    angles = np.linspace(0.0, 4 * np.pi, 1001)
+    turns = np.flatnonzero(np.diff(np.sign([radial(a) for a in angles])))
+    return float(brentq(radial, angles[turns[0]], angles[turns[0] + 1]))
 
 
 def _edge(world: World, distance: float) -> float:
@@ -158,6 +172,7 @@ def _compare_with_dipoles(device: SphericalElectromagnet, plain: World) -> float
 def _draw_figure(maps: list[Any], angles: Array, asked: Array, given: Array, surface: Terrain, path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.patches import Circle
 
     figure = Figure(figsize=(13.5, 8), layout="constrained")
     FigureCanvasAgg(figure)
@@ -169,15 +184,18 @@ def _draw_figure(maps: list[Any], angles: Array, asked: Array, given: Array, sur
     )
     for panel, (axis, radial, aside), title in zip(panels[0], maps, titles, strict=True):
         degrees = np.degrees(axis)
-        most = 1e3 * float(np.nanmax(np.abs(radial)))
-        image = panel.imshow(
-            1e3 * radial, origin="lower", extent=(degrees[0], degrees[-1], degrees[0], degrees[-1]), cmap="RdBu_r",
-            vmin=-most, vmax=most,
-        )  # fmt: skip
+        half = degrees[-1]
+        east, north = np.meshgrid(degrees, degrees)
+        inside = np.hypot(east, north) <= half + 1e-9
+        most = 1e3 * float(np.abs(radial[inside]).max())
+        image = panel.pcolormesh(degrees, degrees, 1e3 * radial, cmap="RdBu_r", vmin=-most, vmax=most, rasterized=True)
+        # Whole cells at a round edge are a staircase with single ones ahead of it: the picture ends in a circle.
+        image.set_clip_path(Circle((0, 0), half, transform=panel.transData))
         figure.colorbar(image, ax=panel, label="radial force [mN]; positive pushes", shrink=0.85)
-        panel.quiver(degrees[::4], degrees[::4], aside[::4, ::4, 0], aside[::4, ::4, 1], color="k", pivot="mid",
-                     alpha=0.6, scale=14 * float(np.nanmax(np.abs(aside))))  # fmt: skip
-        panel.set(xlabel="tilt from the summit [°]", aspect="equal")
+        arrows = inside[::4, ::4]
+        panel.quiver(east[::4, ::4][arrows], north[::4, ::4][arrows], *aside[::4, ::4][arrows].T, color="k",
+                     pivot="mid", alpha=0.6, scale=14 * float(np.abs(aside[inside]).max()))  # fmt: skip
+        panel.set(xlabel="tilt from the summit [°]", aspect="equal", xlim=(-half, half), ylim=(-half, half))
         panel.set_title(title, loc="left")
     panels[0, 0].set(ylabel="tilt from the summit [°]")
     a = np.degrees(angles)

@@ -79,12 +79,14 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Drawing]:
     off = matrix - np.diag(np.diag(matrix))
     found = [
         Item(f"fig7-{name}", "zarate2020", "Fig. 7", f"m_e along {name} at 12.9 A in coil {name}", printed,
-             float(matrix[k, k] * _AMPERES), "A·m²", 0.02, why="printed to three digits, read with the sensors' noise")
+             float(matrix[k, k] * _AMPERES), "A·m²", 0.02, basis="assumed",
+             why="the simulated coils have the printed moments; found again from their sensors' noisy readings")
         for k, (name, printed) in enumerate(zip(names, _PUBLISHED, strict=True))
     ]  # fmt: skip
     found += [
         Item("fig7-linear", "zarate2020", "Fig. 7", "greatest departure from a straight line, of the greatest moment",
-             0.0, bent, "1", 0.02, why="the text: the field is directly proportional to the current", implied=True),
+             0.0, bent, "1", 0.02, why="the simulated core is linear, as the text has it", implied=True,
+             basis="assumed"),
         Item("fig7-skew", "zarate2020", "Fig. 7", "greatest term off the diagonal, of the coil's own", None,
              float(np.abs(off).max() / np.diag(matrix).min()), "1", None,
              why="the text has such terms without a number; ours are assumed in the device file"),

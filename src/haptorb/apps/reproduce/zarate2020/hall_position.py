@@ -1,4 +1,4 @@
-"""What Zárate 2020 left for later: the tool's place from the nine Hall sensors, without a tracker, coils driven.
+"""Beyond Zárate 2020, which uses a tracker: the tool's place from the nine Hall sensors alone, coils driven.
 
 Twice, and independently: the accuracy that the sensors' noise and the coils' currents allow over the shell (Cramér and
 Rao), and what the tracker reaches on the simulated device. For the places of the sensors that the device file assumes,
@@ -28,6 +28,7 @@ __all__ = ["bound", "items", "placements", "position_map"]
 
 _CALIBRATED = 1e-3  #: standard deviation of the moment map's entries after `haptorb calibrate`
 _NOISES = (0.01e-3, 0.02e-3, 0.05e-3)
+_WHERE = "not in the paper"
 _FULL = 20.0  #: current of every coil at full duty [A]
 
 
@@ -99,8 +100,8 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
                                ("tried, at the worst place", reached[:, part].max())):  # fmt: skip
                 what = f"rms error of the {kind} over the shell, {how}: {where}"
                 id = f"{key}-{kind}-{how.replace(',', '').replace(' ', '-')}"
-                found.append(Item(id, "zarate2020", "§VI", what, None, scale * float(value), unit, None))
-        found.append(Item(f"{key}-found", "zarate2020", "§VI", f"share of ticks in which the tool is found: {where}",
+                found.append(Item(id, "zarate2020", _WHERE, what, None, scale * float(value), unit, None))
+        found.append(Item(f"{key}-found", "zarate2020", _WHERE, f"share of ticks in which the tool is found: {where}",
                           None, float(weights @ reached[:, 2]), "1", None))  # fmt: skip
         report((n + 1) / len(cases))
     return tuple(found), lambda path: _draw_figure(maps, list(placements(device)), distances, angles, path)

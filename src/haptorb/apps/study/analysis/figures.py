@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
@@ -9,7 +10,7 @@ from matplotlib.projections.polar import PolarAxes
 from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.simulated.participant import PUBLISHED_ERRORS
 
-__all__ = ["figures"]
+__all__ = ["draw_answers", "draw_confusion", "draw_error", "figures"]
 
 _INK, _BLUE, _RED = "#22303c", "#1769aa", "#c0392b"
 _SHADE = LinearSegmentedColormap.from_list("shade", ["#ffffff", "#9cc3e0", _BLUE, "#0b2d4a"])
@@ -36,10 +37,15 @@ def _new_figure(analysis: Analysis, title: str, size: tuple[float, float]) -> Fi
 
 
 def _confusion(analysis: Analysis) -> Figure:
+    figure = _new_figure(analysis, "Answered against prompted set-point, averaged over participants", (7.2, 6.6))
+    draw_confusion(figure.subplots(), analysis)
+    return figure
+
+
+def draw_confusion(axes: Axes, analysis: Analysis) -> None:
+    """The confusion matrix of an identification into `axes`, with a bar for its shades."""
     c = analysis.confusion
     assert c is not None
-    figure = _new_figure(analysis, "Answered against prompted set-point, averaged over participants", (7.2, 6.6))
-    axes = figure.subplots()
     shown = axes.imshow(c.matrix, cmap=_SHADE, vmin=0, vmax=1)
     ticks = range(len(c.numbers))
     axes.set_xticks(ticks, [str(n) for n in c.numbers], fontsize=7)
@@ -50,16 +56,21 @@ def _confusion(analysis: Analysis) -> Figure:
         if theta[n] != theta[n - 1]:  # rings apart
             axes.axhline(n - 0.5, color="0.6", lw=0.6)
             axes.axvline(n - 0.5, color="0.6", lw=0.6)
-    figure.colorbar(shown, ax=axes, label="share of answers", shrink=0.8)
-    return figure
+    axes.figure.colorbar(shown, ax=axes, label="share of answers", shrink=0.8)
 
 
 def _answers(analysis: Analysis) -> Figure:
-    c = analysis.confusion
-    assert c is not None
     figure = _new_figure(analysis, "Correct answers; arrows: a third or more of the wrong answers", (6.8, 6.6))
     axes = figure.subplots(subplot_kw={"projection": "polar"})
     assert isinstance(axes, PolarAxes)
+    draw_answers(axes, analysis)
+    return figure
+
+
+def draw_answers(axes: PolarAxes, analysis: Analysis) -> None:
+    """The set-points of an identification into `axes`: share of correct answers, and where wrong ones went."""
+    c = analysis.confusion
+    assert c is not None
     places = {
         n: (p.phi_deg * 3.141592653589793 / 180, p.theta_deg) for n in c.numbers for p in [analysis.study.point(n)]
     }
@@ -85,12 +96,16 @@ def _answers(analysis: Analysis) -> Figure:
     axes.set_xticks([])
     axes.grid(alpha=0.4)
     axes.set_title("shade: share of correct answers; seen from above, +x to the right", fontsize=8, color="0.35")
-    return figure
 
 
 def _error(analysis: Analysis) -> Figure:
     figure = _new_figure(analysis, "Distance between answered and true position", (6.4, 4.4))
-    axes = figure.subplots()
+    draw_error(figure.subplots(), analysis)
+    return figure
+
+
+def draw_error(axes: Axes, analysis: Analysis) -> None:
+    """Error over θ into `axes`, beside the published one where the set-points are the published ones."""
     theta = [ring.theta_deg for ring in analysis.rings]
     axes.errorbar(
         theta, [ring.mean for ring in analysis.rings], [ring.sd for ring in analysis.rings], fmt="o", color=_BLUE,
@@ -107,7 +122,6 @@ def _error(analysis: Analysis) -> Figure:
     axes.set_xticks(theta)
     axes.grid(alpha=0.3)
     axes.legend(frameon=False, loc="upper left")
-    return figure
 
 
 def _curves(analysis: Analysis) -> Figure:

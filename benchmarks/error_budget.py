@@ -1,0 +1,345 @@
+"""Whether the error of simulated devices lies in the band of `haptorb inspect DEVICE --errors` as often as it says.
+
+python benchmarks/error_budget.py [omni] [pmsm] [--devices 1500] [--seed 1000] [--json]
+
+Each device is drawn by itself, from the standard uncertainties of the device file and a seed of its own, and built:
+other magnets, coils, resistances and supply in the simulation, errors in what its current sensors, field sensors and
+tracker say. The whole loop then runs on it for half a second: driver, estimator, allocator, guard, drive; all of them
+believe the device file. The error is the simulation's true wrench less the wrench asked for. The band comes from
+another seed and from code that this file does not call but for the band itself. Each device is tried once, at a place
+and in a direction of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptorb.apps.inspect.errors import report_errors
+from haptorb.apps.progress import build_tables
+from haptorb.control.budget.monte_carlo import ErrorBudget, WrenchBand
+from haptorb.devices.device import Device
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.loader import load
+from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.devices.state import State, rotation_to_axis
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.quaternions import quaternion
+from haptorb.numerics.rotations import rotation_from_euler
+from haptorb.physics.sources.ring import RingMagnet
+from haptorb.runtime.drivers.sim_driver import SimDriver
+from haptorb.runtime.tick.assembly import allocator_of, estimator_of
+from haptorb.runtime.tick.tick import Tick
+from haptorb.runtime.trackers.tracker import Goal
+from haptorb.sensing.estimator import Estimator
+from haptorb.sensing.sample import Pose, Sample
+from haptorb.simulation.electromagnet.electromagnet import SimulatedElectromagnet
+from haptorb.simulation.motor.motor import SimulatedMotor
+from haptorb.simulation.simulation import Simulation
+from haptorb.worlds.own.function_world import FunctionWorld
+
+RATE = 1000.0  #: of the loop [Hz]
+TICKS = 450  #: the guard's ramp takes 300; the resistances are learned in 50
+FREQUENCY = 10.0  #: at which a force turns, as in the budget [Hz]
+FIRM = 100.0  #: times as stiff as the device file's is the hand: the mover stays where it is put
+
+
+class NoWrench(Exception):
+    """The guard does not let the wrench through: the mover is lost, or a reading is implausible."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How the sensors and the tracker of one device are wrong."""
+
+    gain: Array  #: (m,) of the current sensors, relative
+    offset: Array  #: (m,) of the current sensors [A]
+    place: Array  #: (3,) tracked less true place [m]
+    turn: Array  #: (3, 3) from the true to the tracked orientation
+
+
+class WrongSensors(Simulation):
+    """A simulation whose current sensors and tracker have lasting errors."""
+
+    def __init__(self, simulation: Simulation, reading: Reading) -> None:
+        self.device, self.simulation, self.reading = simulation.device, simulation, reading
+
+    def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
+        """What is read, errors included."""
+        true, wrong = self.simulation.sample(t, pose_stamp, pose_valid), self.reading
+        pose = true.pose
+        tracked = Pose(pose.t, wrong.turn @ pose.R_SR, pose.p + wrong.place, pose.w, pose.v, pose.valid)
+        currents = (1 + wrong.gain) * true.currents + wrong.offset
+        return Sample(true.t, currents, true.temperatures, true.field, tracked)
+
+    def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
+        """As the true one."""
+        self.simulation.advance(dt, duties, goal_p, goal_q)
+
+    def truth(self) -> Array:
+        """As the true one."""
+        return self.simulation.truth()
+
+    def state(self) -> State:
+        """As the true one."""
+        return self.simulation.state()
+
+    def quantise(self, duties: Array) -> Array:
+        """As the true one."""
+        return self.simulation.quantise(duties)
+
+    def place(self, p: ArrayLike, q: ArrayLike) -> None:
+        """As the true one."""
+        self.simulation.place(p, q)
+
+    def reset(self, seed: int = 0) -> None:
+        """As the true one; a core has a history."""
+        self.simulation.reset(seed)
+        if isinstance(self.simulation, SimulatedElectromagnet):
+            magnetise_core(self.simulation, np.random.default_rng([seed, 1]))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One device, where its mover is, and what is asked there."""
+
+    region: int
+    simulation: WrongSensors
+    p: Array  #: (3,) [m]
+    R: Array  #: (3, 3)
+    wrench: Array  #: (2, 6) asked at the end and a quarter of a turn later [N, N·m]; the second zero: at rest
+    axes: Array  #: (3, 3) whose columns are the axes of the components
+
+
+def draw_wrong_reading(device: Device, rng: np.random.Generator, place: float, turn: float) -> Reading:
+    """What current sensors and tracker do; place [m] and turn [rad] are standard uncertainties per axis."""
+    known, m = device.uncertainty, device.channels  # type: ignore[attr-defined]
+    x, y, z = turn * rng.standard_normal(3)
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    rotation = np.linalg.solve(np.eye(3) - skew / 2, np.eye(3) + skew / 2)
+    return Reading(
+        known.current_gain * rng.standard_normal(m), known.current_offset * rng.standard_normal(m),
+        place * rng.standard_normal(3), rotation,
+    )  # fmt: skip
+
+
+def draw_direction(rng: np.random.Generator) -> Array:
+    """(3,) any unit vector."""
+    z, turn = rng.uniform(-1, 1), rng.uniform(0, 2 * np.pi)
+    return np.array([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
+
+
+def draw_turning(asked: float, rng: np.random.Generator) -> Array:
+    """(2, 6) a force of `asked` [N] in any direction, and one into which it turns."""
+    first, other = draw_direction(rng), draw_direction(rng)
+    across = np.cross(first, other)
+    across /= np.linalg.norm(across)
+    return asked * np.hstack([np.stack([first, across]), np.zeros((2, 3))])
+
+
+def magnetise_core(simulated: SimulatedElectromagnet, rng: np.random.Generator) -> None:
+    """A history: some currents of any size, and none in the end."""
+    state = simulated.state()
+    for size in (1.0, 0.5, 0.2):
+        simulated.advance(5e-3, size * rng.uniform(-1, 1, 3), state.p, quaternion(state.R_SR))
+    simulated.advance(10e-3, np.zeros(3), state.p, quaternion(state.R_SR))
+    simulated.cool()
+
+
+def draw_electronics(device: Device, rng: np.random.Generator) -> dict[str, Any]:
+    """Resistances and supply as they could be."""
+    known, coils = device.uncertainty, device.coils  # type: ignore[attr-defined]
+    resistance = coils.resistance * (1 + known.resistance * rng.standard_normal(device.channels))
+    voltage = device.supply.voltage * (1 + known.supply * rng.standard_normal())
+    return {"coils": replace(coils, resistance=resistance), "supply": replace(device.supply, voltage=voltage)}
+
+
+def try_electromagnets(device: SphericalElectromagnet, asked: float, seed: int) -> Iterator[Trial]:
+    """One electromagnet after the other, the regions in turn."""
+    known, number = device.uncertainty, 0
+    while True:
+        rng = np.random.default_rng([seed, number])
+        region = number % 3
+        tool, kelvin = device.tool, known.magnet_temperature * rng.standard_normal()
+        remanence = tool.remanence * (1 + known.remanence * rng.standard_normal())
+        columns = np.linalg.norm(device.moment_per_current, axis=0)
+        shift = known.core_place * rng.standard_normal(3)
+        true = replace(
+            device,
+            tool=replace(tool, remanence=remanence * (1 + known.remanence_drift * kelvin)),
+            moment_per_current=device.moment_per_current + known.moments * columns * rng.standard_normal((3, 3)),
+            core_radius=device.core_radius + known.core_radius * rng.standard_normal(),
+            hand=replace(device.hand, stiffness=FIRM * device.hand.stiffness, damping=30 * device.hand.damping),
+            dome_radius=device.dome_radius - 1e-3,  # a tool in contact may be nearer to a core that is off its place
+            # The simulation has core and coils at its origin: instead of them, tool and sensors are off, the other way.
+            hall=replace(device.hall, positions=device.hall.positions - shift),
+            **draw_electronics(device, rng),
+        )
+        wrong = draw_wrong_reading(device, rng, known.place, known.axis)
+        wrong = replace(wrong, place=wrong.place + shift)
+        upper = rng.uniform() if region else 0.0
+        height = (upper + max(region - 1, 0)) / 2 * device.shell_thickness
+        lowest = np.cos(device.workspace_half_angle)
+        z, turn = rng.uniform(lowest, 1.0), rng.uniform(0, 2 * np.pi)
+        axis = np.array([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
+        R = rotation_to_axis(axis)
+        simulated = SimulatedElectromagnet(true, number, specimen=seed + number)
+        turning = draw_turning(asked, rng)
+        yield Trial(
+            region, WrongSensors(simulated, wrong), (device.contact_distance + height) * axis - shift, R, turning, R
+        )
+        number += 1
+
+
+def try_motors(device: SphericalMotor, asked: float, seed: int) -> Iterator[Trial]:
+    """One motor after the other, the regions in turn. Field sensors are drawn by the simulation itself."""
+    known, number, tables = device.uncertainty, 0, device.tables
+    rotor, regulator = device.rotor, device.regulator
+    assert regulator is not None
+    series, least = regulator.series
+    coils = len(device.groups)
+    alone = replace(device, groups=np.eye(coils), coils=replace(device.coils, names=("",) * coils))
+    single = alone.sensor_field_per_ampere  # (c, 3 k) of each single coil [T/A]
+    while True:
+        rng = np.random.default_rng([seed, number])
+        region = number % 3
+        warm = 1 + known.remanence_drift * known.magnet_temperature * rng.standard_normal()
+        common = warm * (1 + known.polarization * rng.standard_normal())
+        spread = 1 + known.polarization_spread * rng.standard_normal(len(device.polarity))
+        strengths = 1 + known.coil * rng.standard_normal(coils)
+        ring, stronger = regulator.rotor_ring, 1 + known.regulator * rng.standard_normal()
+        ring = RingMagnet(ring.outer_radius, ring.inner_radius, ring.length, stronger * ring.polarization)
+        true = replace(
+            device,
+            polarity=device.polarity * common * spread,
+            groups=device.groups * strengths[:, None],
+            regulator=replace(regulator, rotor_ring=ring),
+            rotor=replace(rotor, centre_of_mass=rotor.centre_of_mass * (1 + known.weight * rng.standard_normal())),
+            **draw_electronics(device, rng),
+        )
+        # What takes seconds to compute goes with these factors: the magnets' strengths are no part of the tables.
+        vars(true)["tables"] = tables
+        vars(true)["sensor_field_per_ampere"] = true.groups.T @ single
+        vars(true.regulator)["series"] = (stronger * series, least)
+        wrong = draw_wrong_reading(device, rng, 0.0, 0.0)
+        while True:
+            tilts = rng.uniform(-1, 1, 2)
+            if int(3 * np.abs(tilts).max()) == region:
+                break
+        R = rotation_from_euler(*(device.workspace_tilt * tilts), rng.uniform(0, 2 * np.pi))
+        wrench = np.append(np.zeros(3), asked * draw_direction(rng))
+        turning = np.stack([wrench, np.zeros(6)])
+        firm = replace(device.hand, stiffness=FIRM * device.hand.stiffness, damping=30 * device.hand.damping)
+        simulation = WrongSensors(SimulatedMotor(true, seed + number, grasp=firm), wrong)
+        yield Trial(region, simulation, np.zeros(3), R, turning, np.eye(3))
+        number += 1
+
+
+def run_loop(device: Device, estimator: Estimator, trial: Trial, seed: int) -> Array:
+    """(3,) the error of the true wrench [N or N·m] along the trial's axes, after the loop has settled.
+
+    A wrench that turns comes late: the true one is held against what a loop without errors gives, the mean over a tick
+    of currents that go exponentially from the last tick's to this one's.
+    """
+    goal = Goal(trial.p, quaternion(trial.R), 0.0, False)
+    driver = SimDriver(trial.simulation, 1 / RATE, lambda now: goal, seed=seed)
+
+    def ask(tick: int) -> Array:
+        angle = 2 * np.pi * FREQUENCY * (tick - TICKS) / RATE if trial.wrench[1].any() else 0.0
+        wrench: Array = np.cos(angle) * trial.wrench[0] + np.sin(angle) * trial.wrench[1]
+        return wrench
+
+    world = FunctionWorld(lambda state: ask(round(state.t * RATE)))
+    tick = Tick(device, world, driver, estimator, allocator_of(device), 1 / RATE)
+    row = np.empty(tick.layout.width)
+    with driver:
+        for number in range(TICKS):
+            tick.step(row, number / RATE)
+        total = driver.truth()
+    if tick.protection.tripped or not row[tick.layout["gain"]] >= 1.0:
+        raise NoWrench(tick.protection.reason.name)
+    # The last read advanced the device under the duties of the tick before.
+    x = float(np.mean(device.coils.resistance / device.coils.inductance)) / RATE
+    share = 1 / -np.expm1(-x) - 1 / x
+    error = total - (share * ask(TICKS - 2) + (1 - share) * ask(TICKS - 3))
+    part = error[:3] if device.shell is not None else error[3:]
+    return trial.axes.T @ part
+
+
+def find_places(band: WrenchBand, components: tuple[tuple[int, ...], ...], error: Array) -> Iterator[tuple[int, bool]]:
+    """(component, whether it lies in the band) for each axis of each component; the size counts as the last one."""
+    for number, axes in enumerate(components):
+        for axis in axes:
+            yield number, band.contains(number, float(error[axis]))
+    yield len(components), bool(np.linalg.norm(error) <= band.size)
+
+
+def count_coverage(
+    device: Device, budget: ErrorBudget, devices: int, seed: int, report: Callable[[int], None] = lambda number: None
+) -> dict[str, Any]:
+    """How often the true error lies in the band, by region and component, from `devices` devices."""
+    known = device.kind.name == "spherical-motor"
+    trials = (try_motors if known else try_electromagnets)(device, budget.asked, seed)  # type: ignore[operator]
+    components = ((0,), (1,), (2,)) if known else ((2,), (0, 1))
+    names = (*budget.components, "size")
+    inside, tried = (np.zeros((len(budget.bands), len(names))) for _ in range(2))
+    estimator, refused = estimator_of(device, budget.estimator, None), 0
+    for number in range(devices):
+        if not known:  # a motor's takes long to make, and finds its way from one motor to the next
+            estimator = estimator_of(device, budget.estimator, None)
+        trial = next(trials)
+        try:
+            error = run_loop(device, estimator, trial, seed + number)
+        except NoWrench:
+            refused += 1
+            continue
+        for region in (trial.region, len(budget.bands) - 1):
+            for component, within in find_places(budget.bands[region], components, error):
+                inside[region, component] += within
+                tried[region, component] += 1
+        report(number)
+    share = inside / np.maximum(tried, 1)
+    return {
+        "device": budget.device,
+        "estimator": budget.estimator,
+        "devices": devices,
+        "refused": refused,
+        "coverage_percent": {
+            band.region: {name: round(100 * float(share[r, n]), 1) for n, name in enumerate(names)}
+            for r, band in enumerate(budget.bands)
+        },
+    }
+
+
+def main() -> None:
+    """Print the coverage."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", default=["omni", "pmsm"])
+    parser.add_argument("--devices", type=int, default=1500)
+    parser.add_argument("--seed", type=int, default=1000)
+    parser.add_argument("--samples", type=int, default=2000, help="devices of the band in each region")
+    parser.add_argument("--estimator", help="instead of the device's first")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    for name in given.names:
+        device = load(name)
+        build_tables(device)
+        budget = report_errors(device, estimator=given.estimator, samples=given.samples).budget
+        result = count_coverage(device, budget, given.devices, given.seed)
+        if given.json:
+            print(json.dumps(result))
+            continue
+        head = f"{result['device']}, {result['estimator']}: {result['devices']} devices"
+        print(f"{head}, {result['refused']} refused by the guard; in the 95 % band [%]:")
+        for region, shares in result["coverage_percent"].items():
+            print(f"  {region:32s}" + "".join(f"{part}: {share:5.1f}   " for part, share in shares.items()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""How well the values of a device are known: the section [uncertainty] of a device file."""

@@ -1,0 +1,114 @@
+"""`haptorb inspect DEVICE --errors`: tables that fit, the same numbers as JSON, a figure, and mistakes in one line."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import pytest
+from rich.console import Console
+
+from haptorb.apps.cli import main
+from haptorb.apps.inspect.errors import report_errors
+from haptorb.devices.loader import load
+from haptorb.errors import DeviceError
+
+NARROW = """
+based_on = "omni"
+name = "narrow"
+[uncertainty]
+remanence = 0.001
+place = { value = "0.05 mm", source = "measured" }
+"""
+
+
+def run(capsys, *words):
+    try:
+        code = main(list(words))
+    except SystemExit as end:
+        code = int(end.code or 0)
+    out, err = capsys.readouterr()
+    assert "Traceback" not in out + err
+    return code, out, err
+
+
+@pytest.fixture(scope="module")
+def omni():
+    return report_errors(load("omni"), samples=100)
+
+
+@pytest.mark.parametrize("width", [80, 120, 50])
+def test_the_tables_fit_and_have_every_source(omni, width) -> None:
+    out = io.StringIO()
+    omni.show(Console(file=out, width=width))
+    text = out.getvalue()
+    assert all(len(line) <= width for line in text.splitlines())
+    for share in omni.budget.shares:
+        assert all(word in text for word in share.name.split())
+    assert "JND" in text
+    assert "mN" in text
+
+
+def test_the_command_prints_json_with_units_and_draws(capsys, tmp_path) -> None:
+    picture = tmp_path / "errors.svg"
+    words = ("inspect", "omni", "--errors", "--samples", "100", "--wrench", "50 mN", "--json", "--plot", str(picture))
+    code, out, _ = run(capsys, *words)
+    assert code == 0
+    numbers = json.loads(out)
+    assert numbers["asked_n"] == pytest.approx(0.05)
+    whole = numbers["regions"][-1]
+    assert whole["size_jnd"] == pytest.approx(whole["size_n"] / (0.07 * 0.05))
+    assert sum(source["first_order"] for source in numbers["sources"]) == pytest.approx(1.0, abs=0.25)
+    assert b"</svg>" in picture.read_bytes()
+    assert json.loads(run(capsys, *words[:-2])[1]) == numbers  # the same seed
+
+
+def test_values_of_the_device_file_are_used(tmp_path, omni) -> None:
+    path = tmp_path / "narrow.toml"
+    path.write_text(NARROW, encoding="utf-8")
+    narrow = report_errors(load(path), samples=100)
+    shares = {share.name: share for share in narrow.budget.shares}
+    assert shares["remanence"].standard == "0.1 %"
+    assert shares["tracked place"].standard == "50 µm"
+    wide = {share.name: share for share in omni.budget.shares}
+    assert shares["tracked place"].alone == pytest.approx(wide["tracked place"].alone / 6, rel=0.05)
+    assert narrow.budget.bands[-1].size < omni.budget.bands[-1].size
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("remanence = -0.01", "uncertainty.remanence must be at least 0"),
+        ("remanence = 0.5", "uncertainty.remanence must be at most 0.3"),
+        ('place = "3 kg"', "uncertainty.place must be a length"),
+        ('place = "2 m"', "uncertainty.place must be at most 5 mm"),
+        ("remanense = 0.01", "did you mean 'remanence'"),
+        ('current_offset = "nan mA"', "uncertainty.current_offset"),
+    ],
+)
+def test_values_that_cannot_be_are_refused(tmp_path, line, expected) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(f'based_on = "omni"\nname = "bad"\n[uncertainty]\n{line}\n', encoding="utf-8")
+    with pytest.raises(DeviceError, match=expected):
+        load(path)
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["omni", "--wrench", "50 mN"], "belong to --errors"),
+        (["omni", "pmsm", "--errors"], "--errors is for one device"),
+        (["omni", "--errors", "--wrench", "3 N"], "gives at most"),
+        (["omni", "--errors", "--wrench", "3 kg"], "--wrench must be a force"),
+        (["omni", "--errors", "--samples", "10"], "--samples must be 100"),
+        (["omni", "--errors", "--seed", "-1"], "--seed 0 or more"),
+        (["omni", "--errors", "--estimator", "hal"], "did you mean 'hall'"),
+        (["omni", "--errors", "--calibration", "no.json"], "no.json"),
+        (["pmsm", "--errors", "--estimator", "network"], "estimator"),
+    ],
+)
+def test_a_mistake_of_the_command_is_one_message(capsys, words, expected) -> None:
+    code, out, err = run(capsys, "inspect", *words)
+    assert code == 2
+    assert expected in err
+    assert not out
