@@ -35,8 +35,8 @@ from haptorb.sensing.tool.tool_field import ToolModel
 
 __all__ = ["CoilReadings", "SensorFit", "fit_sensors", "predict_covariance"]
 
-_MOST = 12  #: steps
-_DONE = 1e-3  #: of a standard deviation of the prior, a step after which no other is made
+_MOST = 30  #: steps
+_DONE = 1e-2  #: of a standard deviation of the prior, a step after which no other is made
 _HUBER = 2.5  #: standard deviations beyond which a reading pulls no more strongly
 _MODEL = 1e-6  #: standard deviation of what the model of the tool's field gets wrong [T]
 _STRENGTH = 0.03  #: standard deviation of the magnet's strength, relative
@@ -137,9 +137,9 @@ class _Bundle:
         for _ in range(_MOST):
             H, g, back = self.normal()
             step: Array = np.asarray(np.linalg.solve(H, g), dtype=np.float64)
-            self._step(step, back)
             if not np.isfinite(step).all():
-                break
+                raise CalibrationError("the readings are no numbers, or all alike; see `haptorb hardware monitor`")
+            self._step(step, back)
             if np.abs(step / scale).max() < _DONE:
                 break
         else:
