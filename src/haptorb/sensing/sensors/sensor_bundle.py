@@ -148,7 +148,7 @@ class _Bundle:
                 "check that the tool is the one of the device file"
             )
         H, _, _ = self.normal()
-        whitened = self._whitened()
+        whitened = self._whiten()
         weights = _weights(whitened)
         each = np.sqrt((weights * whitened**2).sum(axis=(0, 2)) / np.maximum(weights.sum(axis=(0, 2)), 1e-9))
         n, readings = len(whitened), 3 * int(self._used.sum())
@@ -175,13 +175,13 @@ class _Bundle:
     def _deviation(self) -> float:
         return float(np.hypot(self._tour.noise, _MODEL))
 
-    def _whitened(self) -> Array:
+    def _whiten(self) -> Array:
         """(n, k, 3) residuals by their standard deviation."""
         return np.array([self._predict(n)[0] for n in range(len(self._places))]) / self._deviation()
 
     def normal(self) -> tuple[Array, Array, list[tuple[Array, Array]]]:
         """H and g of the sensors' normal equations, poses eliminated; and for each pose what finds its own step."""
-        H, g = self._weight0.copy(), self._weight0 @ self._away()
+        H, g = self._weight0.copy(), self._weight0 @ self._find_departure()
         self._add_coils(H, g)
         back, sigma = [], self._deviation()
         P, k = PARAMETERS, self._k
@@ -203,7 +203,7 @@ class _Bundle:
             back.append((inner @ own, inner @ cross))
         return H, g, back
 
-    def _away(self) -> Array:
+    def _find_departure(self) -> Array:
         """(size,) how far the unknowns are from what was known of them beforehand, with the sign of a residual."""
         moments = (self._device.moment_per_current - self._moments).T.ravel()
         away: Array = np.concatenate([-self._theta.ravel(), [1.0 - self._strength], moments])
