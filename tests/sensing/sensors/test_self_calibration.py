@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from haptorb.apps.inspect.sensing import compute_row, sensing_cases
 from haptorb.devices.loader import load
 from haptorb.devices.sensor_errors import SensorErrors, draw_sensors
 from haptorb.devices.state import rotation_to_axis
@@ -59,23 +60,23 @@ def test_too_many_dead_sensors_are_refused_by_number(tour):
 
 
 def test_what_cannot_be_observed_is_found_by_the_information():
-    """A common gain is one with the magnet's strength; the coils tell how all sensors are turned."""
+    """A common gain is one with the magnet's strength; a common rotation is held by the places' tolerance only."""
     coils, tour = predict_coils(OMNI), spread_tour(OMNI, 200)
 
-    def list_left(readings):
-        covariance = predict_covariance(OMNI, readings, tour)
-        return {name: left for name, (left, _) in find_observed_share(OMNI, covariance, EVERY).items()}
+    def list_left(device, readings):
+        covariance = predict_covariance(device, readings, tour)
+        return {name: left for name, (left, _) in find_observed_share(device, covariance, EVERY).items()}
 
-    share = list_left(coils)
-    blind = list_left(replace(coils, deviation=np.full(3, 1.0)))  # coils that say nothing
+    share = list_left(OMNI, coils)
     assert share["gain"] > 0.9
-    for name in ("turn-x", "turn-y", "turn-z"):
-        assert share[name] < 0.8 * blind[name]
-        assert blind[name] > 0.9
+    assert max(share["turn-x"], share["turn-y"], share["turn-z"]) < 0.6
+    loose = replace(OMNI, hall=replace(OMNI.hall, errors=replace(OMNI.hall.errors, placement=5e-3)))
+    blind = list_left(loose, replace(coils, deviation=np.full(3, 1.0)))  # coils that say nothing
+    assert min(blind["turn-x"], blind["turn-y"], blind["turn-z"]) > 0.9
 
 
 def test_errors_that_no_model_of_the_estimator_made_are_found(tour):
-    """Readings of a stronger magnet of more charges than the estimator has, some of them disturbed."""
+    """Readings of a stronger magnet of more charges than the estimator has, first poses 2 mm off."""
     errors = OMNI.hall.errors
     drawn = draw_sensors(errors, 9, specimen=3)
     stronger = replace(OMNI, tool=replace(OMNI.tool, remanence=1.02 * OMNI.tool.remanence))
@@ -86,7 +87,6 @@ def test_errors_that_no_model_of_the_estimator_made_are_found(tour):
         B = tool_readings(model, np.ascontiguousarray(p), rotation_to_axis(axis))[0]
         fields[n] = np.einsum("kij,kj->ki", drawn.mixing, B) + drawn.offset
     fields += tour.noise * rng.standard_normal(fields.shape)
-    fields[100:110] += 3e-4  # somebody passes with a key
     coils = predict_coils(true)
     coils = replace(coils, per_ampere=np.einsum("kij,kjm->kim", drawn.mixing, coils.per_ampere), at_rest=drawn.offset)
     begin = tour.places + 2e-3 * rng.standard_normal(tour.places.shape)
@@ -105,11 +105,12 @@ def test_the_stated_error_is_what_the_tracker_does():
     """Offsets of 0.05 mT on 60 devices, no noise: as far off as the first-order covariance says."""
     p = np.array([0.01, -0.02, 0.055])
     quiet = without_errors(OMNI)
-    model, far = ToolModel.of(quiet), []
-    B = tool_readings(model, p, rotation_to_axis(p))[0]
-    for specimen in range(60):
+    tracker, far = HallTracker(quiet), []
+    B = tool_readings(ToolModel.of(quiet), p, rotation_to_axis(p))[0]
+    for specimen in range(60):  # a second apart: each is found from nothing
         offset = draw_sensors(SensorErrors(offset=5e-5), 9, specimen).offset
-        found = HallTracker(quiet).update(Sample(0.0, np.zeros(3), np.full(3, 298.0), B + offset, NO_POSE))
+        reading = Sample(float(specimen), np.zeros(3), np.full(3, 298.0), B + offset, NO_POSE)
+        found = tracker.update(reading)
         if found.valid:
             far.append(found.state.p - p)
     reached, bound = pose_covariance(
@@ -124,13 +125,11 @@ def test_the_stated_error_is_what_the_tracker_does():
 
 def test_the_aim_is_met_with_all_errors_and_full_current():
     """1.0 mm rms over the shell: sensors 0.05 mT, 1 %, 0.2 mm and 0.5° off, drift, remanence, 20 A, calibrated."""
-    from haptorb.apps.inspect.sensing import sensing_accuracy
-
-    table = sensing_accuracy(OMNI)
-    assert table.row("all, calibrated: sensors", 20.0).place < 1.0e-3
-    assert table.row("offset 0.05 mT", 0.0).place > 2.0e-3
-    assert table.row("all, not calibrated", 20.0).place > 3.0e-3
-    assert all(row.bound <= row.place * (1 + 1e-6) for row in table.rows)
+    rows = {case.name: compute_row(case, 20.0) for case in sensing_cases(OMNI, readings=200) if "all" in case.name}
+    assert rows["all, calibrated: sensors"].place < 1.0e-3
+    assert rows["all, calibrated: sensors"].jnd < 0.5
+    assert rows["all, not calibrated"].place > 3.0e-3
+    assert all(row.bound <= row.place * (1 + 1e-6) for row in rows.values())
 
 
 def test_the_tracker_knows_the_cores_lag():

@@ -26,16 +26,13 @@ def ideal(**changes):
     return omni
 
 
+UNIT = np.concatenate([np.stack([dipole.field(e, x[None])[0] for e in np.eye(3)], axis=1) for x in OMNI.hall.positions])
+TOOL = ideal().sample(0, 0, True).field.ravel()  # half a metre away
+
+
 def moment(omni):
     """The electromagnet's moment [A·m²] as its field at the sensors has it, tool away."""
-    at = OMNI.hall.positions
-    U = np.concatenate([np.stack([dipole.field(e, x[None])[0] for e in np.eye(3)], axis=1) for x in at])
-    return np.linalg.lstsq(U, omni.sample(0, 0, True).field.ravel() - moment_of_tool(omni), rcond=None)[0]
-
-
-def moment_of_tool(omni):
-    off = ideal()
-    return off.sample(0, 0, True).field.ravel()
+    return np.linalg.lstsq(UNIT, omni.sample(0, 0, True).field.ravel() - TOOL, rcond=None)[0]
 
 
 @pytest.mark.parametrize(("frequency", "missing"), [(10.0, 0.005), (50.0, 0.013)])

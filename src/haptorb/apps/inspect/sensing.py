@@ -25,7 +25,7 @@ from haptorb.sensing.sensors.sensing_accuracy import SensorKnowledge, pose_covar
 from haptorb.sensing.tool.place_filter import noise_share
 from haptorb.sensing.tool.position_accuracy import better_sensors, with_sensors
 
-__all__ = ["SensingAccuracy", "SensingRow", "sensing_accuracy", "sensing_cases", "summarize_sensing"]
+__all__ = ["SensingAccuracy", "SensingRow", "compute_row", "sensing_accuracy", "sensing_cases", "summarize_sensing"]
 
 ASKED = 0.3  #: force that is asked [N]
 _EDDY_FREQUENCY = 50.0  #: at which the core's lag is stated [Hz]
@@ -95,7 +95,7 @@ class SensingAccuracy:
             "Tool by the field sensors: errors over the shell, rms, first order",
         )  # fmt: skip
         for row in self.rows:
-            table.add_row(
+            table.addcompute_row(
                 row.name, f"{row.current:.0f}", f"{1e3 * row.place:.2f}", f"{math.degrees(row.axis):.2f}",
                 f"{1e3 * row.bound:.2f}", f"{1e3 * row.force:.1f}", f"{row.jnd:.2f}",
             )  # fmt: skip
@@ -115,7 +115,7 @@ def sensing_accuracy(device: Device) -> SensingAccuracy:
     if located.sensors < 2:
         raise InputError(f"device '{device.name}' has {located.sensors} field sensors; two at least locate a tool")
     currents = (0.0, float(device.driven_current.min()))
-    rows = [_row(case, current) for case in sensing_cases(located) for current in currents]
+    rows = [compute_row(case, current) for case in sensing_cases(located) for current in currents]
     return SensingAccuracy(device.name, tuple(rows))
 
 
@@ -123,7 +123,7 @@ def summarize_sensing(device: SphericalElectromagnet) -> str:
     """One line for the card: all errors of the device file, coils at full current, before and after calibration."""
     current = float(device.driven_current.min())
     wanted = ("all, not calibrated", "all, calibrated: sensors")
-    before, after = (_row(case, current) for case in sensing_cases(device, readings=120) if case.name in wanted)
+    before, after = (compute_row(case, current) for case in sensing_cases(device, readings=120) if case.name in wanted)
     return (
         f"place {1e3 * after.place:.1f} mm, axis {math.degrees(after.axis):.1f}°, force {1e3 * after.force:.0f} mN "
         f"({after.jnd:.1f} JND) rms over the shell at {current:.0f} A after `haptorb calibrate`, "
@@ -175,7 +175,8 @@ def sensing_cases(device: SphericalElectromagnet, readings: int = 360) -> Iterat
         yield SensingCase("all, calibrated: sensors, in two rings", ringed, there)
 
 
-def _row(case: SensingCase, current: float) -> SensingRow:
+def compute_row(case: SensingCase, current: float) -> SensingRow:
+    """Root mean squares over the shell for `case`, all coils at `current` [A]."""
     device = case.device
     currents = np.full(device.channels, current)
     places, weights = shell_sample(device)

@@ -35,8 +35,8 @@ from haptorb.sensing.tool.tool_field import ToolModel
 
 __all__ = ["CoilReadings", "SensorFit", "fit_sensors", "predict_covariance"]
 
-_MOST = 12  #: steps
-_DONE = 1e-3  #: of a standard deviation of the prior, a step after which no other is made
+_MOST = 30  #: steps
+_DONE = 1e-2  #: of a standard deviation of the prior, a step after which no other is made
 _HUBER = 2.5  #: standard deviations beyond which a reading pulls no more strongly
 _MODEL = 1e-6  #: standard deviation of what the model of the tool's field gets wrong [T]
 _STRENGTH = 0.03  #: standard deviation of the magnet's strength, relative
@@ -98,7 +98,8 @@ def predict_covariance(device: SphericalElectromagnet, coils: CoilReadings, tour
     information, that of the device file's distributions included."""
     H, _, _ = _Bundle(device, coils, tour, coils.used).normal()
     count = PARAMETERS * device.sensors
-    return np.asarray(np.linalg.inv(H)[:count, :count], dtype=np.float64)
+    covariance: Array = np.linalg.inv(H)[:count, :count]
+    return covariance
 
 
 class _Bundle:
@@ -136,9 +137,9 @@ class _Bundle:
         for _ in range(_MOST):
             H, g, back = self.normal()
             step: Array = np.asarray(np.linalg.solve(H, g), dtype=np.float64)
-            self._step(step, back)
             if not np.isfinite(step).all():
-                break
+                raise CalibrationError("the readings are no numbers, or all alike; see `haptorb hardware monitor`")
+            self._step(step, back)
             if np.abs(step / scale).max() < _DONE:
                 break
         else:
@@ -180,7 +181,7 @@ class _Bundle:
 
     def normal(self) -> tuple[Array, Array, list[tuple[Array, Array]]]:
         """H and g of the sensors' normal equations, poses eliminated; and for each pose what finds its own step."""
-        H, g = self._weight0.copy(), self._weight0 @ self._prior_residual()
+        H, g = self._weight0.copy(), self._weight0 @ self._find_departure()
         self._add_coils(H, g)
         back, sigma = [], self._deviation()
         P, k = PARAMETERS, self._k
@@ -202,7 +203,7 @@ class _Bundle:
             back.append((inner @ own, inner @ cross))
         return H, g, back
 
-    def _prior_residual(self) -> Array:
+    def _find_departure(self) -> Array:
         """(size,) how far the unknowns are from what was known of them beforehand, with the sign of a residual."""
         moments = (self._device.moment_per_current - self._moments).T.ravel()
         away: Array = np.concatenate([-self._theta.ravel(), [1.0 - self._strength], moments])

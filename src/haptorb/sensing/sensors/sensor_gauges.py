@@ -42,7 +42,7 @@ def find_observed_share(
 ) -> dict[str, tuple[float, float]]:
     """Name → standard deviation that is left of that of the device file (1: nothing was observed), and what is left.
 
-    covariance (15 k, 15 k): of the sensors' errors after the calibration.
+    covariance (15 k, 15 k) of the errors θ [T, 1, m] after the calibration; used (k,).
     """
     prior = np.kron(np.eye(device.sensors), prior_covariance(device.hall.errors))
     out = {}

@@ -54,8 +54,8 @@ def check_tour(device: SphericalElectromagnet, tour: ToolTour) -> None:
     lean = np.arccos(np.clip(np.einsum("ni,ni->n", outward, tour.axes), -1.0, 1.0))
     low, high = np.percentile(distance, (5, 95))
     missing = []
-    counts = np.bincount(sector[polar > _OUTER * half], minlength=_SECTORS)
-    empty = np.flatnonzero(counts < _LEAST_IN_SECTOR)
+    visits = np.bincount(sector[polar > _OUTER * half], minlength=_SECTORS)
+    empty = np.flatnonzero(visits < _LEAST_IN_SECTOR)
     if len(empty):
         wide = 360 // _SECTORS
         sides = ", ".join(f"{wide * one}° to {wide * (one + 1)}°" for one in empty)
