@@ -119,7 +119,7 @@ def test_eddy_currents_take_the_share_of_a_turning_force_that_the_device_file_sa
 
 
 def test_a_pose_from_field_sensors_is_off_as_the_tracker_itself_is() -> None:
-    exact = replace(OMNI, hall=replace(OMNI.hall, noise=1e-6, step=0.0, errors=SensorErrors()))
+    exact = replace(OMNI, hall=replace(OMNI.hall, step=0.0, errors=SensorErrors()))
     model = tool_errors(exact, 0.07, "hall")
     point = model.draw_point(1, np.random.default_rng(10))
     trial = perturb(model, remanence=1)
@@ -186,10 +186,14 @@ def test_a_calibration_narrows_the_moments(calibrated) -> None:
 
 
 def test_current_sensors_that_measured_the_moments_cancel_and_field_sensors_do_not(tool, calibrated) -> None:
-    point = tool.draw_point(0, np.random.default_rng(11))
-    assert np.linalg.norm(tool.wrench_error(point, perturb(tool, **{"current_sensors,_gain": 1}))) > 1e-4
-    assert tool.wrench_error(point, tool.make_trial()) == pytest.approx(np.zeros(3), abs=1e-9)
-    assert np.linalg.norm(calibrated.wrench_error(point, perturb(calibrated, **{"current_sensors,_gain": 1}))) < 1e-5
+    rng, least = np.random.default_rng(11), 0.0
+    while least < 0.6:  # [A]: below 2.5 % of the limit a coil's current does not follow its sensor
+        point = tool.draw_point(0, rng)
+        wrench_map = OMNI.wrench_map(State.at(point.p, R_SR=point.R), "exact")
+        least = float(np.abs(force_allocator(OMNI).allocate(wrench_map, point.wrench).currents).min())
+    gain = {"current_sensors,_gain": 1}
+    assert np.linalg.norm(tool.wrench_error(point, perturb(tool, **gain))) > 1e-4
+    assert np.linalg.norm(calibrated.wrench_error(point, perturb(calibrated, **gain))) < 1e-9
     # Sensors that read too much found moments that are too large: the true ones give less.
     weaker = replace(OMNI, moment_per_current=OMNI.moment_per_current / (1 + OMNI.hall.errors.gain))
     error = calibrated.wrench_error(point, perturb(calibrated, **{"field_sensors,_gain": 1}))
