@@ -81,7 +81,7 @@ def _lose_to_friction() -> float:
     kappa = (MINUS_1 + MINUS_2) * END / L_M / plus
     across = math.cos(beta) - _FRICTION * math.sin(beta)
     along = math.sin(beta) + _FRICTION * math.cos(beta)
-    return _FRICTION / (across + kappa * along) / math.sin(beta)
+    return float(_FRICTION / (across + kappa * along) / math.sin(beta))
 
 
 def _slopes() -> tuple[float, float]:

@@ -140,7 +140,7 @@ def _find_printed_zero() -> float:
     from scipy.optimize import brentq
 
     def radial(alpha: float) -> float:
-        return 2.0 * np.cos(alpha * 2 * np.radians(_NARROW) / np.pi)
+        return float(2.0 * np.cos(alpha * 2 * np.radians(_NARROW) / np.pi))
 
     angles = np.linspace(0.0, 4 * np.pi, 1001)
     turns = np.flatnonzero(np.diff(np.sign([radial(a) for a in angles])))

@@ -48,7 +48,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.assume("nearest", "nearest set-points apart: 'evenly separated by 18°'", 18.0, apart.min(), "°", 1e-9,
                    "the paper does not list its points; 1 + 4 + 8 + 12 on four rings are assumed so that this holds"),
         _AT.item("twice", "how often a person is asked for each point: 'exactly twice'", 2,
-                 Entry(np.mean([set(Counter(one).values()) == {2} for one in numbers]) * 2, own), "1", 1e-9),
+                 Entry(2.0 * float(np.mean([set(Counter(one).values()) == {2} for one in numbers])), own), "1", 1e-9),
         _AT.item("per-person", "data points per user", 50, Entry(len(numbers[0]), own)),
         _AT.compare("random", "share of the users whose order differs from all others'", 1.0,
                 len({tuple(one) for one in numbers}) / len(numbers), "1", 0.0, "'randomly selected'"),
