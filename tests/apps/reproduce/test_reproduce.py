@@ -290,7 +290,7 @@ def test_the_phases_through_the_chain(phases):
     # the parts are what was wanted, and each by itself gives its torque only
     # (6b) holds for T_ψ, T_λ and T_φ, not for components along X, Y and Z: a pull has no T_φ, at any λ
     along = pull.euler_torque("asked")
-    assert along[:, 1] / force[:, 0] == pytest.approx(FORCE_SCALE * 0.02, rel=1e-3)
+    assert along[:, 1] / force[:, 0] == pytest.approx(FORCE_SCALE * 0.02, rel=1e-2)
     assert np.abs(along[:, 2]).max() < 1e-4 * np.abs(along).max() < 1e-2 * np.abs(asked[:, 5]).max()
     assert pull["wanted"] == pytest.approx(pull.psi + pull.lam + pull.phi + pull.rest, abs=1e-9)
     assert (right["mode"] == 2).all()

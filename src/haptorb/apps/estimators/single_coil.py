@@ -120,6 +120,6 @@ def _take_readings(network: Perceptron, mean: Array, basis: Array) -> Perceptron
     """The same network with `basis` (c, n) and `mean` (n,) multiplied in: it takes (n,) readings."""
     scaling = network.inputs
     per_reading = basis / scaling.spread[:, None]
+    # The components have no mean: the readings' own is subtracted before, here and in training.
     hidden = np.column_stack([network.hidden[:, :-1] @ per_reading, network.hidden[:, -1]])
-    hidden[:, -1] -= network.hidden[:, :-1] @ (scaling.mean / scaling.spread)
     return Perceptron(hidden, network.output, Scaling(mean, np.ones_like(mean)), network.outputs)
