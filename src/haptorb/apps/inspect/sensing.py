@@ -95,7 +95,7 @@ class SensingAccuracy:
             "Tool by the field sensors: errors over the shell, rms, first order",
         )  # fmt: skip
         for row in self.rows:
-            table.addcompute_row(
+            table.add_row(
                 row.name, f"{row.current:.0f}", f"{1e3 * row.place:.2f}", f"{math.degrees(row.axis):.2f}",
                 f"{1e3 * row.bound:.2f}", f"{1e3 * row.force:.1f}", f"{row.jnd:.2f}",
             )  # fmt: skip

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.control.allocation.allocator import Allocation, Allocator
+from haptorb.control.allocation.allocator import Allocation, Allocator, Saturation
 from haptorb.control.clutch.linkage import NO_CONTACTS, Direct, Linkage, RenderedWrench
 from haptorb.control.protection.protection import Protection
 from haptorb.control.protection.trip import Trip
@@ -65,7 +65,7 @@ class Tick:
         self._nothing = np.zeros(6)
         nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
         self._felt_last = RenderedWrench(self._nothing, nowhere, self._nothing, NO_CONTACTS, 0, np.zeros(2), False)
-        self._no_currents = Allocation(self._zeros, self._nothing, False, 0.0)
+        self._no_currents = Allocation(self._zeros, self._nothing, Saturation.NONE, 0.0)
         self._stages = np.zeros(len(STAGES))
         self._ahead = 0.0  # spent in `prepare` [s]
         model = estimator.model

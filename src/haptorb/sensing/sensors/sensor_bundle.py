@@ -98,8 +98,7 @@ def predict_covariance(device: SphericalElectromagnet, coils: CoilReadings, tour
     information, that of the device file's distributions included."""
     H, _, _ = _Bundle(device, coils, tour, coils.used).normal()
     count = PARAMETERS * device.sensors
-    covariance: Array = np.linalg.inv(H)[:count, :count]
-    return covariance
+    return np.asarray(np.linalg.inv(H)[:count, :count], dtype=np.float64)
 
 
 class _Bundle:
