@@ -210,11 +210,11 @@ def test_the_known_transcriptions_fits_and_own_numbers_are_called_so(quick):
 
 
 def test_nothing_is_counted_twice(quick):
-    """No two rows of one paper compare the same two numbers of the same unit, zeros and ones apart."""
+    """No two rows of one place of a paper compare the same two numbers, zeros and ones apart."""
     seen = {}
     for item in (item for made, _ in quick.values() for item in made):
         if item.verdict in ("reproduced", "contradicted") and item.computed not in (0.0, 1.0, -1.0):
-            seen.setdefault((item.paper, item.unit, item.published, f"{item.computed:.6g}"), []).append(item.id)
+            seen.setdefault((item.paper, item.where, item.published, f"{item.computed:.6g}"), []).append(item.id)
     small = [ids for (_, _, printed, _), ids in seen.items() if len(ids) > 1 and printed not in (0.0, 1.0)]
     assert small == []
 
