@@ -53,10 +53,7 @@ def draw_study(path: Path) -> Path:
     below = figure.add_subplot(grid[1, :])
     draw_error(below, analysis)
     left.set_title("Fig. 8, left, simulated: answers to each set-point", loc="left", fontsize=10)
-    right.set_title(
-        "Fig. 8, right, simulated: share of correct answers;\narrows: a third or more of the wrong ones",
-        loc="left", fontsize=10,
-    )  # fmt: skip
+    right.set_title("Fig. 8, right, simulated: correct answers; arrows: a third or more of the wrong ones", fontsize=10)
     below.set_title("Fig. 9: simulated participants beside the printed means", loc="left", fontsize=10)
     figure.suptitle(analysis.origin, color="#c0392b", fontsize=10)
     figure.savefig(path, dpi=110)
