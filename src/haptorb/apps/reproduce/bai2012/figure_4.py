@@ -20,6 +20,7 @@ from haptorb.apps.estimators import EstimatorComparison, compare, plot_disturban
 from haptorb.apps.estimators.single_coil import CoilNetwork, ComponentFit, fit_components, train_coil
 from haptorb.apps.estimators.trajectories import figure_4, random_workspace
 from haptorb.apps.reproduce.citation import Citation
+from haptorb.apps.reproduce.entry import Entry
 from haptorb.apps.reproduce.item import Item
 from haptorb.devices.motor.api import motor
 from haptorb.devices.motor.spherical_motor import SphericalMotor
@@ -84,8 +85,18 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
         return float(getattr(result.row(name, reading), where))
 
     found = [
-        _AT.item("samples", "samples of the training", 16200, paper.samples, "1", 0, "a count"),
-        _AT.item("nodes", "nodes of the hidden layer", 10, paper.network.nodes, "1", 0, "a count"),
+        _AT.item(
+            "samples", "samples of the training", 16200, Entry(paper.samples, "haptorb's training"), "1", 0, "a count"
+        ),
+        _AT.item(
+            "nodes",
+            "nodes of the hidden layer",
+            10,
+            Entry(paper.network.nodes, "haptorb's training"),
+            "1",
+            0,
+            "a count",
+        ),
     ]
     found += [item for course in courses[10] for item in _judge(course, paper)]
     for nodes, network in single.items():

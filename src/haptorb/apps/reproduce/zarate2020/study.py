@@ -7,16 +7,15 @@ from math import sqrt
 
 import numpy as np
 
-from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.reproduce.citation import Citation
 from haptorb.apps.reproduce.entry import Entry, read_entry
 from haptorb.apps.reproduce.item import Item
 from haptorb.apps.reproduce.registry import Drawing, Report
-from haptorb.apps.reproduce.zarate2020.simulated_study import draw_study
+from haptorb.apps.reproduce.zarate2020.simulated_study import draw_study, simulate_study
 from haptorb.apps.study.model.order import plan
 from haptorb.apps.study.model.set_points import directions, list_published
-from haptorb.apps.study.model.study_file import Study, study_of
-from haptorb.apps.study.simulated.participant import PUBLISHED_ERRORS, Participant
+from haptorb.apps.study.model.study_file import study_of
+from haptorb.apps.study.simulated.participant import PUBLISHED_ERRORS
 
 __all__ = ["items"]
 
@@ -58,7 +57,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
         _AT.item("theta-2", "θ₂ of it", 54.0, read_entry(world, "cut_off_deg"), "°"),
         _AT.claim("repulsive", "sign of its moment: 'only repulsive forces'", 1.0,
                   Entry(np.sign(read_entry(world, "moment").value), own), "1", 0.0),
-        *_test_trend(study, report),
+        *_test_trend(),
         _AT.exempt("confusion", "confusion matrix of 25 set-points, answers drawn to the neighbour higher up",
                       _PEOPLE, "Fig. 8"),
         _AT.exempt("gravity", "gravity as the reason for it", _PEOPLE, "Fig. 9"),
@@ -69,20 +68,18 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
     return found, draw_study
 
 
-def _test_trend(study: Study, report: Report) -> list[Item]:
+def _test_trend() -> list[Item]:
     """Fig. 9: the four printed errors, and those of six simulated people, who were calibrated to them."""
     fitted = "traits of the simulated people were calibrated to the four printed means: 3 standard errors of six people"
-    errors = _simulate_errors(study, report)
+    rings = {ring.theta_deg: ring for ring in simulate_study().rings}
     found = []
     for theta, (mean, spread) in PUBLISHED_ERRORS.items():
-        trials = len(errors[theta])
         found.append(
             _AT.assume(f"error-{theta:.0f}", f"error at θ = {theta:.0f}°, {mean:g} ± {spread:g}", mean,
-                       float(np.mean(errors[theta])), "mm", 3 * spread / sqrt(trials), fitted, where="Fig. 9")
+                       rings[theta].mean, "mm", 3 * spread / sqrt(rings[theta].trials), fitted, where="Fig. 9")
         )  # fmt: skip
-    counts = {theta: len(one) for theta, one in errors.items()}
-    printed = [(theta, *PUBLISHED_ERRORS[theta], counts[theta]) for theta in sorted(counts)]
-    here = [(theta, float(np.mean(one)), float(np.std(one, ddof=1)), len(one)) for theta, one in sorted(errors.items())]
+    printed = [(theta, *PUBLISHED_ERRORS[theta], ring.trials) for theta, ring in sorted(rings.items())]
+    here = [(theta, ring.mean, ring.sd, ring.trials) for theta, ring in sorted(rings.items())]
     return [
         *found,
         _AT.note("trend-printed", "'the error increases as a function of the angle': slope of the printed means over "
@@ -91,24 +88,6 @@ def _test_trend(study: Study, report: Report) -> list[Item]:
         _AT.assume("grows", "the same of the simulated people: 1 if above 1.96", 1.0, float(_find_slope(here) > 1.96),
                    "1", 0.0, fitted, where="Fig. 9"),
     ]  # fmt: skip
-
-
-def _simulate_errors(study: Study, report: Report, people: int = 6) -> dict[float, list[float]]:
-    """θ [°] → distances [mm] between set-point and answer, of `people` simulated people in their own order."""
-    contact = study.load_device().contact_distance
-    found: dict[float, list[float]] = {}
-    for person in range(people):
-        participant = Participant(study, (0, person + 1))
-        prompts = [one for part in plan(study, person)["parts"] for one in part["prompts"]]
-        for number, prompt in enumerate(prompts, 1):
-            if prompt.get("phase") == "practice":
-                continue
-            point = study.point(prompt["set_point"])
-            place = participant.answer(Prompt.read(prompt), number).position
-            way = contact * np.array(point.direction)
-            found.setdefault(point.theta_deg, []).append(1e3 * float(np.linalg.norm(np.array(place) - way)))
-        report(0.7 + 0.3 * (person + 1) / people)
-    return found
 
 
 def _find_slope(rows: list[tuple[float, float, float, int]]) -> float:
