@@ -31,8 +31,8 @@ help:
 run: $(VENV)/.run
 	@exec $(BIN)/haptorb run $(ARGS)
 
-# Style, types, import contracts and documentation are tests too (tests/checks). What runs beside a clock (the `realtime`
-# marker) comes in twos, then what needs a browser, alone; all else computes in the time that they leave. One summary for all.
+# Style, types, import contracts and documentation are tests too (tests/checks). A process for each processor; what runs
+# beside a clock (the `realtime` marker) follows in twos, then what needs a browser, alone. One summary for all.
 test: $(VENV)/.test packages
 	@$(BIN)/python scripts/run_tests.py --markers "not slow" --durations=10 $(ARGS)
 

@@ -11,7 +11,7 @@ import pytest
 
 from haptorb.apps.calibrate.dialog import Dialog, check_steps, guide_calibration
 from haptorb.apps.calibrate.measure import Pace
-from haptorb.apps.calibrate.steps import Step
+from haptorb.apps.calibrate.step import Step
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.runtime.drivers.serial.emulator import EmulatedDevice, Emulator
@@ -35,7 +35,7 @@ class Person:
         return self.at, UPRIGHT
 
     def place(self, step: Step, emulated: EmulatedDevice) -> bool:
-        self.at = np.array([0.0, 0.0, self._device.contact_distance if step.near else 0.5])
+        self.at = np.array([0.0, 0.0, self._device.contact_distance if step.hand == "summit" else 0.5])
         emulated.place(self.at, UPRIGHT)
         return True
 

@@ -66,7 +66,7 @@ class FakeChain:
     def __init__(self, layout: RowLayout, world: Any, log: Path, tracker: Any, **behaviour: Any) -> None:
         self.driver = FakeDriver(log, behaviour.get("fails", ""))
         self.guard = self
-        self.error = ""
+        self.error = self.remark = ""
         self.world = world
         self._layout, self._behaviour, self._tracker = layout, behaviour, tracker
         self._trip = Trip.NONE
