@@ -37,7 +37,7 @@ def rail(browser: Any) -> Iterator[tuple[Any, Servo]]:
     register(kind)
     try:
         servo = Servo(RAIL / "rail.toml", record=False, rate=500.0)
-        with Console(servo, 0) as console, servo, home.served(console):
+        with Console(servo, 0) as console, servo, home.serve(console):
             page = browser.new_page(viewport=home.DESK)
             yield home.Screen(page, console.url), servo
             page.close()

@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.realtime(retry=False)]
 FORCE = Item("x", "bai2012", "Fig. 8", "a force " + 12 * "of some kind ", 1.0, 1.04, "N", 0.05, why="as stiff as that")
 ROWS = 14  #: per part: about as many as there are
 HEIGHT = "document.documentElement.scrollHeight"
-SHOWN = "[...document.querySelectorAll('tbody tr')].filter(row => row.getBoundingClientRect().height > 0).length"
+SHOWN = "[...document.querySelectorAll('tbody tr')].filter(row => row.checkVisibility()).length"
 
 
 def draw(path: Path) -> Path:
@@ -52,11 +52,11 @@ def test_folded_unfolded_and_on_paper(page: Any) -> None:
         page.locator("a[href='#bai2012-bad3']").click()
         assert page.locator("[id='bai2012-bad3']").is_visible()
         assert page.evaluate("document.querySelector(':target').getBoundingClientRect().top") < 800
-        page.get_by_role("button", name="Fold all").click()
+        page.get_by_role("button", name="Fold all", exact=True).click()
         assert page.evaluate(SHOWN) == 0
     page.get_by_role("button", name="Unfold all").click()
     assert page.evaluate(SHOWN) == rows
-    page.get_by_role("button", name="Fold all").click()
+    page.get_by_role("button", name="Fold all", exact=True).click()
     page.emulate_media(media="print")
     assert page.evaluate(SHOWN) == rows
     page.emulate_media(media="screen")
