@@ -25,7 +25,7 @@ import traceback
 import warnings
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -316,8 +316,10 @@ def kinds(folder: Path) -> list[Kind]:
             raise refused
         return recording
 
+    alone = replace(omni, coils=replace(omni.coils, heat=replace(omni.coils.heat, coupling=None)))
+
     def of_thermal(path: Path) -> object:
-        return thermal_record(path, omni)
+        return thermal_record(path, alone)
 
     def of_progress(path: Path) -> object:
         progress = ProgressFile(path.with_name("file"), omni, "sim", lambda: 1000.0)
@@ -357,6 +359,7 @@ def kinds(folder: Path) -> list[Kind]:
     progress.keep("magnetic", {
         "moment_per_current_m2": (0.2 * np.eye(n)).tolist(), "uncertainty_m2": np.eye(n).tolist(),
         "offsets_t": np.zeros((9, 3)).tolist(), "residual_t": 1e-5, "condition": 2.0, "repeatability": 1e-4,
+        "failed": [],
     })  # fmt: skip
     progress.keep("tool", {"likeness": 0.9, "strength": 1.0})
 

@@ -111,7 +111,7 @@ class FaultyBus:
     @property
     def zero(self) -> bool:
         """Whether the registers let no current flow."""
-        return not any(self.pwm.driven(output) for output in range(3))
+        return not any(self.pwm.read_output(output) for output in range(3))
 
 
 class Session:

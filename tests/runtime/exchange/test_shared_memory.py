@@ -158,24 +158,25 @@ def test_torn_rows_would_be_noticed(shared: SharedMemory) -> None:
 
 def test_pointer_never_torn(shared: SharedMemory) -> None:
     def write(other: SharedMemory, i: int) -> None:
-        other.pointer.write(bool(i % 2), np.full(3, float(i)), np.full(4, float(i)), float(i))
+        other.pointer.write(bool(i % 2), np.full(3, float(i)), np.full(4, float(i)), float(i), float(i))
 
     with _writing(shared, write):
         seen, last = 0, 0.0
         while seen < 50_000:
-            held, p, q, stamp = shared.pointer.read_pointer()
+            held, p, q, stamp, patience = shared.pointer.read_pointer()
             if stamp == 0.0:  # nothing was written yet
                 continue
             seen += 1
             assert (p == stamp).all()
             assert (q == stamp).all()
+            assert patience == stamp
             assert held == bool(stamp % 2)
             assert stamp >= last
             last = stamp
 
 
 def test_pointer_of_a_writer_that_died_in_the_middle() -> None:
-    memory = memoryview(bytearray(80))
+    memory = memoryview(bytearray(88))
     words = memory.cast("q")
     block = PointerBlock(words, memory.cast("d"), 0)
     block.write(True, np.ones(3), np.ones(4), 5.0)

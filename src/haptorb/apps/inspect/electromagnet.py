@@ -184,12 +184,10 @@ class ElectromagnetCard(Card):
             Quantity("shell", "mm", 1e3 * device.shell_thickness),
             Quantity("peak radial force in contact", "mN", 1e3 * near.peak_radial),
             Quantity("peak tangential force in contact", "mN", 1e3 * near.peak_tangential),
-            Quantity("continuous radial force in contact, one coil warm", "mN", 1e3 * near.lasting_radial),
-            Quantity("continuous tangential force in contact, one coil warm", "mN", 1e3 * near.lasting_tangential),
-            Quantity("continuous radial force in contact, all coils warm", "mN", 1e3 * near.lasting_radial_all_warm),
-            Quantity(
-                "continuous tangential force in contact, all coils warm", "mN", 1e3 * near.lasting_tangential_all_warm
-            ),
+            Quantity("continuous radial in contact, one coil warm", "mN", 1e3 * near.lasting_radial),
+            Quantity("continuous tangential in contact, one coil warm", "mN", 1e3 * near.lasting_tangential),
+            Quantity("continuous radial in contact, all coils warm", "mN", 1e3 * near.lasting_radial_all_warm),
+            Quantity("continuous tangential in contact, all coils warm", "mN", 1e3 * near.lasting_tangential_all_warm),
             Quantity("peak radial force at the shell's end", "mN", 1e3 * far.peak_radial),
             Quantity("passive pull in contact", "mN", 1e3 * near.passive_pull),
             Quantity("force in every direction at the summit", "mN", 1e3 * summit.guaranteed_force),

@@ -44,7 +44,7 @@ def _row(item: Item) -> str:
         ("what", escape(item.what) + why),
         ("printed", printed),
         ("here", _with_unit(item.computed, unit)),
-        ("agrees within", escape(describe_tolerance(item)).replace(" %", "&nbsp;%")),
+        ("agrees within", escape(describe_tolerance(item)).replace(" %", "\N{NO-BREAK SPACE}%")),
     )
     row = "".join(f"<td data-is='{name}'{_numeric(name)}>{text}</td>" for name, text in cells)
     verdict = f"<td data-is='class' class='v {css_class(item.verdict)}'>{escape(item.label)}</td>"

@@ -99,7 +99,7 @@ def fit_eddy_lag(
 
     >>> share, time = fit_eddy_lag(15e-3, 1000.0, 6e6, 0.39)
     >>> round(share, 3), round(1e3 * time, 1)
-    (0.014, 6.3)
+    (0.014, 6.4)
     """
     low, high = frequencies
     missing = core_share * np.abs(1 - sphere_response(np.array([low, high]), radius, permeability, conductivity))

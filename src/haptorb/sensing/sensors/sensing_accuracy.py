@@ -80,7 +80,7 @@ def pose_covariance(
     filter leaves.
 
     >>> from haptorb.devices.loader import load
-    >>> omni = load("omni")
+    >>> omni = without_errors(load("omni"))
     >>> ideal = SensorKnowledge.of(SensorErrors(), omni.sensors)
     >>> reached, bound = pose_covariance(omni, (0, 0, 0.06), (0, 0, 1), (0, 0, 0), ideal)
     >>> bool(np.allclose(reached, bound, rtol=1e-3)), bool(1e-4 < np.sqrt(np.trace(bound[:3, :3])) < 1e-2)

@@ -101,7 +101,7 @@ def euler_axes(q: Array) -> Array:
 
     R = Rx(ψ) Ry(λ) Rz(φ): X itself, Y turned by ψ, Z turned by both. They are at right angles only where λ = 0.
 
-    >>> euler_axes(np.array([0.0, 0.0, 0.0, 1.0])).tolist()
+    >>> (euler_axes(np.array([0.0, 0.0, 0.0, 1.0])) + 0.0).tolist()
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     """
     x, y, z, w = np.moveaxis(q, -1, 0)

@@ -72,7 +72,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
                    rise / float(coils.rise_per_watt[0, 0]), "W", 0.1,
                    "network fitted to the three endurances of one coil"),
         _AT.assume("minutes", "order of magnitude of the thermal time, log₁₀ of minutes: 'in the order of minutes'",
-                   0.0, log10(float(coils.time_constants[0]) / 60.0), "1", 0.8,
+                   0.0, log10(device.coils.heat.coil.time_constants[1] / 60.0), "1", 0.8,
                    "network fitted to the three endurances of one coil"),
         _AT.note("one-node-5", "time constant that one body would need for 5 s at 230 W", one_constant[0], "s",
                  "one body contradicts itself: see the next; hence two"),
