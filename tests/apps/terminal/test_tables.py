@@ -191,7 +191,7 @@ def identification():
 
 
 def curves():
-    from haptorb.apps.study.analysis.statistics import PsychometricCurve
+    from haptorb.apps.study.inference.psychometric import PsychometricCurve
 
     nothing = np.array([0.0, 1.0])
     curve = PsychometricCurve(2.345, 0.4567, 0.0, 0.02, (2.2, 2.5), (0.4, 0.51))

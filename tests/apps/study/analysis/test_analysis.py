@@ -16,7 +16,9 @@ from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.analysis.analysis import analyse
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import page, write_report
-from haptorb.apps.study.analysis.statistics import binomial_tail, bootstrap, psychometric_fit, sign_flip, wilson
+from haptorb.apps.study.inference.intervals import bootstrap, wilson
+from haptorb.apps.study.inference.psychometric import psychometric_fit
+from haptorb.apps.study.inference.significance import binomial_tail, sign_flip
 from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store.columns import tidy

@@ -19,7 +19,9 @@ from haptorb.apps.study.analysis.conditions import (
     count_choices,
     rate_condition,
 )
-from haptorb.apps.study.analysis.statistics import PsychometricCurve, binomial_tail, bootstrap, psychometric_fit, wilson
+from haptorb.apps.study.inference.intervals import bootstrap, wilson
+from haptorb.apps.study.inference.psychometric import PsychometricCurve, psychometric_fit
+from haptorb.apps.study.inference.significance import binomial_tail
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
 from haptorb.apps.terminal.notebook_report import NotebookReport

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.study.analysis.statistics import bootstrap, sign_flip, wilson
+from haptorb.apps.study.inference.intervals import bootstrap, wilson
+from haptorb.apps.study.inference.significance import sign_flip
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
 

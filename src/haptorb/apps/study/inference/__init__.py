@@ -1,0 +1,1 @@
+"""What follows from the answers of some people for all people: intervals, tests, psychometric functions."""
