@@ -89,7 +89,7 @@ def test_all_steps_make_one_file_and_its_id_is_kept_by_the_device(tmp_path: Path
     said: list[str] = []
     out = tmp_path / "omni.json"
     inner, pace = make_driver("sim", OMNI, 3)
-    effort = CalibrationEffort(course=HeatingSchedule(heating=45.0, cooling=30.0))
+    effort = CalibrationEffort(drives=3, course=HeatingSchedule(heating=45.0, cooling=30.0), led=12.0)
     found = guide_calibration(OMNI, inner, out, pace=pace, guide=Dialog(said.append), effort=effort)
     assert found is not None
     assert read_calibration(out).text() == found.text()
