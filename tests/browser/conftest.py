@@ -198,6 +198,18 @@ def painting() -> Iterator[ForceMapProcess]:
     process.close()
 
 
+@pytest.fixture(scope="module")
+def calm(browser: Any, painting: ForceMapProcess) -> Iterator[tuple[Screen, Any]]:
+    """A page of an imagined servo for all tests of a file that leave it as it was, and that servo."""
+    servo = _fake().FakeServo()
+    with Console(servo, 0, felt=painting) as console, serve(console):
+        page = browser.new_page(viewport=DESK)
+        screen = Screen(page, console.url)
+        screen.until("haptorb.control && haptorb.status === 'running'")
+        yield screen, servo
+        page.close()
+
+
 @pytest.fixture
 def staged(browser: Any, fake: Any, painting: ForceMapProcess) -> Iterator[Any]:
     """A function that shows the imagined servo on a page of a given size and theme."""
