@@ -11,7 +11,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE / "_ext"))
 os.environ.setdefault("MPLBACKEND", "Agg")
 
-# Every page stays in memory as a tree to the end: to look through all of them for garbage again and again costs a tenth.
+# Every page stays in memory as a tree to the end: to look through all of them for garbage again and again takes long.
 gc.set_threshold(100_000, 50, 50)
 
 project = "haptorb"
