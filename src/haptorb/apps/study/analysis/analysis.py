@@ -19,6 +19,8 @@ from haptorb.apps.study.analysis.conditions import (
     count_choices,
     rate_condition,
 )
+from haptorb.apps.study.analysis.magnitude import MagnitudeScale, estimate_magnitudes, list_magnitudes
+from haptorb.apps.study.analysis.response_times import ResponseTime, find_response_times, list_response_times
 from haptorb.apps.study.inference.intervals import bootstrap, wilson
 from haptorb.apps.study.inference.psychometric import PsychometricCurve, psychometric_fit
 from haptorb.apps.study.inference.significance import binomial_tail
@@ -94,6 +96,8 @@ class Analysis(NotebookReport):
     scores: dict[str, RatingMean] = field(default_factory=dict)  #: by condition
     chosen: dict[tuple[str, str], tuple[int, int, tuple[float, float]]] = field(default_factory=dict)
     comparisons: tuple[ConditionComparison, ...] = ()
+    magnitudes: tuple[MagnitudeScale, ...] = ()
+    times: tuple[ResponseTime, ...] = ()
 
     printer: ClassVar[str] = "haptorb.apps.study.analysis.summary:print_summary"
 
@@ -149,7 +153,7 @@ class Analysis(NotebookReport):
                 }
                 for name, (x, k, n, fit) in self.curves.items()
             }  # fmt: skip
-        if self.curves or self.thresholds:
+        if self.curves or self.thresholds or self.magnitudes:
             levels = self.study.levels
             found["level"] = {"parameter": levels and levels.parameter, "unit": self.study.level_unit or "1"}
         if self.thresholds:
@@ -164,6 +168,10 @@ class Analysis(NotebookReport):
                 {"a": a, "b": b, "a_chosen": k, "of": n, "wilson_95": list(w)}
                 for (a, b), (k, n, w) in self.chosen.items()
             ]
+        if self.magnitudes:
+            found["magnitudes"] = list_magnitudes(self.magnitudes)
+        if self.times:
+            found["response_times"] = list_response_times(self.times)
         if self.comparisons:
             found["comparisons"] = [_numbers(one) for one in self.comparisons]
         return found
@@ -197,7 +205,8 @@ def analyse(study: Study, columns: Columns, procedures: dict[str, Procedure] | N
     return Analysis(
         study, len(people), len(main["trial"]), int(practice.sum()), len(simulated),
         int(np.count_nonzero(main["safety"] != "")), int(np.count_nonzero(main["repeats"])), device.count(True),
-        device.count(None), comparisons=compare_conditions(study, main, people), **parts,
+        device.count(None), comparisons=compare_conditions(study, main, people),
+        magnitudes=estimate_magnitudes(study, main), times=find_response_times(study, main), **parts,
     )  # fmt: skip
 
 
