@@ -86,7 +86,8 @@ def test_the_python_script_reads_the_export(
     else:
         write = write_csv if form == "csv" else write_parquet
         write(study, columns, tmp_path / f"t.{form}", replies=replies)
-        script, described = tmp_path / "read_t.py", tmp_path / "t.json"
+        end = ("", "") if form == "csv" else ("_parquet", "-parquet")
+        script, described = tmp_path / f"read_t{end[0]}.py", tmp_path / f"t{end[1]}.json"
     names = runpy.run_path(str(script), run_name="__main__")
     told = capsys.readouterr().out
     assert "8 trials of 2 participants" in told

@@ -13,6 +13,12 @@ import numpy as np
 
 from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.study.analysis.accuracy import Arrow, Confusion, count_answers, find_arrows
+from haptorb.apps.study.analysis.by_condition.magnitude import MagnitudeScale, estimate_magnitudes, list_magnitudes
+from haptorb.apps.study.analysis.by_condition.response_times import (
+    ResponseTime,
+    find_response_times,
+    list_response_times,
+)
 from haptorb.apps.study.analysis.conditions import (
     ConditionComparison,
     RatingMean,
@@ -22,8 +28,6 @@ from haptorb.apps.study.analysis.conditions import (
 )
 from haptorb.apps.study.analysis.curves import fit_curves
 from haptorb.apps.study.analysis.error_by_latitude import LatitudeError, measure_rings
-from haptorb.apps.study.analysis.magnitude import MagnitudeScale, estimate_magnitudes, list_magnitudes
-from haptorb.apps.study.analysis.response_times import ResponseTime, find_response_times, list_response_times
 from haptorb.apps.study.analysis.thresholds import find_thresholds
 from haptorb.apps.study.inference.psychometric import PsychometricCurve
 from haptorb.apps.study.model.study_file import Study

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.apps.study.analysis.by_condition.magnitude import make_magnitude_tables
+from haptorb.apps.study.analysis.by_condition.response_times import make_response_table
 from haptorb.apps.study.analysis.figures import figures
-from haptorb.apps.study.analysis.magnitude import make_magnitude_tables
-from haptorb.apps.study.analysis.response_times import make_response_table
 from haptorb.apps.study.analysis.wording import format_percent, format_range, format_value
 from haptorb.apps.terminal import TextTable
 from haptorb.errors import InputError, RecordingError

@@ -8,8 +8,8 @@ import numpy as np
 from rich.console import Console
 
 from haptorb.apps.study.analysis.analysis import Analysis
-from haptorb.apps.study.analysis.magnitude import make_magnitude_tables
-from haptorb.apps.study.analysis.response_times import make_response_table
+from haptorb.apps.study.analysis.by_condition.magnitude import make_magnitude_tables
+from haptorb.apps.study.analysis.by_condition.response_times import make_response_table
 from haptorb.apps.study.analysis.wording import format_range, format_value
 from haptorb.apps.study.inference.intervals import bootstrap
 from haptorb.apps.terminal import Column, TextTable, make_console, print_table, print_text

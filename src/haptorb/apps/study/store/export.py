@@ -152,16 +152,17 @@ def _questions(study: Study, replies: Replies | None, path: Path) -> Files:
                 writer.writerows(map(escape_formula, row) for row in rows)
 
     return {
-        path.with_name(f"{path.stem}-questions.csv"): write,
         path.with_name(f"{path.stem}-questions.json"): lambda part: write_json(part, describe_questions(study)),
+        path.with_name(f"{path.stem}-questions.csv"): write,
     }
 
 
 def _companions(study: Study, path: Path) -> Files:
     """What stands beside a table: the data dictionary, and scripts that read both."""
-    script = f"read_{path.stem}"
+    form = "" if path.suffix == ".csv" else path.suffix.removeprefix(".")  # a folder may hold the data in both forms
+    script = f"read_{path.stem}{form and '_'}{form}"
     return {
-        path.with_suffix(".json"): lambda part: write_json(part, describe_columns(study)),
+        path.with_name(f"{path.stem}{form and '-'}{form}.json"): lambda part: write_json(part, describe_columns(study)),
         path.with_name(f"{script}.py"): lambda part: write_text(part, make_python_script(study, path.name)),
         path.with_name(f"{script}.R"): lambda part: write_text(part, make_r_script(study, path.name)),
     }

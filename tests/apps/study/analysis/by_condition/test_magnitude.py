@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptorb.apps.asking.prompt import Answer, Prompt
-from haptorb.apps.study.analysis.magnitude import estimate_magnitudes
+from haptorb.apps.study.analysis.by_condition.magnitude import estimate_magnitudes
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import study_of
 from haptorb.errors import InputError

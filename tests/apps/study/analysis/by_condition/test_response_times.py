@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptorb.apps.study.analysis.response_times import find_response_times, list_response_times
+from haptorb.apps.study.analysis.by_condition.response_times import find_response_times, list_response_times
 from haptorb.apps.study.inference.intervals import mean_interval
 from haptorb.apps.study.model.study_file import study_of
 
