@@ -22,8 +22,7 @@ def draw_curves(analysis: Analysis, size: PaperSize) -> Figure:
     axes = figure.subplots()
     for n, (name, entry) in enumerate(analysis.curves.items()):
         x, yes, of, curve = _read_curve(entry)
-        style = {"color": COLOURS[n % 7], "label": name}
-        axes.plot(x, yes / of, MARKERS[n % 7], **style)
+        axes.plot(x, yes / of, MARKERS[n % 7], color=COLOURS[n % 7], label=name)
         if curve is not None:
             fine = np.linspace(x.min(), x.max(), 200)
             axes.plot(fine, curve(fine), color=COLOURS[n % 7], ls=DASHES[n % 7])
