@@ -58,31 +58,49 @@ def simulate(
 def power(
     file: FileArgument,
     between: Annotated[
-        tuple[str, str] | None, typer.Option(help="The two conditions to compare (default: the first two in the file).")
+        tuple[str, str] | None,
+        typer.Option(help="The two conditions to compare (default: those of the plan, or the first two in the file)."),
     ] = None,
     measure: Annotated[
-        str | None, typer.Option(help="Measure: error, accuracy, rating, threshold or choice (default: by procedure).")
+        str | None,
+        typer.Option(
+            help="Measure: error, accuracy, rating, threshold, midpoint, choice, upward-bias or error-slope "
+            "(default: by plan or procedure)."
+        ),
     ] = None,
     pool: Annotated[int, typer.Option(help="Number of simulated participants to draw from.")] = 40,
     people: Annotated[
         list[int] | None,
         typer.Option(help="Number of participants to show; repeatable. The search goes below and above."),
     ] = None,
-    alpha: Annotated[float, typer.Option(help="Significance level of the test.")] = 0.05,
+    alpha: Annotated[
+        float | None, typer.Option(help="Significance level (default: that of the plan for one test, or 0.05).")
+    ] = None,
+    test: Annotated[str | None, typer.Option(help="Test: t or sign-flip (default: that of the plan, or t).")] = None,
     wanted: Annotated[float, typer.Option("--power", help="Required probability of detecting the difference.")] = 0.8,
     seed: Annotated[int, typer.Option(help="Seed of the simulated participants.")] = 0,
+    processes: Annotated[
+        int | None, typer.Option(help="Number of processes (default: one per core). The result is the same.")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786: compute on its cluster."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Estimate how many participants a study needs. Predicted with simulated participants."""
+    from haptorb.apps.study.inference.significance import check_test
     from haptorb.apps.study.model.study_file import read_study
-    from haptorb.apps.study.simulated.power import PEOPLE
     from haptorb.apps.study.simulated.power import power as foretold
+    from haptorb.apps.study.simulated.power_workers import count_cores
 
     known = read_study(file)
     with make_progress() as bar:
         task = bar.add_task("SIMULATED participants", total=None)
         found = foretold(
-            known, between, measure, pool=pool, people=people or PEOPLE, alpha=alpha, wanted=wanted, seed=seed,
+            known, between, measure, pool=pool, people=people, alpha=alpha, wanted=wanted, seed=seed,
+            test=None if test is None else check_test(test),
+            processes=count_cores() if processes is None else processes, scheduler=scheduler,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )  # fmt: skip
     if json:

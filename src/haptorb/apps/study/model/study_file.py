@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from haptorb import worlds
+from haptorb.apps.study.model.analysis_plan import AnalysisPlan, HandAngle, check_plan
 from haptorb.apps.study.model.set_points import SetPoint, list_equal_rings, list_published
 from haptorb.apps.study.model.study_checks import check_levels, check_study
 from haptorb.apps.study.model.study_parts import (
@@ -39,7 +40,7 @@ from haptorb.worlds.world import World
 __all__ = ["Study", "read_study", "study_of"]
 
 #: left out of the digest where they are not used: studies that were begun before there were such things go on
-_LATER = ("mask", "questions", "model", "world_digest", "published_layout")
+_LATER = ("mask", "questions", "model", "world_digest", "published_layout", "hand_deg")
 #: what "published" means today; a stored study without the key ran with 1 + 8 + 8 + 8
 _PUBLISHED = "1-4-8-12"
 _MISTAKES = 20  #: told at once
@@ -127,6 +128,8 @@ class Study(Part):
         m.Form("at most 200, each with its own name"),
         m.Without("none"),
     ] = ()
+    hand_deg: HandAngle = None
+    plan: Annotated[AnalysisPlan | None, m.Meaning("what is decided before data exist"), m.Without("none")] = None
     _text: str = PrivateAttr("")
     _own: World | None = PrivateAttr(None)
 
@@ -146,6 +149,8 @@ class Study(Part):
             raise ValueError(f"[levels] needs procedure {', '.join(_LEVELLED)}; this study has '{self.procedure}'")
         if self.procedure == "forced-choice" and len(names) < 2:
             raise ValueError("a forced choice needs at least two conditions to choose between")
+        if self.plan is not None:
+            check_plan(self, self.plan)
         if self.trials.order == "counter-balanced" and len(names) < 2:
             raise ValueError("a counter-balanced order needs at least two conditions")
         return self
@@ -174,9 +179,9 @@ class Study(Part):
 
     @property
     def digest(self) -> str:
-        """Of everything that matters: sessions of one study share it."""
-        unused = {name for name in _LATER if not getattr(self, name)}
-        return sha256(self.model_dump_json(exclude=unused).encode()).hexdigest()[:16]
+        """Of all that decides how it runs: sessions of one study share it. The plan of the analysis has its own."""
+        unused = {name for name in _LATER if getattr(self, name) in (None, "", ())}
+        return sha256(self.model_dump_json(exclude={"plan", *unused}).encode()).hexdigest()[:16]
 
     @property
     def points(self) -> tuple[SetPoint, ...]:
