@@ -173,8 +173,9 @@ def study(text, **parts):
 
 
 def identification():
-    from haptorb.apps.study.analysis.analysis import Arrow, Confusion, LatitudeError
+    from haptorb.apps.study.analysis.accuracy import Arrow, Confusion
     from haptorb.apps.study.analysis.conditions import ConditionComparison
+    from haptorb.apps.study.analysis.error_by_latitude import LatitudeError
 
     points = "".join(f"{{ number = {n}, theta_deg = {6 * n}, phi_deg = 45 }}," for n in range(1, 10))
     square = np.full((9, 9), 0.1)

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from haptorb.apps.asking.procedure import Procedure
+from haptorb.apps.study.analysis.accuracy import Arrow, Confusion, count_answers, find_arrows
 from haptorb.apps.study.analysis.conditions import (
     ConditionComparison,
     RatingMean,
@@ -19,56 +20,17 @@ from haptorb.apps.study.analysis.conditions import (
     count_choices,
     rate_condition,
 )
-from haptorb.apps.study.inference.intervals import bootstrap, wilson
-from haptorb.apps.study.inference.psychometric import PsychometricCurve, psychometric_fit
-from haptorb.apps.study.inference.significance import binomial_tail
+from haptorb.apps.study.analysis.curves import fit_curves
+from haptorb.apps.study.analysis.error_by_latitude import LatitudeError, measure_rings
+from haptorb.apps.study.analysis.thresholds import find_thresholds
+from haptorb.apps.study.inference.psychometric import PsychometricCurve
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
 from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 
-__all__ = ["Analysis", "Arrow", "Confusion", "LatitudeError", "analyse"]
-
-WANDERED = 1 / 3  #: an arrow is drawn where this share of the wrong answers, or more, went to one set-point
-
-
-@dataclass(frozen=True)
-class Confusion:
-    """Answers (columns) to prompts (rows), averaged over participants; all arrays by set-point in the study's order."""
-
-    numbers: tuple[int, ...]
-    counts: Array  #: (n, n) answers, pooled
-    matrix: Array  #: (n, n) share of answers, averaged over participants
-    low: Array  #: (n, n)
-    high: Array  #: (n, n)
-    accuracy: float  #: averaged over participants
-    accuracy_95: tuple[float, float]  #: over people
-    pooled_95: tuple[float, float]  #: Wilson's, as if all trials were alike
-    chance: float
-    p_chance: float  #: of so many right answers by guessing
-
-
-@dataclass(frozen=True)
-class Arrow:
-    """A third or more of the wrong answers to `of` went to `to`."""
-
-    of: int
-    to: int
-    wrong: int  #: wrong answers to `of`
-    share: float
-
-
-@dataclass(frozen=True)
-class LatitudeError:
-    """Error of the set-points at one θ."""
-
-    theta_deg: float
-    trials: int
-    mean: float  #: [mm] over trials
-    sd: float  #: [mm] over trials
-    low: float  #: [mm] of the mean, over people
-    high: float  #: [mm]
+__all__ = ["Analysis", "analyse"]
 
 
 @dataclass(frozen=True)
@@ -179,14 +141,14 @@ def analyse(study: Study, columns: Columns, procedures: dict[str, Procedure] | N
     simulated = {code for code, flag in zip(main["participant"], main["simulated"], strict=True) if flag}
     parts: dict[str, Any] = {}
     if study.procedure == "identification":
-        parts["confusion"] = confusion = _confusion(study, main, index, len(people))
-        parts["arrows"] = _arrows(confusion)
+        parts["confusion"] = confusion = count_answers(study, main, index, len(people))
+        parts["arrows"] = find_arrows(confusion)
     if np.isfinite(main["distance_mm"]).any():
-        parts["rings"] = _rings(main, index, len(people))
+        parts["rings"] = measure_rings(main, index, len(people))
     if study.procedure == "constant":
-        parts["curves"] = _curves(study, main)
+        parts["curves"] = fit_curves(main)
     if procedures:
-        parts["thresholds"] = _thresholds(procedures)
+        parts["thresholds"] = find_thresholds(procedures)
     if study.procedure == "rating":
         parts["scores"] = {
             str(n): rate_condition(main, str(n), index, len(people)) for n in dict.fromkeys(main["condition"].tolist())
@@ -199,82 +161,6 @@ def analyse(study: Study, columns: Columns, procedures: dict[str, Procedure] | N
         int(np.count_nonzero(main["safety"] != "")), int(np.count_nonzero(main["repeats"])), device.count(True),
         device.count(None), comparisons=compare_conditions(study, main, people), **parts,
     )  # fmt: skip
-
-
-def _confusion(study: Study, main: Columns, index: np.ndarray[Any, Any], people: int) -> Confusion:
-    numbers = tuple(point.number for point in study.points)
-    place = {number: n for n, number in enumerate(numbers)}
-    asked = np.array([place[int(n)] for n in main["set_point"]])
-    answered = np.array([place[int(n)] for n in main["answer"]])
-    each = np.zeros((people, len(numbers), len(numbers)))
-    np.add.at(each, (index, asked, answered), 1.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        shares = each / each.sum(axis=2, keepdims=True)
-    finite = np.isfinite(shares)
-    matrix = np.where(finite, shares, 0).sum(axis=0) / np.maximum(finite.sum(axis=0), 1)
-    matrix[~finite.any(axis=0)] = np.nan
-    low, high = bootstrap(shares)
-    right = asked == answered
-    own = np.bincount(index, right, people) / np.bincount(index, minlength=people)
-    a, b = bootstrap(own)
-    k, n = int(right.sum()), len(right)
-    chance = 1 / len(numbers)
-    return Confusion(
-        numbers, each.sum(axis=0), matrix, low, high, float(own.mean()), (float(a), float(b)), wilson(k, n), chance,
-        binomial_tail(k, n, chance),
-    )  # fmt: skip
-
-
-def _arrows(confusion: Confusion) -> tuple[Arrow, ...]:
-    wrong = confusion.counts - np.diag(np.diag(confusion.counts))
-    found = []
-    for i, row in enumerate(wrong):
-        total = row.sum()
-        for j in np.flatnonzero(row):
-            if row[j] / total >= WANDERED - 1e-12:
-                of, to = confusion.numbers[i], confusion.numbers[int(j)]
-                found.append(Arrow(of, to, int(total), float(row[j] / total)))
-    return tuple(found)
-
-
-def _rings(main: Columns, index: np.ndarray[Any, Any], people: int) -> tuple[LatitudeError, ...]:
-    found = []
-    for theta in np.unique(main["theta_deg"][np.isfinite(main["theta_deg"])]):
-        here = (main["theta_deg"] == theta) & np.isfinite(main["distance_mm"])
-        if not here.any():
-            continue
-        error = main["distance_mm"][here]
-        counts = np.bincount(index[here], minlength=people)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            own = np.bincount(index[here], error, people) / counts
-        low, high = bootstrap(own)
-        sd = float(error.std(ddof=1)) if len(error) > 1 else math.nan
-        found.append(LatitudeError(float(theta), len(error), float(error.mean()), sd, float(low), float(high)))
-    return tuple(found)
-
-
-def _curves(study: Study, main: Columns) -> dict[str, tuple[Array, Array, Array, PsychometricCurve]]:
-    """By condition: how often the comparison was called the stronger, over its level, participants pooled."""
-    found: dict[str, tuple[Array, Array, Array, PsychometricCurve]] = {}
-    for name in dict.fromkeys(main["condition"].tolist()):
-        here = main["condition"] == name
-        levels, which = np.unique(main["level"][here], return_inverse=True)
-        stronger = main["answer"][here] == main["interval"][here]
-        yes: Array = np.bincount(which, stronger, len(levels)).astype(float)
-        of: Array = np.bincount(which, minlength=len(levels)).astype(float)
-        if len(levels) > 1:
-            found[name] = (levels, yes, of, psychometric_fit(levels, yes, of))
-    return found
-
-
-def _thresholds(procedures: dict[str, Procedure]) -> dict[str, dict[str, float]]:
-    found: dict[str, dict[str, float]] = {}
-    for code, procedure in procedures.items():
-        for part in getattr(procedure, "parts", ()):
-            threshold = getattr(part, "threshold", None)
-            if threshold is not None and part.prompt is None:
-                found.setdefault(part.condition, {})[code] = float(threshold)
-    return found
 
 
 def _numbers(row: Any) -> dict[str, Any]:
