@@ -6,6 +6,7 @@ Practice is left out. Averages over participants weigh every person alike; inter
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -21,7 +22,10 @@ from haptorb.apps.study.analysis.conditions import (
     rate_condition,
 )
 from haptorb.apps.study.analysis.curves import fit_curves
+from haptorb.apps.study.analysis.directions import SPHERICAL
 from haptorb.apps.study.analysis.error_by_latitude import LatitudeError, measure_rings
+from haptorb.apps.study.analysis.localisation import Localisation, localise
+from haptorb.apps.study.analysis.plan_report import PlanReport, SessionPlan, report_plan
 from haptorb.apps.study.analysis.thresholds import find_thresholds
 from haptorb.apps.study.inference.psychometric import PsychometricCurve
 from haptorb.apps.study.model.study_file import Study
@@ -56,6 +60,8 @@ class Analysis(NotebookReport):
     scores: dict[str, RatingMean] = field(default_factory=dict)  #: by condition
     chosen: dict[tuple[str, str], tuple[int, int, tuple[float, float]]] = field(default_factory=dict)
     comparisons: tuple[ConditionComparison, ...] = ()
+    localisation: Localisation | None = None
+    plan: PlanReport | None = None
 
     printer: ClassVar[str] = "haptorb.apps.study.analysis.summary:print_summary"
 
@@ -127,12 +133,21 @@ class Analysis(NotebookReport):
                 for (a, b), (k, n, w) in self.chosen.items()
             ]
         if self.comparisons:
-            found["comparisons"] = [_numbers(one) for one in self.comparisons]
+            found["comparisons"] = [one.numbers() for one in self.comparisons]
+        if self.localisation is not None:
+            found["localisation"] = self.localisation.numbers()
+        if self.plan is not None:
+            found["plan"] = self.plan.numbers()
         return found
 
 
-def analyse(study: Study, columns: Columns, procedures: dict[str, Procedure] | None = None) -> Analysis:
-    """The analysis of `study` from its tidy `columns`; `procedures` by participant code give adaptive thresholds."""
+def analyse(
+    study: Study, columns: Columns, procedures: dict[str, Procedure] | None = None, plans: Sequence[SessionPlan] = ()
+) -> Analysis:
+    """The analysis of `study` from its tidy `columns`; `procedures` by participant code give adaptive thresholds.
+
+    `plans` tell with which plan of the analysis each session began.
+    """
     practice = columns["phase"] == "practice"
     main = {name: values[~practice] for name, values in columns.items()}
     if not len(main["trial"]):
@@ -155,11 +170,15 @@ def analyse(study: Study, columns: Columns, procedures: dict[str, Procedure] | N
         }
     if study.procedure == "forced-choice":
         parts["chosen"] = count_choices(main)
+    if study.procedure in SPHERICAL:
+        parts["localisation"] = localise(study, main, people.tolist())
+    parts["comparisons"] = compare_conditions(study, main, people, parts.get("thresholds"))
+    parts["plan"] = report_plan(study, parts["comparisons"], plans)
     device = main["simulated_device"][~main["simulated"].astype(bool)].tolist()
     return Analysis(
         study, len(people), len(main["trial"]), int(practice.sum()), len(simulated),
         int(np.count_nonzero(main["safety"] != "")), int(np.count_nonzero(main["repeats"])), device.count(True),
-        device.count(None), comparisons=compare_conditions(study, main, people), **parts,
+        device.count(None), **parts,
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
 from haptorb.numerics.arrays import Array
 
-__all__ = ["SPHERICAL", "answer_directions", "find_unbounded", "index_set_points"]
+__all__ = ["SPHERICAL", "answer_directions", "answer_numbers", "find_unbounded", "index_set_points"]
 
 SPHERICAL = ("identification", "localisation")  #: procedures whose answers are places on the dome
 
@@ -29,6 +29,17 @@ def answer_directions(study: Study, main: Columns, rows: Any) -> tuple[Array, Ar
     place = np.stack([main[f"{axis}_m"][rows] for axis in "xyz"], axis=-1).astype(float)
     with np.errstate(invalid="ignore", divide="ignore"):
         return asked, place / np.linalg.norm(place, axis=-1, keepdims=True)
+
+
+def answer_numbers(study: Study, main: Columns) -> NDArray[Any]:
+    """(trials,) number of the set-point that was named, or of the one nearest to the place that was reached."""
+    if study.procedure == "identification":
+        return main["answer"]
+    ways = directions(study.points)
+    place = np.stack([main[f"{axis}_m"] for axis in "xyz"], axis=-1).astype(float)
+    numbers = np.array([point.number for point in study.points])
+    found: NDArray[Any] = numbers[np.argmax(np.nan_to_num(place) @ ways.T, axis=-1)]
+    return found
 
 
 def find_unbounded(study: Study, main: Columns, rows: Any) -> NDArray[np.bool_]:

@@ -12,12 +12,13 @@ from sqlalchemy.engine import Engine
 from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.analysis.analysis import Analysis, analyse
+from haptorb.apps.study.analysis.plan_report import SessionPlan
 from haptorb.apps.study.model.order import procedure_of
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns, read_study, tidy
 from haptorb.apps.study.store.database import database, participants, sessions
 
-__all__ = ["analysis_of"]
+__all__ = ["analysis_of", "read_plans"]
 
 
 def analysis_of(place: str | Path, name: str | None = None) -> Analysis:
@@ -26,7 +27,25 @@ def analysis_of(place: str | Path, name: str | None = None) -> Analysis:
     study = read_study(engine, name)
     columns = tidy(engine, study)
     adaptive = study.procedure in ("staircase", "bayesian")
-    return analyse(study, columns, _procedures(engine, study, columns) if adaptive else None)
+    procedures = _procedures(engine, study, columns) if adaptive else None
+    return analyse(study, columns, procedures, read_plans(engine, study))
+
+
+def read_plans(engine: Engine, study: Study) -> tuple[SessionPlan, ...]:
+    """With which plan each session of `study` began."""
+    query = (
+        select(sessions.c.started, sessions.c.ended, sessions.c.aborted, sessions.c.versions)
+        .join(participants, sessions.c.participant == participants.c.id)
+        .where(participants.c.study == study.digest)
+    )
+    with engine.connect() as connection:
+        rows = connection.execute(query).all()
+    return tuple(
+        SessionPlan(
+            row.started, str(json.loads(row.versions).get("plan", "")), row.ended is not None and not row.aborted
+        )
+        for row in rows
+    )
 
 
 def _procedures(engine: Engine, study: Study, columns: Columns) -> dict[str, Procedure]:

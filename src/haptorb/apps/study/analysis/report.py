@@ -11,6 +11,7 @@ from typing import Any
 
 from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.analysis.figures import figures
+from haptorb.apps.study.analysis.group_tables import list_group_tables, list_notes
 from haptorb.apps.study.analysis.wording import format_percent, format_range, format_value
 from haptorb.errors import InputError, RecordingError
 
@@ -39,6 +40,9 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
         f"trials excluded; the device tripped in {analysis.trips} trials; {analysis.repeated} trials began anew before "
         "they were answered.</p>",
     ]
+    if analysis.plan is not None:
+        body.append(f"<p>Planned analysis: {escape(analysis.plan.sentence)}.</p>")
+        body += [f"<p class='simulated'>{escape(remark)}</p>" for remark in analysis.plan.remarks]
     if (c := analysis.confusion) is not None:
         interval, (a, b) = format_range(c.accuracy_95, ".1f", 100), c.pooled_95
         over_people = (
@@ -114,21 +118,11 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
             for (a, b), (k, n, w) in analysis.chosen.items()
         ]
         body += ["<h2>Choices</h2>", _table(["chosen", "times", "Wilson 95 % [%]"], rows)]
-    if analysis.comparisons:
-        rows = [
-            [
-                f"{x.what} [{x.unit}]" if x.unit else x.what, f"{x.a} − {x.b}", f"{x.difference:.3g}",
-                format_range((x.low, x.high), ".3g"), x.people, f"{x.p:.3g}",
-            ]
-            for x in analysis.comparisons
-        ]  # fmt: skip
-        body += [
-            "<h2>Conditions compared</h2>",
-            _table(["measure", "difference", "mean", "95 %", "participants", "p"], rows),
-            "<p class='quiet'>Model: each participant's two means as a pair, signs of the differences exchangeable if "
-            "the conditions do not differ; two-sided sign-flip test, p not corrected for several comparisons; "
-            "intervals by bootstrap over people.</p>",
-        ]
+    body += [
+        f"<h2>{escape(table.title)}</h2>{_table([c.title for c in table.columns], [list(row) for row in table.rows])}"
+        for table in list_group_tables(analysis)
+    ]
+    body += [f"<p class='quiet'>{escape(note)}</p>" for note in list_notes(analysis)]
     body += ["<h2>Study file</h2>", f"<pre>{escape(analysis.study.text)}</pre>"]
     title = f"{analysis.study.name}{' (simulated)' if analysis.marked else ''}"
     return (

@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 
 from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.apps.study.analysis.group_tables import list_group_tables, list_notes
 from haptorb.apps.study.analysis.wording import format_range, format_value
 from haptorb.apps.study.inference.intervals import bootstrap
 from haptorb.apps.terminal import Column, TextTable, make_console, print_table, print_text
@@ -22,6 +23,10 @@ def print_summary(analysis: Analysis, console: Console | None = None) -> None:
     if analysis.repeated:
         print_text(out, f"{analysis.repeated} trials began anew: the device was off, or the experimenter repeated them")
     print_text(out, analysis.origin, "bold red" if analysis.marked else "dim")
+    if analysis.plan is not None:
+        print_text(out, analysis.plan.sentence)
+        for remark in analysis.plan.remarks:
+            print_text(out, remark, "bold red")
     if (c := analysis.confusion) is not None:
         a, b = c.pooled_95
         print_text(
@@ -33,13 +38,8 @@ def print_summary(analysis: Analysis, console: Console | None = None) -> None:
     for table in _tables(analysis):
         print_text(out)
         print_table(out, table)
-    if analysis.comparisons:
-        print_text(
-            out,
-            "p: two-sided sign-flip test of the participants' pairs, not corrected for several comparisons; intervals "
-            "by bootstrap over people",
-            "dim",
-        )
+    for note in list_notes(analysis):
+        print_text(out, note, "dim")
 
 
 def _tables(analysis: Analysis) -> Iterator[TextTable]:
@@ -79,14 +79,7 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
             ((f"{a} over {b}", f"{k} of {n}", format_range(wilson, ".1f", 100))
              for (a, b), (k, n, wilson) in analysis.chosen.items()),
         )  # fmt: skip
-    if analysis.comparisons:
-        yield _table(
-            "Conditions compared",
-            (Column("measure", kind="key"), Column("difference", kind="text"), Column("mean"), Column("95 %"),
-             Column("participants"), Column("p")),
-            ((f"{x.what} [{x.unit}]" if x.unit else x.what, f"{x.a} − {x.b}", f"{x.difference:.3g}",
-              format_range((x.low, x.high), ".3g"), str(x.people), f"{x.p:.3g}") for x in analysis.comparisons),
-        )  # fmt: skip
+    yield from list_group_tables(analysis)
 
 
 def _identification(analysis: Analysis) -> TextTable:

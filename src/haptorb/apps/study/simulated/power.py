@@ -24,7 +24,7 @@ from haptorb.errors import InputError
 __all__ = ["PEOPLE", "Power", "power", "power_of"]
 
 PEOPLE = (6, 8, 10, 12, 16, 20, 24, 32, 48)  #: shown unless asked otherwise
-_GROUPS = 2000  #: groups drawn per number of people
+_GROUPS = 20_000  #: groups drawn per number of people
 _POOLS = 80  #: pools drawn from the pool
 _FEWER = 200  #: groups drawn from each of those
 _TEST_NAMES = {"t": "Student's paired t test", "sign-flip": "sign-flip test"}
