@@ -140,8 +140,8 @@ def measure(studies: int, people: int, processes: int) -> dict[str, Any]:
                 {
                     "correct_percent": 100 * float(confuse(width).diagonal().mean()), "true_bit": truth,
                     "trials": 300, "studies": studies,
-                    **{f"{name}_bias_percent": 100 * float(rows[:, k].mean() / truth - 1) for k, name in enumerate(names)},
-                    **{f"{name}_sd_percent": 100 * float(rows[:, k].std() / truth) for k, name in enumerate(names)},
+                    **{f"{n}_bias_percent": 100 * float(rows[:, k].mean() / truth - 1) for k, n in enumerate(names)},
+                    **{f"{n}_sd_percent": 100 * float(rows[:, k].std() / truth) for k, n in enumerate(names)},
                     "coverage": float(np.mean((rows[:, 4] <= truth) & (truth <= rows[:, 5]))),
                 }
             )  # fmt: skip

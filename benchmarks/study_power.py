@@ -2,10 +2,10 @@
 
     python benchmarks/study_power.py [--studies 4000] [--json]
 
-Simulated participants sit small studies once; they are the population. Groups are drawn from them, their answers are put
-together as a study would store them, the whole analysis runs, and its p is compared with α. That share, counted study by
-study, is set against the power that `power_of` tells from one number per person. Where differences are normal, the
-power is also known in closed form, from the noncentral t distribution.
+Simulated participants sit small studies once; they are the population. Groups are drawn from them, their answers are
+put together as a study would store them, the whole analysis runs, and its p is compared with α. That share, counted
+study by study, is set against the power that `power_of` tells from one number per person. Where differences are normal,
+the power is also known in closed form, from the noncentral t distribution.
 """
 
 from __future__ import annotations
@@ -102,7 +102,8 @@ def compare_normal(effect: float, n: int, alpha: float = 0.05) -> dict[str, obje
     exact = float(nct.sf(limit, n - 1, shift) + nct.cdf(-limit, n - 1, shift))
     told = found.power[found.people.index(n)]
     return {
-        "effect_d_z": effect, "people": n, "power": told, "closed_form": exact, "difference_points": 100 * (told - exact)
+        "effect_d_z": effect, "people": n, "power": told, "closed_form": exact,
+        "difference_points": 100 * (told - exact),
     }  # fmt: skip
 
 

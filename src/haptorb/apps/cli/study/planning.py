@@ -6,28 +6,37 @@ from typing import Annotated
 
 import typer
 
-from haptorb.apps.cli.study.forecast import keep_stored_layout, print_forecast
+from haptorb.apps.cli.study.forecast import keep_begun_study, print_forecast
 from haptorb.apps.cli.study.options import DatabaseOption, FileArgument
+from haptorb.apps.cli.study.order_table import print_order
 from haptorb.apps.terminal import Column, TextTable, make_console, make_progress, print_json, print_table, tell
 
 __all__ = ["check", "power", "simulate"]
 
 
-def check(file: FileArgument, json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
-    """Check a study file: mistakes, duration, coil temperature, overlap of the maps."""
+def check(
+    file: FileArgument,
+    people: Annotated[int, typer.Option(help="Number of participants whose order is shown.")] = 6,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Check a study file: mistakes, order of the trials, duration, coil temperature, overlap of the maps."""
+    from haptorb.apps.study.model.order_summary import summarize_order
     from haptorb.apps.study.model.study_file import read_study
 
     known = read_study(file)
+    order = summarize_order(known, people)
     if json:
         from haptorb.apps.study.simulated.forecast import forecast, overlap
 
         result, reach = forecast(known), overlap(known)
         about = {"study": known.name, "procedure": known.procedure, "device": known.device}
-        print_json({**about, "set_points": len(known.points), **result.numbers(), "overlap": reach and reach.numbers()})
+        print_json({**about, "set_points": len(known.points), **result.numbers(), "overlap": reach and reach.numbers(),
+                    "order": order.numbers()})  # fmt: skip
         if not result.holds:
             raise typer.Exit(1)
         return
     tell(f"{known.name}: {known.procedure} on '{known.device}', {len(known.points)} set-points")
+    print_order(order)
     if not print_forecast(known):
         raise typer.Exit(1)
 
@@ -45,7 +54,7 @@ def simulate(
     from haptorb.apps.study.store.database import database
 
     engine = database(db)
-    known = keep_stored_layout(engine, read_study(file))
+    known = keep_begun_study(engine, read_study(file))
     with make_progress() as bar:
         task = bar.add_task("SIMULATED trials", total=None)
         answered = rehearse(

@@ -35,7 +35,7 @@ def effect_size(differences: ArrayLike, spread: float | None = None, confidence:
 
     >>> size = effect_size([1.0, 2.0, 3.0, 4.0])
     >>> round(size.d_z, 3), [round(end, 3) for end in size.d_z_95]
-    (1.936, [0.128, 3.708])
+    (1.936, [0.146, 3.672])
     """
     from scipy.special import gammaln
 

@@ -51,7 +51,7 @@ def find_away_axes(ways: ArrayLike, hand_deg: float) -> Array:
     The horizontal direction from the hand to the vertical axis, in the tangent plane; known at the top too. NaN where
     that direction is the normal.
 
-    >>> find_away_axes([0.0, 0.0, 1.0], 180.0).round(9).tolist()
+    >>> (find_away_axes([0.0, 0.0, 1.0], 180.0).round(9) + 0.0).tolist()
     [1.0, 0.0, 0.0]
     """
     n = _unit(ways, "ways")

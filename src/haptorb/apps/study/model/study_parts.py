@@ -111,15 +111,20 @@ class Trials(Part):
     ] = 2
     order: Annotated[
         Literal["random", "blocked", "counter-balanced"],
-        m.Meaning("order of the trials; counter-balanced needs two conditions or more"),
-    ] = "random"
+        m.Meaning("order of the conditions; with a single one the trials are in random order"),
+        m.Form("counter-balanced: each person's own, by a Williams square; random: mixed; blocked: as in the file"),
+    ] = "counter-balanced"
     seed: Annotated[
         Whole,
         Field(ge=0, le=2**63 - 1),
         m.Meaning("seed of the random order; each participant's own order follows from it"),
         m.Form("≥ 0"),
     ] = 0
-    practice: Annotated[Whole, Field(ge=0, le=200), m.Meaning("trials before those that count")] = 0
+    practice: Annotated[
+        Whole,
+        Field(ge=0, le=200),
+        m.Meaning("trials before those that count; of a staircase or bayesian at the greatest difference"),
+    ] = 0
     break_every: Annotated[
         Whole, Field(ge=0, le=_MOST), m.Meaning("trials between two breaks; 0: no breaks"), m.Form("≥ 0")
     ] = 0
