@@ -22,10 +22,10 @@ from haptorb.apps.study.analysis.conditions import (
     rate_condition,
 )
 from haptorb.apps.study.analysis.curves import fit_curves
-from haptorb.apps.study.analysis.directions import SPHERICAL
 from haptorb.apps.study.analysis.error_by_latitude import LatitudeError, measure_rings
-from haptorb.apps.study.analysis.localisation import Localisation, localise
-from haptorb.apps.study.analysis.plan_report import PlanReport, SessionPlan, report_plan
+from haptorb.apps.study.analysis.over_people.directions import SPHERICAL
+from haptorb.apps.study.analysis.over_people.localisation import Localisation, localise
+from haptorb.apps.study.analysis.over_people.plan_report import PlanReport, SessionPlan, report_plan
 from haptorb.apps.study.analysis.thresholds import find_thresholds
 from haptorb.apps.study.inference.psychometric import PsychometricCurve
 from haptorb.apps.study.model.study_file import Study

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.study.analysis.measures import Thresholds, measure_people
+from haptorb.apps.study.analysis.over_people.measures import Thresholds, measure_people
 from haptorb.apps.study.inference.effect_size import EffectSize, effect_size
 from haptorb.apps.study.inference.intervals import mean_interval, wilson
 from haptorb.apps.study.inference.significance import PairTest, correct_p, paired_p
@@ -97,7 +97,7 @@ def compare_conditions(
     """
     plan = study.plan
     names = [condition.name for condition in study.conditions]
-    known = MEASURES[study.procedure]
+    known = MEASURES.get(study.procedure, ())
     planned: list[_Question] = [(one.measure, one.between) for one in (plan.tests if plan else ())]
     claims: list[_Question] = [(measure, None) for measure in known if measure in CLAIMS]
     pairs: list[_Question] = [

@@ -12,7 +12,7 @@ from sqlalchemy.engine import Engine
 from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.analysis.analysis import Analysis, analyse
-from haptorb.apps.study.analysis.plan_report import SessionPlan
+from haptorb.apps.study.analysis.over_people.plan_report import SessionPlan
 from haptorb.apps.study.model.order import procedure_of
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns, read_study, tidy

@@ -11,7 +11,7 @@ from typing import Any
 
 from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.analysis.figures import figures
-from haptorb.apps.study.analysis.group_tables import list_group_tables, list_notes
+from haptorb.apps.study.analysis.over_people.group_tables import list_group_tables, list_notes
 from haptorb.apps.study.analysis.wording import format_percent, format_range, format_value
 from haptorb.errors import InputError, RecordingError
 

@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Console
 
 from haptorb.apps.study.analysis.analysis import Analysis
-from haptorb.apps.study.analysis.group_tables import list_group_tables, list_notes
+from haptorb.apps.study.analysis.over_people.group_tables import list_group_tables, list_notes
 from haptorb.apps.study.analysis.wording import format_range, format_value
 from haptorb.apps.study.inference.intervals import bootstrap
 from haptorb.apps.terminal import Column, TextTable, make_console, print_table, print_text

@@ -120,7 +120,7 @@ def unit_of(measure: str, level_unit: str) -> str:
 
 def check_plan(study: _Study, plan: AnalysisPlan | None) -> None:
     """ValueError unless every test of `plan` is one that `study` can give."""
-    known, names = MEASURES[study.procedure], [condition.name for condition in study.conditions]
+    known, names = MEASURES.get(study.procedure, ()), [condition.name for condition in study.conditions]
     for number, test in enumerate(plan.tests if plan else (), 1):
         where = f"plan.tests, number {number}:"
         if test.measure not in known:

@@ -8,7 +8,7 @@ import numpy as np
 
 from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.asking.prompt import Answer, Prompt
-from haptorb.apps.study.analysis.measures import measure_people
+from haptorb.apps.study.analysis.over_people.measures import measure_people
 from haptorb.apps.study.analysis.thresholds import find_thresholds
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import Study

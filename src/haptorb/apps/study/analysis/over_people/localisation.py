@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.study.analysis.directions import answer_directions, answer_numbers, index_set_points
-from haptorb.apps.study.analysis.measures import measure_people, measure_upward
+from haptorb.apps.study.analysis.over_people.directions import answer_directions, answer_numbers, index_set_points
+from haptorb.apps.study.analysis.over_people.measures import measure_people, measure_upward
 from haptorb.apps.study.inference.information import Information, transfer_information
 from haptorb.apps.study.inference.intervals import mean_interval
 from haptorb.apps.study.inference.significance import paired_p

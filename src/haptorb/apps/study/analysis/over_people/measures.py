@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.study.analysis.directions import answer_directions, find_unbounded
+from haptorb.apps.study.analysis.over_people.directions import answer_directions, find_unbounded
 from haptorb.apps.study.inference.sphere import error_vectors, local_axes
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
