@@ -48,6 +48,9 @@ def analyse(
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for report and figures (default: STUDY-report).")
     ] = None,
+    registration: Annotated[
+        Path | None, typer.Option(help="Registration from `haptorb study check --register`, to compare the plan with.")
+    ] = None,
     figures: Annotated[str, typer.Option(help="Format of the figures: svg or png.")] = "svg",
     json: Annotated[bool, typer.Option("--json", help="Only print the numbers as JSON.")] = False,
 ) -> None:
@@ -56,7 +59,12 @@ def analyse(
 
     if figures not in ("svg", "png"):
         raise InputError(f"--figures must be svg or png; got '{figures}'")
-    done = analysis_of(db, name)
+    registered = None
+    if registration is not None:
+        from haptorb.apps.study.plan.registration import read_registration
+
+        registered = read_registration(registration)
+    done = analysis_of(db, name, registered)
     if json:
         print_json(done.numbers())
         return

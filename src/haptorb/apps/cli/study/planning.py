@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -9,7 +10,7 @@ import typer
 from haptorb.apps.cli.study.forecast import keep_begun_study, print_forecast
 from haptorb.apps.cli.study.options import DatabaseOption, FileArgument
 from haptorb.apps.cli.study.order_table import print_order
-from haptorb.apps.terminal import Column, TextTable, make_console, make_progress, print_json, print_table, tell
+from haptorb.apps.terminal import Column, TextTable, make_console, make_progress, print_json, print_table, say, tell
 
 __all__ = ["check", "power", "simulate"]
 
@@ -17,26 +18,37 @@ __all__ = ["check", "power", "simulate"]
 def check(
     file: FileArgument,
     people: Annotated[int, typer.Option(help="Number of participants whose order is shown.")] = 6,
+    register: Annotated[
+        Path | None,
+        typer.Option(metavar="NEW.toml", help="Write study and plan, with digests and time, before data exist."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Check a study file: mistakes, order of the trials, duration, coil temperature, overlap of the maps."""
+    """Check a study file: mistakes, order of the trials, duration, coil temperature, overlap of the maps, plan."""
     from haptorb.apps.study.model.order_summary import summarize_order
     from haptorb.apps.study.model.study_file import read_study
 
     known = read_study(file)
     order = summarize_order(known, people)
+    if register is not None:
+        from haptorb.apps.study.plan.registration import write_registration
+
+        made = write_registration(known, register)
+        say(f"registered: plan {made.plan} of study {made.study}, {made.written}, in {register}")
     if json:
         from haptorb.apps.study.simulated.forecast import forecast, overlap
 
         result, reach = forecast(known), overlap(known)
         about = {"study": known.name, "procedure": known.procedure, "device": known.device}
         print_json({**about, "set_points": len(known.points), **result.numbers(), "overlap": reach and reach.numbers(),
-                    "order": order.numbers()})  # fmt: skip
+                    "order": order.numbers(), "plan": known.plan and known.plan.numbers()})  # fmt: skip
         if not result.holds:
             raise typer.Exit(1)
         return
     tell(f"{known.name}: {known.procedure} on '{known.device}', {len(known.points)} set-points")
     print_order(order)
+    if known.plan is not None:
+        tell(known.plan.sentence)
     if not print_forecast(known):
         raise typer.Exit(1)
 

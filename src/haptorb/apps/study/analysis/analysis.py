@@ -25,10 +25,11 @@ from haptorb.apps.study.analysis.curves import fit_curves
 from haptorb.apps.study.analysis.error_by_latitude import LatitudeError, measure_rings
 from haptorb.apps.study.analysis.over_people.directions import SPHERICAL
 from haptorb.apps.study.analysis.over_people.localisation import Localisation, localise
-from haptorb.apps.study.analysis.over_people.plan_report import PlanReport, SessionPlan, report_plan
+from haptorb.apps.study.analysis.over_people.plan_report import PlanReport, SessionPlan, find_plan, report_plan
 from haptorb.apps.study.analysis.thresholds import find_thresholds
 from haptorb.apps.study.inference.psychometric import PsychometricCurve
 from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.plan.registration import Registration
 from haptorb.apps.study.store.columns import Columns
 from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.errors import InputError
@@ -142,11 +143,12 @@ class Analysis(NotebookReport):
 
 
 def analyse(
-    study: Study, columns: Columns, procedures: dict[str, Procedure] | None = None, plans: Sequence[SessionPlan] = ()
-) -> Analysis:
+    study: Study, columns: Columns, procedures: dict[str, Procedure] | None = None, plans: Sequence[SessionPlan] = (),
+    registration: Registration | None = None,
+) -> Analysis:  # fmt: skip
     """The analysis of `study` from its tidy `columns`; `procedures` by participant code give adaptive thresholds.
 
-    `plans` tell with which plan of the analysis each session began.
+    `plans` tell with which plan of the analysis each session began, `registration` with which one was filed.
     """
     practice = columns["phase"] == "practice"
     main = {name: values[~practice] for name, values in columns.items()}
@@ -172,8 +174,8 @@ def analyse(
         parts["chosen"] = count_choices(main)
     if study.procedure in SPHERICAL:
         parts["localisation"] = localise(study, main, people.tolist())
-    parts["comparisons"] = compare_conditions(study, main, people, parts.get("thresholds"))
-    parts["plan"] = report_plan(study, parts["comparisons"], plans)
+    parts["comparisons"] = compare_conditions(study, main, people, parts.get("thresholds"), find_plan(study, plans))
+    parts["plan"] = report_plan(study, parts["comparisons"], plans, registration)
     device = main["simulated_device"][~main["simulated"].astype(bool)].tolist()
     return Analysis(
         study, len(people), len(main["trial"]), int(practice.sum()), len(simulated),

@@ -14,8 +14,8 @@ from haptorb.apps.study.analysis.over_people.measures import Thresholds, measure
 from haptorb.apps.study.inference.effect_size import EffectSize, effect_size
 from haptorb.apps.study.inference.intervals import mean_interval, wilson
 from haptorb.apps.study.inference.significance import PairTest, correct_p, paired_p
-from haptorb.apps.study.model.analysis_plan import CLAIMS, MEASURES, unit_of
 from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.plan.analysis_plan import CLAIMS, MEASURES, AnalysisPlan, unit_of
 from haptorb.apps.study.store.columns import Columns
 
 __all__ = ["ConditionComparison", "RatingMean", "compare_conditions", "count_choices", "decide", "rate_condition"]
@@ -87,15 +87,18 @@ def count_choices(main: Columns) -> dict[tuple[str, str], tuple[int, int, tuple[
 
 
 def compare_conditions(
-    study: Study, main: Columns, people: Sequence[str] | np.ndarray[Any, Any], thresholds: Thresholds | None = None
+    study: Study,
+    main: Columns,
+    people: Sequence[str] | np.ndarray[Any, Any],
+    thresholds: Thresholds | None = None,
+    plan: AnalysisPlan | None = None,
 ) -> tuple[ConditionComparison, ...]:
     """All tests that `study` can give, where at least two of `people` have a value in both conditions.
 
-    First the planned ones, in the order and direction of the plan; then what is claimed of all conditions; then pairs
+    First those of `plan`, the one in force, in its order and direction; then what is claimed of all conditions; then pairs
     of conditions. p is corrected within each of the three, by the plan's correction, Holm's without a plan. `main` are
     the columns without practice.
     """
-    plan = study.plan
     names = [condition.name for condition in study.conditions]
     known = MEASURES.get(study.procedure, ())
     planned: list[_Question] = [(one.measure, one.between) for one in (plan.tests if plan else ())]

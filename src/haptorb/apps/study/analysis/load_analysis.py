@@ -15,20 +15,24 @@ from haptorb.apps.study.analysis.analysis import Analysis, analyse
 from haptorb.apps.study.analysis.over_people.plan_report import SessionPlan
 from haptorb.apps.study.model.order import procedure_of
 from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.plan.registration import Registration
 from haptorb.apps.study.store.columns import Columns, read_study, tidy
 from haptorb.apps.study.store.database import database, participants, sessions
 
 __all__ = ["analysis_of", "read_plans"]
 
 
-def analysis_of(place: str | Path, name: str | None = None) -> Analysis:
-    """The analysis of the study called `name` (the only one, if there is one) in the database at `place`."""
+def analysis_of(place: str | Path, name: str | None = None, registration: Registration | None = None) -> Analysis:
+    """The analysis of the study called `name` (the only one, if there is one) in the database at `place`.
+
+    Its plan is compared with the one of the `registration`.
+    """
     engine = database(place, make=False)
     study = read_study(engine, name)
     columns = tidy(engine, study)
     adaptive = study.procedure in ("staircase", "bayesian")
     procedures = _procedures(engine, study, columns) if adaptive else None
-    return analyse(study, columns, procedures, read_plans(engine, study))
+    return analyse(study, columns, procedures, read_plans(engine, study), registration)
 
 
 def read_plans(engine: Engine, study: Study) -> tuple[SessionPlan, ...]:

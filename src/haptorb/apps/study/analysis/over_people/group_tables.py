@@ -52,8 +52,7 @@ def list_notes(analysis: Analysis) -> Iterator[str]:
             )
     if analysis.comparisons:
         row = analysis.comparisons[0]
-        plan = analysis.study.plan
-        correction = _CORRECTIONS[plan.correction if plan else "holm"]
+        correction = _CORRECTIONS[(analysis.plan and analysis.plan.correction) or "holm"]
         yield (
             f"p: two-sided, {_TESTS[row.test]}, one value each; corrected: {correction}, within planned tests, within "
             "claims over all conditions and within pairs of conditions. Intervals: Student's over people; effect sizes "

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from haptorb.apps.study.analysis.conditions import ConditionComparison
-from haptorb.apps.study.model.analysis_plan import CLAIMS, PlannedTest
 from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.plan.analysis_plan import CLAIMS, AnalysisPlan, PlannedTest
+from haptorb.apps.study.plan.registration import Registration
 
-__all__ = ["PlanOutcome", "PlanReport", "SessionPlan", "report_plan"]
+__all__ = ["PlanOutcome", "PlanReport", "SessionPlan", "find_plan", "report_plan"]
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ class PlanReport:
     correction: str
     remarks: tuple[str, ...]  #: what else a reader must know
     outcomes: tuple[PlanOutcome, ...]
+    registered: str = ""  #: when the same plan was registered; empty: no registration was given, or another plan
 
     @property
     def sentence(self) -> str:
@@ -73,9 +75,9 @@ class PlanReport:
         reached = "reached" if self.finished >= self.planned else "NOT REACHED"
         tests = f"{len(self.outcomes)} planned test{'' if len(self.outcomes) == 1 else 's'}"
         return (
-            f"plan {self.digest}, stored with the first session ({self.since[:16].replace('T', ' ')} UTC): {tests}, "
+            f"plan {self.digest}, stored with the first session ({_minute(self.since)} UTC): {tests}, "
             f"α = {self.alpha:g}, correction {self.correction}; {self.finished} of {self.planned} planned participants "
-            f"finished: {reached}"
+            f"finished: {reached}{self.registered and f'; {self.registered}'}"
         )
 
     def numbers(self) -> dict[str, Any]:
@@ -84,7 +86,7 @@ class PlanReport:
             "digest": self.digest, "stored_at": self.since, "planned_participants": self.planned,
             "finished_participants": self.finished, "reached": self.finished >= self.planned,
             "alpha": self.alpha if self.digest else None,
-            "correction": self.correction, "remarks": list(self.remarks),
+            "correction": self.correction, "registered": self.registered or None, "remarks": list(self.remarks),
             "tests": [
                 {
                     "measure": one.test.measure, "between": one.test.between and list(one.test.between),
@@ -96,18 +98,29 @@ class PlanReport:
         }  # fmt: skip
 
 
+def find_plan(study: Study, sessions: Sequence[SessionPlan]) -> AnalysisPlan | None:
+    """The plan in force: that of `study`, as the database holds it, if the first of the `sessions` began with it."""
+    if study.plan is None or not sessions:
+        return study.plan
+    return study.plan if min(sessions, key=lambda one: one.started).digest == study.plan.digest else None
+
+
 def report_plan(
-    study: Study, comparisons: Sequence[ConditionComparison], sessions: Sequence[SessionPlan]
+    study: Study,
+    comparisons: Sequence[ConditionComparison],
+    sessions: Sequence[SessionPlan],
+    registration: Registration | None = None,
 ) -> PlanReport | None:
     """The report of the plan of `study`, as the database holds it; None where nobody ever had one.
 
-    In force is the plan with which the first session began. A plan that came later, or was altered, is remarked upon.
+    `registration` is what was filed. In force is the plan with which the first session began. A plan that came later,
+    or was altered, is remarked upon.
     """
     order = sorted(sessions, key=lambda one: one.started)
     first = order[0] if order else SessionPlan("", study.plan.digest if study.plan else "", False)
     held = study.plan.digest if study.plan is not None else ""
     others = [one for one in order if one.digest != first.digest]
-    remarks = []
+    remarks = [] if registration is None else _compare_registration(study, first, registration)
     if held != first.digest:
         remarks.append(
             f"the plan in the database was CHANGED: it is {held or 'missing'} now, the first session began with "
@@ -118,10 +131,10 @@ def report_plan(
         count = f"{len(others)} session{'' if len(others) == 1 else 's'}"
         remarks.append(
             f"the plan was CHANGED after data existed: {count}, the first of them at "
-            f"{others[0].started[:16].replace('T', ' ')} UTC, began with plan {plans}; reported is that of the first "
+            f"{_minute(others[0].started)} UTC, began with plan {plans}; reported is that of the first "
             f"session, {first.digest or 'none'}"
         )
-    plan = study.plan if held == first.digest else None
+    plan = find_plan(study, sessions)
     if plan is None:
         return PlanReport("", first.started, 0, 0, math.nan, "", tuple(remarks), ()) if remarks else None
     outcomes = []
@@ -130,6 +143,35 @@ def report_plan(
         found = next((x for x in comparisons if (x.what, x.a, x.b) == (test.measure, a, b) and x.planned), None)
         outcomes.append(PlanOutcome(test, found, found is not None and found.p_corrected < plan.alpha))
     finished = sum(one.finished for one in order)
+    registered = ""
+    if registration is not None and registration.plan == held:
+        registered = f"registered {_minute(registration.written)} UTC"
     return PlanReport(
-        held, first.started, plan.participants, finished, plan.alpha, plan.correction, tuple(remarks), tuple(outcomes)
-    )
+        held, first.started, plan.participants, finished, plan.alpha, plan.correction, tuple(remarks), tuple(outcomes),
+        registered,
+    )  # fmt: skip
+
+
+def _compare_registration(study: Study, first: SessionPlan, registration: Registration) -> list[str]:
+    """What does not fit together."""
+    remarks = []
+    if registration.study != study.digest:
+        remarks.append(
+            f"the registration is of ANOTHER STUDY: {registration.name}, digest {registration.study}; this one has "
+            f"{study.digest}"
+        )
+    elif registration.plan != first.digest:
+        remarks.append(
+            f"ANOTHER PLAN was registered: {registration.plan}; the first session began with {first.digest or 'none'}"
+        )
+    if first.started and registration.written > first.started:
+        remarks.append(
+            f"the registration is LATER than the data: written {_minute(registration.written)} UTC, first session "
+            f"{_minute(first.started)} UTC"
+        )
+    return remarks
+
+
+def _minute(time: str) -> str:
+    """Day and time of day of a time stamp."""
+    return time[:16].replace("T", " ")

@@ -93,6 +93,19 @@ class AnalysisPlan(Part):
         """Level that a single test must reach whatever the others show; for power."""
         return self.alpha if self.correction == "none" else self.alpha / len(self.tests)
 
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        count = f"{len(self.tests)} test{'' if len(self.tests) == 1 else 's'}"
+        return (
+            f"plan {self.digest}: {self.participants} participants, {count} ({self.test}), α = {self.alpha:g}, "
+            f"correction {self.correction}"
+        )
+
+    def numbers(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        return {"digest": self.digest, **self.model_dump(mode="json")}
+
     def find(self, measure: str, a: str, b: str) -> PlannedTest | None:
         """The planned test of `measure` between `a` and `b`, in either order; both empty: against zero."""
         wanted = (measure, {a, b} - {""})
