@@ -10,7 +10,6 @@ from haptorb.apps.study.analysis.analysis import analyse
 from haptorb.apps.study.model.study_file import study_of
 from haptorb.apps.study.simulated.power import power, power_of
 from haptorb.apps.study.simulated.power_person import simulate_value
-from haptorb.apps.study.simulated.power_workers import simulate_pool
 from haptorb.errors import InputError
 
 TWO = """
@@ -200,21 +199,3 @@ def test_power_is_what_the_analysis_finds() -> None:
     share = told.power[told.people.index(8)]
     assert 0.3 < share < 0.95  # where it is hardest to agree
     assert found / studies == pytest.approx(share, abs=0.02 + 3 * np.sqrt(share * (1 - share) / studies))
-
-
-def test_one_process_and_two_give_the_same_to_the_last_bit() -> None:
-    study = study_of(TWO)
-    one = simulate_pool(study, 8, 5, "error", ("base", "weak"))
-    two = simulate_pool(study, 8, 5, "error", ("base", "weak"), processes=2)
-    assert one == two
-
-
-@pytest.mark.parametrize(
-    ("options", "words"), [({"processes": 0}, "processes"), ({"scheduler": "tcp://127.0.0.1:9"}, "no Dask scheduler")]
-)
-def test_nowhere_to_compute_is_told_in_one_line(options: dict[str, object], words: str) -> None:
-    if "scheduler" in options:
-        pytest.importorskip("distributed")
-    with pytest.raises(InputError, match=words) as told:
-        simulate_pool(study_of(TWO), 8, 0, "error", ("base", "weak"), **options)  # type: ignore[arg-type]
-    assert "\n" not in str(told.value)

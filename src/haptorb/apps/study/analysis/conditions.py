@@ -95,9 +95,9 @@ def compare_conditions(
 ) -> tuple[ConditionComparison, ...]:
     """All tests that `study` can give, where at least two of `people` have a value in both conditions.
 
-    First those of `plan`, the one in force, in its order and direction; then what is claimed of all conditions; then pairs
-    of conditions. p is corrected within each of the three, by the plan's correction, Holm's without a plan. `main` are
-    the columns without practice.
+    First those of `plan`, the one in force, in its order and direction; then what is claimed of all conditions; then
+    pairs of conditions. p is corrected within each of the three, by the plan's correction, Holm's without a plan.
+    `main` are the columns without practice.
     """
     names = [condition.name for condition in study.conditions]
     known = MEASURES.get(study.procedure, ())

@@ -20,7 +20,7 @@ from haptorb.version import __version__
 
 __all__ = ["count_cores", "simulate_pool"]
 
-_PATIENCE = 10.0  #: until a scheduler that does not answer counts as unreachable [s]
+_PATIENCE = 5.0  #: until a scheduler that does not answer counts as unreachable [s]
 _SHARES = 8  #: parts of the work per process, so that none waits long for the last
 
 Job = tuple[bytes, tuple[tuple[tuple[int, ...], int], ...], str, tuple[str, str] | None]

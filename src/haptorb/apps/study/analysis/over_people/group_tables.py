@@ -47,8 +47,8 @@ def list_notes(analysis: Analysis) -> Iterator[str]:
         )
         if any(one.chance > 0 for one in found.information.values()):
             yield (
-                "Information transferred: pooled over people as in Miller & Nicely 1955, corrected for few answers; "
-                "95 % by jackknife over people. Plug-in is not corrected; by chance is what shuffled answers give."
+                "Information transferred, T: pooled over people as in Miller & Nicely 1955, corrected for few answers; "
+                "95 % by jackknife over people. Plug-in is not corrected; chance is what shuffled answers give."
             )
     if analysis.comparisons:
         row = analysis.comparisons[0]
@@ -88,10 +88,10 @@ def _localisation(found: Localisation) -> Iterator[TextTable]:
     if found.information:
         yield _table(
             "Information transferred",
-            (Column("condition", kind="key"), Column("trials"), Column("transferred", "bit"), Column("95 %", "bit"),
-             Column("of", "bit"), Column("plug-in", "bit"), Column("Miller–Madow", "bit"), Column("by chance", "bit"),
+            (Column("condition", kind="key"), Column("T", "bit"), Column("95 %", "bit"),
+             Column("of", "bit"), Column("plug-in", "bit"), Column("Miller–Madow", "bit"), Column("chance", "bit"),
              Column("p")),
-            ((name, str(x.trials), format_value(x.bits, ".2f"), format_range((x.low, x.high), ".2f"),
+            ((name, format_value(x.bits, ".2f"), format_range((x.low, x.high), ".2f"),
               format_value(x.most, ".2f"), format_value(x.plug_in, ".2f"), format_value(x.miller_madow, ".2f"),
               format_value(x.chance, ".2f"), format_value(x.p, ".2g")) for name, x in found.information.items()),
         )  # fmt: skip
@@ -112,9 +112,9 @@ def _outcomes(plan: PlanReport) -> TextTable:
 def _comparisons(title: str, rows: Iterable[ConditionComparison], analysis: Analysis) -> TextTable:
     return _table(
         title,
-        (Column("measure", kind="key"), Column("test of", kind="text"), Column("mean"), Column("95 %"),
-         Column("people"), Column("p"), Column("p corrected")),
-        ((_measure(x), x.name, f"{x.difference:.3g}", format_range((x.low, x.high), ".3g"), str(x.people),
+        (Column("test", kind="text"), Column("mean"), Column("95 %"), Column("people"), Column("p"),
+         Column("p corrected")),
+        ((_test(x), f"{x.difference:.3g}", format_range((x.low, x.high), ".3g"), str(x.people),
           f"{x.p:.3g}", format_value(x.p_corrected, ".3g")) for x in rows),
     )  # fmt: skip
 
@@ -122,15 +122,16 @@ def _comparisons(title: str, rows: Iterable[ConditionComparison], analysis: Anal
 def _effects(rows: Iterable[ConditionComparison]) -> TextTable:
     return _table(
         "Effect sizes",
-        (Column("measure", kind="key"), Column("test of", kind="text"), Column("d_z"), Column("95 %"), Column("g_av"),
-         Column("95 %")),
-        ((_measure(x), x.name, format_value(e.d_z, ".2f"), format_range(e.d_z_95, ".2f"), format_value(e.g_av, ".2f"),
+        (Column("test", kind="text"), Column("d_z"), Column("95 %"), Column("g_av"), Column("95 %")),
+        ((_test(x), format_value(e.d_z, ".2f"), format_range(e.d_z_95, ".2f"), format_value(e.g_av, ".2f"),
           format_range(e.g_av_95, ".2f")) for x in rows if (e := x.effect) is not None),
     )  # fmt: skip
 
 
-def _measure(row: ConditionComparison) -> str:
-    return f"{row.what} [{row.unit}]" if row.unit else row.what
+def _test(row: ConditionComparison) -> str:
+    """Measure, its unit, and the conditions or the claim."""
+    unit = row.unit.replace("deg", "°")
+    return f"{row.what} [{unit}], {row.name}" if unit else f"{row.what}, {row.name}"
 
 
 def _table(title: str, columns: tuple[Column, ...], rows: Iterable[tuple[str, ...]]) -> TextTable:
