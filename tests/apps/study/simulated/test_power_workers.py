@@ -33,7 +33,7 @@ def cluster() -> Iterator[str]:
     """A Dask cluster of two processes on this computer."""
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", memory_limit=0
     ) as made:
         yield made.scheduler_address
 

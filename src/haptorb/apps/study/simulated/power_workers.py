@@ -15,7 +15,7 @@ from typing import Any
 
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.simulated.power_person import simulate_value
-from haptorb.errors import InputError
+from haptorb.errors import HaptorbError, InputError
 from haptorb.version import __version__
 
 __all__ = ["count_cores", "simulate_pool"]
@@ -93,8 +93,16 @@ def _run_cluster(jobs: list[Job], address: str) -> Iterator[dict[int, float]]:
     with client:
         _check_cluster(client, address)
         futures = client.map(_simulate_job, jobs, pure=False)
-        for future in as_finished(futures):
-            yield future.result()
+        try:
+            for future in as_finished(futures, loop=client.loop):
+                yield future.result()
+        except (HaptorbError, GeneratorExit):
+            raise
+        except Exception as cause:  # a worker that was killed, a scheduler that went away
+            text = " ".join(str(cause).split())[:200]
+            raise InputError(
+                f"the Dask cluster at '{address}' failed: {text}; the result is lost, start again"
+            ) from cause
 
 
 def _check_cluster(client: Any, address: str) -> None:
