@@ -11,7 +11,7 @@ from haptorb.apps.cli.study.options import DatabaseArgument, NameOption
 from haptorb.apps.terminal import Column, TextTable, make_console, print_json, print_table, say, tell
 from haptorb.errors import InputError
 
-__all__ = ["analyse", "export", "participants"]
+__all__ = ["analyse", "export", "figures", "participants"]
 
 
 def participants(
@@ -74,6 +74,28 @@ def analyse(
     print_summary(done, make_console())
     path = write_report(done, out or Path(f"{done.study.name}-report"), kind=figures)
     tell(f"report: {path}")
+
+
+def figures(
+    db: DatabaseArgument,
+    name: NameOption = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder (default: STUDY-figures).")] = None,
+    kind: Annotated[str, typer.Option("--format", help="pdf, svg or png (600 dpi).")] = "pdf",
+    single: Annotated[float, typer.Option(help="Width of a figure in one column [mm].")] = 85.0,
+    double: Annotated[float, typer.Option(help="Width of a figure over both columns [mm].")] = 174.0,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
+) -> None:
+    """Draw all figures for a paper: vector, for colour-blind readers too, fonts embedded, with captions."""
+    from haptorb.apps.study.analysis.drawings.figure_set import KINDS, write_figures
+    from haptorb.apps.study.analysis.drawings.style import PaperSize
+    from haptorb.apps.study.analysis.load_analysis import analysis_of
+
+    if kind not in KINDS:
+        raise InputError(f"--format must be {', '.join(KINDS)}; got '{kind}'")
+    size = PaperSize(single, double)
+    done = analysis_of(db, name)
+    files = write_figures(done, out or Path(f"{done.study.name}-figures"), kind, size=size, overwrite=force)
+    tell(f"{done.origin}\n" + "\n".join(map(str, files)))
 
 
 def export(

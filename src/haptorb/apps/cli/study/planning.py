@@ -12,7 +12,21 @@ from haptorb.apps.cli.study.options import DatabaseOption, FileArgument
 from haptorb.apps.cli.study.order_table import print_order
 from haptorb.apps.terminal import Column, TextTable, make_console, make_progress, print_json, print_table, say, tell
 
-__all__ = ["check", "power", "simulate"]
+__all__ = ["check", "new", "power", "simulate"]
+
+
+def new(
+    name: Annotated[str, typer.Argument(help="Name of the study; the file is NAME.toml.")],
+    like: Annotated[
+        str, typer.Option(help="Begin with: zarate2020, identification, staircase, magnitude or comparison.")
+    ] = "identification",
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+) -> None:
+    """Write a commented study file to begin with."""
+    from haptorb.apps.study.templates.study_template import write_study
+
+    path = write_study(name, like, overwrite=force)
+    tell(f"{path}: like '{like}'. Edit it, then: haptorb study check {path}")
 
 
 def check(

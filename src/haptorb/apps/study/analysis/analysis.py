@@ -14,6 +14,12 @@ import numpy as np
 
 from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.study.analysis.accuracy import Arrow, Confusion, count_answers, find_arrows
+from haptorb.apps.study.analysis.by_condition.magnitude import MagnitudeScale, estimate_magnitudes, list_magnitudes
+from haptorb.apps.study.analysis.by_condition.response_times import (
+    ResponseTime,
+    find_response_times,
+    list_response_times,
+)
 from haptorb.apps.study.analysis.conditions import (
     ConditionComparison,
     RatingMean,
@@ -63,6 +69,8 @@ class Analysis(NotebookReport):
     comparisons: tuple[ConditionComparison, ...] = ()
     localisation: Localisation | None = None
     plan: PlanReport | None = None
+    magnitudes: tuple[MagnitudeScale, ...] = ()
+    times: tuple[ResponseTime, ...] = ()
 
     printer: ClassVar[str] = "haptorb.apps.study.analysis.summary:print_summary"
 
@@ -118,7 +126,7 @@ class Analysis(NotebookReport):
                 }
                 for name, (x, k, n, fit) in self.curves.items()
             }  # fmt: skip
-        if self.curves or self.thresholds:
+        if self.curves or self.thresholds or self.magnitudes:
             levels = self.study.levels
             found["level"] = {"parameter": levels and levels.parameter, "unit": self.study.level_unit or "1"}
         if self.thresholds:
@@ -133,6 +141,10 @@ class Analysis(NotebookReport):
                 {"a": a, "b": b, "a_chosen": k, "of": n, "wilson_95": list(w)}
                 for (a, b), (k, n, w) in self.chosen.items()
             ]
+        if self.magnitudes:
+            found["magnitudes"] = list_magnitudes(self.magnitudes)
+        if self.times:
+            found["response_times"] = list_response_times(self.times)
         if self.comparisons:
             found["comparisons"] = [one.numbers() for one in self.comparisons]
         if self.localisation is not None:
@@ -180,7 +192,7 @@ def analyse(
     return Analysis(
         study, len(people), len(main["trial"]), int(practice.sum()), len(simulated),
         int(np.count_nonzero(main["safety"] != "")), int(np.count_nonzero(main["repeats"])), device.count(True),
-        device.count(None), **parts,
+        device.count(None), magnitudes=estimate_magnitudes(study, main), times=find_response_times(study, main), **parts,
     )  # fmt: skip
 
 

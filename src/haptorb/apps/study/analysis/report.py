@@ -10,9 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.apps.study.analysis.by_condition.magnitude import make_magnitude_tables
+from haptorb.apps.study.analysis.by_condition.response_times import make_response_table
 from haptorb.apps.study.analysis.figures import figures
 from haptorb.apps.study.analysis.over_people.group_tables import list_group_tables, list_notes
 from haptorb.apps.study.analysis.wording import format_percent, format_range, format_value
+from haptorb.apps.terminal import TextTable
 from haptorb.errors import InputError, RecordingError
 
 __all__ = ["page", "write_report"]
@@ -118,10 +121,17 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
             for (a, b), (k, n, w) in analysis.chosen.items()
         ]
         body += ["<h2>Choices</h2>", _table(["chosen", "times", "Wilson 95 % [%]"], rows)]
-    body += [
-        f"<h2>{escape(table.title)}</h2>{_table([c.title for c in table.columns], [list(row) for row in table.rows])}"
-        for table in list_group_tables(analysis)
-    ]
+    for table in make_magnitude_tables(analysis.magnitudes, analysis.study.level_unit):
+        body += [f"<h2>{escape(table.title)}</h2>", _convert_table(table)]
+    if analysis.times:
+        table = make_response_table(analysis.times)
+        body += [
+            f"<h2>{escape(table.title)}</h2>", _convert_table(table),
+            "<p class='quiet'>From prompt to answer, pauses left out; mean over people of each one's median, and the "
+            "geometric mean; Student's intervals over people, of the geometric mean in the logarithm.</p>",
+        ]  # fmt: skip
+    for table in list_group_tables(analysis):
+        body += [f"<h2>{escape(table.title)}</h2>", _convert_table(table)]
     body += [f"<p class='quiet'>{escape(note)}</p>" for note in list_notes(analysis)]
     body += ["<h2>Study file</h2>", f"<pre>{escape(analysis.study.text)}</pre>"]
     title = f"{analysis.study.name}{' (simulated)' if analysis.marked else ''}"
@@ -164,6 +174,12 @@ def _draw_figures(analysis: Analysis, kind: str) -> dict[str, bytes]:
 def _image(data: bytes, name: str) -> str:
     kind = "png" if data.startswith(b"\x89PNG") else "svg+xml"
     return f"<p><img alt='{name}' src='data:image/{kind};base64,{b64encode(data).decode()}'></p>"
+
+
+def _convert_table(table: TextTable) -> str:
+    return _table(
+        [f"{one.head} [{one.unit}]" if one.unit else one.head for one in table.columns], [*map(list, table.rows)]
+    )
 
 
 def _table(head: list[str], rows: list[list[Any]]) -> str:

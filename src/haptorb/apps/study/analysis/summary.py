@@ -8,6 +8,8 @@ import numpy as np
 from rich.console import Console
 
 from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.apps.study.analysis.by_condition.magnitude import make_magnitude_tables
+from haptorb.apps.study.analysis.by_condition.response_times import make_response_table
 from haptorb.apps.study.analysis.over_people.group_tables import list_group_tables, list_notes
 from haptorb.apps.study.analysis.wording import format_range, format_value
 from haptorb.apps.study.inference.intervals import bootstrap
@@ -72,6 +74,9 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
             ((name, f"{x.mean:.2f}", format_range((x.low, x.high), ".2f"), format_value(x.sd, ".2f"), str(x.ratings))
              for name, x in analysis.scores.items()),
         )  # fmt: skip
+    yield from make_magnitude_tables(analysis.magnitudes, unit)
+    if analysis.times:
+        yield make_response_table(analysis.times)
     if analysis.chosen:
         yield _table(
             "Choices",

@@ -8,12 +8,19 @@ from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.asking.rating import rating
 from haptorb.apps.study.model.study_file import Study
 
-__all__ = ["is_comparison", "list_pairs", "list_prompts"]
+__all__ = ["GREATEST", "ask_number", "is_comparison", "list_pairs", "list_prompts"]
+
+GREATEST = 1_000_000  #: number that answers a magnitude estimation
 
 
 def is_comparison(study: Study) -> bool:
     """Whether its trials have two intervals."""
     return study.procedure in ("constant", "staircase", "bayesian", "forced-choice")
+
+
+def ask_number(study: Study) -> str:
+    """What is asked for a number in, without the numbers that may be answered."""
+    return "How strong does it push?" if study.procedure == "magnitude" else study.rating.question
 
 
 def list_pairs(study: Study) -> list[tuple[str, str]]:
@@ -37,6 +44,9 @@ def list_prompts(study: Study, name: str) -> list[Prompt]:
         case "constant":
             values = study.levels.values if study.levels else ()
             cells = [Prompt(condition=name, set_point=top, level=v, low=1, high=2) for v in values]
+        case "magnitude":
+            values = study.levels.values if study.levels else ()
+            cells = [Prompt(condition=name, set_point=top, level=v, low=1, high=GREATEST) for v in values]
         case "forced-choice":
             pairs = [other for first, other in list_pairs(study) if first == name]
             cells = [Prompt(condition=name, other=other, set_point=top, low=1, high=2) for other in pairs]

@@ -18,6 +18,7 @@ from haptorb.apps.study.model.study_parts import (
     Name,
     Part,
     Places,
+    ProcedureName,
     Question,
     RatingScale,
     Trials,
@@ -47,7 +48,7 @@ _PUBLISHED = "1-4-8-12"
 _ORDER = "2"
 _MISTAKES = 20  #: told at once
 _CODE = 1 << 20  #: bytes of a world's file
-_LEVELLED = ("constant", "staircase", "bayesian")
+_LEVELLED = ("constant", "staircase", "bayesian", "magnitude")
 
 
 class Study(Part):
@@ -88,7 +89,7 @@ class Study(Part):
         m.Without("the device's first model"),
     ] = ""
     procedure: Annotated[
-        Literal["identification", "localisation", "constant", "staircase", "bayesian", "forced-choice", "rating"],
+        ProcedureName,
         m.Meaning("what is asked in each trial"),
     ] = "identification"
     instructions: Annotated[str, m.Meaning("what the participant reads first"), m.Form("text")] = (
@@ -122,7 +123,7 @@ class Study(Part):
     levels: Annotated[
         Levels | None,
         m.Meaning("what a comparison varies"),
-        m.Without("none: required with procedures constant, staircase and bayesian"),
+        m.Without("none: required with procedures constant, staircase, bayesian and magnitude"),
     ] = None
     rating: Annotated[RatingScale, m.Meaning("question and scale of a rating"), m.Without("the defaults below")] = (
         RatingScale()
