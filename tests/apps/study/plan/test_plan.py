@@ -205,10 +205,12 @@ def test_a_plan_that_the_study_cannot_keep_is_refused(plan: str, words: str) -> 
 def test_check_prints_and_registers_the_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "study.toml").write_text(BARE + PLAN)
     target = str(tmp_path / "r.toml")
-    main(["study", "check", str(tmp_path / "study.toml"), "--register", target])
+    with pytest.raises(SystemExit):
+        main(["study", "check", str(tmp_path / "study.toml"), "--register", target])
     out = " ".join("".join(capsys.readouterr()).split())
     assert "4 participants, 1 test (t), α = 0.05, correction holm" in out
     assert "registered: plan" in out
     sat(study_of(BARE + PLAN), tmp_path / "s.db")
-    main(["study", "analyse", str(tmp_path / "s.db"), "--registration", target, "--json"])
+    with pytest.raises(SystemExit):
+        main(["study", "analyse", str(tmp_path / "s.db"), "--registration", target, "--json"])
     assert json.loads(capsys.readouterr().out)["plan"]["registered"].startswith("registered 20")

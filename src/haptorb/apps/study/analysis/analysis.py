@@ -192,7 +192,8 @@ def analyse(
     return Analysis(
         study, len(people), len(main["trial"]), int(practice.sum()), len(simulated),
         int(np.count_nonzero(main["safety"] != "")), int(np.count_nonzero(main["repeats"])), device.count(True),
-        device.count(None), magnitudes=estimate_magnitudes(study, main), times=find_response_times(study, main), **parts,
+        device.count(None), magnitudes=estimate_magnitudes(study, main), times=find_response_times(study, main),
+        **parts,
     )  # fmt: skip
 
 

@@ -83,7 +83,7 @@ def error_vectors(asked: ArrayLike, answered: ArrayLike) -> Array:
     sin = np.linalg.norm(side, axis=-1, keepdims=True)
     angle = np.degrees(np.arctan2(sin, cos))
     with np.errstate(invalid="ignore", divide="ignore"):
-        found = np.where(sin > _TINY, angle * side / sin, np.where(cos > 0, angle * side, np.nan))
+        found = np.where(sin > _TINY, angle * side / sin, np.where(cos > 0, 0.0, np.nan))
     return np.where(np.isfinite(a), found, np.nan) + 0.0
 
 

@@ -117,7 +117,12 @@ def _check_question(
     study: Study, measure: str | None, between: tuple[str, str] | None
 ) -> tuple[str, tuple[str, str] | None]:
     """`measure` and conditions, those of the study where they are not given; InputError for what it does not have."""
-    known = MEASURES[study.procedure]
+    known = MEASURES.get(study.procedure, ())
+    if not known:
+        raise InputError(
+            f"procedure '{study.procedure}' has no measure per participant to compare; power is predicted for "
+            f"{', '.join(MEASURES)}"
+        )
     measure = measure or known[0]
     if measure not in known:
         raise InputError(f"procedure '{study.procedure}' has no measure '{measure}'; known: {', '.join(known)}")
