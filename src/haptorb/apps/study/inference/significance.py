@@ -14,8 +14,8 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, check_finite
 
 __all__ = [
-    "CORRECTIONS", "TESTS", "Correction", "PairTest", "binomial_tail", "check_test", "correct_p", "fewest_people",
-    "paired_p", "sign_flip",
+    "CORRECTIONS", "EXACT_PEOPLE", "TESTS", "Correction", "PairTest", "binomial_tail", "check_test", "correct_p",
+    "fewest_people", "paired_p", "sign_flip",
 ]  # fmt: skip
 
 PairTest = Literal["t", "sign-flip"]
@@ -23,8 +23,8 @@ Correction = Literal["holm", "bonferroni", "none"]
 TESTS: tuple[PairTest, ...] = get_args(PairTest)
 CORRECTIONS: tuple[Correction, ...] = get_args(Correction)
 
-_EXACT = 14  #: people up to whom all signs are tried
-_DRAWN = 10_000  #: sign patterns beyond, the observed one among them
+EXACT_PEOPLE = 14  #: people up to whom all signs are tried
+_DRAWN = 5_000  #: sign patterns beyond, the observed one among them
 _AT_ONCE = 1 << 22  #: numbers held at a time
 
 
@@ -43,7 +43,7 @@ def paired_p(differences: ArrayLike, test: PairTest = "t") -> Array:
     """(...) two-sided p that `differences` (..., people) are zero on average. Both analysis and power ask here.
 
     t          Student's test of the mean; the 95 % interval of `mean_interval` excludes zero where p < 0.05
-    sign-flip  signs of all differences are exchangeable: all patterns up to 14 people, beyond 10 000, the observed one
+    sign-flip  signs of all differences are exchangeable: all patterns up to 14 people, beyond 5 000, the observed one
                among them
 
     Where all differences of a group are equal there is no spread for Student's test to go by; then p is 1 if they are
@@ -143,7 +143,7 @@ def _flip_signs(groups: Array) -> Array:
 @cache
 def _signs(people: int) -> Array:
     """(patterns, people): all up to one common sign, or drawn ones with the observed."""
-    if people <= _EXACT:
+    if people <= EXACT_PEOPLE:
         return np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=people - 1)])
     drawn: Array = np.random.default_rng(people).choice((-1.0, 1.0), (_DRAWN, people))
     drawn[0] = 1.0

@@ -6,12 +6,13 @@ from typing import final
 
 import numpy as np
 
-from haptorb.apps.study.inference.significance import PairTest, fewest_people, paired_p
+from haptorb.apps.study.inference.significance import EXACT_PEOPLE, PairTest, fewest_people, paired_p
 from haptorb.numerics.arrays import Array
 
 __all__ = ["MOST_PEOPLE", "GroupPower"]
 
 MOST_PEOPLE = 500  #: beyond which nothing is searched
+_SLOW = 2000  #: groups at most for a test that takes long
 
 
 @final
@@ -29,7 +30,10 @@ class GroupPower:
         """Of groups of `people`."""
         if people not in self.found:
             draw = np.random.default_rng([*self._seed, people])
-            groups = self._pool[draw.integers(0, len(self._pool), (self._groups, people))]
+            count = self._groups
+            if self._test == "sign-flip" and people > EXACT_PEOPLE:
+                count = min(count, _SLOW)  # thousands of sign patterns for each group
+            groups = self._pool[draw.integers(0, len(self._pool), (count, people))]
             self.found[people] = float(np.mean(paired_p(groups, self._test) < self._alpha))
         return self.found[people]
 
