@@ -31,6 +31,7 @@ from haptorb.apps.study.analysis.curves import fit_curves
 from haptorb.apps.study.analysis.error_by_latitude import LatitudeError, measure_rings
 from haptorb.apps.study.analysis.over_people.directions import SPHERICAL
 from haptorb.apps.study.analysis.over_people.localisation import Localisation, localise
+from haptorb.apps.study.analysis.over_people.measures import list_thresholds
 from haptorb.apps.study.analysis.over_people.plan_report import PlanReport, SessionPlan, find_plan, report_plan
 from haptorb.apps.study.analysis.thresholds import find_thresholds
 from haptorb.apps.study.inference.psychometric import PsychometricCurve
@@ -186,7 +187,9 @@ def analyse(
         parts["chosen"] = count_choices(main)
     if study.procedure in SPHERICAL:
         parts["localisation"] = localise(study, main, people.tolist())
-    parts["comparisons"] = compare_conditions(study, main, people, parts.get("thresholds"), find_plan(study, plans))
+    parts["comparisons"] = compare_conditions(
+        study, main, people, list_thresholds(procedures) if procedures else None, find_plan(study, plans)
+    )
     parts["plan"] = report_plan(study, parts["comparisons"], plans, registration)
     device = main["simulated_device"][~main["simulated"].astype(bool)].tolist()
     return Analysis(

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.study.analysis.over_people.directions import answer_directions, find_unbounded
 from haptorb.apps.study.inference.sphere import error_vectors, local_axes
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
 from haptorb.numerics.arrays import Array
 
-__all__ = ["PersonValues", "fit_slope", "measure_people", "measure_upward"]
+__all__ = ["PersonValues", "fit_slope", "list_thresholds", "measure_people", "measure_upward"]
 
 _COLUMN = {"error": "distance_mm", "accuracy": "correct", "rating": "answer"}
 Thresholds = Mapping[str, Mapping[str, float]]  #: condition → participant's code → threshold
@@ -68,6 +69,17 @@ def measure_people(
             found.append((one, two))
     values = np.array(found, dtype=float).reshape(-1, 2)
     return PersonValues(values[:, 0], values[:, 1], between is not None and measure != "choice")
+
+
+def list_thresholds(procedures: Mapping[str, Procedure]) -> dict[str, dict[str, float]]:
+    """Condition → participant's code → threshold, of adaptive `procedures` by code; a track that goes on has none."""
+    found: dict[str, dict[str, float]] = {}
+    for code, procedure in procedures.items():
+        for part in getattr(procedure, "parts", ()):
+            threshold = getattr(part, "threshold", None)
+            if threshold is not None and part.prompt is None:
+                found.setdefault(part.condition, {})[code] = float(threshold)
+    return found
 
 
 def measure_upward(study: Study, main: Columns, rows: Any) -> Array:
