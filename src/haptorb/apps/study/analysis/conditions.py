@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.study.inference.intervals import bootstrap, wilson
+from haptorb.apps.study.inference.intervals import bootstrap, mean_interval, wilson
 from haptorb.apps.study.inference.significance import sign_flip
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
@@ -49,7 +49,7 @@ def rate_condition(main: Columns, name: str, index: np.ndarray[Any, Any], people
     given = main["answer"][here].astype(float)
     with np.errstate(invalid="ignore", divide="ignore"):
         own = np.bincount(index[here], given, people) / np.bincount(index[here], minlength=people)
-    low, high = bootstrap(own)
+    low, high = mean_interval(own)
     sd = float(given.std(ddof=1)) if len(given) > 1 else math.nan
     return RatingMean(float(given.mean()), sd, len(given), float(low), float(high))
 
