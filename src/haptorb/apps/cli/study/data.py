@@ -8,7 +8,17 @@ from typing import Annotated
 import typer
 
 from haptorb.apps.cli.study.options import DatabaseArgument, NameOption
-from haptorb.apps.terminal import Column, TextTable, make_console, print_json, print_table, say, tell
+from haptorb.apps.terminal import (
+    Column,
+    TextTable,
+    make_console,
+    make_progress,
+    print_json,
+    print_table,
+    say,
+    show_status,
+    tell,
+)
 from haptorb.errors import InputError
 
 __all__ = ["analyse", "export", "figures", "participants"]
@@ -64,7 +74,13 @@ def analyse(
         from haptorb.apps.study.plan.registration import read_registration
 
         registered = read_registration(registration)
-    done = analysis_of(db, name, registered)
+    with make_progress() as bar:
+        task = bar.add_task("reading the answers", total=None)
+        done = analysis_of(
+            db, name,
+            lambda fitted, people: bar.update(task, description="fitting people", completed=fitted, total=people),
+            registration=registered,
+        )  # fmt: skip
     if json:
         print_json(done.numbers())
         return
@@ -72,7 +88,8 @@ def analyse(
     from haptorb.apps.study.analysis.summary import print_summary
 
     print_summary(done, make_console())
-    path = write_report(done, out or Path(f"{done.study.name}-report"), kind=figures)
+    with show_status("drawing the figures"):
+        path = write_report(done, out or Path(f"{done.study.name}-report"), kind=figures)
     tell(f"report: {path}")
 
 

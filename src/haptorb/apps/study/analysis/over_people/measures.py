@@ -127,14 +127,14 @@ def _measure(
 
 def _fit_person(main: Columns, rows: Any, measure: str) -> float:
     """Of constant stimuli: midpoint, or difference noticed in 75 % of the pairs; NaN where one level is known."""
-    from haptorb.apps.study.inference.psychometric import psychometric_fit
+    from haptorb.apps.study.inference.person_fit import psychometric_fit
 
     levels, which = np.unique(main["level"][rows], return_inverse=True)
     if len(levels) < 2:
         return math.nan
     stronger = main["answer"][rows] == main["interval"][rows]
     counts = np.bincount(which, minlength=len(levels))
-    fit = psychometric_fit(levels, np.bincount(which, stronger, len(levels)), counts, samples=1)
+    fit = psychometric_fit(levels, np.bincount(which, stronger, len(levels)), counts)
     return fit.middle if measure == "midpoint" else 0.6745 * fit.spread
 
 
