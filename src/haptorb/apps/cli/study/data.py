@@ -8,7 +8,17 @@ from typing import Annotated
 import typer
 
 from haptorb.apps.cli.study.options import DatabaseArgument, NameOption
-from haptorb.apps.terminal import Column, TextTable, make_console, print_json, print_table, say, tell
+from haptorb.apps.terminal import (
+    Column,
+    TextTable,
+    make_console,
+    make_progress,
+    print_json,
+    print_table,
+    say,
+    show_status,
+    tell,
+)
 from haptorb.errors import InputError
 
 __all__ = ["analyse", "export", "figures", "participants"]
@@ -48,6 +58,9 @@ def analyse(
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for report and figures (default: STUDY-report).")
     ] = None,
+    registration: Annotated[
+        Path | None, typer.Option(help="Registration from `haptorb study check --register`, to compare the plan with.")
+    ] = None,
     figures: Annotated[str, typer.Option(help="Format of the figures: svg or png.")] = "svg",
     json: Annotated[bool, typer.Option("--json", help="Only print the numbers as JSON.")] = False,
 ) -> None:
@@ -56,7 +69,18 @@ def analyse(
 
     if figures not in ("svg", "png"):
         raise InputError(f"--figures must be svg or png; got '{figures}'")
-    done = analysis_of(db, name)
+    registered = None
+    if registration is not None:
+        from haptorb.apps.study.plan.registration import read_registration
+
+        registered = read_registration(registration)
+    with make_progress() as bar:
+        task = bar.add_task("reading the answers", total=None)
+        done = analysis_of(
+            db, name,
+            lambda fitted, people: bar.update(task, description="fitting people", completed=fitted, total=people),
+            registration=registered,
+        )  # fmt: skip
     if json:
         print_json(done.numbers())
         return
@@ -64,7 +88,8 @@ def analyse(
     from haptorb.apps.study.analysis.summary import print_summary
 
     print_summary(done, make_console())
-    path = write_report(done, out or Path(f"{done.study.name}-report"), kind=figures)
+    with show_status("drawing the figures"):
+        path = write_report(done, out or Path(f"{done.study.name}-report"), kind=figures)
     tell(f"report: {path}")
 
 

@@ -1,17 +1,17 @@
 """What the trials say: who was right where, where wrong answers went, how far off, and the curves and thresholds.
 
-Practice is left out. Averages over participants weigh every person alike; intervals are 95 %, drawn over people.
+Practice is left out. Averages over participants weigh every person alike; intervals are 95 %, over the people drawn.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 
-from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.study.analysis.accuracy import Arrow, Confusion, count_answers, find_arrows
 from haptorb.apps.study.analysis.by_condition.magnitude import MagnitudeScale, estimate_magnitudes, list_magnitudes
 from haptorb.apps.study.analysis.by_condition.response_times import (
@@ -26,15 +26,17 @@ from haptorb.apps.study.analysis.conditions import (
     count_choices,
     rate_condition,
 )
-from haptorb.apps.study.analysis.curves import fit_curves
+from haptorb.apps.study.analysis.curves import ConditionCurves, fit_curves
 from haptorb.apps.study.analysis.error_by_latitude import LatitudeError, measure_rings
-from haptorb.apps.study.analysis.thresholds import find_thresholds
-from haptorb.apps.study.inference.psychometric import PsychometricCurve
+from haptorb.apps.study.analysis.over_people.directions import SPHERICAL
+from haptorb.apps.study.analysis.over_people.localisation import Localisation, localise
+from haptorb.apps.study.analysis.over_people.plan_report import PlanReport, SessionPlan, find_plan, report_plan
+from haptorb.apps.study.analysis.thresholds import ConditionTracks, follow_tracks
 from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.plan.registration import Registration
 from haptorb.apps.study.store.columns import Columns
 from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array
 
 __all__ = ["Analysis", "analyse"]
 
@@ -55,15 +57,17 @@ class Analysis(NotebookReport):
     confusion: Confusion | None = None
     arrows: tuple[Arrow, ...] = ()
     rings: tuple[LatitudeError, ...] = ()
-    curves: dict[str, tuple[Array, Array, Array, PsychometricCurve]] = field(
-        default_factory=dict
-    )  #: (levels, yes, of, fit)
+    curves: dict[str, ConditionCurves] = field(default_factory=dict)  #: by condition
+    tracks: dict[str, ConditionTracks] = field(default_factory=dict)  #: of an adaptive procedure, by condition
     thresholds: dict[str, dict[str, float]] = field(default_factory=dict)  #: condition → participant → threshold
     scores: dict[str, RatingMean] = field(default_factory=dict)  #: by condition
     chosen: dict[tuple[str, str], tuple[int, int, tuple[float, float]]] = field(default_factory=dict)
     comparisons: tuple[ConditionComparison, ...] = ()
+    localisation: Localisation | None = None
+    plan: PlanReport | None = None
     magnitudes: tuple[MagnitudeScale, ...] = ()
     times: tuple[ResponseTime, ...] = ()
+    notes: tuple[str, ...] = ()  #: what the data cannot tell
 
     printer: ClassVar[str] = "haptorb.apps.study.analysis.summary:print_summary"
 
@@ -102,31 +106,25 @@ class Analysis(NotebookReport):
         }  # fmt: skip
         if (c := self.confusion) is not None:
             found["accuracy"] = {
-                "mean": c.accuracy, "interval_95": [_number(x) for x in c.accuracy_95], "wilson_95": list(c.pooled_95),
+                "mean": c.accuracy, "interval_95": [_number(x) for x in c.accuracy_95],
+                "single_participant_95": [_number(x) for x in c.single_95],
                 "chance": c.chance, "p_by_chance": c.p_chance,
                 "by_set_point": {str(n): _number(c.matrix[i, i]) for i, n in enumerate(c.numbers)},
+                "by_set_point_95": {
+                    str(n): [_number(x) for x in c.right_95[i]] for i, n in enumerate(c.numbers)
+                },
             }  # fmt: skip
             found["confusion"] = [[_number(x) for x in row] for row in c.matrix.tolist()]
             found["arrows"] = [vars(arrow) for arrow in self.arrows]
         if self.rings:
             found["error_mm"] = [_numbers(ring) for ring in self.rings]
         if self.curves:
-            found["curves"] = {
-                name: {
-                    "levels": x.tolist(), "yes": k.tolist(), "of": n.tolist(), "middle": fit.middle,
-                    "middle_95": fit.middle_95, "spread": fit.spread, "spread_95": fit.spread_95,
-                    "jnd_75_percent": 0.6745 * fit.spread,
-                }
-                for name, (x, k, n, fit) in self.curves.items()
-            }  # fmt: skip
-        if self.curves or self.thresholds or self.magnitudes:
+            found["curves"] = {name: one.numbers() for name, one in self.curves.items()}
+        if self.curves or self.tracks or self.magnitudes:
             levels = self.study.levels
             found["level"] = {"parameter": levels and levels.parameter, "unit": self.study.level_unit or "1"}
-        if self.thresholds:
-            found["thresholds"] = {
-                name: {code: _number(value) for code, value in people.items()}
-                for name, people in self.thresholds.items()
-            }
+        if self.tracks:
+            found["thresholds"] = {name: one.numbers() for name, one in self.tracks.items()}
         if self.scores:
             found["ratings"] = {name: _numbers(one) for name, one in self.scores.items()}
         if self.chosen:
@@ -139,12 +137,24 @@ class Analysis(NotebookReport):
         if self.times:
             found["response_times"] = list_response_times(self.times)
         if self.comparisons:
-            found["comparisons"] = [_numbers(one) for one in self.comparisons]
+            found["comparisons"] = [one.numbers() for one in self.comparisons]
+        if self.localisation is not None:
+            found["localisation"] = self.localisation.numbers()
+        if self.plan is not None:
+            found["plan"] = self.plan.numbers()
+        if self.notes:
+            found["notes"] = list(self.notes)
         return found
 
 
-def analyse(study: Study, columns: Columns, procedures: dict[str, Procedure] | None = None) -> Analysis:
-    """The analysis of `study` from its tidy `columns`; `procedures` by participant code give adaptive thresholds."""
+def analyse(
+    study: Study, columns: Columns, progress: Callable[[int, int], None] | None = None, *,
+    plans: Sequence[SessionPlan] = (), registration: Registration | None = None,
+) -> Analysis:  # fmt: skip
+    """The analysis of `study` from its tidy `columns`; `progress` is told (people fitted, people in all).
+
+    `plans` tell with which plan of the analysis each session began, `registration` with which one was filed.
+    """
     practice = columns["phase"] == "practice"
     main = {name: values[~practice] for name, values in columns.items()}
     if not len(main["trial"]):
@@ -157,23 +167,41 @@ def analyse(study: Study, columns: Columns, procedures: dict[str, Procedure] | N
         parts["arrows"] = find_arrows(confusion)
     if np.isfinite(main["distance_mm"]).any():
         parts["rings"] = measure_rings(main, index, len(people))
+    notes = _list_empty(study, main)
     if study.procedure == "constant":
-        parts["curves"] = fit_curves(main)
-    if procedures:
-        parts["thresholds"] = find_thresholds(procedures)
+        parts["curves"], more = fit_curves(main, progress)
+        notes += more
+    if study.procedure in ("staircase", "bayesian"):
+        parts["tracks"] = tracks = follow_tracks(study, main, progress)
+        parts["thresholds"] = {
+            name: {code: fit.threshold for code, fit in one.people.items() if fit.complete}
+            for name, one in tracks.items()
+        }
     if study.procedure == "rating":
         parts["scores"] = {
             str(n): rate_condition(main, str(n), index, len(people)) for n in dict.fromkeys(main["condition"].tolist())
         }
     if study.procedure == "forced-choice":
         parts["chosen"] = count_choices(main)
+    if study.procedure in SPHERICAL:
+        parts["localisation"] = localise(study, main, people.tolist())
+    parts["comparisons"] = compare_conditions(study, main, people, parts.get("thresholds"), find_plan(study, plans))
+    parts["plan"] = report_plan(study, parts["comparisons"], plans, registration)
     device = main["simulated_device"][~main["simulated"].astype(bool)].tolist()
     return Analysis(
         study, len(people), len(main["trial"]), int(practice.sum()), len(simulated),
         int(np.count_nonzero(main["safety"] != "")), int(np.count_nonzero(main["repeats"])), device.count(True),
-        device.count(None), comparisons=compare_conditions(study, main, people),
-        magnitudes=estimate_magnitudes(study, main), times=find_response_times(study, main), **parts,
+        device.count(None), magnitudes=estimate_magnitudes(study, main), times=find_response_times(study, main),
+        notes=tuple(notes), **parts,
     )  # fmt: skip
+
+
+def _list_empty(study: Study, main: Columns) -> list[str]:
+    """Conditions without an answer; in a forced choice each is compared with the others, and pairs tell."""
+    if study.procedure == "forced-choice":
+        return []
+    met = set(main["condition"].tolist())
+    return [f"condition '{one.name}': no answers yet" for one in study.conditions if one.name not in met]
 
 
 def _numbers(row: Any) -> dict[str, Any]:

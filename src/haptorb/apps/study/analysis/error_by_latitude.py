@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.study.inference.intervals import bootstrap
+from haptorb.apps.study.inference.intervals import mean_interval
 from haptorb.apps.study.store.columns import Columns
 
 __all__ = ["LatitudeError", "measure_rings"]
@@ -20,7 +20,7 @@ class LatitudeError:
 
     theta_deg: float
     trials: int
-    mean: float  #: [mm] over trials
+    mean: float  #: [mm] of the people's means
     sd: float  #: [mm] over trials
     low: float  #: [mm] of the mean, over people
     high: float  #: [mm]
@@ -36,7 +36,9 @@ def measure_rings(main: Columns, index: np.ndarray[Any, Any], people: int) -> tu
         counts = np.bincount(index[here], minlength=people)
         with np.errstate(invalid="ignore", divide="ignore"):
             own = np.bincount(index[here], error, people) / counts
-        low, high = bootstrap(own)
+        low, high = mean_interval(own)
         sd = float(error.std(ddof=1)) if len(error) > 1 else math.nan
-        found.append(LatitudeError(float(theta), len(error), float(error.mean()), sd, float(low), float(high)))
+        found.append(
+            LatitudeError(float(theta), len(error), float(own[counts > 0].mean()), sd, float(low), float(high))
+        )
     return tuple(found)

@@ -24,6 +24,7 @@ from haptorb.apps.study.model.study_parts import (
     Trials,
     Value,
 )
+from haptorb.apps.study.plan.analysis_plan import AnalysisPlan, HandAngle, check_plan
 from haptorb.apps.terminal import announce_wait
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
@@ -40,7 +41,7 @@ from haptorb.worlds.world import World
 __all__ = ["Study", "read_study", "study_of"]
 
 #: left out of the digest where they are not used: studies that were begun before there were such things go on
-_LATER = ("mask", "questions", "model", "world_digest", "published_layout", "order_version")
+_LATER = ("mask", "questions", "model", "world_digest", "published_layout", "order_version", "hand_deg")
 #: what "published" means today; a stored study without the key ran with 1 + 8 + 8 + 8
 _PUBLISHED = "1-4-8-12"
 #: how trials are ordered today; a stored study without the key is ordered as before, at random unless its file says so
@@ -135,6 +136,8 @@ class Study(Part):
         m.Form("at most 200, each with its own name"),
         m.Without("none"),
     ] = ()
+    hand_deg: HandAngle = None
+    plan: Annotated[AnalysisPlan | None, m.Meaning("what is decided before data exist"), m.Without("none")] = None
     _text: str = PrivateAttr("")
     _own: World | None = PrivateAttr(None)
 
@@ -162,6 +165,7 @@ class Study(Part):
             raise ValueError(f"[levels] needs procedure {', '.join(_LEVELLED)}; this study has '{self.procedure}'")
         if self.procedure == "forced-choice" and len(names) < 2:
             raise ValueError("a forced choice needs at least two conditions to choose between")
+        check_plan(self, self.plan)
         return self
 
     @property
@@ -188,9 +192,9 @@ class Study(Part):
 
     @property
     def digest(self) -> str:
-        """Of everything that matters: sessions of one study share it."""
-        unused = {name for name in _LATER if not getattr(self, name)}
-        return sha256(self.model_dump_json(exclude=unused).encode()).hexdigest()[:16]
+        """Of all that decides how it runs: sessions of one study share it. The plan of the analysis has its own."""
+        unused = {name for name in _LATER if getattr(self, name) in (None, "", ())}
+        return sha256(self.model_dump_json(exclude={"plan", *unused}).encode()).hexdigest()[:16]
 
     @property
     def points(self) -> tuple[SetPoint, ...]:
