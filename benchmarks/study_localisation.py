@@ -20,9 +20,9 @@ from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
-from haptorb.apps.study.inference.information import transfer_information
 
 from haptorb.apps.study.analysis.conditions import compare_conditions
+from haptorb.apps.study.inference.information import transfer_information
 from haptorb.apps.study.inference.sphere import local_axes
 from haptorb.apps.study.model.set_points import directions
 from haptorb.apps.study.model.study_file import Study, study_of

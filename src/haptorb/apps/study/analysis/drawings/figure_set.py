@@ -82,14 +82,15 @@ def _list_figures(analysis: Analysis) -> Iterator[_Entry]:
     if analysis.curves:
         yield (
             "psychometric-curves", drawn.draw_curves,
-            "Share of trials in which the comparison was called the stronger, participants pooled, and the fitted "
-            "cumulative normal; vertical line: reference.",
+            "Points: share of trials in which the comparison was called the stronger, over all participants. Thin: "
+            "functions fitted to each participant; thick: participant in the middle of the group; vertical line: "
+            "reference.",
         )  # fmt: skip
-    if analysis.thresholds:
+    if analysis.tracks:
         yield (
             "thresholds", drawn.draw_thresholds,
-            "Grey: thresholds of each participant, joined. Large points: geometric means; bars: Student's 95 % over "
-            "participants, in the logarithm.",
+            "Grey: fitted thresholds of each participant with 95 %, joined. Large points: mean of the group in the "
+            "logarithm, 95 %.",
         )  # fmt: skip
     if analysis.scores:
         yield "ratings", drawn.draw_ratings, f"Ratings by condition. {people}"
