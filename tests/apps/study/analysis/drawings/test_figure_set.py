@@ -91,7 +91,8 @@ def test_figures_have_the_widths_of_columns(analyses: dict[str, Analysis]) -> No
 
 def test_a_pdf_has_its_fonts_inside_as_truetype(analyses: dict[str, Analysis], tmp_path: Path) -> None:
     *files, captions = write_figures(analyses["staircase"], tmp_path)
-    for path in files:
+    *others, _ = write_figures(analyses["identification"], tmp_path / "others")
+    for path in (*files, *others):
         data = path.read_bytes()
         streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", data, re.DOTALL)
         assert b"/FontFile2" in data  # TrueType, embedded
