@@ -185,6 +185,6 @@ def test_conditions_are_compared_person_by_person(tmp_path: Path) -> None:
                 right = prompt.condition == "a"
                 sitting.answer(Answer(prompt.set_point if right else 3 - prompt.set_point, WAYS[1]))
     found = analyse(study, tidy(engine, study))
-    accuracy = found.comparisons[0]
+    accuracy = next(one for one in found.comparisons if one.what == "accuracy")
     assert (accuracy.what, accuracy.difference, accuracy.people) == ("accuracy", 1.0, 3)
     assert accuracy.p == pytest.approx(0.25)

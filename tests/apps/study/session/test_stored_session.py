@@ -16,7 +16,7 @@ from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store import migrations
 from haptorb.apps.study.store.bids import write_bids
 from haptorb.apps.study.store.claim import SessionLock
-from haptorb.apps.study.store.columns import COLUMNS, read_replies, read_study, tidy
+from haptorb.apps.study.store.columns import COLUMNS, keep_older, read_replies, read_study, tidy
 from haptorb.apps.study.store.database import SCHEMA, database
 from haptorb.apps.study.store.export import write_csv
 from haptorb.apps.study.store.people import list_participants
@@ -206,11 +206,13 @@ def test_an_older_schema_is_brought_forward_and_its_session_goes_on(identify: St
     with sqlite3.connect(tmp_path / "s.db") as raw:
         assert raw.execute("SELECT version FROM haptorb_schema").fetchall() == [(SCHEMA,)]
     raw.close()
-    with StoredSession(engine, identify, "P01") as sitting:
+    begun = keep_older(engine, identify)
+    assert begun.digest == "87432234ffc10fc3"
+    with StoredSession(engine, begun, "P01") as sitting:
         assert (sitting.number, sitting.question) == (3, None)
         while sitting.prompt is not None:
             sitting.answer(Answer(1, HERE))
-    assert tidy(engine, identify)["trial"].tolist() == list(range(1, 8))
+    assert tidy(engine, begun)["trial"].tolist() == list(range(1, 8))
 
 
 def test_migrated_and_new_tables_are_the_same(tmp_path: Path) -> None:

@@ -6,13 +6,19 @@ Practice is left out. Averages over participants weigh every person alike; inter
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 
 from haptorb.apps.study.analysis.accuracy import Arrow, Confusion, count_answers, find_arrows
+from haptorb.apps.study.analysis.by_condition.magnitude import MagnitudeScale, estimate_magnitudes, list_magnitudes
+from haptorb.apps.study.analysis.by_condition.response_times import (
+    ResponseTime,
+    find_response_times,
+    list_response_times,
+)
 from haptorb.apps.study.analysis.conditions import (
     ConditionComparison,
     RatingMean,
@@ -22,8 +28,12 @@ from haptorb.apps.study.analysis.conditions import (
 )
 from haptorb.apps.study.analysis.curves import ConditionCurves, fit_curves
 from haptorb.apps.study.analysis.error_by_latitude import LatitudeError, measure_rings
+from haptorb.apps.study.analysis.over_people.directions import SPHERICAL
+from haptorb.apps.study.analysis.over_people.localisation import Localisation, localise
+from haptorb.apps.study.analysis.over_people.plan_report import PlanReport, SessionPlan, find_plan, report_plan
 from haptorb.apps.study.analysis.thresholds import ConditionTracks, follow_tracks
 from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.plan.registration import Registration
 from haptorb.apps.study.store.columns import Columns
 from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.errors import InputError
@@ -53,6 +63,10 @@ class Analysis(NotebookReport):
     scores: dict[str, RatingMean] = field(default_factory=dict)  #: by condition
     chosen: dict[tuple[str, str], tuple[int, int, tuple[float, float]]] = field(default_factory=dict)
     comparisons: tuple[ConditionComparison, ...] = ()
+    localisation: Localisation | None = None
+    plan: PlanReport | None = None
+    magnitudes: tuple[MagnitudeScale, ...] = ()
+    times: tuple[ResponseTime, ...] = ()
     notes: tuple[str, ...] = ()  #: what the data cannot tell
 
     printer: ClassVar[str] = "haptorb.apps.study.analysis.summary:print_summary"
@@ -106,7 +120,7 @@ class Analysis(NotebookReport):
             found["error_mm"] = [_numbers(ring) for ring in self.rings]
         if self.curves:
             found["curves"] = {name: one.numbers() for name, one in self.curves.items()}
-        if self.curves or self.tracks:
+        if self.curves or self.tracks or self.magnitudes:
             levels = self.study.levels
             found["level"] = {"parameter": levels and levels.parameter, "unit": self.study.level_unit or "1"}
         if self.tracks:
@@ -115,18 +129,32 @@ class Analysis(NotebookReport):
             found["ratings"] = {name: _numbers(one) for name, one in self.scores.items()}
         if self.chosen:
             found["choices"] = [
-                {"a": a, "b": b, "a_chosen": k, "of": n, "wilson_95": list(w)}
+                {"a": a, "b": b, "a_chosen": k, "of": n, "interval_95": list(w)}
                 for (a, b), (k, n, w) in self.chosen.items()
             ]
+        if self.magnitudes:
+            found["magnitudes"] = list_magnitudes(self.magnitudes)
+        if self.times:
+            found["response_times"] = list_response_times(self.times)
         if self.comparisons:
-            found["comparisons"] = [_numbers(one) for one in self.comparisons]
+            found["comparisons"] = [one.numbers() for one in self.comparisons]
+        if self.localisation is not None:
+            found["localisation"] = self.localisation.numbers()
+        if self.plan is not None:
+            found["plan"] = self.plan.numbers()
         if self.notes:
             found["notes"] = list(self.notes)
         return found
 
 
-def analyse(study: Study, columns: Columns, progress: Callable[[int, int], None] | None = None) -> Analysis:
-    """The analysis of `study` from its tidy `columns`; `progress` is told (people fitted, people in all)."""
+def analyse(
+    study: Study, columns: Columns, plans: Sequence[SessionPlan] = (), registration: Registration | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Analysis:  # fmt: skip
+    """The analysis of `study` from its tidy `columns`; `progress` is told (people fitted, people in all).
+
+    `plans` tell with which plan of the analysis each session began, `registration` with which one was filed.
+    """
     practice = columns["phase"] == "practice"
     main = {name: values[~practice] for name, values in columns.items()}
     if not len(main["trial"]):
@@ -155,11 +183,16 @@ def analyse(study: Study, columns: Columns, progress: Callable[[int, int], None]
         }
     if study.procedure == "forced-choice":
         parts["chosen"] = count_choices(main)
+    if study.procedure in SPHERICAL:
+        parts["localisation"] = localise(study, main, people.tolist())
+    parts["comparisons"] = compare_conditions(study, main, people, parts.get("thresholds"), find_plan(study, plans))
+    parts["plan"] = report_plan(study, parts["comparisons"], plans, registration)
     device = main["simulated_device"][~main["simulated"].astype(bool)].tolist()
     return Analysis(
         study, len(people), len(main["trial"]), int(practice.sum()), len(simulated),
         int(np.count_nonzero(main["safety"] != "")), int(np.count_nonzero(main["repeats"])), device.count(True),
-        device.count(None), comparisons=compare_conditions(study, main, people), notes=tuple(notes), **parts,
+        device.count(None), magnitudes=estimate_magnitudes(study, main), times=find_response_times(study, main),
+        notes=tuple(notes), **parts,
     )  # fmt: skip
 
 

@@ -2,23 +2,49 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
-from haptorb.apps.study.analysis.analysis import Analysis, analyse
-from haptorb.apps.study.store.columns import read_study, tidy
-from haptorb.apps.study.store.database import database
+from sqlalchemy import select
+from sqlalchemy.engine import Engine
 
-__all__ = ["analysis_of"]
+from haptorb.apps.study.analysis.analysis import Analysis, analyse
+from haptorb.apps.study.analysis.over_people.plan_report import SessionPlan
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.plan.registration import Registration
+from haptorb.apps.study.store.columns import read_study, tidy
+from haptorb.apps.study.store.database import database, participants, sessions
+
+__all__ = ["analysis_of", "read_plans"]
 
 
 def analysis_of(
-    place: str | Path, name: str | None = None, progress: Callable[[int, int], None] | None = None
-) -> Analysis:
+    place: str | Path, name: str | None = None, registration: Registration | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Analysis:  # fmt: skip
     """The analysis of the study called `name` (the only one, if there is one) in the database at `place`.
 
-    `progress` is told (people fitted, people in all), where something is fitted.
+    Its plan is compared with the one of the `registration`. `progress` is told (people fitted, people in all), where
+    something is fitted.
     """
     engine = database(place, make=False)
     study = read_study(engine, name)
-    return analyse(study, tidy(engine, study), progress)
+    return analyse(study, tidy(engine, study), read_plans(engine, study), registration, progress)
+
+
+def read_plans(engine: Engine, study: Study) -> tuple[SessionPlan, ...]:
+    """With which plan each session of `study` began."""
+    query = (
+        select(sessions.c.started, sessions.c.ended, sessions.c.aborted, sessions.c.versions)
+        .join(participants, sessions.c.participant == participants.c.id)
+        .where(participants.c.study == study.digest)
+    )
+    with engine.connect() as connection:
+        rows = connection.execute(query).all()
+    return tuple(
+        SessionPlan(
+            row.started, str(json.loads(row.versions).get("plan", "")), row.ended is not None and not row.aborted
+        )
+        for row in rows
+    )

@@ -8,6 +8,9 @@ from rich.console import Console
 
 from haptorb.apps.study.analysis.accuracy import describe_accuracy
 from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.apps.study.analysis.by_condition.magnitude import make_magnitude_tables
+from haptorb.apps.study.analysis.by_condition.response_times import make_response_table
+from haptorb.apps.study.analysis.over_people.group_tables import list_group_tables, list_notes
 from haptorb.apps.study.analysis.psychometric_tables import list_psychometric_notes, list_psychometric_tables
 from haptorb.apps.study.analysis.wording import format_range, format_value
 from haptorb.apps.terminal import Column, TextTable, make_console, print_table, print_text
@@ -22,6 +25,10 @@ def print_summary(analysis: Analysis, console: Console | None = None) -> None:
     if analysis.repeated:
         print_text(out, f"{analysis.repeated} trials began anew: the device was off, or the experimenter repeated them")
     print_text(out, analysis.origin, "bold red" if analysis.marked else "dim")
+    if analysis.plan is not None:
+        print_text(out, analysis.plan.sentence)
+        for remark in analysis.plan.remarks:
+            print_text(out, remark, "bold red")
     if (c := analysis.confusion) is not None:
         print_text(
             out,
@@ -31,15 +38,8 @@ def print_summary(analysis: Analysis, console: Console | None = None) -> None:
     for table in _tables(analysis):
         print_text(out)
         print_table(out, table)
-    for note in (*list_psychometric_notes(analysis), *analysis.notes):
+    for note in (*list_psychometric_notes(analysis), *list_notes(analysis), *analysis.notes):
         print_text(out, note, "dim")
-    if analysis.comparisons:
-        print_text(
-            out,
-            "p: two-sided sign-flip test of the participants' pairs, not corrected for several comparisons; intervals "
-            "by bootstrap over people",
-            "dim",
-        )
 
 
 def _tables(analysis: Analysis) -> Iterator[TextTable]:
@@ -61,21 +61,17 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
             ((name, f"{x.mean:.2f}", format_range((x.low, x.high), ".2f"), format_value(x.sd, ".2f"), str(x.ratings))
              for name, x in analysis.scores.items()),
         )  # fmt: skip
+    yield from make_magnitude_tables(analysis.magnitudes, analysis.study.level_unit)
+    if analysis.times:
+        yield make_response_table(analysis.times)
     if analysis.chosen:
         yield _table(
             "Choices",
-            (Column("chosen", kind="text"), Column("times"), Column("Wilson 95 %", "%")),
-            ((f"{a} over {b}", f"{k} of {n}", format_range(wilson, ".1f", 100))
-             for (a, b), (k, n, wilson) in analysis.chosen.items()),
+            (Column("chosen", kind="text"), Column("times"), Column("95 %", "%")),
+            ((f"{a} over {b}", f"{k} of {n}", format_range(limits, ".1f", 100))
+             for (a, b), (k, n, limits) in analysis.chosen.items()),
         )  # fmt: skip
-    if analysis.comparisons:
-        yield _table(
-            "Conditions compared",
-            (Column("measure", kind="key"), Column("difference", kind="text"), Column("mean"), Column("95 %"),
-             Column("participants"), Column("p")),
-            ((f"{x.what} [{x.unit}]" if x.unit else x.what, f"{x.a} − {x.b}", f"{x.difference:.3g}",
-              format_range((x.low, x.high), ".3g"), str(x.people), f"{x.p:.3g}") for x in analysis.comparisons),
-        )  # fmt: skip
+    yield from list_group_tables(analysis)
 
 
 def _identification(analysis: Analysis) -> TextTable:
