@@ -40,7 +40,7 @@ def list_psychometric_notes(analysis: Analysis) -> list[str]:
             "geometric mean, hierarchical model; SD between people as a factor."
         )
     for parts in (analysis.curves, analysis.tracks):
-        for name, one in parts.items():  # type: ignore[attr-defined]
+        for name, one in parts.items():
             found += [f"{name}, {code}: {note}" for code, fit in one.people.items() for note in fit.notes]
     return found
 

@@ -12,7 +12,7 @@ import numpy as np
 from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.analysis.curves import effect_numbers
 from haptorb.apps.study.inference.hierarchical import NormalEffect, fit_normal_effect
-from haptorb.apps.study.inference.person_fit import central_interval
+from haptorb.apps.study.inference.person_fit import central_interval, find_median
 from haptorb.apps.study.inference.psychometric import Answered, count_by_level
 from haptorb.apps.study.inference.psychometric_grid import PsychometricGrid
 from haptorb.apps.study.model.bayesian import Bayesian
@@ -35,7 +35,7 @@ class TrackFit:
     trials: int
     complete: bool
     threshold: float  #: the procedure's own: of a staircase its reversals', else the posterior's mean
-    fitted: float  #: mean in the logarithm of the posterior after all trials
+    fitted: float  #: of the posterior after all trials: with QUEST+ the mean in the logarithm, else the median
     fitted_95: tuple[float, float]
     notes: tuple[str, ...] = ()
 
@@ -121,7 +121,8 @@ def _join_tracks(procedure: str, levels: Levels, codes: list[str], tracks: list[
     for code, track, mass in zip(codes, tracks, posteriors, strict=True):
         mass = mass / mass.sum()
         low, high = central_interval(axis, mass)
-        fitted = 2 ** float(mass @ axis)
+        # A staircase's posterior has a long tail downwards, where the least differences were hardly met.
+        fitted = 2 ** (float(mass @ axis) if procedure == "bayesian" else find_median(axis, mass))
         own = track.threshold if track.complete else math.nan
         notes = _note(track, mass, fitted, (least, most))
         people[code] = TrackFit(len(track.right), track.complete, own, fitted, (2**low, 2**high), notes)

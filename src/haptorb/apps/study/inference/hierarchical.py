@@ -60,7 +60,10 @@ def fit_normal_effect(values: Array, likelihoods: Array) -> NormalEffect:
     used = max(sd, floor)
     mean = _mean_at(fine, finer, np.array([used]))
     score, information = _scores(fine, finer, mean, np.array([used]))
-    error = np.sqrt(people / (people - 1) * (score[:, 0] ** 2).sum()) / information.sum()
+    # Each score as it would be without its person (MacKinnon, White 1985), since some tell much more than others.
+    share = np.clip(information[:, 0] / information.sum(), 0.0, 0.9)
+    left_out = score[:, 0] / (1 - share)
+    error = np.sqrt((people - 1) / people * (left_out**2).sum()) / information.sum()
     half = float(stdtrit(people - 1, 0.975) * error)
     return NormalEffect(float(mean[0]), (float(mean[0]) - half, float(mean[0]) + half), sd, sd_95)
 

@@ -13,7 +13,7 @@ from haptorb.apps.study.inference.psychometric import Answered, PsychometricCurv
 from haptorb.apps.study.inference.psychometric_grid import LAPSE_EDGES, PsychometricGrid
 from haptorb.numerics.arrays import Array
 
-__all__ = ["PersonFit", "central_interval", "fit_people", "fit_person", "psychometric_fit"]
+__all__ = ["PersonFit", "central_interval", "find_median", "fit_people", "fit_person", "psychometric_fit"]
 
 Interval = tuple[float, float]
 _SAMPLES = 400  #: simulated repetitions of somebody's trials
@@ -136,8 +136,17 @@ def _deviation(axis: Array, mass: Array) -> float:
 
 def central_interval(axis: Array, mass: Array) -> Interval:
     """Central 95 % of `mass` (n,) at `axis` (n,), equal steps: a step's probability is spread over the step."""
+    return _quantiles(_edges(axis), mass)
+
+
+def find_median(axis: Array, mass: Array) -> float:
+    """Median of `mass` (n,) at `axis` (n,), as `central_interval` has its ends."""
+    return float(np.interp(0.5, np.append(0.0, np.cumsum(mass)) / mass.sum(), _edges(axis)))
+
+
+def _edges(axis: Array) -> Array:
     step = float(axis[1] - axis[0])
-    return _quantiles(np.append(axis - step / 2, axis[-1] + step / 2), mass)
+    return np.append(axis - step / 2, axis[-1] + step / 2)
 
 
 def _quantiles(edges: Array, mass: Array) -> Interval:
