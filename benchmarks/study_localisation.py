@@ -169,8 +169,8 @@ def main() -> None:
         )
     for row in found["information"]:
         print(
-            f"information {row['true_bit']:.3f} bit ({row['correct_percent']:.0f} % correct, {row['random_percent']:.0f} % random), "
-            f"{row['trials']} trials: "
+            f"information {row['true_bit']:.3f} bit ({row['correct_percent']:.0f} % correct, "
+            f"{row['random_percent']:.0f} % random), {row['trials']} trials: "
             f"corrected {row['corrected_bias_percent']:+.1f} ± {row['corrected_sd_percent']:.1f} %, Miller–Madow "
             f"{row['miller_madow_bias_percent']:+.1f} %, less shuffled {row['less_shuffled_bias_percent']:+.1f} %, "
             f"plug-in {row['plug_in_bias_percent']:+.1f} %; interval holds it in {100 * row['coverage']:.1f} %"

@@ -29,12 +29,12 @@ PLACES = "[set_points]\npoints = [{number = 1, theta_deg = 0}, {number = 2, thet
 LEVELS = "[levels]\nreference = 1.2\nvalues = [0.9, 1.1, 1.3, 1.5]\n"
 #: name → (study file, measure, people, test)
 CASES = {
-    "rating": ('procedure = "rating"\n[trials]\nrepetitions = 3\n' + TWO.format(moment=1.1), "rating", 8, "t"),
-    "error": ('procedure = "localisation"\n' + PLACES + TWO.format(moment=0.25), "error", 12, "t"),
+    "rating": ('procedure = "rating"\n[trials]\nrepetitions = 3\n' + TWO.format(moment=2.0), "rating", 8, "t"),
+    "error": ('procedure = "localisation"\n' + PLACES + TWO.format(moment=0.7), "error", 12, "t"),
     "error, signs": (
-        'procedure = "localisation"\n' + PLACES + TWO.format(moment=0.25), "error", 10, "sign-flip",
+        'procedure = "localisation"\n' + PLACES + TWO.format(moment=0.7), "error", 10, "sign-flip",
     ),
-    "choice": ('procedure = "forced-choice"\n[trials]\nrepetitions = 6\n' + TWO.format(moment=1.0), "choice", 6, "t"),
+    "choice": ('procedure = "forced-choice"\n[trials]\nrepetitions = 6\n' + TWO.format(moment=2.3), "choice", 12, "t"),
 }  # fmt: skip
 POPULATION = 60
 
