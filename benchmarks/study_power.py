@@ -75,10 +75,10 @@ def count_found(case: str, people: list[dict[str, np.ndarray]], studies: int, se
 
 
 def compare(case: str, studies: int, processes: int, alpha: float = 0.05) -> dict[str, object]:
-    """Power as told, and as counted."""
+    """Power as predicted, and as counted."""
     people, values = sit(case)
     _, measure, n, test = CASES[case]
-    told = power_of(values, (n,), alpha, seed=3, test=test).power  # type: ignore[arg-type]
+    predicted = power_of(values, (n,), alpha, seed=3, test=test).power  # type: ignore[arg-type]
     shares = [studies // processes + (k < studies % processes) for k in range(processes)]
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as workers:
         counts = workers.map(
@@ -87,23 +87,23 @@ def compare(case: str, studies: int, processes: int, alpha: float = 0.05) -> dic
         counted = sum(counts) / studies
     known = power_of(values, (n,), alpha, seed=3, test=test).people.index(n)  # type: ignore[arg-type]
     return {
-        "case": case, "measure": measure, "people": n, "test": test, "power": told[known], "counted": counted,
-        "studies": studies, "difference_points": 100 * (told[known] - counted),
+        "case": case, "measure": measure, "people": n, "test": test, "power": predicted[known], "counted": counted,
+        "studies": studies, "difference_points": 100 * (predicted[known] - counted),
         "standard_error_points": 100 * float(np.sqrt(counted * (1 - counted) / studies)),
     }  # fmt: skip
 
 
 def compare_normal(effect: float, n: int, alpha: float = 0.05) -> dict[str, object]:
-    """Power as told from a large pool of normal differences, and in closed form."""
+    """Power as predicted from a large pool of normal differences, and in closed form."""
     pool = np.random.default_rng(1).standard_normal(4000)
     pool = (pool - pool.mean()) / pool.std(ddof=1) + effect
     found = power_of(pool.tolist(), (n,), alpha)
     limit, shift = t.ppf(1 - alpha / 2, n - 1), effect * np.sqrt(n)
     exact = float(nct.sf(limit, n - 1, shift) + nct.cdf(-limit, n - 1, shift))
-    told = found.power[found.people.index(n)]
+    predicted = found.power[found.people.index(n)]
     return {
-        "effect_d_z": effect, "people": n, "power": told, "closed_form": exact,
-        "difference_points": 100 * (told - exact),
+        "effect_d_z": effect, "people": n, "power": predicted, "closed_form": exact,
+        "difference_points": 100 * (predicted - exact),
     }  # fmt: skip
 
 

@@ -74,7 +74,7 @@ class Localisation:
 
     def numbers(self) -> dict[str, Any]:
         """As plain JSON types; what is not a number is None."""
-        return _plain(
+        return _make_plain(
             {
                 "answers": self.answers,
                 "error_deg": [asdict(axis) for axis in self.axes],
@@ -162,9 +162,9 @@ def _mean(values: Array) -> float:
     return float(known.mean()) if len(known) else math.nan
 
 
-def _plain(value: Any) -> Any:
+def _make_plain(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _plain(part) for key, part in value.items()}
+        return {key: _make_plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
+        return [_make_plain(part) for part in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
