@@ -74,7 +74,7 @@ class Localisation:
 
     def numbers(self) -> dict[str, Any]:
         """As plain JSON types; what is not a number is None."""
-        return _make_plain(
+        found: dict[str, Any] = _make_plain(
             {
                 "answers": self.answers,
                 "error_deg": [asdict(axis) for axis in self.axes],
@@ -83,6 +83,7 @@ class Localisation:
                 "information": {name: asdict(one) for name, one in self.information.items()},
             }
         )
+        return found
 
 
 def localise(study: Study, main: Columns, people: Sequence[str]) -> Localisation | None:
@@ -109,9 +110,11 @@ def localise(study: Study, main: Columns, people: Sequence[str]) -> Localisation
     for point in study.points:
         here = (main["set_point"] == point.number) & known
         if here.any():
-            sides = [_mean(np.sum(errors[here] * axis[here], axis=-1)) for axis in (up, around)]
+            rise, turn = (_mean(np.sum(errors[here] * axis[here], axis=-1)) for axis in (up, around))
             places.append(
-                PlaceError(point.number, point.theta_deg, point.phi_deg, *sides, summarize_directions(answered[here]))
+                PlaceError(
+                    point.number, point.theta_deg, point.phi_deg, rise, turn, summarize_directions(answered[here])
+                )
             )
     return Localisation(
         "set-points named" if study.procedure == "identification" else "places reached", axes,
