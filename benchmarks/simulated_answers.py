@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from haptorb.apps.asking.prompt import Answer, Prompt
-from haptorb.apps.study.inference.psychometric import Answered
+from haptorb.apps.study.inference.psychometric import LevelCounts
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.store.columns import Columns
@@ -42,11 +42,11 @@ def draw_people(draw: np.random.Generator, people: int, sd: float) -> Truth:
     return Truth(middles, SPREAD * np.exp(sd * draw.standard_normal(people)), draw.beta(2, 98, people))
 
 
-def draw_constant(draw: np.random.Generator, people: int, sd: float) -> tuple[Answered, Truth]:
+def draw_constant(draw: np.random.Generator, people: int, sd: float) -> tuple[LevelCounts, Truth]:
     """Counted answers to constant stimuli."""
     truth = draw_people(draw, people, sd)
     of = np.full((people, len(LEVELS)), float(REPETITIONS))
-    return Answered(LEVELS, draw.binomial(REPETITIONS, truth.shares(LEVELS)).astype(float), of), truth
+    return LevelCounts(LEVELS, draw.binomial(REPETITIONS, truth.shares(LEVELS)).astype(float), of), truth
 
 
 def draw_accuracies(draw: np.random.Generator, people: int, sd: float) -> np.ndarray[Any, Any]:

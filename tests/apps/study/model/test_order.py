@@ -271,7 +271,7 @@ def test_check_prints_who_meets_what(tmp_path: Path, monkeypatch: pytest.MonkeyP
     table = text[text.index("Order, trial by trial") :].splitlines()
     assert max(map(len, table)) <= 80
     stored = study_of(Path("s.toml").read_text())
-    assert found["order"]["plans"] == [plan(stored, n) for n in range(6)]
+    assert found["order"]["sessions"] == [plan(stored, n) for n in range(6)]
     assert found["order"]["participants_for_balance"] == 6
 
 

@@ -198,9 +198,19 @@ def test_sqlite_writes_through(tmp_path: Path) -> None:
     assert told == ["wal", 2]
 
 
+#: what was stored by the older version, to the letter
+UNTOUCHED = (
+    "SELECT digest, name, text FROM studies", "SELECT id, plan, started, versions FROM sessions",
+    "SELECT number, prompt, answer, x, y, z, seconds, safety, recording, answered FROM trials WHERE number < 3",
+)  # fmt: skip
+
+
 def test_an_older_schema_is_brought_forward_and_its_session_goes_on(identify: Study, tmp_path: Path) -> None:
     with sqlite3.connect(tmp_path / "s.db") as raw:
         raw.executescript((Path(__file__).parents[1] / "schema_1.sql").read_text(encoding="utf-8"))
+    raw.close()
+    with sqlite3.connect(tmp_path / "s.db") as raw:
+        stored = [raw.execute(query).fetchall() for query in UNTOUCHED]
     raw.close()
     engine = database(tmp_path / "s.db")
     with sqlite3.connect(tmp_path / "s.db") as raw:
@@ -213,6 +223,9 @@ def test_an_older_schema_is_brought_forward_and_its_session_goes_on(identify: St
         while sitting.prompt is not None:
             sitting.answer(Answer(1, HERE))
     assert tidy(engine, begun)["trial"].tolist() == list(range(1, 8))
+    with sqlite3.connect(tmp_path / "s.db") as raw:
+        assert [raw.execute(query).fetchall() for query in UNTOUCHED] == stored
+    raw.close()
 
 
 def test_migrated_and_new_tables_are_the_same(tmp_path: Path) -> None:

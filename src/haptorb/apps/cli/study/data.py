@@ -77,8 +77,9 @@ def analyse(
     with make_progress() as bar:
         task = bar.add_task("reading the answers", total=None)
         done = analysis_of(
-            db, name, registered,
+            db, name,
             lambda fitted, people: bar.update(task, description="fitting people", completed=fitted, total=people),
+            registration=registered,
         )  # fmt: skip
     if json:
         print_json(done.numbers())

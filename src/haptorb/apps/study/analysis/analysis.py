@@ -148,8 +148,8 @@ class Analysis(NotebookReport):
 
 
 def analyse(
-    study: Study, columns: Columns, plans: Sequence[SessionPlan] = (), registration: Registration | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    study: Study, columns: Columns, progress: Callable[[int, int], None] | None = None, *,
+    plans: Sequence[SessionPlan] = (), registration: Registration | None = None,
 ) -> Analysis:  # fmt: skip
     """The analysis of `study` from its tidy `columns`; `progress` is told (people fitted, people in all).
 

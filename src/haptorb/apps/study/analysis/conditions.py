@@ -51,7 +51,7 @@ class ConditionComparison:
         found = {key: value for key, value in vars(self).items() if key != "effect"}
         if self.effect is not None:
             found |= asdict(self.effect)
-        return {key: _plain(value) for key, value in found.items()}
+        return {key: _make_plain(value) for key, value in found.items()}
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def decide(
     )  # fmt: skip
 
 
-def _plain(value: Any) -> Any:
+def _make_plain(value: Any) -> Any:
     if isinstance(value, tuple):
-        return [_plain(part) for part in value]
+        return [_make_plain(part) for part in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

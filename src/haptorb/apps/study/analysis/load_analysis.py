@@ -20,17 +20,18 @@ __all__ = ["analysis_of", "read_plans"]
 
 
 def analysis_of(
-    place: str | Path, name: str | None = None, registration: Registration | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    place: str | Path, name: str | None = None, progress: Callable[[int, int], None] | None = None, *,
+    registration: Registration | None = None,
 ) -> Analysis:  # fmt: skip
     """The analysis of the study called `name` (the only one, if there is one) in the database at `place`.
 
-    Its plan is compared with the one of the `registration`. `progress` is told (people fitted, people in all), where
-    something is fitted.
+    `progress` is told (people fitted, people in all), where something is fitted. The plan of the study is compared with
+    the one of the `registration`.
     """
     engine = database(place, make=False)
     study = read_study(engine, name)
-    return analyse(study, tidy(engine, study), read_plans(engine, study), registration, progress)
+    plans = read_plans(engine, study)
+    return analyse(study, tidy(engine, study), progress, plans=plans, registration=registration)
 
 
 def read_plans(engine: Engine, study: Study) -> tuple[SessionPlan, ...]:

@@ -38,7 +38,7 @@ def print_summary(analysis: Analysis, console: Console | None = None) -> None:
     for table in _tables(analysis):
         print_text(out)
         print_table(out, table)
-    for note in (*list_psychometric_notes(analysis), *list_notes(analysis), *analysis.notes):
+    for note in (*list_psychometric_notes(analysis), *analysis.notes, *list_notes(analysis)):
         print_text(out, note, "dim")
 
 

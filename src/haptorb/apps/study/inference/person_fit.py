@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.apps.study.inference.psychometric import Answered, PsychometricCurve
+from haptorb.apps.study.inference.psychometric import LevelCounts, PsychometricCurve
 from haptorb.apps.study.inference.psychometric_grid import LAPSE_EDGES, PsychometricGrid
 from haptorb.numerics.arrays import Array
 
@@ -55,7 +55,7 @@ def psychometric_fit(levels: ArrayLike, yes: ArrayLike, of: ArrayLike) -> Psycho
     InputError with fewer than two levels.
     """
     counts = (np.asarray(values, dtype=float) for values in (yes, of))
-    grid = PsychometricGrid.around(Answered(np.asarray(levels, dtype=float), *(n[None, :] for n in counts)))
+    grid = PsychometricGrid.around(LevelCounts(np.asarray(levels, dtype=float), *(n[None, :] for n in counts)))
     return fit_person(grid, 0, samples=0).curve
 
 

@@ -78,7 +78,7 @@ class OrderSummary:
             "rule": self.rule, "units": list(self.units), "side_by_side": self.side_by_side,
             "participants_for_balance": self.square, "trials": self.trials, "trials_are_a_maximum": self.adaptive,
             "practice_trials": self.practice, "breaks": self.breaks, "break_s": self.break_seconds,
-            "plans": list(self.plans),
+            "sessions": list(self.plans),
         }  # fmt: skip
 
 

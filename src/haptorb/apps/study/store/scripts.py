@@ -17,7 +17,7 @@ def make_python_script(study: Study, table: str) -> str:
     return (
         (_SOURCES / "read_export.py.txt").read_text(encoding="utf-8").replace("@VERSION@", __version__)
         .replace("@TABLE@", _quote(table)).replace("@FLAGS@", repr(FLAGS)).replace("@WORDS@", repr(WORDS))
-        .replace("@CONDITIONS@", _quote_all(study, "[", "]"))
+        .replace("@CONDITIONS@", _quote_all(study, "[", "]")).replace("@MEASURES@", repr(_list_measures(study)))
     )  # fmt: skip
 
 
@@ -27,10 +27,18 @@ def make_r_script(study: Study, table: str) -> str:
         (_SOURCES / "read_export.R.txt").read_text(encoding="utf-8").replace("@VERSION@", __version__)
         .replace("@TABLE@", _quote(table)).replace("@FLAGS@", ", ".join(map(_quote, FLAGS)))
         .replace("@WORDS@", ", ".join(map(_quote, WORDS))).replace("@CONDITIONS@", _quote_all(study, "c(", ")"))
+        .replace("@MEASURES@", ", ".join(map(_quote, _list_measures(study))))
     )  # fmt: skip
 
 
 _SOURCES = Path(__file__).parent
+
+
+def _list_measures(study: Study) -> tuple[str, ...]:
+    """Columns whose means say something."""
+    return (
+        ("answer", "seconds") if study.procedure in ("rating", "magnitude") else ("correct", "distance_mm", "seconds")
+    )
 
 
 def _quote(text: str) -> str:

@@ -91,7 +91,8 @@ def test_figures_have_the_widths_of_columns(analyses: dict[str, Analysis]) -> No
 
 def test_a_pdf_has_its_fonts_inside_as_truetype(analyses: dict[str, Analysis], tmp_path: Path) -> None:
     *files, captions = write_figures(analyses["staircase"], tmp_path)
-    for path in files:
+    *others, _ = write_figures(analyses["identification"], tmp_path / "others")
+    for path in (*files, *others):
         data = path.read_bytes()
         streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", data, re.DOTALL)
         assert b"/FontFile2" in data  # TrueType, embedded
@@ -155,8 +156,11 @@ def test_the_command_overwrites_nothing(
     before = {path.name: path.read_bytes() for path in Path("x-figures").iterdir()}
     assert run("--format", "svg") == 2
     assert "--force" in capsys.readouterr().err
-    assert run("--format", "png") == 2, "captions.md is there already"
+    Path("x-figures/captions.md").write_text("mine")
+    assert run("--format", "png") == 2
+    Path("x-figures/captions.md").write_bytes(before["captions.md"])
     assert {path.name: path.read_bytes() for path in Path("x-figures").iterdir()} == before
+    assert run("--format", "png") == 0, "the same captions belong to both"
     assert run("--format", "svg", "--force") == 0
     Path("file").write_text("mine")
     assert run("--out", "file") == 2

@@ -89,12 +89,12 @@ def make_magnitude_tables(scales: tuple[MagnitudeScale, ...], unit: str) -> tupl
     if not scales:
         return ()
     columns = (Column("condition", kind="key"), Column("level", unit), Column("geometric mean"), Column("95 %"))
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (one.condition, f"{level:g}", format_value(mean, ".3g"), format_range((low, high), ".3g"))
         for one in scales
         for level, mean, low, high in zip(one.levels, one.means, one.low, one.high, strict=True)
     ]
-    laws = [
+    laws: list[tuple[str, ...]] = [
         (one.condition, str(one.people), format_value(one.exponent, ".3f"), format_range(one.exponent_95, ".3f"))
         for one in scales
     ]

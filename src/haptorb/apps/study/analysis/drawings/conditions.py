@@ -9,23 +9,23 @@ from matplotlib.ticker import LogLocator
 
 from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.analysis.drawings.style import COLOURS, DASHES, MARKERS, PaperSize, new_paper_figure
-from haptorb.apps.study.inference.intervals import mean_interval
 
 __all__ = ["draw_choices", "draw_curves", "draw_magnitudes", "draw_ratings", "draw_response_times", "draw_thresholds"]
 
 
 def draw_curves(analysis: Analysis, size: PaperSize) -> Figure:
-    """Share of answers that the comparison was the stronger: each person's function faint, the group's bold."""
+    """How often the comparison was called the stronger, over its level: thin people, bold the group."""
     figure = new_paper_figure(analysis, size.single, 0.85 * size.single)
     axes = figure.subplots()
-    for n, (name, entry) in enumerate(analysis.curves.items()):
-        x, yes, of = entry.answered.pooled
-        axes.plot(x, yes / of, MARKERS[n % 7], color=COLOURS[n % 7], label=name)
+    for n, (name, one) in enumerate(analysis.curves.items()):
+        x, yes, of = one.answered.pooled
+        colour, dashes = COLOURS[n % 7], DASHES[n % 7]
         fine = np.linspace(x.min(), x.max(), 200)
-        for fit in entry.people.values():
-            axes.plot(fine, fit.curve(fine), color=COLOURS[n % 7], alpha=0.3, lw=0.4)
-        if (curve := entry.group_curve) is not None:
-            axes.plot(fine, curve(fine), color=COLOURS[n % 7], ls=DASHES[n % 7], lw=1.6)
+        axes.plot(x, yes / of, MARKERS[n % 7], color=colour, label=name, zorder=3)
+        for fit in one.people.values():
+            axes.plot(fine, fit.curve(fine), color=colour, ls=dashes, lw=0.4, alpha=0.5)
+        if (curve := one.group_curve) is not None:
+            axes.plot(fine, curve(fine), color=colour, ls=dashes, lw=1.6)
     if analysis.study.levels is not None:
         axes.axvline(analysis.study.levels.reference, color="0.5", lw=0.6)
     axes.set(xlabel=_level_label(analysis), ylabel="share called stronger than the reference", ylim=(-0.02, 1.02))
@@ -34,19 +34,21 @@ def draw_curves(analysis: Analysis, size: PaperSize) -> Figure:
 
 
 def draw_thresholds(analysis: Analysis, size: PaperSize) -> Figure:
-    """Everybody's threshold by condition, lines joining one person's; the geometric mean with Student's 95 %."""
+    """Everybody's fitted threshold by condition with its 95 %, lines joining one person's; the group's mean, 95 %."""
     figure = new_paper_figure(analysis, size.single, 0.85 * size.single)
     axes = figure.subplots()
-    names = list(analysis.thresholds)
-    codes = dict.fromkeys(code for people in analysis.thresholds.values() for code in people)
-    for code in codes:
-        mine = [analysis.thresholds[name].get(code, np.nan) for name in names]
-        axes.plot(range(len(names)), mine, "-", color="0.75", marker=".", lw=0.6, ms=3)
+    names = list(analysis.tracks)
+    codes = list(dict.fromkeys(code for one in analysis.tracks.values() for code in one.people))
+    for number, code in enumerate(codes):
+        aside = 0.12 + 0.2 * (number + 0.5) / len(codes)  # beside the group's, so that nothing hides
+        mine = [(n + aside, fit) for n, name in enumerate(names) if (fit := analysis.tracks[name].people.get(code))]
+        axes.plot([at for at, _ in mine], [fit.fitted for _, fit in mine], "-", color="0.75", marker=".", lw=0.5, ms=3)
+        for at, fit in mine:
+            axes.plot([at, at], fit.fitted_95, color="0.75", lw=0.5)
     for n, name in enumerate(names):
-        logs = np.log([value for value in analysis.thresholds[name].values() if np.isfinite(value)])
-        if len(logs):
-            low, high = (float(np.exp(end)) for end in mean_interval(logs))
-            _draw_interval(axes, n, float(np.exp(logs.mean())), low, high, n)
+        if (group := analysis.tracks[name].group) is not None:
+            low, high = group.mean_95
+            _draw_interval(axes, n, 2**group.mean, 2**low, 2**high, n)
     axes.set_yscale("log")
     _write_plain_numbers(axes)
     _name_conditions(axes, names)

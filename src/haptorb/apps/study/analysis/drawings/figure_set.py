@@ -48,8 +48,9 @@ def write_figures(
         raise InputError(f"study '{analysis.study.name}' has no answers of which there is a figure")
     files = [folder / f"{name}.{kind}" for name in found]
     captions = folder / "captions.md"
+    text_of_captions = _write_captions(analysis, found)
     for path in (*files, captions):
-        if path.exists() and not overwrite:
+        if path.exists() and not overwrite and not (path == captions and _holds(path, text_of_captions)):
             text = f"{path} exists; choose another folder, or replace it"
             raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
     try:
@@ -57,7 +58,7 @@ def write_figures(
         with replace_files([*files, captions]) as parts, use_paper_style():
             for part, (figure, _) in zip(parts, found.values(), strict=False):
                 figure.savefig(part, format=kind, dpi=600, metadata=_describe_file(analysis, kind))
-            parts[-1].write_text(_write_captions(analysis, found), encoding="utf-8")
+            parts[-1].write_text(text_of_captions, encoding="utf-8")
     except OSError as cause:
         raise RecordingError(f"{folder}: figures cannot be written ({cause.strerror or cause})") from cause
     return (*files, captions)
@@ -81,14 +82,15 @@ def _list_figures(analysis: Analysis) -> Iterator[_Entry]:
     if analysis.curves:
         yield (
             "psychometric-curves", drawn.draw_curves,
-            "Share of trials in which the comparison was called the stronger. Points: over all participants; thin "
-            "lines: each participant's cumulative normal; thick lines: the group's; vertical line: reference.",
+            "Points: share of trials in which the comparison was called the stronger, over all participants. Thin: "
+            "functions fitted to each participant; thick: participant in the middle of the group; vertical line: "
+            "reference.",
         )  # fmt: skip
-    if analysis.thresholds:
+    if analysis.tracks:
         yield (
             "thresholds", drawn.draw_thresholds,
-            "Grey: thresholds of each participant, joined. Large points: geometric means; bars: Student's 95 % over "
-            "participants, in the logarithm.",
+            "Grey: fitted thresholds of each participant with 95 %, joined. Large points: mean of the group in the "
+            "logarithm, 95 %.",
         )  # fmt: skip
     if analysis.scores:
         yield "ratings", drawn.draw_ratings, f"Ratings by condition. {people}"
@@ -102,6 +104,14 @@ def _list_figures(analysis: Analysis) -> Iterator[_Entry]:
         )  # fmt: skip
     if analysis.times:
         yield "response-times", drawn.draw_response_times, f"Response times by condition, geometric. {people}"
+
+
+def _holds(path: Path, text: str) -> bool:
+    """Whether the file is that text: the same figures in another format have the same captions."""
+    try:
+        return path.read_text(encoding="utf-8") == text
+    except (OSError, ValueError):
+        return False
 
 
 def _describe_file(analysis: Analysis, kind: str) -> dict[str, str | None]:

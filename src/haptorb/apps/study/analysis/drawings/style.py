@@ -52,7 +52,8 @@ class PaperSize:
 
 def use_paper_style() -> AbstractContextManager[None]:
     """Matplotlib's settings, for drawing and for writing."""
-    return matplotlib.rc_context(dict(_STYLE))
+    settings: Any = dict(_STYLE)
+    return matplotlib.rc_context(settings)
 
 
 def new_paper_figure(analysis: Analysis, width: float, height: float) -> Figure:
