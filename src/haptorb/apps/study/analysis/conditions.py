@@ -72,6 +72,8 @@ def rate_condition(main: Columns, name: str, index: np.ndarray[Any, Any], people
     with np.errstate(invalid="ignore", divide="ignore"):
         own = np.bincount(index[here], given, people) / np.bincount(index[here], minlength=people)
     low, high = mean_interval(own)
+    if low == high:  # whole numbers that agree say nothing about how much people differ
+        low = high = np.array(np.nan)
     sd = float(given.std(ddof=1)) if len(given) > 1 else math.nan
     return RatingMean(float(given.mean()), sd, len(given), float(low), float(high))
 
