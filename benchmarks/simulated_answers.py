@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from haptorb.apps.asking.prompt import Answer, Prompt
-from haptorb.apps.study.inference.psychometric import Answered
+from haptorb.apps.study.inference.psychometric import LevelCounts
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.store.columns import Columns
@@ -42,11 +42,11 @@ def draw_people(draw: np.random.Generator, people: int, sd: float) -> Truth:
     return Truth(middles, SPREAD * np.exp(sd * draw.standard_normal(people)), draw.beta(2, 98, people))
 
 
-def draw_constant(draw: np.random.Generator, people: int, sd: float) -> tuple[Answered, Truth]:
+def draw_constant(draw: np.random.Generator, people: int, sd: float) -> tuple[LevelCounts, Truth]:
     """Counted answers to constant stimuli."""
     truth = draw_people(draw, people, sd)
     of = np.full((people, len(LEVELS)), float(REPETITIONS))
-    return Answered(LEVELS, draw.binomial(REPETITIONS, truth.shares(LEVELS)).astype(float), of), truth
+    return LevelCounts(LEVELS, draw.binomial(REPETITIONS, truth.shares(LEVELS)).astype(float), of), truth
 
 
 def draw_accuracies(draw: np.random.Generator, people: int, sd: float) -> np.ndarray[Any, Any]:
@@ -115,7 +115,7 @@ def answer_track(
             rows.append((n, prompt, answer, np.nan))
             procedure_now = procedure_now.record_answer(Answer(answer))
     # Of a staircase the threshold is where 70.7 % are right: below the middle by as much as the slope tells.
-    away = -0.1733 if procedure == "staircase" else 0.0
+    away = -0.1726 if procedure == "staircase" else 0.0
     own = 2 ** (places + away / slopes)
     mean = float(np.log2(0.12) + away * np.exp(0.2**2 / 2) / 1.5)
     return study, _columns(study, rows), own.tolist(), mean
@@ -146,6 +146,9 @@ def _columns(study: Study, rows: list[tuple[int, Prompt, int, float]]) -> Column
         **{name: np.array([getattr(prompt, name) for prompt in prompts])
            for name in ("phase", "condition", "other", "level", "interval")},
         "set_point": number, "theta_deg": theta, "answer": answered, "distance_mm": np.array(errors),
+        "session": np.array(people), "phi_deg": np.full(count, np.nan), "angle_deg": np.full(count, np.nan),
+        **{name: np.full(count, np.nan) for name in ("x_m", "y_m", "z_m")},
+        "recording": np.full(count, ""), "answered": np.full(count, ""),
         "correct": (answered == number).astype(float), "safety": np.full(count, ""),
         "repeats": np.zeros(count, dtype=int), "seconds": np.ones(count),
     }  # fmt: skip

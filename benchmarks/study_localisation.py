@@ -30,7 +30,8 @@ from haptorb.apps.study.simulated.power_workers import count_cores
 
 BIAS, SLOPE = 2.0, 0.08  #: planted: [deg], [mm/deg]
 SPREADS = (0.0, 0.5, 1.5)  #: between people, in parts of the bias or of the slope
-WIDTHS = (6.0, 9.0, 13.0)  #: of the confusion about the set-point [deg]
+#: width of the confusion about the set-point [deg], share of answers that are random
+CONFUSIONS = ((6.0, 0.02), (9.0, 0.02), (13.0, 0.02), (9.0, 0.1))
 
 
 def make_study() -> Study:
@@ -87,12 +88,12 @@ def cover(claim: str, spread: float, people: int, seeds: range) -> list[tuple[fl
     return found
 
 
-def confuse(width: float) -> np.ndarray:
-    """(25, 25) share of answers by set-point: neighbours by distance, and 2 % anywhere."""
+def confuse(width: float, stray: float) -> np.ndarray:
+    """(25, 25) share of answers by set-point: neighbours by distance, and the share `stray` anywhere."""
     ways = directions(make_study().points)
     apart = np.degrees(np.arccos(np.clip(ways @ ways.T, -1, 1)))
     near = np.exp(-0.5 * (apart / width) ** 2)
-    matrix: np.ndarray = 0.98 * near / near.sum(axis=1, keepdims=True) + 0.02 / len(ways)
+    matrix: np.ndarray = (1 - stray) * near / near.sum(axis=1, keepdims=True) + stray / len(ways)
     return matrix
 
 
@@ -103,9 +104,9 @@ def true_information(matrix: np.ndarray) -> float:
     return float(np.sum(joint * np.log2(np.where(joint > 0, joint / alone, 1.0))))
 
 
-def inform(width: float, people: int, seeds: range) -> list[tuple[float, ...]]:
+def inform(width: float, stray: float, people: int, seeds: range) -> list[tuple[float, ...]]:
     """Of each study of 12 answers to each set-point: the estimates, and the interval's ends [bit]."""
-    matrix, found = confuse(width), []
+    matrix, found = confuse(width, stray), []
     each = 12 // people
     for seed in seeds:
         draw = np.random.default_rng([seed, 2])
@@ -131,14 +132,15 @@ def measure(studies: int, people: int, processes: int) -> dict[str, Any]:
                         "power": float(rows[:, 2].mean()), "studies": studies,
                     }
                 )  # fmt: skip
-        for width in WIDTHS:
-            truth = true_information(confuse(width))
-            runs_ = workers.map(inform, *zip(*[(width, 6, part) for part in parts], strict=True))
+        for width, stray in CONFUSIONS:
+            truth = true_information(confuse(width, stray))
+            runs_ = workers.map(inform, *zip(*[(width, stray, 6, part) for part in parts], strict=True))
             rows = np.array([row for run in runs_ for row in run])
             names = ("corrected", "plug_in", "miller_madow", "less_shuffled")
             information.append(
                 {
-                    "correct_percent": 100 * float(confuse(width).diagonal().mean()), "true_bit": truth,
+                    "random_percent": 100 * stray,
+                    "correct_percent": 100 * float(confuse(width, stray).diagonal().mean()), "true_bit": truth,
                     "trials": 300, "studies": studies,
                     **{f"{n}_bias_percent": 100 * float(rows[:, k].mean() / truth - 1) for k, n in enumerate(names)},
                     **{f"{n}_sd_percent": 100 * float(rows[:, k].std() / truth) for k, n in enumerate(names)},
@@ -167,7 +169,8 @@ def main() -> None:
         )
     for row in found["information"]:
         print(
-            f"information {row['true_bit']:.3f} bit ({row['correct_percent']:.0f} % correct), {row['trials']} trials: "
+            f"information {row['true_bit']:.3f} bit ({row['correct_percent']:.0f} % correct, "
+            f"{row['random_percent']:.0f} % random), {row['trials']} trials: "
             f"corrected {row['corrected_bias_percent']:+.1f} ± {row['corrected_sd_percent']:.1f} %, Miller–Madow "
             f"{row['miller_madow_bias_percent']:+.1f} %, less shuffled {row['less_shuffled_bias_percent']:+.1f} %, "
             f"plug-in {row['plug_in_bias_percent']:+.1f} %; interval holds it in {100 * row['coverage']:.1f} %"

@@ -29,12 +29,12 @@ PLACES = "[set_points]\npoints = [{number = 1, theta_deg = 0}, {number = 2, thet
 LEVELS = "[levels]\nreference = 1.2\nvalues = [0.9, 1.1, 1.3, 1.5]\n"
 #: name → (study file, measure, people, test)
 CASES = {
-    "rating": ('procedure = "rating"\n[trials]\nrepetitions = 3\n' + TWO.format(moment=1.1), "rating", 8, "t"),
-    "error": ('procedure = "localisation"\n' + PLACES + TWO.format(moment=0.25), "error", 12, "t"),
+    "rating": ('procedure = "rating"\n[trials]\nrepetitions = 3\n' + TWO.format(moment=2.0), "rating", 8, "t"),
+    "error": ('procedure = "localisation"\n' + PLACES + TWO.format(moment=0.7), "error", 12, "t"),
     "error, signs": (
-        'procedure = "localisation"\n' + PLACES + TWO.format(moment=0.25), "error", 10, "sign-flip",
+        'procedure = "localisation"\n' + PLACES + TWO.format(moment=0.7), "error", 10, "sign-flip",
     ),
-    "choice": ('procedure = "forced-choice"\n[trials]\nrepetitions = 6\n' + TWO.format(moment=1.0), "choice", 6, "t"),
+    "choice": ('procedure = "forced-choice"\n[trials]\nrepetitions = 6\n' + TWO.format(moment=2.3), "choice", 12, "t"),
 }  # fmt: skip
 POPULATION = 60
 
@@ -75,10 +75,10 @@ def count_found(case: str, people: list[dict[str, np.ndarray]], studies: int, se
 
 
 def compare(case: str, studies: int, processes: int, alpha: float = 0.05) -> dict[str, object]:
-    """Power as told, and as counted."""
+    """Power as predicted, and as counted."""
     people, values = sit(case)
     _, measure, n, test = CASES[case]
-    told = power_of(values, (n,), alpha, seed=3, test=test).power  # type: ignore[arg-type]
+    predicted = power_of(values, (n,), alpha, seed=3, test=test).power  # type: ignore[arg-type]
     shares = [studies // processes + (k < studies % processes) for k in range(processes)]
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as workers:
         counts = workers.map(
@@ -87,23 +87,23 @@ def compare(case: str, studies: int, processes: int, alpha: float = 0.05) -> dic
         counted = sum(counts) / studies
     known = power_of(values, (n,), alpha, seed=3, test=test).people.index(n)  # type: ignore[arg-type]
     return {
-        "case": case, "measure": measure, "people": n, "test": test, "power": told[known], "counted": counted,
-        "studies": studies, "difference_points": 100 * (told[known] - counted),
+        "case": case, "measure": measure, "people": n, "test": test, "power": predicted[known], "counted": counted,
+        "studies": studies, "difference_points": 100 * (predicted[known] - counted),
         "standard_error_points": 100 * float(np.sqrt(counted * (1 - counted) / studies)),
     }  # fmt: skip
 
 
 def compare_normal(effect: float, n: int, alpha: float = 0.05) -> dict[str, object]:
-    """Power as told from a large pool of normal differences, and in closed form."""
+    """Power as predicted from a large pool of normal differences, and in closed form."""
     pool = np.random.default_rng(1).standard_normal(4000)
     pool = (pool - pool.mean()) / pool.std(ddof=1) + effect
     found = power_of(pool.tolist(), (n,), alpha)
     limit, shift = t.ppf(1 - alpha / 2, n - 1), effect * np.sqrt(n)
     exact = float(nct.sf(limit, n - 1, shift) + nct.cdf(-limit, n - 1, shift))
-    told = found.power[found.people.index(n)]
+    predicted = found.power[found.people.index(n)]
     return {
-        "effect_d_z": effect, "people": n, "power": told, "closed_form": exact,
-        "difference_points": 100 * (told - exact),
+        "effect_d_z": effect, "people": n, "power": predicted, "closed_form": exact,
+        "difference_points": 100 * (predicted - exact),
     }  # fmt: skip
 
 

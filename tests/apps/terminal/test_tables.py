@@ -196,13 +196,13 @@ def curves():
     from haptorb.apps.study.analysis.curves import ConditionCurves
     from haptorb.apps.study.inference.hierarchical import NormalEffect, Population
     from haptorb.apps.study.inference.person_fit import PersonFit
-    from haptorb.apps.study.inference.psychometric import Answered, PsychometricCurve
+    from haptorb.apps.study.inference.psychometric import LevelCounts, PsychometricCurve
 
     fit = PersonFit(180, PsychometricCurve(2.345, 0.4567, 0.02, 0.02), (2.2, 2.5), (0.4, 0.51), (0.001, 0.06),
                     (0.001, 0.06), 5.4, 0.37, ("too few trials for the spread",))  # fmt: skip
     group = Population(6, NormalEffect(2.41, (2.307, 2.513), 0.0831, (0.0, 0.217)),
                        NormalEffect(-0.8, (-0.9, -0.7), 0.1, (0.0, 0.3)), 0.0171)  # fmt: skip
-    answered = Answered(np.array([1.5, 2.5]), np.array([[4.0, 80]]), np.array([[90.0, 90]]))
+    answered = LevelCounts(np.array([1.5, 2.5]), np.array([[4.0, 80]]), np.array([[90.0, 90]]))
     show = study(
         'name = "c"\nprocedure = "constant"\n[levels]\nparameter = "moment"\nreference = 2.0\nvalues = [1.5, 2.5]\n',
         curves={"base": ConditionCurves(answered, {"P01": fit}, group)}, notes=("condition 'weak': no answers yet",),

@@ -188,3 +188,32 @@ def test_conditions_are_compared_person_by_person(tmp_path: Path) -> None:
     accuracy = next(one for one in found.comparisons if one.what == "accuracy")
     assert (accuracy.what, accuracy.difference, accuracy.people) == ("accuracy", 1.0, 3)
     assert accuracy.p == pytest.approx(0.25)
+
+
+def test_ratings_that_all_agree_have_no_interval(tmp_path: Path) -> None:
+    study = study_of('name = "r"\nprocedure = "rating"\n[trials]\nrepetitions = 2\n')
+    engine = database(tmp_path / "s.db")
+    for code in ("P01", "P02", "P03"):
+        with StoredSession(engine, study, code) as sitting:
+            while sitting.prompt is not None:
+                sitting.answer(Answer(4, WAYS[1]))
+    found = analysis_of(tmp_path / "s.db").scores["base"]
+    assert (found.mean, found.ratings) == (4.0, 6)
+    assert np.isnan([found.low, found.high]).all()
+
+
+def test_choices_are_counted_over_people(tmp_path: Path) -> None:
+    study = study_of(
+        'name = "f"\nprocedure = "forced-choice"\n[trials]\nrepetitions = 8\n'
+        '[[conditions]]\nname = "a"\n[[conditions]]\nname = "b"\nparameters = {moment = 1.0}\n'
+    )
+    engine = database(tmp_path / "s.db")
+    for n, code in enumerate(("P01", "P02", "P03", "P04")):
+        with StoredSession(engine, study, code) as sitting:
+            while (prompt := sitting.prompt) is not None:
+                sitting.answer(Answer(prompt.interval if n % 2 else 3 - prompt.interval))
+    k, of, (low, high) = analysis_of(tmp_path / "s.db").chosen[("a", "b")]
+    assert (k, of) == (16, 32)
+    pooled = wilson(k, of)
+    assert low < pooled[0] - 0.1  # two people always choose a, two never: 32 choices are worth few
+    assert high > pooled[1] + 0.1

@@ -19,6 +19,7 @@ from haptorb.apps.study.analysis.summary import print_summary
 from haptorb.apps.study.model.bayesian import Bayesian
 from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.session.stored_session import StoredSession
+from haptorb.apps.study.store.columns import tidy
 from haptorb.apps.study.store.database import database
 from haptorb.apps.terminal import make_console
 
@@ -133,3 +134,28 @@ def test_a_track_that_was_left_is_bounded_and_called_unfinished(tmp_path: Path) 
     assert "not finished: 5 trials" in fit.notes
     own = Bayesian(1.2, 0.01, 1.0, (1,) * 24)
     assert own.thresholds[0] <= fit.fitted_95[0] < fit.fitted_95[1] <= own.thresholds[-1] * 1.07
+
+
+def test_the_interval_of_quest_is_that_of_the_librarys_posterior(tmp_path: Path) -> None:
+    oracle = pytest.importorskip("questplus", reason="questplus is not installed")
+    study = study_of(f'name = "x"\nprocedure = "bayesian"\n{TRACK}')
+    fit = sat(study, tmp_path / "s.db", ("P01",)).tracks["base"].people["P01"]
+    own = Bayesian(1.2, 0.01, 1.0, (1,) * 24)
+    library = oracle.QuestPlus(
+        stim_domain={"intensity": np.log10(own.differences)},
+        param_domain={
+            "mean": np.log10(own.thresholds), "sd": np.log10(2) / np.geomspace(0.5, 6.0, 12),
+            "lower_asymptote": [0.5], "lapse_rate": [0.02],
+        },
+        outcome_domain={"response": ["right", "wrong"]}, func="norm_cdf", stim_scale="linear",
+    )  # fmt: skip
+    columns = tidy(database(tmp_path / "s.db", make=False), study)
+    for level, interval, answer in zip(columns["level"], columns["interval"], columns["answer"], strict=True):
+        asked = np.log10(own.differences)[np.abs(own.differences - (level - 1.2)).argmin()]
+        library.update(stim={"intensity": asked}, outcome={"response": "right" if answer == interval else "wrong"})
+    mass, axis = np.asarray(library.marginal_posterior["mean"]), np.log10(own.thresholds)
+    step = axis[1] - axis[0]
+    edges = np.append(axis - step / 2, axis[-1] + step / 2)
+    below = np.interp(np.log10(fit.fitted_95), edges, np.append(0, np.cumsum(mass)))
+    assert below == pytest.approx([0.025, 0.975], abs=1e-6)
+    assert fit.fitted == pytest.approx(10 ** (mass @ axis), rel=1e-9)

@@ -11,17 +11,17 @@ from scipy.special import ndtr
 from scipy.stats import beta, norm, t
 
 from haptorb.apps.study.inference.hierarchical import fit_normal_effect, fit_population
-from haptorb.apps.study.inference.psychometric import Answered
+from haptorb.apps.study.inference.psychometric import LevelCounts
 from haptorb.apps.study.inference.psychometric_grid import PsychometricGrid
 from haptorb.errors import InputError
 
 X = np.linspace(0.6, 1.4, 9)
 
 
-def draw_answers(draw: np.random.Generator, people: int, sd: float, of: int = 20) -> Answered:
+def draw_answers(draw: np.random.Generator, people: int, sd: float, of: int = 20) -> LevelCounts:
     middles, spreads = 1 + sd * draw.standard_normal(people), 0.12 * np.exp(sd * draw.standard_normal(people))
     p = 0.02 + 0.96 * ndtr((X - middles[:, None]) / spreads[:, None])
-    return Answered(X, draw.binomial(of, p).astype(float), np.full(p.shape, float(of)))
+    return LevelCounts(X, draw.binomial(of, p).astype(float), np.full(p.shape, float(of)))
 
 
 @pytest.mark.parametrize("spread", [0.3, 1.0, 3.0])
@@ -88,14 +88,14 @@ def test_intervals_of_the_group_hold_the_truth() -> None:
 
 def test_people_who_make_no_error_have_a_group_too() -> None:
     yes = np.repeat((X > 0.95)[None, :] * 10.0, 4, axis=0)
-    found = fit_population(PsychometricGrid.around(Answered(X, yes, np.full(yes.shape, 10.0))))
+    found = fit_population(PsychometricGrid.around(LevelCounts(X, yes, np.full(yes.shape, 10.0))))
     assert 0.9 <= found.threshold.mean <= 1.0
     assert np.isfinite([*found.threshold.mean_95, *found.log_spread.mean_95]).all()
 
 
 def test_somebody_who_answered_nothing_changes_nothing() -> None:
     answered = draw_answers(np.random.default_rng(8), 5, 0.1)
-    more = Answered(X, np.vstack([answered.yes, np.zeros(9)]), np.vstack([answered.of, np.zeros(9)]))
+    more = LevelCounts(X, np.vstack([answered.yes, np.zeros(9)]), np.vstack([answered.of, np.zeros(9)]))
     one, other = (fit_population(PsychometricGrid.around(a)) for a in (answered, more))
     assert other.people == 5
     assert other.threshold.mean == pytest.approx(one.threshold.mean, abs=0.01)

@@ -11,7 +11,7 @@ from scipy.special import ndtr
 from scipy.stats import beta, binom
 
 from haptorb.apps.study.inference.person_fit import fit_people, psychometric_fit
-from haptorb.apps.study.inference.psychometric import Answered, count_by_level
+from haptorb.apps.study.inference.psychometric import LevelCounts, count_by_level
 from haptorb.apps.study.inference.psychometric_grid import PsychometricGrid
 from haptorb.errors import InputError
 
@@ -26,7 +26,7 @@ def p_of(middle: Any, spread: Any, lapse: Any) -> Any:
 
 @pytest.fixture(scope="module")
 def grid() -> PsychometricGrid:
-    return PsychometricGrid.around(Answered(X, YES, OF))
+    return PsychometricGrid.around(LevelCounts(X, YES, OF))
 
 
 def test_the_greatest_likelihood_is_where_scipy_finds_it(grid: PsychometricGrid) -> None:
@@ -89,7 +89,7 @@ def test_the_deviance_is_that_of_the_binomial_and_a_wrong_function_does_not_fit(
     draw = np.random.default_rng(3)
     fitting = draw.binomial(40, p_of(1.0, 0.12, 0.02), (12, 7))
     broken = np.array([[2, 4, 35, 8, 36, 5, 38]])
-    grid = PsychometricGrid.around(Answered(X, np.vstack([fitting, broken]).astype(float), np.full((13, 7), 40.0)))
+    grid = PsychometricGrid.around(LevelCounts(X, np.vstack([fitting, broken]).astype(float), np.full((13, 7), 40.0)))
     fits = [fit for fit in fit_people(grid, samples=200) if fit is not None]
     assert fits[-1].p_fit < 0.02
     ps = np.array([fit.p_fit for fit in fits[:-1]])
@@ -119,7 +119,7 @@ def test_counts_are_those_of_the_trials() -> None:
 )
 def test_it_says_what_the_trials_cannot_tell(yes: list[int], words: str) -> None:
     of = 1.0 if max(yes) == 1 else 25.0
-    grid = PsychometricGrid.around(Answered(X, np.array([yes], dtype=float), np.full((1, 7), of)))
+    grid = PsychometricGrid.around(LevelCounts(X, np.array([yes], dtype=float), np.full((1, 7), of)))
     fit = fit_people(grid, samples=0)[0]
     assert fit is not None
     assert words in " ".join(fit.notes)

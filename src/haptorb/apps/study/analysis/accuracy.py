@@ -46,6 +46,7 @@ class Arrow:
 
 
 def count_answers(study: Study, main: Columns, index: np.ndarray[Any, Any], people: int) -> Confusion:
+    """Who answered what; `index` (trials,) of each trial's participant, of so many `people`."""
     numbers = tuple(point.number for point in study.points)
     place = {number: n for n, number in enumerate(numbers)}
     asked = np.array([place[int(n)] for n in main["set_point"]])
@@ -71,6 +72,7 @@ def count_answers(study: Study, main: Columns, index: np.ndarray[Any, Any], peop
 
 
 def find_arrows(confusion: Confusion) -> tuple[Arrow, ...]:
+    """Where a third or more of the wrong answers to a set-point went."""
     wrong = confusion.counts - np.diag(np.diag(confusion.counts))
     found = []
     for i, row in enumerate(wrong):

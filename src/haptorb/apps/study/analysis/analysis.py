@@ -129,7 +129,7 @@ class Analysis(NotebookReport):
             found["ratings"] = {name: _numbers(one) for name, one in self.scores.items()}
         if self.chosen:
             found["choices"] = [
-                {"a": a, "b": b, "a_chosen": k, "of": n, "wilson_95": list(w)}
+                {"a": a, "b": b, "a_chosen": k, "of": n, "interval_95": list(w)}
                 for (a, b), (k, n, w) in self.chosen.items()
             ]
         if self.magnitudes:

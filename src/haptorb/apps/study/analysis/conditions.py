@@ -12,7 +12,7 @@ import numpy as np
 
 from haptorb.apps.study.analysis.over_people.measures import Thresholds, measure_people
 from haptorb.apps.study.inference.effect_size import EffectSize, effect_size
-from haptorb.apps.study.inference.intervals import mean_interval, wilson
+from haptorb.apps.study.inference.intervals import mean_interval, share_interval, wilson
 from haptorb.apps.study.inference.significance import PairTest, correct_p, paired_p
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.plan.analysis_plan import CLAIMS, MEASURES, AnalysisPlan, unit_of
@@ -51,7 +51,7 @@ class ConditionComparison:
         found = {key: value for key, value in vars(self).items() if key != "effect"}
         if self.effect is not None:
             found |= asdict(self.effect)
-        return {key: _plain(value) for key, value in found.items()}
+        return {key: _make_plain(value) for key, value in found.items()}
 
 
 @dataclass(frozen=True)
@@ -72,17 +72,24 @@ def rate_condition(main: Columns, name: str, index: np.ndarray[Any, Any], people
     with np.errstate(invalid="ignore", divide="ignore"):
         own = np.bincount(index[here], given, people) / np.bincount(index[here], minlength=people)
     low, high = mean_interval(own)
+    if low == high:  # whole numbers that agree say nothing about how much people differ
+        low = high = np.array(np.nan)
     sd = float(given.std(ddof=1)) if len(given) > 1 else math.nan
     return RatingMean(float(given.mean()), sd, len(given), float(low), float(high))
 
 
 def count_choices(main: Columns) -> dict[tuple[str, str], tuple[int, int, tuple[float, float]]]:
-    """Pair of conditions → how often the first was chosen, of how many, and Wilson's interval."""
+    """Pair of conditions → how often the first was chosen, of how many, and the interval of its share over people.
+
+    With one person it is Wilson's interval, of this person's choices.
+    """
     found = {}
     for a, b in dict.fromkeys(zip(main["condition"].tolist(), main["other"].tolist(), strict=True)):
         here = (main["condition"] == a) & (main["other"] == b)
-        k, n = int((main["answer"][here] == main["interval"][here]).sum()), int(here.sum())
-        found[(a, b)] = (k, n, wilson(k, n))
+        chosen = main["answer"][here] == main["interval"][here]
+        _, person = np.unique(main["participant"][here], return_inverse=True)
+        k, n, of = int(chosen.sum()), int(here.sum()), np.bincount(person)
+        found[(a, b)] = (k, n, share_interval(np.bincount(person, chosen), of) if len(of) > 1 else wilson(k, n))
     return found
 
 
@@ -137,7 +144,7 @@ def decide(
     )  # fmt: skip
 
 
-def _plain(value: Any) -> Any:
+def _make_plain(value: Any) -> Any:
     if isinstance(value, tuple):
-        return [_plain(part) for part in value]
+        return [_make_plain(part) for part in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

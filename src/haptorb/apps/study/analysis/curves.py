@@ -11,7 +11,7 @@ import numpy as np
 
 from haptorb.apps.study.inference.hierarchical import NormalEffect, Population, fit_population
 from haptorb.apps.study.inference.person_fit import PersonFit, fit_person
-from haptorb.apps.study.inference.psychometric import Answered, PsychometricCurve, count_by_level
+from haptorb.apps.study.inference.psychometric import LevelCounts, PsychometricCurve, count_by_level
 from haptorb.apps.study.inference.psychometric_grid import PsychometricGrid
 from haptorb.apps.study.store.columns import Columns
 
@@ -24,7 +24,7 @@ JND = 0.6745  #: spreads from the middle to where the comparison is called the s
 class ConditionCurves:
     """How often the comparison was called the stronger, over its level."""
 
-    answered: Answered
+    answered: LevelCounts
     people: dict[str, PersonFit]  #: by participant's code
     group: Population | None  #: None with one person
 

@@ -27,6 +27,7 @@ class LatitudeError:
 
 
 def measure_rings(main: Columns, index: np.ndarray[Any, Any], people: int) -> tuple[LatitudeError, ...]:
+    """Error by θ; `index` (trials,) of each trial's participant, of so many `people`."""
     found = []
     for theta in np.unique(main["theta_deg"][np.isfinite(main["theta_deg"])]):
         here = (main["theta_deg"] == theta) & np.isfinite(main["distance_mm"])

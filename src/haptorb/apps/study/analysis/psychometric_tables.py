@@ -37,10 +37,10 @@ def list_psychometric_notes(analysis: Analysis) -> list[str]:
         share = "70.7 %" if analysis.study.procedure == "staircase" else "75 %"
         found.append(
             f"Difference with {share} right answers, with each person's central 95 % of the posterior. Group: "
-            "geometric mean, hierarchical model; SD between people as a factor."
+            "geometric mean of the procedure's own thresholds, Student's interval; SD between people as a factor."
         )
     for parts in (analysis.curves, analysis.tracks):
-        for name, one in parts.items():  # type: ignore[attr-defined]
+        for name, one in parts.items():
             found += [f"{name}, {code}: {note}" for code, fit in one.people.items() for note in fit.notes]
     return found
 

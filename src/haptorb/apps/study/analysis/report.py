@@ -89,11 +89,7 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
     if analysis.curves:
         body += ["<h2>Psychometric curves</h2>", drawn["curves"]]
     for table in list_psychometric_tables(analysis):
-        shown = [n for n in range(len(table.columns)) if any(row[n] for row in table.rows)]
-        body += [
-            f"<h3>{escape(table.title)}</h3>",
-            _table([table.columns[n].title for n in shown], [[row[n] for n in shown] for row in table.rows]),
-        ]
+        body += [f"<h3>{escape(table.title)}</h3>", _convert_table(table)]
     body += [f"<p class='quiet'>{escape(note)}</p>" for note in (*list_psychometric_notes(analysis), *analysis.notes)]
     if analysis.scores:
         rows = [
@@ -106,7 +102,7 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
             [f"{a} over {b}", f"{k} of {n}", format_range(w, ".1f", 100)]
             for (a, b), (k, n, w) in analysis.chosen.items()
         ]
-        body += ["<h2>Choices</h2>", _table(["chosen", "times", "Wilson 95 % [%]"], rows)]
+        body += ["<h2>Choices</h2>", _table(["chosen", "times", "95 % [%]"], rows)]
     for table in make_magnitude_tables(analysis.magnitudes, analysis.study.level_unit):
         body += [f"<h2>{escape(table.title)}</h2>", _convert_table(table)]
     if analysis.times:

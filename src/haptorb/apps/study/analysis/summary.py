@@ -67,9 +67,9 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
     if analysis.chosen:
         yield _table(
             "Choices",
-            (Column("chosen", kind="text"), Column("times"), Column("Wilson 95 %", "%")),
-            ((f"{a} over {b}", f"{k} of {n}", format_range(wilson, ".1f", 100))
-             for (a, b), (k, n, wilson) in analysis.chosen.items()),
+            (Column("chosen", kind="text"), Column("times"), Column("95 %", "%")),
+            ((f"{a} over {b}", f"{k} of {n}", format_range(limits, ".1f", 100))
+             for (a, b), (k, n, limits) in analysis.chosen.items()),
         )  # fmt: skip
     yield from list_group_tables(analysis)
 

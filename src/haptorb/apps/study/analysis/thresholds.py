@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +12,9 @@ import numpy as np
 from haptorb.apps.asking.prompt import Answer
 from haptorb.apps.study.analysis.curves import effect_numbers
 from haptorb.apps.study.inference.hierarchical import NormalEffect, fit_normal_effect
-from haptorb.apps.study.inference.person_fit import central_interval
-from haptorb.apps.study.inference.psychometric import Answered, count_by_level
+from haptorb.apps.study.inference.intervals import mean_interval
+from haptorb.apps.study.inference.person_fit import central_interval, find_median
+from haptorb.apps.study.inference.psychometric import LevelCounts, count_by_level
 from haptorb.apps.study.inference.psychometric_grid import PsychometricGrid
 from haptorb.apps.study.model.bayesian import Bayesian
 from haptorb.apps.study.model.staircase import Staircase
@@ -35,7 +36,7 @@ class TrackFit:
     trials: int
     complete: bool
     threshold: float  #: the procedure's own: of a staircase its reversals', else the posterior's mean
-    fitted: float  #: mean in the logarithm of the posterior after all trials
+    fitted: float  #: of the posterior after all trials: with QUEST+ the mean in the logarithm, else the median
     fitted_95: tuple[float, float]
     notes: tuple[str, ...] = ()
 
@@ -121,12 +122,25 @@ def _join_tracks(procedure: str, levels: Levels, codes: list[str], tracks: list[
     for code, track, mass in zip(codes, tracks, posteriors, strict=True):
         mass = mass / mass.sum()
         low, high = central_interval(axis, mass)
-        fitted = 2 ** float(mass @ axis)
+        # A staircase's posterior has a long tail downwards, where the least differences were hardly met.
+        fitted = 2 ** (float(mass @ axis) if procedure == "bayesian" else find_median(axis, mass))
         own = track.threshold if track.complete else math.nan
         notes = _note(track, mass, fitted, (least, most))
         people[code] = TrackFit(len(track.right), track.complete, own, fitted, (2**low, 2**high), notes)
-    group = fit_normal_effect(axis, likelihoods) if len(tracks) > 1 else None
-    return ConditionTracks(people, group)
+    return ConditionTracks(people, _join_group(axis, likelihoods, people.values()) if len(tracks) > 1 else None)
+
+
+def _join_group(axis: Array, likelihoods: Array, people: Collection[TrackFit]) -> NormalEffect:
+    """Student's interval of the logarithms of the procedure's own thresholds; of a track that goes on, of the fitted.
+
+    Adaptive tracks tell unequally much about their thresholds, and the more, the lower these happen to be: a mean that
+    weighs by it is biased, and its interval held the truth in 89 % of 300 studies with six people.
+    """
+    own = [fit.threshold if math.isfinite(fit.threshold) else fit.fitted for fit in people]
+    logs = np.log2(own)
+    low, high = mean_interval(logs)
+    differing = fit_normal_effect(axis, likelihoods)
+    return NormalEffect(float(logs.mean()), (float(low), float(high)), differing.sd, differing.sd_95)
 
 
 def _fit_staircases(least: float, most: float, tracks: list[_Track]) -> tuple[Array, Array, Array]:
@@ -138,7 +152,7 @@ def _fit_staircases(least: float, most: float, tracks: list[_Track]) -> tuple[Ar
     if len(np.unique(at)) < 2:  # a second level, which nobody met, leaves the likelihood as it is
         count = np.bincount(person, minlength=len(tracks))[:, None] * [1.0, 0.0]
         yes = np.bincount(person, right, len(tracks))[:, None] * [1.0, 0.0]
-        answered = Answered(at[0] + np.array([0.0, 1.0]), yes, count)
+        answered = LevelCounts(at[0] + np.array([0.0, 1.0]), yes, count)
     else:
         answered = count_by_level(at, right, person, len(tracks))
     limits = math.log2(least) - 1, math.log2(most) + 1

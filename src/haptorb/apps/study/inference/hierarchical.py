@@ -56,11 +56,14 @@ def fit_normal_effect(values: Array, likelihoods: Array) -> NormalEffect:
     if people < 2:
         raise InputError(f"a group needs at least two people; got {people}")
     fine, finer = _refine(values, likelihoods)
-    sd, sd_95, floor = _restricted_sd(fine, finer)
+    sd, sd_95, floor = _estimate_sd(fine, finer)
     used = max(sd, floor)
     mean = _mean_at(fine, finer, np.array([used]))
     score, information = _scores(fine, finer, mean, np.array([used]))
-    error = np.sqrt(people / (people - 1) * (score[:, 0] ** 2).sum()) / information.sum()
+    # Each score as it would be without its person (MacKinnon, White 1985), since some tell much more than others.
+    share = np.clip(information[:, 0] / information.sum(), 0.0, 0.9)
+    left_out = score[:, 0] / (1 - share)
+    error = np.sqrt((people - 1) / people * (left_out**2).sum()) / information.sum()
     half = float(stdtrit(people - 1, 0.975) * error)
     return NormalEffect(float(mean[0]), (float(mean[0]) - half, float(mean[0]) + half), sd, sd_95)
 
@@ -83,9 +86,9 @@ def fit_population(grid: PsychometricGrid) -> Population:
     for _ in range(_PASSES):
         before = at.copy(), t, u
         weights = _weigh(y, at[1], u), _weigh_lapses(at[2])
-        t, t_95, _ = _restricted_sd(*_refine(x, (likelihoods @ weights[1]) @ weights[0]))
+        t, t_95, _ = _estimate_sd(*_refine(x, (likelihoods @ weights[1]) @ weights[0]))
         weights = _weigh(x, at[0], t), _weigh_lapses(at[2])
-        u, u_95, _ = _restricted_sd(*_refine(y, np.einsum("pms,m->ps", likelihoods @ weights[1], weights[0])))
+        u, u_95, _ = _estimate_sd(*_refine(y, np.einsum("pms,m->ps", likelihoods @ weights[1], weights[0])))
         for _ in range(3 if before[1] == 0 else 2):
             scores, information = _joint_scores(likelihoods, (x, y), at, (t, u))
             at = at + _limit_step(np.linalg.solve(information, scores.sum(axis=0)), x, y)
@@ -115,7 +118,7 @@ def _refine(values: Array, likelihoods: Array) -> tuple[Array, Array]:
     return fine, np.exp(logs - logs.max(axis=1, keepdims=True))
 
 
-def _restricted_sd(values: Array, likelihoods: Array) -> tuple[float, tuple[float, float], float]:
+def _estimate_sd(values: Array, likelihoods: Array) -> tuple[float, tuple[float, float], float]:
     """Standard deviation between people, its 95 % interval, and the least that the grid can tell from zero."""
     from scipy.interpolate import CubicSpline
 

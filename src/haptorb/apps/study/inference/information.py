@@ -34,7 +34,7 @@ class Information:
     """Information transferred [bit] and what it can be compared with."""
 
     bits: float  #: corrected for few answers, 0 to `most`; NaN with fewer than two answers to a prompt on average
-    low: float  #: 95 %, jackknife over people, Student's; NaN for one person
+    low: float  #: 95 %, jackknife over people, Student's; NaN for one person, and where all are alike
     high: float
     most: float  #: [bit] of the prompts, if every one were told apart
     plug_in: float
@@ -70,7 +70,8 @@ def transfer_information(counts: ArrayLike, *, seed: int = 0) -> Information:
         without = np.array([_corrected(table - one) for one in each])
         error = math.sqrt((people - 1) / people * float(np.sum((without - without.mean()) ** 2)))
         half = float(stdtrit(people - 1, 0.975)) * error
-        low, high = max(0.0, bits - half), min(most, bits + half)
+        if error > 1e-12:  # people who all answer alike show no spread to go by
+            low, high = max(0.0, bits - half), min(most, bits + half)
     plug_in = float(plug_in_information(table))
     cells, rows, columns = ((table > 0).sum(), (table.sum(axis=1) > 0).sum(), (table.sum(axis=0) > 0).sum())
     bias = float(cells - rows - columns + 1) / (2 * trials * math.log(2))

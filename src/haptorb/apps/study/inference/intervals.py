@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 
-__all__ = ["bootstrap", "mean_interval", "share_interval", "wilson"]
+__all__ = ["mean_interval", "share_interval", "wilson"]
 
 
 def wilson(right: int, of: int, confidence: float = 0.95) -> tuple[float, float]:
@@ -83,22 +83,3 @@ def mean_interval(values: ArrayLike, confidence: float = 0.95) -> tuple[Array, A
         half = stdtrit(np.maximum(n - 1, 1), (1 + confidence) / 2) * np.sqrt(variance / n)
     half = np.where(n > 1, half, np.nan)
     return mean - half, mean + half
-
-
-def bootstrap(values: ArrayLike, *, seed: int = 0, samples: int = 2000) -> tuple[Array, Array]:
-    """(low, high), shape (...), 95 % percentile interval of the mean over people; values (people, ...), NaN left out.
-
-    With a single person there is no spread to draw from: NaN.
-    """
-    x = np.asarray(values, dtype=float)
-    flat = x.reshape(len(x), -1)
-    if len(x) < 2:
-        nothing = np.full(x.shape[1:], np.nan)
-        return nothing, nothing
-    drawn = np.random.default_rng(seed).multinomial(len(x), np.full(len(x), 1 / len(x)), samples).astype(float)
-    known = np.isfinite(flat)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        means = (drawn @ np.where(known, flat, 0.0)) / (drawn @ known)
-    means = np.where(np.isfinite(means), means, np.where(known.any(axis=0), flat[0] * 0, np.nan))
-    low, high = np.percentile(means, (2.5, 97.5), axis=0)
-    return low.reshape(x.shape[1:]), high.reshape(x.shape[1:])

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.apps.study.inference.psychometric import Answered, PsychometricCurve
+from haptorb.apps.study.inference.psychometric import LevelCounts, PsychometricCurve
 from haptorb.apps.study.inference.psychometric_grid import LAPSE_EDGES, PsychometricGrid
 from haptorb.numerics.arrays import Array
 
-__all__ = ["PersonFit", "central_interval", "fit_people", "fit_person", "psychometric_fit"]
+__all__ = ["PersonFit", "central_interval", "find_median", "fit_people", "fit_person", "psychometric_fit"]
 
 Interval = tuple[float, float]
 _SAMPLES = 400  #: simulated repetitions of somebody's trials
@@ -55,7 +55,7 @@ def psychometric_fit(levels: ArrayLike, yes: ArrayLike, of: ArrayLike) -> Psycho
     InputError with fewer than two levels.
     """
     counts = (np.asarray(values, dtype=float) for values in (yes, of))
-    grid = PsychometricGrid.around(Answered(np.asarray(levels, dtype=float), *(n[None, :] for n in counts)))
+    grid = PsychometricGrid.around(LevelCounts(np.asarray(levels, dtype=float), *(n[None, :] for n in counts)))
     return fit_person(grid, 0, samples=0).curve
 
 
@@ -136,8 +136,17 @@ def _deviation(axis: Array, mass: Array) -> float:
 
 def central_interval(axis: Array, mass: Array) -> Interval:
     """Central 95 % of `mass` (n,) at `axis` (n,), equal steps: a step's probability is spread over the step."""
+    return _quantiles(_edges(axis), mass)
+
+
+def find_median(axis: Array, mass: Array) -> float:
+    """Median of `mass` (n,) at `axis` (n,), as `central_interval` has its ends."""
+    return float(np.interp(0.5, np.append(0.0, np.cumsum(mass)) / mass.sum(), _edges(axis)))
+
+
+def _edges(axis: Array) -> Array:
     step = float(axis[1] - axis[0])
-    return _quantiles(np.append(axis - step / 2, axis[-1] + step / 2), mass)
+    return np.append(axis - step / 2, axis[-1] + step / 2)
 
 
 def _quantiles(edges: Array, mass: Array) -> Interval:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, check_finite
 
-__all__ = ["Answered", "PsychometricCurve", "count_by_level"]
+__all__ = ["LevelCounts", "PsychometricCurve", "count_by_level"]
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class PsychometricCurve:
 
 
 @dataclass(frozen=True)
-class Answered:
+class LevelCounts:
     """Counted answers: `yes` (people, n) out of `of` (people, n) at `levels` (n,), ascending."""
 
     levels: Array
@@ -59,10 +59,10 @@ class Answered:
         return self.levels, self.yes.sum(axis=0), self.of.sum(axis=0)
 
 
-def count_by_level(levels: ArrayLike, yes: ArrayLike, person: ArrayLike, people: int) -> Answered:
+def count_by_level(levels: ArrayLike, yes: ArrayLike, person: ArrayLike, people: int) -> LevelCounts:
     """Counts from trials: `levels`, `yes` (0 or 1) and `person` (from 0), (trials,) each."""
     at, which = np.unique(np.asarray(levels, dtype=float), return_inverse=True)
     place = np.asarray(person) * len(at) + which
     size, shape = people * len(at), (people, len(at))
     counted = np.bincount(place, np.asarray(yes, dtype=float), size).reshape(shape)
-    return Answered(at, counted, np.bincount(place, minlength=size).reshape(shape).astype(float))
+    return LevelCounts(at, counted, np.bincount(place, minlength=size).reshape(shape).astype(float))

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from haptorb.apps.study.inference.psychometric import Answered, PsychometricCurve
+from haptorb.apps.study.inference.psychometric import LevelCounts, PsychometricCurve
 from haptorb.numerics.arrays import Array
 
 __all__ = ["LAPSE_EDGES", "PsychometricGrid"]
@@ -29,7 +29,7 @@ class PsychometricGrid:
     target  the threshold is where the share is this much; None: where Φ = ½
     """
 
-    answered: Answered
+    answered: LevelCounts
     thresholds: Array  #: (m,) equal steps
     log_spreads: Array  #: (s,) equal steps
     guess: float | None = None
@@ -37,7 +37,7 @@ class PsychometricGrid:
 
     @classmethod
     def around(
-        cls, answered: Answered, guess: float | None = None, target: float | None = None,
+        cls, answered: LevelCounts, guess: float | None = None, target: float | None = None,
         limits: tuple[float, float] | None = None, spreads: tuple[float, float] | None = None,
     ) -> PsychometricGrid:  # fmt: skip
         """A grid where somebody's answers leave probability, as fine as the most certain participant needs it.

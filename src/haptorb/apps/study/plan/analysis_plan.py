@@ -112,7 +112,7 @@ class AnalysisPlan(Part):
         return next((test for test in self.tests if (test.measure, set(test.between or ())) == wanted), None)
 
 
-class _Study(Protocol):
+class _WithConditions(Protocol):
     """What the check reads of a study, whose module imports this one."""
 
     @property
@@ -131,7 +131,7 @@ def unit_of(measure: str, level_unit: str) -> str:
     return level_unit if measure in ("threshold", "midpoint") else _UNITS.get(measure, "")
 
 
-def check_plan(study: _Study, plan: AnalysisPlan | None) -> None:
+def check_plan(study: _WithConditions, plan: AnalysisPlan | None) -> None:
     """ValueError unless every test of `plan` is one that `study` can give."""
     known, names = MEASURES.get(study.procedure, ()), [condition.name for condition in study.conditions]
     for number, test in enumerate(plan.tests if plan else (), 1):

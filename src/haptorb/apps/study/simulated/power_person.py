@@ -48,17 +48,17 @@ def answer_study(study: Study, seed: tuple[int, ...], ordinal: int) -> tuple[Pro
 
 def list_columns(study: Study, responses: Iterable[tuple[Prompt, Answer]], code: str = _CODE) -> Columns:
     """What measures read of the tidy table, for the participant `code`; without practice, as in every analysis."""
-    kept = [(prompt, answer) for prompt, answer in responses if prompt.phase != "practice"]
+    main = [(prompt, answer) for prompt, answer in responses if prompt.phase != "practice"]
     points = {point.number: point for point in study.points}
-    ways = np.array([points[p.set_point].direction if p.set_point else (np.nan,) * 3 for p, _ in kept]).reshape(-1, 3)
-    place = np.array([a.position or (np.nan,) * 3 for _, a in kept], dtype=float).reshape(-1, 3)
-    number = np.array([p.set_point for p, _ in kept])
-    answer = np.array([np.nan if a.value is None else a.value for _, a in kept], dtype=float)
+    ways = np.array([points[p.set_point].direction if p.set_point else (np.nan,) * 3 for p, _ in main]).reshape(-1, 3)
+    place = np.array([a.position or (np.nan,) * 3 for _, a in main], dtype=float).reshape(-1, 3)
+    number = np.array([p.set_point for p, _ in main])
+    answer = np.array([np.nan if a.value is None else a.value for _, a in main], dtype=float)
     return {
-        "participant": np.full(len(kept), code), "set_point": number, "answer": answer,
-        "condition": np.array([p.condition for p, _ in kept]), "other": np.array([p.other for p, _ in kept]),
-        "level": np.array([p.level for p, _ in kept]), "interval": np.array([p.interval for p, _ in kept]),
-        "theta_deg": np.array([points[p.set_point].theta_deg if p.set_point else np.nan for p, _ in kept]),
+        "participant": np.full(len(main), code), "set_point": number, "answer": answer,
+        "condition": np.array([p.condition for p, _ in main]), "other": np.array([p.other for p, _ in main]),
+        "level": np.array([p.level for p, _ in main]), "interval": np.array([p.interval for p, _ in main]),
+        "theta_deg": np.array([points[p.set_point].theta_deg if p.set_point else np.nan for p, _ in main]),
         "correct": np.where(np.isfinite(answer), answer == number, np.nan),
         "x_m": place[:, 0], "y_m": place[:, 1], "z_m": place[:, 2],
         "distance_mm": 1e3 * np.linalg.norm(place - study.load_device().contact_distance * ways, axis=1),

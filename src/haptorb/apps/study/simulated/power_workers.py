@@ -41,7 +41,7 @@ def simulate_pool(
     """
     if processes < 1:
         raise InputError(f"processes must be 1 or more; got {processes}")
-    people = [((seed, n + 1), n) for n in range(pool)]
+    people: list[tuple[tuple[int, ...], int]] = [((seed, n + 1), n) for n in range(pool)]
     found = [math.nan] * pool
 
     def keep(values: dict[int, float], done: int) -> int:
@@ -58,10 +58,10 @@ def simulate_pool(
         return found
     import cloudpickle
 
-    packed = cloudpickle.dumps(study)  # a world of the user's own comes with its code
+    packed: bytes = cloudpickle.dumps(study)  # a world of the user's own comes with its code
     at_once = processes if scheduler is None else 8
     size = max(1, math.ceil(pool / (at_once * _SHARES)))
-    jobs = [(packed, tuple(people[k : k + size]), measure, between) for k in range(0, pool, size)]
+    jobs: list[Job] = [(packed, tuple(people[k : k + size]), measure, between) for k in range(0, pool, size)]
     for values in _run_processes(jobs, processes) if scheduler is None else _run_cluster(jobs, scheduler):
         done = keep(values, done)
     return found

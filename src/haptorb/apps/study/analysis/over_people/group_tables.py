@@ -100,12 +100,12 @@ def _localisation(found: Localisation) -> Iterator[TextTable]:
 def _outcomes(plan: PlanReport) -> TextTable:
     return _table(
         "The plan",
-        (Column("planned", kind="text"), Column("smallest effect"), Column("95 %"), Column("p corrected"),
-         Column("below α", kind="short"), Column("smallest effect is", kind="text")),
-        ((one.name, "–" if one.test.smallest_effect is None else f"{one.test.smallest_effect:g}",
-          "–" if one.found is None else format_range((one.found.low, one.found.high), ".3g"),
-          "–" if one.found is None else format_value(one.found.p_corrected, ".3g"),
-          "yes" if one.significant else "no", one.verdict) for one in plan.outcomes),
+        (Column("planned", kind="text"), Column("p corrected"), Column("below α", kind="short"),
+         Column("smallest effect"), Column("which is", kind="text")),
+        ((one.name, "–" if one.found is None else format_value(one.found.p_corrected, ".3g"),
+          "yes" if one.significant else "no",
+          "–" if one.test.smallest_effect is None else f"{one.test.smallest_effect:g}", one.verdict)
+         for one in plan.outcomes),
     )  # fmt: skip
 
 

@@ -74,7 +74,7 @@ class Localisation:
 
     def numbers(self) -> dict[str, Any]:
         """As plain JSON types; what is not a number is None."""
-        return _plain(
+        found: dict[str, Any] = _make_plain(
             {
                 "answers": self.answers,
                 "error_deg": [asdict(axis) for axis in self.axes],
@@ -83,6 +83,7 @@ class Localisation:
                 "information": {name: asdict(one) for name, one in self.information.items()},
             }
         )
+        return found
 
 
 def localise(study: Study, main: Columns, people: Sequence[str]) -> Localisation | None:
@@ -109,9 +110,11 @@ def localise(study: Study, main: Columns, people: Sequence[str]) -> Localisation
     for point in study.points:
         here = (main["set_point"] == point.number) & known
         if here.any():
-            sides = [_mean(np.sum(errors[here] * axis[here], axis=-1)) for axis in (up, around)]
+            rise, turn = (_mean(np.sum(errors[here] * axis[here], axis=-1)) for axis in (up, around))
             places.append(
-                PlaceError(point.number, point.theta_deg, point.phi_deg, *sides, summarize_directions(answered[here]))
+                PlaceError(
+                    point.number, point.theta_deg, point.phi_deg, rise, turn, summarize_directions(answered[here])
+                )
             )
     return Localisation(
         "set-points named" if study.procedure == "identification" else "places reached", axes,
@@ -162,9 +165,9 @@ def _mean(values: Array) -> float:
     return float(known.mean()) if len(known) else math.nan
 
 
-def _plain(value: Any) -> Any:
+def _make_plain(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _plain(part) for key, part in value.items()}
+        return {key: _make_plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
+        return [_make_plain(part) for part in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

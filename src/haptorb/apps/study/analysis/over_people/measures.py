@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.study.analysis.over_people.directions import answer_directions, find_unbounded
+from haptorb.apps.study.inference.person_fit import psychometric_fit
+from haptorb.apps.study.inference.psychometric import PsychometricCurve
 from haptorb.apps.study.inference.sphere import error_vectors, local_axes
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
@@ -127,15 +130,18 @@ def _measure(
 
 def _fit_person(main: Columns, rows: Any, measure: str) -> float:
     """Of constant stimuli: midpoint, or difference noticed in 75 % of the pairs; NaN where one level is known."""
-    from haptorb.apps.study.inference.person_fit import psychometric_fit
-
     levels, which = np.unique(main["level"][rows], return_inverse=True)
     if len(levels) < 2:
         return math.nan
     stronger = main["answer"][rows] == main["interval"][rows]
     counts = np.bincount(which, minlength=len(levels))
-    fit = psychometric_fit(levels, np.bincount(which, stronger, len(levels)), counts)
+    fit = _fit_counts(*(tuple(x.tolist()) for x in (levels, np.bincount(which, stronger, len(levels)), counts)))
     return fit.middle if measure == "midpoint" else 0.6745 * fit.spread
+
+
+@lru_cache(4096)  # several measures and pairs of conditions ask for the same fits
+def _fit_counts(levels: tuple[float, ...], yes: tuple[float, ...], of: tuple[float, ...]) -> PsychometricCurve:
+    return psychometric_fit(levels, yes, of)
 
 
 def _share_chosen(main: Columns, rows: Any, a: str, b: str) -> float:

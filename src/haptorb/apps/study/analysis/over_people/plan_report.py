@@ -45,12 +45,12 @@ class PlanOutcome:
         if found is None or not math.isfinite(found.low + found.high):
             return "no data" if found is None else "no interval"
         if least is None:
-            return "none stated"
+            return "not stated"
         if -least < found.low and found.high < least:
-            return "excluded: the effect is smaller"
+            return "excluded"
         if found.low > least or found.high < -least:
-            return "exceeded by the whole interval"
-        return "in the interval: not excluded"
+            return "exceeded"
+        return "in the interval"
 
 
 @dataclass(frozen=True)
