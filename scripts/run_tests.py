@@ -1,5 +1,5 @@
 """Run the tests in three calls of pytest: what only computes shares the processors, what runs beside a clock comes in
-threes, and what needs a browser as well, which draws on every processor, in twos.
+threes, and what needs a browser as well, which draws on every processor, has the machine for itself.
 
     run_tests.py [--markers EXPRESSION] [pytest's arguments]
 
@@ -21,12 +21,11 @@ BY_GROUP = ["--dist", "loadscope", "--no-loadscope-reorder"]
 SHARED = ["-n", "logical", "--maxprocesses", "4", *BY_GROUP]
 #: loops at 1 kHz, and one emulated board at a time: each needs a fraction of a processor and mostly waits
 IN_THREES = ["-n", "3", *BY_GROUP]
-#: a browser, its page and its server
-IN_TWOS = ["-n", "2", *BY_GROUP]
+ALONE = ["-n", "0"]
 CALLS = (
     ("not realtime", SHARED),
     ("realtime and not browser", IN_THREES),
-    ("realtime and browser", IN_TWOS),
+    ("realtime and browser", ALONE),
 )
 NO_TESTS = 5  #: pytest's exit code where nothing was chosen: another call may have had something
 ORDER = ("failed", "passed", "skipped", "xfailed", "xpassed", "warning", "error", "rerun")

@@ -19,7 +19,6 @@ import pytest
 
 from haptorb.apps.console import Console
 from haptorb.apps.console.force_map_process import ForceMapProcess
-from haptorb.control.protection.trip import GuardState
 from haptorb.devices.loader import load
 from haptorb.runtime.row import RowLayout
 
@@ -145,15 +144,6 @@ class Host:
         cursor, rows = self.ask("rows", cursor=cursor, columns=np.concatenate(columns).tolist())
         return cursor, np.split(np.array(rows), np.cumsum([len(column) for column in columns])[:-1], axis=1)
 
-    def begin_again(self) -> None:
-        """The first world and model, coils on, nobody's hand on it."""
-        end = time.monotonic() + 20
-        self.ask("begin again")
-        while self.latest("guard")[0] != GuardState.RUNNING:
-            assert time.monotonic() < end, self.ask("trips")
-            time.sleep(0.05)
-            self.ask("begin again")  # the hand of the page before was still there
-
     def close(self) -> None:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -166,23 +156,16 @@ class Host:
         self._process.stdout.close()
 
 
-@pytest.fixture(scope="module")
-def host() -> Iterator[Host]:
-    """One servo for all tests of a file: what each of them changes is undone before the next."""
-    host = Host()
-    yield host
-    host.close()
-
-
 @pytest.fixture
-def live(browser: Any, host: Host) -> Iterator[tuple[Screen, Host]]:
+def live(browser: Any) -> Iterator[tuple[Screen, Host]]:
     """The real thing: servo with the simulated Omni, console, page."""
-    host.begin_again()
+    host = Host()
     page = browser.new_page(viewport=DESK)
     try:
         yield Screen(page, host.url), host
     finally:
         page.close()
+        host.close()
 
 
 @pytest.fixture
@@ -196,18 +179,6 @@ def painting() -> Iterator[ForceMapProcess]:
     process = ForceMapProcess(load("omni"))
     yield process
     process.close()
-
-
-@pytest.fixture(scope="module")
-def calm(browser: Any, painting: ForceMapProcess) -> Iterator[tuple[Screen, Any]]:
-    """A page of an imagined servo for all tests of a file that leave it as it was, and that servo."""
-    servo = _fake().FakeServo()
-    with Console(servo, 0, felt=painting) as console, serve(console):
-        page = browser.new_page(viewport=DESK)
-        screen = Screen(page, console.url)
-        screen.until("haptorb.control && haptorb.status === 'running'")
-        yield screen, servo
-        page.close()
 
 
 @pytest.fixture

@@ -33,11 +33,6 @@ def main() -> None:
                 return servo.world
             case "trips":
                 return servo.report()["trips"]
-            case "begin again":  # what a new page finds at a new servo
-                servo.set_world("dome")
-                servo.set_model("exact")
-                servo.release()
-                return servo.engage()
             case "end servo":
                 ended_by_test.set()
                 return servo.close()
