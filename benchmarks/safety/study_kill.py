@@ -2,9 +2,11 @@
 
     python benchmarks/safety/study_kill.py [--kills 200] [--json]
 
-Every time another process goes on with the rehearsal where the database says it stood. It tells every answer only after
-it was kept; whatever was told must be there afterwards, once. Here every process starts from nothing, so that resuming
-is timed whole; tests let one that has imported everything fork instead (`forked`), which is killed just as well.
+Every time another process goes on with the rehearsal where the database says it stood: two staircases side by side,
+with practice and breaks, so that it must come to the same difference of the same track. It tells every answer only
+after it was kept; whatever was told must be there afterwards, once. Here every process starts from nothing, so that
+resuming is timed whole; tests let one that has imported everything fork instead (`forked`), which is killed just as
+well.
 """
 
 from __future__ import annotations
@@ -30,8 +32,9 @@ from haptorb.apps.study.store.database import database, sessions
 from haptorb.apps.study.simulated.participant import Participant
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.model.study_file import study_of
-points = ", ".join(f"{{ number = {n}, theta_deg = {9 * n} }}" for n in range(1, 6))
-study = study_of(f'name = "killed"\\n[set_points]\\npoints = [{points}]\\n[trials]\\nrepetitions = 10')
+study = study_of('name = "killed"\\nprocedure = "staircase"\\n'
+    '[levels]\\nreference = 1.2\\nleast = 0.02\\nmost = 1.0\\nstart = 0.5\\ntrials = 40\\n'
+    '[trials]\\npractice = 3\\nbreak_every = 7\\n[[conditions]]\\nname = "a"\\n[[conditions]]\\nname = "b"\\n')
 def work(told):
     engine = database(sys.argv[1])
     with engine.connect() as connection:

@@ -17,6 +17,7 @@ import haptorb
 from haptorb import worlds
 from haptorb.apps.feel.design_file import DesignFile, DesignTable
 from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.templates.study_template import TEMPLATES, make_study_text
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.kind import kind_names, kind_of_name
 from haptorb.devices.schema.key_text import list_keys
@@ -84,6 +85,11 @@ def study_keys() -> str:
     return _key_table(Study)
 
 
+def study_templates() -> str:
+    """What `haptorb study new NAME --like ...` writes."""
+    return "\n".join(f"### {like}\n\n```toml\n{make_study_text('mine', like)}```\n" for like in TEMPLATES)
+
+
 def design_keys() -> str:
     """Every key of a file of snap-fit designs, of one design and of the known materials."""
     rows = [
@@ -131,6 +137,7 @@ PAGES = {
     "world-table": world_table,
     "device-keys": device_keys,
     "study-keys": study_keys,
+    "study-templates": study_templates,
     "design-keys": design_keys,
     "command-line": command_line,
 }

@@ -173,13 +173,15 @@ def study(text, **parts):
 
 
 def identification():
-    from haptorb.apps.study.analysis.analysis import Arrow, Confusion, LatitudeError
+    from haptorb.apps.study.analysis.accuracy import Arrow, Confusion
     from haptorb.apps.study.analysis.conditions import ConditionComparison
+    from haptorb.apps.study.analysis.error_by_latitude import LatitudeError
 
     points = "".join(f"{{ number = {n}, theta_deg = {6 * n}, phi_deg = 45 }}," for n in range(1, 10))
     square = np.full((9, 9), 0.1)
-    confusion = Confusion(tuple(range(1, 10)), 8 * square, square + 0.613 * np.eye(9), 0.8 * square, 1.2 * square,
-                          0.713, (0.652, 0.771), (0.66, 0.76), 1 / 9, 3e-12)  # fmt: skip
+    confusion = Confusion(tuple(range(1, 10)), 8 * square, square + 0.613 * np.eye(9),
+                          np.tile([0.614, 0.805], (9, 1)), 0.713, (0.652, 0.771), (np.nan, np.nan), 1 / 9,
+                          3e-12)  # fmt: skip
     show = study(
         f'name = "places"\n[set_points]\npoints = [{points}]\n[trials]\nrepetitions = 2\n',
         confusion=confusion, arrows=(Arrow(3, 4, 12, 0.58), Arrow(3, 5, 12, 0.42)),
@@ -191,16 +193,35 @@ def identification():
 
 
 def curves():
-    from haptorb.apps.study.inference.psychometric import PsychometricCurve
+    from haptorb.apps.study.analysis.curves import ConditionCurves
+    from haptorb.apps.study.inference.hierarchical import NormalEffect, Population
+    from haptorb.apps.study.inference.person_fit import PersonFit
+    from haptorb.apps.study.inference.psychometric import LevelCounts, PsychometricCurve
 
-    nothing = np.array([0.0, 1.0])
-    curve = PsychometricCurve(2.345, 0.4567, 0.0, 0.02, (2.2, 2.5), (0.4, 0.51))
+    fit = PersonFit(180, PsychometricCurve(2.345, 0.4567, 0.02, 0.02), (2.2, 2.5), (0.4, 0.51), (0.001, 0.06),
+                    (0.001, 0.06), 5.4, 0.37, ("too few trials for the spread",))  # fmt: skip
+    group = Population(6, NormalEffect(2.41, (2.307, 2.513), 0.0831, (0.0, 0.217)),
+                       NormalEffect(-0.8, (-0.9, -0.7), 0.1, (0.0, 0.3)), 0.0171)  # fmt: skip
+    answered = LevelCounts(np.array([1.5, 2.5]), np.array([[4.0, 80]]), np.array([[90.0, 90]]))
     show = study(
         'name = "c"\nprocedure = "constant"\n[levels]\nparameter = "moment"\nreference = 2.0\nvalues = [1.5, 2.5]\n',
-        curves={"base": (nothing, nothing, nothing, curve)},
-        thresholds={"base": {"P01": 0.3214, "P02": 0.41}},
-    )
-    return show, ["[A·m²]", "2.345", "2.2 to 2.5", "0.4567", "0.308", "0.3214", "P02", "0.3657", "0.3214 to 0.41"]
+        curves={"base": ConditionCurves(answered, {"P01": fit}, group)}, notes=("condition 'weak': no answers yet",),
+    )  # fmt: skip
+    return show, ["[A·m²]", "2.345", "2.2 to 2.5", "0.308", "2.41", "2.307 to 2.513", "0.0831", "0 to 0.217", "× 1.11",
+                  "0.37", "no answers yet", "P01: too few trials for the spread"]  # fmt: skip
+
+
+def tracks():
+    from haptorb.apps.study.analysis.thresholds import ConditionTracks, TrackFit
+    from haptorb.apps.study.inference.hierarchical import NormalEffect
+
+    people = {"P01": TrackFit(60, True, 0.3214, 0.3187, (0.25, 0.3999)),
+              "P02": TrackFit(60, True, 0.41, 0.4, (0.31, 0.52))}  # fmt: skip
+    show = study(
+        'name = "c"\nprocedure = "staircase"\n[levels]\nreference = 1.2\nleast = 0.01\nmost = 1.0\nstart = 0.8\n',
+        tracks={"base": ConditionTracks(people, NormalEffect(-1.5, (-1.8, -1.2), 0.2, (0.0, 0.7)))},
+    )  # fmt: skip
+    return show, ["[A·m²]", "0.3214", "P02", "0.3187", "0.25 to 0.3999", "0.3536", "0.2872 to 0.4353"]
 
 
 def ratings():
@@ -214,7 +235,7 @@ def ratings():
 
 
 TABLES = {made.__name__: made for made in (omni_card, pmsm_card, bench, contest, estimators, fit, train, fitness, world,
-                                           identification, curves, ratings)}  # fmt: skip
+                                           identification, curves, tracks, ratings)}  # fmt: skip
 
 
 @pytest.fixture

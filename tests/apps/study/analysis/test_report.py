@@ -103,10 +103,13 @@ def test_simulated_participants_are_called_so_and_not_the_device(identify: Study
     assert analysis_of(tmp_path / "s.db").origin == "PARTLY SIMULATED: 1 of 2 participants are simulated"
 
 
-def test_a_mean_threshold_leaves_out_whoever_has_none(tmp_path: Path) -> None:
+def test_a_threshold_without_reversals_is_still_bounded_by_the_answers(tmp_path: Path) -> None:
     study = study_of(f'name = "x"\nprocedure = "staircase"\n{STUDIES["staircase"]}')
     for code in ("P01", "P02"):
         sat(study, tmp_path / "s.db", code, "sim")
     found = analysis_of(tmp_path / "s.db")
     assert all(math.isnan(value) for people in found.thresholds.values() for value in people.values())
-    assert "mean" not in text_of(found)
+    told = found.numbers()["thresholds"]["base"]["people"]
+    assert {one["threshold"] for one in told.values()} == {None}
+    assert all(one["fitted_95"][0] < one["fitted"] < one["fitted_95"][1] for one in told.values())
+    assert "too few reversals" in " ".join(text_of(found).split())

@@ -8,12 +8,13 @@ from pathlib import Path
 import pytest
 
 from haptorb.apps.asking.prompt import Answer
-from haptorb.apps.study.model.order import balance_conditions, plan, procedure_of
+from haptorb.apps.study.model.balance import balance_conditions
+from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.set_points import list_equal_rings, list_published
 from haptorb.apps.study.model.study_file import Study, read_study, study_of
 from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.simulated.forecast import forecast, overlap
-from haptorb.apps.study.store.columns import keep_layout
+from haptorb.apps.study.store.columns import keep_older
 from haptorb.apps.study.store.columns import read_study as read_stored
 from haptorb.apps.study.store.database import database
 from haptorb.errors import InputError
@@ -37,7 +38,7 @@ LEVELS = 'name = "x"\nprocedure = "{}"\n[levels]\nreference = 1.0\n'
         ('name = "x"\n[parameters]\nsummit = [0, 0, 1]', "summit"),
         ('name = "x"\nprocedure = "guessing"', "procedure"),
         ('name = "x"\n[trials]\nrepetitions = 0', "repetitions"),
-        ('name = "x"\n[trials]\norder = "counter-balanced"', "two conditions"),
+        ('name = "x"\n[trials]\norder = "any"', "counter-balanced"),
         ('name = "x"\n[[conditions]]\nname = "a"\n[[conditions]]\nname = "a"', "differ"),
         ('name = "x"\nprocedure = "forced-choice"', "two conditions"),
         ('name = "x"\nprocedure = "constant"', "needs [levels]"),
@@ -123,7 +124,7 @@ def test_published_means_1_4_8_12_and_the_file_that_is_kept_says_so() -> None:
     assert study_of(study.text, stored=True).digest == study.digest
     equal = study_of('name = "p"\n[set_points]\nlayout = "1-8-8-8"')
     assert equal.points == list_equal_rings()
-    assert equal.text == 'name = "p"\n[set_points]\nlayout = "1-8-8-8"'
+    assert equal.text == 'order_version = "2"\nname = "p"\n[set_points]\nlayout = "1-8-8-8"'
 
 
 def test_a_stored_study_keeps_the_set_points_that_it_ran_with(tmp_path: Path) -> None:
@@ -131,11 +132,11 @@ def test_a_stored_study_keeps_the_set_points_that_it_ran_with(tmp_path: Path) ->
     older = study_of(text, stored=True)  # as a database of an older haptorb has it
     assert older.points == list_equal_rings()
     engine = database(tmp_path / "s.db")
-    assert keep_layout(engine, study_of(text)).points == list_published()
+    assert keep_older(engine, study_of(text)).points == list_published()
     with StoredSession(engine, older, "P01") as sitting:
         prompt = sitting.prompt
         sitting.answer(Answer(prompt.set_point if prompt else 0, (0.0, 0.0, 0.05)))
-    kept = keep_layout(engine, study_of(text))
+    kept = keep_older(engine, study_of(text))
     assert (kept.digest, kept.text, kept.points) == (older.digest, text, list_equal_rings())
     with StoredSession(engine, kept, "P01") as sitting:
         assert sitting.number == 1

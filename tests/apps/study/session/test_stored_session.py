@@ -16,7 +16,7 @@ from haptorb.apps.study.session.stored_session import StoredSession
 from haptorb.apps.study.store import migrations
 from haptorb.apps.study.store.bids import write_bids
 from haptorb.apps.study.store.claim import SessionLock
-from haptorb.apps.study.store.columns import COLUMNS, read_replies, read_study, tidy
+from haptorb.apps.study.store.columns import COLUMNS, keep_older, read_replies, read_study, tidy
 from haptorb.apps.study.store.database import SCHEMA, database
 from haptorb.apps.study.store.export import write_csv
 from haptorb.apps.study.store.people import list_participants
@@ -198,19 +198,34 @@ def test_sqlite_writes_through(tmp_path: Path) -> None:
     assert told == ["wal", 2]
 
 
+#: what was stored by the older version, to the letter
+UNTOUCHED = (
+    "SELECT digest, name, text FROM studies", "SELECT id, plan, started, versions FROM sessions",
+    "SELECT number, prompt, answer, x, y, z, seconds, safety, recording, answered FROM trials WHERE number < 3",
+)  # fmt: skip
+
+
 def test_an_older_schema_is_brought_forward_and_its_session_goes_on(identify: Study, tmp_path: Path) -> None:
     with sqlite3.connect(tmp_path / "s.db") as raw:
         raw.executescript((Path(__file__).parents[1] / "schema_1.sql").read_text(encoding="utf-8"))
+    raw.close()
+    with sqlite3.connect(tmp_path / "s.db") as raw:
+        stored = [raw.execute(query).fetchall() for query in UNTOUCHED]
     raw.close()
     engine = database(tmp_path / "s.db")
     with sqlite3.connect(tmp_path / "s.db") as raw:
         assert raw.execute("SELECT version FROM haptorb_schema").fetchall() == [(SCHEMA,)]
     raw.close()
-    with StoredSession(engine, identify, "P01") as sitting:
+    begun = keep_older(engine, identify)
+    assert begun.digest == "87432234ffc10fc3"
+    with StoredSession(engine, begun, "P01") as sitting:
         assert (sitting.number, sitting.question) == (3, None)
         while sitting.prompt is not None:
             sitting.answer(Answer(1, HERE))
-    assert tidy(engine, identify)["trial"].tolist() == list(range(1, 8))
+    assert tidy(engine, begun)["trial"].tolist() == list(range(1, 8))
+    with sqlite3.connect(tmp_path / "s.db") as raw:
+        assert [raw.execute(query).fetchall() for query in UNTOUCHED] == stored
+    raw.close()
 
 
 def test_migrated_and_new_tables_are_the_same(tmp_path: Path) -> None:

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import nct, t
 
+from haptorb.apps.study.analysis.analysis import analyse
 from haptorb.apps.study.model.study_file import study_of
-from haptorb.apps.study.simulated.power import differences, power, power_of
+from haptorb.apps.study.simulated.power import power, power_of
+from haptorb.apps.study.simulated.power_person import simulate_value
 from haptorb.errors import InputError
 
 TWO = """
@@ -25,7 +27,7 @@ parameters = { moment = 0.05 }
 
 
 def t_power(effect: float, n: int, alpha: float = 0.05) -> float:
-    """Of the paired two-sided t test, in closed form; with normal differences sign flips have nearly its power."""
+    """Of the paired two-sided t test, in closed form."""
     limit = t.ppf(1 - alpha / 2, n - 1)
     shift = effect * np.sqrt(n)
     return float(nct.sf(limit, n - 1, shift) + nct.cdf(-limit, n - 1, shift))
@@ -38,7 +40,13 @@ def test_normal_differences_have_the_power_of_the_t_test(effect: float) -> None:
     pool = (pool - pool.mean()) / pool.std(ddof=1) + effect
     found = power_of(pool.tolist(), (8, 12, 20, 32))
     for n, share in zip(found.people, found.power, strict=True):
-        assert share == pytest.approx(t_power(effect, n), abs=0.04)
+        assert share == pytest.approx(t_power(effect, n), abs=0.02)
+
+
+def test_sign_flips_are_nearly_as_powerful_where_differences_are_normal() -> None:
+    pool = 1.0 + np.random.default_rng(1).standard_normal(400)
+    signs, student = (power_of(pool.tolist(), (10,), test=test) for test in ("sign-flip", "t"))
+    assert signs.power[signs.people.index(10)] == pytest.approx(student.power[student.people.index(10)], abs=0.05)
 
 
 def test_without_a_difference_the_test_errs_as_often_as_it_says() -> None:
@@ -82,10 +90,12 @@ def test_the_answer_does_not_depend_on_what_was_given() -> None:
 
 
 def test_with_a_clear_difference_the_test_itself_sets_the_number() -> None:
-    found = power_of([5.0, 6.0, 5.5, 6.5, 5.2, 5.8, 6.1, 5.9], (12,))
+    clear = [5.0, 6.0, 5.5, 6.5, 5.2, 5.8, 6.1, 5.9]
+    found = power_of(clear, (12,), test="sign-flip")
     assert (found.needed, found.least) == (6, 6)  # 2/2⁶ < 0.05 < 2/2⁵
     assert "with fewer than 6 the test cannot show p < 0.05" in found.sentence
-    assert power_of([5.0, 6.0, 5.5, 6.5, 5.2, 5.8, 6.1, 5.9], (12,), alpha=0.001).needed == 11  # 2/2¹¹ < 0.001
+    assert power_of(clear, (12,), alpha=0.001, test="sign-flip").needed == 11  # 2/2¹¹ < 0.001
+    assert power_of(clear, (12,)).needed == 3
 
 
 def test_simulated_participants_find_a_weak_dome_less_exactly_and_are_called_simulated() -> None:
@@ -104,8 +114,8 @@ def test_a_choice_is_counted_for_the_one_that_was_chosen() -> None:
         '[[conditions]]\nname = "base"\n[[conditions]]\nname = "weak"\nparameters = { moment = 0.05 }'
     )
     # "Stronger" is all that a simulated participant can prefer.
-    assert differences(study, (0, 1), 0, "base", "weak", "choice") > 0.3
-    assert differences(study, (0, 1), 0, "weak", "base", "choice") < -0.3
+    assert simulate_value(study, (0, 1), 0, "choice", ("base", "weak")) > 0.3
+    assert simulate_value(study, (0, 1), 0, "choice", ("weak", "base")) < -0.3
 
 
 @pytest.mark.parametrize(
@@ -115,7 +125,7 @@ def test_a_choice_is_counted_for_the_one_that_was_chosen() -> None:
         ("", {"between": ("base", "strong")}, "no condition 'strong'"),
         ("", {"between": ("base", "base")}, "compared with itself"),
         ("", {"measure": "threshold"}, "error, accuracy"),
-        ("", {"pool": 3}, "8 to 10000"),
+        ("", {"pool": 3}, "8 to 100000"),
         ("", {"pool": 8, "people": (1,)}, "2 to 500"),
         ("", {"pool": 8, "alpha": 0.0}, "alpha"),
         ("", {"pool": 8, "wanted": 1.0}, "power"),
@@ -127,10 +137,69 @@ def test_what_cannot_be_foretold_is_refused(change: str, options: dict[str, obje
         power(study_of(text), **options)  # type: ignore[arg-type]
 
 
-def test_constant_stimuli_have_no_measure_per_participant() -> None:
+def test_constant_stimuli_give_each_person_a_threshold_and_a_midpoint() -> None:
     study = study_of(
-        'name = "x"\nprocedure = "constant"\n[levels]\nreference = 1.2\nvalues = [1.0, 1.5]\n'
-        '[[conditions]]\nname = "a"\n[[conditions]]\nname = "b"'
+        'name = "x"\nprocedure = "constant"\n[levels]\nreference = 1.2\nvalues = [0.9, 1.1, 1.3, 1.5]\n'
+        '[trials]\nrepetitions = 8\n[[conditions]]\nname = "a"\n[[conditions]]\nname = "b"'
     )
-    with pytest.raises(InputError, match="no measure per participant"):
-        power(study)
+    assert simulate_value(study, (0, 1), 0, "midpoint", ("a", "b")) == pytest.approx(0.0, abs=0.25)
+    assert power_of([simulate_value(study, (0, n), n, "threshold", ("a", "b")) for n in range(8)]).least == 2
+
+
+PLANNED = (
+    TWO
+    + """
+[plan]
+participants = 18
+test = "sign-flip"
+alpha = 0.04
+[[plan.tests]]
+measure = "accuracy"
+between = ["weak", "base"]
+[[plan.tests]]
+measure = "error"
+between = ["base", "weak"]
+"""
+)
+
+
+def test_the_plan_says_what_is_not_asked_otherwise() -> None:
+    found = power(study_of(PLANNED), pool=8, people=(6,))
+    assert (found.measure, found.a, found.b, found.test) == ("accuracy", "weak", "base", "sign-flip")
+    assert found.alpha == pytest.approx(0.02)  # two tests, Holm: the strictest step
+    assert 18 in power(study_of(PLANNED), test="t", pool=8).people
+    asked = power(study_of(PLANNED), ("base", "weak"), "error", pool=8, alpha=0.05, test="t", people=(6,))
+    assert (asked.measure, asked.alpha, asked.test) == ("error", 0.05, "t")
+
+
+def test_what_is_claimed_of_all_conditions_has_a_power_too() -> None:
+    found = power(study_of(TWO), measure="error-slope", pool=8, people=(6,))
+    assert (found.a, found.b, found.unit) == ("", "", "mm/deg")
+    assert found.difference > 0
+
+
+def test_power_is_what_the_analysis_finds() -> None:
+    """benchmarks/study_power.py in a reduced form: whole analyses of groups of the same people, counted."""
+    study = study_of(
+        'name = "r"\nprocedure = "rating"\n[trials]\nrepetitions = 2\n'
+        '[[conditions]]\nname = "base"\n[[conditions]]\nname = "other"'
+    )
+    draw = np.random.default_rng(8)
+    a, b = draw.integers(3, 8, (24, 2)), draw.integers(2, 7, (24, 2))  # two ratings each
+    told = power_of((a.mean(axis=1) - b.mean(axis=1)).tolist(), (8,))
+    studies, found = 500, 0
+    count = 8 * 4
+    for _ in range(studies):
+        who = draw.integers(0, 24, 8)
+        columns = {
+            "participant": np.repeat([f"P{n}" for n in range(8)], 4), "trial": np.arange(count),
+            "condition": np.tile(["base", "base", "other", "other"], 8), "phase": np.full(count, "main"),
+            "answer": np.concatenate([a[who], b[who]], axis=1).ravel(), "simulated": np.full(count, False),
+            "simulated_device": np.full(count, None), "safety": np.full(count, ""), "repeats": np.zeros(count),
+            "distance_mm": np.full(count, np.nan), "seconds": np.ones(count),
+        }  # fmt: skip
+        (row,) = analyse(study, columns).comparisons
+        found += row.p < 0.05
+    share = told.power[told.people.index(8)]
+    assert 0.3 < share < 0.95  # where it is hardest to agree
+    assert found / studies == pytest.approx(share, abs=0.02 + 3 * np.sqrt(share * (1 - share) / studies))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from haptorb.apps.asking.prompt import Answer, Prompt
-from haptorb.apps.study.analysis.analysis import LatitudeError
+from haptorb.apps.study.analysis.error_by_latitude import LatitudeError
 from haptorb.apps.study.analysis.load_analysis import analysis_of
 from haptorb.apps.study.analysis.report import page
 from haptorb.apps.study.model.study_file import Study, study_of

@@ -60,7 +60,7 @@ def test_csv_parquet_and_bids_say_the_same(identify: Study, columns: Columns, tm
     assert list(rows[0]) == list(COLUMNS)
     assert [int(row["trial"]) for row in rows] == 3 * list(range(1, 8))  # as the pages count
     assert [row["simulated_device"] for row in rows] == 7 * ["false"] + 14 * ["true"]
-    assert json.loads((tmp_path / "t.json").read_text(encoding="utf-8")) == COLUMNS
+    assert list(json.loads((tmp_path / "t.json").read_text(encoding="utf-8"))) == list(COLUMNS)
     table = parquet.read_table(write_parquet(identify, columns, tmp_path / "t.parquet")[0])
     assert table.column("answer").to_pylist() == [int(row["answer"]) for row in rows]
     assert table.column("simulated_device").to_pylist() == 7 * [False] + 14 * [True]
@@ -94,7 +94,7 @@ def test_labels_of_files_are_plain_and_all_different() -> None:
     assert (labels["P01"], labels["S07"], labels["3"]) == ("P01", "S07", "3")
 
 
-@pytest.mark.parametrize("there", ["t.csv", "t.json", "t-questions.csv"])
+@pytest.mark.parametrize("there", ["t.csv", "t.json", "t-questions.csv", "read_t.py"])
 def test_a_csv_export_is_written_whole_or_not_at_all(
     identify: Study, columns: Columns, tmp_path: Path, there: str
 ) -> None:
@@ -105,7 +105,9 @@ def test_a_csv_export_is_written_whole_or_not_at_all(
         write_csv(identify, columns, folder / "t.csv", replies=REPLIES)
     assert list_files(folder) == {there: b"mine"}
     write_csv(identify, columns, folder / "t.csv", overwrite=True, replies=REPLIES)
-    assert set(list_files(folder)) == {"t.csv", "t.json", "t-questions.csv"}
+    assert set(list_files(folder)) == {
+        "t.csv", "t.json", "t-questions.csv", "t-questions.json", "read_t.py", "read_t.R",
+    }  # fmt: skip
 
 
 def test_a_disk_that_fills_while_the_last_file_is_moved_leaves_all_as_it_was(

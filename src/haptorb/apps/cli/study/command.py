@@ -1,11 +1,11 @@
-"""`haptorb study check | run | simulate | power | participants | analyse | export`, joined."""
+"""`haptorb study new | check | run | simulate | power | participants | analyse | figures | export`, joined."""
 
 from __future__ import annotations
 
 import typer
 
-from haptorb.apps.cli.study.data import analyse, export, participants
-from haptorb.apps.cli.study.planning import check, power, simulate
+from haptorb.apps.cli.study.data import analyse, export, figures, participants
+from haptorb.apps.cli.study.planning import check, new, power, simulate
 from haptorb.apps.cli.study.run import run
 from haptorb.apps.terminal.help_text import CommandLine
 
@@ -14,7 +14,7 @@ __all__ = ["register"]
 
 def register(app: typer.Typer) -> None:
     """Add the commands to `app`."""
-    study = CommandLine(help="Perceptual studies: check, rehearse, run, analyse and export.")
-    for command in (check, run, simulate, power, participants, analyse, export):
+    study = CommandLine(help="Perceptual studies: write, check, rehearse, run, analyse, draw and export.")
+    for command in (new, check, run, simulate, power, participants, analyse, figures, export):
         study.command()(command)
     app.add_typer(study, name="study")

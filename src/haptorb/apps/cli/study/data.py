@@ -8,10 +8,20 @@ from typing import Annotated
 import typer
 
 from haptorb.apps.cli.study.options import DatabaseArgument, NameOption
-from haptorb.apps.terminal import Column, TextTable, make_console, print_json, print_table, say, tell
+from haptorb.apps.terminal import (
+    Column,
+    TextTable,
+    make_console,
+    make_progress,
+    print_json,
+    print_table,
+    say,
+    show_status,
+    tell,
+)
 from haptorb.errors import InputError
 
-__all__ = ["analyse", "export", "participants"]
+__all__ = ["analyse", "export", "figures", "participants"]
 
 
 def participants(
@@ -48,6 +58,9 @@ def analyse(
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for report and figures (default: STUDY-report).")
     ] = None,
+    registration: Annotated[
+        Path | None, typer.Option(help="Registration from `haptorb study check --register`, to compare the plan with.")
+    ] = None,
     figures: Annotated[str, typer.Option(help="Format of the figures: svg or png.")] = "svg",
     json: Annotated[bool, typer.Option("--json", help="Only print the numbers as JSON.")] = False,
 ) -> None:
@@ -56,7 +69,18 @@ def analyse(
 
     if figures not in ("svg", "png"):
         raise InputError(f"--figures must be svg or png; got '{figures}'")
-    done = analysis_of(db, name)
+    registered = None
+    if registration is not None:
+        from haptorb.apps.study.plan.registration import read_registration
+
+        registered = read_registration(registration)
+    with make_progress() as bar:
+        task = bar.add_task("reading the answers", total=None)
+        done = analysis_of(
+            db, name,
+            lambda fitted, people: bar.update(task, description="fitting people", completed=fitted, total=people),
+            registration=registered,
+        )  # fmt: skip
     if json:
         print_json(done.numbers())
         return
@@ -64,8 +88,31 @@ def analyse(
     from haptorb.apps.study.analysis.summary import print_summary
 
     print_summary(done, make_console())
-    path = write_report(done, out or Path(f"{done.study.name}-report"), kind=figures)
+    with show_status("drawing the figures"):
+        path = write_report(done, out or Path(f"{done.study.name}-report"), kind=figures)
     tell(f"report: {path}")
+
+
+def figures(
+    db: DatabaseArgument,
+    name: NameOption = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder (default: STUDY-figures).")] = None,
+    kind: Annotated[str, typer.Option("--format", help="pdf, svg or png (600 dpi).")] = "pdf",
+    single: Annotated[float, typer.Option(help="Width of a figure in one column [mm].")] = 85.0,
+    double: Annotated[float, typer.Option(help="Width of a figure over both columns [mm].")] = 174.0,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
+) -> None:
+    """Draw all figures for a paper: vector, for colour-blind readers too, fonts embedded, with captions."""
+    from haptorb.apps.study.analysis.drawings.figure_set import KINDS, write_figures
+    from haptorb.apps.study.analysis.drawings.style import PaperSize
+    from haptorb.apps.study.analysis.load_analysis import analysis_of
+
+    if kind not in KINDS:
+        raise InputError(f"--format must be {', '.join(KINDS)}; got '{kind}'")
+    size = PaperSize(single, double)
+    done = analysis_of(db, name)
+    files = write_figures(done, out or Path(f"{done.study.name}-figures"), kind, size=size, overwrite=force)
+    tell(f"{done.origin}\n" + "\n".join(map(str, files)))
 
 
 def export(

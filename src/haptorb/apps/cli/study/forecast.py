@@ -1,4 +1,4 @@
-"""What a session will be like, said before it begins; and which set-points a study that has begun goes on with."""
+"""What a session will be like, said before it begins; and with what a study that has begun goes on."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
     from haptorb.apps.study.model.study_file import Study
 
-__all__ = ["keep_stored_layout", "print_forecast"]
+__all__ = ["keep_begun_study", "print_forecast"]
 
 
 def print_forecast(known: Study) -> bool:
@@ -26,11 +26,13 @@ def print_forecast(known: Study) -> bool:
     return found.holds
 
 
-def keep_stored_layout(engine: Engine, known: Study) -> Study:
-    """`known`, or as the database holds it from a time when another layout was called published; said to people."""
-    from haptorb.apps.study.store.columns import keep_layout
+def keep_begun_study(engine: Engine, known: Study) -> Study:
+    """`known`, or as the database holds it from an older version, with its order and layout; said to people."""
+    from haptorb.apps.study.store.columns import keep_older
 
-    study = keep_layout(engine, known)
-    if study is not known:
+    study = keep_older(engine, known)
+    if known.order_version and not study.order_version:
+        say("this study was begun with an older haptorb and goes on with the order of that time")
+    if study.published_layout != known.published_layout:
         say("this study was begun with 1 + 8 + 8 + 8 set-points and goes on with them (erratum E17, withdrawn)")
     return study

@@ -2,32 +2,67 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from haptorb.apps.cli.study.forecast import keep_stored_layout, print_forecast
+from haptorb.apps.cli.study.forecast import keep_begun_study, print_forecast
 from haptorb.apps.cli.study.options import DatabaseOption, FileArgument
-from haptorb.apps.terminal import Column, TextTable, make_console, make_progress, print_json, print_table, tell
+from haptorb.apps.cli.study.order_table import print_order
+from haptorb.apps.terminal import Column, TextTable, make_console, make_progress, print_json, print_table, say, tell
 
-__all__ = ["check", "power", "simulate"]
+__all__ = ["check", "new", "power", "simulate"]
 
 
-def check(file: FileArgument, json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
-    """Check a study file: mistakes, duration, coil temperature, overlap of the maps."""
+def new(
+    name: Annotated[str, typer.Argument(help="Name of the study; the file is NAME.toml.")],
+    like: Annotated[
+        str, typer.Option(help="Begin with: zarate2020, identification, staircase, magnitude or comparison.")
+    ] = "identification",
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+) -> None:
+    """Write a commented study file to begin with."""
+    from haptorb.apps.study.templates.study_template import write_study
+
+    path = write_study(name, like, overwrite=force)
+    tell(f"{path}: like '{like}'. Edit it, then: haptorb study check {path}")
+
+
+def check(
+    file: FileArgument,
+    people: Annotated[int, typer.Option(help="Number of participants whose order is shown.")] = 6,
+    register: Annotated[
+        Path | None,
+        typer.Option(metavar="NEW.toml", help="Write study and plan, with digests and time, before data exist."),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Check a study file: mistakes, order of the trials, duration, coil temperature, overlap of the maps, plan."""
+    from haptorb.apps.study.model.order_summary import summarize_order
     from haptorb.apps.study.model.study_file import read_study
 
     known = read_study(file)
+    order = summarize_order(known, people)
+    if register is not None:
+        from haptorb.apps.study.plan.registration import write_registration
+
+        made = write_registration(known, register)
+        say(f"registered: plan {made.plan} of study {made.study}, {made.written}, in {register}")
     if json:
         from haptorb.apps.study.simulated.forecast import forecast, overlap
 
         result, reach = forecast(known), overlap(known)
         about = {"study": known.name, "procedure": known.procedure, "device": known.device}
-        print_json({**about, "set_points": len(known.points), **result.numbers(), "overlap": reach and reach.numbers()})
+        print_json({**about, "set_points": len(known.points), **result.numbers(), "overlap": reach and reach.numbers(),
+                    "order": order.numbers(), "plan": known.plan and known.plan.numbers()})  # fmt: skip
         if not result.holds:
             raise typer.Exit(1)
         return
     tell(f"{known.name}: {known.procedure} on '{known.device}', {len(known.points)} set-points")
+    print_order(order)
+    if known.plan is not None:
+        tell(known.plan.sentence)
     if not print_forecast(known):
         raise typer.Exit(1)
 
@@ -45,7 +80,7 @@ def simulate(
     from haptorb.apps.study.store.database import database
 
     engine = database(db)
-    known = keep_stored_layout(engine, read_study(file))
+    known = keep_begun_study(engine, read_study(file))
     with make_progress() as bar:
         task = bar.add_task("SIMULATED trials", total=None)
         answered = rehearse(
@@ -58,31 +93,49 @@ def simulate(
 def power(
     file: FileArgument,
     between: Annotated[
-        tuple[str, str] | None, typer.Option(help="The two conditions to compare (default: the first two in the file).")
+        tuple[str, str] | None,
+        typer.Option(help="The two conditions to compare (default: those of the plan, or the first two in the file)."),
     ] = None,
     measure: Annotated[
-        str | None, typer.Option(help="Measure: error, accuracy, rating, threshold or choice (default: by procedure).")
+        str | None,
+        typer.Option(
+            help="Measure: error, accuracy, rating, threshold, midpoint, choice, upward-bias or error-slope "
+            "(default: by plan or procedure)."
+        ),
     ] = None,
     pool: Annotated[int, typer.Option(help="Number of simulated participants to draw from.")] = 40,
     people: Annotated[
         list[int] | None,
         typer.Option(help="Number of participants to show; repeatable. The search goes below and above."),
     ] = None,
-    alpha: Annotated[float, typer.Option(help="Significance level of the test.")] = 0.05,
+    alpha: Annotated[
+        float | None, typer.Option(help="Significance level (default: that of the plan for one test, or 0.05).")
+    ] = None,
+    test: Annotated[str | None, typer.Option(help="Test: t or sign-flip (default: that of the plan, or t).")] = None,
     wanted: Annotated[float, typer.Option("--power", help="Required probability of detecting the difference.")] = 0.8,
     seed: Annotated[int, typer.Option(help="Seed of the simulated participants.")] = 0,
+    processes: Annotated[
+        int | None, typer.Option(help="Number of processes (default: one per core). The result is the same.")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786: compute on its cluster."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Estimate how many participants a study needs. Predicted with simulated participants."""
+    from haptorb.apps.study.inference.significance import check_test
     from haptorb.apps.study.model.study_file import read_study
-    from haptorb.apps.study.simulated.power import PEOPLE
     from haptorb.apps.study.simulated.power import power as foretold
+    from haptorb.apps.study.simulated.power_workers import count_cores
 
     known = read_study(file)
     with make_progress() as bar:
         task = bar.add_task("SIMULATED participants", total=None)
         found = foretold(
-            known, between, measure, pool=pool, people=people or PEOPLE, alpha=alpha, wanted=wanted, seed=seed,
+            known, between, measure, pool=pool, people=people, alpha=alpha, wanted=wanted, seed=seed,
+            test=None if test is None else check_test(test),
+            processes=count_cores() if processes is None else processes, scheduler=scheduler,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )  # fmt: skip
     if json:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptorb.apps.cli.study.forecast import keep_stored_layout, print_forecast
+from haptorb.apps.cli.study.forecast import keep_begun_study, print_forecast
 from haptorb.apps.cli.study.options import DatabaseOption, FileArgument
 from haptorb.apps.terminal import say
 from haptorb.errors import InputError
@@ -77,7 +77,7 @@ def run(
 
         streams = open_streams(lsl)
     engine = database(db)  # before the device: without a place for answers nothing is started
-    known = keep_stored_layout(engine, known)
+    known = keep_begun_study(engine, known)
     if terminal:
         options = {"--driver": (driver, "sim"), "--tracker": (tracker, "pointer"), "--frame": (frame, None)}
         more = [word for name, (value, usual) in options.items() if value != usual for word in (name, str(value))]

@@ -1,17 +1,24 @@
 """What the trials say: who was right where, where wrong answers went, how far off, and the curves and thresholds.
 
-Practice is left out. Averages over participants weigh every person alike; intervals are 95 %, drawn over people.
+Practice is left out. Averages over participants weigh every person alike; intervals are 95 %, over the people drawn.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 
-from haptorb.apps.asking.procedure import Procedure
+from haptorb.apps.study.analysis.accuracy import Arrow, Confusion, count_answers, find_arrows
+from haptorb.apps.study.analysis.by_condition.magnitude import MagnitudeScale, estimate_magnitudes, list_magnitudes
+from haptorb.apps.study.analysis.by_condition.response_times import (
+    ResponseTime,
+    find_response_times,
+    list_response_times,
+)
 from haptorb.apps.study.analysis.conditions import (
     ConditionComparison,
     RatingMean,
@@ -19,56 +26,19 @@ from haptorb.apps.study.analysis.conditions import (
     count_choices,
     rate_condition,
 )
-from haptorb.apps.study.inference.intervals import bootstrap, wilson
-from haptorb.apps.study.inference.psychometric import PsychometricCurve, psychometric_fit
-from haptorb.apps.study.inference.significance import binomial_tail
+from haptorb.apps.study.analysis.curves import ConditionCurves, fit_curves
+from haptorb.apps.study.analysis.error_by_latitude import LatitudeError, measure_rings
+from haptorb.apps.study.analysis.over_people.directions import SPHERICAL
+from haptorb.apps.study.analysis.over_people.localisation import Localisation, localise
+from haptorb.apps.study.analysis.over_people.plan_report import PlanReport, SessionPlan, find_plan, report_plan
+from haptorb.apps.study.analysis.thresholds import ConditionTracks, follow_tracks
 from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.plan.registration import Registration
 from haptorb.apps.study.store.columns import Columns
 from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array
 
-__all__ = ["Analysis", "Arrow", "Confusion", "LatitudeError", "analyse"]
-
-WANDERED = 1 / 3  #: an arrow is drawn where this share of the wrong answers, or more, went to one set-point
-
-
-@dataclass(frozen=True)
-class Confusion:
-    """Answers (columns) to prompts (rows), averaged over participants; all arrays by set-point in the study's order."""
-
-    numbers: tuple[int, ...]
-    counts: Array  #: (n, n) answers, pooled
-    matrix: Array  #: (n, n) share of answers, averaged over participants
-    low: Array  #: (n, n)
-    high: Array  #: (n, n)
-    accuracy: float  #: averaged over participants
-    accuracy_95: tuple[float, float]  #: over people
-    pooled_95: tuple[float, float]  #: Wilson's, as if all trials were alike
-    chance: float
-    p_chance: float  #: of so many right answers by guessing
-
-
-@dataclass(frozen=True)
-class Arrow:
-    """A third or more of the wrong answers to `of` went to `to`."""
-
-    of: int
-    to: int
-    wrong: int  #: wrong answers to `of`
-    share: float
-
-
-@dataclass(frozen=True)
-class LatitudeError:
-    """Error of the set-points at one θ."""
-
-    theta_deg: float
-    trials: int
-    mean: float  #: [mm] over trials
-    sd: float  #: [mm] over trials
-    low: float  #: [mm] of the mean, over people
-    high: float  #: [mm]
+__all__ = ["Analysis", "analyse"]
 
 
 @dataclass(frozen=True)
@@ -87,13 +57,17 @@ class Analysis(NotebookReport):
     confusion: Confusion | None = None
     arrows: tuple[Arrow, ...] = ()
     rings: tuple[LatitudeError, ...] = ()
-    curves: dict[str, tuple[Array, Array, Array, PsychometricCurve]] = field(
-        default_factory=dict
-    )  #: (levels, yes, of, fit)
+    curves: dict[str, ConditionCurves] = field(default_factory=dict)  #: by condition
+    tracks: dict[str, ConditionTracks] = field(default_factory=dict)  #: of an adaptive procedure, by condition
     thresholds: dict[str, dict[str, float]] = field(default_factory=dict)  #: condition → participant → threshold
     scores: dict[str, RatingMean] = field(default_factory=dict)  #: by condition
     chosen: dict[tuple[str, str], tuple[int, int, tuple[float, float]]] = field(default_factory=dict)
     comparisons: tuple[ConditionComparison, ...] = ()
+    localisation: Localisation | None = None
+    plan: PlanReport | None = None
+    magnitudes: tuple[MagnitudeScale, ...] = ()
+    times: tuple[ResponseTime, ...] = ()
+    notes: tuple[str, ...] = ()  #: what the data cannot tell
 
     printer: ClassVar[str] = "haptorb.apps.study.analysis.summary:print_summary"
 
@@ -132,45 +106,55 @@ class Analysis(NotebookReport):
         }  # fmt: skip
         if (c := self.confusion) is not None:
             found["accuracy"] = {
-                "mean": c.accuracy, "interval_95": [_number(x) for x in c.accuracy_95], "wilson_95": list(c.pooled_95),
+                "mean": c.accuracy, "interval_95": [_number(x) for x in c.accuracy_95],
+                "single_participant_95": [_number(x) for x in c.single_95],
                 "chance": c.chance, "p_by_chance": c.p_chance,
                 "by_set_point": {str(n): _number(c.matrix[i, i]) for i, n in enumerate(c.numbers)},
+                "by_set_point_95": {
+                    str(n): [_number(x) for x in c.right_95[i]] for i, n in enumerate(c.numbers)
+                },
             }  # fmt: skip
             found["confusion"] = [[_number(x) for x in row] for row in c.matrix.tolist()]
             found["arrows"] = [vars(arrow) for arrow in self.arrows]
         if self.rings:
             found["error_mm"] = [_numbers(ring) for ring in self.rings]
         if self.curves:
-            found["curves"] = {
-                name: {
-                    "levels": x.tolist(), "yes": k.tolist(), "of": n.tolist(), "middle": fit.middle,
-                    "middle_95": fit.middle_95, "spread": fit.spread, "spread_95": fit.spread_95,
-                    "jnd_75_percent": 0.6745 * fit.spread,
-                }
-                for name, (x, k, n, fit) in self.curves.items()
-            }  # fmt: skip
-        if self.curves or self.thresholds:
+            found["curves"] = {name: one.numbers() for name, one in self.curves.items()}
+        if self.curves or self.tracks or self.magnitudes:
             levels = self.study.levels
             found["level"] = {"parameter": levels and levels.parameter, "unit": self.study.level_unit or "1"}
-        if self.thresholds:
-            found["thresholds"] = {
-                name: {code: _number(value) for code, value in people.items()}
-                for name, people in self.thresholds.items()
-            }
+        if self.tracks:
+            found["thresholds"] = {name: one.numbers() for name, one in self.tracks.items()}
         if self.scores:
             found["ratings"] = {name: _numbers(one) for name, one in self.scores.items()}
         if self.chosen:
             found["choices"] = [
-                {"a": a, "b": b, "a_chosen": k, "of": n, "wilson_95": list(w)}
+                {"a": a, "b": b, "a_chosen": k, "of": n, "interval_95": list(w)}
                 for (a, b), (k, n, w) in self.chosen.items()
             ]
+        if self.magnitudes:
+            found["magnitudes"] = list_magnitudes(self.magnitudes)
+        if self.times:
+            found["response_times"] = list_response_times(self.times)
         if self.comparisons:
-            found["comparisons"] = [_numbers(one) for one in self.comparisons]
+            found["comparisons"] = [one.numbers() for one in self.comparisons]
+        if self.localisation is not None:
+            found["localisation"] = self.localisation.numbers()
+        if self.plan is not None:
+            found["plan"] = self.plan.numbers()
+        if self.notes:
+            found["notes"] = list(self.notes)
         return found
 
 
-def analyse(study: Study, columns: Columns, procedures: dict[str, Procedure] | None = None) -> Analysis:
-    """The analysis of `study` from its tidy `columns`; `procedures` by participant code give adaptive thresholds."""
+def analyse(
+    study: Study, columns: Columns, progress: Callable[[int, int], None] | None = None, *,
+    plans: Sequence[SessionPlan] = (), registration: Registration | None = None,
+) -> Analysis:  # fmt: skip
+    """The analysis of `study` from its tidy `columns`; `progress` is told (people fitted, people in all).
+
+    `plans` tell with which plan of the analysis each session began, `registration` with which one was filed.
+    """
     practice = columns["phase"] == "practice"
     main = {name: values[~practice] for name, values in columns.items()}
     if not len(main["trial"]):
@@ -179,102 +163,45 @@ def analyse(study: Study, columns: Columns, procedures: dict[str, Procedure] | N
     simulated = {code for code, flag in zip(main["participant"], main["simulated"], strict=True) if flag}
     parts: dict[str, Any] = {}
     if study.procedure == "identification":
-        parts["confusion"] = confusion = _confusion(study, main, index, len(people))
-        parts["arrows"] = _arrows(confusion)
+        parts["confusion"] = confusion = count_answers(study, main, index, len(people))
+        parts["arrows"] = find_arrows(confusion)
     if np.isfinite(main["distance_mm"]).any():
-        parts["rings"] = _rings(main, index, len(people))
+        parts["rings"] = measure_rings(main, index, len(people))
+    notes = _list_empty(study, main)
     if study.procedure == "constant":
-        parts["curves"] = _curves(study, main)
-    if procedures:
-        parts["thresholds"] = _thresholds(procedures)
+        parts["curves"], more = fit_curves(main, progress)
+        notes += more
+    if study.procedure in ("staircase", "bayesian"):
+        parts["tracks"] = tracks = follow_tracks(study, main, progress)
+        parts["thresholds"] = {
+            name: {code: fit.threshold for code, fit in one.people.items() if fit.complete}
+            for name, one in tracks.items()
+        }
     if study.procedure == "rating":
         parts["scores"] = {
             str(n): rate_condition(main, str(n), index, len(people)) for n in dict.fromkeys(main["condition"].tolist())
         }
     if study.procedure == "forced-choice":
         parts["chosen"] = count_choices(main)
+    if study.procedure in SPHERICAL:
+        parts["localisation"] = localise(study, main, people.tolist())
+    parts["comparisons"] = compare_conditions(study, main, people, parts.get("thresholds"), find_plan(study, plans))
+    parts["plan"] = report_plan(study, parts["comparisons"], plans, registration)
     device = main["simulated_device"][~main["simulated"].astype(bool)].tolist()
     return Analysis(
         study, len(people), len(main["trial"]), int(practice.sum()), len(simulated),
         int(np.count_nonzero(main["safety"] != "")), int(np.count_nonzero(main["repeats"])), device.count(True),
-        device.count(None), comparisons=compare_conditions(study, main, people), **parts,
+        device.count(None), magnitudes=estimate_magnitudes(study, main), times=find_response_times(study, main),
+        notes=tuple(notes), **parts,
     )  # fmt: skip
 
 
-def _confusion(study: Study, main: Columns, index: np.ndarray[Any, Any], people: int) -> Confusion:
-    numbers = tuple(point.number for point in study.points)
-    place = {number: n for n, number in enumerate(numbers)}
-    asked = np.array([place[int(n)] for n in main["set_point"]])
-    answered = np.array([place[int(n)] for n in main["answer"]])
-    each = np.zeros((people, len(numbers), len(numbers)))
-    np.add.at(each, (index, asked, answered), 1.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        shares = each / each.sum(axis=2, keepdims=True)
-    finite = np.isfinite(shares)
-    matrix = np.where(finite, shares, 0).sum(axis=0) / np.maximum(finite.sum(axis=0), 1)
-    matrix[~finite.any(axis=0)] = np.nan
-    low, high = bootstrap(shares)
-    right = asked == answered
-    own = np.bincount(index, right, people) / np.bincount(index, minlength=people)
-    a, b = bootstrap(own)
-    k, n = int(right.sum()), len(right)
-    chance = 1 / len(numbers)
-    return Confusion(
-        numbers, each.sum(axis=0), matrix, low, high, float(own.mean()), (float(a), float(b)), wilson(k, n), chance,
-        binomial_tail(k, n, chance),
-    )  # fmt: skip
-
-
-def _arrows(confusion: Confusion) -> tuple[Arrow, ...]:
-    wrong = confusion.counts - np.diag(np.diag(confusion.counts))
-    found = []
-    for i, row in enumerate(wrong):
-        total = row.sum()
-        for j in np.flatnonzero(row):
-            if row[j] / total >= WANDERED - 1e-12:
-                of, to = confusion.numbers[i], confusion.numbers[int(j)]
-                found.append(Arrow(of, to, int(total), float(row[j] / total)))
-    return tuple(found)
-
-
-def _rings(main: Columns, index: np.ndarray[Any, Any], people: int) -> tuple[LatitudeError, ...]:
-    found = []
-    for theta in np.unique(main["theta_deg"][np.isfinite(main["theta_deg"])]):
-        here = (main["theta_deg"] == theta) & np.isfinite(main["distance_mm"])
-        if not here.any():
-            continue
-        error = main["distance_mm"][here]
-        counts = np.bincount(index[here], minlength=people)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            own = np.bincount(index[here], error, people) / counts
-        low, high = bootstrap(own)
-        sd = float(error.std(ddof=1)) if len(error) > 1 else math.nan
-        found.append(LatitudeError(float(theta), len(error), float(error.mean()), sd, float(low), float(high)))
-    return tuple(found)
-
-
-def _curves(study: Study, main: Columns) -> dict[str, tuple[Array, Array, Array, PsychometricCurve]]:
-    """By condition: how often the comparison was called the stronger, over its level, participants pooled."""
-    found: dict[str, tuple[Array, Array, Array, PsychometricCurve]] = {}
-    for name in dict.fromkeys(main["condition"].tolist()):
-        here = main["condition"] == name
-        levels, which = np.unique(main["level"][here], return_inverse=True)
-        stronger = main["answer"][here] == main["interval"][here]
-        yes: Array = np.bincount(which, stronger, len(levels)).astype(float)
-        of: Array = np.bincount(which, minlength=len(levels)).astype(float)
-        if len(levels) > 1:
-            found[name] = (levels, yes, of, psychometric_fit(levels, yes, of))
-    return found
-
-
-def _thresholds(procedures: dict[str, Procedure]) -> dict[str, dict[str, float]]:
-    found: dict[str, dict[str, float]] = {}
-    for code, procedure in procedures.items():
-        for part in getattr(procedure, "parts", ()):
-            threshold = getattr(part, "threshold", None)
-            if threshold is not None and part.prompt is None:
-                found.setdefault(part.condition, {})[code] = float(threshold)
-    return found
+def _list_empty(study: Study, main: Columns) -> list[str]:
+    """Conditions without an answer; in a forced choice each is compared with the others, and pairs tell."""
+    if study.procedure == "forced-choice":
+        return []
+    met = set(main["condition"].tolist())
+    return [f"condition '{one.name}': no answers yet" for one in study.conditions if one.name not in met]
 
 
 def _numbers(row: Any) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
@@ -10,7 +11,7 @@ from matplotlib.projections.polar import PolarAxes
 from haptorb.apps.study.analysis.analysis import Analysis
 from haptorb.apps.study.simulated.participant import PUBLISHED_ERRORS
 
-__all__ = ["draw_answers", "draw_confusion", "draw_error", "figures"]
+__all__ = ["draw_answers", "draw_confusion", "draw_curves", "draw_error", "figures"]
 
 _INK, _BLUE, _RED = "#22303c", "#1769aa", "#c0392b"
 _SHADE = LinearSegmentedColormap.from_list("shade", ["#ffffff", "#9cc3e0", _BLUE, "#0b2d4a"])
@@ -37,7 +38,7 @@ def _new_figure(analysis: Analysis, title: str, size: tuple[float, float]) -> Fi
 
 
 def _confusion(analysis: Analysis) -> Figure:
-    figure = _new_figure(analysis, "Answered against prompted set-point, averaged over participants", (7.2, 6.6))
+    figure = _new_figure(analysis, "LevelCounts against prompted set-point, averaged over participants", (7.2, 6.6))
     draw_confusion(figure.subplots(), analysis)
     return figure
 
@@ -125,21 +126,31 @@ def draw_error(axes: Axes, analysis: Analysis) -> None:
 
 
 def _curves(analysis: Analysis) -> Figure:
-    import numpy as np
-
-    levels = analysis.study.levels
     figure = _new_figure(analysis, "Share of answers that the comparison was stronger", (6.4, 4.4))
-    axes = figure.subplots()
-    for n, (name, (x, yes, of, fit)) in enumerate(analysis.curves.items()):
-        axes.plot(x, yes / of, "o", color=f"C{n}")
+    draw_curves(figure.subplots(), analysis)
+    return figure
+
+
+def draw_curves(axes: Axes, analysis: Analysis) -> None:
+    """Psychometric curves into `axes`: each person's faint, the group's bold; points are shares over all people."""
+    levels = analysis.study.levels
+    for n, (name, one) in enumerate(analysis.curves.items()):
+        colour = f"C{n}"
+        x, yes, of = one.answered.pooled
+        axes.scatter(x, yes / of, s=8 + 60 * of / of.max(), color=colour, edgecolors="white", linewidths=0.6, zorder=3)
         fine = np.linspace(x.min(), x.max(), 200)
-        low, high = fit.middle_95
-        label = f"{name}: middle {fit.middle:.3g} [{low:.3g}, {high:.3g}], spread {fit.spread:.3g}"
-        axes.plot(fine, fit(fine), color=f"C{n}", label=label)
+        for fit in one.people.values():
+            axes.plot(fine, fit.curve(fine), color=colour, alpha=0.3, lw=0.8)
+        label = f"{name}: {len(one.people)} participant{'' if len(one.people) == 1 else 's'}"
+        if one.group is not None and (curve := one.group_curve) is not None:
+            low, high = one.group.threshold.mean_95
+            label = f"{label}; group's threshold {curve.middle:.3g} [{low:.3g}, {high:.3g}]"
+            axes.plot(fine, curve(fine), color=colour, lw=2.8, label=label)
+        else:
+            axes.plot([], [], color=colour, lw=0.8, label=label)
     if levels is not None:
         axes.axvline(levels.reference, color="0.5", ls=":", lw=1)
         axes.set_xlabel(f"{levels.parameter} of the comparison (dotted: reference)")
-    axes.set(ylabel="share", ylim=(0, 1))
+    axes.set(ylabel="share", ylim=(-0.02, 1.02))
     axes.grid(alpha=0.3)
     axes.legend(frameon=False, fontsize=8)
-    return figure

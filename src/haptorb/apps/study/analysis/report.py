@@ -9,9 +9,15 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+from haptorb.apps.study.analysis.accuracy import describe_accuracy
 from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.apps.study.analysis.by_condition.magnitude import make_magnitude_tables
+from haptorb.apps.study.analysis.by_condition.response_times import make_response_table
 from haptorb.apps.study.analysis.figures import figures
+from haptorb.apps.study.analysis.over_people.group_tables import list_group_tables, list_notes
+from haptorb.apps.study.analysis.psychometric_tables import list_psychometric_notes, list_psychometric_tables
 from haptorb.apps.study.analysis.wording import format_percent, format_range, format_value
+from haptorb.apps.terminal import TextTable
 from haptorb.errors import InputError, RecordingError
 
 __all__ = ["page", "write_report"]
@@ -39,15 +45,14 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
         f"trials excluded; the device tripped in {analysis.trips} trials; {analysis.repeated} trials began anew before "
         "they were answered.</p>",
     ]
+    if analysis.plan is not None:
+        body.append(f"<p>Planned analysis: {escape(analysis.plan.sentence)}.</p>")
+        body += [f"<p class='simulated'>{escape(remark)}</p>" for remark in analysis.plan.remarks]
     if (c := analysis.confusion) is not None:
-        interval, (a, b) = format_range(c.accuracy_95, ".1f", 100), c.pooled_95
-        over_people = (
-            "no interval over people: one participant" if interval == "–" else f"95 % over people {interval} %"
-        )
         body += [
             "<h2>Identification</h2>",
-            f"<p>Correct answers: <b>{format_percent(c.accuracy)}</b>, averaged over participants ({over_people}; "
-            f"Wilson over pooled trials {format_range((a, b), '.1f', 100)} %). Chance is {format_percent(c.chance)}; "
+            f"<p>Correct answers: <b>{format_percent(c.accuracy)}</b>, averaged over participants "
+            f"({describe_accuracy(c)}). Chance is {format_percent(c.chance)}; "
             f"probability of so many by guessing: p = {c.p_chance:.2g} (exact binomial).</p>",
             drawn["confusion"],
             drawn["answers"],
@@ -56,7 +61,7 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
                 [
                     [
                         n, f"{analysis.study.point(n).theta_deg:g}", f"{analysis.study.point(n).phi_deg:g}",
-                        format_percent(c.matrix[i, i]), format_range((c.low[i, i], c.high[i, i]), ".1f", 100),
+                        format_percent(c.matrix[i, i]), format_range(tuple(c.right_95[i]), ".1f", 100),
                         ", ".join(f"{x.to} ({x.share:.0%} of {x.wrong})" for x in analysis.arrows if x.of == n),
                     ]
                     for i, n in enumerate(c.numbers)
@@ -81,27 +86,11 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
             "<p class='quiet'>Distance of the tool's magnet from its contact position at the set-point. The paper "
             "does not say whether it means the magnet or the tip; the tip's distance is three fifths of it.</p>",
         ]
-    unit = f" [{analysis.study.level_unit}]" if analysis.study.level_unit else ""
     if analysis.curves:
-        rows = [
-            [
-                name, f"{f.middle:.4g}", format_range(f.middle_95, ".4g"), f"{f.spread:.4g}",
-                format_range(f.spread_95, ".4g"), f"{0.6745 * f.spread:.4g}",
-            ]
-            for name, (_, _, _, f) in analysis.curves.items()
-        ]  # fmt: skip
-        body += [
-            "<h2>Psychometric curves</h2>",
-            drawn["curves"],
-            _table(["condition", f"middle{unit}", "95 %", f"spread{unit}", "95 %", f"JND (75 %){unit}"], rows),
-            "<p class='quiet'>Cumulative normal, lapse rate 2 % at both ends, maximum likelihood, participants pooled; "
-            "intervals by parametric bootstrap.</p>",
-        ]
-    if analysis.thresholds:
-        rows = [
-            [n, code, format_value(x, ".4g")] for n, people in analysis.thresholds.items() for code, x in people.items()
-        ]
-        body += ["<h2>Thresholds</h2>", _table(["condition", "participant", f"difference{unit}"], rows)]
+        body += ["<h2>Psychometric curves</h2>", drawn["curves"]]
+    for table in list_psychometric_tables(analysis):
+        body += [f"<h3>{escape(table.title)}</h3>", _convert_table(table)]
+    body += [f"<p class='quiet'>{escape(note)}</p>" for note in (*list_psychometric_notes(analysis), *analysis.notes)]
     if analysis.scores:
         rows = [
             [name, f"{x.mean:.2f}", format_range((x.low, x.high), ".2f"), format_value(x.sd, ".2f"), x.ratings]
@@ -113,22 +102,19 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
             [f"{a} over {b}", f"{k} of {n}", format_range(w, ".1f", 100)]
             for (a, b), (k, n, w) in analysis.chosen.items()
         ]
-        body += ["<h2>Choices</h2>", _table(["chosen", "times", "Wilson 95 % [%]"], rows)]
-    if analysis.comparisons:
-        rows = [
-            [
-                f"{x.what} [{x.unit}]" if x.unit else x.what, f"{x.a} − {x.b}", f"{x.difference:.3g}",
-                format_range((x.low, x.high), ".3g"), x.people, f"{x.p:.3g}",
-            ]
-            for x in analysis.comparisons
-        ]  # fmt: skip
+        body += ["<h2>Choices</h2>", _table(["chosen", "times", "95 % [%]"], rows)]
+    for table in make_magnitude_tables(analysis.magnitudes, analysis.study.level_unit):
+        body += [f"<h2>{escape(table.title)}</h2>", _convert_table(table)]
+    if analysis.times:
+        table = make_response_table(analysis.times)
         body += [
-            "<h2>Conditions compared</h2>",
-            _table(["measure", "difference", "mean", "95 %", "participants", "p"], rows),
-            "<p class='quiet'>Model: each participant's two means as a pair, signs of the differences exchangeable if "
-            "the conditions do not differ; two-sided sign-flip test, p not corrected for several comparisons; "
-            "intervals by bootstrap over people.</p>",
-        ]
+            f"<h2>{escape(table.title)}</h2>", _convert_table(table),
+            "<p class='quiet'>From prompt to answer, pauses left out; mean over people of each one's median, and the "
+            "geometric mean; Student's intervals over people, of the geometric mean in the logarithm.</p>",
+        ]  # fmt: skip
+    for table in list_group_tables(analysis):
+        body += [f"<h2>{escape(table.title)}</h2>", _convert_table(table)]
+    body += [f"<p class='quiet'>{escape(note)}</p>" for note in list_notes(analysis)]
     body += ["<h2>Study file</h2>", f"<pre>{escape(analysis.study.text)}</pre>"]
     title = f"{analysis.study.name}{' (simulated)' if analysis.marked else ''}"
     return (
@@ -170,6 +156,12 @@ def _draw_figures(analysis: Analysis, kind: str) -> dict[str, bytes]:
 def _image(data: bytes, name: str) -> str:
     kind = "png" if data.startswith(b"\x89PNG") else "svg+xml"
     return f"<p><img alt='{name}' src='data:image/{kind};base64,{b64encode(data).decode()}'></p>"
+
+
+def _convert_table(table: TextTable) -> str:
+    return _table(
+        [f"{one.head} [{one.unit}]" if one.unit else one.head for one in table.columns], [*map(list, table.rows)]
+    )
 
 
 def _table(head: list[str], rows: list[list[Any]]) -> str:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-import numpy as np
 from rich.console import Console
 
+from haptorb.apps.study.analysis.accuracy import describe_accuracy
 from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.apps.study.analysis.by_condition.magnitude import make_magnitude_tables
+from haptorb.apps.study.analysis.by_condition.response_times import make_response_table
+from haptorb.apps.study.analysis.over_people.group_tables import list_group_tables, list_notes
+from haptorb.apps.study.analysis.psychometric_tables import list_psychometric_notes, list_psychometric_tables
 from haptorb.apps.study.analysis.wording import format_range, format_value
-from haptorb.apps.study.inference.intervals import bootstrap
 from haptorb.apps.terminal import Column, TextTable, make_console, print_table, print_text
 
 __all__ = ["print_summary"]
@@ -22,24 +25,21 @@ def print_summary(analysis: Analysis, console: Console | None = None) -> None:
     if analysis.repeated:
         print_text(out, f"{analysis.repeated} trials began anew: the device was off, or the experimenter repeated them")
     print_text(out, analysis.origin, "bold red" if analysis.marked else "dim")
+    if analysis.plan is not None:
+        print_text(out, analysis.plan.sentence)
+        for remark in analysis.plan.remarks:
+            print_text(out, remark, "bold red")
     if (c := analysis.confusion) is not None:
-        a, b = c.pooled_95
         print_text(
             out,
-            f"\ncorrect {100 * c.accuracy:.1f} % ({_over_people(c.accuracy_95)}Wilson over "
-            f"pooled trials {format_range((a, b), '.1f', 100)} %), chance {100 * c.chance:.1f} %; by guessing: p = "
-            f"{c.p_chance:.2g} (exact binomial)",
+            f"\ncorrect {100 * c.accuracy:.1f} % ({describe_accuracy(c)}), chance {100 * c.chance:.1f} %; by guessing: "
+            f"p = {c.p_chance:.2g} (exact binomial)",
         )
     for table in _tables(analysis):
         print_text(out)
         print_table(out, table)
-    if analysis.comparisons:
-        print_text(
-            out,
-            "p: two-sided sign-flip test of the participants' pairs, not corrected for several comparisons; intervals "
-            "by bootstrap over people",
-            "dim",
-        )
+    for note in (*list_psychometric_notes(analysis), *analysis.notes, *list_notes(analysis)):
+        print_text(out, note, "dim")
 
 
 def _tables(analysis: Analysis) -> Iterator[TextTable]:
@@ -53,18 +53,7 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
             ((f"{r.theta_deg:g}", str(r.trials), f"{r.mean:.2f}", format_range((r.low, r.high), ".2f"),
               format_value(r.sd, ".2f")) for r in analysis.rings),
         )  # fmt: skip
-    unit = analysis.study.level_unit
-    if analysis.curves:
-        yield _table(
-            "Psychometric curves, participants pooled; 95 % by parametric bootstrap",
-            (Column("condition", kind="key"), Column("middle", unit), Column("95 %", unit), Column("spread", unit),
-             Column("95 %", unit), Column("JND (75 %)", unit)),
-            ((name, f"{f.middle:.4g}", format_range(f.middle_95, ".4g"), f"{f.spread:.4g}",
-              format_range(f.spread_95, ".4g"), f"{0.6745 * f.spread:.3g}")
-             for name, (_, _, _, f) in analysis.curves.items()),
-        )  # fmt: skip
-    if analysis.thresholds:
-        yield _thresholds(analysis, unit)
+    yield from list_psychometric_tables(analysis)
     if analysis.scores:
         yield _table(
             "Ratings",
@@ -72,21 +61,17 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
             ((name, f"{x.mean:.2f}", format_range((x.low, x.high), ".2f"), format_value(x.sd, ".2f"), str(x.ratings))
              for name, x in analysis.scores.items()),
         )  # fmt: skip
+    yield from make_magnitude_tables(analysis.magnitudes, analysis.study.level_unit)
+    if analysis.times:
+        yield make_response_table(analysis.times)
     if analysis.chosen:
         yield _table(
             "Choices",
-            (Column("chosen", kind="text"), Column("times"), Column("Wilson 95 %", "%")),
-            ((f"{a} over {b}", f"{k} of {n}", format_range(wilson, ".1f", 100))
-             for (a, b), (k, n, wilson) in analysis.chosen.items()),
+            (Column("chosen", kind="text"), Column("times"), Column("95 %", "%")),
+            ((f"{a} over {b}", f"{k} of {n}", format_range(limits, ".1f", 100))
+             for (a, b), (k, n, limits) in analysis.chosen.items()),
         )  # fmt: skip
-    if analysis.comparisons:
-        yield _table(
-            "Conditions compared",
-            (Column("measure", kind="key"), Column("difference", kind="text"), Column("mean"), Column("95 %"),
-             Column("participants"), Column("p")),
-            ((f"{x.what} [{x.unit}]" if x.unit else x.what, f"{x.a} − {x.b}", f"{x.difference:.3g}",
-              format_range((x.low, x.high), ".3g"), str(x.people), f"{x.p:.3g}") for x in analysis.comparisons),
-        )  # fmt: skip
+    yield from list_group_tables(analysis)
 
 
 def _identification(analysis: Analysis) -> TextTable:
@@ -96,7 +81,7 @@ def _identification(analysis: Analysis) -> TextTable:
     for i, n in enumerate(c.numbers):
         point = analysis.study.point(n)
         wrong = ", ".join(f"{x.to} ({x.share:.0%} of {x.wrong})" for x in analysis.arrows if x.of == n)
-        limits = format_range((c.low[i, i], c.high[i, i]), ".1f", 100)
+        limits = format_range(tuple(c.right_95[i]), ".1f", 100)
         right = format_value(c.matrix[i, i], ".1f", 100)
         rows.append((str(n), f"{point.theta_deg:g}", f"{point.phi_deg:g}", right, limits, wrong))
     columns = (
@@ -106,29 +91,5 @@ def _identification(analysis: Analysis) -> TextTable:
     return _table("Accuracy by set-point", columns, rows)
 
 
-def _thresholds(analysis: Analysis, unit: str) -> TextTable:
-    rows = []
-    for name, people in analysis.thresholds.items():
-        rows += [(name, code, format_value(value, ".4g"), "") for code, value in people.items()]
-        values = np.array([value for value in people.values() if np.isfinite(value)])
-        if len(values) < 2:
-            continue
-        low, high = bootstrap(values)
-        rows.append(
-            (name, "mean", format_value(float(values.mean()), ".4g"), format_range((float(low), float(high)), ".4g"))
-        )
-    columns = (
-        Column("condition", kind="key"), Column("participant", kind="key"), Column("difference", unit),
-        Column("95 % over people", unit),
-    )  # fmt: skip
-    return _table("Thresholds", columns, rows)
-
-
 def _table(title: str, columns: tuple[Column, ...], rows: Iterable[tuple[str, ...]]) -> TextTable:
     return TextTable(columns, title, list(rows))
-
-
-def _over_people(limits: tuple[float, float]) -> str:
-    """The interval over people, where there is one."""
-    interval = format_range(limits, ".1f", 100)
-    return "" if interval == "–" else f"95 % over people {interval} %; "

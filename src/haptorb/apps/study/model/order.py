@@ -1,71 +1,69 @@
-"""The order of a session's trials: drawn once from a seed, stored, and never drawn again."""
+"""The order of a session's trials: drawn once from a seed, stored whole before the first trial, and never drawn again.
+
+What `[trials].order` orders are the conditions, or the pairs of conditions of a forced choice. With one of them every
+order is random.
+
+    counter-balanced   one condition after the other, for each person a row of a Williams square. Staircases, adaptive
+                       procedures and pairs run side by side in rounds, in each of which every one comes once; the
+                       square orders the first round
+    random             all trials mixed; what runs side by side begins with a random round
+    blocked            one condition, or pair, after the other as the file lists them
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from haptorb.apps.asking.procedure import FixedOrder, ProcedureSequence
+from haptorb.apps.asking.procedure import FixedOrder, InterleavedProcedures, Procedure, ProcedureSequence
 from haptorb.apps.asking.prompt import Prompt
-from haptorb.apps.asking.rating import rating
+from haptorb.apps.study.model.balance import balance_conditions, balance_intervals, draw_runs, draw_turns
 from haptorb.apps.study.model.bayesian import Bayesian
+from haptorb.apps.study.model.older_order import plan_as_before
+from haptorb.apps.study.model.prompts import is_comparison, list_pairs, list_prompts
 from haptorb.apps.study.model.staircase import Staircase
 from haptorb.apps.study.model.study_file import Study
 
-__all__ = ["balance_conditions", "plan", "procedure_of"]
+__all__ = ["list_units", "plan", "procedure_of"]
 
 
-def balance_conditions(conditions: int, participant: int) -> list[int]:
-    """Order of `conditions` for the participant-th person: a Williams square, so that first-order carry-over evens out.
-
-    >>> [balance_conditions(4, n) for n in range(4)]
-    [[0, 1, 3, 2], [1, 2, 0, 3], [2, 3, 1, 0], [3, 0, 2, 1]]
-    """
-    first = [0]
-    low, high = 1, conditions - 1
-    while low <= high:
-        first.append(low)
-        if low < high:
-            first.append(high)
-        low, high = low + 1, high - 1
-    row = [(n + participant) % conditions for n in first]
-    # With an odd number every row is needed forwards and backwards.
-    return row[::-1] if conditions % 2 and (participant // conditions) % 2 else row
+def list_units(study: Study) -> list[str]:
+    """What the order is about: names of conditions, or "a, b" for the pairs of a forced choice."""
+    if study.procedure == "forced-choice":
+        return [", ".join(pair) for pair in list_pairs(study)]
+    return [condition.name for condition in study.conditions]
 
 
 def plan(study: Study, participant: int) -> dict[str, Any]:
-    """The session of the participant-th person (from 0) as plain JSON types; the seed is the study's and theirs."""
+    """The session of the participant-th person (from 0) as plain JSON types; the seed is the study's and theirs.
+
+    participant, seed, order (the rule), units (conditions or pairs in this person's order), parts, and for what runs
+    side by side turns (which part is next, trial by trial) and pauses (number of trials answered → break before the
+    next [s]). A study that was begun by an older haptorb goes on with the order of that time.
+    """
+    if not study.order_version:
+        return plan_as_before(study, participant)
     draw = np.random.default_rng([study.trials.seed, participant])
-    names = [condition.name for condition in study.conditions]
+    units = list_units(study)
+    row = list(range(len(units)))
     if study.trials.order == "counter-balanced":
-        names = [names[n] for n in balance_conditions(len(names), participant)]
-    parts: list[dict[str, Any]] = []
-    if study.procedure in ("staircase", "bayesian"):
-        for name in names:
-            intervals = draw.integers(1, 3, study.levels.trials if study.levels else 0)
-            parts.append({"kind": study.procedure, "condition": name, "intervals": intervals.tolist()})
-    else:
-        main = [prompt for name in names for prompt in _shuffle(_prompts(study, name, draw), draw)]
-        if study.trials.order == "random":
-            main = _shuffle(main, draw)
-        every = study.trials.break_every
-        main = [
-            replace(prompt, pause=study.trials.break_seconds) if every and n and n % every == 0 else prompt
-            for n, prompt in enumerate(main)
-        ]
-        warm = [
-            replace(main[int(n)], phase="practice", pause=0.0) for n in draw.integers(0, len(main), _practice(study))
-        ]
-        parts.append({"kind": "listed", "prompts": [prompt.row() for prompt in [*warm, *main]]})
-    return {"participant": participant, "seed": [study.trials.seed, participant], "parts": parts}
+        row = balance_conditions(len(units), participant)
+    elif study.trials.order == "random":
+        row = draw.permutation(len(units)).tolist()
+    about = {
+        "participant": participant, "seed": [study.trials.seed, participant], "order": study.trials.order,
+        "units": [units[n] for n in row],
+    }  # fmt: skip
+    fill = _plan_tracks if study.procedure in ("staircase", "bayesian") else _plan_list
+    return {**about, **fill(study, participant, row, draw)}
 
 
-def procedure_of(study: Study, stored: dict[str, Any]) -> ProcedureSequence:
-    """The procedure at its start, from a stored plan."""
-    parts: list[FixedOrder | Staircase | Bayesian] = []
+def procedure_of(study: Study, stored: dict[str, Any]) -> ProcedureSequence | InterleavedProcedures:
+    """The procedure at its start, from a stored plan of this version or an older one."""
+    parts: list[Procedure] = []
     for part in stored["parts"]:
         levels = study.levels
         if part["kind"] == "listed" or levels is None:
@@ -82,39 +80,78 @@ def procedure_of(study: Study, stored: dict[str, Any]) -> ProcedureSequence:
             )
         else:
             parts.append(Bayesian(levels.reference, least, most, intervals, part["condition"]))
-    return ProcedureSequence(tuple(parts))
+    if "turns" not in stored:
+        return ProcedureSequence(tuple(parts))
+    pauses = {int(number): float(pause) for number, pause in stored["pauses"].items()}
+    return InterleavedProcedures(tuple(parts), tuple(stored["turns"]), pauses)
 
 
-def _practice(study: Study) -> int:
-    return study.trials.practice
+def _plan_tracks(study: Study, participant: int, row: Sequence[int], draw: np.random.Generator) -> dict[str, Any]:
+    """Practice at the greatest difference, then a track for each condition."""
+    levels, trials = study.levels, study.trials
+    assert levels is not None
+    names = [study.conditions[n].name for n in row]
+    easy = levels.reference + float(levels.most or 0)
+    warm = [
+        Prompt(phase="practice", condition=names[n % len(names)], level=easy, interval=interval, low=1, high=2)
+        for n, interval in enumerate(draw_runs(trials.practice, draw))
+    ]
+    # Parts stand in the order of the file, whatever the person's order is.
+    tracks = [
+        {"kind": study.procedure, "condition": condition.name, "intervals": draw_runs(levels.trials, draw)}
+        for condition in study.conditions
+    ]
+    lengths = [levels.trials] * len(tracks)
+    if trials.order == "blocked":
+        turns = [track for track, length in enumerate(lengths) for _ in range(length)]
+    else:
+        turns = draw_turns(lengths, row, draw)
+    breaks = _list_breaks(study, len(turns))
+    return {
+        "parts": [{"kind": "listed", "prompts": [prompt.row() for prompt in warm]}, *tracks],
+        "turns": [0] * len(warm) + [1 + track for track in turns],
+        "pauses": {str(len(warm) + number): trials.break_seconds for number in breaks},
+    }
 
 
-def _prompts(study: Study, name: str, draw: np.random.Generator) -> list[Prompt]:
-    """What is asked in one condition, unordered; a forced choice is asked where its first condition comes."""
-    repetitions = study.trials.repetitions
-    numbers = tuple(point.number for point in study.points)
-    if study.procedure == "identification":
-        return [Prompt(condition=name, set_point=n, numbers=numbers) for n in numbers] * repetitions
-    if study.procedure == "localisation":
-        return [Prompt(condition=name, set_point=n) for n in numbers] * repetitions
-    top = study.points[0].number
-    if study.procedure == "constant":
-        values = study.levels.values if study.levels else ()
-        return [
-            Prompt(condition=name, set_point=top, level=v, interval=int(draw.integers(1, 3)), low=1, high=2)
-            for v in values
-            for _ in range(repetitions)
-        ]
+def _plan_list(study: Study, participant: int, row: Sequence[int], draw: np.random.Generator) -> dict[str, Any]:
+    """All trials in their order, practice first: as many of each unit as can be."""
+    trials = study.trials
     if study.procedure == "forced-choice":
-        pairs = combinations([condition.name for condition in study.conditions], 2)
-        return [
-            Prompt(condition=a, other=b, set_point=top, interval=int(draw.integers(1, 3)), low=1, high=2)
-            for a, b in pairs
-            if a == name
-            for _ in range(repetitions)
-        ]
-    scale = study.rating
-    return [rating(name, (scale.low, scale.high), top)] * repetitions
+        listed = [prompt for condition in study.conditions for prompt in list_prompts(study, condition.name)]
+        pairs = list_pairs(study)
+        units = [[prompt for prompt in listed if (prompt.condition, prompt.other) == pair] for pair in pairs]
+    else:
+        units = [list_prompts(study, condition.name) for condition in study.conditions]
+    if is_comparison(study):
+        each = trials.repetitions
+        chosen = [n for cell in balance_intervals(sum(map(len, units)) // each, each, participant, trials.seed)
+                  for n in cell]  # fmt: skip
+        numbers = iter(chosen)
+        units = [[replace(prompt, interval=next(numbers)) for prompt in unit] for unit in units]
+    units = [_shuffle(unit, draw) for unit in units]
+    main = _arrange(study, units, row, draw)
+    practice = [units[row[n % len(row)]] for n in range(trials.practice)]
+    warm = [replace(unit[int(draw.integers(len(unit)))], phase="practice") for unit in practice]
+    breaks = _list_breaks(study, len(main))
+    main = [replace(prompt, pause=trials.break_seconds) if n in breaks else prompt for n, prompt in enumerate(main)]
+    return {"parts": [{"kind": "listed", "prompts": [prompt.row() for prompt in [*warm, *main]]}]}
+
+
+def _arrange(study: Study, units: list[list[Prompt]], row: Sequence[int], draw: np.random.Generator) -> list[Prompt]:
+    """The trials of all units by the study's rule."""
+    if study.trials.order == "random":
+        return _shuffle([prompt for unit in units for prompt in unit], draw)
+    if study.procedure == "forced-choice" and study.trials.order == "counter-balanced":
+        rest: list[Callable[[], Prompt]] = [iter(unit).__next__ for unit in units]
+        return [rest[unit]() for unit in draw_turns([len(unit) for unit in units], row, draw)]
+    return [prompt for n in row for prompt in units[n]]
+
+
+def _list_breaks(study: Study, trials: int) -> range:
+    """Numbers of the trials, of so many that count, before which there is a break."""
+    every = study.trials.break_every
+    return range(every, trials, every) if every and study.trials.break_seconds else range(0)
 
 
 def _shuffle(prompts: list[Prompt], draw: np.random.Generator) -> list[Prompt]:

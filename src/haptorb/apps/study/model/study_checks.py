@@ -57,6 +57,11 @@ def check_levels(study: _Study) -> None:
     if study.procedure == "constant":
         if len(set(levels.values)) < 2:
             raise ValueError("constant stimuli need at least two different levels.values")
+    elif study.procedure == "magnitude":
+        if len(set(levels.values)) < 2 or min(levels.values) <= 0 or levels.reference <= 0:
+            raise ValueError(
+                "magnitude estimation needs two different levels.values or more, all above 0; reference too"
+            )
     elif levels.least is None or levels.most is None or not levels.least < levels.most:
         raise ValueError(f"procedure '{study.procedure}' needs levels.least < levels.most, both differences > 0")
     elif study.procedure == "staircase" and (levels.start is None or not levels.least <= levels.start <= levels.most):

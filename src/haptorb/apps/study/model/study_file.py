@@ -18,11 +18,13 @@ from haptorb.apps.study.model.study_parts import (
     Name,
     Part,
     Places,
+    ProcedureName,
     Question,
     RatingScale,
     Trials,
     Value,
 )
+from haptorb.apps.study.plan.analysis_plan import AnalysisPlan, HandAngle, check_plan
 from haptorb.apps.terminal import announce_wait
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
@@ -39,12 +41,14 @@ from haptorb.worlds.world import World
 __all__ = ["Study", "read_study", "study_of"]
 
 #: left out of the digest where they are not used: studies that were begun before there were such things go on
-_LATER = ("mask", "questions", "model", "world_digest", "published_layout")
+_LATER = ("mask", "questions", "model", "world_digest", "published_layout", "order_version", "hand_deg")
 #: what "published" means today; a stored study without the key ran with 1 + 8 + 8 + 8
 _PUBLISHED = "1-4-8-12"
+#: how trials are ordered today; a stored study without the key is ordered as before, at random unless its file says so
+_ORDER = "2"
 _MISTAKES = 20  #: told at once
 _CODE = 1 << 20  #: bytes of a world's file
-_LEVELLED = ("constant", "staircase", "bayesian")
+_LEVELLED = ("constant", "staircase", "bayesian", "magnitude")
 
 
 class Study(Part):
@@ -73,6 +77,11 @@ class Study(Part):
         ),
         m.Without("computed"),
     ] = ""
+    order_version: Annotated[
+        Literal["", "2"],
+        m.Meaning("rules by which trials are ordered; haptorb adds it, and without it a stored study keeps older ones"),
+        m.Without("computed"),
+    ] = ""
     model: Annotated[
         str,
         m.Meaning("model of the device that the controller inverts"),
@@ -80,7 +89,7 @@ class Study(Part):
         m.Without("the device's first model"),
     ] = ""
     procedure: Annotated[
-        Literal["identification", "localisation", "constant", "staircase", "bayesian", "forced-choice", "rating"],
+        ProcedureName,
         m.Meaning("what is asked in each trial"),
     ] = "identification"
     instructions: Annotated[str, m.Meaning("what the participant reads first"), m.Form("text")] = (
@@ -114,7 +123,7 @@ class Study(Part):
     levels: Annotated[
         Levels | None,
         m.Meaning("what a comparison varies"),
-        m.Without("none: required with procedures constant, staircase and bayesian"),
+        m.Without("none: required with procedures constant, staircase, bayesian and magnitude"),
     ] = None
     rating: Annotated[RatingScale, m.Meaning("question and scale of a rating"), m.Without("the defaults below")] = (
         RatingScale()
@@ -127,8 +136,18 @@ class Study(Part):
         m.Form("at most 200, each with its own name"),
         m.Without("none"),
     ] = ()
+    hand_deg: HandAngle = None
+    plan: Annotated[AnalysisPlan | None, m.Meaning("what is decided before data exist"), m.Without("none")] = None
     _text: str = PrivateAttr("")
     _own: World | None = PrivateAttr(None)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _keep_older_order(cls, raw: Any) -> Any:
+        """A study of older rules that names no order is in random order, as it was run."""
+        if isinstance(raw, dict) and not raw.get("order_version") and isinstance(raw.get("trials", {}), dict):
+            return {**raw, "trials": {"order": "random", **raw.get("trials", {})}}
+        return raw
 
     @model_validator(mode="after")
     def _check_names(self) -> Self:
@@ -146,8 +165,7 @@ class Study(Part):
             raise ValueError(f"[levels] needs procedure {', '.join(_LEVELLED)}; this study has '{self.procedure}'")
         if self.procedure == "forced-choice" and len(names) < 2:
             raise ValueError("a forced choice needs at least two conditions to choose between")
-        if self.trials.order == "counter-balanced" and len(names) < 2:
-            raise ValueError("a counter-balanced order needs at least two conditions")
+        check_plan(self, self.plan)
         return self
 
     @property
@@ -174,9 +192,9 @@ class Study(Part):
 
     @property
     def digest(self) -> str:
-        """Of everything that matters: sessions of one study share it."""
-        unused = {name for name in _LATER if not getattr(self, name)}
-        return sha256(self.model_dump_json(exclude=unused).encode()).hexdigest()[:16]
+        """Of all that decides how it runs: sessions of one study share it. The plan of the analysis has its own."""
+        unused = {name for name in _LATER if getattr(self, name) in (None, "", ())}
+        return sha256(self.model_dump_json(exclude={"plan", *unused}).encode()).hexdigest()[:16]
 
     @property
     def points(self) -> tuple[SetPoint, ...]:
@@ -187,15 +205,11 @@ class Study(Part):
             return list_equal_rings()
         return tuple(SetPoint(p.number, p.theta_deg, p.phi_deg) for p in self.set_points.points)
 
-    def without_layout(self) -> Study | None:
-        """As an older haptorb ran it, "published" being 1 + 8 + 8 + 8; None where its file says what it means."""
-        lines, added = self._text.splitlines(keepends=True), f'published_layout = "{self.published_layout}"\n'
-        if not self.published_layout or added not in lines[:2]:  # the other may be the digest of a world's file
-            return None
-        lines.remove(added)
-        older = self.model_copy(update={"published_layout": ""})
-        older._text = "".join(lines)
-        return older
+    def with_text(self, text: str, update: dict[str, Any]) -> Study:
+        """With other values under the keys of `update`, and the `text` that says so."""
+        found = self.model_copy(update=update)
+        found._text = text
+        return found
 
     def point(self, number: int) -> SetPoint:
         """The set-point called `number`."""
@@ -248,6 +262,8 @@ def study_of(text: str, where: str = "study", folder: Path | None = None, *, sto
         raw = parse_toml(text)
     except ValueError as cause:
         raise InputError(f"study file {where} is not TOML: {cause}") from cause
+    if not stored and "order_version" not in raw:
+        raw["order_version"], text = _ORDER, f'order_version = "{_ORDER}"\n{text}'
     try:
         study = Study.model_validate(raw)
         study._text = text
@@ -281,6 +297,4 @@ def _load_world(study: Study, file: WorldFile) -> Study:
 
 def _add_key(study: Study, key: str, value: str) -> Study:
     """`study` with a key of its own that its file does not have; it stands before the file's text in a database."""
-    found = study.model_copy(update={key: value})
-    found._text = f'{key} = "{value}"\n{study._text}'
-    return found
+    return study.with_text(f'{key} = "{value}"\n{study.text}', {key: value})

@@ -18,6 +18,7 @@ __all__ = [
     "Part",
     "Place",
     "Places",
+    "ProcedureName",
     "Question",
     "RatingScale",
     "Real",
@@ -46,6 +47,9 @@ def _check_value(value: Any) -> float | tuple[float, ...]:
 
 Real = Annotated[float, Field(strict=True)]  #: no truth and no text
 Whole = Annotated[int, Field(strict=True)]
+ProcedureName = Literal[
+    "identification", "localisation", "constant", "staircase", "bayesian", "forced-choice", "rating", "magnitude"
+]  # fmt: skip
 Value = Annotated[float | tuple[float, float, float], BeforeValidator(_check_value)]
 Name = Annotated[
     str,
@@ -111,15 +115,19 @@ class Trials(Part):
     ] = 2
     order: Annotated[
         Literal["random", "blocked", "counter-balanced"],
-        m.Meaning("order of the trials; counter-balanced needs two conditions or more"),
-    ] = "random"
+        m.Meaning("order of the conditions: each participant's own by a Williams square, mixed, or as in the file"),
+    ] = "counter-balanced"
     seed: Annotated[
         Whole,
         Field(ge=0, le=2**63 - 1),
         m.Meaning("seed of the random order; each participant's own order follows from it"),
         m.Form("≥ 0"),
     ] = 0
-    practice: Annotated[Whole, Field(ge=0, le=200), m.Meaning("trials before those that count")] = 0
+    practice: Annotated[
+        Whole,
+        Field(ge=0, le=200),
+        m.Meaning("trials before those that count; of a staircase or bayesian at the greatest difference"),
+    ] = 0
     break_every: Annotated[
         Whole, Field(ge=0, le=_MOST), m.Meaning("trials between two breaks; 0: no breaks"), m.Form("≥ 0")
     ] = 0
@@ -157,7 +165,7 @@ class Condition(Part):
 
 
 class Levels(Part):
-    """What is varied against a reference: for constant stimuli, staircases and the adaptive procedure."""
+    """What is varied: for constant stimuli, staircases, the adaptive procedure and magnitude estimation."""
 
     parameter: Annotated[
         str,
@@ -165,14 +173,16 @@ class Levels(Part):
         m.Form("as `haptorb worlds NAME` lists them"),
     ] = "moment"
     reference: Annotated[
-        Real, m.Meaning("value of that parameter in the reference interval"), m.Unit("that of the parameter")
+        Real,
+        m.Meaning("value of that parameter in the reference interval; magnitude: where the estimates are called 1"),
+        m.Unit("that of the parameter"),
     ]
     values: Annotated[
         tuple[Real, ...],
         Field(max_length=200),
-        m.Meaning("values to compare with the reference, for constant stimuli"),
+        m.Meaning("values to compare with the reference, or to estimate"),
         m.Unit("that of the parameter"),
-        m.Form("2 to 200, not all equal, with procedure constant"),
+        m.Form("2 to 200, not all equal, with procedure constant; above 0 with magnitude"),
         m.Without("none: for the other procedures"),
     ] = ()
     start: Annotated[

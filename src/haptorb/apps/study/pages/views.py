@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.apps.asking.prompt import Prompt
+from haptorb.apps.study.model.prompts import ask_number
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.pages.session_manager import SessionManager
 from haptorb.apps.study.session.trial_device import TrialDevice
@@ -133,7 +134,7 @@ def _task(study: Study, prompt: Prompt) -> dict[str, Any]:
         numbers = list(range(prompt.low, prompt.high + 1))
         few = len(numbers) <= _MOST_BUTTONS
         return {
-            "kind": "rate", "ask": study.rating.question, "numbers": numbers if few else [],
+            "kind": "rate", "ask": ask_number(study), "numbers": numbers if few else [],
             "low": prompt.low, "high": prompt.high,
         }  # fmt: skip
     if prompt.wants_number:

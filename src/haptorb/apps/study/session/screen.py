@@ -15,6 +15,7 @@ from rich.live import Live
 from rich.panel import Panel
 from rich.text import Text
 
+from haptorb.apps.study.model.prompts import ask_number
 from haptorb.apps.study.session.terminal_session import View
 from haptorb.apps.study.session.trial_device import TrialDevice
 
@@ -65,7 +66,7 @@ class Screen:
                 if prompt.other:
                     task = f"interval {view.which} (Tab: the other). Which do you prefer? 1 or 2"
             elif prompt.high:
-                task = f"{stage.study.rating.question} {prompt.low} to {prompt.high}"
+                task = f"{ask_number(stage.study)} {prompt.low} to {prompt.high}"
             elif prompt.wants_number:
                 task = "Find the place that pushes; answer with its number"
             else:

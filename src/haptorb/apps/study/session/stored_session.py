@@ -227,7 +227,7 @@ class StoredSession:
                     plan=json.dumps(drawn),
                     simulated=self.simulated,
                     started=utc_now(),
-                    versions=json.dumps({"haptorb": __version__}),
+                    versions=json.dumps({"haptorb": __version__, "plan": study.plan.digest if study.plan else ""}),
                 )
             ).inserted_primary_key
             assert made is not None

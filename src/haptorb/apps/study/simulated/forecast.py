@@ -6,11 +6,12 @@ within the map, equally often at every angle from its summit and all round it, i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from haptorb.apps.asking.procedure import FixedOrder, InterleavedProcedures
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.control.allocation.for_device import force_allocator
@@ -154,14 +155,16 @@ def forecast(study: Study, participant: int = 0) -> Forecast:
 
 
 def _list_prompts(study: Study, participant: int) -> list[Prompt]:
-    """The trials in their order; an adaptive procedure at its greatest length and strongest level."""
-    found = []
-    for part in procedure_of(study, plan(study, participant)).parts:
-        if (prompt := part.prompt) is None:
-            continue
-        listed = getattr(part, "prompts", None)
-        found += list(listed) if listed is not None else [prompt] * part.expected
-    return found
+    """The trials in their order; an adaptive procedure at its greatest length and first level."""
+    procedure = procedure_of(study, plan(study, participant))
+    lists = [
+        iter(part.prompts if isinstance(part, FixedOrder) else [part.prompt] * part.expected)
+        for part in procedure.parts
+    ]
+    if not isinstance(procedure, InterleavedProcedures):
+        return [prompt for prompts in lists for prompt in prompts if prompt is not None]
+    found = [prompt for turn in procedure.turns if (prompt := next(lists[turn], None)) is not None]
+    return [replace(prompt, pause=procedure.pauses.get(n, prompt.pause)) for n, prompt in enumerate(found)]
 
 
 def _peaks(

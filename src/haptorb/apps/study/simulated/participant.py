@@ -55,6 +55,7 @@ class Traits:
     recall_reach_deg: float = 9.5  #: how fast the top stops helping; calibrated
     recall_spread: float = 0.6  #: of the logarithm of a trial's recall error; calibrated
     lapse: float = 0.01  #: share of forced choices answered without attention; assumed
+    force_exponent: float = 0.8  #: of estimated over true strength; assumed
     between: float = 0.12  #: how much people differ: of the logarithm of every trait above
 
     def draw_person(self, draw: np.random.Generator) -> Traits:
@@ -81,6 +82,8 @@ class Participant:
         draw = np.random.default_rng([*self._seed, 1, number])
         if prompt.interval:
             return Answer(self._compare_intervals(prompt, draw), None, 2.0 + float(draw.exponential(1.5)))
+        if self._study.procedure == "magnitude":
+            return Answer(self._estimate(prompt, draw), None, 2.0 + float(draw.exponential(1.5)))
         if prompt.high:
             return Answer(self._rate(prompt, draw), None, 2.0 + float(draw.exponential(1.5)))
         position = self._draw_position(prompt, draw)
@@ -175,6 +178,12 @@ class Participant:
         """The stronger, the better: all that a simulated participant can have an opinion on. 1 N is the best."""
         liking = min(1.0, self._strength(prompt)) + 0.1 * float(draw.standard_normal())
         return int(np.clip(round(prompt.low + liking * (prompt.high - prompt.low)), prompt.low, prompt.high))
+
+    def _estimate(self, prompt: Prompt, draw: np.random.Generator) -> int:
+        """A number for the strength: by a power law (Stevens 1957), on a scale of one's own, 100 for 1 N or so."""
+        scale = 100.0 * float(np.exp(0.5 * np.random.default_rng([*self._seed, 2]).standard_normal()))
+        felt = max(1e-3, self._strength(prompt) * (1 + self._noise * float(draw.standard_normal())))
+        return int(np.clip(round(scale * felt**self.traits.force_exponent), prompt.low, prompt.high))
 
 
 def _move_on_sphere(way: Array, step: Array) -> Array:

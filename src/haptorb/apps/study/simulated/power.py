@@ -1,7 +1,7 @@
 """How many participants a study needs to see a difference between two conditions, foretold with simulated ones.
 
 A pool of simulated participants sits the study once; each gives one paired difference. Groups of n are drawn from the
-pool, and the test that the analysis uses (paired, sign-flip, two-sided) is applied to each: its share of p < α is the
+pool, and the test that the analysis uses (`paired_p`, the same function) is applied to each: its share of p < α is the
 power at n. The fewest people who reach the wanted power are searched below and above the numbers that were asked for.
 What is uncertain in that because the pool is finite is stated, by drawing whole pools from the pool.
 """
@@ -14,26 +14,20 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.asking.procedure import Procedure
-from haptorb.apps.asking.prompt import Answer, Prompt
-from haptorb.apps.study.model.order import plan, procedure_of
+from haptorb.apps.study.inference.significance import PairTest, check_test
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.simulated.participant import Participant
+from haptorb.apps.study.plan.analysis_plan import CLAIMS, MEASURES, unit_of
 from haptorb.apps.study.simulated.power_search import MOST_PEOPLE, GroupPower
+from haptorb.apps.study.simulated.power_workers import simulate_pool
 from haptorb.errors import InputError
-from haptorb.numerics.arrays import Array
 
-__all__ = ["MEASURES", "PEOPLE", "Power", "differences", "power", "power_of"]
+__all__ = ["PEOPLE", "Power", "power", "power_of"]
 
-PEOPLE = (6, 8, 10, 12, 16, 20, 24, 32, 48)  #: below 6 the test cannot reach p < 0.05, whatever is found
-#: procedure → what may be compared, the first unless told; all in the units of the analysis
-MEASURES = {
-    "identification": ("error", "accuracy"), "localisation": ("error",), "rating": ("rating",),
-    "staircase": ("threshold",), "bayesian": ("threshold",), "forced-choice": ("choice",),
-}  # fmt: skip
-_GROUPS = 2000  #: groups drawn per number of people
+PEOPLE = (6, 8, 10, 12, 16, 20, 24, 32, 48)  #: shown unless asked otherwise
+_GROUPS = 20_000  #: groups drawn per number of people
 _POOLS = 80  #: pools drawn from the pool
 _FEWER = 200  #: groups drawn from each of those
+_TEST_NAMES = {"t": "Student's paired t test", "sign-flip": "sign-flip test"}
 
 
 @dataclass(frozen=True)
@@ -41,7 +35,7 @@ class Power:
     """What was found; every interval is 95 % over pools."""
 
     measure: str
-    a: str
+    a: str  #: empty, as b is: the measure against zero, over all conditions
     b: str
     pool: int
     difference: float  #: mean of a − b over the pool
@@ -55,6 +49,8 @@ class Power:
     needed: int | None  #: fewest that reach `wanted`; None: more than MOST_PEOPLE
     needed_95: tuple[int | None, int | None]
     least: int  #: fewest with whom the test can show anything at this alpha
+    test: PairTest = "t"
+    unit: str = ""  #: of the difference
 
     @property
     def sentence(self) -> str:
@@ -65,18 +61,20 @@ class Power:
         floor = ""
         if self.needed == self.least:
             floor = f"; with fewer than {self.least} the test cannot show p < {self.alpha:g}, whatever is found"
+        what = f"{self.a} − {self.b} " if self.a else ""
         return (
-            f"{needed} participants (95 %: {low} to {high}) detect {self.measure} {self.a} − {self.b} = "
-            f"{self.difference:.3g} ± {self.spread:.2g} with a probability of {self.wanted:.0%} at α = "
-            f"{self.alpha:g}{floor}; predicted with {self.pool} SIMULATED participants, which is no evidence about "
-            "people"
+            f"{needed} participants (95 %: {low} to {high}) detect {self.measure} {what}= {self.difference:.3g} ± "
+            f"{self.spread:.2g}{self.unit and f' {self.unit}'} with a probability of {self.wanted:.0%} at α = "
+            f"{self.alpha:.3g} ({_TEST_NAMES[self.test]}, two-sided){floor}; predicted with {self.pool} SIMULATED "
+            "participants, which is no evidence about people"
         )
 
     def numbers(self) -> dict[str, Any]:
         """As plain JSON types."""
         rows = zip(self.people, self.power, self.low, self.high, strict=True)
         return {
-            "simulated": True, "measure": self.measure, "a": self.a, "b": self.b, "pool": self.pool,
+            "simulated": True, "measure": self.measure, "unit": self.unit, "a": self.a, "b": self.b, "test": self.test,
+            "pool": self.pool,
             "difference": self.difference, "standard_deviation": self.spread, "alpha": self.alpha,
             "wanted_power": self.wanted, "needed": self.needed, "needed_95": list(self.needed_95),
             "least_people": self.least, "searched_up_to": MOST_PEOPLE,
@@ -86,20 +84,51 @@ class Power:
 
 def power(
     study: Study, between: tuple[str, str] | None = None, measure: str | None = None, *, pool: int = 40,
-    people: Sequence[int] = PEOPLE, alpha: float = 0.05, wanted: float = 0.8, seed: int = 0,
+    people: Sequence[int] | None = None, alpha: float | None = None, wanted: float = 0.8, seed: int = 0,
+    test: PairTest | None = None, processes: int = 1, scheduler: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Power:  # fmt: skip
-    """Power of `study` to see `measure` differ `between` two conditions (its first two); `progress` (done, of).
+    """Power of `study` to see `measure` differ `between` two conditions; `progress` (done, of).
+
+    What is not given is that of the study's plan: its first test, its level divided by the number of its tests (if p is
+    corrected), its number of people; without a plan the first two conditions, α = 0.05 and Student's test. `scheduler`
+    is the address of a Dask cluster; the result does not depend on where it is computed.
 
     Raises InputError for a study, condition or measure for which there is no such thing.
     """
-    known = MEASURES.get(study.procedure)
-    if known is None:
+    plan = study.plan
+    if plan is not None and measure is None and between is None:
+        measure, between = plan.tests[0].measure, plan.tests[0].between
+    measure, between = _check_question(study, measure, between)
+    alpha = alpha if alpha is not None else plan.strictest_alpha if plan else 0.05
+    test = test or (plan.test if plan else "t")
+    people = people or (tuple(sorted({*PEOPLE, min(plan.participants, MOST_PEOPLE)})) if plan else PEOPLE)
+    _check_numbers(people, alpha, wanted, test)
+    if isinstance(pool, bool) or not 8 <= pool <= 100_000 or seed < 0:
+        raise InputError(f"a pool has 8 to 100000 simulated participants, a seed is 0 or more; got {pool} and {seed}")
+    found = simulate_pool(
+        study, pool, seed, measure, between, processes=processes, scheduler=scheduler, progress=progress
+    )
+    return power_of(found, people, alpha, wanted, (measure, *(between or ("", ""))), seed, test,
+                    unit_of(measure, study.level_unit))  # fmt: skip
+
+
+def _check_question(
+    study: Study, measure: str | None, between: tuple[str, str] | None
+) -> tuple[str, tuple[str, str] | None]:
+    """`measure` and conditions, those of the study where they are not given; InputError for what it does not have."""
+    known = MEASURES.get(study.procedure, ())
+    if not known:
         raise InputError(
             f"procedure '{study.procedure}' has no measure per participant to compare; power is predicted for "
             f"{', '.join(MEASURES)}"
         )
+    measure = measure or known[0]
+    if measure not in known:
+        raise InputError(f"procedure '{study.procedure}' has no measure '{measure}'; known: {', '.join(known)}")
     names = [condition.name for condition in study.conditions]
+    if between is None and measure in CLAIMS:
+        return measure, None
     if len(names) < 2:
         raise InputError(f"study '{study.name}' has one condition: add a second [[conditions]] to compare it with")
     a, b = between or (names[0], names[1])
@@ -108,33 +137,18 @@ def power(
             raise InputError(f"there is no condition '{name}'; known: {', '.join(names)}")
     if a == b:
         raise InputError(f"a condition cannot be compared with itself ('{a}')")
-    measure = measure or known[0]
-    if measure not in known:
-        raise InputError(f"procedure '{study.procedure}' has no measure '{measure}'; known: {', '.join(known)}")
-    if not 8 <= pool <= 10_000:
-        raise InputError(f"a pool has 8 to 10000 simulated participants; got {pool}")
-    found = []
-    for n in range(pool):
-        found.append(differences(study, (seed, n + 1), n, a, b, measure))
-        if progress is not None:
-            progress(n + 1, pool)
-    return power_of(found, people, alpha, wanted, (measure, a, b), seed)
+    return measure, (a, b)
 
 
 def power_of(
     pairs: Sequence[float], people: Sequence[int] = PEOPLE, alpha: float = 0.05, wanted: float = 0.8,
-    what: tuple[str, str, str] = ("difference", "a", "b"), seed: int = 0,
+    what: tuple[str, str, str] = ("difference", "a", "b"), seed: int = 0, test: PairTest = "t", unit: str = "",
 ) -> Power:  # fmt: skip
     """Power from the paired differences of a pool, for groups of `people` and of the fewest who reach `wanted`.
 
-    `what` is (measure, a, b).
+    `what` is (measure, a, b), `unit` that of the differences.
     """
-    if not 0 < alpha < 0.5 or not 0.1 <= wanted < 1:
-        raise InputError(f"needs 0 < alpha < 0.5 and 0.1 ≤ power < 1; got {alpha:g} and {wanted:g}")
-    if not people or any(isinstance(n, bool) or not isinstance(n, int) or not 2 <= n <= MOST_PEOPLE for n in people):
-        raise InputError(
-            f"numbers of people must be whole, 2 to {MOST_PEOPLE}; got {', '.join(map(str, people)) or 'none'}"
-        )
+    _check_numbers(people, alpha, wanted, test)
     d = np.asarray(pairs, dtype=float)
     d = d[np.isfinite(d)]
     if len(d) < 4:
@@ -142,7 +156,7 @@ def power_of(
     draw = np.random.default_rng([seed, 2])
     # The k-th pool is the k-th resample, the 0th the pool itself; groups come from that pool with replacement.
     pools = np.vstack([d, d[draw.integers(0, len(d), (_POOLS, len(d)))]])
-    drawn = [GroupPower(pool, alpha, _FEWER if k else _GROUPS, (seed, 3, k)) for k, pool in enumerate(pools)]
+    drawn = [GroupPower(pool, alpha, _FEWER if k else _GROUPS, (seed, 3, k), test) for k, pool in enumerate(pools)]
     whole, parts = drawn[0], drawn[1:]
     needed = whole.find_fewest(wanted, min(people))
     counts = tuple(sorted({*people, *([] if needed is None else [needed])}))
@@ -153,43 +167,16 @@ def power_of(
     return Power(
         *what, len(d), float(d.mean()), float(d.std(ddof=1)), alpha, wanted, counts,
         tuple(whole.power(n) for n in counts), tuple(low.tolist()), tuple(high.tolist()), needed,
-        (needed_95[0], needed_95[1]), whole.least,
+        (needed_95[0], needed_95[1]), whole.least, test, unit,
     )  # fmt: skip
 
 
-def differences(study: Study, seed: tuple[int, ...], ordinal: int, a: str, b: str, measure: str) -> float:
-    """a − b of one simulated participant after the whole study; NaN where one of both is missing."""
-    somebody, drawn = Participant(study, seed), plan(study, ordinal)
-    procedure: Procedure = procedure_of(study, drawn)
-    responses: list[tuple[Prompt, Answer]] = []
-    while (prompt := procedure.prompt) is not None:
-        answer = somebody.answer(prompt, len(responses))
-        procedure = procedure.record_answer(answer)
-        responses.append((prompt, answer))
-    if measure == "threshold":
-        one, two = (_threshold(getattr(procedure, "parts", ()), name) for name in (a, b))
-        return one - two
-    if measure == "choice":
-        # a's share of the choices between both, less one half: what a prefers over b.
-        pairs = [(p, x) for p, x in responses if {p.condition, p.other} == {a, b}]
-        chosen = [(x.value == p.interval) == (p.condition == a) for p, x in pairs]
-        return float(np.mean(chosen)) - 0.5 if chosen else float("nan")
-    contact = study.load_device().contact_distance
-    values: dict[str, list[float]] = {a: [], b: []}
-    for prompt, answer in responses:
-        if prompt.phase != "practice" and prompt.condition in values:
-            values[prompt.condition].append(_measure_answer(study, prompt, answer, measure, contact))
-    return float(np.mean(values[a]) - np.mean(values[b])) if values[a] and values[b] else float("nan")
-
-
-def _measure_answer(study: Study, prompt: Prompt, answer: Answer, measure: str, contact: float) -> float:
-    if measure == "accuracy":
-        return float(answer.value == prompt.set_point)
-    if measure == "rating":
-        return float(answer.value or 0)
-    goal: Array = contact * np.array(study.point(prompt.set_point).direction)
-    return 1e3 * float(np.linalg.norm(np.asarray(answer.position) - goal))
-
-
-def _threshold(parts: Sequence[Procedure], name: str) -> float:
-    return next((float(p.threshold) for p in parts if getattr(p, "condition", None) == name), float("nan"))  # type: ignore[attr-defined]
+def _check_numbers(people: Sequence[int], alpha: float, wanted: float, test: str) -> None:
+    """InputError for numbers with which there is no power, before a pool is simulated."""
+    if not 0 < alpha < 0.5 or not 0.1 <= wanted < 1:
+        raise InputError(f"needs 0 < alpha < 0.5 and 0.1 ≤ power < 1; got {alpha:g} and {wanted:g}")
+    if not people or any(isinstance(n, bool) or not isinstance(n, int) or not 2 <= n <= MOST_PEOPLE for n in people):
+        raise InputError(
+            f"numbers of people must be whole, 2 to {MOST_PEOPLE}; got {', '.join(map(str, people)) or 'none'}"
+        )
+    check_test(test)

@@ -8,8 +8,17 @@ from typing import Any
 
 from haptorb.apps.study.model.codes import make_labels
 from haptorb.apps.study.model.study_file import Study
-from haptorb.apps.study.store.columns import COLUMNS, Columns
-from haptorb.apps.study.store.export import Replies, escape_formula, explain_write_error, write_json, write_table
+from haptorb.apps.study.store.columns import Columns
+from haptorb.apps.study.store.dictionary import describe_columns
+from haptorb.apps.study.store.export import (
+    Replies,
+    escape_formula,
+    explain_write_error,
+    write_json,
+    write_table,
+    write_text,
+)
+from haptorb.apps.study.store.scripts import make_python_script, make_r_script
 from haptorb.errors import RecordingError
 from haptorb.files.replace_together import replace_folder
 from haptorb.version import __version__
@@ -75,7 +84,7 @@ def _fill_folder(study: Study, columns: Columns, part: Path, replies: Replies) -
         f"Perceptual study '{study.name}' on device '{study.device}', run with haptorb {__version__}.\n"
         + ("Participants whose code is SIM and a number are SIMULATED.\n" if people else "")
         + ("Where simulated_device is true, the SIMULATED DEVICE was used: nobody felt a force.\n" if device else "")
-        + "The study file is in code/study.toml.\n",
+        + "The study file is in code/study.toml; code/read_trials.py and code/read_trials.R read all trials.\n",
         encoding="utf-8",
     )
     (part / "code").mkdir()
@@ -91,14 +100,20 @@ def _fill_folder(study: Study, columns: Columns, part: Path, replies: Replies) -
         write_table(mine, place / f"sub-{label}_task-{task}_beh.tsv", "\t", "n/a")
     text = "".join("\t".join(line) + "\n" for line in lines)
     (part / "participants.tsv").write_text(text, encoding="utf-8")
-    described = {
-        "code": COLUMNS["participant"], "simulated": COLUMNS["simulated"],
-        "simulated_device": f"{COLUMNS['simulated_device']}; mixed: in some of the trials",
-        **{question.name: question.text for question in asked},
-    }  # fmt: skip
-    write_json(part / "participants.json", {name: {"Description": text} for name, text in described.items()})
-    about = {name: {"Description": text} for name, text in COLUMNS.items()}
-    write_json(part / f"task-{task}_beh.json", {"TaskName": task, "Instructions": study.instructions, **about})
+    columns_of_trials = describe_columns(study)
+    described = {"code": columns_of_trials["participant"], "simulated": columns_of_trials["simulated"],
+                 "simulated_device": columns_of_trials["simulated_device"]}  # fmt: skip
+    described["simulated_device"]["Levels"] |= {"mixed": "simulated in some of the trials"}
+    for question in asked:
+        described[question.name] = {"Description": question.text}
+        if question.choices:
+            described[question.name]["Levels"] = {choice: choice for choice in question.choices}
+    write_json(part / "participants.json", described)
+    about = {"TaskName": task, "Instructions": study.instructions, **describe_columns(study)}
+    write_json(part / f"task-{task}_beh.json", about)
+    pattern = f"sub-*/beh/sub-*_task-{task}_beh.tsv"
+    write_text(part / "code" / "read_trials.py", make_python_script(study, pattern))
+    write_text(part / "code" / "read_trials.R", make_r_script(study, pattern))
 
 
 def _word(flags: Any) -> str:

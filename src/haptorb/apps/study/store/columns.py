@@ -1,4 +1,4 @@
-"""Answered trials as columns, one row per trial: the tidy table that everything else is made from."""
+"""LevelCounts trials as columns, one row per trial: the tidy table that everything else is made from."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from sqlalchemy import func, select
 from sqlalchemy.engine import Engine
 
+from haptorb.apps.study.model.older_study import list_older
 from haptorb.apps.study.model.set_points import angles_between
 from haptorb.apps.study.model.study_file import Study, study_of
 from haptorb.apps.study.store.database import events, participants, replies, sessions, studies, trials
 from haptorb.errors import InputError, RecordingError
 
-__all__ = ["COLUMNS", "Columns", "keep_layout", "read_replies", "read_study", "tidy"]
+__all__ = ["COLUMNS", "Columns", "keep_older", "read_replies", "read_study", "tidy"]
 
 #: column → what it is; the data dictionary of every export
 COLUMNS = {
@@ -67,14 +68,14 @@ def read_study(engine: Engine, name: str | None = None) -> Study:
     return study_of(fitting[0].text, f"'{fitting[0].name}' in the database", stored=True)
 
 
-def keep_layout(engine: Engine, study: Study) -> Study:
-    """`study`, or, if the database holds it as an older haptorb ran it, the one with that layout called published."""
-    older = study.without_layout()
-    if older is None:
+def keep_older(engine: Engine, study: Study) -> Study:
+    """`study`, or, if the database holds it as an older haptorb ran it, that one: its order, its layout."""
+    older = list_older(study)
+    if not older:
         return study
     with engine.connect() as connection:
         known = set(connection.execute(select(studies.c.digest)).scalars())
-    return older if older.digest in known and study.digest not in known else study
+    return next((one for one in (study, *older) if one.digest in known), study)
 
 
 def tidy(engine: Engine, study: Study) -> Columns:

@@ -17,6 +17,8 @@ from typing import Any
 
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import COLUMNS, Columns
+from haptorb.apps.study.store.dictionary import describe_columns, describe_questions
+from haptorb.apps.study.store.scripts import make_python_script, make_r_script
 from haptorb.errors import RecordingError
 from haptorb.files.replace_together import replace_files
 
@@ -28,6 +30,7 @@ __all__ = [
     "write_json",
     "write_parquet",
     "write_table",
+    "write_text",
 ]
 
 Replies = dict[str, dict[str, str]]  #: participant's code → question's name → what was answered
@@ -50,14 +53,14 @@ def escape_formula(text: str) -> str:
 def write_csv(
     study: Study, columns: Columns, path: str | Path, *, overwrite: bool = False, replies: Replies | None = None
 ) -> tuple[Path, ...]:
-    """One row per trial; beside it NAME.json, what every column is, and, with `replies`, NAME-questions.csv.
+    """One row per trial; beside it the data dictionary, scripts that read it, and, with `replies`, NAME-questions.csv.
 
     Returns the files. Raises RecordingError, with nothing written, if one of them exists and `overwrite` is not set.
     """
     path = Path(path)
     files: Files = {
         path: lambda part: write_table(columns, part, ",", ""),
-        path.with_suffix(".json"): lambda part: write_json(part, _dictionary()),
+        **_companions(study, path),
         **_questions(study, replies, path),
     }
     return _write_all(files, overwrite)
@@ -66,7 +69,7 @@ def write_csv(
 def write_parquet(
     study: Study, columns: Columns, path: str | Path, *, overwrite: bool = False, replies: Replies | None = None
 ) -> tuple[Path, ...]:
-    """The same table, typed, with the data dictionary in the columns' metadata. Needs pyarrow."""
+    """The same table, typed, with the data dictionary in the columns' metadata too. Needs pyarrow."""
     path = Path(path)
     try:
         import pyarrow
@@ -74,14 +77,20 @@ def write_parquet(
     except ImportError as cause:
         raise RecordingError("Parquet needs pyarrow: pip install 'haptorb[study]', or export as CSV") from cause
     fields, arrays = [], []
-    for name, about in COLUMNS.items():
+    for name, about in describe_columns(study).items():
         array = pyarrow.array([_none_if_nan(value) for value in columns[name].tolist()])
         arrays.append(array)
-        fields.append(pyarrow.field(name, array.type, metadata={"description": about}))
+        more = {"unit": about["Units"]} if "Units" in about else {}
+        if "Levels" in about:
+            more["levels"] = json.dumps(about["Levels"], ensure_ascii=False)
+        fields.append(pyarrow.field(name, array.type, metadata={"description": COLUMNS[name], **more}))
     table = pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields))
-    return _write_all(
-        {path: lambda part: parquet.write_table(table, part), **_questions(study, replies, path)}, overwrite
-    )
+    files: Files = {
+        path: lambda part: parquet.write_table(table, part),
+        **_companions(study, path),
+        **_questions(study, replies, path),
+    }
+    return _write_all(files, overwrite)
 
 
 def write_table(columns: Columns, path: Path, separator: str, nothing: str) -> None:
@@ -96,6 +105,11 @@ def write_table(columns: Columns, path: Path, separator: str, nothing: str) -> N
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """For people too: indented, with letters as they are."""
     path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def write_text(path: Path, content: str) -> None:
+    """As UTF-8 with the same ends of lines everywhere."""
+    path.write_text(content, encoding="utf-8", newline="\n")
 
 
 @contextmanager
@@ -137,11 +151,21 @@ def _questions(study: Study, replies: Replies | None, path: Path) -> Files:
                 rows = ((code, q.name, q.text, mine[q.name]) for q in study.questions if q.name in mine)
                 writer.writerows(map(escape_formula, row) for row in rows)
 
-    return {path.with_name(f"{path.stem}-questions.csv"): write}
+    return {
+        path.with_name(f"{path.stem}-questions.json"): lambda part: write_json(part, describe_questions(study)),
+        path.with_name(f"{path.stem}-questions.csv"): write,
+    }
 
 
-def _dictionary() -> dict[str, Any]:
-    return dict(COLUMNS)
+def _companions(study: Study, path: Path) -> Files:
+    """What stands beside a table: the data dictionary, and scripts that read both."""
+    form = "" if path.suffix == ".csv" else path.suffix.removeprefix(".")  # a folder may hold the data in both forms
+    script = f"read_{path.stem}{form and '_'}{form}"
+    return {
+        path.with_name(f"{path.stem}{form and '-'}{form}.json"): lambda part: write_json(part, describe_columns(study)),
+        path.with_name(f"{script}.py"): lambda part: write_text(part, make_python_script(study, path.name)),
+        path.with_name(f"{script}.R"): lambda part: write_text(part, make_r_script(study, path.name)),
+    }
 
 
 def _cell(value: Any, whole: bool, nothing: str) -> str:

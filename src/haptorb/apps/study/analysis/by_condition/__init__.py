@@ -1,0 +1,1 @@
+"""What every condition shows by itself: response times, scales of magnitude."""

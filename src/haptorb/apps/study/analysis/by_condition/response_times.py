@@ -1,0 +1,100 @@
+"""How long people took to answer: by condition, every person counting alike; time-outs counted.
+
+Response times are skewed, so that each person's median and geometric mean stand for their trials.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from haptorb.apps.study.analysis.wording import format_range, format_value
+from haptorb.apps.study.inference.intervals import mean_interval
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.store.columns import Columns
+from haptorb.apps.terminal import Column, TextTable
+from haptorb.numerics.arrays import Array
+
+__all__ = ["ResponseTime", "find_response_times", "list_response_times", "make_response_table"]
+
+
+@dataclass(frozen=True)
+class ResponseTime:
+    """Of one condition; intervals are 95 % over people, NaN for a single one."""
+
+    condition: str
+    trials: int
+    people: int
+    median: float  #: [s] mean over people of each one's median
+    median_95: tuple[float, float]  #: Student's
+    geometric_mean: float  #: [s] over people, of each one's geometric mean
+    geometric_mean_95: tuple[float, float]  #: Student's, of the logarithms
+    time_outs: int | None  #: answers after the time limit; None: the study has none
+
+
+def find_response_times(study: Study, main: Columns) -> tuple[ResponseTime, ...]:
+    """Response times of the trials that count, by condition in the order of the study file; none without a trial."""
+    found = []
+    limit = study.trials.time_limit
+    for condition in study.conditions:
+        here = (main["condition"] == condition.name) & np.isfinite(main["seconds"])
+        seconds = main["seconds"][here]
+        if not len(seconds):
+            continue
+        people = main["participant"][here]
+        own = [seconds[people == code] for code in np.unique(people)]
+        medians = np.array([np.median(one) for one in own])
+        # A time of zero, from a clock of low resolution, has no logarithm.
+        logs = np.array([np.log(one[one > 0]).mean() if (one > 0).any() else math.nan for one in own])
+        known = np.isfinite(logs)
+        found.append(
+            ResponseTime(
+                condition.name, len(seconds), len(own), float(medians.mean()), _ends(medians),
+                float(np.exp(logs[known].mean())) if known.any() else math.nan, _ends(logs, exponential=True),
+                None if limit is None else int(np.count_nonzero(seconds > limit)),
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def list_response_times(times: tuple[ResponseTime, ...]) -> list[dict[str, Any]]:
+    """As plain JSON types, with units in the keys; what is not a number is None."""
+    return [
+        {
+            "condition": one.condition, "trials": one.trials, "people": one.people, "median_s": _number(one.median),
+            "median_95_s": list(map(_number, one.median_95)), "geometric_mean_s": _number(one.geometric_mean),
+            "geometric_mean_95_s": list(map(_number, one.geometric_mean_95)), "time_outs": one.time_outs,
+        }
+        for one in times
+    ]  # fmt: skip
+
+
+def make_response_table(times: tuple[ResponseTime, ...]) -> TextTable:
+    """One row per condition, for terminal and report."""
+    columns = (
+        Column("condition", kind="key"), Column("trials"), Column("median", "s"), Column("95 %", "s"),
+        Column("geometric mean", "s"), Column("95 %", "s"), Column("time-outs"),
+    )  # fmt: skip
+    return TextTable(columns, "Response times, over participants", list(_rows(times)))
+
+
+def _rows(times: tuple[ResponseTime, ...]) -> Iterator[tuple[str, ...]]:
+    for one in times:
+        yield (
+            one.condition, str(one.trials), format_value(one.median, ".2f"), format_range(one.median_95, ".2f"),
+            format_value(one.geometric_mean, ".2f"), format_range(one.geometric_mean_95, ".2f"),
+            "–" if one.time_outs is None else str(one.time_outs),
+        )  # fmt: skip
+
+
+def _ends(values: Array, *, exponential: bool = False) -> tuple[float, float]:
+    low, high = (float(end) for end in mean_interval(values))
+    return (math.exp(low), math.exp(high)) if exponential and math.isfinite(low) else (low, high)
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,72 @@
+"""How figures for a paper look: widths in millimetres, colours that everybody tells apart, never colour alone.
+
+The colours are those of Okabe and Ito 2008, and for shades matplotlib's cividis (Nuñez et al. 2018), whose lightness
+grows evenly, so that it survives a photocopy. Conditions differ in marker and line style besides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib
+from matplotlib.figure import Figure
+
+from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.errors import InputError
+
+__all__ = ["COLOURS", "DASHES", "INK", "MARKERS", "MM", "SHADES", "PaperSize", "new_paper_figure", "use_paper_style"]
+
+MM = 1 / 25.4  #: inches
+INK = "#000000"
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  #: Okabe–Ito
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+DASHES = ("-", "--", ":", "-.", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (7, 3)))
+SHADES = "cividis"
+_STYLE: Mapping[str, Any] = {
+    "font.family": "DejaVu Sans", "font.size": 7.0, "axes.labelsize": 7.0, "axes.titlesize": 7.0,
+    "xtick.labelsize": 6.5, "ytick.labelsize": 6.5, "legend.fontsize": 6.5, "figure.titlesize": 7.5,
+    "axes.linewidth": 0.6, "lines.linewidth": 1.0, "lines.markersize": 4.0, "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6, "xtick.major.size": 2.5, "ytick.major.size": 2.5, "axes.spines.top": False,
+    "axes.spines.right": False, "legend.frameon": False, "axes.unicode_minus": True,
+    # TrueType outlines go into PDF whole (type 3 is refused by many publishers); in SVG letters become outlines.
+    "pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "path", "svg.hashsalt": "haptorb", "savefig.bbox": None,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PaperSize:
+    """Widths of a journal's columns [mm]."""
+
+    single: float = 85.0
+    double: float = 174.0
+
+    def __post_init__(self) -> None:
+        if not 50 <= self.single <= self.double <= 400:
+            raise InputError(
+                f"widths of figures must be 50 to 400 mm, single first; got {self.single:g} and {self.double:g}"
+            )
+
+
+def use_paper_style() -> AbstractContextManager[None]:
+    """Matplotlib's settings, for drawing and for writing."""
+    settings: Any = dict(_STYLE)
+    return matplotlib.rc_context(settings)
+
+
+def new_paper_figure(analysis: Analysis, width: float, height: float) -> Figure:
+    """An empty figure of so many millimetres; who answered stands below it, SIMULATED above it where that is so."""
+    figure = Figure(figsize=(width * MM, height * MM), layout="constrained")
+    if analysis.marked:
+        figure.suptitle("SIMULATED", x=0.99, ha="right", fontweight="bold", color=COLOURS[1])
+    figure.supxlabel(_wrap(analysis.origin, width), x=0.01, ha="left", fontsize=5.5, color="0.25")
+    return figure
+
+
+def _wrap(text: str, width: float) -> str:
+    """`text` in lines that fit into `width` [mm] at 5.5 points, at 1.15 mm a letter."""
+    from textwrap import fill
+
+    return fill(text, max(20, int(width / 1.15)))

@@ -1,0 +1,45 @@
+"""How far off the answers were, ring by ring of θ."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from haptorb.apps.study.inference.intervals import mean_interval
+from haptorb.apps.study.store.columns import Columns
+
+__all__ = ["LatitudeError", "measure_rings"]
+
+
+@dataclass(frozen=True)
+class LatitudeError:
+    """Error of the set-points at one θ."""
+
+    theta_deg: float
+    trials: int
+    mean: float  #: [mm] of the people's means
+    sd: float  #: [mm] over trials
+    low: float  #: [mm] of the mean, over people
+    high: float  #: [mm]
+
+
+def measure_rings(main: Columns, index: np.ndarray[Any, Any], people: int) -> tuple[LatitudeError, ...]:
+    """Error by θ; `index` (trials,) of each trial's participant, of so many `people`."""
+    found = []
+    for theta in np.unique(main["theta_deg"][np.isfinite(main["theta_deg"])]):
+        here = (main["theta_deg"] == theta) & np.isfinite(main["distance_mm"])
+        if not here.any():
+            continue
+        error = main["distance_mm"][here]
+        counts = np.bincount(index[here], minlength=people)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            own = np.bincount(index[here], error, people) / counts
+        low, high = mean_interval(own)
+        sd = float(error.std(ddof=1)) if len(error) > 1 else math.nan
+        found.append(
+            LatitudeError(float(theta), len(error), float(own[counts > 0].mean()), sd, float(low), float(high))
+        )
+    return tuple(found)

@@ -1,0 +1,155 @@
+"""One number per person: what conditions are compared by, in the analysis and in the power of a study alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from haptorb.apps.asking.procedure import Procedure
+from haptorb.apps.study.analysis.over_people.directions import answer_directions, find_unbounded
+from haptorb.apps.study.inference.person_fit import psychometric_fit
+from haptorb.apps.study.inference.psychometric import PsychometricCurve
+from haptorb.apps.study.inference.sphere import error_vectors, local_axes
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.store.columns import Columns
+from haptorb.numerics.arrays import Array
+
+__all__ = ["PersonValues", "fit_slope", "list_thresholds", "measure_people", "measure_upward"]
+
+_COLUMN = {"error": "distance_mm", "accuracy": "correct", "rating": "answer"}
+Thresholds = Mapping[str, Mapping[str, float]]  #: condition → participant's code → threshold
+
+
+@dataclass(frozen=True)
+class PersonValues:
+    """A measure of people who have it in both conditions; `b` is zero where there is no second condition."""
+
+    a: Array  #: (people,)
+    b: Array  #: (people,)
+    paired: bool = True  #: whether `b` is a measurement of its own
+
+    @property
+    def differences(self) -> Array:
+        """(people,) a − b."""
+        difference: Array = self.a - self.b
+        return difference
+
+    @property
+    def spread(self) -> float | None:
+        """Root mean variance of both conditions; None with fewer than two people or without a second condition."""
+        if len(self.a) < 2 or not self.paired:
+            return None
+        return float(np.sqrt((self.a.var(ddof=1) + self.b.var(ddof=1)) / 2))
+
+
+def measure_people(
+    study: Study, main: Columns, people: Sequence[str], measure: str, between: tuple[str, str] | None,
+    thresholds: Thresholds | None = None,
+) -> PersonValues:  # fmt: skip
+    """`measure` of each of `people` in both conditions of `between`; None: over all conditions, against zero.
+
+    `main` are the columns without practice, `thresholds` those of an adaptive procedure. People without a value in
+    either are left out: a condition that nobody met gives nobody.
+    """
+    rows = {code: np.flatnonzero(main["participant"] == code) for code in people}
+    found = []
+    for code, mine in rows.items():
+        if measure == "choice" and between is not None:
+            one, two = _share_chosen(main, mine, *between), 0.5
+        elif between is None:
+            one, two = _measure(study, main, mine, code, measure, "", thresholds), 0.0
+        else:
+            one, two = (
+                _measure(study, main, mine[main["condition"][mine] == name], code, measure, name, thresholds)
+                for name in between
+            )
+        if math.isfinite(one) and math.isfinite(two):
+            found.append((one, two))
+    values = np.array(found, dtype=float).reshape(-1, 2)
+    return PersonValues(values[:, 0], values[:, 1], between is not None and measure != "choice")
+
+
+def list_thresholds(procedures: Mapping[str, Procedure]) -> dict[str, dict[str, float]]:
+    """Condition → participant's code → threshold, of adaptive `procedures` by code; a track that goes on has none."""
+    found: dict[str, dict[str, float]] = {}
+    for code, procedure in procedures.items():
+        for part in getattr(procedure, "parts", ()):
+            threshold = getattr(part, "threshold", None)
+            if threshold is not None and part.prompt is None:
+                found.setdefault(part.condition, {})[code] = float(threshold)
+    return found
+
+
+def measure_upward(study: Study, main: Columns, rows: Any) -> Array:
+    """(rows,) errors towards the top [deg] of the trials `rows` (index) where they may point both ways; else NaN.
+
+    The top has no meridian. A numbered answer cannot go beyond the outermost ring, so there all errors would be upward:
+    only set-points with others above and below count. A place that was reached counts wherever it is asked.
+    """
+    asked, answered = answer_directions(study, main, rows)
+    up, _ = local_axes(asked)
+    along: Array = np.where(
+        find_unbounded(study, main, rows), np.sum(error_vectors(asked, answered) * up, axis=-1), np.nan
+    )
+    return along
+
+
+def fit_slope(theta: Array, error: Array) -> float:
+    """Least-squares slope of `error` over `theta`, both (n,); NaN with fewer than two different θ."""
+    known = np.isfinite(theta) & np.isfinite(error)
+    x, y = theta[known], error[known]
+    if len(x) < 2 or np.ptp(x) == 0.0:
+        return math.nan
+    x = x - x.mean()
+    return float(x @ y / (x @ x))
+
+
+def _measure(
+    study: Study, main: Columns, rows: Any, code: str, measure: str, condition: str, thresholds: Thresholds | None
+) -> float:
+    """Of one person, whose trials in the condition are `rows`; NaN where they tell nothing."""
+    if thresholds is not None and measure == "threshold":
+        return float(thresholds.get(condition, {}).get(code, math.nan))
+    if not len(rows):
+        return math.nan
+    if measure in ("threshold", "midpoint"):
+        return _fit_person(main, rows, measure)
+    if measure == "error-slope":
+        return fit_slope(main["theta_deg"][rows], main["distance_mm"][rows].astype(float))
+    values = (
+        measure_upward(study, main, rows) if measure == "upward-bias" else main[_COLUMN[measure]][rows].astype(float)
+    )
+    values = values[np.isfinite(values)]
+    return float(values.mean()) if len(values) else math.nan
+
+
+def _fit_person(main: Columns, rows: Any, measure: str) -> float:
+    """Of constant stimuli: midpoint, or difference noticed in 75 % of the pairs; NaN where one level is known."""
+    levels, which = np.unique(main["level"][rows], return_inverse=True)
+    if len(levels) < 2:
+        return math.nan
+    stronger = main["answer"][rows] == main["interval"][rows]
+    counts = np.bincount(which, minlength=len(levels))
+    fit = _fit_counts(*(tuple(x.tolist()) for x in (levels, np.bincount(which, stronger, len(levels)), counts)))
+    return fit.middle if measure == "midpoint" else 0.6745 * fit.spread
+
+
+@lru_cache(4096)  # several measures and pairs of conditions ask for the same fits
+def _fit_counts(levels: tuple[float, ...], yes: tuple[float, ...], of: tuple[float, ...]) -> PsychometricCurve:
+    return psychometric_fit(levels, yes, of)
+
+
+def _share_chosen(main: Columns, rows: Any, a: str, b: str) -> float:
+    """Share of the choices between `a` and `b` in which `a` was chosen."""
+    one, other = main["condition"][rows], main["other"][rows]
+    first, second = (one == a) & (other == b), (one == b) & (other == a)
+    met = first | second
+    if not met.any():
+        return math.nan
+    chosen = (main["answer"][rows] == main["interval"][rows]) == first
+    return float(chosen[met].mean())

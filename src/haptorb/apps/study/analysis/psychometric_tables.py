@@ -1,0 +1,116 @@
+"""Psychometric curves and thresholds as tables, the same at the terminal and in the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from haptorb.apps.study.analysis.analysis import Analysis
+from haptorb.apps.study.analysis.curves import JND
+from haptorb.apps.study.analysis.wording import format_range, format_value
+from haptorb.apps.terminal import Column, TextTable
+
+__all__ = ["list_psychometric_notes", "list_psychometric_tables"]
+
+
+def list_psychometric_tables(analysis: Analysis) -> Iterator[TextTable]:
+    """Those that the procedure has, the group's before each person's."""
+    unit = analysis.study.level_unit
+    if analysis.curves:
+        yield _tabulate_groups(analysis, unit)
+        yield _tabulate_people(analysis, unit)
+    if analysis.tracks:
+        yield _tabulate_tracks(analysis, unit)
+
+
+def list_psychometric_notes(analysis: Analysis) -> list[str]:
+    """What the tables are, and what single people's trials cannot tell."""
+    found = []
+    if analysis.curves:
+        found.append(
+            "Each person's own fit: cumulative normal, both tails lapse alike; mean and central 95 % of the posterior. "
+            "Threshold: the comparison is called the stronger in 50 %; JND: from there to 75 %. fit p: share of "
+            "simulated repetitions that deviate as much. Group: hierarchical model of everybody's answers; SD between "
+            "people is a factor where it begins with ×."
+        )
+    if analysis.tracks:
+        share = "70.7 %" if analysis.study.procedure == "staircase" else "75 %"
+        found.append(
+            f"Difference with {share} right answers, with each person's central 95 % of the posterior. Group: "
+            "geometric mean of the procedure's own thresholds, Student's interval; SD between people as a factor."
+        )
+    for parts in (analysis.curves, analysis.tracks):
+        for name, one in parts.items():
+            found += [f"{name}, {code}: {note}" for code, fit in one.people.items() for note in fit.notes]
+    return found
+
+
+def _tabulate_groups(analysis: Analysis, unit: str) -> TextTable:
+    table = TextTable(
+        (Column("condition", kind="key"), Column("of the group", kind="key"), Column("mean"), Column("95 %"),
+         Column("SD between people"), Column("95 %")), "Psychometric curve of the group",
+    )  # fmt: skip
+    of = f" [{unit}]" if unit else ""
+    for name, one in analysis.curves.items():
+        if (group := one.group) is None:
+            continue
+        effect, spread = group.threshold, group.log_spread
+        table.add_row(
+            name, f"threshold{of}", _digits(effect.mean), format_range(effect.mean_95, ".4g"), f"{effect.sd:.3g}",
+            format_range(effect.sd_95, ".3g"),
+        )  # fmt: skip
+        low, high = (JND * math.exp(end) for end in spread.mean_95)
+        table.add_row(
+            name, f"JND (75 %){of}", _digits(JND * math.exp(spread.mean)), format_range((low, high), ".3g"),
+            f"× {math.exp(spread.sd):.2f}", _factors(spread.sd_95, math.e),
+        )  # fmt: skip
+        table.add_row(name, "lapses [%]", f"{100 * group.lapse:.1f}", "", "", "")
+    return table
+
+
+def _tabulate_people(analysis: Analysis, unit: str) -> TextTable:
+    table = TextTable(
+        (Column("condition", kind="key"), Column("participant", kind="key"), Column("trials"),
+         Column("threshold", unit), Column("95 %", unit), Column("JND (75 %)", unit), Column("95 %", unit),
+         Column("lapses", "%"), Column("fit p")), "Psychometric curve of each participant",
+    )  # fmt: skip
+    for name, one in analysis.curves.items():
+        for code, fit in one.people.items():
+            low, high = (JND * end for end in fit.spread_95)
+            table.add_row(
+                name, code, str(fit.trials), _digits(fit.curve.middle), format_range(fit.middle_95, ".4g"),
+                f"{JND * fit.curve.spread:.3g}", format_range((low, high), ".3g"), f"{100 * fit.curve.lapse:.1f}",
+                format_value(fit.p_fit, ".2f"),
+            )  # fmt: skip
+    return table
+
+
+def _tabulate_tracks(analysis: Analysis, unit: str) -> TextTable:
+    own = "of the reversals" if analysis.study.procedure == "staircase" else ""
+    table = TextTable(
+        (Column("condition", kind="key"), Column("participant", kind="key"), Column("trials"), Column(own, unit),
+         Column("threshold", unit), Column("95 %", unit), Column("SD between people")), "Thresholds",
+    )  # fmt: skip
+    for name, one in analysis.tracks.items():
+        for code, fit in one.people.items():
+            table.add_row(
+                name, code, str(fit.trials), format_value(fit.threshold, ".4g") if own else "", _digits(fit.fitted),
+                format_range(fit.fitted_95, ".4g"), "",
+            )  # fmt: skip
+        if (group := one.group) is not None:
+            low, high = (2**end for end in group.mean_95)
+            table.add_row(
+                name, "group", "", "", _digits(2**group.mean), format_range((low, high), ".4g"),
+                f"× {2**group.sd:.2f} ({_factors(group.sd_95, 2.0)})",
+            )  # fmt: skip
+            table.end_section()
+    return table
+
+
+def _digits(value: float) -> str:
+    return format_value(value, ".4g")
+
+
+def _factors(limits: tuple[float, float], base: float) -> str:
+    low, high = (base**end for end in limits)
+    return f"{low:.2f} to {high:.2f}" if math.isfinite(high) else "–"

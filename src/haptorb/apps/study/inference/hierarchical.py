@@ -1,0 +1,238 @@
+"""The group behind some people: mean and standard deviation of threshold and log spread, from everybody's answers.
+
+Every person has a threshold μ_i ~ N(M, T²), a log spread log σ_i ~ N(S, U²) and a lapse rate λ_i ~ Beta(1, 1/m − 1).
+The likelihood of one person's answers is known on a grid and integrated over these distributions. M, S and m maximise
+the product over people; T and U the same after M or S is integrated out (restricted likelihood). Intervals of M and S:
+Student's quantile with n − 1 degrees of freedom times a standard error from how much people's scores differ (sandwich),
+which is right however much or little people differ; of T and U: likelihood ratio.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptorb.apps.study.inference.psychometric_grid import LAPSE_EDGES, PsychometricGrid
+from haptorb.errors import InputError
+from haptorb.numerics.arrays import Array
+
+__all__ = ["NormalEffect", "Population", "fit_normal_effect", "fit_population"]
+
+_TYPICAL_LAPSE, _LAPSE_SPREAD = 0.02, 1.0  #: of the group's mean lapse rate: median, standard deviation of its log
+_CUT = 1.9207  #: half of the 95 % quantile of χ² with one degree of freedom
+_PASSES = 6
+_CANDIDATES, _TRIED = 24, 25  #: standard deviations and means that are compared before anything is refined
+
+
+@dataclass(frozen=True)
+class NormalEffect:
+    """A quantity that differs between people."""
+
+    mean: float  #: of the population
+    mean_95: tuple[float, float]
+    sd: float  #: between people
+    sd_95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Population:
+    """The group's psychometric function."""
+
+    people: int
+    threshold: NormalEffect
+    log_spread: NormalEffect
+    lapse: float  #: mean lapse rate
+
+
+def fit_normal_effect(values: Array, likelihoods: Array) -> NormalEffect:
+    """One quantity x_i ~ N(mean, sd²), whose likelihoods (people, n) are known at `values` (n,), equal steps.
+
+    InputError with fewer than two people.
+    """
+    from scipy.special import stdtrit
+
+    people = len(likelihoods)
+    if people < 2:
+        raise InputError(f"a group needs at least two people; got {people}")
+    fine, finer = _refine(values, likelihoods)
+    sd, sd_95, floor = _estimate_sd(fine, finer)
+    used = max(sd, floor)
+    mean = _mean_at(fine, finer, np.array([used]))
+    score, information = _scores(fine, finer, mean, np.array([used]))
+    # Each score as it would be without its person (MacKinnon, White 1985), since some tell much more than others.
+    share = np.clip(information[:, 0] / information.sum(), 0.0, 0.9)
+    left_out = score[:, 0] / (1 - share)
+    error = np.sqrt((people - 1) / people * (left_out**2).sum()) / information.sum()
+    half = float(stdtrit(people - 1, 0.975) * error)
+    return NormalEffect(float(mean[0]), (float(mean[0]) - half, float(mean[0]) + half), sd, sd_95)
+
+
+def fit_population(grid: PsychometricGrid) -> Population:
+    """The group behind the people whose answers `grid` has. InputError with fewer than two people."""
+    from scipy.special import stdtrit
+
+    likelihoods, alone = (array[grid.answered.of.any(axis=1)] for array in (grid.likelihoods, grid.posterior))
+    people = len(likelihoods)
+    if people < 2:
+        raise InputError(f"a group needs at least two people; got {people}")
+    x, y = grid.thresholds, grid.log_spreads
+    at = np.array([
+        (alone.sum(axis=(2, 3)) @ x).mean(), (alone.sum(axis=(1, 3)) @ y).mean(), np.log(_TYPICAL_LAPSE),
+    ])  # fmt: skip
+    t = u = 0.0
+    t_95 = u_95 = (0.0, 0.0)
+    scores, information = np.zeros((people, 3)), np.eye(3)
+    for _ in range(_PASSES):
+        before = at.copy(), t, u
+        weights = _weigh(y, at[1], u), _weigh_lapses(at[2])
+        t, t_95, _ = _estimate_sd(*_refine(x, (likelihoods @ weights[1]) @ weights[0]))
+        weights = _weigh(x, at[0], t), _weigh_lapses(at[2])
+        u, u_95, _ = _estimate_sd(*_refine(y, np.einsum("pms,m->ps", likelihoods @ weights[1], weights[0])))
+        for _ in range(3 if before[1] == 0 else 2):
+            scores, information = _joint_scores(likelihoods, (x, y), at, (t, u))
+            at = at + _limit_step(np.linalg.solve(information, scores.sum(axis=0)), x, y)
+        size = np.sqrt(np.diag(np.linalg.inv(information)))
+        if (np.abs(at - before[0]) < 0.03 * size).all() and abs(t - before[1]) + abs(u - before[2]) < 0.02 * (t + u):
+            break
+    inverse = np.linalg.inv(information)
+    error = np.sqrt(np.diag(inverse @ (scores.T @ scores) @ inverse) * people / (people - 1))
+    half = stdtrit(people - 1, 0.975) * error
+    return Population(
+        people,
+        NormalEffect(float(at[0]), (float(at[0] - half[0]), float(at[0] + half[0])), t, t_95),
+        NormalEffect(float(at[1]), (float(at[1] - half[1]), float(at[1] + half[1])), u, u_95),
+        float(np.exp(at[2])),
+    )  # fmt: skip
+
+
+def _refine(values: Array, likelihoods: Array) -> tuple[Array, Array]:
+    """(g,) and (people, g): between the grid's points, with steps of a quarter of the most certain person's spread."""
+    from scipy.interpolate import CubicSpline
+
+    mass = likelihoods / likelihoods.sum(axis=1, keepdims=True)
+    spread = np.sqrt(np.maximum(mass @ values**2 - (mass @ values) ** 2, 0.0)).min()
+    step = max(float(spread) / 4, float(values[1] - values[0]) / 8)
+    fine = np.linspace(values[0], values[-1], int(np.ceil((values[-1] - values[0]) / step)) + 1)
+    logs = CubicSpline(values, np.log(np.maximum(likelihoods, 1e-300)), axis=1)(fine)
+    return fine, np.exp(logs - logs.max(axis=1, keepdims=True))
+
+
+def _estimate_sd(values: Array, likelihoods: Array) -> tuple[float, tuple[float, float], float]:
+    """Standard deviation between people, its 95 % interval, and the least that the grid can tell from zero."""
+    from scipy.interpolate import CubicSpline
+
+    floor = float(values[1] - values[0])
+    candidates = np.geomspace(floor, values[-1] - values[0], _CANDIDATES)
+    mean = _mean_at(values, likelihoods, candidates)
+    _, information = _scores(values, likelihoods, mean, candidates)
+    joint = np.maximum(likelihoods @ _normal(values, mean, candidates), 1e-300)
+    logs = np.log(joint).sum(axis=0) - np.log(np.maximum(information.sum(axis=0), 1e-12)) / 2
+    above = np.linspace(np.log(candidates[0]), np.log(candidates[-1]), 600)[1:]
+    # Below the least candidate nothing can be integrated; near zero the likelihood is linear in the variance.
+    below = np.linspace(0.0, floor, 30)
+    slope = (logs[1] - logs[0]) / (candidates[1] ** 2 - candidates[0] ** 2)
+    sds = np.append(below, np.exp(above))
+    fine = np.append(logs[0] + slope * (below**2 - floor**2), CubicSpline(np.log(candidates), logs)(above))
+    best = int(np.argmax(fine))
+    low = high = best
+    while low > 0 and fine[low - 1] >= fine[best] - _CUT:
+        low -= 1
+    while high < len(fine) - 1 and fine[high + 1] >= fine[best] - _CUT:
+        high += 1
+    return float(sds[best]), (float(sds[low]), float(sds[high])), floor
+
+
+def _normal(values: Array, mean: Array, sd: Array) -> Array:
+    """(n, k) probabilities of `values` (n,), equal steps, under k normal distributions."""
+    step = values[1] - values[0]
+    found: Array = np.exp(-0.5 * ((values[:, None] - mean) / sd) ** 2) * (step / (sd * np.sqrt(2 * np.pi)))
+    return found
+
+
+def _mean_at(values: Array, likelihoods: Array, sd: Array) -> Array:
+    """(k,) means of greatest likelihood, one for each standard deviation: the best of some, then Newton's steps."""
+    mass = likelihoods / likelihoods.sum(axis=1, keepdims=True)
+    places = mass @ values
+    away = float(np.sqrt(np.maximum(mass @ values**2 - places**2, 0.0)).max())
+    tried = np.linspace(max(places.min() - away, values[0]), min(places.max() + away, values[-1]), _TRIED)
+    weights = np.exp(-0.5 * ((values[:, None, None] - tried[:, None]) / sd) ** 2).reshape(len(values), -1)
+    joint = np.log(np.maximum(likelihoods @ weights, 1e-300)).sum(axis=0).reshape(_TRIED, -1)
+    mean: Array = tried[np.argmax(joint, axis=0)]
+    step = tried[1] - tried[0]
+    for _ in range(3):
+        score, information = _scores(values, likelihoods, mean, sd)
+        bread = information.sum(axis=0)
+        change = np.where(bread > 0, score.sum(axis=0) / np.where(bread > 0, bread, 1.0), 0.0)
+        mean = np.clip(mean + np.clip(change, -step, step), values[0], values[-1])
+    return mean
+
+
+def _scores(values: Array, likelihoods: Array, mean: Array, sd: Array) -> tuple[Array, Array]:
+    """(people, k) derivatives of the log likelihood by the mean, and its negative second derivatives."""
+    weights = _normal(values, mean, sd)
+    away = (values[:, None] - mean) / sd**2
+    total = np.maximum(likelihoods @ weights, 1e-300)
+    first = (likelihoods @ (weights * away)) / total
+    second = (likelihoods @ (weights * away**2)) / total
+    return first, 1 / sd**2 - (second - first**2)
+
+
+def _weigh(values: Array, mean: float, sd: float) -> Array:
+    """(n,) probabilities on a grid too coarse for a smaller standard deviation than its step."""
+    return _normal(values, np.array([mean]), np.array([_least_sd(values, sd)]))[:, 0]
+
+
+def _least_sd(values: Array, sd: float) -> float:
+    return max(sd, float(values[1] - values[0]))
+
+
+def _weigh_lapses(log_mean: float) -> Array:
+    """(9,) probabilities of the lapse rates' cells under Beta(1, 1/m − 1), m = exp(log_mean)."""
+    cells = np.diff(1 - (1 - LAPSE_EDGES) ** (np.exp(-log_mean) - 1))
+    found: Array = np.maximum(cells, 1e-300) / cells.sum()
+    return found
+
+
+def _joint_scores(
+    likelihoods: Array, axes: tuple[Array, Array], at: Array, sds: tuple[float, float]
+) -> tuple[Array, Array]:
+    """(people, 3) derivatives by (M, S, log m), and (3, 3) the sum of their negative derivatives (Louis 1982)."""
+    people = len(likelihoods)
+    parts = []
+    for values, mean, sd in zip(axes, at[:2], sds, strict=True):
+        least = _least_sd(values, sd)
+        away = (values - mean) / least**2
+        parts.append((_weigh(values, mean, sd), away, np.full(len(values), -1 / least**2)))
+    h = 1e-3
+    low, middle, high = (np.log(_weigh_lapses(at[2] + shift)) for shift in (-h, 0.0, h))
+    parts.append((np.exp(middle), (high - low) / (2 * h), (high - 2 * middle + low) / h**2))
+    bases = [np.stack([w, w * a, w * a**2, w * b], axis=1) for w, a, b in parts]
+    moments = likelihoods @ bases[2]  # (p, m, s, 4)
+    moments = np.einsum("pmsc,sb->pmbc", moments, bases[1], optimize=True)
+    moments = np.einsum("pmbc,ma->pabc", moments, bases[0], optimize=True)
+    moments /= moments[:, :1, :1, :1]
+    index = np.eye(3, dtype=int)
+    score = np.stack([moments[:, i, j, k] for i, j, k in index], axis=1)
+    square = np.empty((people, 3, 3))
+    for n in range(3):
+        for m in range(3):
+            i, j, k = index[n] + index[m]
+            square[:, n, m] = moments[:, i, j, k]
+    curvature = np.zeros((3, 3))
+    for n in range(3):
+        i, j, k = 3 * index[n]
+        curvature[n, n] = moments[:, i, j, k].sum()
+    information = -curvature - (square - score[:, :, None] * score[:, None, :]).sum(axis=0)
+    score[:, 2] -= (at[2] - np.log(_TYPICAL_LAPSE)) / _LAPSE_SPREAD**2 / people
+    information[2, 2] += 1 / _LAPSE_SPREAD**2
+    size = np.linalg.eigvalsh(information)
+    if size[0] <= 1e-6 * size[-1]:  # far from the maximum: the scores' own spread serves as a step's scale
+        information = score.T @ score + np.diag(np.diag(np.abs(information))) * 0.1
+    return score, information
+
+
+def _limit_step(step: Array, x: Array, y: Array) -> Array:
+    """No further than a tenth of the grid at a time, and a factor e of the lapse rate."""
+    most = np.array([np.ptp(x) / 10, np.ptp(y) / 10, 1.0])
+    return np.clip(step, -most, most)

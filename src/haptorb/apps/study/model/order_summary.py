@@ -1,0 +1,114 @@
+"""The realised order of a study, before anybody takes part: who meets what when, how it balances, where breaks come."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+from haptorb.apps.asking.procedure import InterleavedProcedures
+from haptorb.apps.asking.prompt import Prompt
+from haptorb.apps.study.model.balance import square_size
+from haptorb.apps.study.model.order import list_units, plan, procedure_of
+from haptorb.apps.study.model.study_file import Study
+from haptorb.errors import InputError
+
+__all__ = ["OrderSummary", "summarize_order"]
+
+_MOST_PEOPLE = 1000  #: whose order is shown
+
+
+@dataclass(frozen=True)
+class OrderSummary:
+    """The order of the first people; `plans` is what will be stored for each, whole."""
+
+    rule: str
+    units: tuple[str, ...]  #: conditions, or pairs of a forced choice
+    side_by_side: bool  #: whether they come in rounds, not in blocks
+    square: int  #: people with whom the counter-balanced order is complete
+    plans: tuple[dict[str, Any], ...]
+    sequences: tuple[tuple[str, ...], ...]  #: for each person the units of the trials that count, practice left out
+    trials: int  #: that count; adaptive: at most
+    practice: int
+    breaks: int
+    break_seconds: float
+    adaptive: bool  #: whether the number of trials depends on the answers
+
+    @property
+    def mixed(self) -> bool:
+        """Whether the trials of one unit do not follow one another."""
+        return len(self.units) > 1 and (self.side_by_side or self.rule == "random")
+
+    @property
+    def sentences(self) -> list[str]:
+        """For people."""
+        most = "at most " if self.adaptive else ""
+        rest = f"{self.breaks} break{'' if self.breaks == 1 else 's'} of {self.break_seconds:g} s"
+        found = [
+            f"{most}{self.trials} trials after {self.practice} practice trials, {most}{rest}"
+            if self.breaks
+            else f"{most}{self.trials} trials after {self.practice} practice trials, no breaks"
+        ]
+        if len(self.units) < 2:
+            return [*found, "order: random, each participant's own"]
+        what, unit = "first round" if self.side_by_side else "order", "pair" if ", " in self.units[0] else "condition"
+        if self.rule == "counter-balanced":
+            found.append(
+                f"order: counter-balanced; every {self.square} participants complete a Williams square: in the {what} "
+                f"every {unit} has every place, and follows every other one, equally often"
+            )
+        elif self.rule == "random":
+            found.append("order: random; all trials mixed" if not self.side_by_side else "order: random rounds")
+        else:
+            found.append("order: blocked, the same for everybody: an effect of order looks like one of the conditions")
+        if self.side_by_side:
+            found.append(f"side by side: in each round every {unit} comes once; one that has ended is passed over")
+        return found
+
+    def row(self, person: int) -> str:
+        """The order of the person-th participant, in words."""
+        names = self.sequences[person]
+        if self.mixed:
+            return " ".join(names[:12]) + (" ..." if len(names) > 12 else "")
+        return ", ".join(name for name, _ in groupby(names))
+
+    def numbers(self) -> dict[str, Any]:
+        """As plain JSON types."""
+        return {
+            "rule": self.rule, "units": list(self.units), "side_by_side": self.side_by_side,
+            "participants_for_balance": self.square, "trials": self.trials, "trials_are_a_maximum": self.adaptive,
+            "practice_trials": self.practice, "breaks": self.breaks, "break_s": self.break_seconds,
+            "sessions": list(self.plans),
+        }  # fmt: skip
+
+
+def summarize_order(study: Study, people: int = 6) -> OrderSummary:
+    """The order for the first `people` participants, exactly as it will be stored when each of them begins."""
+    if not 1 <= people <= _MOST_PEOPLE:
+        raise InputError(f"the order can be shown for 1 to {_MOST_PEOPLE} participants; got {people}")
+    plans = tuple(plan(study, n) for n in range(people))
+    units = list_units(study)
+    sequences, pauses, practice = [], 0, 0
+    for one in plans:
+        procedure = procedure_of(study, one)
+        names, pauses, practice = [], 0, 0
+        if isinstance(procedure, InterleavedProcedures):
+            tracks = [str(part.get("condition", "")) for part in one["parts"]]
+            names = [tracks[turn] for turn in procedure.turns if tracks[turn]]
+            practice, pauses = len(procedure.turns) - len(names), len(procedure.pauses)
+        else:
+            for part in one["parts"]:
+                for prompt in map(Prompt.read, part.get("prompts", ())):
+                    practice += prompt.phase == "practice"
+                    pauses += prompt.pause > 0
+                    if prompt.phase != "practice":
+                        names.append(f"{prompt.condition}, {prompt.other}" if prompt.other else prompt.condition)
+                names += [str(part.get("condition", ""))] * len(part.get("intervals", ()))
+        sequences.append(tuple(names))
+    side = study.procedure in ("staircase", "bayesian", "forced-choice") and study.trials.order != "blocked"
+    square = square_size(len(units)) if study.trials.order == "counter-balanced" else 1
+    return OrderSummary(
+        study.trials.order, tuple(units), side and bool(study.order_version), square, plans, tuple(sequences),
+        len(sequences[0]), practice, pauses, study.trials.break_seconds,
+        study.procedure in ("staircase", "bayesian"),
+    )  # fmt: skip

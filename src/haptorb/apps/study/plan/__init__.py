@@ -1,0 +1,1 @@
+"""What is decided before data exist: the plan of the analysis, and its registration."""

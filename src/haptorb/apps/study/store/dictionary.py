@@ -1,0 +1,83 @@
+"""The data dictionary of an export, as BIDS writes it: every column with its unit, and what its values mean."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.store.columns import COLUMNS
+
+__all__ = ["FLAGS", "WORDS", "describe_columns", "describe_questions"]
+
+FLAGS = ("simulated", "simulated_device")  #: columns of true and false
+#: columns of text; the rest are numbers
+WORDS = ("participant", "phase", "condition", "other", "safety", "recording", "answered")
+_UNIT = re.compile(r"(.*) \[(.+)\]")
+_FIXED: dict[str, dict[str, str]] = {
+    "simulated": {"true": "a simulated participant", "false": "a person"},
+    "simulated_device": {"true": "simulated device: nobody felt a force", "false": "a real device"},
+    "phase": {"practice": "before the trials that count; left out of every analysis", "main": "counts"},
+    "interval": {"0": "a single interval", "1": "the first of two", "2": "the second of two"},
+    "correct": {"1": "right", "0": "wrong"},
+}
+
+
+def describe_columns(study: Study) -> dict[str, dict[str, Any]]:
+    """Column → Description, Units where it has one, Levels where its values have names."""
+    found: dict[str, dict[str, Any]] = {}
+    for name, about in COLUMNS.items():
+        split = _UNIT.fullmatch(about)
+        entry: dict[str, Any] = {"Description": split[1] if split else about}
+        unit = study.level_unit if name == "level" else split[2] if split else ""
+        if unit:
+            entry["Units"] = unit
+        if levels := _list_levels(study, name):
+            entry["Levels"] = levels
+        if name in FLAGS:
+            entry["Format"] = "boolean"
+        elif name == "answered":
+            entry["Format"] = "ISO 8601"
+        found[name] = entry
+    if study.levels is not None:
+        found["level"]["Description"] += f"; parameter '{study.levels.parameter}' of the world"
+    return found
+
+
+def describe_questions(study: Study) -> dict[str, dict[str, Any]]:
+    """The same of the table of answers in words: one row per participant and question."""
+    return {
+        "participant": {"Description": COLUMNS["participant"]},
+        "question": {"Description": "name of the question", "Levels": {q.name: q.text for q in study.questions}},
+        "text": {"Description": "the question as it was asked"},
+        "reply": {
+            "Description": "what was answered",
+            "Levels": {q.name: " | ".join(q.choices) for q in study.questions if q.choices},
+        },
+    }
+
+
+def _list_levels(study: Study, name: str) -> dict[str, str]:
+    """Value → what it means; empty where values are numbers or free text."""
+    if name in ("condition", "other"):
+        values = {one.name: _spell_out(one.parameters) for one in study.conditions}
+        return values if name == "condition" or study.procedure == "forced-choice" else {}
+    places = {str(p.number): f"θ = {p.theta_deg:g} deg, φ = {p.phi_deg:g} deg" for p in study.points}
+    if name == "set_point":
+        return {"0": "none", **places}
+    if name != "answer":
+        return dict(_FIXED.get(name, {}))
+    match study.procedure:
+        case "identification":
+            return places
+        case "constant" | "staircase" | "bayesian":
+            return {"1": "the first interval pushed harder", "2": "the second interval pushed harder"}
+        case "forced-choice":
+            return {"1": "the first interval is preferred", "2": "the second interval is preferred"}
+        case "rating":
+            return {str(study.rating.low): f"least of '{study.rating.question}'", str(study.rating.high): "greatest"}
+    return {}
+
+
+def _spell_out(parameters: dict[str, Any]) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in parameters.items()) or "parameters of the study file"

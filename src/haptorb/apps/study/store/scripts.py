@@ -1,0 +1,50 @@
+"""Scripts that read an export, in Python with pandas and in R without packages: written beside the data."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from haptorb.apps.study.model.study_file import Study
+from haptorb.apps.study.store.dictionary import FLAGS, WORDS
+from haptorb.version import __version__
+
+__all__ = ["make_python_script", "make_r_script"]
+
+
+def make_python_script(study: Study, table: str) -> str:
+    """A script that reads `table` beside it: NAME.csv, NAME.parquet, or a pattern of TSV files below its parent."""
+    return (
+        (_SOURCES / "read_export.py.txt").read_text(encoding="utf-8").replace("@VERSION@", __version__)
+        .replace("@TABLE@", _quote(table)).replace("@FLAGS@", repr(FLAGS)).replace("@WORDS@", repr(WORDS))
+        .replace("@CONDITIONS@", _quote_all(study, "[", "]")).replace("@MEASURES@", repr(_list_measures(study)))
+    )  # fmt: skip
+
+
+def make_r_script(study: Study, table: str) -> str:
+    """The same for R; a Parquet file needs its package arrow."""
+    return (
+        (_SOURCES / "read_export.R.txt").read_text(encoding="utf-8").replace("@VERSION@", __version__)
+        .replace("@TABLE@", _quote(table)).replace("@FLAGS@", ", ".join(map(_quote, FLAGS)))
+        .replace("@WORDS@", ", ".join(map(_quote, WORDS))).replace("@CONDITIONS@", _quote_all(study, "c(", ")"))
+        .replace("@MEASURES@", ", ".join(map(_quote, _list_measures(study))))
+    )  # fmt: skip
+
+
+_SOURCES = Path(__file__).parent
+
+
+def _list_measures(study: Study) -> tuple[str, ...]:
+    """Columns whose means say something."""
+    return (
+        ("answer", "seconds") if study.procedure in ("rating", "magnitude") else ("correct", "distance_mm", "seconds")
+    )
+
+
+def _quote(text: str) -> str:
+    """A string of Python and of R alike."""
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _quote_all(study: Study, begin: str, end: str) -> str:
+    return begin + ", ".join(_quote(one.name) for one in study.conditions) + end
