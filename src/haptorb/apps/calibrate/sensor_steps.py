@@ -122,9 +122,10 @@ def _drive_in_turn(
     """
     wanted, currents, fields, count = [], [], [], 0.0
     off = np.zeros(device.channels)
-    for _ in range(drives):
+    for number in range(drives):
+        way = -_SHARE if number % 2 else _SHARE  # so that what stays in the core changes its sign, and cancels
         for coil, limit in enumerate(device.driven_current):
-            for share in (_SHARE, -_SHARE, 0.0):
+            for share in (way, -way, 0.0):
                 want = off.copy()
                 want[coil] = share * limit
                 duties = np.clip(want * resistance / device.supply.voltage, -1, 1)

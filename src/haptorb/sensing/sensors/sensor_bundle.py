@@ -209,15 +209,12 @@ class _Bundle:
         return away
 
     def _add_coils(self, H: Array, g: Array) -> None:
-        """What the sensors read of the coils, and at rest."""
+        """What the sensors read of the coils."""
+        self._add_rest(H, g)
         coils, P, theta = self._coils, PARAMETERS, self._theta
         m = self._device.channels
         for sensor in np.flatnonzero(self._used):
             at = slice(P * sensor, P * sensor + P)
-            J = np.zeros((3, P))
-            J[:, OFFSET] = np.eye(3)
-            H[at, at] += J.T @ J / coils.deviation_at_rest**2
-            g[at] += J.T @ (coils.at_rest[sensor] - theta[sensor, OFFSET]) / coils.deviation_at_rest**2
             place = self._model.sensors[sensor] + theta[sensor, DISPLACEMENT]
             mixing = np.eye(3) + theta[sensor, MIXING].reshape(3, 3)
             unit, by_place = _unit_field(place)
@@ -233,6 +230,17 @@ class _Bundle:
                 w = 1.0 / (coils.deviation[coil] ** 2 + (_NOT_DIPOLE * np.linalg.norm(B)) ** 2)
                 H += w * (full.T @ full)
                 g += w * (full.T @ r)
+
+    def _add_rest(self, H: Array, g: Array) -> None:
+        """What the sensors read at rest: their offsets, and a moment that the coils left in the core."""
+        coils, working = self._coils, np.flatnonzero(self._used)
+        rows = (PARAMETERS * working[:, None] + np.arange(3)).ravel()
+        unit = np.concatenate([_unit_field(place)[0] for place in self._model.sensors[working]])
+        left = self._device.core_dynamics.remanent_moment
+        covariance = coils.deviation_at_rest**2 * np.eye(len(rows)) + left**2 * unit @ unit.T
+        weight = np.linalg.inv(covariance)
+        H[np.ix_(rows, rows)] += weight
+        g[rows] += weight @ (coils.at_rest - self._theta[:, OFFSET])[working].ravel()
 
     def _step(self, step: Array, back: list[tuple[Array, Array]]) -> None:
         count = PARAMETERS * self._k

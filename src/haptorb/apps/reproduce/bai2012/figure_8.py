@@ -138,7 +138,10 @@ def _draw_figure(pull: PhaseRecord, right: PhaseRecord, path: Path) -> Path:
             _currents(panel, along, currents, f"currents for {name}")
         _currents(lower[2], along, course["wanted"], "all currents summed, with those for weight and regulator")
         top.legend(fontsize=8)
-        torques.legend(fontsize=8, ncols=2)
+        if column == 0:  # between the lines
+            torques.legend(fontsize=8, ncols=5, loc="center", bbox_to_anchor=(0.5, 0.64))
+        else:
+            torques.legend(fontsize=8, ncols=2)
         for panel in axes[:, column]:
             panel.set_xlabel(label)
             if column == 1:
