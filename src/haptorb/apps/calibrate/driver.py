@@ -30,6 +30,7 @@ class _ClampedHand:
     q: Array
     stamp: float = 0.0
     held: bool = False
+    still: bool = False
 
 
 def make_driver(
