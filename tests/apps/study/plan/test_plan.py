@@ -57,7 +57,7 @@ def sat(study: Study, place: Path, codes: tuple[str, ...] = tuple(RATINGS), only
     engine.dispose()
 
 
-def printed(found: Analysis) -> str:
+def show_text(found: Analysis) -> str:
     out = StringIO()
     print_summary(found, Console(file=out, width=80))
     assert max(map(len, out.getvalue().splitlines())) <= 80
@@ -88,7 +88,7 @@ def test_planned_tests_come_first_and_the_rest_is_exploratory(tmp_path: Path) ->
     (outcome,) = found.plan.outcomes
     assert outcome.significant
     assert outcome.verdict == "in the interval"  # 2.2 to 5.3 holds 2.5
-    text_ = printed(found)
+    text_ = show_text(found)
     assert "4 of 4 planned participants finished: reached" in text_
     assert text_.index("Planned tests") < text_.index("Not planned: exploratory")
     assert found.plan.digest in page(found, NO_IMAGES)
@@ -106,7 +106,7 @@ def test_the_smallest_effect_is_set_against_the_interval(least: str, verdict: st
     found = analysis_of(tmp_path / "s.db")
     assert found.plan is not None
     assert found.plan.outcomes[0].verdict == verdict
-    assert "3 of 4 planned participants finished: NOT REACHED" in printed(found)
+    assert "3 of 4 planned participants finished: NOT REACHED" in show_text(found)
 
 
 def test_a_condition_that_nobody_met_is_told_not_guessed(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_a_condition_that_nobody_met_is_told_not_guessed(tmp_path: Path) -> None
     assert found.comparisons == ()
     assert found.plan is not None
     assert (found.plan.outcomes[0].found, found.plan.outcomes[0].verdict) == (None, "no data")
-    assert "no data" in printed(found)
+    assert "no data" in show_text(found)
 
 
 def test_a_plan_that_changes_after_data_exist_is_told(tmp_path: Path) -> None:
@@ -127,7 +127,7 @@ def test_a_plan_that_changes_after_data_exist_is_told(tmp_path: Path) -> None:
     assert found.plan.outcomes[0].test.smallest_effect == 2.5  # the first plan stays in force
     (remark,) = found.plan.remarks
     assert "CHANGED after data existed: 1 session" in remark
-    assert "CHANGED after data existed" in printed(found)
+    assert "CHANGED after data existed" in show_text(found)
     assert "CHANGED after data existed" in page(found, NO_IMAGES)
 
 
@@ -138,7 +138,7 @@ def test_a_plan_that_came_after_the_data_is_none(tmp_path: Path) -> None:
     found = analysis_of(tmp_path / "s.db")
     assert found.plan is not None
     assert not any(one.planned for one in found.comparisons)
-    assert "no plan was stored before data existed" in printed(found)
+    assert "no plan was stored before data existed" in show_text(found)
     assert json.dumps(found.numbers(), allow_nan=False)
 
 

@@ -154,10 +154,10 @@ participants = 18
 test = "sign-flip"
 alpha = 0.04
 [[plan.tests]]
-measure = "accuracy"
+measure = "error"
 between = ["weak", "base"]
 [[plan.tests]]
-measure = "error"
+measure = "accuracy"
 between = ["base", "weak"]
 """
 )
@@ -165,11 +165,11 @@ between = ["base", "weak"]
 
 def test_the_plan_says_what_is_not_asked_otherwise() -> None:
     found = power(study_of(PLANNED), pool=8, people=(6,))
-    assert (found.measure, found.a, found.b, found.test) == ("accuracy", "weak", "base", "sign-flip")
+    assert (found.measure, found.a, found.b, found.test) == ("error", "weak", "base", "sign-flip")
     assert found.alpha == pytest.approx(0.02)  # two tests, Holm: the strictest step
     assert 18 in power(study_of(PLANNED), test="t", pool=8).people
-    asked = power(study_of(PLANNED), ("base", "weak"), "error", pool=8, alpha=0.05, test="t", people=(6,))
-    assert (asked.measure, asked.alpha, asked.test) == ("error", 0.05, "t")
+    asked = power(study_of(PLANNED), ("base", "weak"), "accuracy", pool=8, alpha=0.05, test="t", people=(6,))
+    assert (asked.measure, asked.alpha, asked.test) == ("accuracy", 0.05, "t")
 
 
 def test_what_is_claimed_of_all_conditions_has_a_power_too() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from haptorb.apps.study.analysis.over_people.measures import PersonMeasures, PersonValues, Thresholds
 from haptorb.apps.study.inference.effect_size import EffectSize, effect_size
 from haptorb.apps.study.inference.intervals import mean_interval, share_interval, wilson
-from haptorb.apps.study.inference.significance import PairTest, correct_p, paired_p
+from haptorb.apps.study.inference.significance import PairTest, correct_p, decide_p
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.plan.analysis_plan import CLAIMS, MEASURES, AnalysisPlan, unit_of
 from haptorb.apps.study.store.columns import Columns
@@ -140,7 +140,7 @@ def decide(
     a, b = between or ("", "")
     low, high = mean_interval(d)
     return ConditionComparison(
-        measure, unit, a, b, float(d.mean()), float(low), float(high), len(d), float(paired_p(d, test)), test=test,
+        measure, unit, a, b, float(d.mean()), float(low), float(high), len(d), float(decide_p(d, test)), test=test,
         effect=effect_size(d, values.spread),
     )  # fmt: skip
 

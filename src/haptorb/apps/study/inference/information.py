@@ -59,7 +59,7 @@ def transfer_information(counts: ArrayLike, *, seed: int = 0) -> Information:
         raise InputError(f"counts must be whole, ≥ 0, shape (people, prompts, answers), not all 0; got {each.shape}")
     each = each[each.sum(axis=(1, 2)) > 0]
     table = each.sum(axis=0)
-    bits, trials, people = _corrected(table), int(table.sum()), len(each)
+    bits, trials, people = _correct_information(table), int(table.sum()), len(each)
     most = float(_entropy(table.sum(axis=1)))
     low = high = math.nan
     if trials < 2 * int(np.count_nonzero(table.sum(axis=1))):
@@ -67,7 +67,7 @@ def transfer_information(counts: ArrayLike, *, seed: int = 0) -> Information:
     if people > 1 and math.isfinite(bits):
         from scipy.special import stdtrit
 
-        without = np.array([_corrected(table - one) for one in each])
+        without = np.array([_correct_information(table - one) for one in each])
         error = math.sqrt((people - 1) / people * float(np.sum((without - without.mean()) ** 2)))
         half = float(stdtrit(people - 1, 0.975)) * error
         if error > 1e-12:  # people who all answer alike show no spread to go by
@@ -93,7 +93,7 @@ def plug_in_information(counts: ArrayLike) -> Array:
     return np.maximum(found, 0.0)
 
 
-def _corrected(table: Array) -> float:
+def _correct_information(table: Array) -> float:
     """Of `table` (prompts, answers), after Chao & Shen."""
     each = table.sum(axis=1)
     asked = each > 0

@@ -14,8 +14,17 @@ from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array, check_finite
 
 __all__ = [
-    "CORRECTIONS", "EXACT_PEOPLE", "TESTS", "Correction", "PairTest", "binomial_tail", "check_test", "correct_p",
-    "fewest_people", "paired_p", "sign_flip",
+    "CORRECTIONS",
+    "EXACT_PEOPLE",
+    "TESTS",
+    "Correction",
+    "PairTest",
+    "binomial_tail",
+    "check_test",
+    "correct_p",
+    "decide_p",
+    "fewest_people",
+    "sign_flip",
 ]  # fmt: skip
 
 PairTest = Literal["t", "sign-flip"]
@@ -39,7 +48,7 @@ def binomial_tail(right: int, of: int, chance: float) -> float:
     return 1.0 if right <= 0 else float(bdtrc(right - 1, of, chance))
 
 
-def paired_p(differences: ArrayLike, test: PairTest = "t") -> Array:
+def decide_p(differences: ArrayLike, test: PairTest = "t") -> Array:
     """(...) two-sided p that `differences` (..., people) are zero on average. Both analysis and power ask here.
 
     t          Student's test of the mean; the 95 % interval of `mean_interval` excludes zero where p < 0.05
@@ -49,7 +58,7 @@ def paired_p(differences: ArrayLike, test: PairTest = "t") -> Array:
     Where all differences of a group are equal there is no spread for Student's test to go by; then p is 1 if they are
     zero, else that of the sign-flip test, 2/2ⁿ. InputError with fewer than two people.
 
-    >>> float(paired_p([1.0, 2.0, 3.0, 4.0], "sign-flip")), round(float(paired_p([1.0, 2.0, 3.0, 4.0])), 4)
+    >>> float(decide_p([1.0, 2.0, 3.0, 4.0], "sign-flip")), round(float(decide_p([1.0, 2.0, 3.0, 4.0])), 4)
     (0.125, 0.0305)
     """
     from scipy.special import stdtr

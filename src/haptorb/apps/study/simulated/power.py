@@ -1,7 +1,7 @@
 """How many participants a study needs to see a difference between two conditions, foretold with simulated ones.
 
 A pool of simulated participants sits the study once; each gives one paired difference. Groups of n are drawn from the
-pool, and the test that the analysis uses (`paired_p`, the same function) is applied to each: its share of p < α is the
+pool, and the test that the analysis uses (`decide_p`, the same function) is applied to each: its share of p < α is the
 power at n. The fewest people who reach the wanted power are searched below and above the numbers that were asked for.
 What is uncertain in that because the pool is finite is stated, by drawing whole pools from the pool.
 """

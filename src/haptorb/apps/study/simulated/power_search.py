@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from haptorb.apps.study.inference.significance import EXACT_PEOPLE, PairTest, fewest_people, paired_p
+from haptorb.apps.study.inference.significance import EXACT_PEOPLE, PairTest, decide_p, fewest_people
 from haptorb.numerics.arrays import Array
 
 __all__ = ["MOST_PEOPLE", "GroupPower"]
@@ -34,7 +34,7 @@ class GroupPower:
             if self._test == "sign-flip" and people > EXACT_PEOPLE:
                 count = min(count, _SLOW)  # thousands of sign patterns for each group
             groups = self._pool[draw.integers(0, len(self._pool), (count, people))]
-            self.found[people] = float(np.mean(paired_p(groups, self._test) < self._alpha))
+            self.found[people] = float(np.mean(decide_p(groups, self._test) < self._alpha))
         return self.found[people]
 
     @property

@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cache
+from importlib import import_module
 from multiprocessing import get_context
 from typing import Any
 
@@ -79,12 +80,11 @@ def _run_processes(jobs: list[Job], processes: int) -> Iterator[dict[int, float]
 
 def _run_cluster(jobs: list[Job], address: str) -> Iterator[dict[int, float]]:
     try:
-        from distributed import Client
-        from distributed import as_completed as as_finished
+        distributed: Any = import_module("distributed")  # which has types only in parts
     except ImportError as cause:
         raise InputError("--scheduler needs dask.distributed: pip install 'haptorb[cluster]'") from cause
     try:
-        client = Client(address, timeout=_PATIENCE, set_as_default=False)
+        client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError, KeyError) as cause:
         raise InputError(
             f"no Dask scheduler answers at '{address}'; start one with `dask scheduler`, and give the address that it "
@@ -94,7 +94,7 @@ def _run_cluster(jobs: list[Job], address: str) -> Iterator[dict[int, float]]:
         _check_cluster(client, address)
         futures = client.map(_simulate_job, jobs, pure=False)
         try:
-            for future in as_finished(futures, loop=client.loop):
+            for future in distributed.as_completed(futures, loop=client.loop):
                 yield future.result()
         except (HaptorbError, GeneratorExit):
             raise

@@ -13,7 +13,7 @@ from haptorb.apps.study.analysis.over_people.directions import answer_directions
 from haptorb.apps.study.analysis.over_people.measures import PersonMeasures, measure_upward
 from haptorb.apps.study.inference.information import Information, transfer_information
 from haptorb.apps.study.inference.intervals import mean_interval
-from haptorb.apps.study.inference.significance import paired_p
+from haptorb.apps.study.inference.significance import decide_p
 from haptorb.apps.study.inference.sphere import (
     DirectionSpread,
     error_vectors,
@@ -126,7 +126,7 @@ def localise(study: Study, main: Columns, people: Sequence[str]) -> Localisation
 def average_people(values: Array) -> PersonMean:
     """Mean of one value per person, at least one."""
     low, high = mean_interval(values)
-    p = float(paired_p(values)) if len(values) > 1 else math.nan
+    p = float(decide_p(values)) if len(values) > 1 else math.nan
     return PersonMean(float(np.mean(values)), float(low), float(high), len(values), p)
 
 
