@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.apps.study.analysis.over_people.measures import Thresholds, measure_people
+from haptorb.apps.study.analysis.over_people.measures import PersonMeasures, PersonValues, Thresholds
 from haptorb.apps.study.inference.effect_size import EffectSize, effect_size
 from haptorb.apps.study.inference.intervals import mean_interval, share_interval, wilson
 from haptorb.apps.study.inference.significance import PairTest, correct_p, paired_p
@@ -114,13 +114,14 @@ def compare_conditions(
         (measure, pair) for measure in known if measure not in CLAIMS for pair in combinations(names, 2)
     ]
     test, correction = (plan.test, plan.correction) if plan else ("t", "holm")
+    measures = PersonMeasures(study, main, [str(code) for code in people], thresholds)
     found = []
     for family in (planned, claims, pairs):
         rows = []
         for measure, between in family:
             if family is not planned and plan and plan.find(measure, *(between or ("", ""))):
                 continue
-            values = measure_people(study, main, [str(code) for code in people], measure, between, thresholds)
+            values = measures.compare(measure, between)
             row = decide(measure, unit_of(measure, study.level_unit), between, values, test)
             if row is not None:
                 rows.append(replace(row, planned=family is planned))
@@ -130,9 +131,9 @@ def compare_conditions(
 
 
 def decide(
-    measure: str, unit: str, between: tuple[str, str] | None, values: Any, test: PairTest = "t"
+    measure: str, unit: str, between: tuple[str, str] | None, values: PersonValues, test: PairTest = "t"
 ) -> ConditionComparison | None:
-    """The test of people's `values`, a PersonValues; None with fewer than two people."""
+    """The test of people's `values`; None with fewer than two people."""
     d = values.differences
     if len(d) < 2:
         return None

@@ -8,7 +8,7 @@ import numpy as np
 
 from haptorb.apps.asking.procedure import Procedure
 from haptorb.apps.asking.prompt import Answer, Prompt
-from haptorb.apps.study.analysis.over_people.measures import list_thresholds, measure_people
+from haptorb.apps.study.analysis.over_people.measures import PersonMeasures, list_thresholds
 from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.simulated.participant import Participant
@@ -30,7 +30,7 @@ def simulate_value(
     procedure, responses = answer_study(study, seed, ordinal)
     main = list_columns(study, responses)
     thresholds = list_thresholds({_CODE: procedure}) if study.procedure in ADAPTIVE else None
-    found = measure_people(study, main, [_CODE], measure, between, thresholds).differences
+    found = PersonMeasures(study, main, [_CODE], thresholds).compare(measure, between).differences
     return float(found[0]) if len(found) else float("nan")
 
 

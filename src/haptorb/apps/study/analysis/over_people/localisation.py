@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.apps.study.analysis.over_people.directions import answer_directions, answer_numbers, index_set_points
-from haptorb.apps.study.analysis.over_people.measures import measure_people, measure_upward
+from haptorb.apps.study.analysis.over_people.measures import PersonMeasures, measure_upward
 from haptorb.apps.study.inference.information import Information, transfer_information
 from haptorb.apps.study.inference.intervals import mean_interval
 from haptorb.apps.study.inference.significance import paired_p
@@ -99,7 +99,7 @@ def localise(study: Study, main: Columns, people: Sequence[str]) -> Localisation
     if study.hand_deg is not None:
         along["away from the hand"] = np.sum(errors * find_away_axes(asked, study.hand_deg), axis=-1)
     axes = tuple(_axis(name, main["set_point"], values, index, len(people)) for name, values in along.items())
-    slopes = measure_people(study, main, people, "error-slope", None).differences
+    slopes = PersonMeasures(study, main, people).compare("error-slope", None).differences
     line = math.nan
     if len(slopes):
         distance, theta = main["distance_mm"].astype(float), main["theta_deg"]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from haptorb.apps.study.model.study_file import Study
 from haptorb.apps.study.store.columns import Columns
 from haptorb.numerics.arrays import Array
 
-__all__ = ["PersonValues", "fit_slope", "list_thresholds", "measure_people", "measure_upward"]
+__all__ = ["PersonMeasures", "PersonValues", "fit_slope", "list_thresholds", "measure_upward"]
 
 _COLUMN = {"error": "distance_mm", "accuracy": "correct", "rating": "answer"}
 Thresholds = Mapping[str, Mapping[str, float]]  #: condition → participant's code → threshold
@@ -47,31 +47,48 @@ class PersonValues:
         return float(np.sqrt((self.a.var(ddof=1) + self.b.var(ddof=1)) / 2))
 
 
-def measure_people(
-    study: Study, main: Columns, people: Sequence[str], measure: str, between: tuple[str, str] | None,
-    thresholds: Thresholds | None = None,
-) -> PersonValues:  # fmt: skip
-    """`measure` of each of `people` in both conditions of `between`; None: over all conditions, against zero.
+@final
+class PersonMeasures:
+    """What each of `people` has, by measure and condition; every number is computed once, however often it is compared.
 
-    `main` are the columns without practice, `thresholds` those of an adaptive procedure. People without a value in
-    either are left out: a condition that nobody met gives nobody.
+    `main` are the columns without practice, `thresholds` those of an adaptive procedure.
     """
-    rows = {code: np.flatnonzero(main["participant"] == code) for code in people}
-    found = []
-    for code, mine in rows.items():
+
+    def __init__(
+        self, study: Study, main: Columns, people: Sequence[str], thresholds: Thresholds | None = None
+    ) -> None:
+        self._study, self._main, self._thresholds = study, main, thresholds
+        self._rows = {code: np.flatnonzero(main["participant"] == code) for code in people}
+        self._values: dict[tuple[str, str], list[float]] = {}
+
+    def compare(self, measure: str, between: tuple[str, str] | None) -> PersonValues:
+        """`measure` in both conditions of `between`; None: over all conditions, against zero.
+
+        People without a value in either are left out: a condition that nobody met gives nobody.
+        """
         if measure == "choice" and between is not None:
-            one, two = _share_chosen(main, mine, *between), 0.5
-        elif between is None:
-            one, two = _measure(study, main, mine, code, measure, "", thresholds), 0.0
+            one = [_share_chosen(self._main, rows, *between) for rows in self._rows.values()]
         else:
-            one, two = (
-                _measure(study, main, mine[main["condition"][mine] == name], code, measure, name, thresholds)
-                for name in between
-            )
-        if math.isfinite(one) and math.isfinite(two):
-            found.append((one, two))
-    values = np.array(found, dtype=float).reshape(-1, 2)
-    return PersonValues(values[:, 0], values[:, 1], between is not None and measure != "choice")
+            one = self._measure_all(measure, between[0] if between else "")
+        paired = between is not None and measure != "choice"
+        two = self._measure_all(measure, between[1]) if between and paired else [0.5 if between else 0.0] * len(one)
+        values = np.array([one, two], dtype=float)
+        values = values[:, np.isfinite(values).all(axis=0)]
+        return PersonValues(values[0], values[1], paired)
+
+    def _measure_all(self, measure: str, condition: str) -> list[float]:
+        """Of everybody; "": over all conditions."""
+        known = (measure, condition)
+        if known not in self._values:
+            names = self._main["condition"]
+            self._values[known] = [
+                _measure(
+                    self._study, self._main, rows[names[rows] == condition] if condition else rows, code, measure,
+                    condition, self._thresholds,
+                )
+                for code, rows in self._rows.items()
+            ]  # fmt: skip
+        return self._values[known]
 
 
 def list_thresholds(procedures: Mapping[str, Procedure]) -> dict[str, dict[str, float]]:
