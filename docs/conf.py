@@ -1,5 +1,6 @@
 """How the documentation is built. Everything a page needs is in it: no font, script or picture from elsewhere."""
 
+import gc
 import os
 import sys
 from pathlib import Path
@@ -9,6 +10,9 @@ import haptorb
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE / "_ext"))
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+# Every page stays in memory as a tree to the end: to look through all of them for garbage again and again takes long.
+gc.set_threshold(100_000, 50, 50)
 
 project = "haptorb"
 author = "The haptorb developers"
@@ -42,6 +46,7 @@ myst_heading_anchors = 3
 autodoc_member_order = "bysource"
 autodoc_type_aliases = {"Array": "Array", "ArrayLike": "ArrayLike"}
 autodoc_typehints_format = "short"
+autodoc_use_type_comments = False  # there are none, and looking for them takes seconds
 python_maximum_signature_line_length = 100
 add_module_names = False
 # Every page lists all contents: with every function in them that is half of the build.

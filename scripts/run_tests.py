@@ -1,5 +1,5 @@
 """Run the tests in three calls of pytest: what only computes shares the processors, what runs beside a clock comes in
-twos, and what needs a browser as well, which draws on every processor, has the machine for itself.
+threes, and what needs a browser as well, which draws on every processor, has the machine for itself.
 
     run_tests.py [--markers EXPRESSION] [pytest's arguments]
 
@@ -16,14 +16,15 @@ import time
 from collections import Counter
 
 PYTEST = [sys.executable, "-m", "pytest", "--continue-on-collection-errors"]
+BY_GROUP = ["--dist", "loadscope", "--no-loadscope-reorder"]
 #: four processes at the most; a file's tests stay together, in the order of tests/conftest.py
-SHARED = ["-n", "logical", "--maxprocesses", "4", "--dist", "loadscope", "--no-loadscope-reorder"]
-#: two loops at 1 kHz or emulated boards, each of which needs a fraction of a processor and mostly waits
-IN_TWOS = ["-n", "2", "--dist", "loadscope", "--no-loadscope-reorder"]
+SHARED = ["-n", "logical", "--maxprocesses", "4", *BY_GROUP]
+#: loops at 1 kHz, and one emulated board at a time: each needs a fraction of a processor and mostly waits
+IN_THREES = ["-n", "3", *BY_GROUP]
 ALONE = ["-n", "0"]
 CALLS = (
     ("not realtime", SHARED),
-    ("realtime and not browser", IN_TWOS),
+    ("realtime and not browser", IN_THREES),
     ("realtime and browser", ALONE),
 )
 NO_TESTS = 5  #: pytest's exit code where nothing was chosen: another call may have had something

@@ -25,6 +25,10 @@ os.environ.pop("COLUMNS", None)
 # (a Cholesky factor of 350 rows then takes 0.4 s instead of 4 ms). Before numpy is imported; children inherit it.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Six thousand tests and all packages are objects that stay: to look through them every 700 new ones took a tenth of
+# the time.
+gc.set_threshold(50_000, 20, 20)
+
 # The same examples in every run: a red test stays red until somebody mends it. No deadline: the first call compiles.
 # Nor a limit on how long drawing an example may take: that would be a test of the machine's other tenants.
 settings.register_profile(
@@ -38,7 +42,7 @@ settings.load_profile("fixed")
 HEAVY = (
     *("test_tools.py", "test_result.py", "test_public_names.py", "test_house.py", "test_names.py"),
     *("test_docstrings.py", "test_docs.py", "reproduce", "test_examples.py"),
-    *("test_coils_off.py", "test_emulated_board.py"),  # of those beside a clock
+    *("firmware", "test_safety.py", "test_console_page.py", "test_study_pages.py"),  # of those beside a clock
 )
 _REALTIME = re.compile(r"^(pytestmark = )?.*\bmark\.realtime\b", re.MULTILINE)
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
@@ -72,7 +76,8 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def _group(nodeid: str) -> str:
-    """What one process gets whole: a file, or a folder of HEAVY."""
+    """What one process gets whole: a file, or a folder of HEAVY. Two emulated boards at once would keep each other
+    waiting: each needs most of a processor."""
     path = nodeid.split("::")[0]
     return next((part for part in path.split("/") if part in HEAVY), path)
 
@@ -110,6 +115,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 item.add_marker(pytest.mark.skip(reason=reason))
 
 
+def _freeze() -> None:
+    """Look for garbage now, and no more in what exists now: millions of objects, most of a second for every server that
+    a test starts."""
+    gc.collect()
+    gc.freeze()
+
+
+def pytest_collection_finish() -> None:
+    """What the tests are made of stays to the end: nothing of it is garbage."""
+    _freeze()
+
+
 _TURN = sys.getswitchinterval()
 
 
@@ -122,6 +139,8 @@ def pytest_runtest_teardown() -> None:
     if sys.getswitchinterval() != _TURN:
         sys.setswitchinterval(_TURN)
         gc.unfreeze()
+    if gc.get_freeze_count() == 0:
+        _freeze()
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK != os.SCHED_OTHER:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 

@@ -47,19 +47,35 @@ def notebooks(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def read_cells(example: Path, notebooks: Path) -> list[str]:
+    """The code cells of an example's notebook, which begins with its title."""
+    notebook = json.loads((notebooks / f"{example.stem}.ipynb").read_text(encoding="utf-8"))
+    assert notebook["nbformat"] == 4
+    first, *others = notebook["cells"]
+    assert first["cell_type"] == "markdown"
+    assert "".join(first["source"]).lstrip().startswith("# ")
+    return ["".join(cell["source"]) for cell in others if cell["cell_type"] == "code"]
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_notebook_is_the_program_in_cells(example: Path, notebooks: Path) -> None:
+    """Statement by statement, so that what runs as a program runs as a notebook."""
+    cells = read_cells(example, notebooks)
+    assert len(cells) >= 2
+    assert "assert" in cells[-1]
+    title, *program = ast.parse(example.read_text(encoding="utf-8")).body
+    assert isinstance(title, ast.Expr)
+    assert [ast.dump(one) for cell in cells for one in ast.parse(cell).body] == [ast.dump(one) for one in program]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_notebook_runs_cell_by_cell(
     example: Path, notebooks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import matplotlib.pyplot as plt
 
-    notebook = json.loads((notebooks / f"{example.stem}.ipynb").read_text(encoding="utf-8"))
-    assert notebook["nbformat"] == 4
-    first, *others = notebook["cells"]
-    assert first["cell_type"] == "markdown"
-    assert "".join(first["source"]).lstrip().startswith("# ")
-    cells = ["".join(cell["source"]) for cell in others if cell["cell_type"] == "code"]
-    assert len(cells) >= 2
+    cells = read_cells(example, notebooks)
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {"__name__": "__main__"}
     try:
@@ -67,7 +83,6 @@ def test_notebook_runs_cell_by_cell(
             exec(compile(cell, f"{example.stem}, cell {number}", "exec"), names)
     finally:
         plt.close("all")
-    assert "assert" in cells[-1]
 
 
 def test_there_are_examples() -> None:

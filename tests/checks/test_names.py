@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -70,13 +71,18 @@ def definitions(body: list[ast.stmt], where: str) -> Iterator[tuple[str, Definit
                 yield from definitions(getattr(node, field, []), where)
 
 
+@cache
+def parse(source: str) -> ast.Module:
+    return ast.parse(source)
+
+
 def names(source: str, where: str) -> list[tuple[str, Definition]]:
-    return list(definitions(ast.parse(source).body, where))
+    return list(definitions(parse(source).body, where))
 
 
 def variables(source: str, where: str) -> Iterator[tuple[str, str]]:
     """(place, name) of every parameter, variable and attribute that gets a value."""
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(parse(source)):
         if isinstance(node, ast.arg):
             yield f"{where}:{node.lineno}", node.arg
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):

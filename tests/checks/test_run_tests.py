@@ -19,8 +19,8 @@ FILES = (
     "def test_fails():\n    assert False\n",
     """import os, pytest
 @pytest.mark.realtime
-def test_in_twos():
-    assert os.environ['PYTEST_XDIST_WORKER_COUNT'] == '2'
+def test_in_threes():
+    assert os.environ['PYTEST_XDIST_WORKER_COUNT'] == '3'
 @pytest.mark.realtime
 @pytest.mark.browser
 def test_alone():

@@ -10,6 +10,7 @@ from haptorb.devices.loader import catalogue, load
 from haptorb.devices.state import State
 from haptorb.errors import HaptorbError, InputError
 from haptorb.worlds.parameter import parameters, values
+from oracles.repetitions import repetitions
 
 HOMES = {name: load(name) for name in catalogue() if name in ("omni", "pmsm")}
 
@@ -29,7 +30,7 @@ speeds = st.tuples(*[st.floats(-2, 2)] * 3)
 
 
 @pytest.mark.parametrize("name", worlds.CATALOGUE)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=repetitions(25, 60), deadline=None)
 @given(p=places, v=speeds, w=speeds)
 def test_every_wrench_is_six_finite_numbers(name, p, v, w):
     world, _ = at_home(name)
@@ -40,7 +41,7 @@ def test_every_wrench_is_six_finite_numbers(name, p, v, w):
 
 
 @pytest.mark.parametrize("name", worlds.CATALOGUE)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=repetitions(10, 20), deadline=None)
 @given(p=places, v=speeds)
 def test_it_has_no_memory(name, p, v):
     world, _ = at_home(name)
@@ -102,7 +103,7 @@ def test_no_closed_path_takes_energy_out_of_a_passive_world(name):
     """Midpoint rule, 4 000 steps a loop: the sum errs by less than a thousandth of the work that goes to and fro."""
     world, _ = at_home(name)
     rng = np.random.default_rng(7)
-    for _ in range(6):
+    for _ in range(repetitions(2, 6)):
         p, v = loop(rng)
         middle, step = (p[1:] + p[:-1]) / 2, np.diff(p, axis=0)
         work = [world.wrench(State.at(m, v=u))[:3] @ d for m, u, d in zip(middle, v, step, strict=True)]
@@ -129,7 +130,7 @@ def test_it_keeps_its_bound(name):
     world, _ = at_home(name)
     assert np.isfinite(world.bound)
     rng = np.random.default_rng(3)
-    for _ in range(1500):
+    for _ in range(repetitions(500, 1500)):
         p = rng.normal(size=3)
         p *= rng.uniform(0.045, 0.075) / np.linalg.norm(p)
         state = State.at(p, v=rng.normal(size=3) * 0.5, t=float(rng.uniform(0, 10)))
@@ -141,7 +142,7 @@ def test_a_continuous_world_has_no_jumps(name):
     """Halving the step halves the greatest change, on paths through the whole shell."""
     world, _ = at_home(name)
     rng = np.random.default_rng(5)
-    for _ in range(10):
+    for _ in range(repetitions(3, 10)):
         a, b = rng.normal(size=(2, 3))
         a, b = (0.055 * x / np.linalg.norm(x) * (1 if x[2] > 0 else -1) for x in (a, b))
         angle = np.arccos(np.clip(a @ b / 0.055**2, -1, 1))

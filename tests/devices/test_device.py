@@ -35,6 +35,7 @@ def test_a_device_is_read_without_compiler_and_unit_library(name: str) -> None:
     assert read(name)[1] == "[]"
 
 
+@pytest.mark.slow
 @pytest.mark.realtime
 @pytest.mark.parametrize("name", catalogue())
 def test_a_device_is_read_in_a_second(name: str) -> None:

@@ -285,6 +285,10 @@ def test_anybody_can_start_an_emulated_device(built: Path, tmp_path: Path) -> No
     seen[0].close()
     with pytest.raises(InputError, match="the dome, to 2000 mm"):
         emulate(load("omni"), built, tmp_path / "port", height=0.01)
+    with pytest.raises(InputError, match="--led or --height"):
+        emulate(load("omni"), built, tmp_path / "port", height=0.5, led=True)
+    with pytest.raises(InputError, match="must be 1 to 9; got 10"):
+        emulate(load("omni"), built, tmp_path / "port", dead=10)
     with pytest.raises(InputError, match="works for spherical electromagnets"):
         emulate(load("pmsm"), built, tmp_path / "port")
     with pytest.raises(DriverError, match="make firmware"):

@@ -11,7 +11,7 @@ import pytest
 
 from haptorb.apps.calibrate.dialog import Dialog, check_steps, guide_calibration
 from haptorb.apps.calibrate.measure import Pace
-from haptorb.apps.calibrate.step import Step
+from haptorb.apps.calibrate.step import CalibrationEffort, Step
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.runtime.drivers.serial.emulator import EmulatedDevice, Emulator
@@ -66,7 +66,9 @@ def test_a_device_behind_the_real_firmware_is_calibrated(built: Path, tmp_path: 
             driver = slowly(SerialDriver(omni, emulator.port, patience=1.0, warm_up=90.0), emulator)
             guide = Dialog(said.append, lambda step: person.place(step, emulated))
             steps = check_steps(["rest", "currents", "magnetic", "tool"])
-            found = guide_calibration(omni, driver, out, steps=steps, pace=pace, guide=guide, levels=1, repeats=2)
+            found = guide_calibration(
+                omni, driver, out, steps=steps, pace=pace, guide=guide, effort=CalibrationEffort(levels=1, repeats=2)
+            )
             assert found is not None, said
             assert not found.simulated
             scale = np.linalg.norm(truth.moment_per_current, axis=0)

@@ -114,3 +114,21 @@ def test_a_kernel_is_compiled_once_for_all_constants_that_others_pass() -> None:
 
 def _double(number: int) -> int:
     return 2 * number
+
+
+LINEAR_ALGEBRA = """
+import sys
+import numba, numpy as np
+from haptorb.numerics.so3 import turn_by
+turn_by(0.1, 0.2, 0.3, np.eye(3), np.empty((3, 3)))
+before = "scipy.linalg" in sys.modules
+@numba.njit
+def product(a, b):
+    return np.linalg.solve(a @ b, b)
+print(before, product(2 * np.eye(2), np.eye(2))[0, 0])
+"""
+
+
+def test_linear_algebra_is_loaded_by_those_who_need_it_only():
+    done = subprocess.run([sys.executable, "-c", LINEAR_ALGEBRA], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "0.5"]

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from haptorb.devices.state import State
 from haptorb.worlds import Outlet, PublishedOutlet, SnapFit, World
+from oracles.repetitions import repetitions
 
 WORLDS = {
     "snap_fit": SnapFit(),
@@ -56,7 +57,7 @@ def work_by_hand(world: World, seed: int, seconds: float, count: int) -> tuple[f
 
 @pytest.mark.parametrize("name", WORLDS)
 @given(seed=st.integers(0, 10**6), seconds=st.sampled_from([0.05, 1.0, 20.0]))
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=repetitions(4, 12), deadline=None)
 def test_no_closed_path_gives_energy(name: str, seed: int, seconds: float) -> None:
     world = WORLDS[name]
     coarse, _ = work_by_hand(world, seed, seconds, 3000)
@@ -67,7 +68,7 @@ def test_no_closed_path_gives_energy(name: str, seed: int, seconds: float) -> No
 
 @pytest.mark.parametrize("name", WORLDS)
 @given(seed=st.integers(0, 10**6))
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=repetitions(3, 8), deadline=None)
 def test_without_friction_every_closed_path_costs_nothing(name: str, seed: int) -> None:
     world = WORLDS[name].replace(friction=0.0)
     spent, passing = work_by_hand(world, seed, 1.0, 12000)
@@ -76,7 +77,7 @@ def test_without_friction_every_closed_path_costs_nothing(name: str, seed: int) 
 
 @pytest.mark.parametrize("name", WORLDS)
 @given(seed=st.integers(0, 10**6))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=repetitions(5, 10), deadline=None)
 def test_power_that_friction_takes_is_never_negative(name: str, seed: int) -> None:
     # at one pose: power with friction less power without it, for any velocity
     world, smooth = WORLDS[name], WORLDS[name].replace(friction=0.0)

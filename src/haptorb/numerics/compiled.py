@@ -21,6 +21,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache, update_wrapper
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast, final
 
@@ -105,7 +106,23 @@ def _numba() -> Any:
 
     _disable_gathers(numba)
     _limit_optimisation(numba)
+    _postpone_linear_algebra()
     return numba
+
+
+def _postpone_linear_algebra() -> None:
+    """Have numba assume that scipy has a BLAS, instead of loading it to see, which is half a second of every start.
+
+    No kernel here multiplies matrices by it. One that does loads it when it is compiled, as ever.
+    """
+    from numba.np import linalg
+
+    if "numba.np.arraymath" not in sys.modules:
+        check, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+        try:
+            import_module("numba.np.arraymath")
+        finally:
+            linalg.ensure_blas = check
 
 
 def _limit_optimisation(numba: Any) -> None:

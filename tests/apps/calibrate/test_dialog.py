@@ -16,6 +16,7 @@ from haptorb.apps.calibrate.dialog import Dialog, check_steps, guide_calibration
 from haptorb.apps.calibrate.driver import make_driver
 from haptorb.apps.calibrate.heating import HeatingSchedule
 from haptorb.apps.calibrate.progress_file import ProgressFile
+from haptorb.apps.calibrate.step import CalibrationEffort
 from haptorb.apps.cli import main
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
@@ -26,7 +27,7 @@ from haptorb.sensing.calibration_file import read_calibration
 
 OMNI = load("omni")
 QUICK = check_steps(["rest", "currents", "magnetic", "tool"])
-EFFORT: dict[str, Any] = {"levels": 2, "repeats": 2}
+EFFORT = CalibrationEffort(levels=2, repeats=2)
 
 
 class Bench(Driver):
@@ -81,15 +82,15 @@ def held(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def through(bench: Bench, out: Path, **wants: Any) -> Any:
-    return guide_calibration(OMNI, bench, out, pace=bench.pace, **{"steps": QUICK, **EFFORT, **wants})
+    return guide_calibration(OMNI, bench, out, pace=bench.pace, **{"steps": QUICK, "effort": EFFORT, **wants})
 
 
 def test_all_steps_make_one_file_and_its_id_is_kept_by_the_device(tmp_path: Path) -> None:
     said: list[str] = []
     out = tmp_path / "omni.json"
     inner, pace = make_driver("sim", OMNI, 3)
-    course = HeatingSchedule(heating=45.0, cooling=30.0)
-    found = guide_calibration(OMNI, inner, out, pace=pace, guide=Dialog(said.append), course=course)
+    effort = CalibrationEffort(drives=3, course=HeatingSchedule(heating=45.0, cooling=30.0), led=12.0)
+    found = guide_calibration(OMNI, inner, out, pace=pace, guide=Dialog(said.append), effort=effort)
     assert found is not None
     assert read_calibration(out).text() == found.text()
     assert found.heat is not None

@@ -46,16 +46,16 @@ def test_a_part_that_is_pulled_out_and_put_back_quickly_agrees() -> None:
 
 
 @pytest.mark.parametrize(
-    ("trace", "cause"),
+    ("reach", "speed", "aside", "cause"),
     [
-        (move(FIRM, 0.0005, 0.05), "the part got to X' = 0.5 mm"),
-        (move(FIRM, 0.006, 0.001), "slow motion (1.0 mm/s)"),
-        (move(FIRM, 0.006, 0.05, aside=0.6e-3), "not in the middle (0.6 mm aside"),
+        (0.0005, 0.05, 0.0, "the part got to X' = 0.5 mm"),
+        (0.006, 0.001, 0.0, "slow motion (1.0 mm/s)"),
+        (0.006, 0.05, 0.6e-3, "not in the middle (0.6 mm aside"),
     ],
     ids=["not far enough", "too slow", "aside"],
 )
-def test_a_difference_has_its_cause_and_the_causes_add_up(trace: Trace, cause: str) -> None:
-    _, pull_out = peaks(trace)
+def test_a_difference_has_its_cause_and_the_causes_add_up(reach: float, speed: float, aside: float, cause: str) -> None:
+    _, pull_out = peaks(move(FIRM, reach, speed, aside))
     assert not pull_out.agrees
     assert pull_out.felt is not None
     largest = max(pull_out.causes, key=lambda pair: abs(pair[1]))

@@ -8,10 +8,10 @@ import json
 import pytest
 from rich.console import Console
 
-from haptorb.apps.cli import main
 from haptorb.apps.inspect.errors import report_errors
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError
+from oracles.command import run_command
 
 NARROW = """
 based_on = "omni"
@@ -20,16 +20,6 @@ name = "narrow"
 remanence = 0.001
 place = { value = "0.05 mm", source = "measured" }
 """
-
-
-def run(capsys, *words):
-    try:
-        code = main(list(words))
-    except SystemExit as end:
-        code = int(end.code or 0)
-    out, err = capsys.readouterr()
-    assert "Traceback" not in out + err
-    return code, out, err
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +42,7 @@ def test_the_tables_fit_and_have_every_source(omni, width) -> None:
 def test_the_command_prints_json_with_units_and_draws(capsys, tmp_path) -> None:
     picture = tmp_path / "errors.svg"
     words = ("inspect", "omni", "--errors", "--samples", "100", "--wrench", "50 mN", "--json", "--plot", str(picture))
-    code, out, _ = run(capsys, *words)
+    code, out, _ = run_command(capsys, *words)
     assert code == 0
     numbers = json.loads(out)
     assert numbers["asked_n"] == pytest.approx(0.05)
@@ -60,7 +50,7 @@ def test_the_command_prints_json_with_units_and_draws(capsys, tmp_path) -> None:
     assert whole["size_jnd"] == pytest.approx(whole["size_n"] / (0.07 * 0.05))
     assert sum(source["first_order"] for source in numbers["sources"]) == pytest.approx(1.0, abs=0.25)
     assert b"</svg>" in picture.read_bytes()
-    assert json.loads(run(capsys, *words[:-2])[1]) == numbers  # the same seed
+    assert json.loads(run_command(capsys, *words[:-2])[1]) == numbers  # the same seed
 
 
 def test_values_of_the_device_file_are_used(tmp_path, omni) -> None:
@@ -108,7 +98,7 @@ def test_values_that_cannot_be_are_refused(tmp_path, line, expected) -> None:
     ],
 )
 def test_a_mistake_of_the_command_is_one_message(capsys, words, expected) -> None:
-    code, out, err = run(capsys, "inspect", *words)
+    code, out, err = run_command(capsys, "inspect", *words)
     assert code == 2
     assert expected in err
     assert not out

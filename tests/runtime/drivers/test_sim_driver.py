@@ -23,6 +23,7 @@ class Wish:
     q: np.ndarray
     stamp: float
     held: bool
+    still: bool = False
 
 
 def wish(p=(0.0, 0.0, 0.055), stamp=0.0, held=False):

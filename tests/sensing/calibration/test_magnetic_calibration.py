@@ -73,6 +73,17 @@ def test_an_unplugged_coil_is_named():
     assert "unplugged" in refusal(wanted, currents, fields)
 
 
+def test_a_coil_that_does_not_switch_is_named():
+    wanted, fields, _ = measure(OMNI.moment_per_current)
+    for flowing, message in (
+        (np.full(len(wanted), 4.0), "coil 'y' carries 4 A where 0 A should flow: it does not switch"),
+        (np.maximum(wanted[:, 1], 0.0), "coil 'y' carries 0 A instead of -3 A: the coil is unplugged"),
+    ):
+        currents = wanted.copy()
+        currents[:, 1] = flowing
+        assert message in refusal(wanted, currents, fields)
+
+
 def test_swapped_coils_are_named():
     currents, fields, _ = measure(OMNI.moment_per_current[:, [0, 2, 1]])
     message = refusal(currents, currents, fields)

@@ -123,4 +123,5 @@ def test_a_sensor_fails_as_it_is_told():
     assert np.abs(field[4]).max() < 4e-4
     assert np.abs(field[0]).min() > 0.3
     with pytest.raises(InputError, match="sensor must be 0 to 8"):
-        omni.fail([9])
+        omni.fail([3, 9])
+    assert np.abs(omni.sample(0, 0, True).field[3]).max() > 4e-4  # nothing was changed

@@ -149,7 +149,7 @@ def test_a_sharpened_map_is_no_potential():
         corners = [(5, 0.05), (5, 0.06), (15, 0.06), (15, 0.05), (5, 0.05)]
         total = 0.0
         for (a0, d0), (a1, d1) in itertools.pairwise(corners):
-            s = np.linspace(0, 1, 2001)
+            s = np.linspace(0, 1, 501)
             middle = (s[1:] + s[:-1]) / 2
             for k, m in enumerate(middle):
                 state = at(a0 + m * (a1 - a0), d0 + m * (d1 - d0))

@@ -21,6 +21,12 @@ export function write(element: HTMLElement, text: string): void {
   if (element.textContent !== text) element.textContent = text;
 }
 
+/** What should be said of a world: strain and stress of its hooks, in red where the material would yield. */
+export function writeRemarks(element: HTMLElement, remarks: string[]): void {
+  write(element, remarks.join(" "));
+  element.dataset["tone"] = remarks.some((remark) => remark.includes("BEYOND YIELD")) ? "bad" : "";
+}
+
 /** A number with `digits` decimals and a true minus; a dash for what is not known. */
 export function shown(value: number, digits: number): string {
   if (!Number.isFinite(value)) return "–";

@@ -1,7 +1,7 @@
 // A feel session: which design is felt, A and B, the next one, the rating, and whose it is. The server keeps the state.
 
 import type { FeelState } from "../session";
-import { at, make, write } from "./dom";
+import { at, make, write, writeRemarks } from "./dom";
 
 const SLOTS = ["a", "b"] as const;
 type Act = Record<string, unknown> & { act: string };
@@ -56,7 +56,7 @@ export class FeelPanel {
     document.body.classList.toggle("blind", now.hidden);
     write(at("feel-title"), now.title);
     write(at("feel-now"), now.label);
-    write(at("feel-remarks"), now.designs[now.number - 1]?.remarks.join("; ") ?? "");
+    writeRemarks(at("feel-remarks"), now.designs[now.number - 1]?.remarks ?? []);
     for (const button of at("feel-scores").querySelectorAll("button")) {
       button.setAttribute("aria-pressed", String(Number(button.value) === now.score));
     }

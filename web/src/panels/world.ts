@@ -2,7 +2,7 @@
 
 import { direction, spherical, type Vector } from "../sample";
 import type { Parameter, Session, Values, World } from "../session";
-import { at, make, write } from "./dom";
+import { at, make, write, writeRemarks } from "./dom";
 
 const EVERY = 33; // ms between two changes sent while a slider is dragged
 
@@ -45,7 +45,7 @@ export class WorldPanel {
 
   /** What should be said of the world as it is set: strain and stress of its hooks. */
   remark(remarks: string[]): void {
-    write(at("remarks"), remarks.join(" "));
+    writeRemarks(at("remarks"), remarks);
   }
 
   /** These worlds can be chosen; a user's own may have other parameters than before. */

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from haptorb.apps.calibrate.driver import hold_tool
-from haptorb.apps.calibrate.heating import HEATING, HeatingSchedule
 from haptorb.apps.calibrate.measure import DriverSession, Pace
 from haptorb.apps.calibrate.progress_file import ProgressFile
-from haptorb.apps.calibrate.step import Step, StepContext
+from haptorb.apps.calibrate.step import EFFORT, CalibrationEffort, Step, StepContext
 from haptorb.apps.calibrate.steps import STEPS, calibration_of, schedule_of
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, DriverError, InputError, UnknownName
@@ -77,9 +76,7 @@ def guide_calibration(
     guide: Dialog | None = None,
     restart: bool = False,
     overwrite: bool = False,
-    levels: int = 5,
-    repeats: int = 4,
-    course: HeatingSchedule = HEATING,
+    effort: CalibrationEffort = EFFORT,
 ) -> Calibration | None:
     """Take `steps` that were not taken yet, and write `out`; None if the person stopped, or if steps are still missing.
 
@@ -106,7 +103,7 @@ def guide_calibration(
             guide.say(f"stopped before '{step.name}'; the same command resumes here")
             return None
         try:
-            progress.keep(step.name, _take_step(step, device, driver, pace, guide, progress, (levels, repeats), course))
+            progress.keep(step.name, _take_step(step, device, driver, pace, guide, progress, effort))
         except (CalibrationError, DriverError) as cause:
             raise type(cause)(
                 f"step '{step.name}': {cause}. Then run the same command again: it resumes at this step"
@@ -132,14 +129,13 @@ def _take_step(
     pace: Pace,
     guide: Dialog,
     progress: ProgressFile,
-    effort: tuple[int, int],
-    course: HeatingSchedule,
+    effort: CalibrationEffort,
 ) -> dict[str, object]:
     hold_tool(driver, device, step.hand)
-    schedule = schedule_of(device, *effort)
+    schedule = schedule_of(device, effort.levels, effort.repeats)
     with driver:
-        blank = StepContext(device, DriverSession(device, driver, pace), driver.field_axes, schedule, course)
+        blank = StepContext(device, DriverSession(device, driver, pace), driver.field_axes, schedule, effort)
         with guide.bar(step, step.seconds(blank)) as passed:
             session = DriverSession(device, driver, pace, passed)
-            bench = StepContext(device, session, driver.field_axes, schedule, course)
+            bench = StepContext(device, session, driver.field_axes, schedule, effort)
             return step.measure(bench, progress.results)

@@ -9,17 +9,14 @@ import numpy as np
 
 from haptorb.apps.calibrate.measure import Pace
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.state import rotation_to_axis
 from haptorb.numerics.arrays import Array
-from haptorb.numerics.quaternions import quaternion
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.drivers.driver_registry import is_real, real_driver
 
-__all__ = ["Hand", "hold_tool", "lead_tool", "make_driver"]
+__all__ = ["Hand", "hold_tool", "make_driver"]
 
 Hand = Literal["away", "summit", "led"]  #: where a hand has the tool
 
-_LEAN = 0.4  #: greatest slope of a tool that is led, each way
 _STEP = 2e-3  #: of the simulated device [s]
 _COARSE = 1e-3  #: of its physics: nothing moves, and currents and heat are exact in steps of any length [s]
 _PATIENCE = 0.05  #: for an answer: six minutes of heat should not end with a moment's hesitation of the device [s]
@@ -33,6 +30,7 @@ class _ClampedHand:
     q: Array
     stamp: float = 0.0
     held: bool = False
+    still: bool = False
 
 
 def make_driver(
@@ -55,25 +53,12 @@ def hold_tool(driver: Driver, device: SphericalElectromagnet, hand: Hand) -> Non
     """Let a simulated hand hold the tool on the summit, half a metre above it, or lead it over the dome; with a real
     device a person does."""
     from haptorb.runtime.drivers.sim_driver import SimDriver
+    from haptorb.simulation.led_tool import lead_tool
 
     if isinstance(driver, SimDriver):
         if hand == "led":
-            driver.goal = lambda now: lead_tool(device, now)
+            driver.goal = lambda now: _ClampedHand(*lead_tool(device, now), now)
             return
         height = device.contact_distance if hand == "summit" else 0.5
         held = _ClampedHand(np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 0.0, 1.0]))
         driver.goal = lambda now: held
-
-
-def lead_tool(device: SphericalElectromagnet, now: float, reach: float = 1.0) -> _ClampedHand:
-    """Where a person who leads the tool over the whole dome wants it at `now` [s]: round and up and down, up to `reach`
-    of the workspace's angle, lifted and leaning to all sides; two to seven seconds for each of these motions."""
-    turn = 2 * np.pi * now / 4.7
-    polar = device.workspace_half_angle * reach * (0.52 - 0.46 * np.cos(2 * np.pi * now / 13.1))
-    lift = device.shell_thickness * (0.45 - 0.40 * np.cos(2 * np.pi * now / 3.1))
-    outward = np.array([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)])
-    lean = _LEAN * np.array([np.sin(2 * np.pi * now / 5.3), np.sin(2 * np.pi * now / 7.9 + 1.0)])
-    R = rotation_to_axis(outward)
-    axis = outward + lean[0] * R[:, 0] + lean[1] * R[:, 1]
-    q = quaternion(rotation_to_axis(axis / np.linalg.norm(axis)))
-    return _ClampedHand((device.contact_distance + lift) * outward, q, now)

@@ -14,7 +14,7 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.sensor_errors import SensorErrors
 from haptorb.errors import CalibrationError
 from haptorb.numerics.arrays import Array
-from haptorb.sensing.calibration.magnetic_calibration import check_conduction, find_silent
+from haptorb.sensing.calibration.magnetic_calibration import check_conduction, check_switching, find_silent
 from haptorb.sensing.sample import Sample
 from haptorb.sensing.sensors.self_calibration import calibrate_sensors
 from haptorb.sensing.sensors.sensor_bundle import CoilReadings
@@ -24,10 +24,8 @@ from haptorb.sensing.tool.tool_position import HallTracker
 __all__ = ["FieldsStep", "SensorsStep"]
 
 _SHARE = 0.75  #: of each coil's limit
-_REPEATS = 10  #: of each current, either way
 _SETTLE, _HOLD = 0.035, 0.085  #: of each current: not looked at, six times the core's lag; and in all [s]
 _PAUSE = 0.05  #: without current between two of them [s]
-_LED = 45.0  #: for so long the tool is led [s]
 _TOGETHER = 10  #: samples that are averaged: 20 ms, in which a led tool moves by a millimetre
 
 
@@ -40,7 +38,7 @@ class FieldsStep(Step):
 
     def seconds(self, bench: StepContext) -> float:
         """Both directions and a pause, for each coil."""
-        return _REPEATS * bench.device.channels * (2 * _HOLD + _PAUSE) + 0.4
+        return bench.effort.drives * bench.device.channels * (2 * _HOLD + _PAUSE) + 0.4
 
     def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
         """A regression for each reading by itself: no model of the field is needed."""
@@ -51,7 +49,7 @@ class FieldsStep(Step):
             )
         device = bench.device
         resistance = np.array(before["currents"]["resistance_ohm"])
-        wanted, currents, fields, counts = _drive_in_turn(device, bench.session, resistance)
+        wanted, currents, fields, counts = _drive_in_turn(device, bench.session, resistance, bench.effort.drives)
         check_conduction(device, wanted, currents)
         failed = find_silent(device, currents, fields)
         design = np.column_stack([currents, np.ones(len(currents))])
@@ -90,7 +88,7 @@ class SensorsStep(Step):
 
     def seconds(self, bench: StepContext) -> float:
         """As long as the tool is led."""
-        return _LED
+        return bench.effort.led
 
     def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
         """The bundle adjustment."""
@@ -100,7 +98,7 @@ class SensorsStep(Step):
             np.array(known["per_ampere_t"]), np.array(known["deviation_t"]), np.array(known["at_rest_t"]),
             float(known["deviation_at_rest_t"]), used,
         )  # fmt: skip
-        samples, _ = bench.session.hold(np.zeros(device.channels), _LED)
+        samples, _ = bench.session.hold(np.zeros(device.channels), bench.effort.led)
         return calibrate_sensors(device, coils, follow_led_tool(device, samples, coils)).numbers()
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
@@ -116,12 +114,15 @@ class SensorsStep(Step):
 
 
 def _drive_in_turn(
-    device: SphericalElectromagnet, session: DriverSession, resistance: Array
+    device: SphericalElectromagnet, session: DriverSession, resistance: Array, drives: int
 ) -> tuple[Array, Array, Array, float]:
-    """(n, m) wanted and measured currents [A], (n, k, 3) fields [T], and how many readings are in each."""
+    """(n, m) wanted and measured currents [A], (n, k, 3) fields [T], and how many readings are in each.
+
+    Ends at the first reading in which a coil does not switch: 15 A are not for many seconds.
+    """
     wanted, currents, fields, count = [], [], [], 0.0
     off = np.zeros(device.channels)
-    for _ in range(_REPEATS):
+    for _ in range(drives):
         for coil, limit in enumerate(device.driven_current):
             for share in (_SHARE, -_SHARE, 0.0):
                 want = off.copy()
@@ -130,6 +131,7 @@ def _drive_in_turn(
                 samples, _ = session.hold(duties, _HOLD if share else _PAUSE + _SETTLE, _SETTLE)
                 wanted.append(want)
                 currents.append(np.mean([sample.currents for sample in samples], axis=0))
+                check_switching(device, want, currents[-1], _SHARE * device.driven_current)
                 fields.append(mean_field(samples))
                 count = float(np.isfinite([sample.field for sample in samples]).sum(axis=0).mean())
     session.hold(off, 0.01)

@@ -13,9 +13,29 @@ from haptorb.apps.calibrate.measure import DriverSession
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.numerics.arrays import Array
 
-__all__ = ["Results", "Step", "StepContext"]
+__all__ = ["EFFORT", "CalibrationEffort", "Results", "Step", "StepContext"]
 
 Results = Mapping[str, Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class CalibrationEffort:
+    """How much is measured: what a test does in seconds takes a real device minutes.
+
+    levels, repeats  of the currents in the magnetic step
+    drives           of every coil in the step `fields`
+    course           of the heat step
+    led              for so long the tool is led over the dome [s]
+    """
+
+    levels: int = 5
+    repeats: int = 4
+    drives: int = 10
+    course: HeatingSchedule = HEATING
+    led: float = 45.0
+
+
+EFFORT = CalibrationEffort()
 
 
 @dataclass(frozen=True)
@@ -24,14 +44,14 @@ class StepContext:
 
     axes      (k, 3) directions of one-axis field sensors; None: three axes each
     schedule  (n, m) [A] of the magnetic step
-    course    of the heat step
+    effort    of the other steps
     """
 
     device: SphericalElectromagnet
     session: DriverSession
     axes: Array | None
     schedule: Array
-    course: HeatingSchedule = HEATING
+    effort: CalibrationEffort = EFFORT
 
 
 class Step(ABC):

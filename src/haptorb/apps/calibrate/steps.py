@@ -116,11 +116,12 @@ class HeatStep(Step):
 
     def seconds(self, bench: StepContext) -> float:
         """Both halves."""
-        return bench.course.seconds(bench.device) + 0.22
+        return bench.effort.course.seconds(bench.device) + 0.22
 
     def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
         """Capacities and conductances, and how sure they are."""
-        did = identify_heat(bench.session, bench.device, np.array(before["currents"]["resistance_ohm"]), bench.course)
+        resistance = np.array(before["currents"]["resistance_ohm"])
+        did = identify_heat(bench.session, bench.device, resistance, bench.effort.course)
         found, model = did.found, did.found.model
         coupled = {}
         if isinstance(found, NetworkIdentification):

@@ -27,7 +27,8 @@ def calibrate(
     driver: Annotated[str, typer.Option(help="Driver: sim, serial:PORT or i2c:BUS.")] = "sim",
     out: Annotated[Path | None, typer.Option(help="File to write [DEVICE.calibration.json].")] = None,
     steps: Annotated[
-        str | None, typer.Option(help="Only these steps, comma-separated: rest, currents, magnetic, heat, tool.")
+        str | None,
+        typer.Option(help="Only these steps, comma-separated: rest, currents, magnetic, fields, heat, tool, sensors."),
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not prompt: device is ready for every step.")] = False,
     thermal: Annotated[
@@ -43,7 +44,7 @@ def calibrate(
     seed: Annotated[int, typer.Option(help="Seed of the simulated noise.")] = 0,
     json: Annotated[bool, typer.Option("--json", help="Print the calibration as JSON.")] = False,
 ) -> None:  # fmt: skip
-    """Calibrate a device: polarity, current sensing, field per ampere, heat, tool. Resumes where it was interrupted."""
+    """Calibrate a device: current sensing, field per ampere, heat, tool, field sensors. Resumes where it ended."""
     import numpy as np
 
     from haptorb.apps.calibrate import thermal_record

@@ -137,6 +137,10 @@ def emulate(
         float | None,
         typer.Option(help="Height of the tool's magnet above the centre [mm]; 500 is far enough for calibration."),
     ] = None,
+    led: Annotated[
+        bool, typer.Option("--led", help="Lead the tool over the dome, as the calibration's step 'sensors' asks.")
+    ] = False,
+    dead: Annotated[int | None, typer.Option(help="Number of a field sensor that has failed, from 1.")] = None,
     duration: Annotated[float, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = float("inf"),
 ) -> None:
     """Run the real firmware on an emulated board with a simulated device, to try the other commands on."""
@@ -147,4 +151,6 @@ def emulate(
     from haptorb.devices.loader import load
 
     tell(f"starting an emulated device: use it with --driver serial:{port}. Ctrl-C ends.")
-    run(load(device), build, port, board, duration, height=None if height is None else 1e-3 * height)
+    run(
+        load(device), build, port, board, duration, height=None if height is None else 1e-3 * height, led=led, dead=dead
+    )

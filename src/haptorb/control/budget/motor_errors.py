@@ -43,6 +43,10 @@ class MotorTrial(SensorTrial):
     weight: float  #: torque of the rotor's weight, true over believed
     turn: Array  #: (3,) rotation from the true to the tracked orientation [rad]
 
+    def strengthen(self, factors: Array) -> None:
+        """Multiply the strength of all magnets by `factors` (1,), or that of each by its own (p,)."""
+        self.polarization *= factors
+
 
 class MotorPoint(NamedTuple):
     """An orientation of the rotor, and the torque asked for."""

@@ -8,6 +8,7 @@ from haptorb.control.allocation.motor_capability import motor_capability
 from haptorb.control.budget.asked_size import choose_size
 from haptorb.control.budget.current_errors import current_sources, describe_share, find_origin
 from haptorb.control.budget.error_model import ErrorSource
+from haptorb.control.budget.magnet_sources import MagnetStrength, magnet_warmth
 from haptorb.control.budget.motor_errors import MotorErrors, MotorTrial
 from haptorb.control.budget.sensor_errors import sensor_sources
 from haptorb.devices.motor.spherical_motor import SphericalMotor
@@ -19,42 +20,6 @@ __all__ = ["motor_errors"]
 
 ESTIMATORS = ("least-squares", "tracker")
 _AVERAGED = 2.4  #: readings that the filter of the orientation is worth, at 1 kHz: 1/0.42, for its memory of 2.5 ms
-
-
-class Polarization(ErrorSource[MotorTrial]):
-    """The strength that all magnets share."""
-
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("polarization of all magnets", describe_share(standard), origin, 1)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: MotorTrial) -> None:
-        """Change all magnets."""
-        trial.polarization *= 1 + self._standard * float(deviates[0])
-
-
-class RotorWarmth(ErrorSource[MotorTrial]):
-    """The temperature that all magnets share."""
-
-    def __init__(self, standard: float, drift: float, origin: str) -> None:
-        super().__init__("temperature of the magnets", f"{standard:.3g} K", origin, 1)
-        self._standard = standard * drift
-
-    def perturb(self, deviates: Array, trial: MotorTrial) -> None:
-        """Change all magnets."""
-        trial.polarization *= 1 + self._standard * float(deviates[0])
-
-
-class PolarizationSpread(ErrorSource[MotorTrial]):
-    """The strength of each magnet."""
-
-    def __init__(self, standard: float, origin: str, magnets: int) -> None:
-        super().__init__("polarization from magnet to magnet", describe_share(standard), origin, magnets)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: MotorTrial) -> None:
-        """Change each magnet."""
-        trial.polarization *= 1 + self._standard * deviates
 
 
 class CoilStrength(ErrorSource[MotorTrial]):
@@ -127,9 +92,14 @@ def motor_errors(
         return find_origin(device, known, key)
 
     sources: tuple[ErrorSource[MotorTrial], ...] = (
-        Polarization(known.polarization, origin("polarization")),
-        RotorWarmth(known.magnet_temperature, known.remanence_drift, origin("magnet_temperature")),
-        PolarizationSpread(known.polarization_spread, origin("polarization_spread"), len(device.magnets)),
+        MagnetStrength("polarization of all magnets", known.polarization, origin("polarization")),
+        magnet_warmth("temperature of the magnets", device, known),
+        MagnetStrength(
+            "polarization from magnet to magnet",
+            known.polarization_spread,
+            origin("polarization_spread"),
+            len(device.magnets),
+        ),
         CoilStrength(known.coil, origin("coil"), len(device.electromagnets)),
         RegulatorTorque(known.regulator, origin("regulator")),
         RotorWeight(known.weight, origin("weight")),

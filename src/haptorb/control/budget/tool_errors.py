@@ -18,7 +18,7 @@ from haptorb.control.budget.error_model import Component, ErrorModel, ErrorSourc
 from haptorb.control.budget.hall_fit import HallFit, HallPoint, MomentFit
 from haptorb.control.budget.sensor_errors import SensorTrial
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.electromagnet.passive_pull import PassivePull, pull
+from haptorb.devices.electromagnet.passive_pull import pull
 from haptorb.devices.electromagnet.remarks import FORCE_JND
 from haptorb.devices.electromagnet.ring_tool import ring_per_ampere
 from haptorb.devices.state import State, rotation_to_axis
@@ -45,6 +45,10 @@ class ToolTrial(SensorTrial):
     remanent: Array  #: (3,) moment that stays in the core [A·m²]
     lag: complex  #: what eddy currents take of a moment that turns, relative
     turning: Array  #: (3,) any vector; its part across the force is the direction into which the force turns
+
+    def strengthen(self, factors: Array) -> None:
+        """Multiply the magnet's strength by `factors` (1,)."""
+        self.strength *= float(factors[0])
 
 
 class ToolPoint(NamedTuple):
@@ -99,15 +103,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
     def _tabulate(self, more: float) -> Array:
         """The core's pull if its radius were `more` [m] than believed."""
         known = self._pull
-        return PassivePull(
-            core_radius=known.core_radius + more,
-            core_permeability=known.core_permeability,
-            outer_radius=known.outer_radius,
-            inner_radius=known.inner_radius,
-            length=known.length,
-            remanence=known.remanence,
-            nearest=known.nearest,
-        ).table
+        return replace(known, core_radius=known.core_radius + more).table
 
     def draw_point(self, region: int, rng: np.random.Generator) -> ToolPoint:
         """Anywhere in the region, spread evenly over the dome; the tool is radial, the force in any direction."""

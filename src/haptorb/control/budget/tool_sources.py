@@ -8,6 +8,7 @@ from scipy.special import ndtr
 from haptorb.control.budget.asked_size import choose_size
 from haptorb.control.budget.current_errors import current_sources, describe_share, find_origin
 from haptorb.control.budget.error_model import ErrorSource
+from haptorb.control.budget.magnet_sources import MagnetStrength, magnet_warmth
 from haptorb.control.budget.sensor_errors import SensorPlacement, sensor_sources
 from haptorb.control.budget.tool_errors import ToolErrors, ToolTrial
 from haptorb.devices.electromagnet.core_dynamics import CoreDynamics
@@ -23,30 +24,6 @@ __all__ = ["tool_errors"]
 ESTIMATORS = ("tracker", "hall")
 _AVERAGED = 3.3  #: readings that the Hall tracker's filter is worth, at 1 kHz: it leaves 0.55 of the noise
 _SPAN = 3.0  #: standard uncertainties up to which the core's radius is looked up; beyond, the parabola goes on
-
-
-class Remanence(ErrorSource[ToolTrial]):
-    """The strength of the tool's magnet."""
-
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("remanence", describe_share(standard), origin, 1)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Change the strength."""
-        trial.strength *= 1 + self._standard * float(deviates[0])
-
-
-class MagnetWarmth(ErrorSource[ToolTrial]):
-    """The temperature of the tool's magnet, in a hand and over warm coils."""
-
-    def __init__(self, standard: float, drift: float, origin: str) -> None:
-        super().__init__("temperature of the magnet", f"{standard:.3g} K", origin, 1)
-        self._standard = standard * drift
-
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Change the strength."""
-        trial.strength *= 1 + self._standard * float(deviates[0])
 
 
 class Moments(ErrorSource[ToolTrial]):
@@ -164,8 +141,8 @@ def tool_errors(
         return find_origin(device, known, key, section)
 
     sources: list[ErrorSource[ToolTrial]] = [
-        Remanence(known.remanence, origin("remanence")),
-        MagnetWarmth(known.magnet_temperature, known.remanence_drift, origin("magnet_temperature")),
+        MagnetStrength("remanence", known.remanence, origin("remanence")),
+        magnet_warmth("temperature of the magnet", device, known),
         _moments(believed, calibration),
         *_pose_sources(believed, chosen, calibration),
         CorePlace(known.core_place, origin("core_place")),

@@ -15,6 +15,7 @@ from haptorb.errors import DriverError, InputError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.quaternions import quaternion
 from haptorb.runtime.drivers.driver import Driver
+from haptorb.runtime.drivers.relaxed_hand import RelaxedHand
 from haptorb.sensing.sample import Sample
 from haptorb.simulation.registry import simulate
 from haptorb.simulation.simulation import Simulation
@@ -43,6 +44,10 @@ class HandTarget(Protocol):
     @property
     def held(self) -> bool:
         """A person holds the pointer."""
+
+    @property
+    def still(self) -> bool:
+        """The hand rests, and gives way to what pushes it."""
 
 
 @final
@@ -95,6 +100,7 @@ class SimDriver(Driver):
         channels = self.simulation.device.channels
         self._duties = np.zeros(channels)
         self._clock: float | None = None  # time up to which the world has been simulated
+        self._hand = RelaxedHand()
         self._ready: Sample | None = None  # read by `prepare`, not yet by the loop
         state = self.simulation.state()
         self._target = np.concatenate((state.p, quaternion(state.R_SR)))
@@ -134,6 +140,8 @@ class SimDriver(Driver):
         if self.goal is not None:
             wish = self.goal(now)
             target[:3], target[3:] = wish.p, wish.q
+            if wish.still:
+                target[:] = self._rest(now)
             if wish.held:
                 stamp = min(wish.stamp, now)
                 valid = stamp - stamp == 0.0
@@ -156,6 +164,14 @@ class SimDriver(Driver):
                 self._duties = np.zeros_like(self._duties)
             self.simulation.advance(passed, self._duties, target[:3], target[3:])
         return self.simulation.sample(now, stamp if valid else now, valid)
+
+    def _rest(self, now: float) -> Array:
+        """(7,) where a hand is that rests at the target."""
+        place = self._hand.rest_at(self._target, now)
+        if self._hand.is_due(now):
+            state = self.simulation.state()
+            self._hand.yield_to(np.concatenate((state.p, quaternion(state.R_SR))), now)
+        return place
 
     def write(self, duties: Array) -> Array:
         """Chop `duties` (m,) and hold them until the next; returns (m,) what was applied, zeros when not open."""

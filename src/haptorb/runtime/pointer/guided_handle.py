@@ -1,7 +1,8 @@
 """The guided motion of a motor's handle: the plug is pulled out of its outlet, put back, and wriggled.
 
-Fifteen seconds in the translating mode, where a tilt λ moves the plug out, ψ moves it sideways. Forty degrees of tilt
-are the plug's whole way with the gains of `assembly`.
+Eighteen seconds in the translating mode, where a tilt λ moves the plug out, ψ moves it sideways. Forty degrees of tilt
+are the plug's whole way with the gains of `assembly`. At rest the plug is out, which asks nothing of the
+coils.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ __all__ = ["HandleMotion", "handle_guide", "handle_quaternion"]
 
 _HOME = math.radians(-20.0)  #: λ where the plug is home
 _OUT = math.radians(20.0)  #: λ where it is out
-_HALF = math.radians(-13.0)  #: λ at rest: a little pulled
+_HALF = math.radians(-13.0)  #: λ of the wriggle: a little pulled
 _ASIDE = math.radians(6.0)  #: ψ of the wriggle
 _NOWHERE = np.zeros(3)
 
@@ -49,6 +50,7 @@ def _handle(t: float, q: Array) -> None:
         + (_OUT - _HOME) * _smooth(t, 1.0, 5.0)  # out
         + (_HOME - _OUT) * _smooth(t, 5.5, 9.0)  # and back in
         + (_HALF - _HOME) * _smooth(t, 9.5, 11.0)
+        + (_OUT - _HALF) * _smooth(t, 15.0, 18.0)
     )
     psi = _ASIDE * (_smooth(t, 11.0, 12.0) - 2.0 * _smooth(t, 12.0, 13.5) + _smooth(t, 13.5, 15.0))
     _fill_quaternion(psi, lam, 0.0, q)
@@ -69,7 +71,7 @@ def handle_quaternion(psi: float, lam: float, phi: float) -> Array:
 class HandleMotion(GuidedMotion):
     """A hand on the handle of a motor."""
 
-    duration = 15.0
+    duration = 18.0
 
     def __init__(self) -> None:
         self._rest = self.at(self.duration)[1]

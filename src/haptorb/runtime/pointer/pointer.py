@@ -81,12 +81,12 @@ class PointerTracker(Tracker):
             if pointed.held:
                 self._last, self._released = (pointed.p, pointed.q), now
                 return Goal(pointed.p, pointed.q, pointed.stamp - self.origin, True), pointed.patience
-        guide, since = self._guide, now - self._released
+        guide, since, still = self._guide, now - self._released, False
         if since >= (guide.duration if self._last is None else _RELEASE):
-            p, q = self._rest
+            (p, q), still = self._rest, True
         elif self._last is None:
             p, q = guide.at(now)
         else:
             s = min(since / _RELEASE, 1.0)
             p, q = guide.pose_on_return(*self._last, s * s * s * (10.0 + s * (6.0 * s - 15.0)))
-        return Goal(p, q, now, False), 0.0
+        return Goal(p, q, now, False, still), 0.0

@@ -97,6 +97,7 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
     os.register_at_fork(after_in_child=partial(os._exit, _FORKED))  # safety: world-forked
     plan = plans.load(path)
     shared.announce_world(description(plan.world))
+    gc.disable()  # compiling makes a million objects that live, and looking them over took an eighth of a first start
     with redirect_stdout(None):
         _rehearse(plan, shared)
     tracker = _tracker(plan, shared)
@@ -108,10 +109,9 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
     loop = Loop(chain, plan.world, shared, plan.rate, parent, timer.set, own_worlds=plan.own_worlds, loader=loader)
     # What a world prints, warnings included, is the host's to show; a tick must not wait for a terminal.
     sys.stdout = sys.stderr = WorldOutput(1)
-    # No collection from here on: one would hold up the loop. What is alive now is never looked at again.
+    # No collection but this one: another would hold up the loop. What is alive now is never looked at again.
     gc.collect()
     gc.freeze()
-    gc.disable()
     facts = request_real_time()
     wakefulness = CoreWaker(int(facts["core"]))
     try:

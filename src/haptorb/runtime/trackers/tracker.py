@@ -24,12 +24,14 @@ class Goal:
     q      (4,) quaternion (x, y, z, w) of R_SR
     stamp  time of this wish on the loop's clock [s]: a pointer that is no longer refreshed grows old
     held   a person holds the pointer; False: the guided motion
+    still  the guided motion is over, and the hand rests: it gives way to what pushes it
     """
 
     p: Array
     q: Array
     stamp: float
     held: bool
+    still: bool = False
 
 
 class Tracker(ABC):

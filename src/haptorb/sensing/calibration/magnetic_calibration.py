@@ -18,9 +18,17 @@ from haptorb.errors import CalibrationError, InputError
 from haptorb.numerics.arrays import Array, check_finite
 from haptorb.physics.sources import dipole
 
-__all__ = ["MagneticCalibration", "check_conduction", "excitation", "find_silent", "magnetic_calibration"]
+__all__ = [
+    "MagneticCalibration",
+    "check_conduction",
+    "check_switching",
+    "excitation",
+    "find_silent",
+    "magnetic_calibration",
+]
 
 _DEAD = 0.2  #: share of the wanted current below which a coil counts as not connected
+_AMISS = 0.5  #: share of the greatest wanted current by which the current of a coil that switches is never wrong
 _SILENT = 0.2  #: share of the expected field below which a sensor does not answer
 _MOST_SILENT = 4  #: one of so many sensors may be silent
 _ALIKE = 0.8  #: cosine from which a coil's moment counts as being along another coil's axis
@@ -174,18 +182,32 @@ def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) 
 
 
 def check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Array) -> None:
-    """Every coil must carry what is wanted of it: `wanted` and `measured` (n, m) [A].
+    """Every coil must carry what is wanted of it, either way, and nothing else: `wanted` and `measured` (n, m) [A].
 
-    Raises CalibrationError that names a coil which does not conduct, InputError where one was never asked to.
+    Raises CalibrationError as `check_switching` does, InputError for a coil that was never asked to carry a current.
     """
-    for coil, name in enumerate(device.coils.names):
-        asked = float(np.abs(wanted[:, coil]).max())
-        if asked == 0.0:
-            raise InputError(f"coil '{name}' was never excited")
-        if float(np.abs(measured[:, coil]).max()) < _DEAD * asked:
+    full = np.abs(wanted).max(axis=0)
+    if not full.all():
+        raise InputError(f"coil '{device.coils.names[int(np.argmin(full))]}' was never excited")
+    for want, flowing in zip(wanted, measured, strict=True):
+        check_switching(device, want, flowing, full)
+
+
+def check_switching(device: SphericalElectromagnet, wanted: Array, measured: Array, full: Array) -> None:
+    """One reading: `wanted` and `measured` (m,) [A], `full` (m,) [A] the greatest currents that are wanted at all.
+
+    Raises CalibrationError that names a coil which does not conduct, or carries a current that nobody wants.
+    """
+    for name, want, flowing, most in zip(device.coils.names, wanted, measured, full, strict=True):
+        if abs(want) >= _AMISS * most and abs(flowing) < _DEAD * abs(want):
             raise CalibrationError(
-                f"coil '{name}' carries {np.abs(measured[:, coil]).max():.2g} A instead of {asked:.3g} A: "
-                "the coil is unplugged, or its current sensor is; check the connector and the fuse"
+                f"coil '{name}' carries {flowing:.2g} A instead of {want:.3g} A: the coil is unplugged, or its "
+                "current sensor is; check the connector and the fuse"
+            )
+        if abs(flowing - want) > _AMISS * most:
+            raise CalibrationError(
+                f"coil '{name}' carries {flowing:.2g} A where {want:.3g} A should flow: it does not switch. "
+                "Switch off the coils' supply, and check the coil's bridge, its driver and its wiring"
             )
 
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.sensor_errors import draw_sensors
 from haptorb.devices.state import State
-from haptorb.errors import DriverError, InputError, UnknownName
+from haptorb.errors import DriverError, InputError
 from haptorb.numerics.arrays import Array, Record, check_finite, vectors
 from haptorb.physics.sources import dipole
 from haptorb.physics.sources.charged_ring import ChargedRing
@@ -29,7 +29,7 @@ from haptorb.simulation.electromagnet.electromagnet_kernels import ELECTROMAGNET
 from haptorb.simulation.electromagnet.sensors import Magnets, pack_magnets, sense
 from haptorb.simulation.electromagnet.true_heat import draw_network, fill_step
 from haptorb.simulation.parts.coils import chop, cold_coils
-from haptorb.simulation.parts.hall import FAILURES, make_halls
+from haptorb.simulation.parts.hall import let_fail, make_halls
 from haptorb.simulation.parts.noise import seed_noise
 from haptorb.simulation.parts.tool import GRAVITY, matrix
 from haptorb.simulation.simulation import Simulation
@@ -167,16 +167,8 @@ class SimulatedElectromagnet(Simulation):
         return out
 
     def fail(self, sensors: Iterable[int], kind: str = "dead") -> None:
-        """Let field sensors of these numbers, from 0, fail: "dead", "stuck", "saturated"; "none" repairs them.
-
-        Raises UnknownName for another kind, InputError for a sensor that is not there.
-        """
-        if kind not in FAILURES:
-            raise UnknownName("failure", kind, FAILURES)
-        for number in sensors:
-            if not 0 <= number < self.device.sensors:
-                raise InputError(f"sensor must be 0 to {self.device.sensors - 1}; got {number}")
-            self._halls["failure"][number] = FAILURES[kind]
+        """Let field sensors of these numbers, from 0, fail: "dead", "stuck", "saturated" or "none" (`let_fail`)."""
+        let_fail(self._halls, sensors, kind)
 
     def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
         """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one.

@@ -20,7 +20,7 @@ from haptorb.devices.motor.handle import Grasp
 from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.devices.sensor_errors import SensorErrors, draw_sensors
 from haptorb.devices.state import State
-from haptorb.errors import DriverError, InputError, UnknownName
+from haptorb.errors import DriverError, InputError
 from haptorb.numerics.arrays import Array, check_finite
 from haptorb.physics.thermal import TwoNode
 from haptorb.sensing.sample import Pose, Sample
@@ -28,7 +28,7 @@ from haptorb.simulation.motor.hanging import hang, limit_tilt, potential_energy
 from haptorb.simulation.motor.motor_kernels import MOTOR, Magnetics, advance, pack_magnetics, sense
 from haptorb.simulation.motor.rotor import angular_velocity
 from haptorb.simulation.parts.coils import chop, cold_coils
-from haptorb.simulation.parts.hall import FAILURES, make_halls
+from haptorb.simulation.parts.hall import let_fail, make_halls
 from haptorb.simulation.parts.hand import rotation_left
 from haptorb.simulation.parts.noise import seed_noise
 from haptorb.simulation.parts.tool import matrix
@@ -141,17 +141,12 @@ class SimulatedMotor(Simulation):
         self._rotor["momentum"] = self._rotor["inertia"] * (self.state().R_SR.T @ rate)
 
     def fail(self, sensors: Iterable[int], kind: str = "dead") -> None:
-        """Let field sensors (numbered from 0) fail: "dead" (nothing but offset and noise), "stuck" at the last reading,
-        "saturated"; "none" mends them.
+        """Let field sensors of these numbers, from 0, fail: "dead", "stuck", "saturated" or "none" (`let_fail`).
 
-        Raises UnknownName for another failure, InputError for a sensor that there is not.
+        A reset does not repair them.
         """
-        if kind not in FAILURES:
-            raise UnknownName("failure of a sensor", kind, FAILURES)
-        for number in sensors:
-            if not 0 <= number < self.device.sensors:
-                raise InputError(f"sensor {number} does not exist; there are 0 to {self.device.sensors - 1}")
-            self._failures[number] = self._halls["failure"][number] = FAILURES[kind]
+        let_fail(self._halls, sensors, kind)
+        self._failures[:] = self._halls["failure"]
 
     def quantise(self, duties: Array) -> Array:
         """(m,) what the chopper makes of `duties` (m,): clipped to −1…1, in its steps; not a number: zero."""

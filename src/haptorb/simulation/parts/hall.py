@@ -7,14 +7,17 @@ really is, is up to who computes the field that it reads.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from haptorb.devices.sensor_errors import SensorSpecimen
+from haptorb.errors import InputError, UnknownName
 from haptorb.numerics.arrays import Array, Records, fields
 from haptorb.numerics.compiled import kernel
 from haptorb.simulation.parts.noise import Noise, fill_normal, quantise
 
-__all__ = ["FAILURES", "HALL", "greatest_reading", "make_halls", "read_halls"]
+__all__ = ["FAILURES", "HALL", "greatest_reading", "let_fail", "make_halls", "read_halls"]
 
 #: how a sensor can fail, and the number that stands for it
 FAILURES = {"none": 0, "dead": 1, "stuck": 2, "saturated": 3}
@@ -48,6 +51,21 @@ def make_halls(frames: Array, specimen: SensorSpecimen, noise: float, step: floa
         made[name] = getattr(specimen, name)
     made["noise"], made["step"], made["reach"] = noise, step, greatest_reading(step)
     return made
+
+
+def let_fail(halls: Records, sensors: Iterable[int], kind: str) -> None:
+    """Let those of `halls` (k,) with these numbers, from 0, fail: "dead" (nothing but offset and noise), "stuck" at the
+    last reading, "saturated"; "none" repairs them.
+
+    Raises UnknownName for another kind, InputError for a sensor that is not there; then nothing has changed.
+    """
+    if kind not in FAILURES:
+        raise UnknownName("failure of a field sensor", kind, FAILURES)
+    numbers = list(sensors)
+    for number in numbers:
+        if not 0 <= number < len(halls):
+            raise InputError(f"sensor must be 0 to {len(halls) - 1}; got {number}")
+    halls["failure"][numbers] = FAILURES[kind]
 
 
 @kernel

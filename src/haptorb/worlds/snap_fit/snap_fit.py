@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from haptorb.devices.state import State
 from haptorb.errors import GeometryError, InputError
 from haptorb.numerics.arrays import Array, Record, Records, fields
 from haptorb.numerics.compiled import kernel
+from haptorb.numerics.cubic_spline import cubic_spline
 from haptorb.physics.beams import Model, compliance
 from haptorb.physics.hook import Hook
 from haptorb.worlds.contact_world import ContactWorld
@@ -33,9 +34,6 @@ from haptorb.worlds.snap_fit.hook_contact import HookContact
 from haptorb.worlds.snap_fit.root_load import RootLoad, compute_root_load
 from haptorb.worlds.snap_fit.sliding import sliding_push
 from haptorb.worlds.world import TargetWorld
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
 
 __all__ = ["SnapFit"]
 
@@ -218,28 +216,27 @@ class SnapFit(ContactWorld, TargetWorld):
             math.radians(self.insertion_deg), math.radians(self.retention_deg),
             self.youngs_modulus, self.poisson_ratio, flat_top=True,
         )  # fmt: skip
-        from scipy.interpolate import CubicSpline  # a third of a second that only those who snap should wait
-
         x = np.linspace(0.5 * hook.base_length, hook.tip, 257)
         soft = compliance(hook, x, self.beam)
         top = compliance(hook, hook.peak, self.beam)
         recoil = float(top.minus / top.plus)
-        spline = CubicSpline(x, hook.youngs_modulus * hook.width / soft.plus)
+        spline = cubic_spline(hook.youngs_modulus * hook.width / soft.plus, float(x[1] - x[0]))
         snap = np.zeros(1, dtype=_SNAP)
         snap["foot"], snap["top"], snap["peak"] = hook.base_length, hook.ramp_end, hook.peak
         snap["rear"], snap["front"], snap["height"] = math.tan(hook.rear), math.tan(hook.front), hook.height
         snap["recoil"], snap["half"], snap["start"], snap["step"] = recoil, self.half_width, x[0], x[1] - x[0]
         for name in ("edge", "friction", "creep", "clearance", "seat", "hooks"):
             snap[name] = getattr(self, name)
-        for name, value in {"hook": hook, "_snap": snap, "_spline": np.ascontiguousarray(spline.c.T)}.items():
+        for name, value in {"hook": hook, "_snap": snap, "_spline": spline}.items():
             object.__setattr__(self, name, value)
         self._check_slides(x, spline, recoil)
 
-    def _check_slides(self, x: Array, spline: CubicSpline, recoil: float) -> None:
+    def _check_slides(self, x: Array, spline: Array, recoil: float) -> None:
         lean, hook = math.atan(self.friction), self.hook
-        front = x[x >= hook.peak]
-        bent = np.interp(front, [hook.peak, hook.tip], [hook.height, 0.0])
-        steepest = float(np.arctan(math.tan(hook.front) - 0.5 * bent * spline(front, 1) / spline(front)).max())
+        front = x[:-1] >= hook.peak  # at the tip itself nothing is bent
+        bent = np.interp(x[:-1][front], [hook.peak, hook.tip], [hook.height, 0.0])
+        stiffness, slope = spline[front, 3], spline[front, 2]
+        steepest = float(np.arctan(math.tan(hook.front) - 0.5 * bent * slope / stiffness).max(initial=hook.front))
         limit = math.atan(1.0 / recoil) if recoil > 0 else math.pi / 2
         if steepest + lean >= limit:
             raise GeometryError(

@@ -50,7 +50,7 @@ def write_figures(
     captions = folder / "captions.md"
     text_of_captions = _write_captions(analysis, found)
     for path in (*files, captions):
-        if path.exists() and not overwrite and not (path == captions and _holds(path, text_of_captions)):
+        if path.exists() and not overwrite and not (path == captions and _has_text(path, text_of_captions)):
             text = f"{path} exists; choose another folder, or replace it"
             raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
     try:
@@ -106,7 +106,7 @@ def _list_figures(analysis: Analysis) -> Iterator[_Entry]:
         yield "response-times", drawn.draw_response_times, f"Response times by condition, geometric. {people}"
 
 
-def _holds(path: Path, text: str) -> bool:
+def _has_text(path: Path, text: str) -> bool:
     """Whether the file is that text: the same figures in another format have the same captions."""
     try:
         return path.read_text(encoding="utf-8") == text

@@ -1,0 +1,13 @@
+"""How often a test that draws examples draws one: few times in `make test`, as often as ever in `make nightly`."""
+
+from __future__ import annotations
+
+import os
+
+#: set by `make nightly`
+LONG = "HAPTORB_LONG_TESTS" in os.environ
+
+
+def repetitions(few: int, many: int) -> int:
+    """`few` here, `many` in the nightly run. The law is the same; not for what protects a person."""
+    return many if LONG else few
