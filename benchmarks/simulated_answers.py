@@ -49,17 +49,19 @@ def draw_constant(draw: np.random.Generator, people: int, sd: float) -> tuple[Le
     return LevelCounts(LEVELS, draw.binomial(REPETITIONS, truth.shares(LEVELS)).astype(float), of), truth
 
 
-def draw_accuracies(draw: np.random.Generator, people: int, sd: float) -> np.ndarray[Any, Any]:
-    """(people,) of a Beta distribution with mean 0.72."""
+def draw_accuracies(draw: np.random.Generator, people: int, sd: float, mean: float = ACCURACY) -> np.ndarray[Any, Any]:
+    """(people,) of a Beta distribution."""
     if sd == 0:
-        return np.full(people, ACCURACY)
-    size = ACCURACY * (1 - ACCURACY) / sd**2 - 1
-    return draw.beta(ACCURACY * size, (1 - ACCURACY) * size, people)
+        return np.full(people, mean)
+    size = mean * (1 - mean) / sd**2 - 1
+    return draw.beta(mean * size, (1 - mean) * size, people)
 
 
-def draw_shares(draw: np.random.Generator, people: int, sd: float) -> tuple[Any, Any]:
+def draw_shares(
+    draw: np.random.Generator, people: int, sd: float, mean: float = ACCURACY, trials: int = TRIALS
+) -> tuple[Any, Any]:
     """(people,) right answers, of (people,)."""
-    return draw.binomial(TRIALS, draw_accuracies(draw, people, sd)), np.full(people, TRIALS)
+    return draw.binomial(trials, draw_accuracies(draw, people, sd, mean)), np.full(people, trials)
 
 
 def draw_errors(draw: np.random.Generator, people: int, sd: float, trials: int = ERRORS) -> np.ndarray[Any, Any]:

@@ -1,10 +1,11 @@
 """How often the 95 % intervals of a study hold the truth, in simulated studies; all cores, fixed seeds.
 
-    python benchmarks/study_coverage.py [--studies 1000] [--cores N] [--rows group door adaptive] [--json]
+    python benchmarks/study_coverage.py [--studies 1000] [--cores N] [--rows group corners door adaptive] [--json]
 
 group     6, 12 and 24 people, standard deviation between people 0, 0.05 and 0.15: of the threshold as a fraction of the
           reference, of the slope in units of its natural logarithm, of accuracy in proportion units, of the mean error
           as a fraction of it. Each interval comes from the function that `haptorb study analyse` uses.
+corners   accuracy of 2 trials each, and accuracy 0.95 on average
 door      whole studies: study file, plan, every prompt answered, `analyse`. 6 people, standard deviation 0.05.
 adaptive  staircases and QUEST+ as `haptorb study run` runs them, analysed as `haptorb study analyse` does: 6 people,
           60 trials (40 with QUEST+, and a tenth of the studies), standard deviation of log2 threshold 0.2.
@@ -45,6 +46,7 @@ from haptorb.apps.study.inference.intervals import mean_interval, share_interval
 from haptorb.apps.study.inference.person_fit import fit_people
 from haptorb.apps.study.inference.psychometric_grid import PsychometricGrid
 
+_ROWS = ["group", "corners", "door", "adaptive"]
 PEOPLE, SPREADS = (6, 12, 24), (0.0, 0.05, 0.15)
 Hits = dict[str, list[bool]]
 
@@ -67,6 +69,16 @@ def check_group(people: int, sd: float, seed: int) -> Hits:
         "mean_error": [_holds((float(low), float(high)), ERROR)],
         "own_threshold": [_holds(fit.middle_95, x) for fit, x in zip(alone, truth.middles, strict=True)],
         "own_slope": [_holds(fit.spread_95, x) for fit, x in zip(alone, truth.spreads, strict=True)],
+    }
+
+
+def check_corners(people: int, sd: float, seed: int) -> Hits:
+    """Shares where they are hardest: few trials, and nearly everybody nearly always right."""
+    draw = np.random.default_rng([seed, people, round(1000 * sd), 3])
+    few, top = draw_shares(draw, people, sd, trials=2), draw_shares(draw, people, sd, mean=0.95)
+    return {
+        "accuracy_of_2_trials": [_holds(share_interval(*few), ACCURACY)],
+        "accuracy_of_0.95": [_holds(share_interval(*top), 0.95)],
     }
 
 
@@ -108,7 +120,7 @@ def _holds(interval: Any, truth: float) -> bool:
 
 def _check(job: tuple[Any, ...]) -> tuple[tuple[Any, ...], Hits]:
     row, *rest = job
-    check = {"group": check_group, "door": check_door, "adaptive": check_adaptive}[row]
+    check = {"group": check_group, "corners": check_corners, "door": check_door, "adaptive": check_adaptive}[row]
     return tuple(job[:-1]), check(*rest)
 
 
@@ -116,7 +128,7 @@ def list_jobs(rows: list[str], studies: int) -> Iterator[tuple[Any, ...]]:
     """(row, arguments ..., seed) of every simulated study."""
     for row in rows:
         for seed in range(studies):
-            if row == "group":
+            if row in ("group", "corners"):
                 yield from ((row, people, sd, seed) for people in PEOPLE for sd in SPREADS)
             elif row == "door":
                 yield row, 6, 0.05, seed
@@ -152,8 +164,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--studies", type=int, default=1000)
     parser.add_argument("--cores", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--rows", nargs="+", default=["group", "door", "adaptive"],
-                        choices=["group", "door", "adaptive"])  # fmt: skip
+    parser.add_argument("--rows", nargs="+", default=_ROWS, choices=_ROWS)  # fmt: skip
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     start = time.perf_counter()

