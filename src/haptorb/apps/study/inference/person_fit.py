@@ -114,8 +114,9 @@ def _check_fit(grid: PsychometricGrid, person: int, seed: int, samples: int) -> 
     near = np.flatnonzero(logs > logs.max() - _FAR)
     p = grid.curve_at(int(np.argmax(logs)))(grid.answered.levels)
     drawn = np.random.default_rng([seed, person]).binomial(of.astype(int), np.clip(p, 0, 1), (samples, len(of)))
-    again = grid.log_likelihoods(drawn.astype(float), of, near).max(axis=1)
-    deviances = 2 * (_saturate(drawn, of) - again)
+    repeated: Array = drawn.astype(np.float64)
+    again = grid.log_likelihoods(repeated, of, near).max(axis=1)
+    deviances = 2 * (_saturate(repeated, of) - again)
     deviance = float(2 * (_saturate(yes[None, :], of)[0] - logs.max()))
     return deviance, float((1 + np.count_nonzero(deviances >= deviance - 1e-9)) / (samples + 1))
 

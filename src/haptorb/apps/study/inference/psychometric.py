@@ -64,5 +64,6 @@ def count_by_level(levels: ArrayLike, yes: ArrayLike, person: ArrayLike, people:
     at, which = np.unique(np.asarray(levels, dtype=float), return_inverse=True)
     place = np.asarray(person) * len(at) + which
     size, shape = people * len(at), (people, len(at))
-    counted = np.bincount(place, np.asarray(yes, dtype=float), size).reshape(shape)
-    return LevelCounts(at, counted, np.bincount(place, minlength=size).reshape(shape).astype(float))
+    counted: Array = np.bincount(place, np.asarray(yes, dtype=float), size).reshape(shape).astype(np.float64)
+    of: Array = np.bincount(place, minlength=size).reshape(shape).astype(np.float64)
+    return LevelCounts(at, counted, of)

@@ -64,7 +64,8 @@ class PsychometricGrid:
     @property
     def lapses(self) -> Array:
         """(9,) lapse rates, the middles of their cells."""
-        return _LAPSES
+        middles: Array = _LAPSES
+        return middles
 
     @cached_property
     def _logs(self) -> tuple[Array, Array]:
@@ -97,7 +98,8 @@ class PsychometricGrid:
     def likelihoods(self) -> Array:
         """(people, thresholds, spreads, lapse rates), each person's greatest 1."""
         logs = self.log_likelihoods(self.answered.yes, self.answered.of)
-        return np.exp(logs - logs.max(axis=1, keepdims=True)).reshape(-1, *self.shape)
+        relative: Array = np.exp(logs - logs.max(axis=1, keepdims=True)).reshape(-1, *self.shape)
+        return relative
 
     def curve_at(self, point: int) -> PsychometricCurve:
         """The function at one point of the grid, counted as `log_likelihoods` does."""
