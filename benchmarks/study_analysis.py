@@ -99,7 +99,7 @@ def measure(procedure: str, people: int, each: int) -> dict[str, Any]:
         }  # fmt: skip
         for one in analysis.curves.values():
             start = time.perf_counter()
-            fit_population(PsychometricGrid.around(one.answered))
+            fit_population(PsychometricGrid.enclose(one.answered))
             found["group_s"] = time.perf_counter() - start
         return found
 

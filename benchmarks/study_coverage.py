@@ -55,7 +55,7 @@ def check_group(people: int, sd: float, seed: int) -> Hits:
     """One study of each kind: quantity → whether its interval held the truth (of people: for each of them)."""
     draw = np.random.default_rng([seed, people, round(1000 * sd)])
     answered, truth = draw_constant(draw, people, sd)
-    grid = PsychometricGrid.around(answered)
+    grid = PsychometricGrid.enclose(answered)
     group = fit_population(grid)
     alone = [fit for fit in fit_people(grid, samples=0) if fit is not None]
     right, of = draw_shares(draw, people, sd)

@@ -31,7 +31,7 @@ class MagnetStrength(ErrorSource[M]):
         self._relative = relative
 
     def perturb(self, deviates: Array, trial: M) -> None:
-        """Change the strength."""
+        """Change the strength of `trial` by the `deviates` (1,) [1]."""
         trial.strengthen(1 + self._relative * deviates)
 
 

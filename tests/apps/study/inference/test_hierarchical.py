@@ -47,7 +47,7 @@ def test_equally_certain_people_give_students_interval_and_restricted_variance(s
 
 def test_the_group_maximises_the_integral_over_its_people() -> None:
     answered = draw_answers(np.random.default_rng(4), 6, 0.1)
-    grid = PsychometricGrid.around(answered)
+    grid = PsychometricGrid.enclose(answered)
     found = fit_population(grid)
     # All answers' likelihood on another, finer grid; then scipy looks for the greatest integral.
     x, y = np.linspace(0.6, 1.4, 90), np.linspace(np.log(0.03), np.log(0.4), 70)
@@ -81,14 +81,14 @@ def test_intervals_of_the_group_hold_the_truth() -> None:
         [low <= truth <= high for (low, high), truth in (
             (group.threshold.mean_95, 1.0), (group.log_spread.mean_95, np.log(0.12)), (group.threshold.sd_95, 0.1))]
         for seed in range(60)
-        for group in [fit_population(PsychometricGrid.around(draw_answers(np.random.default_rng([9, seed]), 8, 0.1)))]
+        for group in [fit_population(PsychometricGrid.enclose(draw_answers(np.random.default_rng([9, seed]), 8, 0.1)))]
     ])  # fmt: skip
     assert (hits.mean(axis=0) > 0.87).all()
 
 
 def test_people_who_make_no_error_have_a_group_too() -> None:
     yes = np.repeat((X > 0.95)[None, :] * 10.0, 4, axis=0)
-    found = fit_population(PsychometricGrid.around(LevelCounts(X, yes, np.full(yes.shape, 10.0))))
+    found = fit_population(PsychometricGrid.enclose(LevelCounts(X, yes, np.full(yes.shape, 10.0))))
     assert 0.9 <= found.threshold.mean <= 1.0
     assert np.isfinite([*found.threshold.mean_95, *found.log_spread.mean_95]).all()
 
@@ -96,14 +96,14 @@ def test_people_who_make_no_error_have_a_group_too() -> None:
 def test_somebody_who_answered_nothing_changes_nothing() -> None:
     answered = draw_answers(np.random.default_rng(8), 5, 0.1)
     more = LevelCounts(X, np.vstack([answered.yes, np.zeros(9)]), np.vstack([answered.of, np.zeros(9)]))
-    one, other = (fit_population(PsychometricGrid.around(a)) for a in (answered, more))
+    one, other = (fit_population(PsychometricGrid.enclose(a)) for a in (answered, more))
     assert other.people == 5
     assert other.threshold.mean == pytest.approx(one.threshold.mean, abs=0.01)
     assert other.threshold.mean_95 == pytest.approx(one.threshold.mean_95, abs=0.01)
 
 
 def test_one_person_is_no_group() -> None:
-    grid = PsychometricGrid.around(draw_answers(np.random.default_rng(1), 1, 0.0))
+    grid = PsychometricGrid.enclose(draw_answers(np.random.default_rng(1), 1, 0.0))
     with pytest.raises(InputError, match="at least two people"):
         fit_population(grid)
     with pytest.raises(InputError, match="at least two people"):

@@ -26,7 +26,7 @@ def p_of(middle: Any, spread: Any, lapse: Any) -> Any:
 
 @pytest.fixture(scope="module")
 def grid() -> PsychometricGrid:
-    return PsychometricGrid.around(LevelCounts(X, YES, OF))
+    return PsychometricGrid.enclose(LevelCounts(X, YES, OF))
 
 
 def test_the_greatest_likelihood_is_where_scipy_finds_it(grid: PsychometricGrid) -> None:
@@ -89,7 +89,7 @@ def test_the_deviance_is_that_of_the_binomial_and_a_wrong_function_does_not_fit(
     draw = np.random.default_rng(3)
     fitting = draw.binomial(40, p_of(1.0, 0.12, 0.02), (12, 7))
     broken = np.array([[2, 4, 35, 8, 36, 5, 38]])
-    grid = PsychometricGrid.around(LevelCounts(X, np.vstack([fitting, broken]).astype(float), np.full((13, 7), 40.0)))
+    grid = PsychometricGrid.enclose(LevelCounts(X, np.vstack([fitting, broken]).astype(float), np.full((13, 7), 40.0)))
     fits = [fit for fit in fit_people(grid, samples=200) if fit is not None]
     assert fits[-1].p_fit < 0.02
     ps = np.array([fit.p_fit for fit in fits[:-1]])
@@ -104,7 +104,7 @@ def test_counts_are_those_of_the_trials() -> None:
     found = count_by_level([1.0, 2.0, 1.0, 2.0], [1, 1, 0, 1], [0, 0, 1, 1], 3)
     assert found.yes.tolist() == [[1, 1], [0, 1], [0, 0]]
     assert found.of.tolist() == [[1, 1], [1, 1], [0, 0]]
-    grid = PsychometricGrid.around(found)
+    grid = PsychometricGrid.enclose(found)
     assert fit_people(grid, samples=0)[2] is None
 
 
@@ -119,7 +119,7 @@ def test_counts_are_those_of_the_trials() -> None:
 )
 def test_it_says_what_the_trials_cannot_tell(yes: list[int], words: str) -> None:
     of = 1.0 if max(yes) == 1 else 25.0
-    grid = PsychometricGrid.around(LevelCounts(X, np.array([yes], dtype=float), np.full((1, 7), of)))
+    grid = PsychometricGrid.enclose(LevelCounts(X, np.array([yes], dtype=float), np.full((1, 7), of)))
     fit = fit_people(grid, samples=0)[0]
     assert fit is not None
     assert words in " ".join(fit.notes)

@@ -86,7 +86,7 @@ def fit_curves(
             continue
         stronger = main["answer"][here] == main["interval"][here]
         answered = count_by_level(levels, stronger, person, len(people))
-        grid = PsychometricGrid.around(answered)
+        grid = PsychometricGrid.enclose(answered)
         fits = {}
         for n, code in enumerate(people.tolist()):
             fits[str(code)] = fit_person(grid, n)

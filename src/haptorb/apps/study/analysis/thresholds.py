@@ -156,7 +156,7 @@ def _fit_staircases(least: float, most: float, tracks: list[_Track]) -> tuple[Ar
     else:
         answered = count_by_level(at, right, person, len(tracks))
     limits = math.log2(least) - 1, math.log2(most) + 1
-    grid = PsychometricGrid.around(answered, 0.5, _STAIRCASE_SHARE, limits, _SPREADS)
+    grid = PsychometricGrid.enclose(answered, 0.5, _STAIRCASE_SHARE, limits, _SPREADS)
     _, spreads, lapses = grid.priors
     likelihoods = (grid.likelihoods @ lapses) @ spreads
     return grid.thresholds, likelihoods, grid.posterior.sum(axis=(2, 3))

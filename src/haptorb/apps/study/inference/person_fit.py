@@ -40,12 +40,12 @@ class PersonFit:
         curve = self.curve
         return {
             "trials": self.trials,
-            "middle": _plain(curve.middle), "middle_95": [_plain(end) for end in self.middle_95],
-            "spread": _plain(curve.spread), "spread_95": [_plain(end) for end in self.spread_95],
-            "jnd_75_percent": _plain(0.6745 * curve.spread),
-            "guess": _plain(curve.guess), "guess_95": [_plain(end) for end in self.guess_95],
-            "lapse": _plain(curve.lapse), "lapse_95": [_plain(end) for end in self.lapse_95],
-            "deviance": _plain(self.deviance), "p_fit": _plain(self.p_fit), "notes": list(self.notes),
+            "middle": _to_json(curve.middle), "middle_95": [_to_json(end) for end in self.middle_95],
+            "spread": _to_json(curve.spread), "spread_95": [_to_json(end) for end in self.spread_95],
+            "jnd_75_percent": _to_json(0.6745 * curve.spread),
+            "guess": _to_json(curve.guess), "guess_95": [_to_json(end) for end in self.guess_95],
+            "lapse": _to_json(curve.lapse), "lapse_95": [_to_json(end) for end in self.lapse_95],
+            "deviance": _to_json(self.deviance), "p_fit": _to_json(self.p_fit), "notes": list(self.notes),
         }  # fmt: skip
 
 
@@ -55,7 +55,7 @@ def psychometric_fit(levels: ArrayLike, yes: ArrayLike, of: ArrayLike) -> Psycho
     InputError with fewer than two levels.
     """
     counts = (np.asarray(values, dtype=float) for values in (yes, of))
-    grid = PsychometricGrid.around(LevelCounts(np.asarray(levels, dtype=float), *(n[None, :] for n in counts)))
+    grid = PsychometricGrid.enclose(LevelCounts(np.asarray(levels, dtype=float), *(n[None, :] for n in counts)))
     return fit_person(grid, 0, samples=0).curve
 
 
@@ -157,5 +157,5 @@ def _quantiles(edges: Array, mass: Array) -> Interval:
     return float(low), float(high)
 
 
-def _plain(value: float) -> float | None:
+def _to_json(value: float) -> float | None:
     return value if math.isfinite(value) else None

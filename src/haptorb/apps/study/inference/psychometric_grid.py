@@ -36,7 +36,7 @@ class PsychometricGrid:
     target: float | None = None
 
     @classmethod
-    def around(
+    def enclose(
         cls, answered: LevelCounts, guess: float | None = None, target: float | None = None,
         limits: tuple[float, float] | None = None, spreads: tuple[float, float] | None = None,
     ) -> PsychometricGrid:  # fmt: skip
