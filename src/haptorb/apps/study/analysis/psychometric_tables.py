@@ -20,6 +20,8 @@ def list_psychometric_tables(analysis: Analysis) -> Iterator[TextTable]:
         yield _tabulate_groups(analysis, unit)
         yield _tabulate_people(analysis, unit)
     if analysis.tracks:
+        if any(one.group for one in analysis.tracks.values()):
+            yield _tabulate_group_tracks(analysis, unit)
         yield _tabulate_tracks(analysis, unit)
 
 
@@ -85,25 +87,33 @@ def _tabulate_people(analysis: Analysis, unit: str) -> TextTable:
     return table
 
 
-def _tabulate_tracks(analysis: Analysis, unit: str) -> TextTable:
-    own = "of the reversals" if analysis.study.procedure == "staircase" else ""
+def _tabulate_group_tracks(analysis: Analysis, unit: str) -> TextTable:
     table = TextTable(
-        (Column("condition", kind="key"), Column("participant", kind="key"), Column("trials"), Column(own, unit),
-         Column("threshold", unit), Column("95 %", unit), Column("SD between people")), "Thresholds",
+        (Column("condition", kind="key"), Column("threshold", unit), Column("95 %", unit),
+         Column("SD between people"), Column("95 %")), "Threshold of the group",
     )  # fmt: skip
     for name, one in analysis.tracks.items():
-        for code, fit in one.people.items():
-            table.add_row(
-                name, code, str(fit.trials), format_value(fit.threshold, ".4g") if own else "", _digits(fit.fitted),
-                format_range(fit.fitted_95, ".4g"), "",
-            )  # fmt: skip
         if (group := one.group) is not None:
             low, high = (2**end for end in group.mean_95)
             table.add_row(
-                name, "group", "", "", _digits(2**group.mean), format_range((low, high), ".4g"),
-                f"× {2**group.sd:.2f} ({_factors(group.sd_95, 2.0)})",
+                name, _digits(2**group.mean), format_range((low, high), ".4g"), f"× {2**group.sd:.2f}",
+                _factors(group.sd_95, 2.0),
             )  # fmt: skip
-            table.end_section()
+    return table
+
+
+def _tabulate_tracks(analysis: Analysis, unit: str) -> TextTable:
+    reverses = analysis.study.procedure == "staircase"
+    table = TextTable(
+        (Column("condition", kind="key"), Column("participant", kind="key"), Column("trials"),
+         *([Column("of the reversals", unit)] if reverses else []), Column("threshold", unit), Column("95 %", unit)),
+        "Threshold of each participant",
+    )  # fmt: skip
+    for name, one in analysis.tracks.items():
+        for code, fit in one.people.items():
+            own = [format_value(fit.threshold, ".4g")] if reverses else []
+            fitted = _digits(fit.fitted), format_range(fit.fitted_95, ".4g")
+            table.add_row(name, code, str(fit.trials), *own, *fitted)
     return table
 
 
