@@ -19,8 +19,8 @@ def cubic_spline(values: Array, step: float) -> Array:
     continuous, and the third at the second place from either end ("not a knot"): with h = step and the slopes s,
     s[k-1] + 4 s[k] + s[k+1] = 3 (m[k-1] + m[k]), where m[k] = (y[k+1] - y[k])/h.
 
-    >>> cubic_spline(np.arange(6.0) ** 3, 1.0)[2]
-    array([1., 6., 12., 8.])
+    >>> cubic_spline(np.arange(6.0) ** 3, 1.0)[2].round(12).tolist()
+    [1.0, 6.0, 12.0, 8.0]
     """
     y = np.asarray(values, dtype=float)
     if y.ndim != 1 or len(y) < _FEWEST:

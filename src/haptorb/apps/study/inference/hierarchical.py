@@ -96,7 +96,9 @@ def fit_population(grid: PsychometricGrid) -> Population:
         if (np.abs(at - before[0]) < 0.03 * size).all() and abs(t - before[1]) + abs(u - before[2]) < 0.02 * (t + u):
             break
     inverse = np.linalg.inv(information)
-    error = np.sqrt(np.diag(inverse @ (scores.T @ scores) @ inverse) * people / (people - 1))
+    # Slope and lapse rate come from the same answers, in the tails: the people's scores are fitted twice there.
+    free = np.array([people - 1, max(people - 2, 1), people - 1])
+    error = np.sqrt(np.diag(inverse @ (scores.T @ scores) @ inverse) * people / free)
     half = stdtrit(people - 1, 0.975) * error
     return Population(
         people,
