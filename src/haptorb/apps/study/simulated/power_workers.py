@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cache
@@ -22,6 +23,7 @@ from haptorb.version import __version__
 __all__ = ["count_cores", "simulate_pool"]
 
 _PATIENCE = 5.0  #: until a scheduler that does not answer counts as unreachable [s]
+_ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")  #: of a scheduler: host and port
 _SHARES = 8  #: parts of the work per process, so that none waits long for the last
 
 Job = tuple[bytes, tuple[tuple[tuple[int, ...], int], ...], str, tuple[str, str] | None]
@@ -83,6 +85,8 @@ def _run_cluster(jobs: list[Job], address: str) -> Iterator[dict[int, float]]:
         distributed: Any = import_module("distributed")  # which has types only in parts
     except ImportError as cause:
         raise InputError("--scheduler needs dask.distributed: pip install 'haptorb[cluster]'") from cause
+    if not _ADDRESS.fullmatch(address):  # a client that is made for it fails a second time when it is thrown away
+        raise InputError(f"'{address}' is no address of a Dask scheduler; expected one such as tcp://127.0.0.1:8786")
     try:
         client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError, KeyError) as cause:

@@ -111,7 +111,7 @@ def draw_response_times(analysis: Analysis, size: PaperSize) -> Figure:
     for n, one in enumerate(analysis.times):
         _draw_interval(axes, n, one.geometric_mean, *one.geometric_mean_95, n)
     _name_conditions(axes, [one.condition for one in analysis.times])
-    axes.set_ylabel("response time, geometric mean and 95 % [s]")
+    axes.set_ylabel("response time [s]")
     axes.set_ylim(0, None)
     return figure
 

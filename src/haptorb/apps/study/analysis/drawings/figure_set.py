@@ -103,7 +103,11 @@ def _list_figures(analysis: Analysis) -> Iterator[_Entry]:
             "gives at the reference; bars: Student's 95 % in the logarithm; lines: mean exponent.",
         )  # fmt: skip
     if analysis.times:
-        yield "response-times", drawn.draw_response_times, f"Response times by condition, geometric. {people}"
+        yield (
+            "response-times",
+            drawn.draw_response_times,
+            f"Geometric mean of the response times by condition. {people}",
+        )
 
 
 def _has_text(path: Path, text: str) -> bool:
