@@ -86,7 +86,10 @@ def _run_cluster(jobs: list[Job], address: str) -> Iterator[dict[int, float]]:
     except ImportError as cause:
         raise InputError("--scheduler needs dask.distributed: pip install 'haptorb[cluster]'") from cause
     if not _ADDRESS.fullmatch(address):  # a client that is made for it fails a second time when it is thrown away
-        raise InputError(f"'{address}' is no address of a Dask scheduler; expected one such as tcp://127.0.0.1:8786")
+        raise InputError(
+            f"'{address}' is no address of a Dask scheduler; give the one that `dask scheduler` prints, such as "
+            "tcp://127.0.0.1:8786"
+        )
     try:
         client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError, KeyError) as cause:

@@ -106,7 +106,7 @@ def _list_figures(analysis: Analysis) -> Iterator[_Entry]:
         yield (
             "response-times",
             drawn.draw_response_times,
-            f"Geometric mean of the response times by condition. {people}",
+            f"Response times by condition, geometric means. {people}",
         )
 
 
