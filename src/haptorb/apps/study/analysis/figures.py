@@ -38,7 +38,7 @@ def _new_figure(analysis: Analysis, title: str, size: tuple[float, float]) -> Fi
 
 
 def _confusion(analysis: Analysis) -> Figure:
-    figure = _new_figure(analysis, "LevelCounts against prompted set-point, averaged over participants", (7.2, 6.6))
+    figure = _new_figure(analysis, "Answered against prompted set-point, averaged over participants", (7.2, 6.6))
     draw_confusion(figure.subplots(), analysis)
     return figure
 

@@ -27,7 +27,7 @@ body{font:16px/1.5 system-ui,sans-serif;color:#22303c;max-width:60rem;margin:2re
 h1{margin-bottom:.2rem}h2{margin-top:2.2rem;border-bottom:1px solid #d5dde4}
 .simulated{position:sticky;top:0;background:#fdecea;color:#8c1d14;border-left:5px solid #c0392b;padding:.7rem 1rem;
 font-weight:600}
-table{border-collapse:collapse;margin:.8rem 0}
+table{border-collapse:collapse;margin:.8rem 0}.wide{overflow-x:auto}
 th,td{padding:.25rem .8rem;text-align:right;border-bottom:1px solid #e3e9ee}
 th:first-child,td:first-child{text-align:left}th{color:#4d5f6e;font-weight:600}img{max-width:100%;height:auto}
 @media print{@page{margin-top:2.4cm}.simulated{position:fixed;top:-1.6cm;left:0;right:0;margin:0}}
@@ -167,4 +167,5 @@ def _convert_table(table: TextTable) -> str:
 def _table(head: list[str], rows: list[list[Any]]) -> str:
     top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
     lines = ("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<table><tr>{top}</tr>{''.join(lines)}</table>"
+    # A narrow window scrolls the table, by keyboard too, and not the page.
+    return f"<div class='wide' tabindex='0'><table><tr>{top}</tr>{''.join(lines)}</table></div>"

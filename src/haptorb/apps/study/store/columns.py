@@ -1,4 +1,4 @@
-"""LevelCounts trials as columns, one row per trial: the tidy table that everything else is made from."""
+"""Answered trials as columns, one row per trial: the tidy table that everything else is made from."""
 
 from __future__ import annotations
 
