@@ -25,7 +25,7 @@ from haptorb.worlds.world import World
 RATE = 1000.0  #: [Hz]
 MOVED = 20.0  #: when every guided motion is over [s]
 REST = 30.0  #: of rest before the currents are looked at [s]
-LOOK = 2.0  #: for so long [s]
+LOOK = 24.0  #: for so long, several periods of what moves [s]
 
 
 def rest_on(device: str, world: World, rest: float = REST, start: float = 0.0) -> dict[str, Any]:

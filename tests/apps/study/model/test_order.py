@@ -29,7 +29,8 @@ LEVELS = "[levels]\nreference = 1.2\n"
 ADAPTIVE = LEVELS + "least = 0.01\nmost = 1.0\nstart = 0.8\ntrials = 12\n"
 PROCEDURES = {
     "identification": "", "localisation": "", "rating": "", "forced-choice": "",
-    "constant": LEVELS + "values = [0.8, 1.0, 1.4]\n", "staircase": ADAPTIVE, "bayesian": ADAPTIVE,
+    "constant": LEVELS + "values = [0.8, 1.0, 1.4]\n", "magnitude": LEVELS + "values = [0.8, 1.0, 1.4]\n",
+    "staircase": ADAPTIVE, "bayesian": ADAPTIVE,
 }  # fmt: skip
 ONE_POINT = "[set_points]\npoints = [{ number = 1, theta_deg = 0 }, { number = 2, theta_deg = 36 }]\n"
 
