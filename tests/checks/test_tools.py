@@ -25,18 +25,9 @@ def test_files_are_formatted(root: Path) -> None:
     passes(root, "ruff", "format", "--check", ".")
 
 
-#: mypy without looking for garbage in what exists to the end, which was a third of its time
-MYPY = """
-import gc, runpy, sys
-set_threshold, sys.argv = gc.set_threshold, ["mypy"]
-gc.set_threshold = lambda *usual: set_threshold(200_000, 30, 1_000_000)
-runpy.run_module("mypy", run_name="__main__")
-"""
-
-
 @pytest.mark.timeout(600)
 def test_types_hold(root: Path) -> None:
-    passes(root, "python", "-c", MYPY)
+    passes(root, "mypy")
 
 
 def test_imports_run_one_way(root: Path) -> None:
