@@ -1,6 +1,7 @@
 """How the documentation is built. Everything a page needs is in it: no font, script or picture from elsewhere."""
 
 import gc
+import logging
 import os
 import sys
 from pathlib import Path
@@ -13,6 +14,8 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 
 # Every page stays in memory as a tree to the end: to look through all of them for garbage again and again takes long.
 gc.set_threshold(100_000, 50, 50)
+# Nor is every event worth a line that nobody reads.
+logging.getLogger("sphinx").setLevel(logging.INFO)
 
 project = "haptorb"
 author = "The haptorb developers"

@@ -44,7 +44,6 @@ HEAVY = (
     *("test_docstrings.py", "test_docs.py", "reproduce", "test_examples.py"),
     *("firmware", "test_safety.py", "test_console_page.py", "test_study_pages.py"),  # of those beside a clock
 )
-_REALTIME = re.compile(r"^(pytestmark = )?.*\bmark\.realtime\b", re.MULTILINE)
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 CHROMIUM_FLAGS = [
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
@@ -65,14 +64,16 @@ def _why_missing() -> str:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Read no file whose tests all belong to the other call of `scripts/run_tests.py`: all take half a minute."""
-    call = config.option.markexpr.split(" and ")[0]
-    if collection_path.suffix != ".py" or collection_path.name == "conftest.py" or "realtime" not in call:
+    """Read no file whose tests all belong to another call of `scripts/run_tests.py`: all take half a minute."""
+    wanted = config.option.markexpr.split(" and ")
+    if collection_path.suffix != ".py" or collection_path.name == "conftest.py" or "realtime" not in wanted[0]:
         return None
-    found = _REALTIME.search(collection_path.read_text(encoding="utf-8"))
-    if call == "realtime":
-        return None if found else True
-    return True if call == "not realtime" and found and found[1] else None
+    text = collection_path.read_text(encoding="utf-8")
+    for marker in ("realtime", "browser"):
+        everywhere = re.search(rf"^pytestmark = .*\bmark\.{marker}\b", text, re.MULTILINE)
+        if (marker in wanted and f"mark.{marker}" not in text) or (f"not {marker}" in wanted and everywhere):
+            return True
+    return None
 
 
 def _group(nodeid: str) -> str:

@@ -61,11 +61,10 @@ def test_what_is_assumed_is_listed_with_reasons(capsys):
     assert "tool.mass " in out
 
 
-@pytest.mark.parametrize("name", ["card.png", "card.svg", "card.pdf"])
-def test_the_card_as_a_picture(capsys, tmp_path, name):
-    code, _, _ = run_command(capsys, "inspect", "omni", "--plot", str(tmp_path / name))
+def test_the_card_as_a_picture(capsys, tmp_path):
+    code, _, _ = run_command(capsys, "inspect", "omni", "--plot", str(tmp_path / "card.pdf"))
     assert code == 0
-    assert (tmp_path / name).stat().st_size > 5000
+    assert (tmp_path / "card.pdf").stat().st_size > 5000
 
 
 @pytest.mark.parametrize(

@@ -46,12 +46,16 @@ def built(root: Path) -> Path:
     if run := os.environ.get("PYTEST_XDIST_TESTRUNUID"):  # it takes minutes: one process has all tests of this file
         (root / "docs" / "_build").mkdir(exist_ok=True)
         (root / "docs" / "_build" / f"{run}.once").touch(exist_ok=False)
-    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", str(output)]
-    command += ["-D", "plot_gallery=0"]  # the examples run in tests/test_examples.py
+    # The examples run in tests/test_examples.py, all docstrings are parsed in test_docstrings.py.
+    build(root, output, "-D", "plot_gallery=0", "-D", "rooms_in_brief=1")
+    return output
+
+
+def build(root: Path, output: Path, *options: str) -> None:
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", str(output), *options]
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
     if done.returncode:
         pytest.fail(f"the documentation does not build:\n{done.stdout}{done.stderr}", pytrace=False)
-    return output
 
 
 @pytest.fixture(scope="session")
@@ -96,6 +100,13 @@ def test_no_internal_link_is_dead(built: Path, links: dict[Path, Links]) -> None
             elif anchor and goal in links and unquote(anchor) not in links[goal].anchors:
                 dead.append(f"{page.relative_to(built)} → {target} (no such anchor)")
     assert dead == []
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_every_module_has_its_place_in_the_reference(root: Path, tmp_path: Path) -> None:
+    build(root, tmp_path / "html", "-D", "plot_gallery=0")
+    assert "haptorb.physics.sources.dipole.field" in (tmp_path / "html/reference/generated/physics.html").read_text()
 
 
 @pytest.mark.parametrize("page", WITH_CODE, ids=lambda path: str(path.relative_to(ROOT)))

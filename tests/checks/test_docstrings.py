@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import inspect
 import pkgutil
+import runpy
 from collections.abc import Iterator
 from importlib import import_module
+from io import StringIO
+from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -47,6 +51,38 @@ def test_public_names_are_documented(module: ModuleType) -> None:
             if not inspect.getdoc(getattr(thing, key)):
                 silent.append(f"{name}.{key}")
     assert silent == []
+
+
+def docstrings(module: ModuleType) -> Iterator[tuple[str, str]]:
+    """(name, text) of what the documentation shows of a module: itself, its public names, their public members."""
+    yield module.__name__, inspect.getdoc(module) or ""
+    for name, thing in public(module):
+        yield f"{module.__name__}.{name}", inspect.getdoc(thing) or ""
+        for key in vars(thing) if inspect.isclass(thing) else ():
+            if not key.startswith("_"):
+                yield f"{module.__name__}.{name}.{key}", inspect.getdoc(getattr(thing, key)) or ""
+
+
+def find_faults(converted: list[str], settings: Any) -> str:
+    """What docutils has to say against a docstring after its conversion by docs/_ext/plain_docstrings.py."""
+    from docutils.parsers.rst import Parser
+    from docutils.utils import new_document
+
+    settings.warning_stream = said = StringIO()
+    Parser().parse("\n".join(converted), new_document("docstring", settings))
+    return said.getvalue()
+
+
+def test_every_docstring_is_parsed_without_a_warning(root: Path) -> None:
+    """As the whole documentation's build does in the nightly run, which needs a minute for it."""
+    docutils = pytest.importorskip("docutils.frontend")
+    settings = docutils.get_default_settings(import_module("docutils.parsers.rst").Parser)
+    convert = runpy.run_path(str(root / "docs" / "_ext" / "plain_docstrings.py"))["converted"]
+    assert "Unexpected indentation" in find_faults(["one", "two", "   three"], settings)
+    assert "Unexpected indentation" not in find_faults(convert(["one", "two", "   three"]), settings)
+    faults = [f"{name}: {said}" for one in MODULES for name, text in docstrings(one)
+              if (said := find_faults(convert(text.splitlines()), settings))]  # fmt: skip
+    assert faults == []
 
 
 @pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__.removeprefix("haptorb."))

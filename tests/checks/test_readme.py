@@ -36,15 +36,11 @@ def test_four_examples_for_four_users_run_and_say_a_number(readme: str, tmp_path
     assert (tmp_path / "run.csv").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize(
-    "words", [["inspect", "omni"], ["run", "pmsm", "--world", "outlet", "--headless", "--duration", "0.5"]]
-)
-def test_commands_that_are_named(readme: str, words: list[str]) -> None:
-    named = "haptorb " + " ".join(words[:4] if words[0] == "run" else words[:1])
-    assert named in readme or words[0] == "inspect"
-    done = subprocess.run(
-        [sys.executable, "-c", HAPTORB, *words], capture_output=True, text=True, check=False, timeout=240
-    )
+def test_the_command_that_is_named_runs(readme: str) -> None:
+    words = ["run", "pmsm", "--world", "outlet"]
+    assert "haptorb " + " ".join(words) in readme
+    command = [sys.executable, "-c", HAPTORB, *words, "--headless", "--duration", "0.5"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=240)
     assert done.returncode == 0, done.stderr
 
 

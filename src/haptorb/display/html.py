@@ -1,4 +1,4 @@
-"""Small HTML for notebooks: facts, tables, curves.
+"""Small HTML for notebooks and reports: facts, tables, curves.
 
 Only the curves have colours of their own: it fits light and dark pages.
 """
@@ -12,7 +12,7 @@ import numpy as np
 
 from haptorb.numerics.arrays import Array
 
-__all__ = ["curves_svg", "facts_html", "pre_html", "table_html"]
+__all__ = ["curves_svg", "facts_html", "pre_html", "scroll_table_html", "table_html"]
 
 #: Okabe and Ito's colours: told apart by everybody
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
@@ -48,6 +48,18 @@ def table_html(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
         for row in rows
     )
     return f"<table><thead><tr>{line}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def scroll_table_html(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table for a report, whose style sheet gives "wide" a scroll bar: a narrow window scrolls the table, by keyboard
+    too, and not the page.
+
+    >>> scroll_table_html(["design", "trials"], [["firm & stiff", 3]])[77:]
+    '<tr><td>firm &amp; stiff</td><td>3</td></tr></table></div>'
+    """
+    top = "".join(f"<th>{escape(head)}</th>" for head in heads)
+    lines = ("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<div class='wide' tabindex='0'><table><tr>{top}</tr>{''.join(lines)}</table></div>"
 
 
 def pre_html(text: str) -> str:

@@ -1,6 +1,7 @@
 """What a real device has and no model knows: a core that lags and remembers, sensors that drift and fail."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -27,12 +28,17 @@ def ideal(**changes):
 
 
 UNIT = np.concatenate([np.stack([dipole.field(e, x[None])[0] for e in np.eye(3)], axis=1) for x in OMNI.hall.positions])
-TOOL = ideal().sample(0, 0, True).field.ravel()  # half a metre away
+
+
+@cache
+def tool_field():
+    """(27,) [T] of the tool half a metre away; at the first call and not while the tests are collected: it compiles."""
+    return ideal().sample(0, 0, True).field.ravel()
 
 
 def moment(omni):
     """The electromagnet's moment [A·m²] as its field at the sensors has it, tool away."""
-    return np.linalg.lstsq(UNIT, omni.sample(0, 0, True).field.ravel() - TOOL, rcond=None)[0]
+    return np.linalg.lstsq(UNIT, omni.sample(0, 0, True).field.ravel() - tool_field(), rcond=None)[0]
 
 
 @pytest.mark.parametrize(("frequency", "missing"), [(10.0, 0.005), (50.0, 0.013)])

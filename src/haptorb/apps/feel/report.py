@@ -14,6 +14,7 @@ from haptorb.apps.feel.course import InsertionForces, course
 from haptorb.apps.feel.figures import draw_forces, draw_hook
 from haptorb.apps.feel.peaks import compare_peaks
 from haptorb.apps.feel.session import SCORES, FeelSession
+from haptorb.display.html import scroll_table_html
 from haptorb.errors import RecordingError
 from haptorb.files.replace_file import replace_file
 from haptorb.numerics.arrays import Array
@@ -29,7 +30,7 @@ body{font:16px/1.5 system-ui,sans-serif;color:#22303c;max-width:62rem;margin:2re
 h1{margin-bottom:.2rem}h2{margin-top:2.2rem;border-bottom:1px solid #d5dde4}
 .simulated,.warn{background:#fdecea;color:#8c1d14;border-left:5px solid #c0392b;padding:.7rem 1rem}
 .simulated{font-weight:600}.quiet{color:#5b6b78;font-size:14px}
-table{border-collapse:collapse;margin:.8rem 0}
+table{border-collapse:collapse;margin:.8rem 0}.wide{overflow-x:auto}
 th,td{padding:.25rem .8rem;text-align:right;border-bottom:1px solid #e3e9ee}
 th:first-child,td:first-child{text-align:left}th{color:#4d5f6e;font-weight:600}img{max-width:100%;height:auto}
 """
@@ -84,7 +85,7 @@ def _compare(session: FeelSession, runs: dict[str, InsertionForces], felt: dict[
         "design", "insert [N]", "pull out [N]", "strain at the root [%]", "stress there [MPa]", "yield margin",
         "times felt", f"mean score {SCORES[0]} to {SCORES[1]} (ratings)",
     ]  # fmt: skip
-    return ["<h2>Designs compared</h2>", _table(head, rows)]
+    return ["<h2>Designs compared</h2>", scroll_table_html(head, rows)]
 
 
 def _list_ratings(session: FeelSession) -> list[str]:
@@ -100,7 +101,7 @@ def _list_ratings(session: FeelSession) -> list[str]:
             given = [one for one in counted if (one.design, one.person) == (design.name, person)]
             cells.append(", ".join(f"{one.score}{' (blind)' if one.blind else ''}" for one in given) or "–")
         rows.append([design.title, *cells])
-    body = ["<h2>Ratings</h2>", _table(["design", *(person or "no code" for person in people)], rows)]
+    body = ["<h2>Ratings</h2>", scroll_table_html(["design", *(person or "no code" for person in people)], rows)]
     if old := session.find_outdated():
         body.append(
             f"<p class='quiet'>{len(old)} ratings are left out: their designs have been changed or removed since.</p>"
@@ -113,11 +114,11 @@ def _describe(design: Candidate, run: InsertionForces, traces: Sequence[Array]) 
     body += [f"<p class='warn'>{escape(remark)}</p>" for remark in design.remarks]
     if design.hook is not None:
         body += [_image(draw_hook(design.hook), f"hook of {design.title}, from the side")]
-        body.append(_table(["size", "value"], _list_sizes(design, design.hook)))
+        body.append(scroll_table_html(["size", "value"], _list_sizes(design, design.hook)))
     else:
         known = parameters(type(design.world))
         rows = [[name, f"{value} {known[name].unit}"] for name, value in parameter_values(design.world).items()]
-        body.append(_table(["parameter", "value"], rows))
+        body.append(scroll_table_html(["parameter", "value"], rows))
     if run.root is not None:
         body.append(f"<p>{escape(run.root.sentence[:1].upper() + run.root.sentence[1:])}.</p>")
     body.append(_image(draw_forces(design, run, traces), f"force over displacement of {design.title}"))
@@ -148,9 +149,3 @@ def _number(value: float | None, factor: float, form: str) -> str:
 
 def _image(data: bytes, what: str) -> str:
     return f"<p><img alt='{escape(what, quote=True)}' src='data:image/svg+xml;base64,{b64encode(data).decode()}'></p>"
-
-
-def _table(head: list[str], rows: list[list[str]]) -> str:
-    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-    lines = ("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<table><tr>{top}</tr>{''.join(lines)}</table>"

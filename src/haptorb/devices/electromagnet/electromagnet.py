@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import ClassVar
 
@@ -31,6 +31,10 @@ from haptorb.physics.sources.dipole import MU0
 from haptorb.physics.sources.soft_sphere import SoftSphere
 
 __all__ = ["DomeContact", "Hand", "SphericalElectromagnet", "Tool"]
+
+#: Tabulated once for all copies of a device with the same tool and core: a calibration or an error analysis makes
+#: hundreds, and the table takes a twentieth of a second.
+_make_pull = lru_cache(maxsize=64)(PassivePull)
 
 
 @dataclass(frozen=True)
@@ -133,7 +137,7 @@ class SphericalElectromagnet(Device):
     def passive_pull(self) -> PassivePull:
         """What the core does to the tool's magnet by itself, erratum E18."""
         tool = self.tool
-        return PassivePull(
+        return _make_pull(
             core_radius=self.core_radius,
             core_permeability=self.core_permeability,
             outer_radius=tool.outer_radius,

@@ -7,7 +7,6 @@ from base64 import b64encode
 from html import escape
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 from haptorb.apps.study.analysis.accuracy import describe_accuracy
 from haptorb.apps.study.analysis.analysis import Analysis
@@ -18,6 +17,7 @@ from haptorb.apps.study.analysis.over_people.group_tables import list_group_tabl
 from haptorb.apps.study.analysis.psychometric_tables import list_psychometric_notes, list_psychometric_tables
 from haptorb.apps.study.analysis.wording import format_percent, format_range, format_value
 from haptorb.apps.terminal import TextTable
+from haptorb.display.html import scroll_table_html
 from haptorb.errors import InputError, RecordingError
 
 __all__ = ["page", "write_report"]
@@ -56,7 +56,7 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
             f"probability of so many by guessing: p = {c.p_chance:.2g} (exact binomial).</p>",
             drawn["confusion"],
             drawn["answers"],
-            _table(
+            scroll_table_html(
                 ["set-point", "θ [deg]", "φ [deg]", "correct", "95 % [%]", "wrong answers went to"],
                 [
                     [
@@ -82,7 +82,7 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
         body += [
             "<h2>Error over θ</h2>",
             drawn["error"],
-            _table(["θ [deg]", "trials", "mean [mm]", "SD [mm]", "95 % of the mean"], rows),
+            scroll_table_html(["θ [deg]", "trials", "mean [mm]", "SD [mm]", "95 % of the mean"], rows),
             "<p class='quiet'>Distance of the tool's magnet from its contact position at the set-point. The paper "
             "does not say whether it means the magnet or the tip; the tip's distance is three fifths of it.</p>",
         ]
@@ -96,13 +96,16 @@ def page(analysis: Analysis, images: dict[str, bytes] | None = None) -> str:
             [name, f"{x.mean:.2f}", format_range((x.low, x.high), ".2f"), format_value(x.sd, ".2f"), x.ratings]
             for name, x in analysis.scores.items()
         ]
-        body += ["<h2>Ratings</h2>", _table(["condition", "mean", "95 % of the mean", "SD", "ratings"], rows)]
+        body += [
+            "<h2>Ratings</h2>",
+            scroll_table_html(["condition", "mean", "95 % of the mean", "SD", "ratings"], rows),
+        ]
     if analysis.chosen:
         rows = [
             [f"{a} over {b}", f"{k} of {n}", format_range(w, ".1f", 100)]
             for (a, b), (k, n, w) in analysis.chosen.items()
         ]
-        body += ["<h2>Choices</h2>", _table(["chosen", "times", "95 % [%]"], rows)]
+        body += ["<h2>Choices</h2>", scroll_table_html(["chosen", "times", "95 % [%]"], rows)]
     for table in make_magnitude_tables(analysis.magnitudes, analysis.study.level_unit):
         body += [f"<h2>{escape(table.title)}</h2>", _convert_table(table)]
     if analysis.times:
@@ -159,13 +162,6 @@ def _image(data: bytes, name: str) -> str:
 
 
 def _convert_table(table: TextTable) -> str:
-    return _table(
-        [f"{one.head} [{one.unit}]" if one.unit else one.head for one in table.columns], [*map(list, table.rows)]
+    return scroll_table_html(
+        [f"{one.head} [{one.unit}]" if one.unit else one.head for one in table.columns], table.rows
     )
-
-
-def _table(head: list[str], rows: list[list[Any]]) -> str:
-    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-    lines = ("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
-    # A narrow window scrolls the table, by keyboard too, and not the page.
-    return f"<div class='wide' tabindex='0'><table><tr>{top}</tr>{''.join(lines)}</table></div>"
