@@ -472,6 +472,7 @@ class Console {
       value: (name) => Array.from(page.sample.list(name)),
       felt: (direction) => page.subject.felt(direction),
       stylus: () => page.subject.places(),
+      shapes: () => page.shapes.places,
       plug: () => page.target?.shown ?? { place: [], bent: [] },
     });
   }
