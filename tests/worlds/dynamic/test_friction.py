@@ -102,7 +102,7 @@ def test_no_hand_gets_energy_out_of_it(elastic, seed):
     forces, bound = feel(world, p, v)
     assert given(forces, p).max() < 1e-6
     assert given(forces, p)[-1] < -1e-3  # it brakes
-    assert 0.0 <= bound.energy <= 0.5 * 0.25**2 / 150.0 * 1.001
+    assert 0.0 <= bound.energy <= 0.5 * 0.25**2 / world.stiffness * 1.001
 
 
 def test_a_jump_of_the_pose_is_bounded_by_breakaway():

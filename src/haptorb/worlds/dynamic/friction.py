@@ -106,7 +106,7 @@ class Friction(DynamicWorld):
     sliding: float = parameter(0.12, "N", 0.005, 1, "F_c: friction while sliding fast")
     breakaway: float = parameter(0.25, "N", 0.005, 1.5, "F_s: load up to which it sticks")
     fading: float = parameter(0.03, "m/s", 0.0005, 0.5, "v_s: speed over which breakaway fades to sliding")
-    stiffness: float = parameter(150.0, "N/m", 10, 1e5, "σ0: of the bristles, before they slip")
+    stiffness: float = parameter(300.0, "N/m", 10, 1e5, "σ0: of the bristles, before they slip")
     damping: float = parameter(0.3, "N·s/m", 0, 400, "σ1: damping of the bristles")
     viscous: float = parameter(0.35, "N·s/m", 0, 5, "σ2: viscous friction")
     elastic: float = parameter(0.8, "1", 0, 0.95, "share of the breakaway up to which nothing slips; 0: as published")
