@@ -14,6 +14,7 @@ from haptorb.worlds.bound_world import bind_world
 from haptorb.worlds.memory import count_numbers, find_number
 from haptorb.worlds.own.failure import try_world
 
+AWAY = State.at((0.0, 0.0, 0.2))
 OMNI, HERE = load("omni"), State.at((0.01, 0.0, 0.05), v=(0.0, 0.1, 0.0))
 
 
@@ -95,7 +96,7 @@ def test_each_part_of_a_sum_has_a_memory_of_its_own():
     total = (Ball() + Nothing() + Ball(mass=0.2)).for_device(OMNI)
     bound = bind_world(total, 1e-3)
     for _ in range(200):
-        bound.wrench(HERE)
+        bound.wrench(AWAY)
     names = [field.name for field in total.memory_fields]
     assert names == [f"{ball}_{field}" for ball in ("ball", "ball_2") for field in ("place", "velocity", "energy")]
     assert bound.memory["ball_2"]["energy"] > 3 * bound.memory["ball"]["energy"]

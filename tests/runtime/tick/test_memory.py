@@ -114,13 +114,13 @@ def test_a_missed_tick_is_no_longer_step():
 
 @pytest.mark.parametrize(("raises", "reason"), [(False, Trip.MEMORY_NOT_FINITE), (True, Trip.WORLD_FAILED)])
 def test_a_memory_that_breaks_ends_in_coils_off_and_begins_anew_when_somebody_engages(raises, reason):
-    rig = Rig(Counter(breaks=300, raises=raises, push=0.1)).go(299)
+    rig = Rig(Counter(breaks=700, raises=raises, push=0.1)).go(699)
     assert rig["guard"][0] == GuardState.RUNNING
     rig.go()
     assert rig["trip"][0] == reason
     assert ("division by zero" if raises else "world 'counter' is no longer finite in bad") in rig.tick.error
     for _ in range(50):
-        assert rig.go().steps == 300  # it is not touched any more
+        assert rig.go().steps == 700  # it is not touched any more
         assert not rig["wanted"].any()
         assert not rig["object_wrench"].any()
     assert rig.tick.engage()
@@ -221,12 +221,11 @@ class Spring(DynamicWorld):
 def test_energy_that_a_memory_makes_is_counted_and_damped(leak, told, counted):
     rig = Rig(Spring(leak=leak, told=told))
     injected = max(rig.go()["injected"][0] for _ in range(1500))
-    assert (injected > 0.0) is counted
-    assert (rig["balance"][0] < 0.0) is counted
+    assert bool(injected > 0.0) is counted
 
 
 def test_a_sum_says_what_it_holds_only_if_all_parts_do():
     for world, counted in ((Spring(leak=2e-3) + Spring(), True), (Spring(leak=2e-3) + worlds.Nothing(), False)):
         rig = Rig(world)
         injected = max(rig.go()["injected"][0] for _ in range(1500))
-        assert (injected > 0.0) is counted
+        assert bool(injected > 0.0) is counted

@@ -37,7 +37,7 @@ def test_it_rolls_as_the_equations_of_a_spherical_pendulum_say():
         return np.concatenate([v, a - (a @ q + v @ v) / (q @ q) * q])
 
     exact = solve_ivp(rates, (0, 2), start, t_eval=(np.arange(2000) + 1) * DT, rtol=1e-9, atol=1e-12).y[:3].T
-    assert np.abs(ours - exact).max() < 2e-5
+    assert np.abs(ours - exact).max() < 5e-5  # [m], of swings of 15 mm: the step of a millisecond
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -45,17 +45,17 @@ def test_presliding_and_its_hysteresis_are_the_published_ones():
     away."""
 
     def load(t):
-        return 1.425 * np.interp(t, [0, 0.5, 0.6, 1.6, 1.7, 2.7], [0, 1, 1, -1, -1, 1])
+        return 1.425 * np.interp(t, [0, 4, 5, 13, 14, 22], [0, 1, 1, -1, -1, 1])
 
-    t, x, _, z = drag(Friction(**PAPER, elastic=0.0), load, 2.7, 1e-4)
+    t, x, _, z = drag(Friction(**PAPER, elastic=0.0), load, 22.0, 2e-4)
     chosen = np.arange(0, len(t), 200)
-    expected = solve(load, 2.7, t[chosen])
+    expected = solve(load, 22.0, t[chosen])
     size = np.abs(expected[0]).max()
-    assert 1.4e-5 < size < 1e-4  # presliding: of the order of F_s/σ0 = 15 µm
+    assert 1.5e-5 < size < 1e-4  # F_s/σ0 = 15 µm
     assert np.abs(x[chosen] - expected[0]).max() < 0.02 * size
     assert np.abs(z[chosen] - expected[2]).max() < 0.02 * 1.5e-5
-    up, down = np.argmin(np.abs(t - 0.3)), 10000 + np.argmin(np.abs(load(t[10000:16000])))
-    assert x[down] > 2 * abs(x[up] - x[down]) / 10  # with the load gone it does not come all the way back
+    unloaded = x[np.argmin(np.abs(t - 9.0))]
+    assert 0.5 < unloaded / x[t < 5].max() < 0.8  # with the load gone it does not come all the way back
 
 
 def test_it_breaks_away_at_the_breakaway_force_if_the_load_rises_slowly():
@@ -85,12 +85,12 @@ def test_below_breakaway_it_creeps_less_than_a_micrometre_a_second(elastic, cree
     t, x, *_ = drag(world, lambda t: 0.15 + 2e-3 * np.sin(2 * np.pi * 20 * t), 6.0, 1e-3, mass=0.1)
     late = t > 2.0
     creep = np.polyfit(t[late], x[late], 1)[0]
-    assert (abs(creep) > 1e-6) is creeps
+    assert bool(abs(creep) > 1e-6) is creeps
 
 
 def test_without_a_tremor_it_does_not_creep_at_all_even_as_published():
-    t, x, *_ = drag(Friction(elastic=0.0), lambda t: min(0.2, 0.2 * t), 4.0, 1e-3, mass=0.1)
-    assert np.ptp(x[t > 3.0]) < 1e-9
+    t, x, *_ = drag(Friction(elastic=0.0), lambda t: min(0.2, 0.2 * t), 9.0, 1e-3, mass=0.1)
+    assert np.ptp(x[t > 8.0]) < 1e-9
 
 
 @pytest.mark.parametrize("elastic", [0.0, 0.8])
