@@ -32,24 +32,24 @@ _STEP = 2e-5  #: of the differences [m] or [rad]
 class _Settled(World):
     """A world with memory that is moved from where it was held; `Workspace.field` takes it for a world without."""
 
-    bound: BoundWorld | None = None
+    rendered: BoundWorld | None = None
 
     def hold(self, state: State) -> None:
         """Begin, and stay at `state` for a while."""
-        assert self.bound is not None
-        self.bound.restart()
+        assert self.rendered is not None
+        self.rendered.restart()
         for _ in range(_HOLD):
-            self.bound.wrench(state)
+            self.rendered.wrench(state)
 
     def wrench(self, state: State) -> Array:
         """(6,) at `state` [N, N·m], one tick after the place where it is held now; that memory comes back."""
-        assert self.bound is not None
-        kept = self.bound.numbers.copy()
+        assert self.rendered is not None
+        kept = self.rendered.numbers.copy()
         try:
-            self.bound.wrench(state)
-            return self.bound.wrench(state).copy()
+            self.rendered.wrench(state)
+            return self.rendered.wrench(state).copy()
         finally:
-            self.bound.numbers[:] = kept
+            self.rendered.numbers[:] = kept
 
 
 class _Holder:

@@ -73,7 +73,7 @@ def _push(q: Array, p: Array, ball: Records, force: Array) -> float:
         for i in range(3):
             force[3 + i] = push * (p[i] - q[i]) / gap
             force[i] -= force[3 + i]
-    return energy
+    return float(energy)
 
 
 @kernel

@@ -68,7 +68,7 @@ def _free(b: Record, depth: float) -> float:
         return 0.0
     x = (share - _CLICK) / _WIDTH + 0.5
     click = np.sin(2.0 * np.pi * x) * np.sin(np.pi * x) if 0.0 < x < 1.0 else 0.0
-    return b.preload * _rise(share / 0.08) + b.spring * depth + b.click * click
+    return float(b.preload * _rise(share / 0.08) + b.spring * depth + b.click * click)
 
 
 @kernel

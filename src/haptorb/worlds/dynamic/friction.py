@@ -51,7 +51,7 @@ def _slip(f: Record, bent: float, level: float, forward: bool) -> float:
         return 0.0
     if bent >= level:
         return 1.0
-    return 0.5 + 0.5 * np.sin(np.pi * ((bent - start) / (level - start) - 0.5))
+    return float(0.5 + 0.5 * np.sin(np.pi * ((bent - start) / (level - start) - 0.5)))
 
 
 @kernel
