@@ -93,7 +93,7 @@ def test_both_kinds_add_in_any_order():
 
 
 def test_each_part_of_a_sum_has_a_memory_of_its_own():
-    total = (Ball() + Nothing() + Ball(mass=0.2)).for_device(OMNI)
+    total = (Ball() + Ball(mass=0.2)).for_device(OMNI)
     bound = bind_world(total, 1e-3)
     for _ in range(200):
         bound.wrench(AWAY)
