@@ -98,10 +98,12 @@ def test_each_part_of_a_sum_has_a_memory_of_its_own():
     for _ in range(200):
         bound.wrench(AWAY)
     names = [field.name for field in total.memory_fields]
-    assert names == [f"{ball}_{field}" for ball in ("ball", "ball_2") for field in ("place", "velocity", "energy")]
+    assert names == [
+        f"{ball}_{field}" for ball in ("ball", "ball_2") for field in ("place", "velocity", "drawn", "energy")
+    ]
     assert bound.memory["ball_2"]["energy"] > 3 * bound.memory["ball"]["energy"]
     assert bound.energy == pytest.approx(bound.memory["ball"]["energy"][0] + bound.memory["ball_2"]["energy"][0])
-    assert [shape.place for shape in total.shapes] == ["ball_place", "ball_2_place"]
+    assert [shape.place for shape in total.shapes] == ["ball_drawn", "ball_2_drawn"]
     assert total.passive
     assert not (Ball() + worlds.Dome()).passive
     assert "Ball(" in repr(total)
