@@ -19,7 +19,7 @@ from haptorb.worlds.parameter import parameter
 from haptorb.worlds.shape import Shape
 from haptorb.worlds.world import World
 
-__all__ = ["Ball"]
+__all__ = ["RollingBall"]
 
 _FIELDS = (
     MemoryField("place", "m", "of the ball's centre, stator frame", (3,)),
@@ -133,7 +133,7 @@ def _roll(memory: Records, ball: Records, p: Array, dt: float, wrench: Array) ->
 
 
 @dataclass(frozen=True)
-class Ball(DynamicWorld):
+class RollingBall(DynamicWorld):
     """A ball that rolls in a bowl on the dome: push it, catch it, let it swing.
 
     Its centre moves on the sphere on which a touching tool's magnet moves, in the potential of a spherical pendulum,
@@ -143,7 +143,7 @@ class Ball(DynamicWorld):
     Integrated by Störmer–Verlet on the sphere, a step a tick: without damping its energy stays within 0.1 % (Hairer,
     Lubich and Wanner 2006, chapter VI).
 
-    >>> ball = Ball(rim_deg=60)
+    >>> ball = RollingBall(rim_deg=60)
     >>> bool(ball.wrench(State.at((0.02, 0, 0.05)))[0] < 0)
     True
     """
@@ -162,7 +162,12 @@ class Ball(DynamicWorld):
     def __post_init__(self) -> None:
         World.__post_init__(self)
         if not np.linalg.norm(self.summit) > 1e-6:
-            raise InputError("Ball.summit must be a direction; got the zero vector")
+            raise InputError("RollingBall.summit must be a direction; got the zero vector")
+
+    @property
+    def name(self) -> str:
+        """As in the catalogue."""
+        return "ball"
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
@@ -179,7 +184,7 @@ class Ball(DynamicWorld):
         """[N]"""
         return self.greatest
 
-    def for_device(self, device: Device) -> Ball:
+    def for_device(self, device: Device) -> RollingBall:
         """With the ball on the dome of `device`. Raises InputError for a device without one, or a summit below its
         rim."""
         shell = device.shell
@@ -187,7 +192,7 @@ class Ball(DynamicWorld):
             raise InputError(f"world 'ball' is for a tool over a sphere; device '{device.name}' has none")
         if self.summit[2] < 0.0:
             raise InputError(
-                f"Ball.summit {tuple(self.summit)} lies below the rim of the dome of device '{device.name}': its z "
+                f"RollingBall.summit {tuple(self.summit)} lies below the rim of the dome of device '{device.name}': its z "
                 "must not be negative"
             )
         return replace(self, distance=shell.contact_distance, ground=shell.dome_radius)
@@ -222,6 +227,6 @@ class Ball(DynamicWorld):
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
         """The ball goes on where it is [m], on the sphere of this world."""
-        if isinstance(previous, Ball) and old.dtype == memory.dtype:
+        if isinstance(previous, RollingBall) and old.dtype == memory.dtype:
             memory[:] = old
             memory["place"] *= self.distance / previous.distance
