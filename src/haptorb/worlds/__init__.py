@@ -16,10 +16,17 @@ from haptorb.worlds.basic.texture import Texture
 from haptorb.worlds.basic.vibration import Vibration
 from haptorb.worlds.basic.wall import Wall
 from haptorb.worlds.contact_world import ContactWorld
+from haptorb.worlds.dynamic.ball import RollingBall
+from haptorb.worlds.dynamic.button import Button
+from haptorb.worlds.dynamic.friction import Friction
+from haptorb.worlds.dynamic.stirred_fluid import StirredFluid
+from haptorb.worlds.dynamic_world import DynamicSum, DynamicWorld
 from haptorb.worlds.maps.dome import Dome
 from haptorb.worlds.maps.domes import domes_apart
 from haptorb.worlds.maps.terrain import Terrain
+from haptorb.worlds.memory import MemoryField, make_memory
 from haptorb.worlds.moving import Orbit, Varying
+from haptorb.worlds.shape import Shape
 from haptorb.worlds.snap_fit.outlet import Outlet
 from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
 from haptorb.worlds.snap_fit.snap_fit import SnapFit
@@ -27,18 +34,26 @@ from haptorb.worlds.world import Sum, World
 
 __all__ = [
     "CATALOGUE",
+    "Button",
     "ContactWorld",
     "Detents",
     "Dome",
+    "DynamicSum",
+    "DynamicWorld",
     "Fluid",
+    "Friction",
     "Guidance",
     "Magnet",
+    "MemoryField",
     "Nothing",
     "Orbit",
     "Outlet",
     "PublishedOutlet",
+    "RollingBall",
+    "Shape",
     "SnapFit",
     "StickSlip",
+    "StirredFluid",
     "Sum",
     "Terrain",
     "Texture",
@@ -48,6 +63,7 @@ __all__ = [
     "World",
     "domes_apart",
     "find_world",
+    "make_memory",
 ]
 
 #: name on the command line → world; contract tests run over all of them
@@ -67,6 +83,10 @@ CATALOGUE: dict[str, type[World]] = {
     "outlet": Outlet,
     "outlet-published": PublishedOutlet,
     "snap_fit": SnapFit,
+    "ball": RollingBall,
+    "button": Button,
+    "friction": Friction,
+    "stirred_fluid": StirredFluid,
 }
 
 

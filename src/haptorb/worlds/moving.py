@@ -44,9 +44,11 @@ class Varying(World):
         return replace(self, device=device)
 
     def wrench(self, state: State) -> Array:
-        """(6,) of the world that holds now [N, N·m]."""
+        """(6,) of the world that holds now [N, N·m]. Raises InputError if that has a memory: it would forget."""
         assert self.at is not None
         world = self.at(state)
+        if world.remembers:
+            raise InputError(f"Varying makes a world anew in every tick; '{world.name}' has a memory: add it instead")
         return (world if self.device is None else world.for_device(self.device)).wrench(state)
 
 
