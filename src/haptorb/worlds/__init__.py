@@ -16,10 +16,12 @@ from haptorb.worlds.basic.texture import Texture
 from haptorb.worlds.basic.vibration import Vibration
 from haptorb.worlds.basic.wall import Wall
 from haptorb.worlds.contact_world import ContactWorld
+from haptorb.worlds.maps.changing import ChangingTerrain, Summits
+from haptorb.worlds.maps.compass import Compass, CompassDome
 from haptorb.worlds.maps.dome import Dome
 from haptorb.worlds.maps.domes import domes_apart
 from haptorb.worlds.maps.terrain import Terrain
-from haptorb.worlds.moving import Orbit, Varying
+from haptorb.worlds.moving import Orbit, Varying, Wander
 from haptorb.worlds.snap_fit.outlet import Outlet
 from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
 from haptorb.worlds.snap_fit.snap_fit import SnapFit
@@ -27,6 +29,9 @@ from haptorb.worlds.world import Sum, World
 
 __all__ = [
     "CATALOGUE",
+    "ChangingTerrain",
+    "Compass",
+    "CompassDome",
     "ContactWorld",
     "Detents",
     "Dome",
@@ -40,11 +45,13 @@ __all__ = [
     "SnapFit",
     "StickSlip",
     "Sum",
+    "Summits",
     "Terrain",
     "Texture",
     "Varying",
     "Vibration",
     "Wall",
+    "Wander",
     "World",
     "domes_apart",
     "find_world",
@@ -64,6 +71,11 @@ CATALOGUE: dict[str, type[World]] = {
     "vibration": Vibration,
     "wall": Wall,
     "orbit": Orbit,
+    "wander": Wander,
+    "summits": Summits,
+    "changing_terrain": ChangingTerrain,
+    "compass": Compass,
+    "compass_dome": CompassDome,
     "outlet": Outlet,
     "outlet-published": PublishedOutlet,
     "snap_fit": SnapFit,

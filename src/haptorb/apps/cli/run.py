@@ -63,6 +63,14 @@ def run(
         str | None,
         typer.Option(help="Controller model of coils and magnets: exact (default), or published (as in the paper)."),
     ] = None,
+    render: Annotated[
+        str | None,
+        typer.Option(help="Part of the world's wrench to render on a tool: force, torque, both (default: as asked)."),
+    ] = None,
+    torque_arm: Annotated[
+        float | None,
+        typer.Option(help="For both: 1 N weighs as much as this arm [mm] x 1 N of torque (default: 43.5)."),
+    ] = None,
     rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
     seed: Annotated[int, typer.Option(help="Seed of the simulated noise.")] = 0,
     record: Annotated[Path | None, typer.Option(help="Record to this MCAP file.")] = None,
@@ -99,7 +107,7 @@ def run(
             device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction, frame=frame,
             rate=rate, seed=seed, model=model, record=record or False,
             overwrite=force, estimator=estimator, calibration=calibration, black_box=state_folder() / "trips",
-            watchdog=not no_watchdog,
+            watchdog=not no_watchdog, render=render, torque_arm=None if torque_arm is None else 1e-3 * torque_arm,
         )  # fmt: skip
         before = signal.signal(signal.SIGTERM, _end)
         try:

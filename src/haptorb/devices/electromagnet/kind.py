@@ -11,6 +11,7 @@ ELECTROMAGNET = DeviceKind(
     title="spherical electromagnet",
     world="dome",
     allocator="haptorb.control.allocation.for_device:force_allocator",
+    wrench_choice="haptorb.control.allocation.for_device:tool_choice",
     estimators="haptorb.sensing.tool.tool_estimators:tool_estimators",
     simulation="haptorb.simulation.electromagnet.electromagnet:SimulatedElectromagnet",
     guide="haptorb.runtime.pointer.guide:dome_guide",

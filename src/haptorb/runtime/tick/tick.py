@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.control.allocation.allocator import Allocation, Allocator, Saturation
+from haptorb.control.allocation.wrench_choice import WrenchChoice
 from haptorb.control.clutch.linkage import NO_CONTACTS, Direct, Linkage, RenderedWrench
 from haptorb.control.protection.protection import Protection
 from haptorb.control.protection.trip import Trip
@@ -25,6 +26,7 @@ from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.row import STAGES, RowLayout
 from haptorb.runtime.tick.fill_row import fill_object, fill_row
+from haptorb.runtime.tick.rendered_part import RenderedPart
 from haptorb.sensing.controller_model import FADE
 from haptorb.sensing.estimator import Estimator
 from haptorb.worlds.own.failure import check_wrench, describe_failure
@@ -48,12 +50,13 @@ class Tick:
         allocator: Allocator,
         dt: float,
         linkage: Linkage | None = None,
+        *,
+        choice: WrenchChoice | None = None,
     ) -> None:
         self.world = world.for_device(device)
         self.world_changes = 0
         self.driver = driver
         self.estimator = estimator
-        self.allocator = allocator
         self.linkage = linkage or Direct()
         self.protection = Protection(device, dt, self.linkage.arm)
         self.protection.change_world(passive=self.world.passive and self.linkage.passive)
@@ -71,10 +74,17 @@ class Tick:
         model = estimator.model
         self._model: float = device.models.index(model) if model else np.nan
         self._rendered, self._on_thing = np.zeros(6), np.zeros(6)
+        self._part = RenderedPart(allocator, choice, self.protection, self._rendered)
+        self._part.begin(self.world)
         self._fade_from: Array | None = None  # (6,) wrench of before `replace_world` [N, N·m]
         self._fade_start: float | None = None  # of the first tick after it [s]
         self._places = self.layout.places
         self._start = {field.name: self.layout[field.name].start for field in self.layout.fields}
+
+    @property
+    def allocator(self) -> Allocator:
+        """The one in force."""
+        return self._part.allocator
 
     @property
     def remark(self) -> str:
@@ -102,6 +112,7 @@ class Tick:
             self.linkage.restart()
         self.world = fitted
         self.protection.change_world(passive=fitted.passive and self.linkage.passive)
+        self._part.begin(fitted)
         self.world_changes += 1
 
     def replace_world(self, world: World) -> None:
@@ -204,6 +215,7 @@ class Tick:
         cells[start["world"]] = self.world_changes
         cells[start["coil_state"]] = self.driver.coil_state
         cells[start["saturated"]] = allocation.saturated
+        cells[start["part"]] = self._part.number
         cells[start["model"]] = self._model
         cells[start["mode"]] = felt.mode
         cells[start["engaged"]] = felt.engaged
@@ -217,6 +229,8 @@ class Tick:
             self._rendered[:], self._on_thing[:] = felt.wrench, felt.on_thing
             if self._fade_from is not None:
                 self._fade(now)
+            if self._part.is_open:
+                self._part.follow()
             self._felt_last = felt
             return felt
         except TickTimeout:
@@ -230,7 +244,7 @@ class Tick:
 
     def _allocate(self, wrench_map: WrenchMap, wrench: Array) -> Allocation:
         try:
-            return self.allocator.allocate(wrench_map, wrench)
+            return self._part.allocator.allocate(wrench_map, wrench)
         except HaptorbError as cause:
             self._fail(Trip.CURRENTS_NOT_FINITE, cause)  # safety: allocation-failure-trips
             return self._no_currents
