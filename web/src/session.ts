@@ -129,6 +129,10 @@ export interface Session {
   /** the models of coils and magnets that the controller can invert, the default first */
   models: string[];
   columns: Column[];
+  /** what to say of the part of the wrench that is rendered, by the column `part`; empty where there is no choice */
+  parts: string[];
+  /** what holds a wrench back, in words, by the column `saturated` */
+  saturations: string[];
   coils: string[];
   limits: {
     force: number;

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from haptorb.apps.part_notice import tell_part
 from haptorb.apps.pose_wait import tell_missing_pose
 from haptorb.apps.terminal import print_json, say
 from haptorb.errors import InputError
@@ -131,7 +132,7 @@ def _run_without_console(servo: Servo, standby: PrestartedProcess, duration: flo
         if not json:
             say(f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_nature(servo)}. Ctrl-C ends.")
         try:
-            with tell_missing_pose(servo):
+            with tell_missing_pose(servo), tell_part(servo):
                 servo.run(duration if duration is not None else 1e9)
             number = 0
         except KeyboardInterrupt:
@@ -162,7 +163,7 @@ def _run_with_console(
             last = now
             return monotonic() > end
 
-        with tell_missing_pose(servo):
+        with tell_missing_pose(servo), tell_part(servo):
             number = console.serve(open_browser=browser, until=look)
         servo.check()  # a servo that died says why, and the exit code says that it did
     _report(servo, json)
@@ -204,12 +205,14 @@ def _report(servo: Servo, json: bool) -> None:
         return
     rate, late = report["success_rate"], report["lateness_us"]["p99"]
     if rate is not None and late is not None:
+        torque = f", torque {1e3 * report['peak_torque_nm']:.1f} mN·m"
+        turned = torque if report["rendered"] in ("torque", "both") else ""
         say(
             f"{report['ticks']} ticks, {100 * rate:.2f} % in time, p99 lateness {late:.0f} µs, "
             + (
                 f"peak torque {report['peak_torque_nm']:.2f} N·m"
                 if servo.modes
-                else f"peak force {report['peak_force_n']:.2f} N"
+                else f"peak force {report['peak_force_n']:.2f} N{turned}"
             )
         )
     if "rate_hz" in (poses := report["tracking"]):

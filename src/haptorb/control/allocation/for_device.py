@@ -67,4 +67,4 @@ def tool_choice(
     )  # fmt: skip
     hand = device.hand  # its damping against turning is that against moving, at this arm
     held_at = (hand.turn_damping / hand.damping) ** 0.5 if hand.damping > 0.0 else 0.0
-    return WrenchChoice({"force": force_allocator(device), "torque": torque, "both": both}, held_at, part)
+    return WrenchChoice({"force": force_allocator(device), "torque": torque, "both": both}, held_at, part, weight)

@@ -21,12 +21,16 @@ class WrenchChoice:
     allocators   one for each part
     arm          at which a hand holds the tool against turning [m]
     fixed        the part that a person chose; None: the one that the world asks
+    weight       1 N weighs as much as this arm [m] × 1 N of torque, where both are asked
     """
 
-    def __init__(self, allocators: Mapping[WrenchPart, Allocator], arm: float, fixed: WrenchPart | None = None) -> None:
+    def __init__(
+        self, allocators: Mapping[WrenchPart, Allocator], arm: float, fixed: WrenchPart | None, weight: float
+    ) -> None:
         self.allocators = dict(allocators)
         self.arm = arm
         self.fixed = fixed
+        self.weight = weight
 
     def choose_part(self, world: World) -> WrenchPart:
         """The part of `world` to begin with: force for one that does not say what it asks."""

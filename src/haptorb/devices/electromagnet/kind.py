@@ -12,6 +12,7 @@ ELECTROMAGNET = DeviceKind(
     world="dome",
     allocator="haptorb.control.allocation.for_device:force_allocator",
     wrench_choice="haptorb.control.allocation.for_device:tool_choice",
+    part_remarks="haptorb.control.allocation.part_remarks:part_remarks",
     estimators="haptorb.sensing.tool.tool_estimators:tool_estimators",
     simulation="haptorb.simulation.electromagnet.electromagnet:SimulatedElectromagnet",
     guide="haptorb.runtime.pointer.guide:dome_guide",

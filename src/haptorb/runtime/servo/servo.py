@@ -143,7 +143,7 @@ class Servo(ServoContext):
         self.modes = modes_of(self.device)  #: that `set_mode` knows; empty where the device acts directly
         if gains is not None:
             linkage_of(self.device, gains)  # refuses here what does not fit
-        choice_of(self.device, render, torque_arm)  # refuses here what does not fit
+        self._choice = choice_of(self.device, render, torque_arm)  # refuses here what does not fit
         self.render = render  #: part of the wrench that is rendered whatever the world asks; None: what it asks
         first, self._world_file = choose_world(default_world(self.device) if world is None else world)
         ServoContext.__init__(self, first)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import final
 
 from haptorb.control.allocation.allocator import Allocator
@@ -14,10 +13,12 @@ from haptorb.worlds.wrench_part import WrenchPart
 
 __all__ = ["RenderedPart"]
 
+_NO_CHOICE = -1.0
+
 
 @final
 class RenderedPart:
-    """The allocator in force and its number in the row, NaN for a device without a choice.
+    """The allocator in force and its number in the row, −1 for a device without a choice.
 
     rendered   (6,) the world's wrench of this tick [N, N·m], filled by the tick
     is_open    whether the part still follows from the wrenches
@@ -26,7 +27,7 @@ class RenderedPart:
     def __init__(
         self, allocator: Allocator, choice: WrenchChoice | None, protection: Protection, rendered: Array
     ) -> None:
-        self.allocator, self.number, self.is_open = allocator, math.nan, False
+        self.allocator, self.number, self.is_open = allocator, _NO_CHOICE, False
         self._choice, self._protection = choice, protection
         self._numbers = rendered.data.cast("B").cast("d")  # single numbers come out of it ten times faster
         self._part: WrenchPart = "force"
