@@ -94,6 +94,7 @@ class World(Presentable, ABC):
         bound = f"{format_number(self.bound)} N" if np.isfinite(self.bound) else "no bound is known"
         yes = {True: "yes", False: "no"}
         facts = [("largest force", bound), ("passive", yes[self.passive]), ("continuous", yes[self.continuous])]
+        facts += [("asks", self.asks.replace("both", "force and torque"))] if self.asks else []
         return facts + [("remark", remark) for remark in self.remarks]
 
     def _picture_html(self) -> str:

@@ -57,4 +57,5 @@ class RenderedPart:
         assert self._choice is not None
         self._part, self.number = part, float(PART_NUMBERS[part])
         self.allocator = self._choice.allocators[part]
-        self._protection.change_part(pushes=part != "torque", arm=0.0 if part == "force" else self._choice.arm)
+        arm = 0.0 if part == "force" else self._choice.arm
+        self._protection.change_part(pushes=part != "torque", arm=arm)  # safety: turns-are-counted
