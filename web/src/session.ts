@@ -66,7 +66,8 @@ export interface DomeScene extends Scene {
   shell_thickness: number;
   workspace: number;
   core_radius: number;
-  magnet: { outer_radius: number; length: number; tip_distance: number };
+  /** worn: on a fingertip, not in a pen */
+  magnet: { worn: boolean; outer_radius: number; length: number; tip_distance: number };
 }
 
 /** A rotor with magnets around a stator with coils, and a handle; lengths in metres, angles in radians. */

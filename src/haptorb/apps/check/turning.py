@@ -6,6 +6,7 @@ they differ from angles by less than half a per cent.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -30,6 +31,8 @@ UNJUDGED = (
 
 _NEAR = 0.15  #: size of a neighbourhood [rad]
 _POSES, _TURNS = 24, 6
+_CLIMBS, _STEPS = 3, 12  #: the steepest neighbourhoods from which it climbs on, and how far at most
+_GROWN = 1.002  #: less is no growth
 _LEAN = np.radians(70.0)  #: of a tool from the radial direction
 _STILL = np.zeros(3)
 
@@ -53,13 +56,45 @@ def turning_workspace(device: SphericalElectromagnet) -> Workspace:
 
 
 def steepest_turn(device: SphericalElectromagnet, world: World, place: Workspace) -> Steepest:
-    """What is steepest of the torque of `world` in all orientations, near and far from contact."""
-    found = [
-        steepest(_turn_field(world, device, pose), place.places, _is_near, seed=n)
-        for n, pose in enumerate(_poses(device))
-    ]
+    """What is steepest of the torque of `world` in all orientations; the places are directions of the tool's axis.
+
+    From the steepest neighbourhoods it climbs on to neighbouring ones for as long as it grows.
+    """
+    poses = _poses(device)
+    parts = [_look(world, device, pose, place, n) for n, pose in enumerate(poses)]
+    found = [_name_axes(part, pose) for part, pose in zip(parts, poses, strict=True)]
+    for n in sorted(range(len(parts)), key=lambda n: -_strength(parts[n]))[:_CLIMBS]:
+        part, pose = parts[n], poses[n]
+        for step in range(_STEPS):
+            best = max(part.candidates, key=lambda one: abs(one.stiffness), default=None)
+            if best is None:
+                break
+            pose = (pose[0], _turn(np.array(best.place), pose[1]))
+            before, part = _strength(part), _look(world, device, pose, place, step)
+            found.append(_name_axes(part, pose))
+            if _strength(part) <= _GROWN * before:
+                break
     candidates = tuple(one for part in found for one in part.candidates)
     return Steepest(candidates, max(one.away for one in found), max(one.jump for one in found))
+
+
+def _look(
+    world: World, device: SphericalElectromagnet, pose: tuple[Array, Array], place: Workspace, seed: int
+) -> Steepest:
+    return steepest(_turn_field(world, device, pose), place.places, _is_near, seed=seed)
+
+
+def _strength(part: Steepest) -> float:
+    return max((abs(one.stiffness) for one in part.candidates), default=0.0)
+
+
+def _name_axes(part: Steepest, pose: tuple[Array, Array]) -> Steepest:
+    """With the tool's axis as the place of each candidate."""
+    named = []
+    for one in part.candidates:
+        x, y, z = _turn(np.array(one.place), pose[1])[:, 2].tolist()
+        named.append(replace(one, place=(x, y, z)))
+    return replace(part, candidates=tuple(named))
 
 
 def find_asked_part(device: SphericalElectromagnet, world: World) -> WrenchPart:

@@ -75,7 +75,7 @@ def _share_within(passive: Array, active: Array, first: int, greatest: float) ->
         return 1.0
     if c >= 0.0 or a == 0.0:
         return 0.0
-    return min(1.0, (np.sqrt(b * b - a * c) - b) / a)
+    return float(min(1.0, (np.sqrt(b * b - a * c) - b) / a))
 
 
 @kernel
