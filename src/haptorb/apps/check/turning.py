@@ -30,7 +30,7 @@ UNJUDGED = (
 )
 
 _NEAR = 0.15  #: size of a neighbourhood [rad]
-_POSES, _TURNS = 24, 6
+_POSES, _TURNS = 16, 2
 _CLIMBS, _STEPS = 3, 12  #: the steepest neighbourhoods from which it climbs on, and how far at most
 _GROWN = 1.002  #: less is no growth
 _LEAN = np.radians(70.0)  #: of a tool from the radial direction
