@@ -43,7 +43,7 @@ def _to_tuple(value: Any) -> Any:
 class World(Presentable, ABC):
     """A world renders a wrench (6,) for a state: force [N] and torque about the mover's origin [N·m], frame S.
 
-    It has no clock and no memory that it does not declare: two calls with the same state give the same wrench.
+    It has no clock and no memory: two calls with the same state give the same wrench. A `DynamicWorld` has a memory.
     """
 
     passive: ClassVar[bool] = True  #: no closed path can take energy out of it
@@ -52,6 +52,7 @@ class World(Presentable, ABC):
     needs_target: ClassVar[bool] = False
     #: part of the wrench that it asks of a tool; None: whatever part of its wrenches is not zero
     asks: ClassVar[WrenchPart | None] = None
+    remembers: ClassVar[bool] = False  #: a `DynamicWorld`: it has a memory, and renders more than a state
 
     def __post_init__(self) -> None:
         _parameter.check(self)
@@ -129,6 +130,8 @@ class World(Presentable, ABC):
 
     def __add__(self, other: World) -> Sum:
         """Both at once."""
+        if other.remembers:
+            return NotImplemented  # `DynamicWorld` adds both kinds
         parts = [part for world in (self, other) for part in (world.parts if isinstance(world, Sum) else (world,))]
         return Sum(tuple(parts))
 
@@ -180,6 +183,6 @@ class Sum(World):
             total += part.wrench(state)
         return total
 
-    def for_device(self, device: Device) -> Sum:
+    def for_device(self, device: Device) -> Self:
         """Every part as `device` must render it."""
-        return Sum(tuple(part.for_device(device) for part in self.parts))
+        return replace(self, parts=tuple(part.for_device(device) for part in self.parts))

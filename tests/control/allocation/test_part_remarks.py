@@ -23,8 +23,8 @@ def test_the_figures_are_those_of_the_dipole_model(name):
          for axis in np.eye(3)[:2]),
         key=lambda wrench: np.linalg.norm(wrench[3:]),
     )  # fmt: skip
-    assert torque == pytest.approx(1e3 * np.linalg.norm(most[3:]), rel=0.05)
-    assert force == pytest.approx(np.linalg.norm(most[:3]), rel=0.05)
+    assert torque == pytest.approx(1e3 * np.linalg.norm(most[3:]), rel=0.06)
+    assert force == pytest.approx(np.linalg.norm(most[:3]), rel=0.06)
 
 
 def test_nothing_is_said_of_force_unless_it_was_chosen():

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
+from haptorb.apps.check.quick_steepness import list_quick_steepness
 from haptorb.apps.check.turning import UNJUDGED, find_asked_part, steepest_turn, turning_workspace
 from haptorb.apps.check.workspace import Workspace, workspace
 from haptorb.apps.terminal.notebook_report import NotebookReport
@@ -20,12 +21,14 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 from haptorb.runtime.tick.assembly import choice_of
 from haptorb.sensing.tool.place_filter import memory
+from haptorb.worlds.dynamic_world import DynamicWorld
 from haptorb.worlds.world import World
 from haptorb.worlds.wrench_part import WrenchPart
 
 __all__ = ["ENOUGH", "Setting", "WorldVerdict", "judge_world"]
 
 ENOUGH = 1.5  #: a world should be so many times weaker than the strongest that is stable: hands differ
+_QUICK = 4  #: of the places where a world with memory is steepest
 _FASTEST = 4000.0  #: no servo here is faster [Hz]
 
 
@@ -220,7 +223,11 @@ def judge_world(
         turning = judge(turned, steepest_turn(device, world, turned))
     if turning is not None and part == "torque":
         return turning
-    return judge(place, steepest(place.field(world), place.places, place.inside), turning)
+    steep = steepest(place.field(world), place.places, place.inside)
+    if isinstance(world, DynamicWorld):
+        quick = list_quick_steepness(device, world, place, 1.0 / setting.rate)
+        steep = replace(steep, candidates=(*steep.candidates, *quick[:_QUICK]))
+    return judge(place, steep, turning)
 
 
 def _factor(loop: SampledLoop, hand: HandGrip, one: Steepness) -> float:

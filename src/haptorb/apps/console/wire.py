@@ -30,7 +30,7 @@ _POINTER = struct.Struct("<9d")
 COLUMNS = (
     *("t", "tick", "lateness", "missed", "guard", "trip", "coil_state", "gain", "world", "model", "valid", "age"),
     *("p", "q", "target", "target_q", "asked", "given", "wanted", "currents", "winding", "remaining"),
-    *("saturated", "part"),
+    *("saturated", "part", "memory"),
 )
 
 #: what it shows besides of a mover that moves a target through modes

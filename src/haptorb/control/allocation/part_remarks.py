@@ -22,7 +22,7 @@ def part_remarks(device: SphericalElectromagnet, choice: WrenchChoice) -> tuple[
     >>> from haptorb.devices.loader import load
     >>> omni = load("omni")
     >>> part_remarks(omni, tool_choice(omni))[1].split(" across")[0]
-    'Torque is rendered: as point dipoles at contact, up to about 8.1 mN·m'
+    'Torque is rendered: as point dipoles at contact, up to about 8.4 mN·m'
     """
     d = device.contact_distance
     most = np.minimum(device.coils.current_limit, np.sqrt(device.supply.power / device.greatest_resistance))

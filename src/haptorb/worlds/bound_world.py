@@ -1,0 +1,108 @@
+"""A world with memory as one run of a loop has it: world, memory and time step behind one door."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from haptorb.devices.state import State
+from haptorb.errors import HaptorbError, InputError
+from haptorb.numerics.arrays import Array
+from haptorb.numerics.compiled import kernel
+from haptorb.worlds.dynamic_world import DynamicWorld
+from haptorb.worlds.memory import check_memory, numbers_of
+from haptorb.worlds.world import World
+
+__all__ = ["BoundWorld", "MemoryNotFinite", "bind_world"]
+
+
+class MemoryNotFinite(HaptorbError):
+    """A world has computed a memory with numbers that are not finite."""
+
+
+@kernel
+def _is_finite(numbers: Array) -> bool:
+    finite = True
+    for i in range(numbers.size):
+        finite &= np.isfinite(numbers[i])
+    return finite
+
+
+@final
+class BoundWorld:
+    """`world` with a memory of its own, advanced by `dt` [s] in each call of `wrench`; what a linkage renders.
+
+    numbers  (n,) all of its memory, in the units of its fields: a view
+    paused   there is no pose: it stands still and renders nothing
+    failed   it raised something, or its memory is not finite: it renders nothing until `restart`
+    """
+
+    def __init__(self, world: DynamicWorld, dt: float) -> None:
+        self.world = world
+        self.paused = self.failed = False
+        self.memory = check_memory(world.begin(), world.name)
+        self.numbers = numbers_of(self.memory)
+        names = [field.name for field in world.memory_fields]
+        sizes = [field.size for field in world.memory_fields]
+        if sum(sizes) != self.numbers.size:
+            raise InputError(
+                f"world '{world.name}': its memory has {self.numbers.size} numbers, but its memory_fields say "
+                f"{sum(sizes)}"
+            )
+        starts = np.cumsum([0, *sizes]).tolist()
+        stored = [start for name, start in zip(names, starts, strict=False) if name.rpartition("_")[2] == "energy"]
+        self._energies = stored if world.stores_energy else []
+        self._dt, self._advance, self._still = dt, world.advance, np.zeros(6)
+        _is_finite(self.numbers)  # compiled now
+
+    @property
+    def energy(self) -> float:
+        """What its memory holds [J]; NaN if it does not say that, or renders nothing now."""
+        if not self._energies or self.paused or self.failed:
+            return np.nan
+        return sum(map(self.numbers.item, self._energies))
+
+    def wrench(self, state: State) -> Array:
+        """(6,) what the world renders at `state` after one more time step [N, N·m].
+
+        Raises MemoryNotFinite, and what the world raises.
+        """
+        if self.paused or self.failed:
+            return self._still
+        # Whatever happens in there: half of a step is no memory to go on with.
+        self.failed = True  # safety: half-a-step
+        wrench = self._advance(self.memory, state, self._dt)
+        if not _is_finite(self.numbers):  # safety: memory-finite
+            raise MemoryNotFinite(self._explain())
+        self.failed = False
+        return wrench
+
+    def restart(self) -> None:
+        """Begin anew."""
+        self.memory[:] = check_memory(self.world.begin(), self.world.name)
+        self.failed = False
+
+    def _explain(self) -> str:
+        start, bad = 0, []
+        for field in self.world.memory_fields:
+            if not np.isfinite(self.numbers[start : start + field.size]).all():
+                bad.append(field.name)
+            start += field.size
+        return f"the memory of world '{self.world.name}' is no longer finite in {', '.join(bad)}"
+
+
+def bind_world(world: World, dt: float, before: BoundWorld | None = None) -> BoundWorld | None:
+    """`world` bound to a memory, for ticks `dt` [s] apart; None for a world without one.
+
+    before: the world that it takes over from, whose memory it may keep by its own rule. Raises InputError for a memory
+    that cannot be.
+    """
+    if not isinstance(world, DynamicWorld):
+        return None
+    bound = BoundWorld(world, dt)
+    if before is not None and not before.failed:
+        world.keep(bound.memory, before.world, before.memory)
+        if not np.isfinite(bound.numbers).all():
+            raise InputError(f"world '{world.name}': keep has left numbers in its memory that are not finite")
+    return bound

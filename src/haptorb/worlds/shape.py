@@ -1,0 +1,41 @@
+"""What a world with memory wants drawn: simple bodies that lie where fields of its memory say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from haptorb.errors import InputError, UnknownName
+
+__all__ = ["SHAPES", "Shape"]
+
+#: kind → how many numbers its `size` has, all [m]: sphere radius; capsule and cylinder radius and half length along
+#: their own z axis; box half lengths
+SHAPES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3}
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A body that the console draws, where the memory has it.
+
+    kind      "sphere", "capsule", "cylinder" or "box", see `SHAPES`
+    size      its measures [m]
+    place     memory field with its centre, (3,) [m], in the frame of the states that the world is given
+    attitude  memory field with its orientation, a quaternion (x, y, z, w); empty: along the frame
+    row       which row of those fields, where they are tables (n, 3) and (n, 4)
+    """
+
+    name: str
+    kind: str
+    size: tuple[float, ...]
+    place: str
+    attitude: str = ""
+    row: int = 0
+
+    def __post_init__(self) -> None:
+        if self.kind not in SHAPES:
+            raise UnknownName("shape", self.kind, SHAPES)
+        if len(self.size) != SHAPES[self.kind] or not all(0.0 < one < 10.0 for one in self.size):
+            raise InputError(
+                f"shape '{self.name}': a {self.kind} has {SHAPES[self.kind]} measures above 0 m and below 10 m; got "
+                f"{self.size}"
+            )
