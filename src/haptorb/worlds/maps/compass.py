@@ -36,7 +36,7 @@ class Compass(World):
     direction: tuple[float, float, float] = parameter(
         (0.5, 0.0, 0.866), "1", -1, 1, "direction to which the tool's axis is turned"
     )
-    strength: float = parameter(0.0025, "N·m", 0, 0.02, "T: maximum torque")
+    strength: float = parameter(0.002, "N·m", 0, 0.02, "T: maximum torque")
     width_deg: float = parameter(10.0, "deg", 2, 90, "s: angle over which the torque rises")
 
     def __post_init__(self) -> None:
@@ -81,7 +81,7 @@ class CompassDome(World):
     direction: tuple[float, float, float] = parameter(
         (0.5, 0.0, 0.866), "1", -1, 1, "direction to which the tool's axis is turned"
     )
-    strength: float = parameter(0.0025, "N·m", 0, 0.02, "T: maximum torque")
+    strength: float = parameter(0.002, "N·m", 0, 0.02, "T: maximum torque")
     width_deg: float = parameter(10.0, "deg", 2, 90, "s: angle over which the torque rises")
     dome: Dome = field(default_factory=Dome)
     compass: Compass = field(default_factory=Compass)
