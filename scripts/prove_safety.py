@@ -37,6 +37,7 @@ HOSTILE_TESTS = "tests/runtime/processes/test_hostile_worlds.py"
 STALLED_TESTS = "tests/runtime/processes/test_stalled_recorder.py"
 HAND_TESTS = "tests/runtime/servo/test_hand.py"
 LEFTOVER_TESTS = "tests/runtime/realtime/test_stale_files.py"
+PART_TESTS = "tests/runtime/tick/test_rendered_part.py"
 MEMORY_TESTS, TICK_TESTS = "tests/runtime/tick/test_memory.py", "tests/runtime/tick/test_tick.py"
 FEED_TESTS, FRAMED_TESTS = "tests/runtime/trackers/test_trackers.py", "tests/runtime/trackers/test_framed_feed.py"
 SENDER_TESTS = "tests/runtime/trackers/test_sender_clock.py"
@@ -267,6 +268,14 @@ RULES = [
     ("resistance-is-bounded", "resistance is bounded", "replace value by {value.args[0].args[0]}", DRIVE_TESTS),
     ("reversed-magnet-trips", "a reversed magnet trips", "never", "tests/runtime/tick/test_hall_loop.py"),
     ("damping-brakes", "damping brakes", "replace . by {target} += {value}", PASSIVITY_TESTS),
+    ("damping-brakes-turns", "damping brakes turns", "replace . by {target} += {value}", PART_TESTS),
+    ("turns-are-counted", "the energy of a rendered torque is counted", "drop", PART_TESTS),
+    (
+        "what-comes-along-is-limited",
+        "a force that comes along with a torque is limited as one that is asked",
+        "never",
+        "tests/control/allocation/test_whole_wrench.py",
+    ),
     ("damping-is-bounded", "damping is bounded", "replace value by 1e3 * {value.args[0]}", PASSIVITY_TESTS),
     ("active-worlds-are-left-alone", "active worlds are left alone", "without 1", PASSIVITY_TESTS),
     (

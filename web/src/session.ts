@@ -66,7 +66,8 @@ export interface DomeScene extends Scene {
   shell_thickness: number;
   workspace: number;
   core_radius: number;
-  magnet: { outer_radius: number; length: number; tip_distance: number };
+  /** worn: on a fingertip, not in a pen */
+  magnet: { worn: boolean; outer_radius: number; length: number; tip_distance: number };
 }
 
 /** A rotor with magnets around a stator with coils, and a handle; lengths in metres, angles in radians. */
@@ -138,6 +139,10 @@ export interface Session {
   /** the models of coils and magnets that the controller can invert, the default first */
   models: string[];
   columns: Column[];
+  /** what to say of the part of the wrench that is rendered, by the column `part`; empty where there is no choice */
+  parts: string[];
+  /** what holds a wrench back, in words, by the column `saturated` */
+  saturations: string[];
   coils: string[];
   limits: {
     force: number;

@@ -35,6 +35,8 @@ class DeviceKind:
     title          in sentences: "spherical motor", or for several "spherical motors"
     world          name of the world that shows such a device best
     allocator      (device) → Allocator
+    wrench_choice  (device, part or None, arm or None) → WrenchChoice, for a kind that can render force, torque or both
+    part_remarks   (device, WrenchChoice) → a text for each part that can be rendered
     estimators     (device) → {name: EstimatorChoice}, the default first
     linkage        (device, gains or None) → Linkage
     modes          names of the linkage's modes; empty for one that acts directly
@@ -56,6 +58,8 @@ class DeviceKind:
     title: str
     world: str
     allocator: Part
+    wrench_choice: Part | None = None
+    part_remarks: Part | None = None
     estimators: Part = "haptorb.sensing.estimator:tracker_only"
     linkage: Part = "haptorb.control.clutch.linkage:make_direct_linkage"
     modes: tuple[str, ...] = ()

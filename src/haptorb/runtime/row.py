@@ -88,8 +88,10 @@ class RowLayout:
                 "saturated",
                 1,
                 "1",
-                "limit that holds the asked wrench back: 0 none, 1 a coil's current, 2 the supply's power",
+                "what holds the asked wrench back: 0 nothing, 1 a coil's current limit, 2 the supply's power, 3 the "
+                "limit of force or torque that comes along, 4 the magnet's own axis, 5 the number of coils",
             ),
+            Field("part", 1, "1", "rendered part of the wrench: 0 force, 1 torque, 2 both; −1: no choice"),
             Field("model", 1, "1", "controller model, index in the device's models; NaN: none of them"),
             Field("field", 3 * k, "T", "field sensors, x y z each"),
             Field("mode", 1, "1", "mode of the mover: 0 direct, 1 translate, 2 rotate"),

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.control.allocation.allocator import Allocator
-from haptorb.control.allocation.for_device import force_allocator
+from haptorb.control.allocation.for_device import tool_choice
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State
 from haptorb.numerics.arrays import Array, vectors
 from haptorb.worlds.world import World
+from haptorb.worlds.wrench_part import WrenchPart
 
 __all__ = ["force_map"]
 
@@ -27,15 +28,19 @@ def force_map(
     *,
     model: str | None = None,
     allocator: Allocator | None = None,
+    render: WrenchPart | None = None,
 ) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
     """Radial force (n,) [N], outward positive, and where currents saturate (n,); radial tool at `points` (n, 3) [m].
 
     `model` is what the controller inverts (None: the device's first model), by default with the core's pull compensated
-    as far as the model knows it; what is given follows from the device's exact model. At rest: no inductance, no heat.
+    as far as the model knows it. `render` is the part of the wrench that is rendered, by default what the world asks:
+    of a torque, the force that comes along is told. What is given follows from the device's exact model. At rest: no
+    inductance, no heat.
     """
     at = vectors(points, "points").reshape(-1, 3)
     fitted = world.for_device(device)
-    allocate = (allocator or force_allocator(device)).allocate
+    choice = tool_choice(device, render)
+    allocate = (allocator or choice.allocators[choice.choose_part(fitted)]).allocate
     inverted = device.check_model(model or device.models[0])
     radial = np.empty(len(at))
     saturated = np.empty(len(at), dtype=np.bool_)
@@ -44,5 +49,5 @@ def force_map(
         allocation = allocate(device.wrench_map(state, inverted), fitted.wrench(state))
         given = device.wrench_map(state, "exact").wrench(allocation.currents)
         radial[n] = given[:3] @ state.axis
-        saturated[n] = allocation.saturated
+        saturated[n] = allocation.saturated.is_limit
     return radial, saturated

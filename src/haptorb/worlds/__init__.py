@@ -21,11 +21,13 @@ from haptorb.worlds.dynamic.button import Button
 from haptorb.worlds.dynamic.friction import Friction
 from haptorb.worlds.dynamic.stirred_fluid import StirredFluid
 from haptorb.worlds.dynamic_world import DynamicSum, DynamicWorld
+from haptorb.worlds.maps.changing import ChangingTerrain, Summits
+from haptorb.worlds.maps.compass import Compass, CompassDome
 from haptorb.worlds.maps.dome import Dome
 from haptorb.worlds.maps.domes import domes_apart
 from haptorb.worlds.maps.terrain import Terrain
 from haptorb.worlds.memory import MemoryField, make_memory
-from haptorb.worlds.moving import Orbit, Varying
+from haptorb.worlds.moving import Orbit, Varying, Wander
 from haptorb.worlds.shape import Shape
 from haptorb.worlds.snap_fit.outlet import Outlet
 from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
@@ -35,6 +37,9 @@ from haptorb.worlds.world import Sum, World
 __all__ = [
     "CATALOGUE",
     "Button",
+    "ChangingTerrain",
+    "Compass",
+    "CompassDome",
     "ContactWorld",
     "Detents",
     "Dome",
@@ -55,11 +60,13 @@ __all__ = [
     "StickSlip",
     "StirredFluid",
     "Sum",
+    "Summits",
     "Terrain",
     "Texture",
     "Varying",
     "Vibration",
     "Wall",
+    "Wander",
     "World",
     "domes_apart",
     "find_world",
@@ -80,6 +87,11 @@ CATALOGUE: dict[str, type[World]] = {
     "vibration": Vibration,
     "wall": Wall,
     "orbit": Orbit,
+    "wander": Wander,
+    "summits": Summits,
+    "changing_terrain": ChangingTerrain,
+    "compass": Compass,
+    "compass_dome": CompassDome,
     "outlet": Outlet,
     "outlet-published": PublishedOutlet,
     "snap_fit": SnapFit,

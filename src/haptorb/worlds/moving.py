@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from math import cos, pi, radians, sin
+from math import atan2, cos, hypot, pi, radians, sin
 from typing import ClassVar
 
 from haptorb.devices.device import Device
@@ -15,7 +15,7 @@ from haptorb.worlds.maps.dome import Dome
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.world import World
 
-__all__ = ["Orbit", "Varying"]
+__all__ = ["Orbit", "Varying", "Wander"]
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,7 @@ class Varying(World):
 class Orbit(World):
     """A dome whose summit moves in a circle and pushes the tool aside as it passes."""
 
+    asks = "force"
     passive: ClassVar[bool] = False
     continuous: ClassVar[bool] = False
 
@@ -86,3 +87,50 @@ class Orbit(World):
         s = sin(radians(self.tilt_deg))
         summit = (s * cos(turn), s * sin(turn), cos(radians(self.tilt_deg)))
         return replace(self.dome, summit=summit).wrench(state)
+
+
+@dataclass(frozen=True)
+class Wander(World):
+    """A summit that wanders over the device on a path without an end, and is to be found again: it never repeats.
+
+    Tilt and azimuth of the summit follow two swings each whose periods have no common multiple; no chance is in it, so
+    the same time is the same place.
+    """
+
+    asks = "force"
+    passive: ClassVar[bool] = False
+    continuous: ClassVar[bool] = False
+
+    tilt_deg: float = parameter(40.0, "deg", 0, 60, "greatest tilt of the summit")
+    pace: float = parameter(0.1, "Hz", 0, 1, "swings of the summit per second")
+    half_width_deg: float = parameter(18.0, "deg", 5, 90, "θ1: angle of the first zero of the radial force")
+    cut_off_deg: float = parameter(54.0, "deg", 5, 180, "θ2: angle from which the force is zero")
+    moment: float = parameter(2.0, "A·m²", -4, 4, "moment at the summit; negative pulls")
+    dome: Dome = field(default_factory=Dome)
+
+    def __post_init__(self) -> None:
+        World.__post_init__(self)
+        dome = replace(self.dome, half_width_deg=self.half_width_deg, cut_off_deg=self.cut_off_deg, moment=self.moment)
+        object.__setattr__(self, "dome", dome)
+
+    def for_device(self, device: Device) -> Wander:
+        """With the dome as `device` must render it."""
+        return replace(self, dome=self.dome.for_device(device))
+
+    @property
+    def bound(self) -> float:
+        """[N]"""
+        return self.dome.bound
+
+    def summit(self, t: float) -> tuple[float, float, float]:
+        """The summit's direction (3,) at time `t` [s]: a unit vector."""
+        turn = 2 * pi * self.pace * t
+        x = 0.6 * sin(turn) + 0.4 * sin(5**0.5 * turn)
+        y = 0.6 * cos(2**0.5 * turn) + 0.4 * sin(3**0.5 * turn)
+        far = min(1.0, hypot(x, y))
+        tilt, azimuth = radians(self.tilt_deg) * far, atan2(y, x)
+        return (sin(tilt) * cos(azimuth), sin(tilt) * sin(azimuth), cos(tilt))
+
+    def wrench(self, state: State) -> Array:
+        """(6,) of the dome where its summit is at the state's time [N]."""
+        return replace(self.dome, summit=self.summit(state.t)).wrench(state)

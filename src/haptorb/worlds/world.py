@@ -17,6 +17,7 @@ from haptorb.display.quantity_text import format_number
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.worlds import parameter as _parameter
+from haptorb.worlds.wrench_part import WrenchPart, join_parts
 
 __all__ = ["Sum", "TargetWorld", "World"]
 
@@ -49,6 +50,8 @@ class World(Presentable, ABC):
     continuous: ClassVar[bool] = True  #: no jumps: a small step of the state is a small step of the wrench
     #: acts on a target that a device moves through modes, whose frame is not the stator's
     needs_target: ClassVar[bool] = False
+    #: part of the wrench that it asks of a tool; None: whatever part of its wrenches is not zero
+    asks: ClassVar[WrenchPart | None] = None
     remembers: ClassVar[bool] = False  #: a `DynamicWorld`: it has a memory, and renders more than a state
 
     def __post_init__(self) -> None:
@@ -92,6 +95,7 @@ class World(Presentable, ABC):
         bound = f"{format_number(self.bound)} N" if np.isfinite(self.bound) else "no bound is known"
         yes = {True: "yes", False: "no"}
         facts = [("largest force", bound), ("passive", yes[self.passive]), ("continuous", yes[self.continuous])]
+        facts += [("asks", self.asks.replace("both", "force and torque"))] if self.asks else []
         return facts + [("remark", remark) for remark in self.remarks]
 
     def _picture_html(self) -> str:
@@ -153,6 +157,7 @@ class Sum(World):
         World.__post_init__(self)
         for promise in ("passive", "continuous"):  # of the class, but a sum keeps only what all of its parts keep
             object.__setattr__(self, promise, all(getattr(part, promise) for part in self.parts))
+        object.__setattr__(self, "asks", join_parts(part.asks for part in self.parts))
 
     @property
     def bound(self) -> float:

@@ -31,6 +31,8 @@ class FakeServo:
     modes: tuple[str, ...] = ()
     models: tuple[str, ...] = ("exact", "published")
     model = "exact"
+    render = None
+    part_remarks: tuple[str, ...] = ()
 
     def __init__(self, device: str = "omni", world: str = "dome") -> None:
         self.tracker_refusals: dict[str, int] = {}
@@ -172,6 +174,7 @@ class FakeServo:
             "winding": self.winding,
             "remaining": 42.0,
             "saturated": 0.0,
+            "part": 0.0,
             "model": self.models.index(self.model),
             "field": 0.0,
         }.items():

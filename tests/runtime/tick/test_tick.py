@@ -264,7 +264,7 @@ def test_an_allocation_that_fails_ends_in_coils_off(monkeypatch):
         raise InputError("wrench and wrench map must be finite")
 
     with monkeypatch.context() as patch:
-        patch.setattr(rig.tick.allocator, "allocate", allocate)
+        patch.setattr(rig.tick.part.allocator, "allocate", allocate)
         rig.go(1)
         assert rig["trip"][0] == Trip.CURRENTS_NOT_FINITE
         assert rig.is_off()

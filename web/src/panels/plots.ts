@@ -59,6 +59,7 @@ export class Plots {
     this.select.append(make("option", { value: "magnitude" }, "magnitude"));
     if (scene.radial) this.select.append(make("option", { value: "radial" }, "radial"));
     this.select.append(make("option", { value: "xyz" }, "x y z"));
+    if (scene.radial) this.select.append(make("option", { value: "torque" }, "torque"));
     this.select.addEventListener("change", () => this.build());
     at("pause").addEventListener("click", () => this.pause(!this.held));
     at("unzoom").addEventListener("click", () => this.unzoom());
@@ -72,9 +73,9 @@ export class Plots {
     this.build();
   }
 
-  /** Whether the device gives torque rather than force. */
+  /** Whether torque is drawn rather than force. */
   private get turning(): boolean {
-    return this.scene.gives === "torque";
+    return firstOf(this.scene) === 3 || this.select.value === "torque";
   }
 
   get paused(): boolean {
@@ -186,7 +187,7 @@ export class Plots {
 
   private force(): Curve[] {
     const axes = [0, 1, 2] as const;
-    const first = firstOf(this.scene);
+    const first = this.turning ? 3 : 0;
     const of = (name: string): number[] => axes.map((i) => this.index(`${name}[${first + i}]`));
     const position = axes.map((i) => this.index(`p[${i}]`));
     const pair = (name: string, colour: string, dashed: boolean): Curve =>
@@ -213,8 +214,10 @@ export class Plots {
     for (const { chart } of this.plots.splice(0)) chart.destroy();
     at("plots").replaceChildren();
     const { warn, derate } = this.session.limits;
-    this.add(this.turning ? "torque N·m" : "force N", this.force(), this.turning ? 3 : 2, 0.2, this.select);
-    this.add("currents A", this.perCoil("currents", same), 2, this.turning ? 0.2 : 1);
+    const motor = firstOf(this.scene) === 3;
+    const small = this.turning && !motor; // a tool's torque: thousandths of a newton metre
+    this.add(this.turning ? "torque N·m" : "force N", this.force(), small ? 4 : motor ? 3 : 2, small ? 0.002 : 0.2, this.select);
+    this.add("currents A", this.perCoil("currents", same), 2, motor ? 0.2 : 1);
     this.add("temperature °C", this.perCoil("winding", ([x], i) => x![i]! - KELVIN), 1, 5, undefined, { warn, derate });
     this.spoil();
   }

@@ -9,6 +9,8 @@ const KELVIN = 273.15;
 
 export class Readouts {
   private readonly cells: { current: HTMLElement; temperature: HTMLElement }[] = [];
+  /** whether torque is shown */
+  private turned = false;
 
   constructor(private readonly session: Session) {
     const body = at("coils").querySelector("tbody")!;
@@ -26,6 +28,7 @@ export class Readouts {
   show(sample: Sample): void {
     write(at("asked"), shown(norm(sample.vector("asked")), 2));
     write(at("given"), shown(norm(sample.vector("given")), 2));
+    this.turn(sample);
     this.place(sample);
     const currents = sample.list("currents");
     const windings = sample.list("winding");
@@ -37,6 +40,19 @@ export class Readouts {
     });
     const left = sample.number("remaining");
     write(at("remaining"), Number.isNaN(left) ? "–" : duration(left) || "unlimited");
+  }
+
+  /** Torque asked and given, and what holds it back: shown once a world asks for torque, or a person chose it. */
+  private turn(sample: Sample): void {
+    const part = sample.number("part");
+    const asked = norm(sample.vector("asked", 3));
+    if (!Number.isNaN(part)) this.turned = part > 0 || asked > 0;
+    at("turning").hidden = at("part").hidden = !this.turned;
+    if (!this.turned) return;
+    write(at("torque-asked"), shown(1000 * asked, 1));
+    write(at("torque-given"), shown(1000 * norm(sample.vector("given", 3)), 1));
+    const held = this.session.saturations[sample.number("saturated")];
+    write(at("part"), `${this.session.parts[part] ?? ""}${held ? ` Held back by ${held}.` : ""}`.trim());
   }
 
   /** Where the mover is. */

@@ -1,4 +1,4 @@
-// The stylus: tip at −z, ring magnet about the origin, pen body beyond.
+// The tool: tip at −z, ring magnet about the origin; beyond it the body of a pen, or a finger in its thimble.
 
 import { Group, LatheGeometry, Mesh, MeshLambertMaterial, MeshPhongMaterial, Vector2, Vector3 } from "three";
 import type { DomeScene } from "../session";
@@ -6,21 +6,24 @@ import { css, onThemeChange } from "../theme";
 
 const MM = 1000;
 const LENGTH = 64; // mm of pen beyond the magnet: shorter than a real one, so that it does not fill the picture
+const FINGER = 34; // mm of finger beyond the magnet
+const WIDE = 8; // mm: radius of a finger
 
 export class Stylus {
   readonly group = new Group();
   private readonly tip: Vector3;
-  private readonly end = new Vector3(0, 0, LENGTH);
+  private readonly end: Vector3;
   private readonly pen = new MeshLambertMaterial();
 
   constructor(tool: DomeScene, changed: () => void) {
-    const { outer_radius, length, tip_distance } = tool.magnet;
+    const { worn, outer_radius, length, tip_distance } = tool.magnet;
+    this.end = new Vector3(0, 0, worn ? FINGER : LENGTH);
     const r = outer_radius * MM;
     const half = (length * MM) / 2;
     this.tip = new Vector3(0, 0, -tip_distance * MM);
     const body = r + 0.5;
     const pen = this.lathe(
-      [
+      worn ? this.finger(body, half) : [
         [0, this.tip.z],
         [0.9, this.tip.z + 0.25],
         [1.3, this.tip.z + 1.2],
@@ -66,6 +69,21 @@ export class Stylus {
   /** Tip and far end, in millimetres. */
   ends(): [Vector3, Vector3] {
     return [this.group.localToWorld(this.tip.clone()), this.group.localToWorld(this.end.clone())];
+  }
+
+  /** A thimble about the magnet, and the finger in it. */
+  private finger(body: number, half: number): [number, number][] {
+    const wide = Math.max(WIDE, body);
+    return [
+      [0, this.tip.z],
+      [body * 0.7, this.tip.z + 0.6],
+      [body, -half],
+      [body, half + 1],
+      [wide, half + 4],
+      [wide, FINGER - 6],
+      [wide * 0.8, FINGER - 2],
+      [0, FINGER],
+    ];
   }
 
   private lathe(profile: [number, number][], material: MeshLambertMaterial | MeshPhongMaterial): Mesh {

@@ -1,4 +1,4 @@
-// A stylus over a dome: the Omni and its relatives.
+// A stylus or a fingertip over a dome: the Omni and its relatives.
 
 import { Vector3 } from "three";
 import { norm, type Sample, type Vector } from "../sample";
@@ -20,11 +20,8 @@ const THROUGH = 0.35; // share of the stylus that is seen through the dome
 const LONGEST = 72; // mm of arrow at the greatest force
 
 export class ToolSubject implements Subject {
-  readonly hint = "drag the stylus";
-  readonly keys = [
-    ["← → ↑ ↓", "move the stylus along the dome by 1° (with Shift: 5°)"],
-    ["+ −", "lift or press the stylus; or the wheel during a drag"],
-  ] as const;
+  readonly hint: string;
+  readonly keys: readonly (readonly [string, string])[];
   readonly dome: FeltDome;
   private readonly body: Body;
   private readonly stylus: Stylus;
@@ -46,6 +43,12 @@ export class ToolSubject implements Subject {
     limits: Session["limits"],
   ) {
     const touch = (): void => stage.touch();
+    const held = tool.magnet.worn ? "fingertip" : "stylus";
+    this.hint = `drag the ${held}`;
+    this.keys = [
+      ["← → ↑ ↓", `move the ${held} along the dome by 1° (with Shift: 5°)`],
+      ["+ −", `lift or press the ${held}; or the wheel during a drag`],
+    ];
     this.contact = tool.contact_distance * MM;
     this.workspace = tool.workspace;
     this.arrowScale = LONGEST / limits.force;

@@ -14,7 +14,14 @@ from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.loader import load
 from haptorb.runtime.drivers.sim_driver import SimDriver
-from haptorb.runtime.tick.assembly import allocator_of, default_world, estimator_of, estimators_of, linkage_of
+from haptorb.runtime.tick.assembly import (
+    allocator_of,
+    choice_of,
+    default_world,
+    estimator_of,
+    estimators_of,
+    linkage_of,
+)
 from haptorb.runtime.tick.tick import Tick
 from haptorb.sensing.sensors.sensing_accuracy import without_errors
 from haptorb.simulation.registry import simulate
@@ -52,7 +59,7 @@ def _time_ticks(device: Device, estimator: str, ticks: int) -> tuple[list[float]
     driver = SimDriver(simulate(device, 0), _DT, seed=0)
     tick = Tick(
         device, worlds.CATALOGUE[default_world(device)](), driver, estimator_of(device, estimator, None),
-        allocator_of(device), _DT, linkage_of(device),
+        allocator_of(device), _DT, linkage_of(device), choice=choice_of(device),
     )  # fmt: skip
     row = tick.layout.empty()
     stages = tick.layout["stages"]

@@ -53,6 +53,8 @@ def print_world(verdict: WorldVerdict, console: Console | None = None) -> None:
         table.add_row("largest negative (the tool slips off; no fault)", f"{steep.away:.4g}")
     print_table(console, table)
     print_text(console)
+    if verdict.turning is not None:
+        _print_turning(verdict.turning, console)
     if steep.damping > 0.0:
         damper = f"{verdict.place.force}·s/{verdict.place.length}"
         print_text(console, f"damping of the world: up to {steep.damping:.3g} {damper}")
@@ -66,11 +68,21 @@ def print_world(verdict: WorldVerdict, console: Console | None = None) -> None:
         print_text(
             console, "Declared active: it may produce energy by design, so the passivity control only monitors it."
         )
+    for left_out in verdict.unjudged:
+        print_text(console, f"Not judged: {left_out}.")
     margin = "nothing in it can oscillate" if math.isinf(verdict.margin) else _margin(verdict.margin)
     words, colour = _WORDS[verdict.verdict]
     print_text(console, f"{words}: {margin}.", f"bold {colour}")
     for advice in verdict.advice:
         print_text(console, f"• {advice}", indent="  ")
+
+
+def _print_turning(verdict: WorldVerdict, console: Console) -> None:
+    table = TextTable((Column("stiffness of the torque", kind="text"), Column("", "N·m/rad")))
+    table.add_row("largest stiffness of this world", f"{verdict.steep.stiffness:.4g}")
+    table.add_row("largest stable with this hand: exact", _value(verdict.largest))
+    print_table(console, table)
+    print_text(console)
 
 
 def _margin(margin: float) -> str:

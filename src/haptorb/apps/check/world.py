@@ -10,16 +10,20 @@ from typing import Any, ClassVar, final
 import numpy as np
 
 from haptorb.apps.check.quick_steepness import list_quick_steepness
+from haptorb.apps.check.turning import UNJUDGED, find_asked_part, steepest_turn, turning_workspace
 from haptorb.apps.check.workspace import Workspace, workspace
 from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.control.stability.gradient import Steepest, Steepness, steepest
 from haptorb.control.stability.hand_grip import GRIPS, HandGrip
 from haptorb.control.stability.stability import SampledLoop
 from haptorb.devices.device import Device
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
+from haptorb.runtime.tick.assembly import choice_of
 from haptorb.sensing.tool.place_filter import memory
 from haptorb.worlds.dynamic_world import DynamicWorld
 from haptorb.worlds.world import World
+from haptorb.worlds.wrench_part import WrenchPart
 
 __all__ = ["ENOUGH", "Setting", "WorldVerdict", "judge_world"]
 
@@ -66,6 +70,8 @@ class WorldVerdict(NotebookReport):
     hand: HandGrip  #: with the mover in it, in the mover's own coordinates
     place: Workspace
     steep: Steepest
+    part: WrenchPart | None = None  #: of the wrench that is rendered; None where there is no choice
+    turning: WorldVerdict | None = None  #: on the torque, where force and torque are rendered
 
     printer: ClassVar[str] = "haptorb.apps.check.show_world:print_world"
 
@@ -75,14 +81,15 @@ class WorldVerdict(NotebookReport):
 
     @cached_property
     def margins(self) -> tuple[tuple[float, Steepness], ...]:
-        """The factor to the boundary at every critical place, smallest first."""
+        """The factor to the boundary at every critical place, smallest first; those of `turning` are its own."""
         found = [(_factor(self.loop, self.hand, one), one) for one in self.steep.candidates]
         return tuple(sorted(found, key=lambda pair: pair[0]))
 
     @property
     def margin(self) -> float:
-        """The smallest; inf for a world without slopes."""
-        return self.margins[0][0] if self.margins else math.inf
+        """The smallest, also of the torque; inf for a world without slopes."""
+        own = self.margins[0][0] if self.margins else math.inf
+        return own if self.turning is None else min(own, self.turning.margin)
 
     @property
     def verdict(self) -> str:
@@ -96,6 +103,11 @@ class WorldVerdict(NotebookReport):
         """Whether the loop is stable."""
         return self.margin > 1.0
 
+    @property
+    def unjudged(self) -> tuple[str, ...]:
+        """What the analysis leaves out of this world; empty for force alone."""
+        return UNJUDGED if self.part in ("torque", "both") else ()
+
     @cached_property
     def largest(self) -> float:
         """The largest stiffness that this loop and hand stand [N/m]; exact."""
@@ -106,6 +118,8 @@ class WorldVerdict(NotebookReport):
         """What to change, each by itself enough; empty for a world that is inside."""
         if self.margin >= ENOUGH:
             return ()
+        if self.turning is not None and self.turning.margin <= self.margin:
+            return self.turning.advice
         found = [f"Make the world {ENOUGH / self.margin:.3g} times weaker or wider (`--set`)."]
         setting = self.setting
         if setting.tracker_rate is not None:
@@ -174,23 +188,46 @@ class WorldVerdict(NotebookReport):
             "grip": self.setting.grip,
             "hand": asdict(self.hand),
             "advice": list(self.advice),
+            "part": self.part,
+            "turning": None if self.turning is None else self.turning.numbers(),
+            "not_judged": list(self.unjudged),
         }
 
 
-def judge_world(device: Device, world: World, setting: Setting, name: str = "") -> WorldVerdict:
-    """Look at `world` all over the workspace of `device`; seconds."""
+def judge_world(
+    device: Device, world: World, setting: Setting, name: str = "", render: str | None = None
+) -> WorldVerdict:
+    """Look at `world` all over the workspace of `device`; seconds.
+
+    render: part of the wrench that is rendered; None: what the world asks, see `choice_of`. Raises InputError for a
+    latency above the expiry of poses, and for a part that the device cannot render.
+    """
     if setting.latency > device.limits.expiry:
         raise InputError(
             f"a latency of {1e3 * setting.latency:g} ms is above {1e3 * device.limits.expiry:g} ms, the expiry of "
             f"poses on '{device.name}': the coils would stay off"
         )
-    place = workspace(device)
+    choice = choice_of(device, render)
+    place, loop, called = workspace(device), setting.loop(device), name or type(world).__name__
+    part = None
+    if choice is not None and isinstance(device, SphericalElectromagnet):
+        part = choice.fixed or find_asked_part(device, world)
+
+    def judge(place: Workspace, steep: Steepest, turning: WorldVerdict | None = None) -> WorldVerdict:
+        hand = place.grip(setting.hand)
+        return WorldVerdict(device.name, called, world.passive, setting, loop, hand, place, steep, part, turning)
+
+    turning = None
+    if part in ("torque", "both") and isinstance(device, SphericalElectromagnet):
+        turned = turning_workspace(device)
+        turning = judge(turned, steepest_turn(device, world, turned))
+    if turning is not None and part == "torque":
+        return turning
     steep = steepest(place.field(world), place.places, place.inside)
     if isinstance(world, DynamicWorld):
         quick = list_quick_steepness(device, world, place, 1.0 / setting.rate)
         steep = replace(steep, candidates=(*steep.candidates, *quick[:_QUICK]))
-    loop, hand = setting.loop(device), place.grip(setting.hand)
-    return WorldVerdict(device.name, name or type(world).__name__, world.passive, setting, loop, hand, place, steep)
+    return judge(place, steep, turning)
 
 
 def _factor(loop: SampledLoop, hand: HandGrip, one: Steepness) -> float:

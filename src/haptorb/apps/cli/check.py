@@ -43,6 +43,9 @@ def check(
         list[str] | None,
         typer.Option("--set", help='World parameter, NAME=VALUE, NAME="VALUE UNIT" or NAME=X,Y,Z; repeatable.'),
     ] = None,
+    render: Annotated[
+        str | None, typer.Option(help="With --world: part of the wrench that is rendered: force, torque, both.")
+    ] = None,
     tracker: Annotated[
         str | None, typer.Option(help="With --world: hall (field sensors with their filter), or hall:HZ.")
     ] = None,
@@ -65,11 +68,19 @@ def check(
         from haptorb.devices.loader import load
 
         found = load(device)
-        _judge(found, world, settings or [], _setting(found, rate, tracker, tracker_rate, latency, grip), plot, json)
+        _judge(
+            found,
+            world,
+            settings or [],
+            _setting(found, rate, tracker, tracker_rate, latency, grip),
+            plot,
+            json,
+            render,
+        )
         return
-    if plot is not None or settings or tracker is not None or tracker_rate is not None or latency:
+    if plot is not None or settings or tracker is not None or tracker_rate is not None or latency or render:
         raise InputError(
-            "--plot, --set, --tracker, --tracker-rate and --latency need --world: haptorb check --world dome"
+            "--plot, --set, --render, --tracker, --tracker-rate and --latency need --world: haptorb check --world dome"
         )
     from haptorb.runtime.realtime.linux import require_linux
 
@@ -102,13 +113,15 @@ def _setting(
     return Setting(check_rate(rate), tracker_rate, 1e-3 * latency, grip, check_grip(grip), bandwidth)
 
 
-def _judge(device: Device, world: str, settings: list[str], setting: Setting, plot: Path | None, json: bool) -> None:
+def _judge(
+    device: Device, world: str, settings: list[str], setting: Setting, plot: Path | None, json: bool, render: str | None
+) -> None:
     from haptorb.apps.check import draw_world, judge_world, print_world
     from haptorb.apps.cli.world_option import choose_world_option
     from haptorb.worlds.own.world_file import WorldFile
 
     felt = choose_world_option(world, settings, device)
-    verdict = judge_world(device, felt.load() if isinstance(felt, WorldFile) else felt, setting, world)
+    verdict = judge_world(device, felt.load() if isinstance(felt, WorldFile) else felt, setting, world, render)
     if json:
         print_json(verdict.numbers())
     else:
@@ -144,7 +157,7 @@ def _try_hands(device: Device, verdict: WorldVerdict) -> list[tuple[float, float
     from dataclasses import replace
 
     boundary = device.kind.part("boundary")
-    if boundary is None:
+    if boundary is None or verdict.part == "torque":  # its springs push, they do not turn
         return []
     setting, found = verdict.setting, []
     with make_progress() as bar:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from haptorb.apps.part_notice import tell_part
 from haptorb.apps.pose_wait import tell_missing_pose
 from haptorb.apps.terminal import print_json, say
 from haptorb.errors import InputError
@@ -63,6 +64,14 @@ def run(
         str | None,
         typer.Option(help="Controller model of coils and magnets: exact (default), or published (as in the paper)."),
     ] = None,
+    render: Annotated[
+        str | None,
+        typer.Option(help="Part of the world's wrench to render on a tool: force, torque, both (default: as asked)."),
+    ] = None,
+    torque_arm: Annotated[
+        float | None,
+        typer.Option(help="For both: 1 N weighs as much as this arm [mm] x 1 N of torque (default: 43.5)."),
+    ] = None,
     rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
     seed: Annotated[int, typer.Option(help="Seed of the simulated noise.")] = 0,
     record: Annotated[Path | None, typer.Option(help="Record to this MCAP file.")] = None,
@@ -99,7 +108,7 @@ def run(
             device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction, frame=frame,
             rate=rate, seed=seed, model=model, record=record or False,
             overwrite=force, estimator=estimator, calibration=calibration, black_box=state_folder() / "trips",
-            watchdog=not no_watchdog,
+            watchdog=not no_watchdog, render=render, torque_arm=None if torque_arm is None else 1e-3 * torque_arm,
         )  # fmt: skip
         before = signal.signal(signal.SIGTERM, _end)
         try:
@@ -123,7 +132,7 @@ def _run_without_console(servo: Servo, standby: PrestartedProcess, duration: flo
         if not json:
             say(f"{servo.device.name}, world '{servo.world[0]}', {servo.rate:g} Hz, {_nature(servo)}. Ctrl-C ends.")
         try:
-            with tell_missing_pose(servo):
+            with tell_missing_pose(servo), tell_part(servo):
                 servo.run(duration if duration is not None else 1e9)
             number = 0
         except KeyboardInterrupt:
@@ -154,7 +163,7 @@ def _run_with_console(
             last = now
             return monotonic() > end
 
-        with tell_missing_pose(servo):
+        with tell_missing_pose(servo), tell_part(servo):
             number = console.serve(open_browser=browser, until=look)
         servo.check()  # a servo that died says why, and the exit code says that it did
     _report(servo, json)
@@ -196,12 +205,14 @@ def _report(servo: Servo, json: bool) -> None:
         return
     rate, late = report["success_rate"], report["lateness_us"]["p99"]
     if rate is not None and late is not None:
+        torque = f", torque {1e3 * report['peak_torque_nm']:.1f} mN·m"
+        turned = torque if report["rendered"] in ("torque", "both") else ""
         say(
             f"{report['ticks']} ticks, {100 * rate:.2f} % in time, p99 lateness {late:.0f} µs, "
             + (
                 f"peak torque {report['peak_torque_nm']:.2f} N·m"
                 if servo.modes
-                else f"peak force {report['peak_force_n']:.2f} N"
+                else f"peak force {report['peak_force_n']:.2f} N{turned}"
             )
         )
     if "rate_hz" in (poses := report["tracking"]):

@@ -41,6 +41,7 @@ class ForceMapProcess:
         self._one_at_a_time = threading.Lock()
         #: the user's worlds by name, which the process cannot import
         self.own_worlds: Callable[[], Mapping[str, World]] = dict
+        self.render: str | None = None  #: part of the wrench that is rendered whatever the world asks
 
     def __call__(self, name: str, values: Mapping[str, Any], model: str, points: Array) -> tuple[Array, Flags]:
         with self._one_at_a_time:
@@ -50,7 +51,7 @@ class ForceMapProcess:
             own = self.own_worlds().get(name)
             try:
                 world = None if own is None else pack(own)
-                pickle.dump((name, world, dict(values), model, points), process.stdin)
+                pickle.dump((name, world, dict(values), model, points, self.render), process.stdin)
                 process.stdin.flush()
                 answer = pickle.load(process.stdout)
             except (OSError, EOFError, pickle.UnpicklingError, ValueError) as cause:
@@ -110,7 +111,7 @@ def _select_lasting(world: World) -> World:
 
 def main() -> None:
     """Answer until the console closes the pipe: a device, then any number of (name, packed world or None, values,
-    model, points)."""
+    model, points, part to render or None)."""
     os.nice(10)
     questions, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a world prints is not an answer
@@ -122,13 +123,13 @@ def main() -> None:
     device = pickle.load(questions)
     while True:
         try:
-            name, packed, values, model, points = pickle.load(questions)
+            name, packed, values, model, points, render = pickle.load(questions)
         except EOFError:
             return
         answer: object
         try:
             world = find_world(name)(**values) if packed is None else unpack(packed).replace(**values)
-            answer = force_map(device, _select_lasting(world), points, model=model)
+            answer = force_map(device, _select_lasting(world), points, model=model, render=render)
         except Exception as mistake:  # whatever a world's own code raises is the answer
             answer = f"{type(mistake).__name__}: {mistake}"
         try:

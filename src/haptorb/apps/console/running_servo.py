@@ -59,6 +59,16 @@ class RunningServo(Protocol):
         ...
 
     @property
+    def render(self) -> str | None:
+        """Part of the wrench that is rendered whatever the world asks; None: what it asks."""
+        ...
+
+    @property
+    def part_remarks(self) -> tuple[str, ...]:
+        """What to say of each part that can be rendered, by its number in the row; empty where there is no choice."""
+        ...
+
+    @property
     def driver(self) -> str:
         """ "sim" for the simulated one."""
         ...

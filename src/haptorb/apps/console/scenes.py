@@ -41,6 +41,7 @@ def dome_scene(device: SphericalElectromagnet) -> dict[str, Any]:
         "workspace": device.workspace_half_angle,
         "core_radius": device.core_radius,
         "magnet": {
+            "worn": device.tool.worn,
             "outer_radius": device.tool.outer_radius,
             "length": device.tool.length,
             "tip_distance": device.tool.tip_distance,

@@ -12,6 +12,7 @@ from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.scenes import axes_scene, list_shapes
 from haptorb.apps.console.target import target_scene, world_remarks
 from haptorb.apps.console.wire import Columns
+from haptorb.control.allocation.allocator import Saturation
 from haptorb.control.protection.trip import Trip
 from haptorb.devices.device import Device
 from haptorb.errors import InputError
@@ -91,6 +92,8 @@ def session(servo: RunningServo, started: str) -> dict[str, Any]:
         "scene": _scene(device),
         "modes": list(servo.modes),
         "models": list(servo.models),
+        "parts": list(servo.part_remarks),
+        "saturations": [one.text for one in Saturation],
         "columns": Columns(servo.layout, bool(servo.modes)).describe(),
         "coils": list(device.coils.names),
         "limits": {

@@ -52,6 +52,7 @@ def application(servo: RunningServo, felt: FeltMap | None = None, designs: Desig
             felt = process = compute(device)
             process.start()
             process.own_worlds = lambda: servo.own_worlds
+            process.render = servo.render
         painter = ForceMapWorker(device, felt)
     room = ConsoleSocketHub(servo, painter, designs)
     known = session(servo, uuid4().hex)

@@ -22,17 +22,37 @@ class Saturation(IntEnum):
     NONE = 0
     CURRENT = 1  #: a coil's current limit
     POWER = 2  #: the supply's power limit
+    ALONG = 3  #: the guard's limit of force or torque, for what comes along with what was asked
+    AXIS = 4  #: no current turns a tool about its magnet's own axis
+    COILS = 5  #: too few coils for force and torque at once: a compromise
 
     @property
     def text(self) -> str:
-        """The limit in words; empty for none.
+        """What holds it back, in words; empty for none.
 
         >>> Saturation.POWER.text
         "the supply's power limit"
         """
-        return ("", "a coil's current limit", "the supply's power limit")[self]
+        return _TEXTS[self]
+
+    @property
+    def is_limit(self) -> bool:
+        """Whether more of the same would be given if a limit were higher.
+
+        >>> Saturation.CURRENT.is_limit, Saturation.COILS.is_limit
+        (True, False)
+        """
+        return self in (Saturation.CURRENT, Saturation.POWER, Saturation.ALONG)
 
 
+_TEXTS = (
+    "",
+    "a coil's current limit",
+    "the supply's power limit",
+    "the limit of the force that comes along",
+    "the magnet's own axis, about which no current turns it",
+    "the number of coils, too few for force and torque at once",
+)
 SATURATIONS = tuple(Saturation)  #: by number: many times faster than a call of the class
 
 
@@ -42,8 +62,8 @@ class Allocation:
 
     currents   (m,) [A]
     residual   (6,) wrench asked for less wrench given [N, N·m]; the passive wrench counts as given
-    saturated  which limit holds it back, or at which a current stands; false if there is none
-    scale      the one factor by which the wrench was cut to respect the limits; 1 where it was not
+    saturated  what holds it back: the limit at which a current stands, or what no current gives; false for nothing
+    scale      the one factor by which the wrench was cut to respect the limits; 1 where it was not cut by one factor
     """
 
     currents: Array

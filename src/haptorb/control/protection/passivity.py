@@ -67,7 +67,8 @@ def _count_energy(q: Record, e: Record, wrench: Array, stamp: float, passed: flo
             step[4] += 0.5 * (before[2, k] * now[0, k] - before[0, k] * now[2, k])
             step[5] += 0.5 * (before[0, k] * now[1, k] - before[1, k] * now[0, k])
     given, due, square = 0.0, 0.0, 0.0
-    for i in range(6 if q.arm > 0.0 else 3):  # nothing turns the tool but what the magnets do of themselves
+    # where a part is not rendered, nothing moves or turns the tool but what the magnets do of themselves
+    for i in range(0 if q.pushes else 3, 6 if q.arm > 0.0 else 3):
         given += q.mean[i] * step[i]
         due += 0.5 * (q.wrench[i] + gain * wrench[i]) * step[i]
         square += step[i] * step[i] if i < 3 else q.arm * q.arm * step[i] * step[i]
@@ -140,8 +141,9 @@ def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, ou
             q.wrench[i], q.rendered[i] = gain * wrench[i], wrench[i]
     if q.damping > 0.0:
         for i in range(3):
-            out[i] -= q.damping * q.motion[i]  # safety: damping-brakes
-            out[3 + i] -= q.damping * q.arm * q.arm * q.motion[3 + i]
+            if q.pushes:
+                out[i] -= q.damping * q.motion[i]  # safety: damping-brakes
+            out[3 + i] -= q.damping * q.arm * q.arm * q.motion[3 + i]  # safety: damping-brakes-turns
     at = q.count % TICKS
     q.times[at] = now
     for i in range(6):

@@ -103,6 +103,15 @@ class Protection:
         """Another world, `passive` or not: the balance of energy begins anew."""
         restart_passivity(self.state["passivity"], passive)
 
+    def change_part(self, *, pushes: bool, arm: float) -> None:
+        """Another part of the wrench is rendered: force or not, and torque that a hand holds at `arm` [m], 0 for none.
+
+        The balance of energy begins anew.
+        """
+        passivity = self.state["passivity"]
+        passivity["pushes"], passivity["arm"] = pushes, arm
+        restart_passivity(passivity, bool(passivity["passive"][0]))
+
     def restart_heat(self) -> None:
         """Take the windings to be as warm as the next reading of the thermometers; for coils that are simulated."""
         self.state["heat"]["started"] = False

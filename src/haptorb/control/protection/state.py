@@ -82,7 +82,8 @@ PASSIVITY = fields(
     ("predicted", "i8"),  # ticks for which poses are still taken for predictions of the present
     ("count", "i8"),  # wrenches remembered since the start
     ("passive", "?"),  # whether the world is; another one is watched and left alone
-    ("arm", "f8"),  # at which a hand holds a mover that turns [m]; 0 for a tool
+    ("arm", "f8"),  # at which a hand holds a mover that turns [m]; 0 where no torque is rendered
+    ("pushes", "?"),  # whether force is rendered, not torque alone
     ("dt", "f8"),  # nominal tick [s]
     ("lag", "f8"),  # by which a wrench comes late through the coils [s]
     ("position", "f8", (3,)),  # of the last counted pose [m]
@@ -189,7 +190,7 @@ def make_state(device: Device, dt: float, arm: float = 0.0, lag: float = 0.0) ->
     heat["core_capacity"] = 0.0 if thermal.coupling is None else thermal.coupling.core_capacity
     state["drive"]["supply"], state["drive"]["dt"] = device.supply.voltage, dt
     passivity["arm"], passivity["dt"], passivity["lag"] = arm, dt, lag
-    passivity["balance"], passivity["passive"] = CREDIT, True
+    passivity["balance"], passivity["passive"], passivity["pushes"] = CREDIT, True, True
     passivity["stamp"] = passivity["newest"] = -np.inf
     return state
 

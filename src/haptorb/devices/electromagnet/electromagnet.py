@@ -48,6 +48,7 @@ class Tool:
     tip_distance: float  #: from the magnet's centre to the tip [m]
     mass: float  #: [kg]
     inertia: Array  #: (3,) principal moments about the magnet's centre, mover frame [kg·m²]
+    worn: bool = False  #: on a fingertip, not in a pen; for pictures and words
 
     @property
     def moment(self) -> float:

@@ -27,7 +27,9 @@ def electromagnet_geometry(device: SphericalElectromagnet) -> Geometry:
         "tool magnet", "magnet", place, np.array([0.0, 0.0, 1.0]), tool.inner_radius, tool.outer_radius, tool.length,
         polarity=1.0, moves=True,
     )  # fmt: skip
-    notes = ["not stated in the device file: the stylus around the tool's magnet"]
+    notes = [
+        f"not stated in the device file: the {'finger' if device.tool.worn else 'stylus'} around the tool's magnet"
+    ]
     if device.windings is None:
         notes.insert(0, "not to scale: the windings' radii and lengths, as the device file has no [windings]")
     return Geometry(

@@ -108,6 +108,11 @@ class ToolSection(Section):
         Len(3, 3),
         m.Meaning("principal moments of inertia about the magnet's centre: across, across, along the axis"),
     ]
+    worn: Annotated[
+        bool,
+        Field(strict=True),
+        m.Meaning("whether the magnet is worn on a fingertip, and not held in a pen; for pictures and words"),
+    ] = False
 
     @model_validator(mode="after")
     def _ring(self) -> ToolSection:

@@ -26,7 +26,7 @@ from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.exchange import plan as plans
 from haptorb.runtime.realtime.parent_death import die_with_parent, is_parent_gone
-from haptorb.runtime.tick.assembly import allocator_of, estimator_of, linkage_of
+from haptorb.runtime.tick.assembly import allocator_of, choice_of, estimator_of, linkage_of
 from haptorb.runtime.tick.tick import Tick
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.sample import Estimate, Pose, Sample
@@ -50,8 +50,9 @@ def compiling(
     with suppress(HaptorbError):
         driver = _IdleDriver(device)
         tick = Tick(
-            device, world, driver, _IdleEstimator(device), allocator_of(device), 1e-3, linkage_of(device, gains)
-        )
+            device, world, driver, _IdleEstimator(device), allocator_of(device), 1e-3, linkage_of(device, gains),
+            choice=choice_of(device),
+        )  # fmt: skip
         row = tick.layout.empty()
         yield
         tick.step(row, 0.0)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from haptorb.control.allocation.wrench_choice import WrenchChoice
 from haptorb.control.protection.trip import GuardState, Trip
 from haptorb.devices.device import Device
 from haptorb.display.quantity_text import format_vector
@@ -22,6 +24,7 @@ from haptorb.runtime.servo.latest_row import LatestRow
 from haptorb.runtime.servo.process_group import ProcessGroup
 from haptorb.runtime.servo.world_watcher import WorldWatcher
 from haptorb.runtime.trackers.pose_source import describe_missing_pose
+from haptorb.worlds.wrench_part import PARTS, WrenchPart
 
 if TYPE_CHECKING:
     from haptorb.runtime.recording.recording import Recording
@@ -43,6 +46,7 @@ class ServoObserver(Commands):
     _black_box: BlackBox | None
     _shared: SharedMemory | None
     _children: ProcessGroup | None
+    _choice: WrenchChoice | None
     _watcher: WorldWatcher | None
 
     def __repr__(self) -> str:
@@ -143,6 +147,7 @@ class ServoObserver(Commands):
             "device": self.device.name,
             "world": world,
             "world_values": values,
+            "rendered": self.rendered,
             "driver": self.driver,
             "tracker": self.tracker,
             "estimator": self.estimator,
@@ -173,6 +178,22 @@ class ServoObserver(Commands):
         if shared is None or row is None or row[shared.layout["valid"].start] == 1.0:
             return ""
         return describe_missing_pose(self.tracker, tracker_facts(shared))
+
+    @cached_property
+    def part_remarks(self) -> tuple[str, ...]:
+        """What to say of each part of the wrench that can be rendered, by its number in the row; empty for a device
+        without a choice, and for a part of which there is nothing to say."""
+        remarks = self.device.kind.part("part_remarks")
+        return () if self._choice is None or remarks is None else tuple(remarks(self.device, self._choice))
+
+    @property
+    def rendered(self) -> WrenchPart | None:
+        """The part of the world's wrench that is rendered now; None for a device without a choice, and before the first
+        tick."""
+        shared = self._memory_or_none
+        row = None if shared is None else shared.ring.latest()
+        number = -1.0 if row is None else float(row[self.layout["part"].start])
+        return PARTS[int(number)] if number >= 0.0 else None  # NaN too: nothing is known
 
     @property
     def trips(self) -> tuple[TripRecord, ...]:

@@ -43,6 +43,7 @@ from haptorb.runtime.tick.assembly import (
     assemble,
     check_driver,
     check_estimator,
+    choice_of,
     default_world,
     linkage_of,
     modes_of,
@@ -84,6 +85,9 @@ class Servo(ServoContext):
     gains      of a motor's two modes; None: `linkage.MOTOR_GAINS`
     calibration  file of `haptorb calibrate` (or a Calibration) whose values the controller believes; must be this
                device's
+    render     part of the world's wrench to render, "force", "torque" or "both"; None: what the world asks
+    torque_arm  where force and torque are both asked, 1 N weighs as much as this length [m] × 1 N of torque;
+               None: `whole_wrench.TORQUE_ARM`
     watchdog   False: drive an I²C bus although no monostable on its PWM chip's OE pin switches off when this computer
                stops; nobody may touch such a device
     black_box  folder for a recording of the last 100 ticks before every trip; None: they are in `trips` only
@@ -117,6 +121,8 @@ class Servo(ServoContext):
         calibration: str | Path | Calibration | None = None,
         black_box: str | Path | None = None,
         watchdog: bool = True,
+        render: str | None = None,
+        torque_arm: float | None = None,
     ) -> None:
         require_linux("haptorb.Servo")
         self.device = device if isinstance(device, Device) else load(device)
@@ -139,6 +145,8 @@ class Servo(ServoContext):
         self.modes = modes_of(self.device)  #: that `set_mode` knows; empty where the device acts directly
         if gains is not None:
             linkage_of(self.device, gains)  # refuses here what does not fit
+        self._choice = choice_of(self.device, render, torque_arm)  # refuses here what does not fit
+        self.render = render  #: part of the wrench that is rendered whatever the world asks; None: what it asks
         first, self._world_file = choose_world(default_world(self.device) if world is None else world)
         ServoContext.__init__(self, first)
         fit_world(first, self.device)  # refuses here, not in another process, what the device cannot render
@@ -147,6 +155,7 @@ class Servo(ServoContext):
             partial(
                 assemble, self.device, first, through, self.rate, self.seed, self._model,
                 estimator=self.estimator, gains=gains, calibration=self.calibration, watchdog=watchdog,
+                render=render, torque_arm=torque_arm,
             )
             for through in (self.driver, "sim")
         )  # fmt: skip
@@ -263,6 +272,7 @@ class Servo(ServoContext):
             "estimator": self.estimator,
             "model": self._model,
             "models": " ".join(self.device.models),
+            "render": self.render or "",
             "calibration": "" if self.calibration is None else self.calibration.text(),
             "seed": str(self.seed),
             "rate_hz": repr(self.rate),

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from haptorb.control.allocation.allocator import Allocator
+from haptorb.control.allocation.wrench_choice import WrenchChoice
 from haptorb.control.clutch.linkage import Linkage
 from haptorb.control.clutch.modes import Gains
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.api import electromagnet
-from haptorb.errors import UnknownName
+from haptorb.errors import InputError, UnknownName
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.drivers.driver_registry import is_real, real_driver
 from haptorb.runtime.pointer.pointer import PointerTracker
@@ -16,6 +17,7 @@ from haptorb.runtime.trackers.tracker import Tracker
 from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.sensing.estimator import Estimator, EstimatorChoice, EstimatorSettings
 from haptorb.worlds.world import World
+from haptorb.worlds.wrench_part import check_part
 
 __all__ = [
     "DRIVERS",
@@ -23,6 +25,7 @@ __all__ = [
     "assemble",
     "check_driver",
     "check_estimator",
+    "choice_of",
     "default_world",
     "estimator_of",
     "estimators_of",
@@ -99,6 +102,25 @@ def allocator_of(device: Device) -> Allocator:
     return allocator
 
 
+def choice_of(device: Device, render: str | None = None, torque_arm: float | None = None) -> WrenchChoice | None:
+    """Which part of a world's wrench `device` renders: `render`, or what the world asks for None.
+
+    torque_arm: where force and torque are both asked, 1 N weighs as much as this length [m] × 1 N of torque. None for a
+    kind of device that has no choice. Raises UnknownName for a part that there is not, InputError for a choice that the
+    device has not, and for an arm that is no length.
+    """
+    part = None if render is None else check_part(render)
+    if device.kind.wrench_choice is None:
+        if render is None and torque_arm is None:
+            return None
+        raise InputError(
+            f"device '{device.name}' ({device.kind.title}) has no choice of force or torque: it always renders what "
+            "its mover can feel; leave out render and torque arm"
+        )
+    choice: WrenchChoice = device.kind.part("wrench_choice")(device, part, torque_arm)
+    return choice
+
+
 def linkage_of(device: Device, gains: Gains | None = None) -> Linkage:
     """How `device` moves the world's object: a motor through two modes, a tool is the object itself."""
     linkage: Linkage = device.kind.part("linkage")(device, gains)
@@ -118,6 +140,8 @@ def assemble(
     gains: Gains | None = None,
     calibration: Calibration | None = None,
     watchdog: bool = True,
+    render: str | None = None,
+    torque_arm: float | None = None,
 ) -> Tick:
     """The chain that renders `world` on `device` at `rate` [Hz]; coils are off until its driver is opened.
 
@@ -145,4 +169,5 @@ def assemble(
         allocator_of(device),
         dt,
         linkage_of(device, gains),
+        choice=choice_of(device, render, torque_arm),
     )

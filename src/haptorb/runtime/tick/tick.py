@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.control.allocation.allocator import Allocation, Allocator, Saturation
+from haptorb.control.allocation.wrench_choice import WrenchChoice
 from haptorb.control.clutch.linkage import NO_CONTACTS, Direct, Linkage, RenderedWrench
 from haptorb.control.protection.protection import Protection
 from haptorb.control.protection.trip import Trip
@@ -25,6 +26,7 @@ from haptorb.runtime.drivers.driver import Driver
 from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.row import STAGES, RowLayout
 from haptorb.runtime.tick.fill_row import fill_object, fill_row
+from haptorb.runtime.tick.rendered_part import RenderedPart
 from haptorb.sensing.controller_model import FADE
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.sample import Estimate
@@ -50,6 +52,8 @@ class Tick:
         allocator: Allocator,
         dt: float,
         linkage: Linkage | None = None,
+        *,
+        choice: WrenchChoice | None = None,
     ) -> None:
         self.world = world.for_device(device)
         self._dt = dt
@@ -57,7 +61,6 @@ class Tick:
         self.world_changes = 0
         self.driver = driver
         self.estimator = estimator
-        self.allocator = allocator
         self.linkage = linkage or Direct()
         self.protection = Protection(device, dt, self.linkage.arm)
         self._watch_energy()
@@ -75,6 +78,8 @@ class Tick:
         model = estimator.model
         self._model: float = device.models.index(model) if model else np.nan
         self._rendered, self._on_thing = np.zeros(6), np.zeros(6)
+        self.part = RenderedPart(allocator, choice, self.protection, self._rendered)
+        self.part.begin(self.world)
         self._fade_from: Array | None = None  # (6,) wrench of before `replace_world` [N, N·m]
         self._fade_start: float | None = None  # of the first tick after it [s]
         self._places = self.layout.places
@@ -112,6 +117,7 @@ class Tick:
             self.linkage.restart()
         self.world, self._bound = fitted, bound
         self._watch_energy()
+        self.part.begin(fitted)
         self.world_changes += 1
 
     def _watch_energy(self) -> None:
@@ -229,6 +235,7 @@ class Tick:
         cells[start["world"]] = self.world_changes
         cells[start["coil_state"]] = self.driver.coil_state
         cells[start["saturated"]] = allocation.saturated
+        cells[start["part"]] = self.part.number
         cells[start["model"]] = self._model
         cells[start["mode"]] = felt.mode
         cells[start["engaged"]] = felt.engaged
@@ -247,6 +254,8 @@ class Tick:
             self._rendered[:], self._on_thing[:] = felt.wrench, felt.on_thing
             if self._fade_from is not None:
                 self._fade(now)
+            if self.part.is_open:
+                self.part.follow()
             self._felt_last = felt
             return felt
         except TickTimeout:
@@ -261,7 +270,7 @@ class Tick:
 
     def _allocate(self, wrench_map: WrenchMap, wrench: Array) -> Allocation:
         try:
-            return self.allocator.allocate(wrench_map, wrench)
+            return self.part.allocator.allocate(wrench_map, wrench)
         except HaptorbError as cause:
             self._fail(Trip.CURRENTS_NOT_FINITE, cause)  # safety: allocation-failure-trips
             return self._no_currents

@@ -24,6 +24,7 @@ class Fluid(World):
     rests and only brakes; a current can drag the tool along, so the world is declared active.
     """
 
+    asks = "force"
     passive: ClassVar[bool] = False
 
     viscosity: float = parameter(2.0, "N·s/m", 0, 10, "b: drag per speed relative to the fluid")

@@ -52,6 +52,7 @@ class Guidance(World):
     path are equally near the force changes sides.
     """
 
+    asks = "force"
     continuous: ClassVar[bool] = False
 
     strength: float = parameter(0.35, "N", 0, 1, "F: maximum pull")

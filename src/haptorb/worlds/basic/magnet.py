@@ -25,6 +25,8 @@ class Magnet(World):
     True
     """
 
+    asks = "force"
+
     place: tuple[float, float, float] = parameter((0.0, 0.0, 0.05), "m", -0.1, 0.1, "position of the point")
     width: float = parameter(0.01, "m", 0.001, 0.05, "distance of the maximum pull")
     strength: float = parameter(0.25, "N", -1, 1, "maximum force; negative pushes away")

@@ -17,6 +17,8 @@ __all__ = ["Nothing"]
 class Nothing(World):
     """Zero wrench everywhere: only the device's own friction and passive pull remain."""
 
+    asks = "force"
+
     @property
     def bound(self) -> float:
         """[N]"""

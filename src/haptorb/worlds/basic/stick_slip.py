@@ -23,6 +23,8 @@ class StickSlip(World):
     it has no memory, so below v_0 it creeps instead of sticking. Source: Armstrong-Hélouvry et al. 1994, section 2.
     """
 
+    asks = "force"
+
     sliding: float = parameter(0.1, "N", 0, 0.5, "F_c: friction while sliding fast")
     breakaway: float = parameter(0.25, "N", 0, 1, "F_s: friction at the start of sliding")
     fading: float = parameter(0.03, "m/s", 0.001, 0.5, "v_s: speed over which breakaway fades to sliding")

@@ -19,6 +19,8 @@ __all__ = ["Texture"]
 class Texture(World):
     """Periodic bumps, fixed in space: the gradient of U = (a λ/2π) Σ sin(2π x_i/λ), F_i = −a cos(2π x_i/λ)."""
 
+    asks = "force"
+
     wavelength: float = parameter(0.006, "m", 0.001, 0.05, "distance from bump to bump")
     amplitude: float = parameter(0.12, "N", 0, 0.5, "maximum force along each axis")
 

@@ -20,6 +20,7 @@ __all__ = ["Vibration"]
 class Vibration(World):
     """Sinusoidal radial force F = a sin(2π f t) along the direction from the centre. Active: it can produce energy."""
 
+    asks = "force"
     passive: ClassVar[bool] = False
 
     frequency: float = parameter(40.0, "Hz", 1, 250, "frequency of the force; the loop must run several times faster")

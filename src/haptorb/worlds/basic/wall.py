@@ -26,6 +26,8 @@ class Wall(World):
     0.3
     """
 
+    asks = "force"
+
     normal: tuple[float, float, float] = parameter((1.0, 0.0, 0.0), "", -1, 1, "direction out of the wall")
     offset: float = parameter(0.0, "m", -0.1, 0.1, "distance of the wall's face from the centre, along the normal")
     stiffness: float = parameter(150.0, "N/m", 0, 5000, "force per depth")

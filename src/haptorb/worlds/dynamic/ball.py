@@ -148,6 +148,8 @@ class RollingBall(DynamicWorld):
     True
     """
 
+    asks = "force"
+
     summit: tuple[float, float, float] = parameter((0.0, 0.0, 1.0), "1", -1, 1, "direction of the bowl's middle")
     mass: float = parameter(0.05, "kg", 0.01, 0.3, "inertial mass of the ball")
     swings: float = parameter(1.0, "Hz", 0.2, 3, "swings per second in the bowl")

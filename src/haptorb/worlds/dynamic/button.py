@@ -159,6 +159,8 @@ class Button(DynamicWorld):
     True
     """
 
+    asks = "force"
+
     summit: tuple[float, float, float] = parameter((0.0, 0.0, 1.0), "1", -1, 1, "direction of the button")
     travel: float = parameter(0.006, "m", 0.002, 0.015, "from the key's highest place to its stop")
     radius: float = parameter(0.010, "m", 0.004, 0.03, "of the flat key")

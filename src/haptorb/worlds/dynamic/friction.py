@@ -103,6 +103,8 @@ class Friction(DynamicWorld):
     (True, False)
     """
 
+    asks = "force"
+
     sliding: float = parameter(0.12, "N", 0.005, 1, "F_c: friction while sliding fast")
     breakaway: float = parameter(0.25, "N", 0.005, 1.5, "F_s: load up to which it sticks")
     fading: float = parameter(0.03, "m/s", 0.0005, 0.5, "v_s: speed over which breakaway fades to sliding")

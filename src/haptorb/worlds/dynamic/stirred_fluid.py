@@ -129,6 +129,8 @@ class StirredFluid(DynamicWorld):
     np.True_
     """
 
+    asks = "force"
+
     drag: float = parameter(2.0, "N·s/m", 0, 10, "b: drag per speed relative to the fluid")
     mass: float = parameter(0.4, "kg", 0.02, 3, "of all fluid: more is harder to stir, and carries further")
     runs_on: float = parameter(4.0, "s", 0.1, 100, "time in which the ground takes its speed to 37 %")

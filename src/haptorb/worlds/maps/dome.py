@@ -79,6 +79,7 @@ class Dome(World):
     True
     """
 
+    asks = "force"
     passive: ClassVar[bool] = False
     continuous: ClassVar[bool] = False
 

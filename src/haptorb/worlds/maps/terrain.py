@@ -94,6 +94,7 @@ class Terrain(World):
     (azimuthal equidistant: distance from the middle is tilt); a height of 1 is `strength` at contact.
     """
 
+    asks = "force"
     continuous: ClassVar[bool] = False
 
     strength: float = parameter(0.5, "N", -1, 1, "F0: radial force on a height of 1, at contact")

@@ -13,10 +13,11 @@ from haptorb.apps.study.model.order import plan, procedure_of
 from haptorb.apps.study.model.set_points import list_equal_rings, list_published
 from haptorb.apps.study.model.study_file import Study, read_study, study_of
 from haptorb.apps.study.session.stored_session import StoredSession
-from haptorb.apps.study.simulated.forecast import forecast, overlap
+from haptorb.apps.study.simulated.forecast import forecast, load_squared, overlap
 from haptorb.apps.study.store.columns import keep_older
 from haptorb.apps.study.store.columns import read_study as read_stored
 from haptorb.apps.study.store.database import database
+from haptorb.devices.loader import load
 from haptorb.errors import InputError
 
 LEVELS = 'name = "x"\nprocedure = "{}"\n[levels]\nreference = 1.0\n'
@@ -34,6 +35,7 @@ LEVELS = 'name = "x"\nprocedure = "{}"\n[levels]\nreference = 1.0\n'
         ('name = "x"\nworld = "wall"', "no summit"),
         ('name = "x"\ndevice = "pmsm"', "works for spherical electromagnets"),
         ('name = "x"\ndevise = "omni"', "devise"),
+        ('name = "x"\nrender = "twist"', "render"),
         ('name = "a name with blanks"', "name"),
         ('name = "x"\n[parameters]\nsummit = [0, 0, 1]', "summit"),
         ('name = "x"\nprocedure = "guessing"', "procedure"),
@@ -109,6 +111,18 @@ def test_a_hot_study_is_foretold_and_more_pause_holds_it() -> None:
     assert not hot.holds
     assert hot.pause is not None
     assert "will be reduced" in hot.sentence
+
+
+def test_the_rendered_part_is_chosen_in_the_file_and_counts_for_the_heat(tmp_path) -> None:
+    """A study without the key keeps its digest; torque alone takes no current for a dome, which asks none."""
+    text = 'name = "x"\nworld = "compass_dome"\n'
+    plain, force = (study_of(text + more, "x.toml") for more in ("", 'render = "force"\n'))
+    assert plain.render == ""
+    assert force.digest != plain.digest
+    dome = study_of('name = "x"\nrender = "torque"\n', "x.toml")
+    prompt = procedure_of(dome, plan(dome, 0)).parts[0].prompts[0]
+    assert load_squared(load("omni"), dome, prompt).max() < 1e-6
+    assert load_squared(load("omni"), plain, prompt).max() > 1.0
 
 
 def test_the_built_in_set_points_are_distinct_and_counted() -> None:

@@ -64,7 +64,7 @@ def run(
     def start(recording: Path | None) -> Servo:
         servo = Servo(
             known.device, "nothing", driver=driver, tracker=tracker, frame=frame, record=recording or False,
-            model=known.model or None,
+            model=known.model or None, render=known.render or None,
         )  # fmt: skip
         if known.own_world is not None:
             servo.add_world(known.own_world)

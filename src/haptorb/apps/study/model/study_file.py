@@ -21,6 +21,7 @@ from haptorb.apps.study.model.study_parts import (
     ProcedureName,
     Question,
     RatingScale,
+    RenderChoice,
     Trials,
     Value,
 )
@@ -41,7 +42,7 @@ from haptorb.worlds.world import World
 __all__ = ["Study", "read_study", "study_of"]
 
 #: left out of the digest where they are not used: studies that were begun before there were such things go on
-_LATER = ("mask", "questions", "model", "world_digest", "published_layout", "order_version", "hand_deg")
+_LATER = ("mask", "questions", "model", "render", "world_digest", "published_layout", "order_version", "hand_deg")
 #: what "published" means today; a stored study without the key ran with 1 + 8 + 8 + 8
 _PUBLISHED = "1-4-8-12"
 #: how trials are ordered today; a stored study without the key is ordered as before, at random unless its file says so
@@ -72,9 +73,7 @@ class Study(Part):
     ] = ""
     published_layout: Annotated[
         Literal["", "1-4-8-12"],
-        m.Meaning(
-            'what the layout "published" means; haptorb adds it, and without it a stored study has 1 + 8 + 8 + 8'
-        ),
+        m.Meaning('what the layout "published" means; haptorb adds it, without it a stored study has 1 + 8 + 8 + 8'),
         m.Without("computed"),
     ] = ""
     order_version: Annotated[
@@ -88,6 +87,7 @@ class Study(Part):
         m.Form("one of the device's models that a loop can use"),
         m.Without("the device's first model"),
     ] = ""
+    render: RenderChoice = ""
     procedure: Annotated[
         ProcedureName,
         m.Meaning("what is asked in each trial"),

@@ -22,6 +22,7 @@ __all__ = [
     "Question",
     "RatingScale",
     "Real",
+    "RenderChoice",
     "Trials",
     "Value",
     "Whole",
@@ -50,6 +51,11 @@ Whole = Annotated[int, Field(strict=True)]
 ProcedureName = Literal[
     "identification", "localisation", "constant", "staircase", "bayesian", "forced-choice", "rating", "magnitude"
 ]  # fmt: skip
+RenderChoice = Annotated[
+    Literal["", "force", "torque", "both"],
+    m.Meaning("part of the world's wrench that is rendered"),
+    m.Without("what the world asks"),
+]
 Value = Annotated[float | tuple[float, float, float], BeforeValidator(_check_value)]
 Name = Annotated[
     str,

@@ -14,7 +14,7 @@ import numpy as np
 from haptorb.apps.asking.procedure import FixedOrder, InterleavedProcedures
 from haptorb.apps.asking.prompt import Prompt
 from haptorb.apps.study.model.order import plan, procedure_of
-from haptorb.control.allocation.for_device import force_allocator
+from haptorb.control.allocation.for_device import tool_choice
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State, rotation_to_axis
 from haptorb.numerics.arrays import Array
@@ -112,7 +112,8 @@ def load_squared(device: SphericalElectromagnet, study: Study, prompt: Prompt) -
     point = study.point(prompt.set_point or study.points[0].number)
     world = study.make_world(prompt.condition, point.number, prompt.level or None).for_device(device)
     cut_off = world.cut_off_deg if isinstance(world, Dome) else 54.0
-    allocator = force_allocator(device)
+    choice = tool_choice(device, study.render or None)
+    allocator = choice.allocators[choice.choose_part(world)]
     turn = rotation_to_axis(point.direction)
     squares = []
     for alpha in np.radians((np.arange(6) + 0.5) / 6 * cut_off):

@@ -136,7 +136,7 @@ class Participant:
         key = (prompt.condition, prompt.set_point or self._study.points[0].number, prompt.level)
         if key not in self._felt:
             world = self._study.make_world(key[0], key[1], prompt.level or None)
-            self._felt[key] = DeliveredForce(self._device, world, self._study.model or None)
+            self._felt[key] = DeliveredForce(self._device, world, self._study.model or None, self._study.render or None)
         return self._felt[key]
 
     def _sweep_dome(self, prompt: Prompt) -> Array:
