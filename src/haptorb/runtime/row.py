@@ -15,7 +15,10 @@ import numpy as np
 from haptorb.devices.device import Device
 from haptorb.numerics.arrays import Array, Records
 
-__all__ = ["STAGES", "Field", "RowLayout"]
+__all__ = ["MEMORY_ROOM", "STAGES", "Field", "RowLayout"]
+
+#: numbers of a world's memory for which every row has room; a servo that is given a world with more has more
+MEMORY_ROOM = 32
 
 #: the stages of a tick, in order; each has its own time in the row
 STAGES = ("read", "estimate", "world", "allocate", "guard", "write", "record")
@@ -33,16 +36,18 @@ class Field:
 
 @dataclass(frozen=True)
 class RowLayout:
-    """Which numbers of a row are what, with `channels` coils, `sensors` field sensors and room for `contacts`."""
+    """Which numbers of a row are what, with `channels` coils, `sensors` field sensors and room for `contacts` and for
+    `memory` numbers of a world."""
 
     channels: int
     sensors: int
     contacts: int = 0
+    memory: int = 0
 
     @classmethod
-    def of(cls, device: Device) -> RowLayout:
-        """The layout for `device`."""
-        return cls(device.channels, device.sensors, device.kind.contacts)
+    def of(cls, device: Device, memory: int = MEMORY_ROOM) -> RowLayout:
+        """The layout for `device`, with room for `memory` numbers, and never less than `MEMORY_ROOM`."""
+        return cls(device.channels, device.sensors, device.kind.contacts, max(memory, MEMORY_ROOM))
 
     @cached_property
     def fields(self) -> tuple[Field, ...]:
@@ -112,6 +117,8 @@ class RowLayout:
                 "energy dissipated by the least damping of a hand, less that created by sampling and delay",
             ),
             Field("injected", 1, "N·s/m", "damping added because the balance was negative"),
+            # the last: a row of whatever room is filled as far as it goes
+            Field("memory", self.memory, "SI", "memory of the world; names and units are noted with the world"),
         )
 
     @cached_property

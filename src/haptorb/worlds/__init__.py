@@ -16,10 +16,14 @@ from haptorb.worlds.basic.texture import Texture
 from haptorb.worlds.basic.vibration import Vibration
 from haptorb.worlds.basic.wall import Wall
 from haptorb.worlds.contact_world import ContactWorld
+from haptorb.worlds.dynamic.ball import Ball
+from haptorb.worlds.dynamic_world import DynamicSum, DynamicWorld
 from haptorb.worlds.maps.dome import Dome
 from haptorb.worlds.maps.domes import domes_apart
 from haptorb.worlds.maps.terrain import Terrain
+from haptorb.worlds.memory import MemoryField, make_memory
 from haptorb.worlds.moving import Orbit, Varying
+from haptorb.worlds.shape import Shape
 from haptorb.worlds.snap_fit.outlet import Outlet
 from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
 from haptorb.worlds.snap_fit.snap_fit import SnapFit
@@ -27,16 +31,21 @@ from haptorb.worlds.world import Sum, World
 
 __all__ = [
     "CATALOGUE",
+    "Ball",
     "ContactWorld",
     "Detents",
     "Dome",
+    "DynamicSum",
+    "DynamicWorld",
     "Fluid",
     "Guidance",
     "Magnet",
+    "MemoryField",
     "Nothing",
     "Orbit",
     "Outlet",
     "PublishedOutlet",
+    "Shape",
     "SnapFit",
     "StickSlip",
     "Sum",
@@ -48,6 +57,7 @@ __all__ = [
     "World",
     "domes_apart",
     "find_world",
+    "make_memory",
 ]
 
 #: name on the command line → world; contract tests run over all of them
@@ -67,6 +77,7 @@ CATALOGUE: dict[str, type[World]] = {
     "outlet": Outlet,
     "outlet-published": PublishedOutlet,
     "snap_fit": SnapFit,
+    "ball": Ball,
 }
 
 

@@ -23,10 +23,10 @@ class MemoryNotFinite(HaptorbError):
 
 @kernel
 def _is_finite(numbers: Array) -> bool:
+    finite = True
     for i in range(numbers.size):
-        if not np.isfinite(numbers[i]):
-            return False
-    return True
+        finite &= np.isfinite(numbers[i])
+    return finite
 
 
 @final
@@ -58,10 +58,10 @@ class BoundWorld:
 
     @property
     def energy(self) -> float:
-        """What its memory holds [J]; NaN if it does not say that."""
-        if not self._energies:
+        """What its memory holds [J]; NaN if it does not say that, or renders nothing now."""
+        if not self._energies or self.paused or self.failed:
             return np.nan
-        return sum(self.numbers.item(at) for at in self._energies)
+        return sum(map(self.numbers.item, self._energies))
 
     def wrench(self, state: State) -> Array:
         """(6,) what the world renders at `state` after one more time step [N, N·m].

@@ -25,12 +25,12 @@ _FIRST = 1e-3  #: time step of a wrench that is asked for outside a loop [s]
 class DynamicWorld(World):
     """A world that remembers: its memory, a structured array of one record, is advanced by `dt` in every tick.
 
-    It says which fields its memory has (`memory_fields`), begins one (`begin`), and in each tick changes it in place and
-    returns the wrench (`advance`). Nothing else remembers: the world itself is frozen, has no clock, and keeps nothing
-    that grows, so the same memory, state and dt give the same memory and wrench, bit for bit.
+    It says which fields its memory has (`memory_fields`), begins one (`begin`), and in each tick changes it in place
+    and returns the wrench (`advance`). Nothing else remembers: the world itself is frozen, has no clock, and keeps
+    nothing that grows, so the same memory, state and dt give the same memory and wrench, bit for bit.
 
-    When it is advanced: in every tick with a valid pose, also while the coils are off: a hand moves things there, too,
-    it only does not feel them. Without a valid pose it stands still and renders nothing. dt is always the loop's nominal
+    It is advanced in every tick with a valid pose, also while the coils are off: a hand moves things there, too, it
+    only does not feel them. Without a valid pose it stands still and renders nothing. dt is always the loop's nominal
     period: where ticks are missed, its time goes slower, and never jumps. After a trip or a stop it goes on. If it
     fails, or its memory is no longer finite, the coils go off, and it begins anew when a person engages.
 
@@ -76,7 +76,7 @@ class DynamicWorld(World):
         return any(field.name == "energy" for field in self.memory_fields)
 
     def wrench(self, state: State) -> Array:
-        """(6,) what it renders at `state` in the first millisecond after its beginning [N, N·m]: what maps show."""
+        """(6,) what it renders at `state` in the first millisecond after its beginning [N, N·m]."""
         return self.advance(self.begin(), state, _FIRST)
 
     @property
@@ -100,6 +100,11 @@ def _parts_of(world: World) -> tuple[World, ...]:
 @dataclass(frozen=True)
 class DynamicSum(Sum, DynamicWorld):
     """Several worlds at once, with and without memory: their wrenches add, and each remembers for itself."""
+
+    @property
+    def name(self) -> str:
+        """`sum`, as of worlds without memory."""
+        return "sum"
 
     @cached_property
     def _remembering(self) -> tuple[tuple[str, DynamicWorld], ...]:

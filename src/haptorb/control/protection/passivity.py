@@ -9,6 +9,10 @@ poses. The difference was made by sampling and delay. What even a loose hand tak
 
 For a spring K under a steady movement this is b > K (T/2 + t_d), the condition of `stability`, tick by tick: a world
 inside its loop's bound is never touched, however much energy it stores, and one outside is touched within milliseconds.
+A world with memory may store energy. Where its memory says how much, E, what its own time step has made is counted too:
+½(f₁ + f₂)·Δp + E₂ − E₁, summed up and never below zero: what it has dissipated it may not give back. A surplus that
+comes and goes, as of a symplectic integrator, comes and goes in the balance.
+
 After Hannaford and Ryu 2002, who count all the energy from the start; see decision 0013 for why not here.
 """
 
@@ -70,12 +74,25 @@ def _count_energy(q: Record, e: Record, wrench: Array, stamp: float, passed: flo
     for i in range(6):
         step[i] /= passed
     q.energy += given
-    balance = q.balance + OWN_DAMPING * square / passed - (given - due)
+    balance = q.balance + OWN_DAMPING * square / passed - (given - due) - _count_surplus(q, wrench, passed)
     q.balance = min(max(balance, -_DEBT), CREDIT)
     q.damping = 0.0
     if q.passive and balance < 0.0 and square > _MOVED * _MOVED:  # safety: active-worlds-are-left-alone
         most = min(_MOST, 0.25 * _LIGHTEST / (q.dt + passed + late + q.lag))
         q.damping = min(most, -balance * passed / square)  # safety: damping-is-bounded
+
+
+@kernel
+def _count_surplus(q: Record, wrench: Array, passed: float) -> float:
+    """By how much the energy that the world's time step has made grew since the last pose, `passed` [s] ago [J]."""
+    made = q.stored - q.counted
+    if not np.isfinite(made):
+        return 0.0
+    for i in range(6 if q.arm > 0.0 else 3):
+        made += 0.5 * (q.rendered[i] + wrench[i]) * q.motion[i] * passed
+    before = q.surplus
+    q.surplus = max(before + made, 0.0)  # safety: memory-energy-counted
+    return q.surplus - before
 
 
 @kernel
@@ -118,8 +135,9 @@ def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, ou
             q.position[i] = e.position[i]
             for j in range(3):
                 q.rotation[i, j] = e.rotation[i, j]
+        q.counted = q.stored
         for i in range(6):
-            q.wrench[i] = gain * wrench[i]
+            q.wrench[i], q.rendered[i] = gain * wrench[i], wrench[i]
     if q.damping > 0.0:
         for i in range(3):
             out[i] -= q.damping * q.motion[i]  # safety: damping-brakes
@@ -133,8 +151,9 @@ def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, ou
 
 def restart_passivity(passivity: Records, passive: bool) -> None:
     """Another world, `passive` or not: what is asked from now on has nothing to do with what was; (1,) PASSIVITY."""
-    for name in ("energy", "damping", "predicted", "count", "motion"):
+    for name in ("energy", "damping", "predicted", "count", "motion", "surplus"):
         passivity[name] = 0
+    passivity["stored"] = passivity["counted"] = np.nan
     passivity["balance"] = CREDIT
     passivity["stamp"] = passivity["newest"] = -np.inf
     passivity["passive"] = passive

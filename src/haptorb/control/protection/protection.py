@@ -116,15 +116,16 @@ class Protection:
         """A tick at `now` [s] in which nothing could be read: time passes, and the windings are observed later."""
         protect.skip_tick(self.state, now)
 
-    def protect_wrench(self, wrench: Array, estimate: Estimate, now: float) -> Array:
+    def protect_wrench(self, wrench: Array, estimate: Estimate, now: float, stored: float = np.nan) -> Array:
         """(6,) the part of the world's `wrench` (6,) that may be asked in the tick that begins at `now` [s].
 
-        Damped, clamped, faded; zero when anything is wrong. In [N, N·m].
+        Damped, clamped, faded; zero when anything is wrong. In [N, N·m]. stored: energy that the world's memory holds
+        [J]; NaN for a world that does not say.
         """
         mover = estimate.state
         protect.protect_wrench(
             self.state, wrench, mover.p, mover.R_SR, mover.v, mover.w, now, estimate.age, estimate.valid,
-            estimate.reversed,
+            estimate.reversed, stored,
         )  # fmt: skip
         return self.asked
 

@@ -45,6 +45,7 @@ class Trip(IntEnum):
     MAGNET_REVERSED = 14
     OVERRUN = 15
     CURRENT_MISMATCH = 16
+    MEMORY_NOT_FINITE = 17
 
     @property
     def text(self) -> str:
@@ -78,6 +79,9 @@ _TEXT = {
     Trip.OVERRUN: (
         "The loop missed its deadlines: the computer is too busy, or a tick takes too long. "
         "Close other programs, reduce the loop rate or simplify the world, then re-engage."
+    ),
+    Trip.MEMORY_NOT_FINITE: (
+        "The world's memory is no longer finite. Fix the world or choose another, then re-engage: it begins anew."
     ),
     Trip.CURRENT_MISMATCH: (
         "A coil's measured current does not match its voltage. Check the coil, its current sensor and its driver, "

@@ -32,7 +32,7 @@ from haptorb.runtime.row import RowLayout
 __all__ = ["CAPACITY", "COUNTS", "TRIPS", "WORLDS", "Phase", "SharedMemory", "Word", "engage_request", "engage_stops"]
 
 _MAGIC = int.from_bytes(b"haptorb\0", "little")
-_VERSION = 5
+_VERSION = 6
 _PAGE = 4096
 _TEXTS = 9
 CAPACITY = 8192  #: rows: 2 s at the fastest rate
@@ -59,6 +59,7 @@ class Word(IntEnum):
     CHANNELS = 4
     SENSORS = 5
     CONTACTS = 6
+    MEMORY = 7
     # host → servo
     HEARTBEAT = 16  #: monotonic clock [ns]
     STOP = 17  #: count
@@ -153,7 +154,7 @@ class SharedMemory:
         self.counts: Records = np.frombuffer(memory[:_ROWS], dtype=COUNTS)  #: (1,) words and histograms, for kernels
         if self.words[Word.MAGIC] != _MAGIC or self.words[Word.VERSION] != _VERSION:
             raise ServoError(f"{path} is not a servo's shared memory of this version; end the program that created it")
-        self.layout = RowLayout(*self.words[Word.CHANNELS : Word.CONTACTS + 1])
+        self.layout = RowLayout(*self.words[Word.CHANNELS : Word.MEMORY + 1])
         if self.layout.width != self.words[Word.WIDTH] or size != _size(self.layout):
             raise ServoError(f"{path} holds rows of another layout; end the program that created it")
 
@@ -187,7 +188,7 @@ class SharedMemory:
                 os.posix_fallocate(descriptor, 0, size)
                 head = np.zeros(16, dtype=np.int64)
                 head[[Word.MAGIC, Word.VERSION, Word.WIDTH, Word.CAPACITY]] = _MAGIC, _VERSION, layout.width, CAPACITY
-                head[Word.CHANNELS : Word.CONTACTS + 1] = layout.channels, layout.sensors, layout.contacts
+                head[Word.CHANNELS : Word.MEMORY + 1] = layout.channels, layout.sensors, layout.contacts, layout.memory
                 os.pwrite(descriptor, head.tobytes(), 0)
                 made = cls(Path(name))
                 made._claim = claim

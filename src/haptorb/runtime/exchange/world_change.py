@@ -8,6 +8,7 @@ from typing import Any
 
 from haptorb import worlds
 from haptorb.errors import HaptorbError, InputError, UnknownName
+from haptorb.worlds.dynamic_world import DynamicWorld
 from haptorb.worlds.parameter import values as parameter_values
 from haptorb.worlds.world import World
 
@@ -28,12 +29,18 @@ def name_of(world: World) -> str:
 
 
 def description(world: World) -> str:
-    """Name and present values as JSON.
+    """Name and present values as JSON; of a world with memory, also the fields of that as rows have them.
 
     >>> description(worlds.Nothing())
     '{"name": "nothing", "values": {}}'
     """
-    return json.dumps({"name": name_of(world), "values": parameter_values(world)})
+    told: dict[str, Any] = {"name": name_of(world), "values": parameter_values(world)}
+    if isinstance(world, DynamicWorld):
+        told["memory"] = [
+            {"name": field.name, "unit": field.unit, "about": field.about, "shape": list(field.shape)}
+            for field in world.memory_fields
+        ]
+    return json.dumps(told)
 
 
 def request(number: int, name: str, values: Mapping[str, Any], file: str = "") -> str:

@@ -25,8 +25,10 @@ def is_tripped(shared: SharedMemory, reason: Trip) -> bool:
 
 
 def world_failure(shared: SharedMemory) -> str:
-    """What the world's code raised, and where, if it has switched the coils off; else empty."""
-    if not is_tripped(shared, Trip.WORLD_FAILED) or not (error := shared.error.read()[1]):
+    """What the world's code raised, and where, or what of its memory is not finite, if that has switched the coils off;
+    else empty."""
+    failed = is_tripped(shared, Trip.WORLD_FAILED) or is_tripped(shared, Trip.MEMORY_NOT_FINITE)
+    if not failed or not (error := shared.error.read()[1]):
         return ""  # the row comes a moment before the error
     return f"world '{shared.world_now()}' failed: {error}"
 

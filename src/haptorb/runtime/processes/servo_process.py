@@ -174,7 +174,10 @@ def _rehearse(plan: plans.Plan, shared: SharedMemory) -> None:
         makers += [partial(_itself, own) for own in plan.own_worlds.values()]
         for tick, make in enumerate(makers, start=2 * _REHEARSAL):
             with suppress(HaptorbError):  # not for this device: nobody will be able to choose it either
-                chain.change_world(make())
+                world = make()
+                if world.remembers:
+                    try_world(world, plan.device)  # without a valid pose the chain does not advance it
+                chain.change_world(world)
                 chain.step(row, tick / plan.rate)
 
 

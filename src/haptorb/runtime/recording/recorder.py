@@ -41,7 +41,7 @@ class Recorder:
         self._writer.start(profile="ros2", library=f"haptorb {__version__}")
         schema_id = self._writer.register_schema(NAME, ENCODING, schema(layout).encode())
         self._channel = self._writer.register_channel(TOPIC, MESSAGE_ENCODING, schema_id)
-        counts = {key: str(getattr(layout, key)) for key in ("channels", "sensors", "contacts")}
+        counts = {key: str(getattr(layout, key)) for key in ("channels", "sensors", "contacts", "memory")}
         self.note("layout", {**counts, "rate_hz": str(rate)})
         self.note("clock", {"unix_minus_monotonic_ns": str(unix_minus_monotonic)})
 

@@ -20,6 +20,7 @@ from haptorb.numerics.arrays import Array
 from haptorb.runtime.recording.data_frames import column_heads, make_data_frame, make_dataset
 from haptorb.runtime.recording.mcap_rows import MAGIC, Block, records
 from haptorb.runtime.recording.mcap_schema import CDR_HEADER, NAME, TOPIC, fields_of
+from haptorb.runtime.recording.recorded_memory import memory_units, read_memory
 from haptorb.runtime.recording.recording_plot import plot
 from haptorb.runtime.recording.recording_summary import draw_force, list_facts, summarize
 from haptorb.runtime.row import Field, RowLayout
@@ -93,6 +94,17 @@ class Recording:
         """The worlds that were felt, in order: change (number), tick (about which), world (JSON)."""
         return [values for name, values in self.notes if name == "haptorb/world"]
 
+    @cached_property
+    def memory(self) -> dict[str, Array]:
+        """What worlds with memory remembered: `memory["ball.place"]` is the field `place` of the world `ball` in all
+        ticks, shape (n, 3), or (n,) for a single number; NaN in ticks of other worlds."""
+        return read_memory(self)
+
+    @property
+    def memory_units(self) -> dict[str, str]:
+        """The unit of each field of `memory`."""
+        return memory_units(self.worlds)
+
     @property
     def errors(self) -> list[dict[str, str]]:
         """What failed worlds and drivers said, in order: tick (about which), text (with file and line of a world)."""
@@ -107,7 +119,8 @@ class Recording:
     def layout(self) -> RowLayout:
         """The layout of `rows`. Raises RecordingError if another version of haptorb ordered them otherwise."""
         noted = self.metadata.get("layout", {})
-        without = {"channels": 0, "sensors": 0, "contacts": 2}  # rows without a note of contacts had two, of any device
+        # rows without a note of contacts had two, of any device; those without one of memory had none
+        without = {"channels": 0, "sensors": 0, "contacts": 2, "memory": 0}
         layout = RowLayout(*(self._parse_count(noted, key) if key in noted else n for key, n in without.items()))
         mine = [(field.name, field.width) for field in layout.fields if field.width]
         if mine != [(field.name, field.width) for field in self.fields]:
@@ -117,7 +130,7 @@ class Recording:
     def require(self, *names: str) -> None:
         """Raise RecordingError unless there are fields `names` as wide as this version of haptorb writes them.
 
-        Those of coils, sensors and contacts may have any width.
+        Those of coils, sensors, contacts and memory may have any width.
         """
         wide = {field.name: field.width for field in RowLayout(0, 0).fields if field.width}
         found = {field.name: field.width for field in self.fields}

@@ -96,7 +96,9 @@ class LatestRow:
         return facts_html(f"Tick {format_number(self.tick, 15)} at {self.t:.3f} s", self._list_facts())
 
     def _list_facts(self) -> list[tuple[str, str]]:
-        return [(field.name, self._format(field.name)) for field in self.layout.fields if field.width]
+        facts = [(field.name, self._format(field.name)) for field in self.layout.fields if field.width]
+        used = np.isfinite(self.numbers[self.layout["memory"]]).any()
+        return facts if used else [(name, text) for name, text in facts if name != "memory"]
 
     def _format(self, name: str) -> str:
         """The value of a field with its unit, and in words where it is a code."""

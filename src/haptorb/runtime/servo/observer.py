@@ -102,7 +102,7 @@ class ServoObserver(Commands):
     def check_world(self) -> None:
         """Raise WorldError if the coils are off because the world's code failed, or takes too long."""
         shared = self._memory
-        if is_tripped(shared, Trip.WORLD_FAILED) and (failed := world_failure(shared)):
+        if failed := world_failure(shared):
             raise WorldError(f"{failed}\nThe coils are off.")
         if is_tripped(shared, Trip.OVERRUN) and (slow := slow_world(shared, self.rate)):
             raise WorldError(f"{slow} The coils are off.")

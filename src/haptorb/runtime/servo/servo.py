@@ -52,6 +52,8 @@ from haptorb.runtime.trackers.tracker_registry import Preparation, check_frame, 
 from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.sensing.calibration_file import read_calibration, read_frame
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
+from haptorb.worlds.dynamic_world import DynamicWorld
+from haptorb.worlds.memory import count_numbers
 from haptorb.worlds.own.failure import fit_world
 from haptorb.worlds.own.world_file import WorldFile
 from haptorb.worlds.world import World
@@ -217,6 +219,7 @@ class Servo(ServoContext):
                 plans.save(self._plan, file)
             except Exception as cause:
                 raise InputError(f"world or device cannot be sent to the servo's process: {cause}") from cause
+            self.layout = self._lay_out_rows()
             self._shared = SharedMemory.create(self.layout)
             self._carry_stops(self._shared)
             self._black_box = BlackBox(self._shared, self.device.name, self.rate, self._trips_folder)
@@ -239,6 +242,12 @@ class Servo(ServoContext):
             self._watcher = WorldWatcher(
                 self._world_file, self._plan.world, self.device, self._reload, lambda: self.world
             )
+
+    def _lay_out_rows(self) -> RowLayout:
+        """With room for the memory of every world that this servo was given."""
+        given = (self._plan.world, *self.own_worlds.values())
+        sizes = [count_numbers(one.memory_fields) for one in given if isinstance(one, DynamicWorld)]
+        return RowLayout.of(self.device, max(sizes, default=0))
 
     def _reload(self, world: World, values: dict[str, Any]) -> None:
         assert self._folder is not None

@@ -85,12 +85,13 @@ def fill_row(
 
 @kernel
 def fill_object(
-    row: Array, places: Records, share: Array, p: Array, R: Array, wrench: Array, contacts: Array
+    row: Array, places: Records, share: Array, p: Array, R: Array, wrench: Array, contacts: Array, memory: Array
 ) -> None:  # fmt: skip
     """Fill the fields of `row` (width,) that tell of what the world acts on, at the `places` of the `RowLayout`.
 
     share (2,), p (3,) [m], R (3, 3), wrench (6,) [N, N·m] and contacts (n, 8) as a `RenderedWrench` has them: the row
-    takes as many as it has room for, and those that are missing are zero.
+    takes as many as it has room for, and those that are missing are zero. memory (n,) of a world, in its own units: as
+    much as there is room for, and NaN behind it.
     """
     at = places[0]
     _copy(row, at.share, share)
@@ -99,3 +100,5 @@ def fill_object(
     _copy(row, at.object_wrench, wrench)
     for i in range(at.energy - at.contacts):  # the field that follows
         row[at.contacts + i] = contacts[i // 8, i % 8] if i < contacts.size else 0.0
+    for i in range(row.size - at.memory):  # the last field
+        row[at.memory + i] = memory[i] if i < memory.size else np.nan

@@ -27,6 +27,8 @@ from haptorb.runtime.row import STAGES, RowLayout
 from haptorb.runtime.tick.fill_row import fill_object, fill_row
 from haptorb.sensing.controller_model import FADE
 from haptorb.sensing.estimator import Estimator
+from haptorb.sensing.sample import Estimate
+from haptorb.worlds.bound_world import BoundWorld, MemoryNotFinite, bind_world
 from haptorb.worlds.own.failure import check_wrench, describe_failure
 from haptorb.worlds.world import World
 
@@ -50,19 +52,21 @@ class Tick:
         linkage: Linkage | None = None,
     ) -> None:
         self.world = world.for_device(device)
+        self._dt = dt
+        self._bound = bind_world(self.world, dt)  # of a world with memory; None of another
         self.world_changes = 0
         self.driver = driver
         self.estimator = estimator
         self.allocator = allocator
         self.linkage = linkage or Direct()
         self.protection = Protection(device, dt, self.linkage.arm)
-        self.protection.change_world(passive=self.world.passive and self.linkage.passive)
+        self._watch_energy()
         self.layout = RowLayout.of(device)
         self._failure: tuple[Trip, BaseException] | None = None  # since the last engage
         self._device = device
         self._zeros = np.zeros(device.channels)
         self._applied = np.zeros(device.channels)
-        self._nothing = np.zeros(6)
+        self._nothing, self._no_memory = np.zeros(6), np.zeros(0)
         nowhere = State(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
         self._felt_last = RenderedWrench(self._nothing, nowhere, self._nothing, NO_CONTACTS, 0, np.zeros(2), False)
         self._no_currents = Allocation(self._zeros, self._nothing, Saturation.NONE, 0.0)
@@ -88,6 +92,8 @@ class Tick:
         if self._failure is None:
             return ""
         reason, cause = self._failure
+        if reason is Trip.MEMORY_NOT_FINITE:
+            return str(cause)
         if reason is not Trip.WORLD_FAILED:
             return f"{type(cause).__name__}: {cause}"
         return describe_failure(self.world, cause)
@@ -95,14 +101,22 @@ class Tick:
     def change_world(self, world: World) -> None:
         """Render `world` from the next tick on; the guard's slew limit takes the step out of the change.
 
-        In another kind of world the object begins anew; with other parameters it stays where it is.
+        In another kind of world the object begins anew; with other parameters it stays where it is, and a world with
+        memory keeps of it what its rule says.
         """
         fitted = world.for_device(self._device)
-        if type(fitted) is not type(self.world):
+        restarts = type(fitted) is not type(self.world)
+        # A target that begins anew is not where a memory has it.
+        bound = bind_world(fitted, self._dt, None if restarts and self.linkage.modes else self._bound)
+        if restarts:
             self.linkage.restart()
-        self.world = fitted
-        self.protection.change_world(passive=fitted.passive and self.linkage.passive)
+        self.world, self._bound = fitted, bound
+        self._watch_energy()
         self.world_changes += 1
+
+    def _watch_energy(self) -> None:
+        """Have the passivity control begin anew with the present world."""
+        self.protection.change_world(passive=self.world.passive and self.linkage.passive)
 
     def replace_world(self, world: World) -> None:
         """Render another version of the world: the wrench goes over from the last one within `FADE`."""
@@ -141,7 +155,15 @@ class Tick:
         engaged = self.protection.engage()
         if engaged:
             self._failure = None
+            if self._bound is not None and self._bound.failed:  # safety: failed-memory-restarts
+                self._restart_memory(self._bound)
         return engaged
+
+    def _restart_memory(self, bound: BoundWorld) -> None:
+        try:
+            bound.restart()
+        except BaseException as cause:  # the user's code: also sys.exit
+            self._fail(Trip.WORLD_FAILED, cause)
 
     def cool(self) -> None:
         """Simulated coils at the ambient temperature. Real ones stay as warm as they are, and as the guard knows."""
@@ -177,9 +199,11 @@ class Tick:
         if estimate.valid:  # the first valid pose starts the ramp
             protection.start(estimate)
         t2 = perf_counter()
-        felt = self._render(estimate.state, now)
+        felt = self._render(estimate, now)
         t3 = perf_counter()
-        asked = protection.protect_wrench(self._rendered, estimate, sample.t)
+        # Modes scale what the hand feels: what a target's world holds is no measure of it.
+        stored = np.nan if self._bound is None or self.linkage.modes else self._bound.energy
+        asked = protection.protect_wrench(self._rendered, estimate, sample.t, stored)
         allocation = self._allocate(estimate.wrench_map, asked)
         t4 = perf_counter()
         duties = protection.protect_currents(allocation.currents, estimate, sample, self._applied)
@@ -197,7 +221,8 @@ class Tick:
             row, places, protection.state, protection.coils, self.driver.target(), self.driver.truth(), self._applied,
             sample.field, stages,
         )  # fmt: skip
-        fill_object(row, places, felt.share, thing.p, thing.R_SR, self._on_thing, felt.contacts)
+        memory = self._no_memory if self._bound is None else self._bound.numbers
+        fill_object(row, places, felt.share, thing.p, thing.R_SR, self._on_thing, felt.contacts, memory)
         cells: Any = row.data  # single numbers go through it three times faster than into an array
         start = self._start
         cells[start["ahead"]] = self._ahead
@@ -209,9 +234,14 @@ class Tick:
         cells[start["engaged"]] = felt.engaged
         stages[6] = perf_counter() - t6
 
-    def _render(self, state: State, now: float) -> RenderedWrench:
+    def _render(self, estimate: Estimate, now: float) -> RenderedWrench:
+        bound = self._bound
         try:
-            felt = self.linkage.render(self.world, state)
+            if bound is None:
+                felt = self.linkage.render(self.world, estimate.state)
+            else:
+                bound.paused = not estimate.valid
+                felt = self.linkage.render(bound, estimate.state)
             check_wrench(felt.wrench)
             # Copied: in another memory layout a user's array would have the kernels compiled in the middle of a tick.
             self._rendered[:], self._on_thing[:] = felt.wrench, felt.on_thing
@@ -223,7 +253,8 @@ class Tick:
             raise
         # A world is the user's code: whatever it raises must end in coils off.
         except BaseException as cause:  # safety: world-exit-trips
-            self._fail(Trip.WORLD_FAILED, cause)  # safety: world-failure-trips
+            reason = Trip.MEMORY_NOT_FINITE if isinstance(cause, MemoryNotFinite) else Trip.WORLD_FAILED
+            self._fail(reason, cause)  # safety: world-failure-trips
             self._rendered[:] = self._on_thing[:] = 0.0
             self._fade_from = None
             return replace(self._felt_last, wrench=self._nothing, on_thing=self._nothing)

@@ -13,11 +13,13 @@ from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.errors import HaptorbError, InputError, quote
 from haptorb.numerics.arrays import Array
+from haptorb.worlds.bound_world import bind_world
 from haptorb.worlds.world import World
 
 __all__ = ["check_wrench", "describe_failure", "fit_world", "keep_source", "try_world"]
 
 _PACKAGE = str(Path(__file__).parents[2])
+_FIRST = 1e-3  #: time step of a world's first call [s]
 _FRAMES = 6  #: of the user's code, the innermost; a recursion has a thousand
 
 
@@ -66,13 +68,15 @@ def keep_source(world: World) -> None:
 
 
 def fit_world(world: World, device: Device) -> World:
-    """`world.for_device(device)`: the world that `device` renders.
+    """`world.for_device(device)`: the world that `device` renders; a world with memory has begun once.
 
     Raises InputError with the place in the user's code if that fails, or as the world itself does if `device` cannot
     render it.
     """
     try:
         fitted: object = world.for_device(device)
+        if isinstance(fitted, World):
+            bind_world(fitted, _FIRST)
     except HaptorbError:
         raise
     except BaseException as cause:  # the user's code: also sys.exit
@@ -94,7 +98,8 @@ def try_world(world: World, device: Device) -> World:
     """
     fitted = fit_world(world, device)
     try:
-        check_wrench(fitted.wrench(State.at(device.rest_position, R_SR=np.eye(3))))
+        rendered = bind_world(fitted, _FIRST) or fitted
+        check_wrench(rendered.wrench(State.at(device.rest_position, R_SR=np.eye(3))))
     except BaseException as cause:  # the user's code: also sys.exit
         if isinstance(cause, KeyboardInterrupt):
             raise
