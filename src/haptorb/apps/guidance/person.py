@@ -37,11 +37,11 @@ class Habits:
     """How a person moves: what the simulation assumes."""
 
     pace: float = 0.03  #: [m/s]
-    heading_error: float = np.radians(5.0)  #: standard deviation [rad]
-    heading_time: float = 1.0  #: in which that error wanders [s]
+    heading_error: float = np.radians(4.0)  #: standard deviation [rad]
+    heading_time: float = 2.0  #: in which that error wanders [s]
     pace_error: float = 0.2  #: standard deviation, as a share of the pace
     reaction: float = 0.15  #: by which direction and feeling are late [s]
-    yielding: float = 0.3  #: time constant with which the person goes along with the hand [s]
+    yielding: float = 0.25  #: time constant with which the person goes along with the hand [s]
     tremor: float = 1e-4  #: rms in each direction [m]
     insistence: float = 0.0  #: standard deviation of a line of the person's own beside the path [m]; 0: none
     rest_after: float = np.inf  #: then the hand rests [s]
@@ -72,7 +72,6 @@ class Person:
         self._wish = path.places[0].copy()
         self._arc, self._direction, self._tick = 0.0, 1.0, 0
         self._felt: deque[Array] = deque([np.zeros(3)] * late, maxlen=late)
-        self._ways: deque[Array] = deque([self._frame[1].copy()] * late, maxlen=late)
         self._goal = Goal(self._wish.copy(), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, False)
 
     def goal(self, now: float) -> Goal:
@@ -89,16 +88,15 @@ class Person:
             or (self._direction < 0 and self._arc <= path.spacing)
         ):
             self._direction = -self._direction  # to and fro
-            self._ways.extend([-way for way in self._ways])
         fill_frame(path.places, path.tangents, path.spacing, self._arc, frame)
         sideways, outward = frame[2], self._wish / np.linalg.norm(self._wish)
-        self._ways.append(self._direction * frame[1])
         resting = n * dt >= habits.rest_after
         away = place - self._wish
         self._felt.append(away - outward * float(away @ outward))
         step = dt / habits.yielding * self._felt[0]
         if not resting:
-            way = self._ways[0] + np.tan(self._heading[n]) * np.cross(outward, self._ways[0])
+            ahead = self._direction * frame[1]
+            way = ahead + np.tan(self._heading[n]) * np.cross(outward, ahead)
             pace = (
                 habits.pace
                 * max(self._pace[n], 0.2)
