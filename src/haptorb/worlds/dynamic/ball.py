@@ -27,6 +27,8 @@ _FIELDS = (
     MemoryField("energy", "J", "kinetic, in the bowl and in the contact"),
 )
 
+_CORE = 0.25  #: share of the radius within which the contact fades
+
 #: What the kernel goes by.
 _BALL = fields(
     ("axis", "f8", (3,)),  # unit vector to the bowl's middle
@@ -58,17 +60,20 @@ def _push(q: Array, p: Array, ball: Records, force: Array) -> float:
         pull += b.rim_stiffness * over / max(np.sin(angle), 1e-6)
     for i in range(3):
         force[i], force[3 + i] = pull * b.axis[i], 0.0
-    # Contact: a spring whose force stays at its greatest when it is pressed further
+    # Contact: a spring whose force stays at its greatest when it is pressed further, and fades towards the middle
     gap = np.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
-    depth = b.reach - gap
-    if depth > 0.0 and gap > 1e-9:
-        most = b.greatest / b.stiffness
+    if 1e-12 < gap < b.reach:
+        core = _CORE * b.reach
+        depth, most = b.reach - max(gap, core), b.greatest / b.stiffness
         push = b.stiffness * min(depth, most)
         energy += 0.5 * push * min(depth, most) + b.greatest * max(depth - most, 0.0)
+        if gap < core:
+            energy += 0.5 * push * (core - gap * gap / core)
+            push *= gap / core
         for i in range(3):
             force[3 + i] = push * (p[i] - q[i]) / gap
             force[i] -= force[3 + i]
-    return energy
+    return float(energy)
 
 
 @kernel
