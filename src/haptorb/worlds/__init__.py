@@ -26,6 +26,9 @@ from haptorb.worlds.maps.domes import domes_apart
 from haptorb.worlds.maps.terrain import Terrain
 from haptorb.worlds.memory import MemoryField, make_memory
 from haptorb.worlds.moving import Orbit, Varying
+from haptorb.worlds.path_guidance.guidance_path import GuidancePath, make_path
+from haptorb.worlds.path_guidance.path_file import load_path
+from haptorb.worlds.path_guidance.path_guidance import PathGuidance
 from haptorb.worlds.shape import Shape
 from haptorb.worlds.snap_fit.outlet import Outlet
 from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
@@ -44,11 +47,13 @@ __all__ = [
     "Fluid",
     "Friction",
     "Guidance",
+    "GuidancePath",
     "Magnet",
     "MemoryField",
     "Nothing",
     "Orbit",
     "Outlet",
+    "PathGuidance",
     "PublishedOutlet",
     "Shape",
     "SnapFit",
@@ -63,7 +68,9 @@ __all__ = [
     "World",
     "domes_apart",
     "find_world",
+    "load_path",
     "make_memory",
+    "make_path",
 ]
 
 #: name on the command line → world; contract tests run over all of them
@@ -73,6 +80,7 @@ CATALOGUE: dict[str, type[World]] = {
     "detents": Detents,
     "fluid": Fluid,
     "guidance": Guidance,
+    "path_guidance": PathGuidance,
     "magnet": Magnet,
     "stick_slip": StickSlip,
     "terrain": Terrain,
