@@ -91,7 +91,9 @@ def _weigh_heat(s: Record, frame: Array, matrix: Array, passive: Array, ohms: Ar
 
 @kernel
 def _plan(m: Record, s: Record, heat: Array, work: Array) -> None:
-    """Find the forces of the horizon: m.plan (2n,), sideways then outward, each at most s.strength."""
+    """Find the forces of the horizon, sideways then outward, each at most s.strength: row 2n + 3 of `work`.
+
+    Those sideways begin at the last plan, m.plan (n,), the others at zero."""
     n = s.from_push.size
     size = 2 * n
     hessian, linear, low, high = work[:size], work[size], work[size + 1], work[size + 2]
@@ -108,7 +110,12 @@ def _plan(m: Record, s: Record, heat: Array, work: Array) -> None:
                     if x == y:
                         cost += s.cost[i, j]
                     hessian[at, y * n + j] = cost
-    m.steps = solve_box(hessian, linear, low, high, m.plan, work[size + 4 :], _MOST, _PRECISION)
+    x = work[size + 3]
+    for i in range(n):
+        x[i], x[n + i] = m.plan[i], 0.0
+    m.steps = solve_box(hessian, linear, low, high, x, work[size + 4 :], _MOST, _PRECISION)
+    for i in range(n):
+        m.plan[i] = x[i]
 
 
 @kernel
@@ -155,7 +162,7 @@ def advance_plan(
     _observe(m, s, frame, p, v, dt)
     known = _weigh_heat(s, frame, actuation[:, :3], actuation[:, 3], actuation[:, 4], heat, per)
     _plan(m, s, heat, work)
-    x, y = m.share * m.plan[0], m.share * m.plan[n]
+    x, y = m.share * work[2 * n + 3, 0], m.share * work[2 * n + 3, n]
     size = np.sqrt(x * x + y * y)
     cut = 1.0 if size <= s.strength else s.strength / size
     for i in range(3):

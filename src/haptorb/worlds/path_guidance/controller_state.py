@@ -26,7 +26,7 @@ MEMORY = (
     MemoryField("heat", "W", "of the coils by the plan, now"),
     MemoryField("steps", "1", "Newton steps of the last solution; -1: it was cut short"),
     MemoryField("place", "m", "on the path, nearest to the hand", (3,)),
-    MemoryField("plan", "N", "force across the path in every step: sideways, then outward", (2 * STEPS,)),
+    MemoryField("plan", "N", "force sideways in every step of the plan", (STEPS,)),
 )
 
 #: The weights and the hand, as the kernel takes them.

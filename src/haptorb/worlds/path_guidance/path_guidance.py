@@ -10,6 +10,7 @@ import numpy as np
 
 from haptorb.devices.device import Device
 from haptorb.devices.state import State
+from haptorb.errors import GeometryError
 from haptorb.numerics.arrays import Array, Records
 from haptorb.worlds.dynamic_world import DynamicWorld
 from haptorb.worlds.memory import MemoryField, make_memory
@@ -138,12 +139,13 @@ class PathGuidance(DynamicWorld):
         work, actuation, motion = self._scratch
         device = self.device
         if device is not None and device.channels == 3:
-            known = device.wrench_map(state, device.models[0])
-            actuation[:, :3], actuation[:, 3], actuation[:, 4] = (
-                known.force,
-                known.passive[:3],
-                device.greatest_resistance,
-            )
+            try:
+                known = device.wrench_map(state, device.models[0])
+            except GeometryError:  # a place that no tool can have: heat is not weighed there
+                actuation[:] = 0.0
+            else:
+                actuation[:, :3], actuation[:, 3] = known.force, known.passive[:3]
+                actuation[:, 4] = device.greatest_resistance
         motion[0], motion[1] = state.p, state.v
         wrench = np.empty(6)
         curve = self.curve
