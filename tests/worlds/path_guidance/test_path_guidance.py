@@ -48,8 +48,8 @@ def test_on_the_path_next_to_nothing_is_asked(guided):
 
 
 def test_a_lasting_push_is_met_with_a_growing_force(guided):
-    """A hand that stays 0.5 mm beside the path pushes: the observer's share grows until the bound."""
-    first, last = drag(guided, 250, 5e-4)[1], drag(guided, 900, 5e-4)[1]
+    """A hand that stays 0.1 mm beside the path pushes: the observer's share grows until the bound."""
+    first, last = drag(guided, 250, 1e-4)[1], drag(guided, 900, 1e-4)[1]
     assert abs(last[1]) > 2 * abs(first[1])
 
 

@@ -25,6 +25,7 @@ __all__ = ["WAYS", "GuidanceComparison", "GuidanceRow", "compare_guidance"]
 #: none: no force. valley: the world `guidance`, as strong as it needs to be to use the planner's mean force. spring: to
 #: a point that goes along by the clock. plan: the world `path_guidance`.
 WAYS = ("none", "valley", "spring", "plan")
+_STRENGTHS = {"none": 0.0, "valley": 0.35, "spring": 0.35, "plan": 0.5}  #: the worlds' own [N]
 _TRIES = 4  #: to find the valley's strength
 _NEAR = 0.03  #: two mean forces that differ by less are equal
 _RESTS = (2.0, 3.0, 8.0)  #: the hand stops; the time in which its way is measured begins, and ends [s]
@@ -135,7 +136,7 @@ def compare_guidance(
 
             found: dict[str, tuple[Trial, float]] = {}
             for way in ("none", "spring", "plan"):
-                found[way] = run(way, 0.35), 0.35
+                found[way] = run(way, _STRENGTHS[way]), _STRENGTHS[way]
                 go_on()
             found["valley"] = _equal_force(lambda strength: run("valley", strength), found["plan"][0].force)
             go_on(_TRIES)
@@ -144,7 +145,7 @@ def compare_guidance(
                 rows.append(
                     GuidanceRow(
                         name, grip, way, trial.error, float(np.abs(trial.across).max()), trial.force, trial.heat,
-                        0.0 if way == "none" else strength, trial.tripped,
+                        strength, trial.tripped,
                     )
                 )  # fmt: skip
                 if name == paths[0]:
@@ -154,7 +155,7 @@ def compare_guidance(
     path = make_shape(paths[0], radius=shell.contact_distance)
     for grip in grips:
         for way in WAYS:
-            world = _make_world(way, path, 0.35, habits.pace)
+            world = _make_world(way, path, _STRENGTHS[way], habits.pace)
             still = replace(habits, rest_after=start)
             trial = run_trial(device, world, path, GRIPS[grip], still, last + 0.2, seed, sensing=sensing)
             begins = round(1000 * (first - 1.0))
@@ -169,7 +170,7 @@ def compare_guidance(
 def _equal_force(run: Callable[[float], Trial], force: float) -> tuple[Trial, float]:
     """The trial, and its strength [N], whose mean force is nearest to `force` [N]."""
     tried: list[tuple[float, Trial, float]] = []
-    strength = 0.35
+    strength = _STRENGTHS["valley"]
     for _ in range(_TRIES):
         trial = run(strength)
         tried.append((abs(trial.force / max(force, 1e-9) - 1.0), trial, strength))

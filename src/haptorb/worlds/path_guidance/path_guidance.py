@@ -40,16 +40,16 @@ class PathGuidance(DynamicWorld):
     continuous: ClassVar[bool] = False
 
     mode: float = parameter(1.0, "1", 0, 1, "1: guide; 0: no force, the deviation is only observed and recorded")
-    strength: float = parameter(0.35, "N", 0, 1, "most force across the path")
+    strength: float = parameter(0.5, "N", 0, 1, "most force across the path")
     horizon: float = parameter(0.15, "s", 0.05, 0.4, "how far ahead the motion is predicted")
-    tolerance: float = parameter(0.001, "m", 0.0002, 0.01, "deviation that costs 1 in every step of the plan")
-    heat_weight: float = parameter(0.01, "1/W", 0, 1, "what 1 W in the coils costs beside the deviation")
+    tolerance: float = parameter(0.0005, "m", 0.0002, 0.01, "deviation that costs 1 in every step of the plan")
+    heat_weight: float = parameter(0.005, "1/W", 0, 1, "what 1 W in the coils costs beside the deviation")
     change: float = parameter(0.1, "N", 0.01, 1, "change of force from step to step that costs 1")
     rest_pace: float = parameter(0.005, "m/s", 0, 0.05, "pace at which half of the guidance is given; 0: always all")
     height: float = parameter(0.0, "1", 0, 1, "share of the guidance outward from the centre, for paths above the dome")
     hand_mass: float = parameter(0.2, "kg", 0.05, 2, "mass of hand and tool in the prediction")
     hand_damping: float = parameter(3.0, "N s/m", 0.2, 20, "damping of the hand in the prediction")
-    observer: float = parameter(10.0, "Hz", 1, 30, "bandwidth with which the hand's push is observed")
+    observer: float = parameter(15.0, "Hz", 1, 30, "bandwidth with which the hand's push is observed")
     shape: float = parameter(1.0, "1", 0, 3, "path, if none is given: 0 line, 1 circle, 2 square, 3 spiral")
     size_deg: float = parameter(25.0, "deg", 10, 55, "tilt from the summit to which that path reaches")
     path: GuidancePath | tuple[tuple[float, ...], ...] | None = None
