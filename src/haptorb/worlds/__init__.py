@@ -28,6 +28,9 @@ from haptorb.worlds.maps.domes import domes_apart
 from haptorb.worlds.maps.terrain import Terrain
 from haptorb.worlds.memory import MemoryField, make_memory
 from haptorb.worlds.moving import Orbit, Varying, Wander
+from haptorb.worlds.path_guidance.guidance_path import GuidancePath, make_path
+from haptorb.worlds.path_guidance.path_file import load_path
+from haptorb.worlds.path_guidance.path_guidance import PathGuidance
 from haptorb.worlds.shape import Shape
 from haptorb.worlds.snap_fit.outlet import Outlet
 from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
@@ -48,11 +51,13 @@ __all__ = [
     "Fluid",
     "Friction",
     "Guidance",
+    "GuidancePath",
     "Magnet",
     "MemoryField",
     "Nothing",
     "Orbit",
     "Outlet",
+    "PathGuidance",
     "PublishedOutlet",
     "RollingBall",
     "Shape",
@@ -70,7 +75,9 @@ __all__ = [
     "World",
     "domes_apart",
     "find_world",
+    "load_path",
     "make_memory",
+    "make_path",
 ]
 
 #: name on the command line → world; contract tests run over all of them
@@ -80,6 +87,7 @@ CATALOGUE: dict[str, type[World]] = {
     "detents": Detents,
     "fluid": Fluid,
     "guidance": Guidance,
+    "path_guidance": PathGuidance,
     "magnet": Magnet,
     "stick_slip": StickSlip,
     "terrain": Terrain,

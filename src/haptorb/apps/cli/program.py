@@ -19,6 +19,7 @@ from haptorb.apps.cli import (
     feel,
     fit,
     frame,
+    guidance,
     hardware,
     reproduce,
     run,
@@ -60,7 +61,22 @@ def start(
     """Design, simulate and run spherical electromagnetic haptic devices."""
 
 
-for module in (run, show, check, study, calibrate, frame, fit, train, estimators, bench, hardware, reproduce, feel):
+for module in (
+    run,
+    show,
+    check,
+    study,
+    calibrate,
+    frame,
+    fit,
+    train,
+    estimators,
+    guidance,
+    bench,
+    hardware,
+    reproduce,
+    feel,
+):
     module.register(app)
 
 

@@ -1,0 +1,72 @@
+"""`haptorb guidance`: kinds of guidance along a path, side by side, with simulated hands."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptorb.apps.figure_file import check_figure_file
+from haptorb.apps.terminal import make_console, make_progress, print_json
+from haptorb.errors import InputError, UnknownName
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `app`."""
+    app.command()(guidance)
+
+
+def guidance(
+    device: Annotated[str, typer.Argument(help="Spherical electromagnet: device name or file.")] = "omni",
+    path: Annotated[
+        list[str] | None, typer.Option("--path", help="line, circle, square or spiral; several times (default: all).")
+    ] = None,
+    grip: Annotated[
+        list[str] | None, typer.Option("--grip", help="loose, light or firm; several times (default: all).")
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="Motion of each trial [s], 2 to 120.")] = 8.0,
+    hall: Annotated[
+        bool, typer.Option("--hall", help="Calibrated field sensors tell the place, not a tracker of 240 Hz.")
+    ] = False,
+    seed: Annotated[int, typer.Option(help="Seed of persons and noise.")] = 0,
+    plot: Annotated[Path | None, typer.Option(help="Draw the comparison into this PNG, SVG or PDF file.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Compare no guidance, valley, spring by the clock and planned guidance: error, force, heat, drag at rest."""
+    if not 2.0 <= seconds <= 120.0 or seed < 0:
+        raise InputError(f"--seconds must be 2 to 120 and --seed 0 or more; got {seconds:g} and {seed}")
+    if plot is not None:
+        check_figure_file(plot, "--plot")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from haptorb.apps.guidance import compare_guidance, plot_guidance, print_guidance
+    from haptorb.control.stability.hand_grip import GRIPS
+    from haptorb.devices.electromagnet.api import electromagnet
+    from haptorb.devices.loader import load
+    from haptorb.worlds.path_guidance.path_shapes import SHAPES
+
+    for names, known, what in ((path, SHAPES, "path"), (grip, tuple(GRIPS), "grip")):
+        for name in names or ():
+            if name not in known:
+                raise UnknownName(what, name, known)
+    found = electromagnet(load(device), "guidance")
+    with make_progress() as bar:
+        task = bar.add_task("guiding", total=1.0)
+        result = compare_guidance(
+            found,
+            paths=tuple(dict.fromkeys(path or SHAPES)),
+            grips=tuple(dict.fromkeys(grip or GRIPS)),
+            seconds=seconds,
+            seed=seed,
+            sensing="hall" if hall else "tracker",
+            report=lambda share: bar.update(task, completed=share),
+        )
+    if json:
+        print_json(result.numbers())
+    else:
+        print_guidance(result, make_console())
+    if plot is not None:
+        plot_guidance(result, plot)

@@ -1,0 +1,39 @@
+"""The comparison in a reduced form: one grip, one path; the whole is `haptorb guidance`."""
+
+import json
+
+import pytest
+
+from haptorb.apps.cli.program import main
+from haptorb.apps.guidance import WAYS, compare_guidance
+from haptorb.devices.loader import load
+
+
+@pytest.fixture(scope="module")
+def found():
+    return compare_guidance(load("omni"), paths=("line",), grips=("light",), seconds=3.0, seed=1)
+
+
+def test_the_plan_keeps_a_light_hand_nearer_to_the_path_than_the_valley_does(found):
+    assert {row.way for row in found.rows} == set(WAYS)
+    plan, valley, none = (found.find_row("line", "light", way) for way in ("plan", "valley", "none"))
+    assert plan.error < 0.7 * valley.error < none.error
+    assert not any(row.tripped for row in found.rows)
+
+
+def test_a_hand_at_rest_is_dragged_by_the_clock_only(found):
+    assert found.drift["light", "plan"] < 5e-4
+    assert found.drift["light", "spring"] > 1e-3
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("pmsm",), ("--path", "triangle"), ("--grip", "iron"), ("--seconds", "1"), ("--seed", "-1"), ("--plot", "a.txt")],
+)
+def test_mistakes_are_told(words, capsys):
+    assert main(["guidance", *words]) == 2
+    assert "haptorb: " in capsys.readouterr().err
+
+
+def test_numbers_are_json(found):
+    assert json.loads(json.dumps(found.numbers()))["plan_over_valley"]["light"] == found.find_ratio("light")
