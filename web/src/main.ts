@@ -21,12 +21,13 @@ import { computed } from "./scene/graphics";
 import { Grasp } from "./scene/grasp";
 import { Orbit } from "./scene/orbit";
 import { sceneOf } from "./scene/scenes";
+import { Shapes } from "./scene/shapes";
 import { Stage } from "./scene/stage";
 import type { Subject, Wish } from "./scene/subject";
 import { TargetPane } from "./scene/target_pane";
 import { Rumble } from "./senses/rumble";
 import { Sound } from "./senses/sound";
-import { session as fetchSession, Stranger, token, type FeelState, type Session, type TargetScene, type Values, type World } from "./session";
+import { session as fetchSession, Stranger, token, type FeelState, type Session, type Shape, type TargetScene, type Values, type World } from "./session";
 import { status, type Silence } from "./status";
 import { Vector3 } from "three";
 import type { Rows } from "./wire";
@@ -53,6 +54,7 @@ class Console {
   private readonly model: ModelPanel;
   private readonly modes: ModePanel | null = null;
   private readonly target: TargetPane | null = null;
+  readonly shapes: Shapes;
   private readonly feel: FeelPanel | null = null;
   readonly plots: Plots;
   private readonly sound = new Sound();
@@ -98,11 +100,13 @@ class Console {
     this.model.show(session.world.model);
     if (session.modes.length) {
       this.modes = new ModePanel((command) => this.command(command));
-      this.target = new TargetPane(session.world.scene, this.governor.best);
+      this.target = new TargetPane(session.world.scene, session.world.shapes, this.governor.best);
     }
     if (session.feel) this.feel = new FeelPanel(session.feel, (act) => this.command({ ...act, do: "feel" }));
     this.plots = new Plots(this.history, session, this.scene);
     this.subject = this.scene.subject(this.stage, session);
+    // In the frame of what the world acts on: a motor's target has a picture of its own.
+    this.shapes = this.target?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes);
     if (this.scene.colours === "currents") this.legend.coils(this.subject.range);
     if (this.scene.colours === "none") this.legend.arrows();
     this.legend.device(session.scene);
@@ -198,6 +202,7 @@ class Console {
     this.modes?.enable(false);
     this.feel?.enable(false);
     this.target?.forget();
+    this.shapes.forget();
     this.plots.freeze(true);
     at("view").classList.add("dead");
     at("hint").hidden = true;
@@ -260,6 +265,7 @@ class Console {
         this.world.show(event["name"] as string, event["values"] as Values);
         this.world.remark((event["remarks"] ?? []) as string[]);
         this.model.show(event["model"] as string);
+        this.shapes.build((event["shapes"] ?? []) as Shape[]);
         this.target?.build((event["scene"] ?? null) as TargetScene | null);
         break;
       case "health":
@@ -305,6 +311,7 @@ class Console {
     if (this.fresh && !dead) {
       this.subject.show(this.sample);
       this.target?.show(this.sample);
+      this.shapes.show(this.sample);
       this.legend.show(this.sample);
       this.senses(now);
     }
@@ -465,6 +472,7 @@ class Console {
       value: (name) => Array.from(page.sample.list(name)),
       felt: (direction) => page.subject.felt(direction),
       stylus: () => page.subject.places(),
+      shapes: () => page.shapes.places,
       plug: () => page.target?.shown ?? { place: [], bent: [] },
     });
   }

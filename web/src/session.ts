@@ -93,6 +93,15 @@ export interface TargetScene {
   force: number;
 }
 
+/** A body of a world with memory: sizes in metres, and where in the row's memory its place and attitude begin. */
+export interface Shape {
+  name: string;
+  kind: "sphere" | "capsule" | "cylinder" | "box";
+  size: number[];
+  place: number;
+  attitude: number | null;
+}
+
 /** A session in which designs are felt and rated; what is hidden is not in it. */
 export interface FeelState {
   title: string;
@@ -140,7 +149,7 @@ export interface Session {
     stop: number;
   };
   worlds: World[];
-  world: { name: string; values: Values; model: string; scene: TargetScene | null; remarks: string[] };
+  world: { name: string; values: Values; model: string; scene: TargetScene | null; shapes: Shape[]; remarks: string[] };
   feel: FeelState | null;
   /** the guard's reasons by code: a word, and what happened and what to do */
   trips: Record<string, { word: string; text: string }>;

@@ -76,7 +76,7 @@ class DynamicWorld(World):
         return any(field.name == "energy" for field in self.memory_fields)
 
     def wrench(self, state: State) -> Array:
-        """(6,) what it renders at `state` in the first millisecond after its beginning [N, N·m]: what maps show."""
+        """(6,) what it renders at `state` in the first millisecond after its beginning [N, N·m]."""
         return self.advance(self.begin(), state, _FIRST)
 
     @property

@@ -69,6 +69,13 @@ export class Stage {
     for (const object of objects) object.traverse((part) => part.layers.set(MOVING));
   }
 
+  /** `object` moves, too, with whatever it holds now. */
+  joins(object: Object3D): void {
+    if (!this.moving.length) return;
+    if (!this.moving.includes(object)) this.moving.push(object);
+    object.traverse((part) => part.layers.set(MOVING));
+  }
+
   /** How much to draw. */
   set level(level: Level) {
     this.detail = DETAIL[level];

@@ -2,9 +2,10 @@
 
 import { at, write } from "../panels/dom";
 import type { Sample, Vector } from "../sample";
-import type { TargetScene } from "../session";
+import type { Shape, TargetScene } from "../session";
 import type { Level } from "./governor";
 import { Orbit, type Home } from "./orbit";
+import { Shapes } from "./shapes";
 import { Stage } from "./stage";
 import { Target, UNIT } from "./target";
 
@@ -16,13 +17,15 @@ export class TargetPane {
   private readonly stage: Stage;
   private readonly orbit: Orbit;
   private readonly target: Target;
+  readonly shapes: Shapes;
   private readonly pointers = new Map<number, { x: number; y: number }>();
 
-  constructor(scene: TargetScene | null, best: Level) {
+  constructor(scene: TargetScene | null, shapes: Shape[], best: Level) {
     this.stage = new Stage(at<HTMLCanvasElement>("target-scene"), best);
     this.orbit = new Orbit(this.stage.camera, () => this.moved(), this.home);
     this.target = new Target(this.stage);
     this.build(scene);
+    this.shapes = new Shapes(this.stage, UNIT, shapes);
     const { canvas } = this.stage;
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);

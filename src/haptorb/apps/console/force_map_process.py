@@ -20,7 +20,7 @@ from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.exchange.plan import pack, unpack
-from haptorb.worlds.world import World
+from haptorb.worlds.world import Sum, World
 
 __all__ = ["ForceMapProcess"]
 
@@ -102,6 +102,12 @@ class ForceMapProcess:
         process.stdout.close()
 
 
+def _select_lasting(world: World) -> World:
+    """What of `world` has a map: a world with memory feels different at a place from one moment to the next."""
+    parts = world.parts if isinstance(world, Sum) else (world,)
+    return Sum(tuple(part for part in parts if not part.remembers))
+
+
 def main() -> None:
     """Answer until the console closes the pipe: a device, then any number of (name, packed world or None, values,
     model, points)."""
@@ -122,7 +128,7 @@ def main() -> None:
         answer: object
         try:
             world = find_world(name)(**values) if packed is None else unpack(packed).replace(**values)
-            answer = force_map(device, world, points, model=model)
+            answer = force_map(device, _select_lasting(world), points, model=model)
         except Exception as mistake:  # whatever a world's own code raises is the answer
             answer = f"{type(mistake).__name__}: {mistake}"
         try:

@@ -10,6 +10,7 @@ import numpy as np
 from haptorb.apps.console.pointer_relay import patience_for
 from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.scenes import axes_scene
+from haptorb.apps.console.shapes import list_shapes
 from haptorb.apps.console.target import target_scene, world_remarks
 from haptorb.apps.console.wire import Columns
 from haptorb.control.protection.trip import Trip
@@ -119,13 +120,14 @@ def world_now(servo: RunningServo, *, shown: bool = True) -> dict[str, Any]:
     """Name and values of the world that is felt now, the model that is inverted, what there is to draw and to say."""
     name, values = servo.world
     if not shown:
-        return {"name": "hidden", "values": {}, "model": servo.model, "scene": None, "remarks": []}
+        return {"name": "hidden", "values": {}, "model": servo.model, "scene": None, "shapes": [], "remarks": []}
     plain = {key: _to_json(value) for key, value in values.items()}
     return {
         "name": name,
         "values": plain,
         "model": servo.model,
         "scene": target_scene(name, values) if servo.modes else None,
+        "shapes": list_shapes(name, values, servo.own_worlds),
         "remarks": world_remarks(name, values),
     }
 

@@ -19,6 +19,7 @@ from haptorb.apps.console.pointer_relay import PointerRelay
 from haptorb.apps.console.recent import RecentRows
 from haptorb.apps.console.running_servo import RunningServo
 from haptorb.apps.console.session import read_world, worlds
+from haptorb.apps.console.shapes import list_shapes
 from haptorb.apps.console.target import prepare, target_scene, world_remarks
 from haptorb.apps.console.wire import Columns, encode_force_frame, mesh_frame, pointer, rows_frame
 from haptorb.apps.web.command import asks_to_stop
@@ -232,10 +233,15 @@ class ConsoleSocketHub:
     def _world_event(self) -> dict[str, Any]:
         name, values, model, hidden = self._world
         if hidden:
-            return {"name": "hidden", "values": {}, "model": model, "scene": None, "remarks": []}
-        scene = target_scene(name, values) if self._servo.modes else None
-        remarks = world_remarks(name, values)
-        return {"name": name, "values": values, "model": model, "scene": scene, "remarks": remarks}
+            return {"name": "hidden", "values": {}, "model": model, "scene": None, "shapes": [], "remarks": []}
+        return {
+            "name": name,
+            "values": values,
+            "model": model,
+            "scene": target_scene(name, values) if self._servo.modes else None,
+            "shapes": list_shapes(name, values, self._servo.own_worlds),
+            "remarks": world_remarks(name, values),
+        }
 
     def _send_map(self) -> None:
         self._trouble = ""

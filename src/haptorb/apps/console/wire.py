@@ -29,7 +29,20 @@ _POINTER = struct.Struct("<9d")
 #: what the page shows of a row, in this order; `t` and `tick` are sent relative to the header's t0 and tick0
 COLUMNS = (
     *("t", "tick", "lateness", "missed", "guard", "trip", "coil_state", "gain", "world", "model", "valid", "age"),
-    *("p", "q", "target", "target_q", "asked", "given", "wanted", "currents", "winding", "remaining", "saturated"),
+    *(
+        "p",
+        "q",
+        "target",
+        "target_q",
+        "asked",
+        "given",
+        "wanted",
+        "currents",
+        "winding",
+        "remaining",
+        "saturated",
+        "memory",
+    ),
 )
 
 #: what it shows besides of a mover that moves a target through modes
