@@ -23,6 +23,7 @@ from haptorb.worlds.maps.domes import domes_apart
 from haptorb.worlds.maps.terrain import Terrain
 from haptorb.worlds.memory import MemoryField, make_memory
 from haptorb.worlds.moving import Orbit, Varying
+from haptorb.worlds.scene.scene import Scene
 from haptorb.worlds.shape import Shape
 from haptorb.worlds.snap_fit.outlet import Outlet
 from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
@@ -45,6 +46,7 @@ __all__ = [
     "Orbit",
     "Outlet",
     "PublishedOutlet",
+    "Scene",
     "Shape",
     "SnapFit",
     "StickSlip",

@@ -20,11 +20,15 @@ from haptorb.control.stability.stability import SampledLoop
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.errors import InputError
+from haptorb.sensing.tool.place_filter import memory
+from haptorb.sensing.tool.tool_position import HallTracker
 from haptorb.worlds.scene.scene import Scene
 from haptorb.worlds.world import Sum, World
 
-__all__ = ["ENOUGH", "Coupling", "choose_coupling", "couple_world", "describe_coupling"]
+__all__ = ["ASSUMED", "ENOUGH", "Coupling", "CouplingSetting", "choose_coupling", "couple_world", "describe_coupling"]
 
+ASSUMED = 5e-3  #: latency of a tracker in a process of its own, where nobody says it [s]
 ENOUGH = 1.5  #: a coupling is so many times weaker than the strongest that is stable: hands differ
 _SLOW = 0.3  #: share of a body's momentum that the damper takes in one step of the scene
 _RATIOS = (0.7, 0.4)  #: damping ratios of the body in the coupling, the calmer first
@@ -115,6 +119,57 @@ def measure_margin(scene: Scene, device: Device, loop: SampledLoop, hand: HandGr
     return loop.largest(held, square * scene.stiffness, square * scene.damping)
 
 
+@dataclass(frozen=True)
+class CouplingSetting:
+    """How `device` is run: at `rate` [Hz], held by `hand`, its pose from `estimator`.
+
+    fed      poses come from a tracker with a process of its own
+    latency  of that one [s]; None: `ASSUMED`
+    """
+
+    device: Device
+    rate: float
+    hand: HandGrip
+    estimator: str = "tracker"
+    fed: bool = False
+    latency: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.latency is not None and not (math.isfinite(self.latency) and 0.0 <= self.latency <= self._expiry):
+            raise InputError(
+                f"latency must be at least 0 and at most {1e3 * self._expiry:g} ms, the expiry of poses on "
+                f"'{self.device.name}'; got {1e3 * self.latency:g} ms"
+            )
+
+    @property
+    def _expiry(self) -> float:
+        return float(self.device.limits.expiry)
+
+    @property
+    def loop(self) -> SampledLoop:
+        """The loop of poses, forces and coils that a coupling is chosen for."""
+        coils = self.device.coils
+        late = self.latency if self.latency is not None else (ASSUMED if self.fed else 0.0)
+        theta = 0.0
+        if self.estimator == "hall" and isinstance(self.device, SphericalElectromagnet):
+            theta = memory(2 * math.pi * HallTracker(self.device).bandwidth / self.rate)
+        return SampledLoop.of(self.rate, None, late, float(np.max(coils.inductance / coils.resistance)), theta)
+
+    def couple(self, world: World) -> World:
+        """`world` with the coupling of its scenes chosen, where nobody has; every other world as it is."""
+        return couple_world(world, self.device, self.loop, self.hand) if _has_scene(world) else world
+
+    def describe(self, world: World) -> str:
+        """What couples the mover to each scene of `world`; empty without one."""
+        parts = world.parts if isinstance(world, Sum) else (world,)
+        scenes = [one for one in parts if isinstance(one, Scene)]
+        return "; ".join(describe_coupling(one, self.device, self.loop, self.hand) for one in scenes)
+
+
+def _has_scene(world: World) -> bool:
+    return isinstance(world, Scene) or (isinstance(world, Sum) and any(map(_has_scene, world.parts)))
+
+
 @lru_cache(maxsize=64)
 def _choose(
     loop: SampledLoop, hand: HandGrip, square: float, mass: float, step: float, stiffest: float
@@ -139,7 +194,12 @@ def _choose(
         found.append((high, ratio, limit))
     best = max(stiffness for stiffness, _, _ in found)
     stiffness, ratio, limit = next(one for one in found if one[0] >= _WORTH * best)
-    return stiffness, 2 * ratio * math.sqrt(stiffness * mass), _margin(loop, hand, square, mass, ratio, stiffness), limit
+    return (
+        stiffness,
+        2 * ratio * math.sqrt(stiffness * mass),
+        _margin(loop, hand, square, mass, ratio, stiffness),
+        limit,
+    )
 
 
 def _margin(loop: SampledLoop, hand: HandGrip, square: float, mass: float, ratio: float, stiffness: float) -> float:

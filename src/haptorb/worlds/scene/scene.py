@@ -17,7 +17,6 @@ from haptorb.worlds.parameter import parameter
 from haptorb.worlds.scene.coupling import COUPLING
 from haptorb.worlds.scene.scene_model import SceneModel, make_scene_model
 from haptorb.worlds.scene.stepping import LEVELS, SceneStepper, state_size
-from haptorb.worlds.shape import Shape
 from haptorb.worlds.world import World
 
 __all__ = ["Scene"]
@@ -116,7 +115,12 @@ class Scene(DynamicWorld):
 
     @cached_property
     def _pad(self) -> SceneStepper:
-        return SceneStepper(self.model, self._index, np.array(self.drawn, dtype=np.int64))
+        # One for all worlds of a scene: to make it anew could take several ticks, and nothing lasts in it.
+        pads = self.model.pads
+        if self._index not in pads:
+            pads[self._index] = SceneStepper(self.model, self._index, np.array(self.drawn, dtype=np.int64))
+        found: SceneStepper = pads[self._index]
+        return found
 
     @cached_property
     def effective_inertia(self) -> tuple[float, float]:

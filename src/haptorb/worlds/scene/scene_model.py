@@ -66,6 +66,11 @@ class SceneModel:
     title: str
     file: Path | None
     model: Any = field(repr=False, compare=False)
+    pads: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)  #: of `SceneStepper`, made once each
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the pads, which are made anew where it arrives."""
+        return {"title": self.title, "file": self.file, "model": self.model, "pads": {}}
 
     def find_body(self, name: str) -> int:
         """Index [1] of the body `name`. Raises UnknownName with the nearest of the scene's, and InputError for one
@@ -97,7 +102,7 @@ class SceneModel:
         if count < 1 or abs(count * step - period) > 1e-9:
             raise InputError(
                 f"scene '{self.title}': its timestep of {1e3 * step:g} ms does not divide the tick of "
-                f"{1e3 * period:g} ms; set <option timestep=\"{period / max(round(period / step), 1):.6g}\"/>, or "
+                f'{1e3 * period:g} ms; set <option timestep="{period / max(round(period / step), 1):.6g}"/>, or '
                 "another --rate"
             )
         return count

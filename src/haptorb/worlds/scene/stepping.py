@@ -12,9 +12,9 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptorb.errors import HaptorbError
 from haptorb.numerics.arrays import Array, Records
 from haptorb.numerics.compiled import kernel
+from haptorb.worlds.bound_world import MemoryNotFinite
 from haptorb.worlds.scene.coupling import fill_coupling
 from haptorb.worlds.scene.scene_model import SceneModel, load_engine
 
@@ -27,7 +27,7 @@ LEVELS = ((1.0, 1.0), (0.25, 1.0), (0.25, 0.5), (0.1, 0.25), (0.1, 0.125))
 _HUGE = 1e8  #: beyond it a coordinate or speed has no meaning
 
 
-class SceneExplosion(HaptorbError):
+class SceneExplosion(MemoryNotFinite):
     """A scene has come into a state that is not finite, or beyond all measure."""
 
 
