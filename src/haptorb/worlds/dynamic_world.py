@@ -185,7 +185,11 @@ class DynamicSum(Sum, DynamicWorld):
     def shapes(self) -> tuple[Shape, ...]:
         """Those of all parts."""
         return tuple(
-            replace(shape, place=f"{name}_{shape.place}", attitude=f"{name}_{shape.attitude}" if shape.attitude else "")
+            replace(
+                shape,
+                place=f"{name}_{shape.place}" if shape.place else "",
+                attitude=f"{name}_{shape.attitude}" if shape.attitude else "",
+            )
             for name, part in self._remembering
             for shape in part.shapes
         )

@@ -44,7 +44,7 @@ def run(
         str | None,
         typer.Option(help="MuJoCo scene to render: peg, outlet, boxes, drawer, or your own FILE.xml."),
     ] = None,
-    body: Annotated[str | None, typer.Option(help="With --scene: the body that is held (default: peg).")] = None,
+    body: Annotated[str | None, typer.Option(help="With --scene: body that is held (default: as it says).")] = None,
     grip: Annotated[
         str, typer.Option(help="With --scene: hand that holds it, loose, light, firm or MASS,DAMPING,STIFFNESS.")
     ] = "light",

@@ -58,7 +58,7 @@ def choose_scene_option(
         raise InputError("--body names the body of a scene: give --scene as well, such as --scene peg")
     if world is not None:
         raise InputError("--scene and --world exclude each other; in Python worlds add: Scene('peg') + Fluid()")
-    file = parse_scene_file(scene, body or "peg")
+    file = parse_scene_file(scene, body or "")
     with announce_wait(f"Scene {file.path} has not finished loading"):
         loaded = file.load()
     values = parse_settings(settings, parameters(type(loaded)))

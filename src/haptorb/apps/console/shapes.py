@@ -28,7 +28,11 @@ def list_shapes(name: str, values: Mapping[str, Any], own: Mapping[str, World]) 
                 "name": shape.name,
                 "kind": shape.kind,
                 "size": list(shape.size),
-                "place": find_number(fields, shape.place, shape.row),
+                "role": shape.role,
+                "at": list(shape.at),
+                "points": list(shape.points),
+                "corners": list(shape.corners),
+                "place": find_number(fields, shape.place, shape.row) if shape.place else None,
                 "attitude": find_number(fields, shape.attitude, shape.row) if shape.attitude else None,
             }
             for shape in changed.shapes

@@ -34,6 +34,7 @@ _SLOW = 0.3  #: share of a body's momentum that the damper takes in one step of 
 _RATIOS = (0.7, 0.4)  #: damping ratios of the body in the coupling, the calmer first
 _WORTH = 0.8  #: a calmer coupling is taken for so much of the stiffness
 _SOFT = 1e-3
+_HEAVIEST = (0.2, 2e-4)  #: that a body counts as [kg], [kg·m²]
 _STIFFEST, _TURN_STIFFEST = 5e3, 20.0  #: contacts of a scene are hardly stiffer [N/m], [N·m/rad]
 
 
@@ -58,7 +59,8 @@ def choose_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: HandG
 
     Raises InputError for a device of a kind that has neither tool nor rotor.
     """
-    mass, inertia = scene.effective_inertia
+    # A body that cannot turn, or only with others, is no reason for a damper like a wall.
+    mass, inertia = (min(one, most) for one, most in zip(scene.effective_inertia, _HEAVIEST, strict=True))
     step = scene.model.model.opt.timestep
     if isinstance(device, SphericalMotor):
         arm, gains = device.rotor.handle_length, MOTOR_GAINS

@@ -56,8 +56,8 @@ def _turn_between(R: Array, x: Array, turn: Array) -> None:
 
 @kernel
 def fill_coupling(
-    couplings: Records, pose: Array, R: Array, motion: Array, place: Array, attitude: Array, moving: Array, share: float,
-    wrench: Array,
+    couplings: Records, pose: Array, R: Array, motion: Array, place: Array, attitude: Array, moving: Array,
+    share: float, wrench: Array,
 ) -> float:  # fmt: skip
     """wrench (6,) becomes force [N] and torque about the body's origin [N·m] on the body; returns the energy [J].
 

@@ -16,7 +16,9 @@ from haptorb.worlds.memory import MemoryField, make_memory
 from haptorb.worlds.parameter import parameter
 from haptorb.worlds.scene.coupling import COUPLING
 from haptorb.worlds.scene.scene_model import SceneModel, make_scene_model
+from haptorb.worlds.scene.scene_shapes import describe_scene
 from haptorb.worlds.scene.stepping import LEVELS, SceneStepper, state_size
+from haptorb.worlds.shape import Shape
 from haptorb.worlds.world import World
 
 __all__ = ["Scene"]
@@ -27,12 +29,13 @@ class Scene(DynamicWorld):
     """A scene of MuJoCo; the mover, or a motor's target, holds one of its bodies through a virtual coupling.
 
     source  a shipped scene ("peg", "outlet", "boxes", "drawer"), the path of an XML file (MJCF), or an MjModel
-    body    name of the body that is held; it needs a joint of its own, or one of what carries it
+    body    name of the body that is held; it needs a joint of its own, or one of what carries it. Empty: the one that
+            the file names, <custom><text name="held" data="BODY"/></custom>, else "peg"
 
-    The coupling is a spring and a damper between the place of the mover and that of the body: by its frame's origin, and
-    for a motor's target by its attitude as well. What the hand feels is the coupling, so the loop is stable with any
-    passive scene if it is stable with the coupling against a wall. Stiffness 0 means: not chosen yet. A servo chooses
-    it for its rate, latency and hand (`control.stability.coupling_choice`); until then `UNCHOSEN` counts.
+    The coupling is a spring and a damper between the place of the mover and that of the body: by its frame's origin,
+    and for a motor's target by its attitude as well. What the hand feels is the coupling, so the loop is stable with
+    any passive scene if it is stable with the coupling against a wall. Stiffness 0 means: not chosen yet. A servo
+    chooses it for its rate, latency and hand (`control.stability.coupling_choice`); until then `UNCHOSEN` counts.
 
     A tool's place counts in the frame S of its device, in metres, times `scale`. A motor's target begins at zero, where
     the scene has the body. The hand feels `scale` times the force, so that power is what it is in the scene.
@@ -42,7 +45,7 @@ class Scene(DynamicWorld):
     """
 
     source: Any = field(default="peg", repr=False)
-    body: str = "peg"
+    body: str = ""
     stiffness: float = parameter(0.0, "N/m", 0, 20e3, "of the coupling; 0: chosen for rate, latency and hand")
     damping: float = parameter(0.0, "N·s/m", 0, 200, "of the coupling, where stiffness is given")
     greatest: float = parameter(0.0, "N", 0, 200, "greatest force of the coupling; 0: the device's")
@@ -55,6 +58,7 @@ class Scene(DynamicWorld):
     def __post_init__(self) -> None:
         World.__post_init__(self)
         object.__setattr__(self, "source", make_scene_model(self.source))
+        object.__setattr__(self, "body", self.body or self.source.held)
         object.__setattr__(self, "_index", self.source.find_body(self.body))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -89,7 +93,8 @@ class Scene(DynamicWorld):
         return replace(
             self, stiffness=stiffness, damping=damping, turn_stiffness=turn, turn_damping=turn_damping,
             greatest=self.greatest or (_TARGET_FORCE if target else limits.force / self.scale),
-            turn_greatest=self.turn_greatest or (_TARGET_TORQUE if target else max(limits.torque, 1e-3)), anchored=target,
+            turn_greatest=self.turn_greatest or (_TARGET_TORQUE if target else max(limits.torque, 1e-3)),
+            anchored=target,
         )  # fmt: skip
 
     @cached_property
@@ -148,6 +153,11 @@ class Scene(DynamicWorld):
     @cached_property
     def _wish(self) -> tuple[Array, Array, Array]:
         return np.zeros(3), np.eye(3), np.zeros(6)
+
+    @cached_property
+    def shapes(self) -> tuple[Shape, ...]:
+        """Of every body of the scene, moving or not."""
+        return describe_scene(self.model, self._index, self.drawn)
 
     def begin(self) -> Records:
         """As the file has it, or its first keyframe [m, m/s]."""

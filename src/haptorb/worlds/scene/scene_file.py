@@ -16,7 +16,7 @@ __all__ = ["SceneFile", "parse_scene_file"]
 _NAMED = re.compile(r'\bfile\s*=\s*"([^"]+)"')
 
 
-def parse_scene_file(text: str, body: str = "peg", folder: Path | None = None) -> SceneFile:
+def parse_scene_file(text: str, body: str = "", folder: Path | None = None) -> SceneFile:
     """The file of the scene `text`, shipped or a path; a relative path starts at `folder`, else here.
 
     Raises UnknownName for what is neither.
@@ -29,7 +29,7 @@ class SceneFile:
     """The scene in the XML file `path`, whose `body` is held, with `values` for some of its parameters."""
 
     path: Path
-    body: str = "peg"
+    body: str = ""
     values: Mapping[str, Any] = field(default_factory=dict)
 
     def load(self) -> Scene:
@@ -39,7 +39,7 @@ class SceneFile:
 
     @property
     def stamp(self) -> tuple[tuple[int, int, int], ...] | None:
-        """What changes when the file is saved, or one that it names: time [ns], size, inode of each; None without it."""
+        """What changes when the file is saved, or one that it names: time [ns], size, inode; None without it."""
         try:
             text = self.path.read_text(errors="replace")
             found = [_stamp(self.path)]

@@ -72,6 +72,15 @@ class SceneModel:
         """Without the pads, which are made anew where it arrives."""
         return {"title": self.title, "file": self.file, "model": self.model, "pads": {}}
 
+    @property
+    def held(self) -> str:
+        """The body that is held where nobody names another: what the file says, else "peg"."""
+        model = self.model
+        for n in range(model.ntext):
+            if model.text(n).name == "held":
+                return bytes(model.text(n).data).split(b"\0")[0].decode()
+        return "peg"
+
     def find_body(self, name: str) -> int:
         """Index [1] of the body `name`. Raises UnknownName with the nearest of the scene's, and InputError for one
         that cannot be moved."""
