@@ -25,7 +25,7 @@ class Shape:
     place     memory field with its centre, (3,) [m], in the frame of the states that the world is given
     attitude  memory field with its orientation, a quaternion (x, y, z, w); empty: along the frame
     row       which row of those fields, where they are tables (n, 3) and (n, 4)
-    at        (7,) centre [m] and quaternion of a body that stands still; then place and attitude are empty
+    at        (7,) centre [m] and quaternion where it begins; without place and attitude it stays there
     role      "held", "moves" or "fixed", for its colour; empty: it is the only kind of body
     points    (3 n,) x, y, z of a mesh's corners [m]
     corners   (3 m,) indices of the points of its triangles

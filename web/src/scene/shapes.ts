@@ -105,11 +105,11 @@ export class Shapes {
     return this.shapes.some(({ role }) => role !== "");
   }
 
-  /** How far the scene reaches from its middle, and where that is [m]; of what the page knows the place of. */
+  /** How far the scene reaches from its middle, and where that is [m], as it begins. */
   get extent(): { centre: number[]; radius: number } {
-    const fixed = this.shapes.filter(({ at }) => at.length);
+    const known = this.shapes.filter(({ at }) => at.length);
     const axis = (i: number): [number, number] => {
-      const ends = fixed.flatMap((shape) => [shape.at[i]! - reach(shape), shape.at[i]! + reach(shape)]);
+      const ends = known.flatMap((shape) => [shape.at[i]! - reach(shape), shape.at[i]! + reach(shape)]);
       return ends.length ? [Math.min(...ends), Math.max(...ends)] : [-0.02, 0.02];
     };
     const spans = [axis(0), axis(1), axis(2)];

@@ -100,8 +100,10 @@ export class TargetPane {
   /** The whole of a scene in view. */
   private frameShapes(): void {
     const { centre, radius } = this.shapes.extent;
-    this.home.centre = centre.map((x) => x * UNIT) as Home["centre"];
-    this.home.distance = Math.max(250, 4.2 * radius * UNIT);
+    // A little higher than the middle: the numbers lie over the lower part.
+    const [x, y, z] = centre.map((one) => one * UNIT) as Home["centre"];
+    this.home.centre = [x, y - 0.25 * radius * UNIT, z - 0.45 * radius * UNIT];
+    this.home.distance = Math.max(250, 6 * radius * UNIT);
     const told = JSON.stringify(this.home);
     if (told === this.framed) return;
     this.framed = told;

@@ -206,6 +206,8 @@ def _nature(servo: Servo) -> str:
 
 
 def _report(servo: Servo, json: bool) -> None:
+    from haptorb.runtime.exchange.scene_detail import describe_detail
+
     report: dict[str, Any] = servo.report()
     if json:
         print_json(report, line=True)
@@ -222,6 +224,8 @@ def _report(servo: Servo, json: bool) -> None:
         )
     if "rate_hz" in (poses := report["tracking"]):
         say(_describe_tracking(servo.tracker, poses))
+    if heavy := describe_detail(report.get("scene", {})):
+        say(heavy)
     for trip in report["trips"]:
         say(f"tripped at {trip['t']:.2f} s: {trip['reason']}")
 

@@ -77,8 +77,10 @@ class SceneModel:
         """The body that is held where nobody names another: what the file says, else "peg"."""
         model = self.model
         for n in range(model.ntext):
-            if model.text(n).name == "held":
-                return bytes(model.text(n).data).split(b"\0")[0].decode()
+            named, first = int(model.name_textadr[n]), int(model.text_adr[n])
+            if model.names[named:].split(b"\0", 1)[0] == b"held":
+                text = model.text_data[first : first + int(model.text_size[n])]
+                return str(bytes(text).split(b"\0", 1)[0].decode())
         return "peg"
 
     def find_body(self, name: str) -> int:

@@ -23,6 +23,8 @@ def describe_scene(scene: SceneModel, body: int, drawn: tuple[int, ...]) -> tupl
     """
     engine, model = load_engine(), scene.model
     data = engine.MjData(model)
+    if model.nkey:
+        engine.mj_resetDataKeyframe(model, data, 0)
     engine.mj_kinematics(model, data)
     rows = {shape: row for row, shape in enumerate(drawn)}
     found, corners = [], 0
@@ -32,13 +34,13 @@ def describe_scene(scene: SceneModel, body: int, drawn: tuple[int, ...]) -> tupl
         if not kind or int(model.geom_group[n]) > 2 or corners > _MOST:
             continue
         name = model.geom(n).name or f"shape {n}"
+        turn = np.zeros(4)
+        engine.mju_mat2Quat(turn, data.geom_xmat[n])
+        at = (*data.geom_xpos[n].tolist(), *turn[1:].tolist(), float(turn[0]))
         if n in rows:
             role = "held" if _is_carried(model, int(model.geom_bodyid[n]), body) else "moves"
-            found.append(Shape(name, kind, size, "place", "attitude", rows[n], (), role, points, triangles))
+            found.append(Shape(name, kind, size, "place", "attitude", rows[n], at, role, points, triangles))
         else:
-            turn = np.zeros(4)
-            engine.mju_mat2Quat(turn, data.geom_xmat[n])
-            at = (*data.geom_xpos[n].tolist(), *turn[1:].tolist(), float(turn[0]))
             found.append(Shape(name, kind, size, "", "", 0, at, "fixed", points, triangles))
     return tuple(found)
 
