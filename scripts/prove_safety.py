@@ -37,7 +37,7 @@ HOSTILE_TESTS = "tests/runtime/processes/test_hostile_worlds.py"
 STALLED_TESTS = "tests/runtime/processes/test_stalled_recorder.py"
 HAND_TESTS = "tests/runtime/servo/test_hand.py"
 LEFTOVER_TESTS = "tests/runtime/realtime/test_stale_files.py"
-TICK_TESTS = "tests/runtime/tick/test_tick.py"
+MEMORY_TESTS, TICK_TESTS = "tests/runtime/tick/test_memory.py", "tests/runtime/tick/test_tick.py"
 FEED_TESTS, FRAMED_TESTS = "tests/runtime/trackers/test_trackers.py", "tests/runtime/trackers/test_framed_feed.py"
 SENDER_TESTS = "tests/runtime/trackers/test_sender_clock.py"
 FRAME_TESTS = "tests/sensing/frame/test_frame_registration.py"
@@ -299,6 +299,16 @@ RULES = [
         "tests/control/protection/test_current_check.py",
     ),
     ("world-failure-trips", "a world that fails trips", "drop", TICK_TESTS),
+    ("memory-finite", "a memory that is not finite trips", "never", MEMORY_TESTS),
+    ("failed-memory-restarts", "a memory that failed begins anew when somebody engages", "never", MEMORY_TESTS),
+    ("half-a-step", "after a step that failed a world is not called any more", "drop", MEMORY_TESTS),
+    ("memory-stands-still", "without a pose a memory stands still", "drop", MEMORY_TESTS),
+    (
+        "memory-energy-counted",
+        "energy that a world's time step makes is counted",
+        "replace value by 0.0",
+        MEMORY_TESTS,
+    ),
     ("driver-failure-trips", "a driver that fails trips", "drop", TICK_TESTS),
     (
         "preparing-ends-no-loop",

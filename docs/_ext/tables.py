@@ -52,6 +52,9 @@ def world_table() -> str:
     for name, world in sorted(worlds.CATALOGUE.items()):
         first = (world.__doc__ or "").strip().splitlines()[0]
         traits = ("passive" if world.passive else "active", "continuous" if world.continuous else "with jumps")
+        if world.remembers:
+            fields = ", ".join(f"{one.name} [{one.unit}]" for one in world().memory_fields)
+            first += f" It remembers: {fields}."
         devices = " For devices that move a target (motors)." if world.needs_target else ""
         parts.append(
             f"## {name}\n\n{first} Declared {' and '.join(traits)}.{devices} "

@@ -17,6 +17,9 @@ from haptorb.worlds.basic.vibration import Vibration
 from haptorb.worlds.basic.wall import Wall
 from haptorb.worlds.contact_world import ContactWorld
 from haptorb.worlds.dynamic.ball import Ball
+from haptorb.worlds.dynamic.button import Button
+from haptorb.worlds.dynamic.friction import Friction
+from haptorb.worlds.dynamic.stirred_fluid import StirredFluid
 from haptorb.worlds.dynamic_world import DynamicSum, DynamicWorld
 from haptorb.worlds.maps.dome import Dome
 from haptorb.worlds.maps.domes import domes_apart
@@ -33,12 +36,14 @@ from haptorb.worlds.world import Sum, World
 __all__ = [
     "CATALOGUE",
     "Ball",
+    "Button",
     "ContactWorld",
     "Detents",
     "Dome",
     "DynamicSum",
     "DynamicWorld",
     "Fluid",
+    "Friction",
     "Guidance",
     "Magnet",
     "MemoryField",
@@ -50,6 +55,7 @@ __all__ = [
     "Shape",
     "SnapFit",
     "StickSlip",
+    "StirredFluid",
     "Sum",
     "Terrain",
     "Texture",
@@ -80,6 +86,9 @@ CATALOGUE: dict[str, type[World]] = {
     "outlet-published": PublishedOutlet,
     "snap_fit": SnapFit,
     "ball": Ball,
+    "button": Button,
+    "friction": Friction,
+    "stirred_fluid": StirredFluid,
 }
 
 

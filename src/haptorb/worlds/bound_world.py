@@ -70,7 +70,8 @@ class BoundWorld:
         """
         if self.paused or self.failed:
             return self._still
-        self.failed = True  # whatever happens in there, half of a step is no memory to go on with
+        # Whatever happens in there: half of a step is no memory to go on with.
+        self.failed = True  # safety: half-a-step
         wrench = self._advance(self.memory, state, self._dt)
         if not _is_finite(self.numbers):  # safety: memory-finite
             raise MemoryNotFinite(self._explain())

@@ -47,6 +47,8 @@ class Varying(World):
         """(6,) of the world that holds now [N, N·m]."""
         assert self.at is not None
         world = self.at(state)
+        if world.remembers:
+            raise InputError(f"Varying makes a world anew in every tick; '{world.name}' has a memory: add it instead")
         return (world if self.device is None else world.for_device(self.device)).wrench(state)
 
 

@@ -153,3 +153,62 @@ def test_a_plain_function_is_a_world() -> None:
         _hold(servo, _wait(0.5))
         assert servo.world == ("push", {})
         assert servo.latest()[servo.layout["asked"]][1] == pytest.approx(0.15, rel=0.05)
+
+
+COUNTER = '''
+from dataclasses import dataclass
+import numpy as np
+from haptorb.worlds import DynamicWorld, MemoryField
+from haptorb.worlds.parameter import parameter
+
+
+@dataclass(frozen=True)
+class Counter(DynamicWorld):
+    """Counts its steps."""
+
+    push: float = parameter(0.1, "N", -1, 1, "force along y")
+
+    @property
+    def memory_fields(self):
+        return (MemoryField("steps", "1", "so far"), MemoryField("many", "m", "unused", (40,)))
+
+    def advance(self, memory, state, dt):
+        memory["steps"] += 1
+        return np.array([0, self.push, 0, 0, 0, 0])
+'''
+
+
+def test_a_world_with_memory_goes_on_when_its_file_is_saved_and_its_memory_is_recorded(tmp_path: Path) -> None:
+    file = tmp_path / "counter.py"
+    file.write_text(COUNTER)
+    with Servo("omni", f"{file}:Counter") as servo:
+        _hold(servo, _wait(0.4))
+        assert servo.latest().memory.shape == (41,), "more than rows have room for otherwise"
+        before = servo.latest().memory[0]
+        file.write_text(COUNTER.replace("0.1,", "0.2,"))
+        _hold(servo, lambda: servo.world[1] == {"push": 0.2})
+        _hold(servo, _wait(0.1))
+        assert servo.latest().memory[0] > before > 100
+        file.write_text(COUNTER.replace('"1", "so far"', '"1", "so far", (2,)'))
+        _hold(servo, lambda: servo.world[1] == {"push": 0.1})
+        _hold(servo, _wait(0.1))
+        assert 0 < servo.latest().memory[0] < before, "another memory begins anew"
+        servo.set_world("ball")
+        _hold(servo, _wait(0.1))
+    recording = servo.recording
+    steps = recording.memory["counter.steps"]
+    assert np.isfinite(steps).any()
+    assert np.isnan(steps[-1]).all()
+    assert recording.memory["ball.place"][-1] == pytest.approx([0.015, 0.0, 0.0477], abs=2e-3)
+    assert recording.memory_units["ball.place"] == "m"
+
+
+def test_a_memory_that_breaks_in_a_servo_is_told(tmp_path: Path) -> None:
+    file = tmp_path / "counter.py"
+    file.write_text(COUNTER.replace("+= 1\n", "+= 1 if memory['steps'] < 200 else np.inf\n"))
+    with Servo("omni", f"{file}:Counter", record=False) as servo:
+        with pytest.raises(
+            WorldError, match=r"(?s)memory of world 'counter' is no longer finite in steps.*coils are off"
+        ):
+            servo.run(seconds=5)
+        assert "steps" in servo.world_trouble

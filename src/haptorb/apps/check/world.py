@@ -9,6 +9,7 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
+from haptorb.apps.check.quick_steepness import list_quick_steepness
 from haptorb.apps.check.workspace import Workspace, workspace
 from haptorb.apps.terminal.notebook_report import NotebookReport
 from haptorb.control.stability.gradient import Steepest, Steepness, steepest
@@ -17,11 +18,13 @@ from haptorb.control.stability.stability import SampledLoop
 from haptorb.devices.device import Device
 from haptorb.errors import InputError
 from haptorb.sensing.tool.place_filter import memory
+from haptorb.worlds.dynamic_world import DynamicWorld
 from haptorb.worlds.world import World
 
 __all__ = ["ENOUGH", "Setting", "WorldVerdict", "judge_world"]
 
 ENOUGH = 1.5  #: a world should be so many times weaker than the strongest that is stable: hands differ
+_QUICK = 4  #: of the places where a world with memory is steepest
 _FASTEST = 4000.0  #: no servo here is faster [Hz]
 
 
@@ -183,6 +186,9 @@ def judge_world(device: Device, world: World, setting: Setting, name: str = "") 
         )
     place = workspace(device)
     steep = steepest(place.field(world), place.places, place.inside)
+    if isinstance(world, DynamicWorld):
+        quick = list_quick_steepness(device, world, place, 1.0 / setting.rate)
+        steep = replace(steep, candidates=(*steep.candidates, *quick[:_QUICK]))
     loop, hand = setting.loop(device), place.grip(setting.hand)
     return WorldVerdict(device.name, name or type(world).__name__, world.passive, setting, loop, hand, place, steep)
 

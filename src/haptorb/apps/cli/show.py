@@ -64,6 +64,7 @@ def worlds(
 ) -> None:
     """List the worlds; with a name, the parameters of that world."""
     from haptorb.worlds import CATALOGUE, find_world
+    from haptorb.worlds.dynamic_world import DynamicWorld
     from haptorb.worlds.parameter import parameters
 
     if name is None:
@@ -78,7 +79,10 @@ def worlds(
     world = find_world(name)
     print_text(console, f"{name}: {(world.__doc__ or '').splitlines()[0]}", "bold")
     print_text(console, _nature(world.passive, world.continuous, world.needs_target), "dim")
-    for remark in world().remarks:
+    made = world()
+    if isinstance(made, DynamicWorld):
+        print_text(console, f"remembers {', '.join(f'{one.name} [{one.unit}]' for one in made.memory_fields)}", "dim")
+    for remark in made.remarks:
         print_text(console, remark)
     if not known:
         return

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
+
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.row import STAGES, Field
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-__all__ = ["column_heads", "column_names", "make_data_frame", "make_dataset", "units_of"]
+__all__ = ["column_heads", "column_names", "list_columns", "make_data_frame", "make_dataset", "units_of"]
 
 _PLACE, _TURN, _WRENCH = ("x", "y", "z"), ("x", "y", "z", "w"), ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
 _HOOK = ("deflection", "place", "point_x", "point_y", "point_z", "force_x", "force_y", "force_z")
@@ -47,6 +49,14 @@ class Rows(Protocol):
     @property
     def metadata(self) -> Mapping[str, Mapping[str, str]]:
         """The device, the run and the versions."""
+
+    @property
+    def memory(self) -> Mapping[str, Array]:
+        """What worlds with memory remembered, by world and field, in the fields' units [SI]."""
+
+    @property
+    def memory_units(self) -> Mapping[str, str]:
+        """The unit of each field of `memory`."""
 
     def __getitem__(self, name: str) -> Array:
         """A field of all ticks, shape (n, width), or (n,) where the width is 1, in the field's own unit [SI]."""
@@ -89,6 +99,17 @@ def column_heads(field: Field) -> tuple[str, ...]:
     return tuple(f"{name} [{unit}]" if unit not in ("", "1") else name for name, unit in pairs)
 
 
+def list_columns(recording: Rows) -> list[tuple[Field, Array]]:
+    """Every field and its numbers (n, ...) in its unit [SI]; the memory of worlds by its own names, `ball.place`."""
+    found = [(field, recording[field.name]) for field in recording.fields if field.name != "memory"]
+    units = recording.memory_units
+    for name, values in recording.memory.items():
+        flat = values.reshape(len(values), -1)
+        one = Field(name, flat.shape[1], units[name], "remembered by the world")
+        found.append((one, flat[:, 0] if one.width == 1 else flat))
+    return found
+
+
 def make_data_frame(recording: Rows) -> DataFrame:
     """A DataFrame of all rows (n, width), one column per number; see `Recording.to_pandas`.
 
@@ -98,12 +119,13 @@ def make_data_frame(recording: Rows) -> DataFrame:
         import pandas
     except ImportError as cause:
         raise InputError(f"to_pandas needs pandas ({cause}): pip install 'haptorb[notebook]'") from cause
-    names, units, about = [], {}, {}
-    for field in recording.fields:
+    names, units, about, columns = [], {}, {}, []
+    for field, values in list_columns(recording):
         for name, unit in zip(column_names(field), units_of(field), strict=True):
             names.append(name)
             units[name], about[name] = unit, field.about
-    frame = pandas.DataFrame(recording.rows, columns=names)
+        columns.append(values.reshape(len(values), -1))
+    frame = pandas.DataFrame(np.concatenate(columns, axis=1), columns=names)
     if "t" in names:
         frame = frame.set_index("t")
     frame.attrs = {**_notes(recording), "units": units, "about": about}
@@ -121,9 +143,8 @@ def make_dataset(recording: Rows) -> Dataset:
         raise InputError(f"to_xarray needs xarray ({cause}): pip install 'haptorb[notebook]'") from cause
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
-    for field in recording.fields:
+    for field, values in list_columns(recording):
         attributes = {"units": field.unit, "long_name": field.about}
-        values = recording[field.name]
         if field.name == "t":
             coordinates["t"] = ("t", values, attributes)
             continue

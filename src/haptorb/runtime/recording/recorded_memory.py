@@ -32,8 +32,9 @@ class RecordedRows(Protocol):
 
 
 def read_memory(recording: RecordedRows) -> dict[str, Array]:
-    """World and field → its numbers in all ticks, (n, ...) in the field's unit [SI]; NaN in ticks of other worlds, and
-    where a row had no room for them. Raises RecordingError for a note of a world that haptorb did not write."""
+    """World and field → its numbers in all ticks, (n, ...) in the field's unit [SI]; NaN in ticks of other worlds. A
+    field for which rows had no room is left out. Raises RecordingError for a note of a world that haptorb did not
+    write."""
     found: dict[str, Array] = {}
     if not any(field.name == "memory" for field in recording.fields):
         return found
@@ -43,12 +44,12 @@ def read_memory(recording: RecordedRows) -> dict[str, Array]:
         rows, start = changes == change, 0
         for field in fields:
             shape = tuple(field["shape"])
-            size = prod(shape)
-            key = f"{name}.{field['name']}"
-            values = found.setdefault(key, np.full((len(recording), *shape), np.nan))
-            if values.shape[1:] == shape and start + size <= numbers.shape[1]:
-                values[rows] = numbers[rows, start : start + size].reshape(-1, *shape)
-            start += size
+            first, start = start, start + prod(shape)
+            if start > numbers.shape[1]:
+                break
+            values = found.setdefault(f"{name}.{field['name']}", np.full((len(recording), *shape), np.nan))
+            if values.shape[1:] == shape:  # a file that was saved anew may have changed it
+                values[rows] = numbers[rows, first:start].reshape(-1, *shape)
     return found
 
 

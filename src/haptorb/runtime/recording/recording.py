@@ -17,7 +17,7 @@ from haptorb.errors import RecordingError, UnknownName, quote
 from haptorb.files.replace_file import replace_file
 from haptorb.files.text_file import open_at_once
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.recording.data_frames import column_heads, make_data_frame, make_dataset
+from haptorb.runtime.recording.data_frames import column_heads, list_columns, make_data_frame, make_dataset
 from haptorb.runtime.recording.mcap_rows import MAGIC, Block, records
 from haptorb.runtime.recording.mcap_schema import CDR_HEADER, NAME, TOPIC, fields_of
 from haptorb.runtime.recording.recorded_memory import memory_units, read_memory
@@ -160,11 +160,13 @@ class Recording:
                 raise RecordingError(f"{path} exists; choose another name, or replace it with overwrite=True")
         except OSError as cause:
             raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
-        heads = [head for field in self.fields for head in column_heads(field)]
+        columns = list_columns(self)
+        heads = [head for field, _ in columns for head in column_heads(field)]
+        rows = np.concatenate([values.reshape(len(self), -1) for _, values in columns], axis=1)
         try:
             with replace_file(path) as part, part.open("w", encoding="utf-8") as file:
                 file.write(",".join(heads) + "\n")
-                for row in self.rows.tolist():
+                for row in rows.tolist():
                     file.write(",".join(map(repr, row)) + "\n")
         except OSError as cause:
             raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause

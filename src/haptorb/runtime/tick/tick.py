@@ -246,7 +246,7 @@ class Tick:
             if bound is None:
                 felt = self.linkage.render(self.world, estimate.state)
             else:
-                bound.paused = not estimate.valid
+                bound.paused = not estimate.valid  # safety: memory-stands-still
                 felt = self.linkage.render(bound, estimate.state)
             check_wrench(felt.wrench)
             # Copied: in another memory layout a user's array would have the kernels compiled in the middle of a tick.

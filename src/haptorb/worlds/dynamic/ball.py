@@ -24,13 +24,17 @@ __all__ = ["Ball"]
 _FIELDS = (
     MemoryField("place", "m", "of the ball's centre, stator frame", (3,)),
     MemoryField("velocity", "m/s", "of the ball's centre, stator frame", (3,)),
+    MemoryField("drawn", "m", "place of a ball that rolls on the dome under the tool's tip, stator frame", (3,)),
     MemoryField("energy", "J", "kinetic, in the bowl and in the contact"),
 )
+
+_CORE = 0.25  #: share of the radius within which the contact fades
 
 #: What the kernel goes by.
 _BALL = fields(
     ("axis", "f8", (3,)),  # unit vector to the bowl's middle
     ("distance", "f8"),  # of the ball's centre from the dome's [m]
+    ("drawn", "f8"),  # the same in a picture: under the tool's tip [m]
     ("mass", "f8"),  # inertial [kg]
     ("bowl", "f8"),  # m ω² [N/m]
     ("damping", "f8"),  # [N·s/m]
@@ -58,17 +62,20 @@ def _push(q: Array, p: Array, ball: Records, force: Array) -> float:
         pull += b.rim_stiffness * over / max(np.sin(angle), 1e-6)
     for i in range(3):
         force[i], force[3 + i] = pull * b.axis[i], 0.0
-    # Contact: a spring whose force stays at its greatest when it is pressed further
+    # Contact: a spring whose force stays at its greatest when it is pressed further, and fades towards the middle
     gap = np.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
-    depth = b.reach - gap
-    if depth > 0.0 and gap > 1e-9:
-        most = b.greatest / b.stiffness
+    if 1e-12 < gap < b.reach:
+        core = _CORE * b.reach
+        depth, most = b.reach - max(gap, core), b.greatest / b.stiffness
         push = b.stiffness * min(depth, most)
         energy += 0.5 * push * min(depth, most) + b.greatest * max(depth - most, 0.0)
+        if gap < core:
+            energy += 0.5 * push * (core - gap * gap / core)
+            push *= gap / core
         for i in range(3):
             force[3 + i] = push * (p[i] - q[i]) / gap
             force[i] -= force[3 + i]
-    return energy
+    return float(energy)
 
 
 @kernel
@@ -121,6 +128,7 @@ def _roll(memory: Records, ball: Records, p: Array, dt: float, wrench: Array) ->
     for i in range(3):
         wrench[i], wrench[3 + i] = force[3 + i], 0.0
         energy += 0.5 * b.mass * m.velocity[i] * m.velocity[i]
+        m.drawn[i] = b.drawn / b.distance * m.place[i]
     m.energy = energy
 
 
@@ -149,6 +157,7 @@ class Ball(DynamicWorld):
     stiffness: float = parameter(120.0, "N/m", 10, 500, "of the contact between tool and ball")
     greatest: float = parameter(0.6, "N", 0.05, 2, "greatest force of the contact")
     distance: float = 0.050  #: of the ball's centre from the dome's [m], from the device
+    ground: float = 0.030  #: radius of the dome on which it is drawn [m], from the device
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
@@ -157,13 +166,13 @@ class Ball(DynamicWorld):
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """Place, velocity and energy."""
+        """Place, velocity, place in the picture, and energy."""
         return _FIELDS
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
         """The ball."""
-        return (Shape("ball", "sphere", (self.radius,), "place"),)
+        return (Shape("ball", "sphere", (self.radius,), "drawn"),)
 
     @property
     def bound(self) -> float:
@@ -181,7 +190,7 @@ class Ball(DynamicWorld):
                 f"Ball.summit {tuple(self.summit)} lies below the rim of the dome of device '{device.name}': its z "
                 "must not be negative"
             )
-        return replace(self, distance=shell.contact_distance)
+        return replace(self, distance=shell.contact_distance, ground=shell.dome_radius)
 
     @cached_property
     def _facts(self) -> Records:
@@ -189,6 +198,7 @@ class Ball(DynamicWorld):
         made = np.zeros(1, dtype=_BALL)
         made["axis"] = np.asarray(self.summit) / np.linalg.norm(self.summit)
         made["distance"], made["mass"], made["damping"] = self.distance, self.mass, self.damping
+        made["drawn"] = self.ground + self.radius
         made["bowl"] = self.mass * (2 * pi * self.swings) ** 2
         made["rim"], made["rim_stiffness"] = radians(self.rim_deg), 2.0 * self.stiffness
         made["reach"], made["stiffness"], made["greatest"] = self.radius, self.stiffness, self.greatest
@@ -201,6 +211,7 @@ class Ball(DynamicWorld):
         x = np.cross(np.cross(z, (1.0, 0.0, 0.0) if abs(z[0]) < 0.9 else (0.0, 0.0, -1.0)), z)
         half = 0.5 * radians(self.rim_deg)
         memory["place"] = self.distance * (cos(half) * z + sin(half) * x / np.linalg.norm(x))
+        memory["drawn"] = (self.ground + self.radius) / self.distance * memory["place"]
         return memory
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:

@@ -20,7 +20,7 @@ __all__ = ["SHIPPED", "SceneModel", "find_scene_file", "load_engine", "make_scen
 _FOLDER = Path(__file__).parent / "shipped"
 #: scenes that are part of this package
 SHIPPED = ("peg", "outlet", "boxes", "drawer")
-_LINE = re.compile(r"[Ll]ine(?:\s*=)?\s*(\d+)")
+_LINE = re.compile(r"[Ll]ine(?: number)?\s*=?\s*(\d+)")
 
 
 @cache

@@ -34,10 +34,10 @@ class SceneExplosion(MemoryNotFinite):
 def state_size(scene: SceneModel) -> int:
     """How many numbers [1] the state of `scene` is."""
     engine = load_engine()
-    return int(engine.mj_stateSize(scene.model, _kept(engine)))
+    return int(engine.mj_stateSize(scene.model, _list_kinds(engine)))
 
 
-def _kept(engine: Any) -> int:
+def _list_kinds(engine: Any) -> int:
     """What of MuJoCo's data lasts from step to step."""
     kinds = engine.mjtState
     return int(kinds.mjSTATE_FULLPHYSICS) | int(kinds.mjSTATE_WARMSTART) | int(kinds.mjSTATE_EQ_ACTIVE)
@@ -67,7 +67,7 @@ class SceneStepper:
     def __init__(self, scene: SceneModel, body: int, drawn: Integers) -> None:
         self._engine, self._scene, self._model = load_engine(), scene, copy(scene.model)
         self._data = self._engine.MjData(self._model)
-        self._kept, self._body, self._drawn = _kept(self._engine), body, drawn
+        self._kinds, self._body, self._drawn = _list_kinds(self._engine), body, drawn
         option = self._model.opt
         # An explosion must end in coils off, not in a scene that begins anew by itself in the hand.
         option.disableflags |= int(self._engine.mjtDisableBit.mjDSBL_AUTORESET)
@@ -92,7 +92,7 @@ class SceneStepper:
         else:
             engine.mj_resetData(model, data)
         engine.mj_forward(model, data)
-        engine.mj_getState(model, data, self._state, self._kept)
+        engine.mj_getState(model, data, self._state, self._kinds)
         places, turns = np.zeros((len(self._drawn), 3)), np.zeros((len(self._drawn), 4))
         self.fill_poses(places, turns)
         return self._state.copy(), places, turns, self._place.copy(), self._attitude.reshape(3, 3).copy()
@@ -112,10 +112,10 @@ class SceneStepper:
         return found[0], found[1]
 
     def advance(
-        self, kept: Array, wish: tuple[Array, Array, Array, Array], couplings: Records, steps: int, level: int
+        self, lasting: Array, wish: tuple[Array, Array, Array, Array], couplings: Records, steps: int, level: int
     ) -> tuple[Array, float]:
         """(6,) mean force and torque on the body over `steps` steps of the scene [N, N·m], and the energy [J] that it
-        and the coupling hold as they begin. `kept` (n,) becomes the state after them.
+        and the coupling hold as they begin. `lasting` (n,) becomes the state after them.
 
         wish    where the body should be: place (3,) [m], attitude (3, 3), motion (6,) linear and angular
         level   of detail, an index of `LEVELS`
@@ -125,7 +125,7 @@ class SceneStepper:
         engine, model, data, total = self._engine, self._model, self._data, self._total
         if level != self._level:
             self._choose_detail(level)
-        engine.mj_setState(model, data, kept, self._kept)
+        engine.mj_setState(model, data, lasting, self._kinds)
         total[:] = 0.0
         energy = 0.0
         for step in range(max(steps, 1)):
@@ -142,8 +142,8 @@ class SceneStepper:
             if steps:
                 engine.mj_step2(model, data)
         if steps:
-            engine.mj_getState(model, data, kept, self._kept)
-            if not (np.abs(kept).max() < _HUGE):
+            engine.mj_getState(model, data, lasting, self._kinds)
+            if not (np.abs(lasting).max() < _HUGE):
                 raise SceneExplosion(self._explain())
         return total / max(steps, 1), energy
 

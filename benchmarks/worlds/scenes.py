@@ -1,6 +1,6 @@
 """Scenes of MuJoCo in the loop: in time, without growth, and passive in a random hand.
 
-    python benchmarks/scenes.py [--minutes 10] [--seconds 60] [--ticks 100000] [--only PART] [--json]
+    python benchmarks/worlds/scenes.py [--minutes 10] [--seconds 60] [--ticks 100000] [--only PART] [--json]
 
 tick      ten bodies on the dome at 1 kHz for `--seconds` with a console attached: share of the deadlines met and the
           99th percentile of a tick
