@@ -106,7 +106,7 @@ class Console {
     this.plots = new Plots(this.history, session, this.scene);
     this.subject = this.scene.subject(this.stage, session);
     // In the frame of what the world acts on: a motor's target has a picture of its own.
-    this.shapes = this.target?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes);
+    this.shapes = this.target?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes, at("arrows"));
     if (this.scene.colours === "currents") this.legend.coils(this.subject.range);
     if (this.scene.colours === "none") this.legend.arrows();
     this.legend.device(session.scene);

@@ -97,9 +97,16 @@ export interface TargetScene {
 /** A body of a world with memory: sizes in metres, and where in the row's memory its place and attitude begin. */
 export interface Shape {
   name: string;
-  kind: "sphere" | "capsule" | "cylinder" | "box";
+  kind: "sphere" | "capsule" | "cylinder" | "box" | "ellipsoid" | "mesh";
   size: number[];
-  place: number;
+  /** what it is to the hand, for its colour */
+  role: "held" | "moves" | "fixed" | "";
+  /** centre and quaternion where it begins, and, without a place, stays; may be empty */
+  at: number[];
+  /** of a mesh: x, y, z of its corners, and which three make a triangle */
+  points: number[];
+  corners: number[];
+  place: number | null;
   attitude: number | null;
 }
 

@@ -31,6 +31,7 @@ from haptorb.worlds.moving import Orbit, Varying, Wander
 from haptorb.worlds.path_guidance.guidance_path import GuidancePath, make_path
 from haptorb.worlds.path_guidance.path_file import load_path
 from haptorb.worlds.path_guidance.path_guidance import PathGuidance
+from haptorb.worlds.scene.scene import Scene
 from haptorb.worlds.shape import Shape
 from haptorb.worlds.snap_fit.outlet import Outlet
 from haptorb.worlds.snap_fit.published_outlet import PublishedOutlet
@@ -60,6 +61,7 @@ __all__ = [
     "PathGuidance",
     "PublishedOutlet",
     "RollingBall",
+    "Scene",
     "Shape",
     "SnapFit",
     "StickSlip",

@@ -14,7 +14,7 @@ from haptorb.worlds.dynamic_world import DynamicWorld
 from haptorb.worlds.memory import check_memory, numbers_of
 from haptorb.worlds.world import World
 
-__all__ = ["BoundWorld", "MemoryNotFinite", "bind_world"]
+__all__ = ["BoundWorld", "MemoryNotFinite", "bind_world", "check_world_period"]
 
 
 class MemoryNotFinite(HaptorbError):
@@ -90,6 +90,12 @@ class BoundWorld:
                 bad.append(field.name)
             start += field.size
         return f"the memory of world '{self.world.name}' is no longer finite in {', '.join(bad)}"
+
+
+def check_world_period(world: World, dt: float) -> None:
+    """Raise InputError if `world` cannot be advanced in ticks of `dt` [s]; one without memory always can."""
+    if isinstance(world, DynamicWorld):
+        world.check_period(dt)
 
 
 def bind_world(world: World, dt: float, before: BoundWorld | None = None) -> BoundWorld | None:

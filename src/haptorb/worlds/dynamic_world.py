@@ -70,6 +70,16 @@ class DynamicWorld(World):
         """Bodies that the console draws where the memory has them; none unless a world says so."""
         return ()
 
+    def check_period(self, dt: float) -> None:
+        """Raise InputError if it cannot be advanced in ticks of `dt` [s]; asked before the first one."""
+
+    def lighten(self, memory: Records) -> None:
+        """Steps take too long for their tick: note in `memory` (1,), in the unit of a field, that the next ones do
+        less. Most worlds have nothing to leave out."""
+
+    def restore(self, memory: Records) -> None:
+        """There is time again: take back in `memory` (1,), in the unit of a field, one step of `lighten`."""
+
     @property
     def stores_energy(self) -> bool:
         """Whether its memory says in a field `energy` [J] what it holds."""
@@ -156,11 +166,30 @@ class DynamicSum(Sum, DynamicWorld):
             if name in before:
                 part.keep(memory[name], before[name], old[name] if isinstance(previous, DynamicSum) else old)
 
+    def check_period(self, dt: float) -> None:
+        """Of every part, for ticks of `dt` [s]."""
+        for _, part in self._remembering:
+            part.check_period(dt)
+
+    def lighten(self, memory: Records) -> None:
+        """Every part, in its own part of `memory` (1,), in the units of its fields."""
+        for name, part in self._remembering:
+            part.lighten(memory[name])
+
+    def restore(self, memory: Records) -> None:
+        """Every part, in its own part of `memory` (1,), in the units of its fields."""
+        for name, part in self._remembering:
+            part.restore(memory[name])
+
     @property
     def shapes(self) -> tuple[Shape, ...]:
         """Those of all parts."""
         return tuple(
-            replace(shape, place=f"{name}_{shape.place}", attitude=f"{name}_{shape.attitude}" if shape.attitude else "")
+            replace(
+                shape,
+                place=f"{name}_{shape.place}" if shape.place else "",
+                attitude=f"{name}_{shape.attitude}" if shape.attitude else "",
+            )
             for name, part in self._remembering
             for shape in part.shapes
         )

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 
 from haptorb.errors import InputError, UnknownName
 
-__all__ = ["SHAPES", "Shape"]
+__all__ = ["ROLES", "SHAPES", "Shape"]
 
 #: kind → how many numbers its `size` has, all [m]: sphere radius; capsule and cylinder radius and half length along
-#: their own z axis; box half lengths
-SHAPES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3}
+#: their own z axis; box half lengths; ellipsoid radii; a mesh has points
+SHAPES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3, "mesh": 0}
+
+#: what a shape is to the hand: what it holds, what else moves, and what stands still
+ROLES = ("held", "moves", "fixed")
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,10 @@ class Shape:
     place     memory field with its centre, (3,) [m], in the frame of the states that the world is given
     attitude  memory field with its orientation, a quaternion (x, y, z, w); empty: along the frame
     row       which row of those fields, where they are tables (n, 3) and (n, 4)
+    at        (7,) centre [m] and quaternion where it begins; without place and attitude it stays there
+    role      "held", "moves" or "fixed", for its colour; empty: it is the only kind of body
+    points    (3 n,) x, y, z of a mesh's corners [m]
+    corners   (3 m,) indices of the points of its triangles
     """
 
     name: str
@@ -30,6 +37,10 @@ class Shape:
     place: str
     attitude: str = ""
     row: int = 0
+    at: tuple[float, ...] = ()
+    role: str = ""
+    points: tuple[float, ...] = ()
+    corners: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if self.kind not in SHAPES:

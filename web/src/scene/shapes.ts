@@ -2,9 +2,10 @@
 
 import {
   BoxGeometry,
-  type BufferGeometry,
+  BufferGeometry,
   CapsuleGeometry,
   CylinderGeometry,
+  Float32BufferAttribute,
   Group,
   Mesh,
   MeshLambertMaterial,
@@ -12,15 +13,29 @@ import {
 } from "three";
 import type { Sample } from "../sample";
 import type { Shape } from "../session";
+import { make } from "../panels/dom";
 import { css, onThemeChange } from "../theme";
 import type { Stage } from "./stage";
 
 const MOVED = 2e-5; // m: less is no reason to draw
 const TURNED = 2e-3; // of a quaternion's parts
 
+const COLOURS = { held: "--held", moves: "--loose", fixed: "--base", "": "--plug" };
+const WORDS = { held: "what you hold", moves: "moves", fixed: "stands still" };
+
+/** How far a body may reach from its middle [m]. */
+const reach = ({ size, points }: Shape): number =>
+  Math.max(0, ...size, ...points.map(Math.abs), size.length === 2 ? size[0]! + size[1]! : 0);
+
 export class Shapes {
   private readonly group = new Group();
-  private readonly material = new MeshLambertMaterial();
+  private readonly materials = {
+    held: new MeshLambertMaterial({ flatShading: true }),
+    moves: new MeshLambertMaterial({ flatShading: true }),
+    // Seen through: what is held may be inside it.
+    fixed: new MeshLambertMaterial({ transparent: true, opacity: 0.4, depthWrite: false }),
+    "": new MeshLambertMaterial(),
+  };
   private shapes: Shape[] = [];
   private told = "[]";
   private drawn: number[][] = [];
@@ -30,10 +45,11 @@ export class Shapes {
     private readonly stage: Stage,
     private readonly unit: number,
     shapes: Shape[],
+    private readonly legend: HTMLElement,
   ) {
     stage.scene.add(this.group);
     const dress = (): void => {
-      this.material.color.set(css("--plug"));
+      for (const [role, colour] of Object.entries(COLOURS)) this.materials[role as Shape["role"]].color.set(css(colour));
       stage.touch();
     };
     onThemeChange(dress);
@@ -52,13 +68,55 @@ export class Shapes {
     }
     this.shapes = shapes;
     for (const shape of shapes) {
-      const mesh = new Mesh(geometry(shape, this.unit), this.material);
+      const mesh = new Mesh(geometry(shape, this.unit), this.materials[shape.role]);
       mesh.visible = false;
+      if (shape.place === null) this.put(mesh, shape.at);
       this.group.add(mesh);
     }
     this.drawn = shapes.map(() => []);
     this.stage.joins(this.group);
     this.stage.touch();
+    this.explain();
+  }
+
+  /** Place and quaternion. */
+  private put(mesh: Mesh, [x, y, z, ...q]: number[]): void {
+    mesh.position.set(x! * this.unit, y! * this.unit, z! * this.unit);
+    mesh.quaternion.set(q[0]!, q[1]!, q[2]!, q[3]!);
+    mesh.visible = true;
+  }
+
+  /** The legend of what the colours mean; none where there is one colour. */
+  private explain(): void {
+    const list = this.legend;
+    const roles = (["held", "moves", "fixed"] as const).filter((role) => this.shapes.some((shape) => shape.role === role));
+    for (const old of [...list.querySelectorAll(".role")]) old.remove();
+    list.append(
+      ...roles.map((role) => {
+        const chip = make("span", { ariaHidden: "true", className: `body ${role}` });
+        return make("li", { className: "role" }, chip, WORDS[role]);
+      }),
+    );
+    if (list.childElementCount) list.hidden = false;
+  }
+
+  /** Whether there is a scene: bodies of several roles. */
+  get scene(): boolean {
+    return this.shapes.some(({ role }) => role !== "");
+  }
+
+  /** How far the scene reaches from its middle, and where that is [m], as it begins. */
+  get extent(): { centre: number[]; radius: number } {
+    const known = this.shapes.filter(({ at }) => at.length);
+    const axis = (i: number): [number, number] => {
+      const ends = known.flatMap((shape) => [shape.at[i]! - reach(shape), shape.at[i]! + reach(shape)]);
+      return ends.length ? [Math.min(...ends), Math.max(...ends)] : [-0.02, 0.02];
+    };
+    const spans = [axis(0), axis(1), axis(2)];
+    return {
+      centre: spans.map(([low, high]) => (low + high) / 2),
+      radius: Math.max(...spans.map(([low, high]) => (high - low) / 2)),
+    };
   }
 
   show(sample: Sample): void {
@@ -66,6 +124,7 @@ export class Shapes {
     const memory = sample.list("memory");
     let moved = false;
     this.shapes.forEach((shape, k) => {
+      if (shape.place === null) return;
       const p = Array.from(memory.subarray(shape.place, shape.place + 3));
       const q = shape.attitude === null ? [0, 0, 0, 1] : Array.from(memory.subarray(shape.attitude, shape.attitude + 4));
       const now = [...p.map((x) => x / MOVED), ...q.map((x) => x / TURNED)];
@@ -84,7 +143,7 @@ export class Shapes {
   }
 
   forget(): void {
-    for (const mesh of this.group.children) mesh.visible = false;
+    this.group.children.forEach((mesh, k) => (mesh.visible = this.shapes[k]!.place === null));
     this.drawn = this.shapes.map(() => []);
     this.stage.moved();
   }
@@ -96,13 +155,22 @@ export class Shapes {
 }
 
 /** The body about its own origin; capsules and cylinders along z. */
-function geometry({ kind, size }: Shape, unit: number): BufferGeometry {
+function geometry({ kind, size, points, corners }: Shape, unit: number): BufferGeometry {
   const [a, b, c] = size.map((x) => x * unit) as [number, number, number];
   switch (kind) {
     case "capsule":
       return new CapsuleGeometry(a, 2 * b, 8, 20).rotateX(Math.PI / 2);
     case "cylinder":
       return new CylinderGeometry(a, a, 2 * b, 40).rotateX(Math.PI / 2);
+    case "ellipsoid":
+      return new SphereGeometry(1, 32, 20).scale(a, b, c);
+    case "mesh": {
+      const made = new BufferGeometry();
+      made.setAttribute("position", new Float32BufferAttribute(points.map((x) => x * unit), 3));
+      made.setIndex(corners);
+      made.computeVertexNormals();
+      return made;
+    }
     case "box":
       return new BoxGeometry(2 * a, 2 * b, 2 * c);
     default:

@@ -40,7 +40,7 @@ export class Target {
   private readonly arrows: Arrow[];
   private scene: TargetScene | null = null;
   private told = "";
-  private readonly drawn = new Float32Array(23);
+  private readonly last = new Float32Array(23);
   /** how far the tip of each hook is bent in the picture [m], for tests */
   bent: [number, number] = [0, 0];
 
@@ -59,6 +59,13 @@ export class Target {
     this.build(null);
   }
 
+  /** Whether plug and socket are in the picture: a scene has bodies of its own. */
+  set drawn(shown: boolean) {
+    if (shown) this.stage.scene.add(this.plug, this.socket);
+    else this.stage.scene.remove(this.plug, this.socket);
+    this.stage.touch();
+  }
+
   /** Another world, or other sizes; null: a target without a socket. */
   build(scene: TargetScene | null): void {
     const told = JSON.stringify(scene);
@@ -67,7 +74,7 @@ export class Target {
     this.scene = scene;
     for (const group of [this.plug, this.socket]) clear(group);
     this.beams.length = 0;
-    this.drawn.fill(NaN);
+    this.last.fill(NaN);
     for (const arrow of this.arrows) arrow.hide();
     if (scene) {
       this.plug.add(...this.part(scene.outline, scene.width));
@@ -97,10 +104,10 @@ export class Target {
       now.push(contacts[8 * k]! * 1e6, contacts[8 * k + 1]! * 1e4);
       for (let i = 2; i < 8; i++) now.push(contacts[8 * k + i]! * (i < 5 ? 1e5 : (200 / (scene?.force ?? 10))));
     }
-    if (!now.some((x, i) => Math.abs(x - this.drawn[i]!) > 1 || Number.isNaN(this.drawn[i]!) !== Number.isNaN(x))) {
+    if (!now.some((x, i) => Math.abs(x - this.last[i]!) > 1 || Number.isNaN(this.last[i]!) !== Number.isNaN(x))) {
       return false;
     }
-    this.drawn.set(now);
+    this.last.set(now);
     const known = Number.isFinite(p[0] + q[0]);
     this.plug.visible = known;
     if (known) {
@@ -113,7 +120,7 @@ export class Target {
   }
 
   forget(): void {
-    this.drawn.fill(NaN);
+    this.last.fill(NaN);
     this.plug.visible = false;
     for (const arrow of this.arrows) arrow.hide();
     this.stage.touch();

@@ -24,8 +24,8 @@ export class TargetPane {
     this.stage = new Stage(at<HTMLCanvasElement>("target-scene"), best);
     this.orbit = new Orbit(this.stage.camera, () => this.moved(), this.home);
     this.target = new Target(this.stage);
+    this.shapes = new Shapes(this.stage, UNIT, shapes, at("bodies"));
     this.build(scene);
-    this.shapes = new Shapes(this.stage, UNIT, shapes);
     const { canvas } = this.stage;
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
@@ -57,7 +57,9 @@ export class TargetPane {
   /** Another world, or other sizes. */
   build(scene: TargetScene | null): void {
     this.target.build(scene);
+    this.target.drawn = !this.shapes.scene;
     if (scene) this.frame(scene);
+    else if (this.shapes.scene) this.frameShapes();
   }
 
   show(sample: Sample): void {
@@ -90,6 +92,20 @@ export class TargetPane {
     this.home.distance = Math.max(300, 2.4 * (to - from));
     const told = JSON.stringify(this.home);
     if (told === this.framed) return; // a slider that moves nothing leaves the view as it was turned
+    this.framed = told;
+    this.orbit.centre.set(...this.home.centre);
+    this.orbit.reset();
+  }
+
+  /** The whole of a scene in view. */
+  private frameShapes(): void {
+    const { centre, radius } = this.shapes.extent;
+    // A little higher than the middle: the numbers lie over the lower part.
+    const [x, y, z] = centre.map((one) => one * UNIT) as Home["centre"];
+    this.home.centre = [x, y - 0.25 * radius * UNIT, z - 0.45 * radius * UNIT];
+    this.home.distance = Math.max(250, 6 * radius * UNIT);
+    const told = JSON.stringify(this.home);
+    if (told === this.framed) return;
     this.framed = told;
     this.orbit.centre.set(...this.home.centre);
     this.orbit.reset();

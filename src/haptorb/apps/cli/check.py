@@ -39,6 +39,10 @@ def check(
             help="Check this world, or your own (FILE.py:NAME), and not the computer: can your loop render it stably?"
         ),
     ] = None,
+    scene: Annotated[
+        str | None, typer.Option(help="Check the coupling of this MuJoCo scene, shipped or FILE.xml, against a wall.")
+    ] = None,
+    body: Annotated[str | None, typer.Option(help="With --scene: body that is held (default: as it says).")] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", help='World parameter, NAME=VALUE, NAME="VALUE UNIT" or NAME=X,Y,Z; repeatable.'),
@@ -62,6 +66,15 @@ def check(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Check this computer or, with --world, whether your loop can render that world stably. Exit code 1 means no."""
+    if scene is not None or body is not None:
+        from haptorb.apps.cli.check_scene import judge_scene
+        from haptorb.devices.loader import load
+
+        found = load(device)
+        setting = _setting(found, rate, tracker, tracker_rate, latency, grip)
+        if not judge_scene(found, scene, body, world, settings or [], setting, json):
+            raise typer.Exit(1)
+        return
     if world is not None:
         if plot is not None:
             check_figure_file(plot, "--plot")

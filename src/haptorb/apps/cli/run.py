@@ -41,6 +41,17 @@ def run(
         list[str] | None,
         typer.Option("--set", help='World parameter, NAME=VALUE, NAME="VALUE UNIT" or NAME=X,Y,Z; repeatable.'),
     ] = None,
+    scene: Annotated[
+        str | None,
+        typer.Option(help="MuJoCo scene to render: peg, outlet, boxes, drawer, or your own FILE.xml."),
+    ] = None,
+    body: Annotated[str | None, typer.Option(help="With --scene: body that is held (default: as it says).")] = None,
+    grip: Annotated[
+        str, typer.Option(help="With --scene: hand that holds it, loose, light, firm or MASS,DAMPING,STIFFNESS.")
+    ] = "light",
+    latency: Annotated[
+        float | None, typer.Option(help="With --scene: latency of the tracker [ms] (default: 0; 5 if it is external).")
+    ] = None,
     driver: Annotated[
         str, typer.Option(help="Driver: sim (simulated device), serial:PORT or i2c:BUS (real device).")
     ] = "sim",
@@ -94,7 +105,7 @@ def run(
 
     require_linux("`haptorb run`")
     with PrestartedProcess() as standby:  # it loads while this process does, and reads the device file
-        from haptorb.apps.cli.world_option import choose_world_option
+        from haptorb.apps.cli.world_option import choose_scene_option, choose_world_option
         from haptorb.apps.progress import build_tables
         from haptorb.devices.loader import load
         from haptorb.runtime.exchange.black_box import state_folder
@@ -102,15 +113,21 @@ def run(
         from haptorb.runtime.tick.assembly import default_world
 
         found = load(device)
-        felt = choose_world_option(world or default_world(found), settings or [], found)
+        if scene is None and body is None:
+            felt = choose_world_option(world or default_world(found), settings or [], found)
+        else:
+            felt = choose_scene_option(scene, body, world, settings or [], found)
         build_tables(found)
         servo = Servo(
             device, felt, driver=driver, tracker=tracker, prediction=1e-3 * prediction, frame=frame,
             rate=rate, seed=seed, model=model, record=record or False,
             overwrite=force, estimator=estimator, calibration=calibration, black_box=state_folder() / "trips",
             watchdog=not no_watchdog, render=render, torque_arm=None if torque_arm is None else 1e-3 * torque_arm,
+            grip=grip, latency=None if latency is None else 1e-3 * latency,
         )  # fmt: skip
         before = signal.signal(signal.SIGTERM, _end)
+        if servo.coupling:
+            say(servo.coupling)
         try:
             number = (
                 _run_without_console(servo, standby, duration, json)
@@ -199,6 +216,8 @@ def _nature(servo: Servo) -> str:
 
 
 def _report(servo: Servo, json: bool) -> None:
+    from haptorb.runtime.exchange.scene_detail import describe_detail
+
     report: dict[str, Any] = servo.report()
     if json:
         print_json(report, line=True)
@@ -217,6 +236,8 @@ def _report(servo: Servo, json: bool) -> None:
         )
     if "rate_hz" in (poses := report["tracking"]):
         say(_describe_tracking(servo.tracker, poses))
+    if heavy := describe_detail(report.get("scene", {})):
+        say(heavy)
     for trip in report["trips"]:
         say(f"tripped at {trip['t']:.2f} s: {trip['reason']}")
 

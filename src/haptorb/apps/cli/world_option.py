@@ -12,8 +12,9 @@ if TYPE_CHECKING:
     from haptorb.worlds import World
     from haptorb.worlds.own.world_file import WorldFile
     from haptorb.worlds.parameter import Parameter
+    from haptorb.worlds.scene.scene_file import SceneFile
 
-__all__ = ["choose_world_option", "parse_settings"]
+__all__ = ["choose_scene_option", "choose_world_option", "parse_settings"]
 
 
 def choose_world_option(name: str, settings: list[str], device: Device) -> World | WorldFile:
@@ -37,6 +38,31 @@ def choose_world_option(name: str, settings: list[str], device: Device) -> World
     values = parse_settings(settings, parameters(type(world)))
     with announce_wait(f"World '{world.name}' of {file.path} has not returned from its first call"):
         try_world(world.replace(**values), device)
+    return replace(file, values=values)
+
+
+def choose_scene_option(
+    scene: str | None, body: str | None, world: str | None, settings: list[str], device: Device
+) -> SceneFile:
+    """The `scene` whose `body` is held, with `settings`; it was compiled and stepped once as `device` has it.
+
+    Raises UnknownName and InputError for what cannot be, and for a `world` beside it.
+    """
+    from dataclasses import replace
+
+    from haptorb.worlds.own.failure import try_world
+    from haptorb.worlds.parameter import parameters
+    from haptorb.worlds.scene.scene_file import parse_scene_file
+
+    if scene is None:
+        raise InputError("--body names the body of a scene: give --scene as well, such as --scene peg")
+    if world is not None:
+        raise InputError("--scene and --world exclude each other; in Python worlds add: Scene('peg') + Fluid()")
+    file = parse_scene_file(scene, body or "")
+    with announce_wait(f"Scene {file.path} has not finished loading"):
+        loaded = file.load()
+    values = parse_settings(settings, parameters(type(loaded)))
+    try_world(loaded.replace(**values), device)
     return replace(file, values=values)
 
 

@@ -1,5 +1,7 @@
-"""What the page draws of a device, in metres and radians: one description for each scene that `web/src/scene` knows, and
-the bodies of worlds with memory."""
+"""What the page draws of a device and of worlds with memory, in metres and radians.
+
+There is one description for each scene that `web/src/scene` knows.
+"""
 
 from __future__ import annotations
 
@@ -103,7 +105,11 @@ def list_shapes(name: str, values: Mapping[str, Any], own: Mapping[str, World]) 
                 "name": shape.name,
                 "kind": shape.kind,
                 "size": list(shape.size),
-                "place": find_number(fields, shape.place, shape.row),
+                "role": shape.role,
+                "at": list(shape.at),
+                "points": list(shape.points),
+                "corners": list(shape.corners),
+                "place": find_number(fields, shape.place, shape.row) if shape.place else None,
                 "attitude": find_number(fields, shape.attitude, shape.row) if shape.attitude else None,
             }
             for shape in changed.shapes

@@ -16,6 +16,7 @@ from haptorb.runtime.exchange.black_box import BlackBox, TripRecord
 from haptorb.runtime.exchange.commands import Commands
 from haptorb.runtime.exchange.report import loop_report, tracker_facts
 from haptorb.runtime.exchange.run_report import RunReport
+from haptorb.runtime.exchange.scene_detail import describe_detail, read_detail
 from haptorb.runtime.exchange.shared_memory import SharedMemory
 from haptorb.runtime.exchange.world_trouble import is_tripped, slow_world, world_failure
 from haptorb.runtime.recording.run_recording import RunRecording
@@ -101,6 +102,7 @@ class ServoObserver(Commands):
         if self._shared is None:
             return ""
         failed = world_failure(self._shared) or slow_world(self._shared, self.rate)
+        failed = failed or describe_detail(read_detail(self._shared), now=True)
         return failed or ("" if self._watcher is None else self._watcher.trouble)
 
     def check_world(self) -> None:
@@ -156,6 +158,7 @@ class ServoObserver(Commands):
             "seed": self.seed,
             "recording": self._recording.user_path,
             **loop,
+            **({"scene": scene} if (scene := read_detail(self._memory)) else {}),
             "recorded": children.recorder_counts,
             "memory_mb": children.memory.facts(),
             "warning": self.warning,

@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Any, Literal, final
 
 from haptorb.control.clutch.modes import Gains
+from haptorb.control.stability.coupling_choice import CouplingSetting
+from haptorb.control.stability.hand_grip import check_grip
 from haptorb.devices.device import Device
 from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.devices.loader import load
@@ -53,10 +55,12 @@ from haptorb.runtime.trackers.tracker_registry import Preparation, check_frame, 
 from haptorb.sensing.calibration.calibration import Calibration
 from haptorb.sensing.calibration_file import read_calibration, read_frame
 from haptorb.sensing.frame.tracker_frame import TrackerFrame
+from haptorb.worlds.bound_world import check_world_period
 from haptorb.worlds.dynamic_world import DynamicWorld
 from haptorb.worlds.memory import count_numbers
 from haptorb.worlds.own.failure import fit_world
 from haptorb.worlds.own.world_file import WorldFile
+from haptorb.worlds.scene.scene_file import SceneFile
 from haptorb.worlds.world import World
 
 __all__ = ["Servo"]
@@ -68,7 +72,7 @@ class Servo(ServoContext):
 
     device     name in the catalogue, path of a device file, or a Device
     world      name in the catalogue, a World, a function of a State that returns a wrench (6,), or "FILE.py:NAME"
-               (WorldFile), loaded again whenever it is saved; None: the one that shows the device best
+               (WorldFile), or a SceneFile, loaded again whenever it is saved; None: the one that shows the device best
     driver     "sim": the simulated device
     tracker    "pointer": the tool is where the hand wants it that `point` moves; "hall": the hand follows that as
                well, but where the tool is, the estimator learns from the field sensors only; "osc:PORT", "lsl:NAME",
@@ -90,6 +94,9 @@ class Servo(ServoContext):
                None: `whole_wrench.TORQUE_ARM`
     watchdog   False: drive an I²C bus although no monostable on its PWM chip's OE pin switches off when this computer
                stops; nobody may touch such a device
+    grip       of the hand for which the coupling of a scene is chosen: "loose", "light", "firm", or
+               "MASS,DAMPING,STIFFNESS"
+    latency    of the tracker, for which it is chosen as well [s]; None: 5 ms (assumed) if it has a process of its own
     black_box  folder for a recording of the last 100 ticks before every trip; None: they are in `trips` only
 
     Raises UnknownName for a name that is not in its list, InputError for a value that cannot be used, or a world,
@@ -105,7 +112,7 @@ class Servo(ServoContext):
     def __init__(
         self,
         device: str | Path | Device,
-        world: str | World | WorldFile | Callable[[State], Array] | None = None,
+        world: str | World | WorldFile | SceneFile | Callable[[State], Array] | None = None,
         *,
         driver: str = "sim",
         tracker: str = "pointer",
@@ -123,6 +130,8 @@ class Servo(ServoContext):
         watchdog: bool = True,
         render: str | None = None,
         torque_arm: float | None = None,
+        grip: str = "light",
+        latency: float | None = None,
     ) -> None:
         require_linux("haptorb.Servo")
         self.device = device if isinstance(device, Device) else load(device)
@@ -148,8 +157,13 @@ class Servo(ServoContext):
         self._choice = choice_of(self.device, render, torque_arm)  # refuses here what does not fit
         self.render = render  #: part of the wrench that is rendered whatever the world asks; None: what it asks
         first, self._world_file = choose_world(default_world(self.device) if world is None else world)
+        self._coupling = CouplingSetting(
+            self.device, self.rate, check_grip(grip), self.estimator, has_feed(self.tracker), latency
+        )
+        first = self._coupling.couple(first)
         ServoContext.__init__(self, first)
-        fit_world(first, self.device)  # refuses here, not in another process, what the device cannot render
+        # refuses here, not in another process, what the device cannot render
+        check_world_period(fit_world(first, self.device), 1.0 / self.rate)
         # Compiling in the first tick would be a silence at which a real device's firmware switches off.
         chain, practice = (
             partial(
@@ -260,7 +274,12 @@ class Servo(ServoContext):
 
     def _reload(self, world: World, values: dict[str, Any]) -> None:
         assert self._folder is not None
-        self.replace_own_world(world, values, self._folder)
+        self.replace_own_world(self._coupling.couple(world), values, self._folder)
+
+    @property
+    def coupling(self) -> str:
+        """What couples the mover to the scene's body, and how far inside the stable that is; empty without a scene."""
+        return self._coupling.describe(self._plan.world)
 
     def _notes(self) -> dict[str, dict[str, str]]:
         """What a recording says of its run."""

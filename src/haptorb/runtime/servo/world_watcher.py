@@ -18,6 +18,7 @@ from haptorb.worlds.own.function_world import make_world
 from haptorb.worlds.own.world_file import WorldFile, is_world_file, parse_world_file
 from haptorb.worlds.parameter import parameters
 from haptorb.worlds.parameter import values as parameter_values
+from haptorb.worlds.scene.scene_file import SceneFile
 from haptorb.worlds.world import World
 
 __all__ = ["WorldWatcher", "choose_world", "keep_changes"]
@@ -27,14 +28,16 @@ _SLOW = 2.0  #: a file that takes longer to load and to be called once is report
 _SETTLED = 0.03  #: for which a file that is being written must stay as it is [s]
 
 
-def choose_world(given: str | World | WorldFile | Callable[[State], Array]) -> tuple[World, WorldFile | None]:
+def choose_world(
+    given: str | World | WorldFile | SceneFile | Callable[[State], Array],
+) -> tuple[World, WorldFile | SceneFile | None]:
     """The world that `given` names or is, and the file to watch if it comes from one; a function returns (6,) [N, N·m].
 
     Raises UnknownName or InputError as `find_world`, `make_world` and `WorldFile.load` do.
     """
     if isinstance(given, str) and is_world_file(given):
         given = parse_world_file(given)
-    if isinstance(given, WorldFile):
+    if isinstance(given, WorldFile | SceneFile):
         return given.load(), given
     return (worlds.find_world(given)() if isinstance(given, str) else make_world(given)), None
 
@@ -64,7 +67,7 @@ class WorldWatcher:
 
     def __init__(
         self,
-        file: WorldFile,
+        file: WorldFile | SceneFile,
         world: World,
         device: Device,
         replace: Callable[[World, dict[str, Any]], None],

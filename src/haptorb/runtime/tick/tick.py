@@ -27,10 +27,11 @@ from haptorb.runtime.realtime.tick_timeout import TickTimeout
 from haptorb.runtime.row import STAGES, RowLayout
 from haptorb.runtime.tick.fill_row import fill_object, fill_row
 from haptorb.runtime.tick.rendered_part import RenderedPart
+from haptorb.runtime.tick.world_budget import WorldBudget
 from haptorb.sensing.controller_model import FADE
 from haptorb.sensing.estimator import Estimator
 from haptorb.sensing.sample import Estimate
-from haptorb.worlds.bound_world import BoundWorld, MemoryNotFinite, bind_world
+from haptorb.worlds.bound_world import BoundWorld, MemoryNotFinite, bind_world, check_world_period
 from haptorb.worlds.own.failure import check_wrench, describe_failure
 from haptorb.worlds.world import World
 
@@ -57,7 +58,9 @@ class Tick:
     ) -> None:
         self.world = world.for_device(device)
         self._dt = dt
+        check_world_period(self.world, dt)
         self._bound = bind_world(self.world, dt)  # of a world with memory; None of another
+        self._budget = WorldBudget(dt)
         self.world_changes = 0
         self.driver = driver
         self.estimator = estimator
@@ -110,6 +113,7 @@ class Tick:
         memory keeps of it what its rule says.
         """
         fitted = world.for_device(self._device)
+        check_world_period(fitted, self._dt)
         restarts = type(fitted) is not type(self.world)
         # A target that begins anew is not where a memory has it.
         bound = bind_world(fitted, self._dt, None if restarts and self.linkage.modes else self._bound)
@@ -207,6 +211,8 @@ class Tick:
         t2 = perf_counter()
         felt = self._render(estimate, now)
         t3 = perf_counter()
+        if self._bound is not None:
+            self._budget.watch(self._bound, t3 - t2)
         # Modes scale what the hand feels: what a target's world holds is no measure of it.
         stored = np.nan if self._bound is None or self.linkage.modes else self._bound.energy
         asked = protection.protect_wrench(self._rendered, estimate, sample.t, stored)

@@ -194,8 +194,8 @@ class RollingBall(DynamicWorld):
             raise InputError(f"world 'ball' is for a tool over a sphere; device '{device.name}' has none")
         if self.summit[2] < 0.0:
             raise InputError(
-                f"RollingBall.summit {tuple(self.summit)} lies below the rim of the dome of device '{device.name}': its z "
-                "must not be negative"
+                f"RollingBall.summit {tuple(self.summit)} lies below the rim of the dome of device '{device.name}': "
+                "its z must not be negative"
             )
         return replace(self, distance=shell.contact_distance, ground=shell.dome_radius)
 

@@ -1,0 +1,156 @@
+"""Scenes of MuJoCo in the loop: in time, without growth, and passive in a random hand.
+
+    python benchmarks/worlds/scenes.py [--minutes 10] [--seconds 60] [--ticks 100000] [--only PART] [--json]
+
+tick      ten bodies on the dome at 1 kHz for `--seconds` with a console attached: share of the deadlines met and the
+          99th percentile of a tick
+growth    memory of this process before and after `--ticks` steps of the same scene, in bytes of Python's own and of all
+passivity each shipped scene in a random hand for `--minutes`: the coupling, how far it is inside the stable, and the
+          least of what the hand put in less what the scene holds
+The exit code is 1 if fewer than 99.9 % of the deadlines were met, anything grew by more than 100 kB, or a scene gave
+more than 1 mJ.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import sys
+import tempfile
+import time
+import tracemalloc
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import numpy as np
+
+from haptorb.apps.console import Console
+from haptorb.control.stability.coupling_choice import CouplingSetting, measure_margin
+from haptorb.control.stability.hand_grip import GRIPS
+from haptorb.control.stability.scene_trial import try_random_hand
+from haptorb.devices.loader import load
+from haptorb.devices.state import State
+from haptorb.runtime.servo.servo import Servo
+from haptorb.worlds import Scene
+from haptorb.worlds.bound_world import bind_world
+from haptorb.worlds.scene.scene_file import SceneFile
+from haptorb.worlds.scene.scene_model import SHIPPED, find_scene_file
+
+DEVICES = {"peg": "pmsm", "outlet": "pmsm", "boxes": "omni", "drawer": "pmsm"}
+PARTS = ("tick", "growth", "passivity")
+
+
+def write_ten(folder: Path) -> Path:
+    """The shipped boxes and six more bodies beside them."""
+    text = find_scene_file("boxes").read_text()
+    more = "".join(
+        f'<body pos="{0.012 * np.cos(k):.4f} {0.012 * np.sin(k):.4f} {0.062 + 0.009 * (k % 2)}"><freejoint/>'
+        '<geom type="box" size="0.003 0.003 0.003" mass="0.01"/></body>'
+        for k in range(6)
+    )
+    path = folder / "ten.xml"
+    path.write_text(text.replace("</worldbody>", more + "</worldbody>"))
+    return path
+
+
+def time_ticks(seconds: float) -> dict[str, Any]:
+    """Ten bodies at 1 kHz, a console attached, a hand that wanders over the dome."""
+    with tempfile.TemporaryDirectory() as folder:
+        servo = Servo("omni", SceneFile(write_ten(Path(folder))), record=False)
+        with Console(servo, 0) as console, servo:
+            end = time.monotonic() + seconds
+            site = Thread(target=lambda: console.serve(until=lambda: time.monotonic() > end), daemon=True)
+            site.start()
+            while time.monotonic() < end:
+                a = 0.35 * np.sin(1.3 * time.monotonic())
+                servo.point([0.056 * np.sin(a), 0.01 * np.cos(time.monotonic()), 0.056 * np.cos(a)])
+                time.sleep(0.02)
+            site.join()
+            report = servo.report()
+    return {
+        "seconds": seconds,
+        "success_rate": report["success_rate"],
+        "tick_p50_us": report["compute_us"]["p50"],
+        "tick_p99_us": report["compute_us"]["p99"],
+        "world_us": report["stage_us"].get("world"),
+        "scene": report.get("scene"),
+    }
+
+
+def measure_growth(ticks: int) -> dict[str, Any]:
+    """Bytes that `ticks` steps of ten bodies leave behind."""
+    with tempfile.TemporaryDirectory() as folder:
+        world = Scene(write_ten(Path(folder))).for_device(load("omni"))
+    bound = bind_world(world, 1e-3)
+    assert bound is not None
+
+    def step(n: int) -> None:
+        a = 0.3 * np.sin(1e-3 * n)
+        bound.wrench(State.at((0.055 * np.sin(a), 0.0, 0.055 * np.cos(a))))
+
+    for n in range(ticks // 10):
+        step(n)
+    tracemalloc.start()
+    before, resident = tracemalloc.get_traced_memory()[0], resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for n in range(ticks):
+        step(n)
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    return {
+        "ticks": ticks,
+        "python_bytes": grown,
+        "resident_bytes": 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - resident),
+    }
+
+
+def measure_passivity(minutes: float, grip: str) -> list[dict[str, Any]]:
+    """Each shipped scene on its device."""
+    found = []
+    for name in SHIPPED:
+        device, hand = load(DEVICES[name]), GRIPS[grip]
+        setting = CouplingSetting(device, 1000.0, hand)
+        scene = setting.couple(Scene(name))
+        assert isinstance(scene, Scene)
+        trial = try_random_hand(scene, device, hand, 60.0 * minutes)
+        found.append(
+            {
+                "scene": name, "device": device.name, "stiffness_n_per_m": scene.stiffness,
+                "damping_n_s_per_m": scene.damping, "margin": measure_margin(scene, device, setting.loop, hand),
+                "lowest_mj": 1e3 * trial.lowest, "put_in_mj": 1e3 * trial.put_in, "greatest_n": trial.greatest,
+            }
+        )  # fmt: skip
+        print(found[-1], file=sys.stderr)
+    return found
+
+
+def main() -> int:
+    """All parts, or one."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--ticks", type=int, default=100_000)
+    parser.add_argument("--grip", choices=tuple(GRIPS), default="light")
+    parser.add_argument("--only", choices=PARTS)
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    parts = PARTS if asked.only is None else (asked.only,)
+    found: dict[str, Any] = {}
+    if "tick" in parts:
+        found["tick"] = time_ticks(asked.seconds)
+    if "growth" in parts:
+        found["growth"] = measure_growth(asked.ticks)
+    if "passivity" in parts:
+        found["passivity"] = measure_passivity(asked.minutes, asked.grip)
+    print(json.dumps(found) if asked.json else json.dumps(found, indent=1))
+    well = (
+        found.get("tick", {"success_rate": 1.0})["success_rate"] >= 0.999
+        and max(found.get("growth", {"python_bytes": 0}).values(), default=0) < max(asked.ticks, 100_000) * 2
+        and all(one["lowest_mj"] > -1.0 for one in found.get("passivity", []))
+    )
+    return 0 if well else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

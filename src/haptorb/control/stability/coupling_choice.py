@@ -1,0 +1,216 @@
+"""How stiff a scene's virtual coupling may be: as stiff as this loop, this hand and the body that is held allow.
+
+The hand feels the coupling, whatever the scene does behind it; the worst that it can do is not to give way. So the
+coupling is a spring and a damper against a wall, and `SampledLoop` says exactly how strong they may be. They are made
+`ENOUGH` times weaker than that. Behind the coupling the body must stay calm, too: its step is explicit, so the damper
+is at most `_SLOW` of what would stop it within one step of the scene.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from haptorb.control.clutch.linkage import MOTOR_GAINS
+from haptorb.control.stability.hand_grip import GRIPS, HandGrip
+from haptorb.control.stability.stability import SampledLoop
+from haptorb.devices.device import Device
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.errors import InputError
+from haptorb.sensing.tool.place_filter import memory
+from haptorb.sensing.tool.tool_position import HallTracker
+from haptorb.worlds.scene.scene import Scene
+from haptorb.worlds.world import Sum, World
+
+__all__ = ["ASSUMED", "ENOUGH", "Coupling", "CouplingSetting", "choose_coupling", "couple_world", "describe_coupling"]
+
+ASSUMED = 5e-3  #: latency of a tracker in a process of its own, where nobody says it [s]
+ENOUGH = 1.5  #: a coupling is so many times weaker than the strongest that is stable: hands differ
+_SLOW = 0.3  #: share of a body's momentum that the damper takes in one step of the scene
+_RATIOS = (0.7, 0.4)  #: damping ratios of the body in the coupling, the calmer first
+_WORTH = 0.8  #: a calmer coupling is taken for so much of the stiffness
+_SOFT = 1e-3
+_HEAVIEST = (0.2, 2e-4)  #: that a body counts as [kg], [kg·m²]
+_STIFFEST, _TURN_STIFFEST = 5e3, 20.0  #: contacts of a scene are hardly stiffer [N/m], [N·m/rad]
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Stiffness [N/m] and damping [N·s/m] along each axis, and about it [N·m/rad], [N·m·s/rad]; 0: none.
+
+    margin   by how much both could be stronger before the loop oscillates against a wall
+    limit    what holds the stiffness back: "loop" or "body"
+    """
+
+    stiffness: float
+    damping: float
+    turn_stiffness: float
+    turn_damping: float
+    margin: float
+    limit: str
+
+
+def choose_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: HandGrip) -> Coupling:
+    """The coupling of `scene` on `device` in a loop, for `hand` alone; its mover is added here.
+
+    Raises InputError for a device of a kind that has neither tool nor rotor.
+    """
+    # A body that cannot turn, or only with others, is no reason for a damper like a wall.
+    mass, inertia = (min(one, most) for one, most in zip(scene.effective_inertia, _HEAVIEST, strict=True))
+    step = scene.model.model.opt.timestep
+    if isinstance(device, SphericalMotor):
+        arm, gains = device.rotor.handle_length, MOTOR_GAINS
+        turning = HandGrip(
+            float(device.rotor.inertia[0]) + hand.mass * arm**2, hand.damping * arm**2, hand.stiffness * arm**2
+        )
+        squares = np.array([*gains.translate, *gains.rotate]) ** 2 * gains.torque_per_motion
+        move = _choose(loop, turning, float(squares[:3].max()) * scene.scale**2, mass, float(step), _STIFFEST)
+        turn = _choose(loop, turning, float(squares[3:].max()), inertia, float(step), _TURN_STIFFEST)
+        return Coupling(*move[:2], *turn[:2], min(move[2], turn[2]), move[3])
+    held = hand.with_mass(device.tool.mass) if isinstance(device, SphericalElectromagnet) else hand
+    stiffness, damping, margin, limit = _choose(loop, held, scene.scale**2, mass, float(step), _STIFFEST)
+    return Coupling(stiffness, damping, 0.0, 0.0, margin, limit)
+
+
+def couple_world(world: World, device: Device, loop: SampledLoop, hand: HandGrip = GRIPS["light"]) -> World:
+    """`world` with the coupling of every scene in it chosen, where its stiffness is 0; every other world as it is."""
+    if isinstance(world, Sum):
+        return replace(world, parts=tuple(couple_world(part, device, loop, hand) for part in world.parts))
+    if not isinstance(world, Scene) or world.stiffness:
+        return world
+    found = choose_coupling(world, device, loop, hand)
+    return world.replace(
+        stiffness=_round(found.stiffness), damping=_round(found.damping),
+        turn_stiffness=_round(found.turn_stiffness), turn_damping=_round(found.turn_damping),
+    )  # fmt: skip
+
+
+def describe_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: HandGrip) -> str:
+    """One line: what couples the mover to the body, and by how much it could be stronger."""
+    fitted = scene.for_device(device)
+    text = f"body '{scene.body}' held by {fitted.stiffness:.4g} N/m and {fitted.damping:.3g} N·s/m"
+    if fitted.turn_stiffness:
+        text += f", {fitted.turn_stiffness:.3g} N·m/rad and {fitted.turn_damping:.2g} N·m·s/rad"
+    margin = measure_margin(fitted, device, loop, hand)
+    late = 1e3 * loop.lateness
+    return (
+        f"{text}; against a wall stable up to {margin:.2g} times that (poses every {1e3 * loop.period:.3g} ms, "
+        f"forces {late:.2g} ms late, hand of {hand.mass:g} kg, {hand.damping:g} N·s/m, {hand.stiffness:g} N/m)"
+    )
+
+
+def measure_margin(scene: Scene, device: Device, loop: SampledLoop, hand: HandGrip) -> float:
+    """By how much the coupling of `scene` could be stronger before the loop oscillates against a wall; 1: boundary."""
+    if isinstance(device, SphericalMotor):
+        arm, gains = device.rotor.handle_length, MOTOR_GAINS
+        held = HandGrip(
+            float(device.rotor.inertia[0]) + hand.mass * arm**2, hand.damping * arm**2, hand.stiffness * arm**2
+        )
+        squares = np.array([*gains.translate, *gains.rotate]) ** 2 * gains.torque_per_motion
+        move, turn = float(squares[:3].max()) * scene.scale**2, float(squares[3:].max())
+        return min(
+            loop.largest(held, move * scene.stiffness, move * scene.damping),
+            loop.largest(held, turn * scene.turn_stiffness, turn * scene.turn_damping),
+        )
+    held = hand.with_mass(device.tool.mass) if isinstance(device, SphericalElectromagnet) else hand
+    square = scene.scale**2
+    return loop.largest(held, square * scene.stiffness, square * scene.damping)
+
+
+@dataclass(frozen=True)
+class CouplingSetting:
+    """How `device` is run: at `rate` [Hz], held by `hand`, its pose from `estimator`.
+
+    fed      poses come from a tracker with a process of its own
+    latency  of that one [s]; None: `ASSUMED`
+    """
+
+    device: Device
+    rate: float
+    hand: HandGrip
+    estimator: str = "tracker"
+    fed: bool = False
+    latency: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.latency is not None and not (math.isfinite(self.latency) and 0.0 <= self.latency <= self._expiry):
+            raise InputError(
+                f"latency must be at least 0 and at most {1e3 * self._expiry:g} ms, the expiry of poses on "
+                f"'{self.device.name}'; got {1e3 * self.latency:g} ms"
+            )
+
+    @property
+    def _expiry(self) -> float:
+        return float(self.device.limits.expiry)
+
+    @property
+    def loop(self) -> SampledLoop:
+        """The loop of poses, forces and coils that a coupling is chosen for."""
+        coils = self.device.coils
+        late = self.latency if self.latency is not None else (ASSUMED if self.fed else 0.0)
+        theta = 0.0
+        if self.estimator == "hall" and isinstance(self.device, SphericalElectromagnet):
+            theta = memory(2 * math.pi * HallTracker(self.device).bandwidth / self.rate)
+        return SampledLoop.of(self.rate, None, late, float(np.max(coils.inductance / coils.resistance)), theta)
+
+    def couple(self, world: World) -> World:
+        """`world` with the coupling of its scenes chosen, where nobody has; every other world as it is."""
+        return couple_world(world, self.device, self.loop, self.hand) if _has_scene(world) else world
+
+    def describe(self, world: World) -> str:
+        """What couples the mover to each scene of `world`; empty without one."""
+        parts = world.parts if isinstance(world, Sum) else (world,)
+        scenes = [one for one in parts if isinstance(one, Scene)]
+        return "; ".join(describe_coupling(one, self.device, self.loop, self.hand) for one in scenes)
+
+
+def _has_scene(world: World) -> bool:
+    return isinstance(world, Scene) or (isinstance(world, Sum) and any(map(_has_scene, world.parts)))
+
+
+@lru_cache(maxsize=64)
+def _choose(
+    loop: SampledLoop, hand: HandGrip, square: float, mass: float, step: float, stiffest: float
+) -> tuple[float, float, float, str]:
+    """Stiffness, damping, margin and what limits them, for a body of `mass` whose steps are `step` [s] long. `square`:
+    what a stiffness of 1 at the body is at the hand."""
+    found = []
+    for ratio in _RATIOS:
+        # The damper 2 ζ √(K m) takes at most `_SLOW` of the momentum in a step.
+        most = (_SLOW * mass / step / (2.0 * ratio)) ** 2 / mass
+        low, high = _SOFT, min(most, stiffest)
+        limit = "body"
+        if _margin(loop, hand, square, mass, ratio, high) < ENOUGH:
+            limit = "loop"
+            while high > 1.01 * low:
+                middle = math.sqrt(low * high)
+                if _margin(loop, hand, square, mass, ratio, middle) >= ENOUGH:
+                    low = middle
+                else:
+                    high = middle
+            high = low
+        found.append((high, ratio, limit))
+    best = max(stiffness for stiffness, _, _ in found)
+    stiffness, ratio, limit = next(one for one in found if one[0] >= _WORTH * best)
+    return (
+        stiffness,
+        2 * ratio * math.sqrt(stiffness * mass),
+        _margin(loop, hand, square, mass, ratio, stiffness),
+        limit,
+    )
+
+
+def _margin(loop: SampledLoop, hand: HandGrip, square: float, mass: float, ratio: float, stiffness: float) -> float:
+    return loop.largest(hand, square * stiffness, square * 2 * ratio * math.sqrt(stiffness * mass))
+
+
+def _round(value: float) -> float:
+    """Down to three digits: people read it."""
+    if value <= 0.0:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return round(math.floor(value / unit) * unit, 12)

@@ -1,0 +1,131 @@
+"""What a random hand gets out of a scene: the energy that it put in, less what the scene holds, over minutes.
+
+Hand and mover are masses on springs and dampers whose middle wanders at random within `reach`; forces are held from
+tick to tick, as the loop holds them, so what sampling makes out of nothing is in the figure. All six coordinates move
+at once where the scene has an attitude, which no motor's modes do: more than a device can ask.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import expm
+
+from haptorb.control.clutch.linkage import MOTOR_GAINS
+from haptorb.control.stability.hand_grip import HandGrip
+from haptorb.devices.device import Device
+from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
+from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.devices.state import State
+from haptorb.errors import InputError
+from haptorb.numerics.arrays import Array
+from haptorb.worlds.bound_world import bind_world
+from haptorb.worlds.scene.scene import Scene
+
+__all__ = ["SceneTrial", "try_random_hand"]
+
+_WANDER = 0.15  #: time constant of the hand's wish, twice [s]
+#: how far a target wanders [m, rad]; a tool wanders over its dome
+_REACH = np.array([0.009, 0.001, 0.001, 0.03, 0.03, 0.03])
+
+
+@dataclass(frozen=True)
+class SceneTrial:
+    """The lowest passivity energy, what was put in at the end, and the greatest force.
+
+    lowest    the least of (energy put in by the hand − growth of what the scene holds) [J]; a passive scene: 0
+    put_in    by the hand, to the end [J]
+    greatest  force on the mover [N]
+    """
+
+    lowest: float
+    put_in: float
+    greatest: float
+
+
+def try_random_hand(
+    scene: Scene, device: Device, hand: HandGrip, seconds: float, rate: float = 1000.0, seed: int = 0
+) -> SceneTrial:
+    """Let a random `hand` alone hold the mover of `device` in `scene`, whose coupling was chosen, for `seconds` [s].
+
+    Raises InputError for a device that has neither tool nor rotor.
+    """
+    fitted, dt, rng = scene.for_device(device), 1.0 / rate, np.random.default_rng(seed)
+    bound = bind_world(fitted, dt)
+    assert bound is not None
+    masses, dampers, springs = _hold(device, hand)
+    steps = [_solve(m, b, k, dt) for m, b, k in zip(masses, dampers, springs, strict=True)]
+    on, push = np.array([one[0] for one in steps]), np.array([one[1] for one in steps])
+    x, wish, slow = _begin(device), np.zeros(6), np.zeros(6)
+    v = np.zeros(6)
+    x[3:] = 0.0
+    fade = math.exp(-dt / _WANDER)
+    spread = 2.0 * math.sqrt((1 + fade) / (1 - fade))  # white noise, so that the wish has a deviation of 2
+    put_in, lowest, greatest, first = 0.0, 0.0, 0.0, math.nan
+    for n in range(round(seconds * rate)):
+        wrench = bound.wrench(State(n * dt, _rotation(x[3:]), x[:3].copy(), v[3:].copy(), v[:3].copy()))
+        held = bound.energy
+        first = held if n == 0 else first
+        lowest = min(lowest, put_in - (held - first))
+        greatest = max(greatest, math.sqrt(float(wrench[:3] @ wrench[:3])))
+        wish += (1 - fade) * (spread * rng.standard_normal(6) - wish)
+        slow += (1 - fade) * (wish - slow)
+        goal = _aim(device, slow)
+        force = wrench + springs * goal
+        after = on[:, 0, 0] * x + on[:, 0, 1] * v + push[:, 0] * force
+        v = on[:, 1, 0] * x + on[:, 1, 1] * v + push[:, 1] * force
+        put_in -= float(wrench @ (after - x))
+        x = after
+    return SceneTrial(lowest, put_in, greatest)
+
+
+def _hold(device: Device, hand: HandGrip) -> tuple[Array, Array, Array]:
+    """(6,) masses, dampers and springs along and about the axes in which the scene is felt."""
+    if isinstance(device, SphericalMotor):
+        arm = device.rotor.handle_length
+        gains = np.array([*MOTOR_GAINS.translate, *MOTOR_GAINS.rotate]) ** 2
+        inertia = float(device.rotor.inertia[0]) + hand.mass * arm**2
+        return inertia / gains, hand.damping * arm**2 / gains, hand.stiffness * arm**2 / gains
+    if not isinstance(device, SphericalElectromagnet):
+        raise InputError(f"device '{device.name}' has neither a tool nor a rotor that a hand could hold")
+    mass = hand.mass + device.tool.mass
+    turns = (1e-4, device.hand.turn_damping, device.hand.turn_stiffness)
+    return tuple(  # type: ignore[return-value]
+        np.array([line] * 3 + [turn] * 3)
+        for line, turn in zip((mass, hand.damping, hand.stiffness), turns, strict=True)
+    )
+
+
+def _begin(device: Device) -> Array:
+    return np.concatenate([device.rest_position, np.zeros(3)])
+
+
+def _aim(device: Device, slow: Array) -> Array:
+    """(6,) where the hand's own spring has its middle, for a wish (6,) of about ±1."""
+    bounded = np.tanh(slow)
+    if isinstance(device, SphericalElectromagnet):
+        tilt_x, tilt_y = 0.6 * bounded[0], 0.6 * bounded[1]
+        u = np.array([math.sin(tilt_x), math.sin(tilt_y), 1.0])
+        u *= (device.contact_distance + 0.003 * (1.0 + bounded[2])) / np.linalg.norm(u)
+        return np.concatenate([u, np.zeros(3)])
+    return bounded * _REACH
+
+
+def _solve(m: float, b: float, k: float, dt: float) -> tuple[Array, Array]:
+    """(2, 2) and (2,) place and speed after `dt` [s] from those before and a constant force: exact."""
+    A = np.zeros((3, 3))
+    A[0, 1], A[1] = 1.0, (-k / m, -b / m, 1 / m)
+    step = expm(A * dt)
+    return step[:2, :2], step[:2, 2]
+
+
+def _rotation(turn: Array) -> Array:
+    """(3, 3) of a rotation vector [rad]."""
+    angle = math.sqrt(float(turn @ turn))
+    x, y, z = turn
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    if angle < 1e-9:
+        return np.eye(3) + K
+    return np.eye(3) + math.sin(angle) / angle * K + (1 - math.cos(angle)) / angle**2 * K @ K

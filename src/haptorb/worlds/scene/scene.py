@@ -1,0 +1,224 @@
+"""A scene as a world: the mover holds one of its bodies through a virtual coupling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from haptorb.devices.device import Device
+from haptorb.devices.state import State
+from haptorb.numerics.arrays import Array, Records
+from haptorb.worlds.dynamic_world import DynamicWorld
+from haptorb.worlds.memory import MemoryField, make_memory
+from haptorb.worlds.parameter import parameter
+from haptorb.worlds.scene.coupling import COUPLING
+from haptorb.worlds.scene.scene_model import SceneModel, make_scene_model
+from haptorb.worlds.scene.scene_shapes import describe_scene
+from haptorb.worlds.scene.stepping import LEVELS, SceneStepper, state_size
+from haptorb.worlds.shape import Shape
+from haptorb.worlds.world import World
+
+__all__ = ["Scene"]
+
+
+@dataclass(frozen=True)
+class Scene(DynamicWorld):
+    """A scene of MuJoCo; the mover, or a motor's target, holds one of its bodies through a virtual coupling.
+
+    source  a shipped scene ("peg", "outlet", "boxes", "drawer"), the path of an XML file (MJCF), or an MjModel
+    body    name of the body that is held; it needs a joint of its own, or one of what carries it. Empty: the one that
+            the file names, <custom><text name="held" data="BODY"/></custom>, else "peg"
+
+    The coupling is a spring and a damper between the place of the mover and that of the body: by its frame's origin,
+    and for a motor's target by its attitude as well. What the hand feels is the coupling, so the loop is stable with
+    any passive scene if it is stable with the coupling against a wall. Stiffness 0 means: not chosen yet. A servo
+    chooses it for its rate, latency and hand (`control.stability.coupling_choice`); until then `UNCHOSEN` counts.
+
+    A tool's place counts in the frame S of its device, in metres, times `scale`. A motor's target begins at zero, where
+    the scene has the body. The hand feels `scale` times the force, so that power is what it is in the scene.
+
+    Needs the extra haptorb[scenes]. Simplified: what contacts store is not in `energy`; without counting it the
+    passivity control damps earlier, never later.
+    """
+
+    source: Any = field(default="peg", repr=False)
+    body: str = ""
+    stiffness: float = parameter(0.0, "N/m", 0, 20e3, "of the coupling; 0: chosen for rate, latency and hand")
+    damping: float = parameter(0.0, "N·s/m", 0, 200, "of the coupling, where stiffness is given")
+    greatest: float = parameter(0.0, "N", 0, 200, "greatest force of the coupling; 0: the device's")
+    turn_stiffness: float = parameter(0.0, "N·m/rad", 0, 200, "of the coupling about each axis; 0: chosen, or none")
+    turn_damping: float = parameter(0.0, "N·m·s/rad", 0, 10, "of the coupling about each axis")
+    turn_greatest: float = parameter(0.0, "N·m", 0, 20, "greatest torque of the coupling; 0: the device's")
+    scale: float = parameter(1.0, "1", 0.01, 100, "metres in the scene for a metre of the mover")
+    anchored: bool = False  #: the mover begins where the scene has the body: a motor's target
+
+    def __post_init__(self) -> None:
+        World.__post_init__(self)
+        object.__setattr__(self, "source", make_scene_model(self.source))
+        object.__setattr__(self, "body", self.body or self.source.held)
+        object.__setattr__(self, "_index", self.source.find_body(self.body))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the scratch pads, which are made anew where it arrives."""
+        return {one.name: getattr(self, one.name) for one in fields(self)} | {"_index": self._index}
+
+    _index: int = field(default=0, init=False, repr=False, compare=False)
+
+    @property
+    def model(self) -> SceneModel:
+        """The compiled scene."""
+        found: SceneModel = self.source
+        return found
+
+    @property
+    def name(self) -> str:
+        """`scene-peg` for peg.xml."""
+        return f"scene-{self.model.title}"
+
+    @property
+    def bound(self) -> float:
+        """Spring and damper at their greatest [N]."""
+        return 2.0 * self.greatest * self.scale if self.greatest else float("inf")
+
+    def for_device(self, device: Device) -> Scene:
+        """With the limits of `device`, and the coupling in six degrees of freedom for one with a target."""
+        target, limits = bool(device.kind.modes), device.limits
+        stiffness, damping = (self.stiffness, self.damping) if self.stiffness else UNCHOSEN[target][:2]
+        turn, turn_damping = self.turn_stiffness, self.turn_damping
+        if target and not turn:
+            turn, turn_damping = UNCHOSEN[target][2:]
+        return replace(
+            self, stiffness=stiffness, damping=damping, turn_stiffness=turn, turn_damping=turn_damping,
+            greatest=self.greatest or (_TARGET_FORCE if target else limits.force / self.scale),
+            turn_greatest=self.turn_greatest or (_TARGET_TORQUE if target else max(limits.torque, 1e-3)),
+            anchored=target,
+        )  # fmt: skip
+
+    @cached_property
+    def drawn(self) -> tuple[int, ...]:
+        """Indices [1] of the shapes that move."""
+        model = self.model.model
+        return tuple(n for n in range(model.ngeom) if self.model.count_freedoms(int(model.geom_bodyid[n])))
+
+    @cached_property
+    def memory_fields(self) -> tuple[MemoryField, ...]:
+        """Poses of what is drawn, energy, detail, and the state of the engine."""
+        count = max(len(self.drawn), 1)
+        return (
+            MemoryField("place", "m", "of each moving shape, in the scene's frame", (count, 3)),
+            MemoryField("attitude", "1", "of each moving shape, quaternion (x, y, z, w)", (count, 4)),
+            MemoryField("energy", "J", "kinetic, of weight and springs, and of the coupling"),
+            MemoryField("detail", "1", "0 full; above: fewer iterations, then slower time"),
+            MemoryField("lighter", "1", "ticks with less than full detail"),
+            MemoryField("behind", "s", "by which the scene's time has fallen behind"),
+            MemoryField("due", "1", "share of a step that is still due in slow time"),
+            MemoryField("state", "SI", "MuJoCo: time, places, velocities, warm start", (state_size(self.model),)),
+        )
+
+    @cached_property
+    def _pad(self) -> SceneStepper:
+        # One for all worlds of a scene: to make it anew could take several ticks, and nothing lasts in it.
+        pads = self.model.pads
+        if self._index not in pads:
+            pads[self._index] = SceneStepper(self.model, self._index, np.array(self.drawn, dtype=np.int64))
+        found: SceneStepper = pads[self._index]
+        return found
+
+    @cached_property
+    def effective_inertia(self) -> tuple[float, float]:
+        """The least mass [kg] and moment of inertia [kg·m²] with which the body resists at its frame's origin, as the
+        scene begins and nothing touches it; at most 1e6 each."""
+        return self._pad.effective_inertia()
+
+    @cached_property
+    def _couplings(self) -> Records:
+        made = np.zeros(1, dtype=COUPLING)
+        for name in COUPLING.names or ():
+            made[name] = getattr(self, name)
+        return made
+
+    @cached_property
+    def _beginning(self) -> tuple[Records, Array, Array]:
+        """Memory, and place and attitude of the body, at the beginning."""
+        memory = make_memory(self.memory_fields)
+        state, places, turns, place, attitude = self._pad.begin()
+        memory["state"][0] = state
+        if len(places):
+            memory["place"][0], memory["attitude"][0] = places, turns
+        return memory, place, attitude
+
+    @cached_property
+    def _wish(self) -> tuple[Array, Array, Array]:
+        return np.zeros(3), np.eye(3), np.zeros(6)
+
+    @cached_property
+    def shapes(self) -> tuple[Shape, ...]:
+        """Of every body of the scene, moving or not."""
+        return describe_scene(self.model, self._index, self.drawn)
+
+    def begin(self) -> Records:
+        """As the file has it, or its first keyframe [m, m/s]."""
+        return self._beginning[0].copy()
+
+    def advance(self, memory: Records, state: State, dt: float) -> Array:
+        """(6,) what the coupling does to the mover [N, N·m], while the scene goes on by `dt` [s]."""
+        one, pad, wish = memory[0], self._pad, self._wish
+        place, R, motion = wish
+        np.multiply(state.p, self.scale, out=place)
+        np.multiply(state.v, self.scale, out=motion[:3])
+        motion[3:] = state.w
+        if self.anchored:
+            _, beginning, attitude = self._beginning
+            place += beginning
+            np.matmul(state.R_SR, attitude, out=R)
+        else:
+            R[:] = state.R_SR
+        level = int(one["detail"])
+        steps = max(round(dt / self._timestep), 1)
+        if level:
+            steps = self._slow_down(one, steps, dt, LEVELS[level][1])
+        wrench, energy = pad.advance(one["state"], wish, self._couplings, steps, level)
+        one["energy"] = energy
+        if self.drawn:
+            pad.fill_poses(one["place"], one["attitude"])
+        np.negative(wrench, out=wrench)
+        wrench[:3] *= self.scale
+        return wrench
+
+    @cached_property
+    def _timestep(self) -> float:
+        return float(self.model.model.opt.timestep)
+
+    def _slow_down(self, one: Any, steps: int, dt: float, speed: float) -> int:
+        """How many of `steps` are due now, in time that passes `speed` times as fast."""
+        one["lighter"] += 1.0
+        one["behind"] += (1.0 - speed) * dt
+        due = float(one["due"]) + speed * steps
+        one["due"] = due - int(due)
+        return int(due)
+
+    def check_period(self, dt: float) -> None:
+        """Raise InputError if the scene's timestep does not divide a tick of `dt` [s]."""
+        self.model.check_period(dt)
+
+    def lighten(self, memory: Records) -> None:
+        """A step took too long: the next ones do less, first in the solver, then by letting time pass slower [1]."""
+        memory["detail"] = min(float(memory["detail"][0]) + 1.0, len(LEVELS) - 1.0)
+
+    def restore(self, memory: Records) -> None:
+        """There is time again: one level of detail [1] more."""
+        memory["detail"] = max(float(memory["detail"][0]) - 1.0, 0.0)
+
+    def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
+        """The scene goes on [m, m/s] if it is the same one; a file that was saved begins anew."""
+        if isinstance(previous, Scene) and previous.source is self.source and old.dtype == memory.dtype:
+            memory[:] = old
+
+
+#: for a target or not: stiffness, damping, and both about each axis, as long as nothing has chosen them: far inside of
+#: what every loop at 1 kHz renders in a light hand
+UNCHOSEN = {False: (150.0, 1.0, 0.0, 0.0), True: (1000.0, 5.0, 0.5, 0.005)}
+_TARGET_FORCE, _TARGET_TORQUE = 60.0, 2.0  #: that a target is ever pushed with [N, N·m]; the guard limits the rest

@@ -1,0 +1,182 @@
+"""One scene being stepped: MuJoCo's own data as a scratch pad, filled from a memory and read back into it.
+
+All that lasts is in the memory. So the same memory, state and dt give the same step, bit for bit, whatever this pad was
+used for before.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptorb.numerics.arrays import Array, Records
+from haptorb.numerics.compiled import kernel
+from haptorb.worlds.bound_world import MemoryNotFinite
+from haptorb.worlds.scene.coupling import fill_coupling
+from haptorb.worlds.scene.scene_model import SceneModel, load_engine
+
+Integers = NDArray[np.int64]
+
+__all__ = ["LEVELS", "SceneExplosion", "SceneStepper", "state_size"]
+
+#: detail → (share of the solver's iterations, speed of the scene's own time)
+LEVELS = ((1.0, 1.0), (0.25, 1.0), (0.25, 0.5), (0.1, 0.25), (0.1, 0.125))
+_HUGE = 1e8  #: beyond it a coordinate or speed has no meaning
+
+
+class SceneExplosion(MemoryNotFinite):
+    """A scene has come into a state that is not finite, or beyond all measure."""
+
+
+def state_size(scene: SceneModel) -> int:
+    """How many numbers [1] the state of `scene` is."""
+    engine = load_engine()
+    return int(engine.mj_stateSize(scene.model, _list_kinds(engine)))
+
+
+def _list_kinds(engine: Any) -> int:
+    """What of MuJoCo's data lasts from step to step."""
+    kinds = engine.mjtState
+    return int(kinds.mjSTATE_FULLPHYSICS) | int(kinds.mjSTATE_WARMSTART) | int(kinds.mjSTATE_EQ_ACTIVE)
+
+
+@kernel
+def _copy_poses(
+    drawn: Integers, bodies: Integers, points: Array, held: Array, own: Array, places: Array, turns: Array
+) -> None:
+    """Of the shapes `drawn` (g,): places (g, 3) from points (n, 3), and turns (g, 4), scalar last, from the attitudes
+    `held` of their bodies and their `own` in those, both (…, 4) and scalar first."""
+    for row in range(drawn.size):
+        shape = drawn[row]
+        for i in range(3):
+            places[row, i] = points[shape, i]
+        a, b, q = held[bodies[shape]], own[shape], turns[row]
+        q[3] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
+        q[0] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
+        q[1] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
+        q[2] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
+
+
+@final
+class SceneStepper:
+    """`scene` with the body of index `body` in the coupling; `drawn` (g,) are the shapes whose poses are told."""
+
+    def __init__(self, scene: SceneModel, body: int, drawn: Integers) -> None:
+        self._engine, self._scene, self._model = load_engine(), scene, copy(scene.model)
+        self._data = self._engine.MjData(self._model)
+        self._kinds, self._body, self._drawn = _list_kinds(self._engine), body, drawn
+        option = self._model.opt
+        # An explosion must end in coils off, not in a scene that begins anew by itself in the hand.
+        option.disableflags |= int(self._engine.mjtDisableBit.mjDSBL_AUTORESET)
+        option.enableflags |= int(self._engine.mjtEnableBit.mjENBL_ENERGY)
+        self._iterations = (int(option.iterations), int(option.ls_iterations), int(option.noslip_iterations))
+        data = self._data
+        self._place, self._attitude = data.xpos[body], data.xmat[body]
+        self._centre, self._pushed = data.xipos[body], data.xfrc_applied[body]
+        self._moving, self._wrench, self._total = np.zeros(6), np.zeros(6), np.zeros(6)
+        self._pose, self._motion, self._arm = np.zeros(3), np.zeros(6), np.zeros(3)
+        self._points, self._turns = data.geom_xpos, data.xquat
+        self._bodies, self._own = self._model.geom_bodyid.astype(np.int64), self._model.geom_quat
+        self._state = np.zeros(state_size(scene))
+        self._level = -1
+
+    def begin(self) -> tuple[Array, Array, Array, Array, Array]:
+        """The state (n,) at the beginning, places (g, 3) [m] and attitudes (g, 4) of what is drawn, and the place (3,)
+        and attitude (3, 3) of the body. The first keyframe, if the scene has one, is its beginning."""
+        engine, model, data = self._engine, self._model, self._data
+        if model.nkey:
+            engine.mj_resetDataKeyframe(model, data, 0)
+        else:
+            engine.mj_resetData(model, data)
+        engine.mj_forward(model, data)
+        engine.mj_getState(model, data, self._state, self._kinds)
+        places, turns = np.zeros((len(self._drawn), 3)), np.zeros((len(self._drawn), 4))
+        self.fill_poses(places, turns)
+        return self._state.copy(), places, turns, self._place.copy(), self._attitude.reshape(3, 3).copy()
+
+    def effective_inertia(self) -> tuple[float, float]:
+        """Least mass [kg] and moment of inertia [kg·m²] of the body at its origin, as the scene begins: of J M⁻¹ Jᵀ."""
+        engine, model, data = self._engine, self._model, self._data
+        self.begin()
+        move, turn = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+        engine.mj_jac(model, data, move, turn, self._place, self._body)
+        inverse = np.zeros((3, model.nv))
+        found = []
+        for jacobian in (move, turn):
+            engine.mj_solveM(model, data, inverse, jacobian)
+            most = float(np.linalg.eigvalsh(jacobian @ inverse.T)[-1])
+            found.append(1.0 / max(most, 1e-6))
+        return found[0], found[1]
+
+    def advance(
+        self, lasting: Array, wish: tuple[Array, Array, Array, Array], couplings: Records, steps: int, level: int
+    ) -> tuple[Array, float]:
+        """(6,) mean force and torque on the body over `steps` steps of the scene [N, N·m], and the energy [J] that it
+        and the coupling hold as they begin. `lasting` (n,) becomes the state after them.
+
+        wish    where the body should be: place (3,) [m], attitude (3, 3), motion (6,) linear and angular
+        level   of detail, an index of `LEVELS`
+
+        Raises SceneExplosion.
+        """
+        engine, model, data, total = self._engine, self._model, self._data, self._total
+        if level != self._level:
+            self._choose_detail(level)
+        engine.mj_setState(model, data, lasting, self._kinds)
+        total[:] = 0.0
+        energy = 0.0
+        for step in range(max(steps, 1)):
+            self._pushed[:] = 0.0
+            if steps:
+                engine.mj_step1(model, data)
+            else:  # time stands still; what is felt of it does not
+                engine.mj_fwdPosition(model, data)
+                engine.mj_fwdVelocity(model, data)
+            held = self._couple(wish, couplings, LEVELS[level][1])
+            if step == 0:
+                energy = held + float(data.energy[0]) + float(data.energy[1])
+            total += self._wrench
+            if steps:
+                engine.mj_step2(model, data)
+        if steps:
+            engine.mj_getState(model, data, lasting, self._kinds)
+            if not (np.abs(lasting).max() < _HUGE):
+                raise SceneExplosion(self._explain())
+        return total / max(steps, 1), energy
+
+    def _couple(self, wish: tuple[Array, Array, Array, Array], couplings: Records, share: float) -> float:
+        engine, moving, wrench = self._engine, self._moving, self._wrench
+        engine.mj_objectVelocity(self._model, self._data, engine.mjtObj.mjOBJ_XBODY, self._body, moving, 0)
+        place, R, motion = wish[0], wish[1], wish[2]
+        energy = fill_coupling(couplings, place, R, motion, self._place, self._attitude, moving, share, wrench)
+        pushed, arm = self._pushed, self._place - self._centre
+        pushed[:] = wrench
+        pushed[3] += arm[1] * wrench[2] - arm[2] * wrench[1]
+        pushed[4] += arm[2] * wrench[0] - arm[0] * wrench[2]
+        pushed[5] += arm[0] * wrench[1] - arm[1] * wrench[0]
+        return float(energy)
+
+    def _choose_detail(self, level: int) -> None:
+        share, option = LEVELS[level][0], self._model.opt
+        iterations, lines, noslip = self._iterations
+        option.iterations = max(2, round(share * iterations)) if share < 1.0 else iterations
+        option.ls_iterations = max(4, round(share * lines)) if share < 1.0 else lines
+        option.noslip_iterations = noslip if share == 1.0 else 0
+        self._level = level
+
+    def fill_poses(self, places: Array, turns: Array) -> None:
+        """places (g, 3) [m] and turns (g, 4), quaternions (x, y, z, w), become those of what is drawn, as the last step
+        began."""
+        _copy_poses(self._drawn, self._bodies, self._points, self._turns, self._own, places, turns)
+
+    def _explain(self) -> str:
+        model, data = self._model, self._data
+        fastest = np.abs(np.nan_to_num(data.qvel, nan=np.inf, posinf=np.inf, neginf=np.inf)).argmax()
+        name = model.body(int(model.dof_bodyid[int(fastest)])).name or "without a name"
+        return (
+            f"scene '{self._scene.title}' exploded: body '{name}' left all measure after {float(data.time):.3g} s of "
+            "its time; make its timestep shorter, its contacts softer (solref), or its bodies heavier"
+        )

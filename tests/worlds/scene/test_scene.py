@@ -1,0 +1,191 @@
+"""Scenes of MuJoCo: what is felt of them, what lasts, and what is said of scenes that cannot be."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptorb.devices.loader import load
+from haptorb.devices.state import State
+from haptorb.errors import InputError, UnknownName
+from haptorb.worlds import Outlet, Scene
+from haptorb.worlds.bound_world import BoundWorld, MemoryNotFinite, bind_world
+from haptorb.worlds.own.failure import try_world
+from haptorb.worlds.scene.scene_model import SHIPPED
+
+FREE = """<mujoco><option timestep="{step}" gravity="0 0 {weight}"/><worldbody>{more}
+<body name="peg"><freejoint/><geom type="sphere" size="0.01" mass="0.1"/></body></worldbody></mujoco>"""
+
+
+def write(folder: Path, *, step: float = 0.001, weight: float = 0.0, more: str = "", text: str = FREE) -> Path:
+    path = folder / "mine.xml"
+    path.write_text(text.format(step=step, weight=weight, more=more))
+    return path
+
+
+def bind(scene: Scene, device: str) -> BoundWorld:
+    bound = bind_world(scene.for_device(load(device)), 1e-3)
+    assert bound is not None
+    return bound
+
+
+def feel(bound: BoundWorld, ticks: int) -> None:
+    for _ in range(ticks):
+        bound.wrench(State.at((0.0, 0.0, 0.055)))
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_scene_is_stepped_on_its_device(name: str) -> None:
+    device = "omni" if name == "boxes" else "pmsm"
+    scene = Scene(name)
+    try_world(scene, load(device))
+    kinds = {shape.role for shape in scene.shapes}
+    assert {"held", "fixed"} <= kinds
+
+
+def test_the_peg_is_stopped_by_the_floor_of_its_hole_and_free_outside() -> None:
+    bound = bind(Scene("peg", stiffness=2000.0, damping=15.0), "pmsm")
+    still = State.at((0.0, 0.0, 0.0), R_SR=np.eye(3))
+    for _ in range(200):
+        free = bound.wrench(still)
+    assert abs(free).max() < 1e-3
+    for n in range(1, 1201):  # 30 mm in: its floor is 23.3 mm from the tip
+        pushed = bound.wrench(State.at((-25e-6 * n, 0.0, 0.0), R_SR=np.eye(3), v=(-25e-3, 0.0, 0.0)))
+    assert pushed[0] == pytest.approx(2000.0 * (0.030 - 0.0233), rel=0.05)
+
+
+def test_the_pull_out_of_the_outlet_is_that_of_its_formula() -> None:
+    bound = bind(Scene("outlet", stiffness=5000.0, damping=28.0), "pmsm")
+    speed, found = 0.02, []
+    for n in range(400):
+        state = State.at((speed * n * 1e-3, 0.0, 0.0), R_SR=np.eye(3), v=(speed, 0.0, 0.0))
+        found.append(bound.wrench(state)[0])
+    formula = Outlet().wrench(state)[0]
+    assert np.mean(found[-100:]) == pytest.approx(formula, rel=0.1)
+
+
+def test_the_same_memory_state_and_dt_give_the_same_bits() -> None:
+    def remember(scene: Scene) -> bytes:
+        bound = bind(scene, "omni")
+        for n in range(300):
+            a = 0.3 * np.sin(0.01 * n)
+            bound.wrench(State.at((0.054 * np.sin(a), 0.0, 0.054 * np.cos(a))))
+        return bound.memory.tobytes()
+
+    scene = Scene("boxes")
+    first = remember(scene)
+    assert remember(scene) == first  # the scratch pad was used before
+    assert remember(pickle.loads(pickle.dumps(scene))) == first  # as in the servo's process
+
+
+def test_momentum_goes_over_to_the_body(tmp_path: Path) -> None:
+    bound = bind(Scene(write(tmp_path), stiffness=100.0, damping=1.0), "omni")
+    given = np.zeros(3)
+    for _ in range(100):
+        given -= 1e-3 * bound.wrench(State.at((0.001, 0.0, 0.055)))[:3]
+    velocity = bound.memory["state"][0][-30:]
+    assert np.isclose(given[0], 0.1 * velocity, rtol=1e-6).any()
+
+
+def test_the_scene_goes_on_when_the_coupling_is_changed_and_begins_anew_when_it_is_another() -> None:
+    scene = Scene("peg", stiffness=1000.0, damping=5.0)
+    bound = bind(scene, "pmsm")
+    for n in range(50):
+        bound.wrench(State.at((1e-5 * n, 0.0, 0.0), R_SR=np.eye(3)))
+    stiffer = bind_world(scene.replace(stiffness=2000.0).for_device(load("pmsm")), 1e-3, bound)
+    assert stiffer is not None
+    assert (stiffer.memory["state"] == bound.memory["state"]).all()
+    other = bind_world(Scene("drawer").for_device(load("pmsm")), 1e-3, bound)
+    assert other is not None
+    assert (other.memory == other.world.begin()).all()
+
+
+def test_a_heavy_scene_sheds_detail_and_then_time() -> None:
+    bound = bind(Scene("drawer", stiffness=1000.0, damping=5.0), "pmsm")
+    still = State.at((0.0, 0.0, 0.0), R_SR=np.eye(3))
+    for level in range(1, 6):
+        bound.world.lighten(bound.memory)
+        assert bound.memory["detail"][0] == min(level, 4)
+        bound.wrench(still)
+    time = bound.memory["state"][0][0]
+    for _ in range(80):
+        bound.wrench(still)
+    assert bound.memory["state"][0][0] - time == pytest.approx(80e-3 / 8)
+    assert bound.memory["lighter"][0] == 85
+    assert bound.memory["behind"][0] > 0.07
+    for _ in range(9):
+        bound.world.restore(bound.memory)
+    assert bound.memory["detail"][0] == 0
+
+
+def test_a_scene_that_explodes_raises_and_does_not_begin_anew_by_itself(tmp_path: Path) -> None:
+    bound = bind(Scene(write(tmp_path, weight=-1e9), stiffness=100.0, damping=1.0), "omni")
+    with pytest.raises(MemoryNotFinite, match="scene 'mine' exploded: body 'peg'"):
+        feel(bound, 1000)
+    assert bound.failed
+    bound.restart()
+    assert np.isfinite(bound.numbers).all()
+
+
+BAD = {
+    "no body of that name": (FREE.replace('"peg"', '"pen"'), UnknownName, "pen"),
+    "nothing moves": ("<mujoco><worldbody><body name='peg'/></worldbody></mujoco>", InputError, "freejoint"),
+    "body is fixed": (
+        FREE.replace('"peg"', '"pen"').replace("{more}", "<body name='peg'><geom size='0.01'/></body>"),
+        InputError, "cannot be moved",
+    ),
+    "not well-formed": ("<mujoco>\n<worldbody>\n<oops", InputError, "mine.xml"),
+    "unknown element": (FREE.replace("{more}", "\n<bodi/>"), InputError, "line 2"),
+    "missing mesh": (
+        FREE.replace("<worldbody>", "<asset><mesh name='m' file='gone.stl'/></asset><worldbody>"), InputError,
+        "gone.stl",
+    ),
+    "actuators": (
+        FREE.replace("<freejoint/>", "<joint name='j' type='slide'/>").replace(
+            "</mujoco>", "<actuator><motor joint='j'/></actuator></mujoco>"
+        ),
+        InputError, "actuators",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_cannot_be_a_scene_is_refused_with_what_to_do(case: str, tmp_path: Path) -> None:
+    text, error, says = BAD[case]
+    with pytest.raises(error, match=says):
+        Scene(write(tmp_path, text=text))
+
+
+def test_a_missing_file_another_name_and_another_kind_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"gone\.xml"):
+        Scene(tmp_path / "gone.xml")
+    with pytest.raises(UnknownName, match="drawer"):
+        Scene("drawr")
+    with pytest.raises(InputError, match="MjModel"):
+        Scene(3)
+
+
+@pytest.mark.parametrize(("step", "period"), [(0.0007, 1e-3), (0.002, 1e-3), (0.0005, 1.25e-3)])
+def test_a_timestep_that_does_not_divide_the_tick_is_refused(step: float, period: float, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="does not divide the tick"):
+        Scene(write(tmp_path, step=step)).check_period(period)
+    Scene(write(tmp_path, step=0.0005)).check_period(1e-3)
+
+
+def test_steps_allocate_nothing_that_grows() -> None:
+    import tracemalloc
+
+    bound = bind(Scene("boxes"), "omni")
+    still = State.at((0.0, 0.0, 0.055))
+    for _ in range(300):
+        bound.wrench(still)
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    for _ in range(2000):
+        bound.wrench(still)
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert grown < 10_000

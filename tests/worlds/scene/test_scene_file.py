@@ -1,0 +1,44 @@
+"""A scene's file: what is watched, and what stays when it is saved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from haptorb.errors import InputError, UnknownName
+from haptorb.worlds.scene.scene_file import SceneFile, parse_scene_file
+from haptorb.worlds.scene.scene_model import find_scene_file
+
+TEXT = """<mujoco><worldbody><include file="part.xml"/>
+<body name="peg"><freejoint/><geom size="0.01" mass="0.1"/></body></worldbody></mujoco>"""
+PART = "<mujocoinclude><geom name='{name}' size='0.02' pos='0 0 -1'/></mujocoinclude>"
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> SceneFile:
+    (tmp_path / "mine.xml").write_text(TEXT)
+    (tmp_path / "part.xml").write_text(PART.format(name="stone"))
+    return parse_scene_file("mine.xml", folder=tmp_path)
+
+
+def test_the_file_and_what_it_includes_are_watched(file: SceneFile) -> None:
+    before = file.stamp
+    assert before is not None
+    assert file.load().name == "scene-mine"
+    (file.path.parent / "part.xml").write_text(PART.format(name="another"))
+    assert file.stamp != before
+    file.path.unlink()
+    assert file.stamp is None
+
+
+def test_values_are_those_of_the_command_line(file: SceneFile) -> None:
+    assert SceneFile(file.path, "peg", {"stiffness": 120.0}).load().stiffness == 120.0
+    with pytest.raises(InputError, match="stiffness"):
+        SceneFile(file.path, "peg", {"stiffness": -1.0}).load()
+
+
+def test_shipped_names_are_files_and_others_are_told() -> None:
+    assert find_scene_file("outlet").is_file()
+    with pytest.raises(UnknownName, match="boxes"):
+        parse_scene_file("boxs")
