@@ -20,6 +20,7 @@ from haptorb.apps.cli import (
     fit,
     frame,
     hardware,
+    recording,
     reproduce,
     run,
     show,
@@ -60,7 +61,9 @@ def start(
     """Design, simulate and run spherical electromagnetic haptic devices."""
 
 
-for module in (run, show, check, study, calibrate, frame, fit, train, estimators, bench, hardware, reproduce, feel):
+for module in (
+    *(run, show, check, study, recording, calibrate, frame, fit, train, estimators, bench, hardware, reproduce, feel),
+):
     module.register(app)
 
 

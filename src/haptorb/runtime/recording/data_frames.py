@@ -9,15 +9,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
+
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
+from haptorb.runtime.recording.column import Column
 from haptorb.runtime.row import STAGES, Field
 
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-__all__ = ["column_heads", "column_names", "make_data_frame", "make_dataset", "units_of"]
+__all__ = ["column_heads", "column_names", "describe_notes", "make_data_frame", "make_dataset", "units_of"]
 
 _PLACE, _TURN, _WRENCH = ("x", "y", "z"), ("x", "y", "z", "w"), ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
 _HOOK = ("deflection", "place", "point_x", "point_y", "point_z", "force_x", "force_y", "force_z")
@@ -33,22 +36,26 @@ _PARTS: dict[str, tuple[str, tuple[str, ...]]] = {
 _CHANNELS = frozenset({"wanted", "currents", "duties", "resistance", "boundary", "winding"})
 
 
-class Rows(Protocol):
-    """What is read of a recording."""
+class Described(Protocol):
+    """What says of a recording how it was made."""
 
     path: Path
-    fields: tuple[Field, ...]
-    rows: Array
-
-    @property
-    def t(self) -> Array:
-        """(n,) time on the loop's clock [s]."""
 
     @property
     def metadata(self) -> Mapping[str, Mapping[str, str]]:
         """The device, the run and the versions."""
 
-    def __getitem__(self, name: str) -> Array:
+
+class Rows(Described, Protocol):
+    """What is read of a recording."""
+
+    fields: tuple[Field, ...]
+
+    @property
+    def rows(self) -> Array:
+        """(n, width) all numbers of all ticks, in the units of their fields."""
+
+    def __getitem__(self, name: str) -> Column:
         """A field of all ticks, shape (n, width), or (n,) where the width is 1, in the field's own unit [SI]."""
 
 
@@ -106,7 +113,7 @@ def make_data_frame(recording: Rows) -> DataFrame:
     frame = pandas.DataFrame(recording.rows, columns=names)
     if "t" in names:
         frame = frame.set_index("t")
-    frame.attrs = {**_notes(recording), "units": units, "about": about}
+    frame.attrs = {**describe_notes(recording), "units": units, "about": about}
     return frame
 
 
@@ -123,7 +130,7 @@ def make_dataset(recording: Rows) -> Dataset:
     coordinates: dict[str, Any] = {}
     for field in recording.fields:
         attributes = {"units": field.unit, "long_name": field.about}
-        values = recording[field.name]
+        values = np.asarray(recording[field.name])
         if field.name == "t":
             coordinates["t"] = ("t", values, attributes)
             continue
@@ -138,10 +145,11 @@ def make_dataset(recording: Rows) -> Dataset:
             if field.name in _CHANNELS:
                 coordinates[dimension] = (dimension, list(range(1, field.width + 1)))
         variables[field.name] = (("t", dimension), values, attributes)
-    return xarray.Dataset(variables, coordinates, _notes(recording))
+    return xarray.Dataset(variables, coordinates, describe_notes(recording))
 
 
-def _notes(recording: Rows) -> dict[str, str]:
+def describe_notes(recording: Described) -> dict[str, str]:
+    """What ran, for the metadata of a table: file, device, driver, rate [Hz] and model."""
     device, run = recording.metadata.get("device", {}), recording.metadata.get("run", {})
     known = {
         "recording": recording.path.name,
