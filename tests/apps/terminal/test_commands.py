@@ -53,7 +53,7 @@ def test_what_is_assumed(capsys, monkeypatch, width):
 
 @pytest.mark.parametrize("width", [80, 120])
 def test_statements_of_a_paper(capsys, monkeypatch, width):
-    from haptorb.apps.cli.reproduce import _show
+    from haptorb.apps.cli.evaluation.reproduce import _show
     from haptorb.apps.reproduce.item import Item
 
     items = (

@@ -12,21 +12,19 @@ from typing import Annotated
 import typer
 
 from haptorb.apps.cli import (
-    bench,
     calibrate,
     check,
-    estimators,
     feel,
     fit,
     frame,
-    guidance,
     hardware,
-    reproduce,
+    recording,
     run,
     show,
     study,
     train,
 )
+from haptorb.apps.cli.evaluation import bench, estimators, guidance, reproduce
 from haptorb.apps.terminal import say, tell
 from haptorb.apps.terminal.help_text import CommandLine
 from haptorb.apps.terminal.output import drop_output, open_output
@@ -62,20 +60,8 @@ def start(
 
 
 for module in (
-    run,
-    show,
-    check,
-    study,
-    calibrate,
-    frame,
-    fit,
-    train,
-    estimators,
-    guidance,
-    bench,
-    hardware,
-    reproduce,
-    feel,
+    *(run, show, check, study, recording, calibrate, frame, fit, train, estimators, guidance),
+    *(bench, hardware, reproduce, feel),
 ):
     module.register(app)
 

@@ -5,11 +5,9 @@ Neither package is loaded, or needed, before somebody asks for this.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
-
-import numpy as np
 
 from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
@@ -19,7 +17,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-__all__ = ["column_heads", "column_names", "list_columns", "make_data_frame", "make_dataset", "units_of"]
+__all__ = ["column_heads", "column_names", "describe_notes", "make_data_frame", "make_dataset", "units_of"]
 
 _PLACE, _TURN, _WRENCH = ("x", "y", "z"), ("x", "y", "z", "w"), ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
 _HOOK = ("deflection", "place", "point_x", "point_y", "point_z", "force_x", "force_y", "force_z")
@@ -35,31 +33,28 @@ _PARTS: dict[str, tuple[str, tuple[str, ...]]] = {
 _CHANNELS = frozenset({"wanted", "currents", "duties", "resistance", "boundary", "winding"})
 
 
-class Rows(Protocol):
-    """What is read of a recording."""
+class Described(Protocol):
+    """What says of a recording how it was made."""
 
     path: Path
-    fields: tuple[Field, ...]
-    rows: Array
-
-    @property
-    def t(self) -> Array:
-        """(n,) time on the loop's clock [s]."""
 
     @property
     def metadata(self) -> Mapping[str, Mapping[str, str]]:
         """The device, the run and the versions."""
 
-    @property
-    def memory(self) -> Mapping[str, Array]:
-        """What worlds with memory remembered, by world and field, in the fields' units [SI]."""
+
+class Rows(Described, Protocol):
+    """What is read of a recording."""
 
     @property
-    def memory_units(self) -> Mapping[str, str]:
-        """The unit of each field of `memory`."""
+    def columns(self) -> tuple[Field, ...]:
+        """The fields, the memory of worlds by its own names."""
 
-    def __getitem__(self, name: str) -> Array:
-        """A field of all ticks, shape (n, width), or (n,) where the width is 1, in the field's own unit [SI]."""
+    def read(self, first: int, last: int, fields: Sequence[str]) -> Array:
+        """(last − first, k) those columns side by side, in their own units [SI]."""
+
+    def __len__(self) -> int:
+        """Rows recorded."""
 
 
 def units_of(field: Field) -> tuple[str, ...]:
@@ -99,17 +94,6 @@ def column_heads(field: Field) -> tuple[str, ...]:
     return tuple(f"{name} [{unit}]" if unit not in ("", "1") else name for name, unit in pairs)
 
 
-def list_columns(recording: Rows) -> list[tuple[Field, Array]]:
-    """Every field and its numbers (n, ...) in its unit [SI]; the memory of worlds by its own names, `ball.place`."""
-    found = [(field, recording[field.name]) for field in recording.fields if field.name != "memory"]
-    units = recording.memory_units
-    for name, values in recording.memory.items():
-        flat = values.reshape(len(values), -1)
-        one = Field(name, flat.shape[1], units[name], "remembered by the world")
-        found.append((one, flat[:, 0] if one.width == 1 else flat))
-    return found
-
-
 def make_data_frame(recording: Rows) -> DataFrame:
     """A DataFrame of all rows (n, width), one column per number; see `Recording.to_pandas`.
 
@@ -119,16 +103,16 @@ def make_data_frame(recording: Rows) -> DataFrame:
         import pandas
     except ImportError as cause:
         raise InputError(f"to_pandas needs pandas ({cause}): pip install 'haptorb[notebook]'") from cause
-    names, units, about, columns = [], {}, {}, []
-    for field, values in list_columns(recording):
+    names, units, about = [], {}, {}
+    for field in recording.columns:
         for name, unit in zip(column_names(field), units_of(field), strict=True):
             names.append(name)
             units[name], about[name] = unit, field.about
-        columns.append(values.reshape(len(values), -1))
-    frame = pandas.DataFrame(np.concatenate(columns, axis=1), columns=names)
+    numbers = recording.read(0, len(recording), [field.name for field in recording.columns])
+    frame = pandas.DataFrame(numbers, columns=names)
     if "t" in names:
         frame = frame.set_index("t")
-    frame.attrs = {**_notes(recording), "units": units, "about": about}
+    frame.attrs = {**describe_notes(recording), "units": units, "about": about}
     return frame
 
 
@@ -143,8 +127,10 @@ def make_dataset(recording: Rows) -> Dataset:
         raise InputError(f"to_xarray needs xarray ({cause}): pip install 'haptorb[notebook]'") from cause
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
-    for field, values in list_columns(recording):
+    for field in recording.columns:
         attributes = {"units": field.unit, "long_name": field.about}
+        values = recording.read(0, len(recording), [field.name])
+        values = values[:, 0] if field.width == 1 else values
         if field.name == "t":
             coordinates["t"] = ("t", values, attributes)
             continue
@@ -159,10 +145,11 @@ def make_dataset(recording: Rows) -> Dataset:
             if field.name in _CHANNELS:
                 coordinates[dimension] = (dimension, list(range(1, field.width + 1)))
         variables[field.name] = (("t", dimension), values, attributes)
-    return xarray.Dataset(variables, coordinates, _notes(recording))
+    return xarray.Dataset(variables, coordinates, describe_notes(recording))
 
 
-def _notes(recording: Rows) -> dict[str, str]:
+def describe_notes(recording: Described) -> dict[str, str]:
+    """What ran, for the metadata of a table: file, device, driver, rate [Hz] and model."""
     device, run = recording.metadata.get("device", {}), recording.metadata.get("run", {})
     known = {
         "recording": recording.path.name,

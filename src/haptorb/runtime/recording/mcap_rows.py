@@ -22,12 +22,24 @@ from zstandard import ZstdError, frame_content_size
 
 from haptorb.errors import RecordingError
 
-__all__ = ["MAGIC", "Block", "records"]
+__all__ = [
+    "MAGIC",
+    "MESSAGE_OVERHEAD",
+    "READABLE",
+    "RECORD_HEAD",
+    "Block",
+    "check_chunk_size",
+    "count_records",
+    "open_record",
+    "records",
+    "total_room",
+]
 
 MAGIC = b"\x89MCAP0\r\n"
+RECORD_HEAD = 9  #: opcode and length before every record
 
-_HEAD = 9  #: opcode and length before every record
 _MESSAGE_HEAD = 22  #: channel, sequence and two times before a message's data
+MESSAGE_OVERHEAD = RECORD_HEAD + _MESSAGE_HEAD  #: bytes of a message beside its data
 _CHUNK = 64 * 1024 * 1024  #: bytes of a chunk before compression: ours have 32 kB, those of other tools a few MB
 _RATIO = 200  #: all chunks together over the file's size: rows with running times in them do not shrink so far
 _RECORDS = 20_000  #: records of any file, and one more for every _EACH bytes of it: an index has 16 for each message
@@ -39,6 +51,7 @@ _READ: dict[int, Callable[[ReadDataStream], Any]] = {
     Opcode.METADATA: Metadata.read,
     Opcode.FOOTER: Footer.read,
 }
+READABLE = frozenset(_READ)  #: opcodes of what is not a message and not passed over
 
 
 class Block:
@@ -48,6 +61,25 @@ class Block:
         self.channel, self.data = channel, data
 
 
+def total_room(size: int) -> int:
+    """Bytes that all chunks of a file of `size` bytes may have when they are unpacked."""
+    return _CHUNK + _RATIO * size
+
+
+def count_records(size: int) -> int:
+    """The most records that a file of `size` bytes can have, if haptorb wrote it."""
+    return _RECORDS + size // _EACH
+
+
+def check_chunk_size(claimed: int, room: int) -> None:
+    """Raise RecordingError if a chunk claims more bytes than a chunk of ours can have, or than there are left."""
+    if claimed > min(_CHUNK, room):  # safety: chunk-size
+        raise RecordingError(
+            f"a chunk of the recording claims {claimed} bytes; at most {min(_CHUNK, room)} are possible, so "
+            "haptorb did not write this file"
+        )
+
+
 def records(file: BinaryIO) -> Iterator[Schema | Channel | Metadata | Footer | Block]:
     """Records in order; ends without a word at the first that is not whole. Other kinds are passed over.
 
@@ -55,17 +87,16 @@ def records(file: BinaryIO) -> Iterator[Schema | Channel | Metadata | Footer | B
     and for more records than a file of its size can have.
     """
     size = os.fstat(file.fileno()).st_size
-    left, room = size - len(MAGIC), _CHUNK + _RATIO * size
-    most = _RECORDS + size // _EACH
+    left, room, most = size - len(MAGIC), total_room(size), count_records(size)
     file.seek(len(MAGIC))
-    while left >= _HEAD:
-        head = file.read(_HEAD)
+    while left >= RECORD_HEAD:
+        head = file.read(RECORD_HEAD)
         length = int.from_bytes(head[1:], "little")
-        left -= _HEAD + length
+        left -= RECORD_HEAD + length
         if left < 0:
             return
         try:
-            found, took = _open_record(head[0], file.read(length), room, most)
+            found, took = open_record(head[0], file.read(length), room, most)
         except (McapError, ZstdError, ValueError, OverflowError, MemoryError, struct.error):
             return  # not whole after all: what follows cannot be trusted either
         room -= took
@@ -75,7 +106,7 @@ def records(file: BinaryIO) -> Iterator[Schema | Channel | Metadata | Footer | B
         yield from found
 
 
-def _open_record(opcode: int, data: bytes, room: int, most: int) -> tuple[list[Any], int]:
+def open_record(opcode: int, data: bytes, room: int, most: int) -> tuple[list[Any], int]:
     """The record itself, or what is in it; and how many bytes that was, at most `room`, in at most `most` records."""
     if opcode != Opcode.CHUNK:
         return list(_parse_record(opcode, data)), 0
@@ -87,11 +118,7 @@ def _open_record(opcode: int, data: bytes, room: int, most: int) -> tuple[list[A
     sizes = [chunk.uncompressed_size]
     if chunk.compression == "zstd":
         sizes.append(frame_content_size(chunk.data))  # -1: it does not say, and takes what the record says
-    if max(sizes) > min(_CHUNK, room):  # safety: chunk-size
-        raise RecordingError(
-            f"a chunk of the recording claims {max(sizes)} bytes; at most {min(_CHUNK, room)} are possible, so "
-            "haptorb did not write this file"
-        )
+    check_chunk_size(max(sizes), room)
     if chunk.uncompressed_size == 0:
         return [], 0
     stream, length = get_chunk_data_stream(chunk, validate_crc=True)
@@ -110,17 +137,17 @@ def _parse_chunk(data: bytes, most: int) -> list[Any]:
     at = 0
     found: list[Any] = []
     for _ in range(most):
-        if at + _HEAD > len(data):
+        if at + RECORD_HEAD > len(data):
             return found
-        whole = _HEAD + int.from_bytes(data[at + 1 : at + _HEAD], "little")
+        whole = RECORD_HEAD + int.from_bytes(data[at + 1 : at + RECORD_HEAD], "little")
         if data[at] != Opcode.MESSAGE:
-            found += _parse_record(data[at], data[at + _HEAD : at + whole])
+            found += _parse_record(data[at], data[at + RECORD_HEAD : at + whole])
             at += whole
             continue
-        alike, count = data[at : at + _HEAD + 2], 1
-        while data[at + count * whole : at + count * whole + _HEAD + 2] == alike:
+        alike, count = data[at : at + RECORD_HEAD + 2], 1
+        while data[at + count * whole : at + count * whole + RECORD_HEAD + 2] == alike:
             count += 1
         block = np.frombuffer(data, np.uint8, count=count * whole, offset=at).reshape(count, whole)
-        found.append(Block(int.from_bytes(alike[_HEAD:], "little"), block[:, _HEAD + _MESSAGE_HEAD :]))
+        found.append(Block(int.from_bytes(alike[RECORD_HEAD:], "little"), block[:, MESSAGE_OVERHEAD:]))
         at += count * whole
     raise RecordingError(_TOO_MANY)

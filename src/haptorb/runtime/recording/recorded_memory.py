@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from math import prod
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -13,44 +13,46 @@ from haptorb.errors import RecordingError, quote
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.row import Field
 
-__all__ = ["memory_units", "read_memory"]
+__all__ = ["memory_columns", "memory_units", "split_memory"]
 
 
-class RecordedRows(Protocol):
-    """What is read of a recording."""
+def split_memory(numbers: Array, changes: Array, worlds: Sequence[Mapping[str, str]]) -> dict[str, Array]:
+    """World and field → its numbers in all ticks, (n, ...) in the field's unit [SI]; NaN in ticks of other worlds.
 
-    fields: tuple[Field, ...]
-
-    @property
-    def worlds(self) -> list[dict[str, str]]:
-        """The worlds that were felt, in order."""
-
-    def __getitem__(self, name: str) -> Array:
-        """A field of all ticks, in the field's own unit [SI]."""
-
-    def __len__(self) -> int: ...
-
-
-def read_memory(recording: RecordedRows) -> dict[str, Array]:
-    """World and field → its numbers in all ticks, (n, ...) in the field's unit [SI]; NaN in ticks of other worlds. A
-    field for which rows had no room is left out. Raises RecordingError for a note of a world that haptorb did not
-    write."""
+    numbers (n, room) are the rows' memory, changes (n,) the number of the world in each of these ticks, worlds the
+    notes of all. A field for which rows had no room is left out. Raises RecordingError for a note of a world that
+    haptorb did not write.
+    """
     found: dict[str, Array] = {}
-    if not any(field.name == "memory" for field in recording.fields):
-        return found
-    numbers = recording["memory"].reshape(len(recording), -1)
-    changes = recording["world"]
-    for change, name, fields in _list_fields(recording.worlds):
-        rows, start = changes == change, 0
-        for field in fields:
-            shape = tuple(field["shape"])
-            first, start = start, start + prod(shape)
-            if start > numbers.shape[1]:
-                break
-            values = found.setdefault(f"{name}.{field['name']}", np.full((len(recording), *shape), np.nan))
+    for change, name, fields in _list_fields(worlds):
+        rows = changes == change
+        for key, shape, place in _place_fields(name, fields, numbers.shape[1]):
+            values = found.setdefault(key, np.full((len(numbers), *shape), np.nan))
             if values.shape[1:] == shape:  # a file that was saved anew may have changed it
-                values[rows] = numbers[rows, first:start].reshape(-1, *shape)
+                values[rows] = numbers[rows, place].reshape(-1, *shape)
     return found
+
+
+def memory_columns(worlds: Sequence[Mapping[str, str]], room: int) -> tuple[Field, ...]:
+    """One Field [SI] for each that `split_memory` finds in rows with `room` numbers of memory."""
+    units, found = memory_units(worlds), {}
+    for _, name, fields in _list_fields(worlds):
+        for key, shape, _ in _place_fields(name, fields, room):
+            found.setdefault(key, Field(key, prod(shape), units[key], "remembered by the world"))
+    return tuple(found.values())
+
+
+def _place_fields(
+    world: str, fields: Sequence[Mapping[str, Any]], room: int
+) -> Iterator[tuple[str, tuple[int, ...], slice]]:
+    """(key, shape, numbers) of the fields for which there is room."""
+    start = 0
+    for field in fields:
+        shape = tuple(field["shape"])
+        first, start = start, start + prod(shape)
+        if start > room:
+            return
+        yield f"{world}.{field['name']}", shape, slice(first, start)
 
 
 def memory_units(worlds: Sequence[Mapping[str, str]]) -> dict[str, str]:

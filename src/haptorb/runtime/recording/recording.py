@@ -1,26 +1,28 @@
-"""A recording as arrays: read whole, also where a kill or a full disk cut it short."""
+"""A recording as arrays, also where a kill or a full disk cut it short; a long one is read in pieces."""
 
 from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptorb.display.html import facts_html
 from haptorb.errors import RecordingError, UnknownName, quote
-from haptorb.files.replace_file import replace_file
 from haptorb.files.text_file import open_at_once
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.recording.data_frames import column_heads, list_columns, make_data_frame, make_dataset
-from haptorb.runtime.recording.mcap_rows import MAGIC, Block, records
-from haptorb.runtime.recording.mcap_schema import CDR_HEADER, NAME, TOPIC, fields_of
-from haptorb.runtime.recording.recorded_memory import memory_units, read_memory
+from haptorb.runtime.recording.chunk_index import ChunkIndex
+from haptorb.runtime.recording.column import Column
+from haptorb.runtime.recording.contents import Contents
+from haptorb.runtime.recording.data_frames import make_data_frame, make_dataset
+from haptorb.runtime.recording.export import Export
+from haptorb.runtime.recording.mcap_rows import MAGIC, records
+from haptorb.runtime.recording.mcap_schema import TOPIC
+from haptorb.runtime.recording.recorded_memory import memory_columns, memory_units, split_memory
 from haptorb.runtime.recording.recording_plot import plot
 from haptorb.runtime.recording.recording_summary import draw_force, list_facts, summarize
 from haptorb.runtime.row import Field, RowLayout
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 __all__ = ["Recording"]
+
+_WHOLE = 32 * 1024 * 1024  #: bytes of a file that is read, and checked, at once when it is opened
 
 
 @final
@@ -43,25 +47,25 @@ class Recording:
     def __init__(self, path: str | Path) -> None:
         """Read the file. Raises RecordingError if it is not there, is no MCAP file, or holds no haptorb rows."""
         self.path = Path(path)
-        self.truncated = True  #: the file has no end: the recorder was killed, or still writes
-        self.notes: list[tuple[str, dict[str, str]]] = []  #: every metadata record: (name, values), in order
-        self.fields: tuple[Field, ...] = ()  #: as the file's own schema describes them
-        self._channel = 0
+        contents = Contents()
         with _open_file(self.path) as file:
             try:
-                parts = list(self._parts(file))
+                whole = os.fstat(file.fileno()).st_size <= _WHOLE
+                source = _read_all(file, contents) if whole else ChunkIndex(self.path, contents)
             except RecordingError as cause:
                 raise RecordingError(f"{self.path}: {cause}") from cause
+            except MemoryError as cause:
+                raise RecordingError(f"{self.path} is too large for the memory of this computer") from cause
             except OSError as cause:
                 raise RecordingError(f"cannot read {self.path}: {cause.strerror}") from cause
+        self.truncated = contents.truncated  #: the file has no end: the recorder was killed, or still writes
+        self.notes = contents.notes  #: every metadata record: (name, values), in order
+        self.fields = contents.fields  #: as the file's own schema describes them
         if not self.fields:
             cut = "it was cut short before its first rows" if self.truncated else f"topic {TOPIC} is missing"
             raise RecordingError(f"{self.path} holds no haptorb recording: {cut}")
-        width = sum(field.width for field in self.fields)
-        try:
-            self.rows: Array = np.concatenate(parts) if parts else np.empty((0, width))  #: (n, width) bit for bit
-        except MemoryError as cause:
-            raise RecordingError(f"{self.path} is too large for the memory of this computer") from cause
+        self.long = isinstance(source, ChunkIndex)  #: rows are read from the file when somebody asks for them
+        self._source = source
         self._at: dict[str, slice] = {}
         start = 0
         for field in self.fields:
@@ -70,17 +74,61 @@ class Recording:
 
     def __len__(self) -> int:
         """Rows recorded."""
-        return len(self.rows)
+        return len(self._source)
 
-    def __getitem__(self, name: str) -> Array:
-        """A field of all ticks, shape (n, width), or (n,) where the width is 1. UnknownName if there is no such."""
+    def __getitem__(self, name: str) -> Column:
+        """A field of all ticks, shape (n, width), or (n,) where the width is 1. UnknownName if there is no such.
+
+        `recording["p"][a:b]` reads no more of a long file than these ticks.
+        """
         if name not in self._at:
             raise UnknownName("field", name, self._at)
-        values: Array = self.rows[:, self._at[name]]
-        return values[:, 0] if values.shape[1] == 1 else values
+        columns = self._at[name]
+        return Column(lambda first, last: self._read(first, last, columns), len(self), columns.stop - columns.start)
+
+    def read(self, first: int, last: int, fields: Sequence[str]) -> Array:
+        """(last − first, k) those fields side by side, in their own units [SI]; UnknownName for one that is not there.
+
+        A long file is read once, however many fields there are.
+        """
+        known = {field.name for field in self.columns} | set(self._at)
+        for name in fields:
+            if name not in known:
+                raise UnknownName("field", name, known)
+        rows = self._read(first, last, slice(None))
+        parts = {name: rows[:, self._at[name]] for name in fields if name in self._at}
+        if len(parts) < len(set(fields)):
+            memory = split_memory(rows[:, self._at["memory"]], rows[:, self._at["world"].start], self.worlds)
+            parts |= {name: values.reshape(len(rows), -1) for name, values in memory.items()}
+        return np.concatenate([parts[name] for name in fields], axis=1)
+
+    @cached_property
+    def columns(self) -> tuple[Field, ...]:
+        """The fields of a table: those of the row, and what worlds remembered by its names, `ball.place`."""
+        if "memory" not in self._at:
+            return self.fields
+        at = self._at["memory"]
+        others = tuple(field for field in self.fields if field.name != "memory")
+        return others + memory_columns(self.worlds, at.stop - at.start)
+
+    def _read(self, first: int, last: int, columns: slice) -> Array:
+        if isinstance(self._source, ChunkIndex):
+            return self._source.read(first, last, columns)
+        return self._source[first:last, columns]
+
+    @cached_property
+    def rows(self) -> Array:
+        """(n, width) all numbers of all ticks, bit for bit, in the units of their fields.
+
+        Raises RecordingError if they need more memory than there is.
+        """
+        try:
+            return self._read(0, len(self), slice(None))
+        except MemoryError as cause:
+            raise RecordingError(f"{self.path} is too large for the memory of this computer") from cause
 
     @property
-    def t(self) -> Array:
+    def t(self) -> Column:
         """(n,) time on the loop's clock [s]."""
         return self["t"]
 
@@ -98,7 +146,10 @@ class Recording:
     def memory(self) -> dict[str, Array]:
         """What worlds with memory remembered: `memory["ball.place"]` is the field `place` of the world `ball` in all
         ticks, shape (n, 3), or (n,) for a single number; NaN in ticks of other worlds."""
-        return read_memory(self)
+        if "memory" not in self._at:
+            return {}
+        rows = self._read(0, len(self), slice(None))
+        return split_memory(rows[:, self._at["memory"]], rows[:, self._at["world"].start], self.worlds)
 
     @property
     def memory_units(self) -> dict[str, str]:
@@ -160,16 +211,7 @@ class Recording:
                 raise RecordingError(f"{path} exists; choose another name, or replace it with overwrite=True")
         except OSError as cause:
             raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
-        columns = list_columns(self)
-        heads = [head for field, _ in columns for head in column_heads(field)]
-        rows = np.concatenate([values.reshape(len(self), -1) for _, values in columns], axis=1)
-        try:
-            with replace_file(path) as part, part.open("w", encoding="utf-8") as file:
-                file.write(",".join(heads) + "\n")
-                for row in rows.tolist():
-                    file.write(",".join(map(repr, row)) + "\n")
-        except OSError as cause:
-            raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
+        Export.of(self, "csv").write(path)
 
     def to_pandas(self) -> DataFrame:
         """All rows as a DataFrame: one column per number, named `p[0]`, the index `t` [s].
@@ -196,36 +238,11 @@ class Recording:
         PDF) if one is given. Raises RecordingError if there are no rows, or if `path` cannot be written."""
         return plot(self, path)
 
-    def _parts(self, file: BinaryIO) -> Iterator[Array]:
-        """Arrays of rows, chunk by chunk, until the file or its readable part ends."""
-        from mcap.records import Channel, Footer, Metadata, Schema
 
-        schemas: dict[int, Schema] = {}
-        for found in records(file):
-            if isinstance(found, Block) and found.channel == self._channel and self.fields:
-                yield self._decode(found.data)
-            elif isinstance(found, Schema):
-                schemas[found.id] = found
-            elif isinstance(found, Channel) and found.topic == TOPIC:
-                kind = schemas.get(found.schema_id)
-                if kind is None or kind.name != NAME:
-                    raise RecordingError(f"topic {TOPIC} is not of type {NAME}; another program wrote it")
-                fields = fields_of(kind.data.decode("utf-8", "replace"))
-                if self.fields and fields != self.fields:
-                    raise RecordingError(f"topic {TOPIC} is there twice, with different fields")
-                self.fields, self._channel = fields, found.id
-            elif isinstance(found, Metadata):
-                self.notes.append((found.name, dict(found.metadata)))
-            elif isinstance(found, Footer):
-                self.truncated = False
-
-    def _decode(self, block: NDArray[np.uint8]) -> Array:
-        """Rows (n, width) from messages (n, bytes): four bytes of CDR header, then the row itself."""
-        width = sum(field.width for field in self.fields)
-        if block.shape[1] != len(CDR_HEADER) + 8 * width:
-            raise RecordingError(f"a message has {block.shape[1]} bytes; its schema says {4 + 8 * width}")
-        decoded: Array = np.ascontiguousarray(block[:, len(CDR_HEADER) :]).view("<f8")
-        return decoded
+def _read_all(file: BinaryIO, contents: Contents) -> Array:
+    """(n, width) all rows of `file`, until it or its readable part ends."""
+    parts = [rows for rows in map(contents.add, records(file)) if rows is not None]
+    return np.concatenate(parts) if parts else np.empty((0, contents.width))
 
 
 def _open_file(path: Path) -> BinaryIO:

@@ -11,6 +11,7 @@ import numpy as np
 
 from haptorb.errors import RecordingError
 from haptorb.numerics.arrays import Array
+from haptorb.runtime.recording.column import Column
 from haptorb.runtime.row import Field
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ class Fields(Protocol):
     truncated: bool
 
     @property
-    def t(self) -> Array:
+    def t(self) -> Column:
         """(n,) time on the loop's clock [s]."""
 
     @property
@@ -45,7 +46,7 @@ class Fields(Protocol):
     def require(self, *names: str) -> None:
         """RecordingError unless all these fields are there, as wide as today."""
 
-    def __getitem__(self, name: str) -> Array:
+    def __getitem__(self, name: str) -> Column:
         """A field of all ticks, shape (n, width), or (n,) where the width is 1."""
 
     def __len__(self) -> int:
@@ -67,7 +68,7 @@ def plot(recording: Fields, path: str | Path | None = None) -> Figure:
     figure = Figure(figsize=(9.0, 11.0), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)  # no window, no global state: also usable in a server
     force, energy, currents, heat, late = figure.subplots(5, 1, sharex=True, height_ratios=(3, 1.6, 2, 2, 1.6))
-    t = recording.t
+    t = np.asarray(recording.t)
     _wrench(force, recording, t)
     _energy(energy, recording, t)
     _currents(currents, recording, t)
@@ -124,7 +125,7 @@ def _energy(axes: Axes, recording: Fields, t: Array) -> None:
 
 
 def _currents(axes: Axes, recording: Fields, t: Array) -> None:
-    columns = _columns(recording["currents"])
+    columns = _columns(np.asarray(recording["currents"]))
     for i, (values, name) in enumerate(zip(columns, _coil_names(recording, len(columns)), strict=True)):
         axes.plot(*_join_points(t, values), color=_COLOURS[i % 6], linewidth=1.0, label=f"coil {name}")
     axes.set_ylabel("current [A]")
@@ -132,9 +133,11 @@ def _currents(axes: Axes, recording: Fields, t: Array) -> None:
 
 def _temperatures(axes: Axes, recording: Fields, t: Array) -> None:
     """Windings solid (observed), boundaries dotted (measured)."""
-    for i, values in enumerate(_columns(recording["boundary"])):  # first: their noise must not hide the windings
+    for i, values in enumerate(
+        _columns(np.asarray(recording["boundary"]))
+    ):  # first: their noise must not hide the windings
         axes.plot(*_join_points(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=0.7, linestyle=":", alpha=0.4)
-    columns = _columns(recording["winding"])
+    columns = _columns(np.asarray(recording["winding"]))
     for i, (values, name) in enumerate(zip(columns, _coil_names(recording, len(columns)), strict=True)):
         axes.plot(*_join_points(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=1.1, label=f"winding {name}")
     axes.plot([], [], color=_INK, linewidth=0.9, linestyle=":", label="boundary")

@@ -14,9 +14,10 @@ from haptorb.display.html import curves_svg
 from haptorb.display.quantity_text import format_quantity
 from haptorb.errors import RecordingError
 from haptorb.numerics.arrays import Array
+from haptorb.runtime.recording.column import Column
 from haptorb.runtime.row import Field
 
-__all__ = ["draw_force", "list_facts", "summarize"]
+__all__ = ["draw_force", "duration_of", "list_facts", "measure_run", "summarize"]
 
 _TRIPPED = 4  #: state of the guard
 
@@ -27,6 +28,7 @@ class Summarized(Protocol):
     path: Path
     fields: tuple[Field, ...]
     truncated: bool
+    long: bool
 
     @property
     def lost(self) -> int:
@@ -40,7 +42,7 @@ class Summarized(Protocol):
     def worlds(self) -> list[dict[str, str]]:
         """The worlds that were rendered."""
 
-    def __getitem__(self, name: str) -> Array:
+    def __getitem__(self, name: str) -> Column:
         """A field of all ticks, shape (n, width), or (n,) where the width is 1, in the field's own unit [SI]."""
 
     def __len__(self) -> int:
@@ -54,18 +56,21 @@ def summarize(recording: Summarized) -> str:
     wrong += ["cut short"] if recording.truncated else []
     parts = [
         device,
-        f"{_duration(recording):.4g} s",
+        f"{duration_of(recording):.4g} s",
         _count(len(recording), "row"),
-        _count(_count_trips(recording), "trip"),
+        *([] if recording.long else [_count(_count_trips(recording), "trip")]),
         *wrong,
     ]
     return f"<Recording {recording.path.name}: {', '.join(parts)}>"
 
 
-def list_facts(recording: Summarized) -> list[tuple[str, str]]:
-    """Names and figures with units: what ran, how long, how well, and the largest force."""
+def list_facts(recording: Summarized, *, whole: bool | None = None) -> list[tuple[str, str]]:
+    """Names and figures with units: what ran, how long, how well, and the largest force.
+
+    whole: look at every tick for the latter; by default only at those of a recording that is not long.
+    """
     device, run = recording.metadata.get("device", {}), recording.metadata.get("run", {})
-    seconds, rows = _duration(recording), len(recording)
+    seconds, rows = duration_of(recording), len(recording)
     rate = f", {(rows - 1) / seconds:.4g} per second" if seconds > 0 else ""
     facts = [
         ("file", str(recording.path)),
@@ -75,8 +80,8 @@ def list_facts(recording: Summarized) -> list[tuple[str, str]]:
         ("worlds", ", ".join(dict.fromkeys(map(_name_world, recording.worlds)))),
         ("length", f"{seconds:.4g} s, {rows} rows{rate}"),
     ]
-    if rows:
-        facts += _figures(recording)
+    if rows and (whole or (whole is None and not recording.long)):
+        facts += _describe_run(measure_run(recording))
     lost = _count_lost_rows(recording)
     facts.append(("rows lost", "unknown" if lost is None else str(lost)))
     facts.append(("end", "missing: the file was cut short" if recording.truncated else "complete"))
@@ -86,47 +91,71 @@ def list_facts(recording: Summarized) -> list[tuple[str, str]]:
 def draw_force(recording: Summarized) -> str:
     """The size of the force asked and given [N] over time [s], as SVG; of a device without forces the torque [N·m].
 
-    Empty without rows.
+    Empty without rows, and for a long recording: `plot` draws it.
     """
-    if not {"t", "asked", "given"} <= {field.name for field in recording.fields} or len(recording) < 2:
+    known = {field.name for field in recording.fields}
+    if recording.long or not {"t", "asked", "given"} <= known or len(recording) < 2:
         return ""
-    given, name = recording["given"], "given"
-    if not np.isfinite(given).any() and "modelled" in {field.name for field in recording.fields}:
-        given, name = recording["modelled"], "modelled"
-    asked = recording["asked"]
+    given, name = np.asarray(recording["given"]), "given"
+    if not np.isfinite(given).any() and "modelled" in known:
+        given, name = np.asarray(recording["modelled"]), "modelled"
+    asked = np.asarray(recording["asked"])
     if asked.ndim != 2 or asked.shape[1] != 6 or given.shape != asked.shape:
         return ""
     turning = not (np.nan_to_num(given[:, :3]).any() or np.nan_to_num(asked[:, :3]).any())
     part = slice(3, 6) if turning else slice(0, 3)
     curves = [(name, _size(given[:, part])), ("asked", _size(asked[:, part]))]
-    return curves_svg(recording["t"], curves, "s", "torque [N·m]" if turning else "force [N]")
+    return curves_svg(np.asarray(recording["t"]), curves, "s", "torque [N·m]" if turning else "force [N]")
 
 
-def _figures(recording: Summarized) -> list[tuple[str, str]]:
-    """Largest values, for the fields that are there."""
+def measure_run(recording: Summarized) -> dict[str, float]:
+    """Largest values and counts over all ticks, the unit [SI] at the end of each name; of the fields that are there.
+
+    NaN for what no tick tells.
+    """
     known = {field.name for field in recording.fields}
-    facts = []
-    for name, title in (("asked", "asked"), ("given", "given")):
+    found = {}
+    for name in ("asked", "given"):
         if name in known and recording[name].ndim == 2 and recording[name].shape[1] == 6:
-            values = recording[name]
-            force, torque = (_largest(_size(part)) for part in (values[:, :3], values[:, 3:]))
-            text = f"{format_quantity(force, 'N')}, {format_quantity(torque, 'N·m')}"
-            facts.append((f"largest {title}", text if np.isfinite(force) else "unknown"))
+            values = recording[name][:]
+            found[f"largest_{name}_force_n"] = _largest(_size(values[:, :3]))
+            found[f"largest_{name}_torque_nm"] = _largest(_size(values[:, 3:]))
     if "currents" in known:
-        facts.append(("largest current", format_quantity(_largest(np.abs(recording["currents"])), "A")))
+        found["largest_current_a"] = _largest(np.abs(recording["currents"]))
     if "winding" in known:
-        facts.append(("warmest winding", f"{_largest(recording['winding']) - 273.15:.1f} °C"))
+        found["warmest_winding_k"] = _largest(recording["winding"][:])
     if "saturated" in known:
-        shares = [(100 * float(np.mean(recording["saturated"] == one)), one.text) for one in Saturation if one]
-        held_back = ", ".join(f"{share:.2g} % of the ticks by {limit}" for share, limit in shares if share)
-        facts.append(("wrench held back", held_back))
+        held = recording["saturated"][:]
+        found |= {f"held_back_by_{one.name.lower()}": float(np.mean(held == one)) for one in Saturation if one}
     if "lateness" in known:
-        late = recording["lateness"]
-        most = float(np.quantile(late, 0.99, method="lower")) if np.isfinite(late).all() else float("nan")
-        facts.append(("lateness", f"99 % up to {format_quantity(most, 's')}"))
+        late = recording["lateness"][:]
+        finite = bool(np.isfinite(late).all())
+        found["lateness_99_s"] = float(np.quantile(late, 0.99, method="lower")) if finite else float("nan")
     if "missed" in known:
-        facts.append(("deadlines skipped", f"{np.nansum(recording['missed']):.0f}"))
-    return [*facts, ("trips", str(_count_trips(recording)))]
+        found["deadlines_skipped"] = float(np.nansum(recording["missed"]))
+    return {**found, "trips": _count_trips(recording)}
+
+
+def _describe_run(found: Mapping[str, float]) -> list[tuple[str, str]]:
+    """What `measure_run` has found, in words."""
+    facts = []
+    for name in ("asked", "given"):
+        if f"largest_{name}_force_n" in found:
+            force, torque = found[f"largest_{name}_force_n"], found[f"largest_{name}_torque_nm"]
+            text = f"{format_quantity(force, 'N')}, {format_quantity(torque, 'N·m')}"
+            facts.append((f"largest {name}", text if np.isfinite(force) else "unknown"))
+    if "largest_current_a" in found:
+        facts.append(("largest current", format_quantity(found["largest_current_a"], "A")))
+    if "warmest_winding_k" in found:
+        facts.append(("warmest winding", f"{found['warmest_winding_k'] - 273.15:.1f} °C"))
+    shares = [(100 * found.get(f"held_back_by_{one.name.lower()}", 0.0), one.text) for one in Saturation if one]
+    held_back = ", ".join(f"{share:.2g} % of the ticks by {limit}" for share, limit in shares if share)
+    facts.append(("wrench held back", held_back))
+    if "lateness_99_s" in found:
+        facts.append(("lateness", f"99 % up to {format_quantity(found['lateness_99_s'], 's')}"))
+    if "deadlines_skipped" in found:
+        facts.append(("deadlines skipped", f"{found['deadlines_skipped']:.0f}"))
+    return [*facts, ("trips", f"{found['trips']:.0f}")]
 
 
 def _size(vectors: Array) -> Array:
@@ -141,7 +170,8 @@ def _largest(values: Array) -> float:
     return float(known.max()) if known.size else float("nan")
 
 
-def _duration(recording: Summarized) -> float:
+def duration_of(recording: Summarized) -> float:
+    """Time from the first tick to the last [s]."""
     if len(recording) < 2 or "t" not in {field.name for field in recording.fields}:
         return 0.0
     t = recording["t"]
@@ -152,7 +182,7 @@ def _count_trips(recording: Summarized) -> int:
     """How many times the guard switched off."""
     if "guard" not in {field.name for field in recording.fields} or not len(recording):
         return 0
-    off = recording["guard"] == _TRIPPED
+    off = np.asarray(recording["guard"]) == _TRIPPED
     return int(off[0]) + int((off[1:] & ~off[:-1]).sum())
 
 

@@ -1,0 +1,154 @@
+"""`haptorb info` and `export`: what a recording holds, and its numbers for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from haptorb.apps.terminal import (
+    Column,
+    TextTable,
+    make_console,
+    make_progress,
+    print_facts,
+    print_json,
+    print_table,
+    print_text,
+    tell,
+)
+from haptorb.errors import InputError, RecordingError, UnknownName
+
+if TYPE_CHECKING:
+    from haptorb.runtime.recording.recording import Recording
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to `app`."""
+    app.command()(info)
+    app.command()(export)
+
+
+def info(
+    file: Annotated[Path, typer.Argument(help="Recording: an MCAP file of `haptorb run --record`.")],
+    whole: Annotated[
+        bool, typer.Option("--all", help="Also of a long recording (above 32 MiB): largest values over all ticks.")
+    ] = False,
+    fields: Annotated[bool, typer.Option("--fields", help="List the fields with width, unit and meaning.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Show what a recording holds: device, worlds, length, largest force, what was lost."""
+    from haptorb.runtime.recording.recording import Recording
+
+    recording = Recording(file)
+    whole = whole or not recording.long
+    if json:
+        print_json(_numbers(recording, whole))
+        return
+    console = make_console()
+    if fields:
+        table = TextTable((Column("field", kind="key"), Column("width", kind="short"), Column("unit", kind="short"),
+                           Column("meaning", kind="text")))  # fmt: skip
+        for field in recording.fields:
+            table.add_row(field.name, str(field.width), field.unit.removeprefix("1"), field.about)
+        print_table(console, table)
+        return
+    from haptorb.runtime.recording.recording_summary import list_facts
+
+    print_facts(console, list_facts(recording, whole=whole))
+    if not whole:
+        print_text(console, "Largest values and trips of a long recording: haptorb info --all", "dim")
+    for error in recording.errors:
+        print_text(console, f"error at tick {error.get('tick', '?')}: {error.get('text', '')}")
+
+
+def _numbers(recording: Recording, whole: bool) -> dict[str, Any]:
+    from haptorb.runtime.recording.recording_summary import duration_of, measure_run
+
+    device, run = recording.metadata.get("device", {}), recording.metadata.get("run", {})
+    try:
+        lost: int | None = recording.lost
+    except RecordingError:
+        lost = None
+    return {
+        "file": str(recording.path),
+        "bytes": recording.path.stat().st_size,
+        "complete": not recording.truncated,
+        "device": device.get("name", ""),
+        "digest": device.get("digest", ""),
+        "driver": run.get("driver", ""),
+        "model": run.get("model", ""),
+        "rate_hz": _parse_number(run.get("rate_hz", "")),
+        "ticks": len(recording),
+        "ticks_lost": lost,
+        "duration_s": duration_of(recording),
+        "versions": recording.metadata.get("versions", {}),
+        "worlds": [{"tick": one.get("tick", ""), "world": one.get("world", "")} for one in recording.worlds],
+        "errors": [{"tick": one.get("tick", ""), "text": one.get("text", "")} for one in recording.errors],
+        "fields": [
+            {"name": one.name, "width": one.width, "unit": one.unit, "about": one.about} for one in recording.fields
+        ],
+        "run": measure_run(recording) if whole and len(recording) else None,
+    }
+
+
+def _parse_number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def export(
+    file: Annotated[Path, typer.Argument(help="Recording: an MCAP file of `haptorb run --record`.")],
+    to: Annotated[str, typer.Option(help="Format: csv, parquet or npz.")] = "csv",
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write [FILE with its ending].")] = None,
+    start: Annotated[str | None, typer.Option(help='Time after the first tick, such as "2.5 s" [first tick].')] = None,
+    end: Annotated[str | None, typer.Option(help='Time after the first tick, such as "10 s" [last tick].')] = None,
+    fields: Annotated[
+        str | None, typer.Option(help="Fields, with commas between them: t,p,asked [all]. haptorb info --fields")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Write a recording as CSV, Parquet or NumPy arrays, with units: all of it, a range of time, or some fields."""
+    from haptorb.runtime.recording.export import FORMATS, Export
+    from haptorb.runtime.recording.recording import Recording
+
+    if to not in FORMATS:
+        raise UnknownName("format", to, FORMATS)
+    first, last = _parse_time("--start", start), _parse_time("--end", end)
+    path = output or file.with_suffix(f".{to}")
+    if path.exists() and not force:
+        raise RecordingError(f"{path} exists; choose another name with -o, or replace it with --force")
+    if not path.parent.is_dir():
+        raise RecordingError(f"cannot write {path}: there is no folder {path.parent}")
+    names = None if fields is None else [name for name in (part.strip() for part in fields.split(",")) if name]
+    chosen = Export.of(Recording(file), to, names, first, last)
+    with make_progress(show=not json) as bar:
+        task = bar.add_task("writing", total=1.0)
+        chosen.write(path, lambda share: bar.update(task, completed=share))
+    ticks = len(chosen.ticks)
+    if json:
+        print_json({"file": str(path), "format": to, "ticks": ticks, "bytes": path.stat().st_size})
+    else:
+        tell(f"{path}: {ticks} ticks")
+
+
+def _parse_time(option: str, text: str | None) -> float | None:
+    """[s] of a time with its unit; a plain number is in seconds."""
+    from haptorb.devices.schema.quantity import si
+
+    if text is None:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        return si(text, "s", "a time")
+    except ValueError as cause:
+        raise InputError(f"{option} {cause}") from cause

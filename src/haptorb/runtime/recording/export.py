@@ -1,0 +1,184 @@
+"""A stretch of a recording as CSV, Parquet or NumPy arrays; written in pieces, whole or not at all."""
+
+from __future__ import annotations
+
+import bisect
+import json
+import math
+import shutil
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Final, Protocol, final
+
+import numpy as np
+
+from haptorb.errors import InputError, RecordingError, UnknownName
+from haptorb.files.replace_file import replace_file
+from haptorb.numerics.arrays import Array
+from haptorb.runtime.recording.column import Column
+from haptorb.runtime.recording.data_frames import column_heads, column_names, describe_notes, units_of
+from haptorb.runtime.row import Field
+
+__all__ = ["FORMATS", "Export"]
+
+Progress = Callable[[float], None]  #: called with the share that is done
+
+_PIECE = 20_000  #: rows written at once
+
+
+class Source(Protocol):
+    """What is exported."""
+
+    path: Path
+
+    @property
+    def columns(self) -> tuple[Field, ...]:
+        """Its fields, the memory of worlds by its own names."""
+
+    @property
+    def metadata(self) -> Mapping[str, Mapping[str, str]]:
+        """The device, the run and the versions."""
+
+    def __getitem__(self, name: str) -> Column:
+        """A field of all ticks, shape (n, width), or (n,) where the width is 1, in the field's own unit [SI]."""
+
+    def __len__(self) -> int:
+        """Rows recorded."""
+
+    def read(self, first: int, last: int, fields: Sequence[str]) -> Array:
+        """(last − first, k) those fields side by side, in their own units [SI]."""
+
+
+@final
+@dataclass(frozen=True)
+class Export:
+    """What is going to be written: these `fields` of these `ticks`, in the format `form`."""
+
+    recording: Source
+    form: str
+    fields: tuple[Field, ...]
+    ticks: range
+
+    @classmethod
+    def of(
+        cls,
+        recording: Source,
+        form: str,
+        fields: Sequence[str] | None = None,
+        start: float | None = None,
+        end: float | None = None,
+    ) -> Export:
+        """Those named (all) between `start` and `end` [s after the first tick].
+
+        Raises UnknownName for a field or format that there is not, InputError for a range without a tick.
+        """
+        if form not in FORMATS:
+            raise UnknownName("format", form, FORMATS)
+        return cls(recording, form, _choose_fields(recording, fields), _find_ticks(recording, start, end))
+
+    def write(self, path: Path, report: Progress = lambda share: None) -> None:
+        """Write it to `path`, whole or not at all. Raises RecordingError if it cannot be written."""
+        try:
+            with replace_file(path) as part:
+                FORMATS[self.form](self, part, report)
+        except OSError as cause:
+            raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
+
+    def pieces(self, report: Progress) -> Iterator[Array]:
+        """(n, k) after (n, k): the fields side by side, in their own units [SI]."""
+        names = [field.name for field in self.fields]
+        for first in range(self.ticks.start, self.ticks.stop, _PIECE):
+            last = min(first + _PIECE, self.ticks.stop)
+            yield self.recording.read(first, last, names)
+            report((last - self.ticks.start) / len(self.ticks))
+
+
+def _choose_fields(recording: Source, names: Sequence[str] | None) -> tuple[Field, ...]:
+    known = {field.name: field for field in recording.columns}
+    if names is None:
+        return recording.columns
+    for name in names:
+        if name not in known:
+            raise UnknownName("field", name, known)
+    if not names:
+        raise InputError("no field is named: name at least one, or leave the choice out for all")
+    return tuple(known[name] for name in dict.fromkeys(names))
+
+
+def _find_ticks(recording: Source, start: float | None, end: float | None) -> range:
+    """The ticks in that range of time: few places of the file are looked at."""
+    for name, value in (("start", start), ("end", end)):
+        if value is not None and not math.isfinite(value):
+            raise InputError(f"{name} must be a time in seconds after the first tick; got {value}")
+    rows = len(recording)
+    if start is None and end is None:
+        return range(rows)
+    if not rows or "t" not in {field.name for field in recording.columns}:
+        raise InputError(f"{recording.path} has no ticks with a time: leave start and end out")
+    t = recording["t"]
+    zero, length = float(t[0]), float(t[-1]) - float(t[0])
+    first = 0 if start is None else bisect.bisect_left(range(rows), zero + start, key=lambda n: float(t[n]))
+    last = rows if end is None else bisect.bisect_right(range(rows), zero + end, key=lambda n: float(t[n]))
+    if first >= last:
+        begin, stop = 0.0 if start is None else start, length if end is None else end
+        raise InputError(f"no tick lies between {begin:g} s and {stop:g} s; the recording lasts {length:.4g} s")
+    return range(first, last)
+
+
+def _write_csv(export: Export, path: Path, report: Progress) -> None:
+    with path.open("w", encoding="utf-8") as file:
+        file.write(",".join(head for field in export.fields for head in column_heads(field)) + "\n")
+        for piece in export.pieces(report):
+            for row in piece.tolist():
+                file.write(",".join(map(repr, row)) + "\n")
+
+
+def _write_parquet(export: Export, path: Path, report: Progress) -> None:
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as cause:
+        raise RecordingError("Parquet needs pyarrow: pip install 'haptorb[study]', or export as CSV") from cause
+    columns = [
+        pyarrow.field(name, pyarrow.float64(), metadata={"unit": unit, "description": field.about})
+        for field in export.fields
+        for name, unit in zip(column_names(field), units_of(field), strict=True)
+    ]
+    schema = pyarrow.schema(columns, metadata=describe_notes(export.recording))
+    with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
+        for piece in export.pieces(report):
+            arrays = [pyarrow.array(np.ascontiguousarray(column)) for column in piece.T]
+            writer.write_table(pyarrow.Table.from_arrays(arrays, schema=schema))
+
+
+def _write_npz(export: Export, path: Path, report: Progress) -> None:
+    """One array for each field, and `about`: JSON with the unit and meaning of each, and what ran."""
+    about = {field.name: {"unit": field.unit, "about": field.about} for field in export.fields}
+    notes = {"fields": about, "recording": describe_notes(export.recording)}
+    with ExitStack() as stack:
+        parts = [stack.enter_context(TemporaryFile(dir=path.parent)) for _ in export.fields]  # a long file is read once
+        ends = np.cumsum([field.width for field in export.fields])[:-1]
+        for piece in export.pieces(report):
+            for part, columns in zip(parts, np.split(piece, ends, axis=1), strict=True):
+                part.write(np.ascontiguousarray(columns, dtype="<f8").tobytes())
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            with archive.open("about.npy", "w") as file:
+                np.lib.format.write_array(file, np.array(json.dumps(notes, ensure_ascii=False)))
+            for field, part in zip(export.fields, parts, strict=True):
+                shape = (len(export.ticks),) if field.width == 1 else (len(export.ticks), field.width)
+                with archive.open(f"{field.name}.npy", "w", force_zip64=True) as file:
+                    np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": shape})
+                    part.seek(0)
+                    shutil.copyfileobj(part, file)
+
+
+#: how each format is written
+FORMATS: Final[Mapping[str, Callable[[Export, Path, Progress], None]]] = {
+    "csv": _write_csv,
+    "parquet": _write_parquet,
+    "npz": _write_npz,
+}
