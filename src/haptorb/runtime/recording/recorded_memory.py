@@ -35,7 +35,8 @@ def split_memory(numbers: Array, changes: Array, worlds: Sequence[Mapping[str, s
 
 def memory_columns(worlds: Sequence[Mapping[str, str]], room: int) -> tuple[Field, ...]:
     """One Field [SI] for each that `split_memory` finds in rows with `room` numbers of memory."""
-    units, found = memory_units(worlds), {}
+    units: dict[str, str] = memory_units(worlds)
+    found: dict[str, Field] = {}
     for _, name, fields in _list_fields(worlds):
         for key, shape, _ in _place_fields(name, fields, room):
             found.setdefault(key, Field(key, prod(shape), units[key], "remembered by the world"))
