@@ -75,7 +75,7 @@ def test_a_memory_needs_fields_with_names_of_their_own():
 
 
 def test_a_world_that_fails_to_begin_is_told_with_its_line():
-    class BrokenStart(Begun):
+    class BrokenStart(OwnMemory):
         def begin(self):
             raise ValueError("no such model")
 

@@ -1,5 +1,7 @@
-"""What the page draws of a device, in metres and radians: one description for each scene that `web/src/scene` knows, and
-the bodies of worlds with memory."""
+"""What the page draws of a device, in metres and radians: one description for each scene that `web/src/scene` knows.
+
+And the bodies of worlds with memory, with their places in the row.
+"""
 
 from __future__ import annotations
 
