@@ -6,6 +6,7 @@ import os
 import stat
 from collections.abc import Sequence
 from functools import cached_property
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
@@ -99,7 +100,7 @@ class Recording:
         parts = {name: rows[:, self._at[name]] for name in fields if name in self._at}
         if len(parts) < len(set(fields)):
             memory = split_memory(rows[:, self._at["memory"]], rows[:, self._at["world"].start], self.worlds)
-            parts |= {name: values.reshape(len(rows), -1) for name, values in memory.items()}
+            parts |= {name: values.reshape(len(rows), prod(values.shape[1:])) for name, values in memory.items()}
         return np.concatenate([parts[name] for name in fields], axis=1)
 
     @cached_property

@@ -164,7 +164,7 @@ class RollingBall(DynamicWorld):
     def __post_init__(self) -> None:
         World.__post_init__(self)
         if not np.linalg.norm(self.summit) > 1e-6:
-            raise InputError("RollingBall.summit must be a direction; got the zero vector")
+            raise InputError("Ball.summit must be a direction; got the zero vector")
 
     @property
     def name(self) -> str:
@@ -194,7 +194,7 @@ class RollingBall(DynamicWorld):
             raise InputError(f"world 'ball' is for a tool over a sphere; device '{device.name}' has none")
         if self.summit[2] < 0.0:
             raise InputError(
-                f"RollingBall.summit {tuple(self.summit)} lies below the rim of the dome of device '{device.name}': "
+                f"Ball.summit {tuple(self.summit)} lies below the rim of the dome of device '{device.name}': "
                 "its z must not be negative"
             )
         return replace(self, distance=shell.contact_distance, ground=shell.dome_radius)
