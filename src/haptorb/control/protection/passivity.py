@@ -93,7 +93,7 @@ def _count_surplus(q: Record, wrench: Array, passed: float) -> float:
         made += 0.5 * (q.rendered[i] + wrench[i]) * q.motion[i] * passed
     before = q.surplus
     q.surplus = max(before + made, 0.0)  # safety: memory-energy-counted
-    return q.surplus - before
+    return float(q.surplus - before)
 
 
 @kernel
