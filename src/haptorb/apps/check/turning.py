@@ -99,7 +99,11 @@ def steepest_turn(device: SphericalElectromagnet, world: World) -> Steepest:
             else:
                 reach *= 0.5
         look(p, R, times[n], True)
-    keys = (lambda one: one.stiffness.real, lambda one: one.damping, lambda one: -one.damping)
+    keys: tuple[Callable[[Steepness], float], ...] = (
+        lambda one: one.stiffness.real,
+        lambda one: one.damping,
+        lambda one: -one.damping,
+    )
     chosen = {one: None for key in keys for one in sorted(found, key=key, reverse=True)[:_KEPT] if key(one) > 1e-9}
     return Steepest(tuple(chosen), away, jump)
 
