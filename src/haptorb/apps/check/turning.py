@@ -29,7 +29,7 @@ UNJUDGED = (
 )
 
 _POSES = 200
-_CLIMBS, _KEPT = 4, 4  #: of the steepest poses, from which it climbs on; of candidates of each kind
+_CLIMBS, _MOST = 4, 4  #: of the steepest poses, from which it climbs on; of candidates of each kind
 _STEP = 2e-4  #: of the differences [rad]
 _RATE = 1e-2  #: of the differences by angular velocity [rad/s]
 _NOTHING = 1e-5  #: a smaller jump is nothing to be felt [N·m]
@@ -104,7 +104,7 @@ def steepest_turn(device: SphericalElectromagnet, world: World) -> Steepest:
         lambda one: one.damping,
         lambda one: -one.damping,
     )
-    chosen = {one: None for key in keys for one in sorted(found, key=key, reverse=True)[:_KEPT] if key(one) > 1e-9}
+    chosen = {one: None for key in keys for one in sorted(found, key=key, reverse=True)[:_MOST] if key(one) > 1e-9}
     return Steepest(tuple(chosen), away, jump)
 
 
