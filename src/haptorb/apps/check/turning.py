@@ -1,21 +1,20 @@
 """A torque on a tool, as the stability of a loop meets it: how steeply it changes with the tool's orientation.
 
-Orientations are looked at in small neighbourhoods of many, each with rotation vectors as coordinates: within 0.15 rad
-they differ from angles by less than half a per cent.
+At each of many poses the coordinates are small turns of the tool about its magnet.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable
 
 import numpy as np
 
 from haptorb.apps.check.workspace import Workspace
-from haptorb.control.stability.gradient import Field, Steepest, steepest
+from haptorb.control.stability.gradient import Field, Steepest, Steepness
 from haptorb.control.stability.hand_grip import HandGrip
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
 from haptorb.devices.state import State, rotation_to_axis
+from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.numerics.so3 import turn_by
 from haptorb.worlds.world import World
@@ -29,16 +28,17 @@ UNJUDGED = (
     "a torque that changes with the place, and a force that changes with the orientation",
 )
 
-_NEAR = 0.15  #: size of a neighbourhood [rad]
-_POSES, _TURNS = 16, 2
-_CLIMBS, _STEPS = 3, 12  #: the steepest neighbourhoods from which it climbs on, and how far at most
-_GROWN = 1.002  #: less is no growth
+_POSES = 200
+_CLIMBS, _MOST = 4, 4  #: of the steepest poses, from which it climbs on; of candidates of each kind
+_STEP = 2e-4  #: of the differences [rad]
+_RATE = 1e-2  #: of the differences by angular velocity [rad/s]
+_NOTHING = 1e-5  #: a smaller jump is nothing to be felt [N·m]
 _LEAN = np.radians(70.0)  #: of a tool from the radial direction
 _STILL = np.zeros(3)
 
 
 def turning_workspace(device: SphericalElectromagnet) -> Workspace:
-    """Orientations of a tool about its magnet [rad], in the coordinates of `steepest_turn`.
+    """Small turns of a tool about its magnet [rad]: units and grip; the poses are those of `steepest_turn`.
 
     A hand is met at the arm at which its fingers hold the tool: damping and stiffness times the arm squared.
     """
@@ -49,52 +49,77 @@ def turning_workspace(device: SphericalElectromagnet) -> Workspace:
     def grip_of(grip: HandGrip) -> HandGrip:
         return HandGrip(inertia + grip.mass * square, grip.damping * square, grip.stiffness * square)
 
-    rng = np.random.default_rng(0)
-    places = rng.uniform(-_NEAR, _NEAR, (_TURNS, 3))
-    field = partial(_turn_field, device=device, pose=_poses(device)[0])
-    return Workspace(places, _is_near, "N·m", "rad", grip_of, field)
+    return Workspace(np.zeros((0, 3)), lambda q: True, "N·m", "rad", grip_of, _no_field)
 
 
-def steepest_turn(device: SphericalElectromagnet, world: World, place: Workspace) -> Steepest:
+def _no_field(world: World) -> Field:
+    raise InputError("the torque of a world is looked at pose by pose: `steepest_turn`")
+
+
+def steepest_turn(device: SphericalElectromagnet, world: World) -> Steepest:
     """What is steepest of the torque of `world` in all orientations; the places are directions of the tool's axis.
 
-    From the steepest neighbourhoods it climbs on to neighbouring ones for as long as it grows.
+    Differences at many poses, and from the steepest on by random steps for as long as it grows.
     """
+    fitted, rng = world.for_device(device), np.random.default_rng(1)
+    found: list[Steepness] = []
+    away, jump = 0.0, 0.0
+
+    def look(p: Array, R: Array, t: float, moving: bool) -> float:
+        """The steepness at a pose; its strongest spring [N·m/rad]."""
+        nonlocal away, jump
+
+        def torque(q: Array, rate: Array) -> Array:
+            out: Array = fitted.wrench(State(t, _turn(q, R), p, rate, _STILL))[3:]
+            return out
+
+        G, leap = _turn_gradient(torque)
+        jump = max(jump, leap)
+        pull, u = np.linalg.eigh(-0.5 * (G + G.T))
+        away = max(away, -float(pull[0]))
+        D = np.zeros((3, 3))
+        for j in range(3 if moving else 0):
+            D[:, j] = (torque(_STILL, -_RATE * np.eye(3)[j]) - torque(_STILL, _RATE * np.eye(3)[j])) / (2 * _RATE)
+        x, y, z = R[:, 2].tolist()
+        for j in range(3):
+            found.append(Steepness(float(pull[j]), float(u[:, j] @ D @ u[:, j]), (x, y, z)))
+        return float(np.abs(pull).max())
+
     poses = _poses(device)
-    parts = [_look(world, device, pose, place, n) for n, pose in enumerate(poses)]
-    found = [_name_axes(part, pose) for part, pose in zip(parts, poses, strict=True)]
-    for n in sorted(range(len(parts)), key=lambda n: -_strength(parts[n]))[:_CLIMBS]:
-        part, pose = parts[n], poses[n]
-        for step in range(_STEPS):
-            best = max(part.candidates, key=lambda one: abs(one.stiffness), default=None)
-            if best is None:
-                break
-            pose = (pose[0], _turn(np.array(best.place), pose[1]))
-            before, part = _strength(part), _look(world, device, pose, place, step)
-            found.append(_name_axes(part, pose))
-            if _strength(part) <= _GROWN * before:
-                break
-    candidates = tuple(one for part in found for one in part.candidates)
-    return Steepest(candidates, max(one.away for one in found), max(one.jump for one in found))
+    times = rng.uniform(0.0, 10.0, len(poses)).tolist()
+    sizes = [look(p, R, t, True) for (p, R), t in zip(poses, times, strict=True)]
+    for n in np.argsort(sizes)[::-1][:_CLIMBS].tolist():
+        (p, R), best, reach = poses[n], sizes[n], 0.3
+        while reach > _STEP:
+            tried = [_turn(reach * rng.normal(size=3), R) for _ in range(6)]
+            grown = [look(p, turned, times[n], False) for turned in tried]
+            m = int(np.argmax(grown))
+            if grown[m] > best * (1 + 1e-3):
+                R, best = tried[m], grown[m]
+            else:
+                reach *= 0.5
+        look(p, R, times[n], True)
+    keys: tuple[Callable[[Steepness], float], ...] = (
+        lambda one: one.stiffness.real,
+        lambda one: one.damping,
+        lambda one: -one.damping,
+    )
+    chosen = {one: None for key in keys for one in sorted(found, key=key, reverse=True)[:_MOST] if key(one) > 1e-9}
+    return Steepest(tuple(chosen), away, jump)
 
 
-def _look(
-    world: World, device: SphericalElectromagnet, pose: tuple[Array, Array], place: Workspace, seed: int
-) -> Steepest:
-    return steepest(_turn_field(world, device, pose), place.places, _is_near, seed=seed)
-
-
-def _strength(part: Steepest) -> float:
-    return max((abs(one.stiffness) for one in part.candidates), default=0.0)
-
-
-def _name_axes(part: Steepest, pose: tuple[Array, Array]) -> Steepest:
-    """With the tool's axis as the place of each candidate."""
-    named = []
-    for one in part.candidates:
-        x, y, z = _turn(np.array(one.place), pose[1])[:, 2].tolist()
-        named.append(replace(one, place=(x, y, z)))
-    return replace(part, candidates=tuple(named))
+def _turn_gradient(torque: Callable[[Array, Array], Array]) -> tuple[Array, float]:
+    """(3, 3) ∂T/∂angle [N·m/rad], axes about which it jumps left out, and the greatest jump [N·m]."""
+    G, jump = np.zeros((3, 3)), 0.0
+    for j in range(3):
+        step = _STEP * np.eye(3)[j]
+        wide = torque(step, _STILL) - torque(-step, _STILL)
+        near = torque(step / 4, _STILL) - torque(-step / 4, _STILL)
+        if np.linalg.norm(near) > 0.6 * np.linalg.norm(wide) > _NOTHING:
+            jump = max(jump, float(np.linalg.norm(wide)))
+        else:
+            G[:, j] = near / (_STEP / 2)
+    return G, jump
 
 
 def find_asked_part(device: SphericalElectromagnet, world: World) -> WrenchPart:
@@ -130,18 +155,3 @@ def _turn(q: Array, R: Array) -> Array:
     out = np.empty((3, 3))
     turn_by(float(q[0]), float(q[1]), float(q[2]), np.ascontiguousarray(R), out)
     return out
-
-
-def _is_near(q: Array) -> bool:
-    return bool(np.abs(q).max() <= _NEAR)
-
-
-def _turn_field(world: World, device: SphericalElectromagnet, pose: tuple[Array, Array]) -> Field:
-    fitted, (p, R) = world.for_device(device), pose
-
-    def torque(q: Array, rate: Array, t: float) -> Array:
-        """(3,) [N·m] with the tool turned by the rotation vector q (3,) [rad]."""
-        out: Array = fitted.wrench(State(t, _turn(q, R), p, rate, _STILL))[3:]
-        return out
-
-    return torque

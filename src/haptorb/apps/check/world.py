@@ -220,7 +220,7 @@ def judge_world(
     turning = None
     if part in ("torque", "both") and isinstance(device, SphericalElectromagnet):
         turned = turning_workspace(device)
-        turning = judge(turned, steepest_turn(device, world, turned))
+        turning = judge(turned, steepest_turn(device, world))
     if turning is not None and part == "torque":
         return turning
     steep = steepest(place.field(world), place.places, place.inside)
