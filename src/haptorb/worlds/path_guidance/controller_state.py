@@ -36,6 +36,7 @@ SETTINGS = fields(
     ("step", "f8"),  # of the plan [s]
     ("tolerance", "f8"),  # deviation that costs 1 [m]
     ("heat", "f8"),  # cost of 1 W [1/W]
+    ("power", "f8"),  # of the supply: more heat there is not [W]
     ("change", "f8"),  # change of the force from step to step that costs 1 [N]
     ("slowest", "f8"),  # pace at which half of the guidance is given [m/s]
     ("mass", "f8"),  # of hand and tool [kg]

@@ -95,6 +95,7 @@ class PathGuidance(DynamicWorld):
         made["strength"], made["height"], made["step"] = self.bound, self.height, self.horizon / STEPS
         made["tolerance"], made["heat"], made["change"] = self.tolerance, self.heat_weight, self.change
         made["slowest"], made["mass"], made["damping"] = self.rest_pace, self.hand_mass, self.hand_damping
+        made["power"] = np.inf if self.device is None else self.device.supply.power
         made["observer"] = 2 * np.pi * self.observer
         made["closed"], made["spacing"] = self.curve.closed, self.curve.spacing
         weigh_plan(made)
