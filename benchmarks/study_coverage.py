@@ -1,6 +1,9 @@
 """How often the 95 % intervals of a study hold the truth, in simulated studies; all cores, fixed seeds.
 
-    python benchmarks/study_coverage.py [--studies 1000] [--cores N] [--rows group corners door adaptive] [--json]
+    python benchmarks/study_coverage.py [--studies 1000] [--first 0] [--cores N] [--rows group corners door adaptive]
+                                        [--people 6 12 24] [--sd 0 0.05 0.15] [--json]
+
+`--first` is the seed of the first study; `--people` and `--sd` choose cells of the rows group and corners.
 
 group     6, 12 and 24 people, standard deviation between people 0, 0.05 and 0.15: of the threshold as a fraction of the
           reference, of the slope in units of its natural logarithm, of accuracy in proportion units, of the mean error
@@ -124,12 +127,12 @@ def _check(job: tuple[Any, ...]) -> tuple[tuple[Any, ...], Hits]:
     return tuple(job[:-1]), check(*rest)
 
 
-def list_jobs(rows: list[str], studies: int) -> Iterator[tuple[Any, ...]]:
+def list_jobs(rows: list[str], seeds: range, people: list[int], sds: list[float]) -> Iterator[tuple[Any, ...]]:
     """(row, arguments ..., seed) of every simulated study."""
     for row in rows:
-        for seed in range(studies):
+        for seed in seeds:
             if row in ("group", "corners"):
-                yield from ((row, people, sd, seed) for people in PEOPLE for sd in SPREADS)
+                yield from ((row, many, sd, seed) for many in people for sd in sds)
             elif row == "door":
                 yield row, 6, 0.05, seed
             else:
@@ -138,13 +141,13 @@ def list_jobs(rows: list[str], studies: int) -> Iterator[tuple[Any, ...]]:
                     yield row, "bayesian", 6, 0.2, seed
 
 
-def measure(rows: list[str], studies: int, cores: int) -> list[dict[str, Any]]:
+def measure(jobs: Iterator[tuple[Any, ...]], cores: int) -> list[dict[str, Any]]:
     """One entry for each row, its conditions and each quantity: number of intervals, and the share that held."""
     counts: dict[tuple[Any, ...], Hits] = {}
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # studies run side by side, not parts of one
     with ProcessPoolExecutor(cores, get_context("spawn")) as pool:
-        for cell, hits in pool.map(_check, list_jobs(rows, studies), chunksize=4):
+        for cell, hits in pool.map(_check, jobs, chunksize=4):
             known = counts.setdefault(cell, {})
             for name, one in hits.items():
                 known.setdefault(name, []).extend(one)
@@ -163,12 +166,16 @@ def main() -> None:
     """Measure, and print for people or machines."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--studies", type=int, default=1000)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--people", type=int, nargs="+", default=list(PEOPLE), choices=PEOPLE)
+    parser.add_argument("--sd", type=float, nargs="+", default=list(SPREADS), choices=SPREADS)
     parser.add_argument("--cores", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--rows", nargs="+", default=_ROWS, choices=_ROWS)  # fmt: skip
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     start = time.perf_counter()
-    found = measure(options.rows, options.studies, options.cores)
+    seeds = range(options.first, options.first + options.studies)
+    found = measure(list_jobs(options.rows, seeds, options.people, options.sd), options.cores)
     seconds = time.perf_counter() - start
     if options.json:
         print(json.dumps({"studies": options.studies, "seconds": seconds, "rows": found}, indent=1))

@@ -107,6 +107,7 @@ class Shell:
     contact_distance: float  #: of the magnet from the dome's centre when a radial tool touches the dome [m]
     thickness: float  #: how far above contact forces are rendered [m]
     moment: float  #: of the tool's magnet [A·m²]
+    dome_radius: float  #: outside of the dome [m]
 
 
 @dataclass(frozen=True, kw_only=True)

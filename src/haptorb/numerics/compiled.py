@@ -25,7 +25,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast, final
 
-__all__ = ["PostponedKernel", "cache_folder", "kernel", "load_compiler"]
+__all__ = ["PostponedKernel", "cache_folder", "kernel", "load_compiler", "vector_kernel"]
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _MOST = 4  #: compiled versions of a file kept beside each other, for people who switch branches
@@ -129,8 +129,8 @@ def _limit_optimisation(numba: Any) -> None:
     """Have kernels compiled without the passes that cost much and gain nothing here.
 
     Most kernels work on three or six numbers in turn: vector code for their loops, and what the third level adds to the
-    second, took a third of the time of a first start and made no tick shorter (docs/decisions/0003). Not where
-    somebody chose otherwise.
+    second, took a third of the time of a first start (docs/decisions/0003). Those whose loops run over every magnet of
+    a motor have vector code nevertheless: `vector_kernel`. Not where somebody chose otherwise.
     """
     if "NUMBA_OPT" not in os.environ:
         numba.config.OPT = type(numba.config.OPT)(2)
@@ -156,7 +156,22 @@ def _find_source(function: Callable[..., Any]) -> Path:
     return Path(function.__code__.co_filename).resolve()
 
 
-def _dispatcher(function: Callable[..., Any]) -> Any:
+def _vectorize_loops(numba: Any, compiled: Any) -> None:
+    """Have the loops of `compiled`, a dispatcher, compiled to vector code; those of other kernels as ever."""
+    compile_plainly = compiled.compile
+
+    def compile_to_vectors(signature: Any) -> Any:
+        usual = numba.config.LOOP_VECTORIZE
+        numba.config.LOOP_VECTORIZE = 1
+        try:
+            return compile_plainly(signature)
+        finally:
+            numba.config.LOOP_VECTORIZE = usual
+
+    compiled.compile = compile_to_vectors
+
+
+def _dispatcher(function: Callable[..., Any], vectors: bool) -> Any:
     """numba's: it compiles `function` for each new combination of types, not for each constant that a kernel passes.
 
     No kernel is called through a C pointer, so none has that entry.
@@ -170,6 +185,8 @@ def _dispatcher(function: Callable[..., Any]) -> Any:
         )(function)
     finally:
         numba.config.CACHE_DIR = usual
+    if vectors and "NUMBA_LOOP_VECTORIZE" not in os.environ:
+        _vectorize_loops(numba, compiled)
     template = compiled.get_call_template
     compiled.get_call_template = lambda args, named: template(
         tuple(map(numba.types.unliteral, args)), {name: numba.types.unliteral(kind) for name, kind in named.items()}
@@ -181,9 +198,9 @@ def _dispatcher(function: Callable[..., Any]) -> Any:
 class PostponedKernel:
     """Stands for a kernel until one is called. Other kernels may call it: numba sees the compiled function."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], vectors: bool = False) -> None:
         update_wrapper(self, function)
-        self._function = function
+        self._function, self._vectors = function, vectors
         self._compiled: Any = None
         with suppress(OSError):
             _digest_sources(_find_source(function))
@@ -192,7 +209,7 @@ class PostponedKernel:
     def compiled(self) -> Any:
         """numba's dispatcher of the function, made at the first use."""
         if self._compiled is None:
-            self._compiled = _dispatcher(self._function)
+            self._compiled = _dispatcher(self._function, self._vectors)
         return self._compiled
 
     @property
@@ -232,13 +249,22 @@ def load_compiler() -> None:
                 setattr(module, key, value.compiled)
 
 
+def _compile(function: Function, vectors: bool) -> Function:
+    if "numba" in sys.modules:
+        return cast(Function, _dispatcher(function, vectors))
+    postponed = PostponedKernel(function, vectors)
+    _POSTPONED.append(postponed)
+    return cast(Function, postponed)
+
+
 def kernel(function: Function) -> Function:
     """Compile `function` for numbers only: no Python objects, no interpreter lock, sums may be reordered.
 
     Reordering and fused multiply-add are allowed; assuming away NaN is not: the guard must see every NaN.
     """
-    if "numba" in sys.modules:
-        return cast(Function, _dispatcher(function))
-    postponed = PostponedKernel(function)
-    _POSTPONED.append(postponed)
-    return cast(Function, postponed)
+    return _compile(function, vectors=False)
+
+
+def vector_kernel(function: Function) -> Function:
+    """A `kernel` whose loops become vector code: for loops over many numbers, as it takes longer to compile."""
+    return _compile(function, vectors=True)

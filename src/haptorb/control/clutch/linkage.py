@@ -41,6 +41,7 @@ __all__ = [
 MOTOR_GAINS = Gains(translate=(0.024, 0.004, 0.01))
 
 NO_CONTACTS = np.zeros((0, 8))
+_FLOAT = NO_CONTACTS.dtype
 _CLOSED = np.ones(2)
 _SLIDE = 0.5  #: time in which the torque scale changes by a factor e [s]: slow against a hand's own motion
 _NUMBERS = {mode: number for number, mode in enumerate(MODES, start=1)}  #: of modes in a row
@@ -200,15 +201,17 @@ class ModedLinkage(Linkage):
             on_target, contacts = world.wrench(target), NO_CONTACTS
         else:
             on_target, contacts = render_contacts(target)
-            contacts = np.ascontiguousarray(contacts, dtype=np.float64)  # for the kernel that fills the row
+            if (
+                getattr(contacts, "dtype", None) is not _FLOAT or not contacts.flags.c_contiguous
+            ):  # for the kernel that fills the row
+                contacts = np.ascontiguousarray(contacts, dtype=np.float64)
             if contacts.shape[1:] != (8,):
                 raise InputError(f"a world must give contacts of shape (n, 8); got shape {contacts.shape}")
         if (on_target.shape if isinstance(on_target, np.ndarray) else np.shape(on_target)) != (6,):
             raise InputError(f"a world must give force and torque, shape (6,); got {quote(on_target)}")
         asked, wrench = self._asked, np.empty(6)
         asked[:] = on_target  # in another memory layout a user's array would have the kernel compiled anew
-        fill_rotor_wrench(memory, asked, wrench)
-        wrench *= self._scale
+        fill_rotor_wrench(memory, asked, self._scale, wrench)
         return RenderedWrench(wrench, target, on_target, contacts, _NUMBERS[self._mode], share, self._engaged)
 
     def _take_hold(self, mover: State) -> Records:

@@ -130,8 +130,11 @@ def follow_rotor(clutch: Records, R: Array, w: Array, dt: float, pose: Array, sh
 
 
 @kernel
-def fill_rotor_wrench(clutch: Records, wrench: Array, out: Array) -> None:
-    """out (6,): no force, and the torque [N·m] on the rotor, stator frame, for the target's wrench (6,) [N, N·m]."""
+def fill_rotor_wrench(clutch: Records, wrench: Array, scale: float, out: Array) -> None:
+    """out (6,): no force, and the torque [N·m] on the rotor, stator frame, for the target's wrench (6,) [N, N·m].
+
+    scale: by how much stronger it comes back than the clutch's gains say.
+    """
     m = clutch[0]
     q, rates, attitude, move, turn = m.angles, m.rates, m.attitude, m.translate_torque, m.rotate_torque
     c, s = math.cos(attitude[0]), math.sin(attitude[0])
@@ -147,6 +150,6 @@ def fill_rotor_wrench(clutch: Records, wrench: Array, out: Array) -> None:
     c, s = math.cos(q[0]), math.sin(q[0])
     u = (Q_phi - math.sin(q[1]) * Q_psi) / math.cos(q[1])
     out[0], out[1], out[2] = 0.0, 0.0, 0.0
-    out[3] = Q_psi
-    out[4] = c * Q_lam - s * u
-    out[5] = s * Q_lam + c * u
+    out[3] = scale * Q_psi
+    out[4] = scale * (c * Q_lam - s * u)
+    out[5] = scale * (s * Q_lam + c * u)

@@ -135,7 +135,7 @@ class TwoModes:
         if asked.shape != (6,):
             raise InputError(f"wrench must have shape (6,); got {asked.shape}")
         out = np.empty(6)
-        fill_rotor_wrench(self.memory(clutch), asked, out)
+        fill_rotor_wrench(self.memory(clutch), asked, 1.0, out)
         return out[3:]
 
     def memory(self, clutch: Clutch) -> Records:

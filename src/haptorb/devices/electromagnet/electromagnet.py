@@ -117,7 +117,7 @@ class SphericalElectromagnet(Device):
     @property
     def shell(self) -> Shell:
         """Where the tool can be."""
-        return Shell(self.contact_distance, self.shell_thickness, self.tool.moment)
+        return Shell(self.contact_distance, self.shell_thickness, self.tool.moment, self.dome_radius)
 
     @property
     def rest_position(self) -> Array:

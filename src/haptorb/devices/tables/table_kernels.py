@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.numerics.arrays import Array
-from haptorb.numerics.compiled import kernel
+from haptorb.numerics.compiled import kernel, vector_kernel
 
 __all__ = ["sensor_field", "sensor_field_gradient", "torque_characteristic"]
 
@@ -34,7 +34,7 @@ def _turn_axes(R: Array, axes: Array, out: Array) -> None:
         out[2, i] = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
 
 
-@kernel
+@vector_kernel
 def _locate_pieces(u: Array, x: float, y: float, z: float, scale: float, last: int, t: Array, piece: Places) -> None:
     """Piece and place in it for the chords from (x, y, z) to all u: a loop of its own, as it runs in SIMD so."""
     a = 2.0 * scale * scale

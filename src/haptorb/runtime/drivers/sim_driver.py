@@ -187,7 +187,7 @@ class SimDriver(Driver):
     @property
     def coil_state(self) -> CoilState:
         """On while any duty is not zero."""
-        return CoilState.ON if self._duties.any() else CoilState.OFF
+        return CoilState.ON if np.count_nonzero(self._duties) else CoilState.OFF  # `any` takes ten times as long
 
     def truth(self) -> Array:
         """(6,) the mean wrench of coils and core on the mover over the last advance [N, N·m]."""

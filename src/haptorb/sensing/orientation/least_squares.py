@@ -66,8 +66,6 @@ class LeastSquaresOrientation(Estimator):
         self._fit["noise"], self._fit["taken"] = noise, np.nan
         # views of the one record, copied from in every tick
         self._dt: Array = self._track["dt"]
-        self._R: Array = self._fit["rotation"][0]
-        self._covariance: Array = self._fit["covariance"][0]
         self._w: Array = self._track["w"][0]
         self._period = spin_period(motor)
         self._near = np.eye(3) if start is None else rotation(start, "start")
@@ -118,13 +116,14 @@ class LeastSquaresOrientation(Estimator):
             self._w[:] = 0.0
             dt = 0.0
         self._dt[0] = dt
-        K, passive = np.empty((6, self._motor.channels)), np.empty(6)
+        K, result = np.empty((6, self._motor.channels)), np.empty((9, 3))
+        passive: Array = result[7:].reshape(6)
         found, strength, disbelieved = _track_orientation(
             self._track, self._model, sample.field, sample.currents, self.field, self.usable, self.trusted,
-            self._slopes, K, passive,
+            self._slopes, K, result,
         )  # fmt: skip
         if found:
-            R, covariance, w = self._R.copy(), self._covariance.copy(), self._w.copy()
+            R, covariance, w = result[:3], result[3:6], result[6]
         else:
             again = self._cold.search(self.field, self.usable, self.trusted)
             if again is None:
@@ -156,13 +155,14 @@ def _fill_wrench_map(model: Array, R: Array, strength: float, matrix: Array, pas
 @kernel
 def _track_orientation(
     track: Records, packed: Array, read: Array, currents: Array, field: Array, usable: Array, trusted: Array,
-    slopes: Array, matrix: Array, passive: Array,
+    slopes: Array, matrix: Array, result: Array,
 ) -> tuple[bool, float, int]:  # fmt: skip
     """One tick: what the magnets give of what is read; then, from the last orientation on, predict, explain, filter.
 
     track is (1,) TRACK; packed a `field_model`; read (k, 3) [T] and currents (m,) [A] the sample's; field (k, 3),
-    usable, trusted (k,) and slopes (k, 3, 3) are kept between ticks; matrix (6, m) and passive (6,) what coils and
-    weight do there. Returns (found, strength, sensors left out).
+    usable, trusted (k,) and slopes (k, 3, 3) are kept between ticks; matrix (6, m) is what the coils do there. Rows of
+    result (9, 3): R, its covariance, w, then force and torque of weight and regulator. Returns (found, strength,
+    sensors left out).
     """
     t, model = track[0], unpack(packed)
     fit, dt, R, w, smooth = t.fit, t.dt, t.fit.rotation[:], t.w[:], t.rotation[:]
@@ -191,5 +191,9 @@ def _track_orientation(
         for i in range(3):
             for j in range(3):
                 smooth[i, j] = R[i, j]
-    torque_per_ampere(model, R, fit.strength, matrix, passive)
+    torque_per_ampere(model, R, fit.strength, matrix, result[7:].reshape(6))
+    for i in range(3):
+        result[6, i] = w[i]
+        for j in range(3):
+            result[i, j], result[3 + i, j] = R[i, j], fit.covariance[i, j]
     return True, fit.strength, places - count + outliers

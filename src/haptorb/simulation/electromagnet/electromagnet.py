@@ -74,6 +74,7 @@ class SimulatedElectromagnet(Simulation):
         self.device: SphericalElectromagnet = device
         self._specimen = specimen
         self._state = np.zeros(1, dtype=ELECTROMAGNET)
+        self._wrench: Array = self._state["wrench"][0]
         self._state["nearest"] = device.passive_pull.nearest
         self._tool, self._senses = self._state["tool"], self._state["senses"]
         self._equip(held)
@@ -205,8 +206,7 @@ class SimulatedElectromagnet(Simulation):
 
     def truth(self) -> Array:
         """(6,) mean wrench of coils and core on the tool over the last `advance` [N, N·m about the magnet]."""
-        truth: Array = self._state["wrench"][0].copy()
-        return truth
+        return self._wrench.copy()
 
     def state(self) -> State:
         """The tool as it really is."""

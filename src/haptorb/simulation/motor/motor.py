@@ -84,7 +84,7 @@ class SimulatedMotor(Simulation):
         self._state["warming"] = device.hall.warming
         self._state["heat_noise"], self._state["heat_step"] = device.thermometer_noise, device.thermometer_step
         self._state["rotor"] = hang(device, self.grasp)
-        self._rotor = self._state["rotor"]
+        self._rotor, self._torque = self._state["rotor"], self._state["torque"][0]
         self._parts = Magnetics(
             tables.torque_pair.cells,
             float(tables.torque_pair.scale),
@@ -191,7 +191,7 @@ class SimulatedMotor(Simulation):
         """(6,) mean wrench over the last `advance`: torque of coils, regulator and weight on the rotor [N·m]; neither
         hand, nor bearing, nor end stop. The bearing carries every force: the first three are zero."""
         wrench = np.zeros(6)
-        wrench[3:] = self._state["torque"][0]
+        wrench[3:] = self._torque
         return wrench
 
     def state(self) -> State:

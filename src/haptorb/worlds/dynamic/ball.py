@@ -19,11 +19,12 @@ from haptorb.worlds.parameter import parameter
 from haptorb.worlds.shape import Shape
 from haptorb.worlds.world import World
 
-__all__ = ["Ball"]
+__all__ = ["RollingBall"]
 
 _FIELDS = (
     MemoryField("place", "m", "of the ball's centre, stator frame", (3,)),
     MemoryField("velocity", "m/s", "of the ball's centre, stator frame", (3,)),
+    MemoryField("drawn", "m", "place of a ball that rolls on the dome under the tool's tip, stator frame", (3,)),
     MemoryField("energy", "J", "kinetic, in the bowl and in the contact"),
 )
 
@@ -33,6 +34,7 @@ _CORE = 0.25  #: share of the radius within which the contact fades
 _BALL = fields(
     ("axis", "f8", (3,)),  # unit vector to the bowl's middle
     ("distance", "f8"),  # of the ball's centre from the dome's [m]
+    ("drawn", "f8"),  # the same in a picture: under the tool's tip [m]
     ("mass", "f8"),  # inertial [kg]
     ("bowl", "f8"),  # m ω² [N/m]
     ("damping", "f8"),  # [N·s/m]
@@ -126,11 +128,12 @@ def _roll(memory: Records, ball: Records, p: Array, dt: float, wrench: Array) ->
     for i in range(3):
         wrench[i], wrench[3 + i] = force[3 + i], 0.0
         energy += 0.5 * b.mass * m.velocity[i] * m.velocity[i]
+        m.drawn[i] = b.drawn / b.distance * m.place[i]
     m.energy = energy
 
 
 @dataclass(frozen=True)
-class Ball(DynamicWorld):
+class RollingBall(DynamicWorld):
     """A ball that rolls in a bowl on the dome: push it, catch it, let it swing.
 
     Its centre moves on the sphere on which a touching tool's magnet moves, in the potential of a spherical pendulum,
@@ -140,7 +143,7 @@ class Ball(DynamicWorld):
     Integrated by Störmer–Verlet on the sphere, a step a tick: without damping its energy stays within 0.1 % (Hairer,
     Lubich and Wanner 2006, chapter VI).
 
-    >>> ball = Ball(rim_deg=60)
+    >>> ball = RollingBall(rim_deg=60)
     >>> bool(ball.wrench(State.at((0.02, 0, 0.05)))[0] < 0)
     True
     """
@@ -154,6 +157,7 @@ class Ball(DynamicWorld):
     stiffness: float = parameter(120.0, "N/m", 10, 500, "of the contact between tool and ball")
     greatest: float = parameter(0.6, "N", 0.05, 2, "greatest force of the contact")
     distance: float = 0.050  #: of the ball's centre from the dome's [m], from the device
+    ground: float = 0.030  #: radius of the dome on which it is drawn [m], from the device
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
@@ -161,21 +165,26 @@ class Ball(DynamicWorld):
             raise InputError("Ball.summit must be a direction; got the zero vector")
 
     @property
+    def name(self) -> str:
+        """As in the catalogue."""
+        return "ball"
+
+    @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """Place, velocity and energy."""
+        """Place, velocity, place in the picture, and energy."""
         return _FIELDS
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
         """The ball."""
-        return (Shape("ball", "sphere", (self.radius,), "place"),)
+        return (Shape("ball", "sphere", (self.radius,), "drawn"),)
 
     @property
     def bound(self) -> float:
         """[N]"""
         return self.greatest
 
-    def for_device(self, device: Device) -> Ball:
+    def for_device(self, device: Device) -> RollingBall:
         """With the ball on the dome of `device`. Raises InputError for a device without one, or a summit below its
         rim."""
         shell = device.shell
@@ -186,7 +195,7 @@ class Ball(DynamicWorld):
                 f"Ball.summit {tuple(self.summit)} lies below the rim of the dome of device '{device.name}': its z "
                 "must not be negative"
             )
-        return replace(self, distance=shell.contact_distance)
+        return replace(self, distance=shell.contact_distance, ground=shell.dome_radius)
 
     @cached_property
     def _facts(self) -> Records:
@@ -194,6 +203,7 @@ class Ball(DynamicWorld):
         made = np.zeros(1, dtype=_BALL)
         made["axis"] = np.asarray(self.summit) / np.linalg.norm(self.summit)
         made["distance"], made["mass"], made["damping"] = self.distance, self.mass, self.damping
+        made["drawn"] = self.ground + self.radius
         made["bowl"] = self.mass * (2 * pi * self.swings) ** 2
         made["rim"], made["rim_stiffness"] = radians(self.rim_deg), 2.0 * self.stiffness
         made["reach"], made["stiffness"], made["greatest"] = self.radius, self.stiffness, self.greatest
@@ -206,6 +216,7 @@ class Ball(DynamicWorld):
         x = np.cross(np.cross(z, (1.0, 0.0, 0.0) if abs(z[0]) < 0.9 else (0.0, 0.0, -1.0)), z)
         half = 0.5 * radians(self.rim_deg)
         memory["place"] = self.distance * (cos(half) * z + sin(half) * x / np.linalg.norm(x))
+        memory["drawn"] = (self.ground + self.radius) / self.distance * memory["place"]
         return memory
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
@@ -216,6 +227,6 @@ class Ball(DynamicWorld):
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
         """The ball goes on where it is [m], on the sphere of this world."""
-        if isinstance(previous, Ball) and old.dtype == memory.dtype:
+        if isinstance(previous, RollingBall) and old.dtype == memory.dtype:
             memory[:] = old
             memory["place"] *= self.distance / previous.distance

@@ -24,7 +24,7 @@ _FIELDS = (
     MemoryField("pressed", "1", "1 while it stays pressed"),
     MemoryField("armed", "1", "1 when the next press counts: it was let up since the last"),
     MemoryField("depth", "m", "of the key below its highest place"),
-    MemoryField("cap", "m", "middle of the key, stator frame", (3,)),
+    MemoryField("cap", "m", "middle of the key in the picture, under the tool's tip, stator frame", (3,)),
     MemoryField("attitude", "1", "of the key as a quaternion (x, y, z, w)", (4,)),
     MemoryField("energy", "J", "in spring, click and latch"),
 )
@@ -41,6 +41,7 @@ _RETURN = 0.15  #: speed with which a key that nobody holds comes up [m/s]
 #: What the kernel goes by.
 _BUTTON = fields(
     ("axis", "f8", (3,)),  # unit vector to the button
+    ("lift", "f8"),  # of the tool's magnet above its tip [m]
     ("bottom", "f8"),  # distance from the dome's centre at full travel [m]
     ("travel", "f8"),  # [m]
     ("radius", "f8"),  # of the flat key [m]
@@ -141,7 +142,7 @@ def _press(memory: Records, button: Records, p: Array, dt: float, wrench: Array)
     goal = max(min(depth, 1.05 * b.travel), rest)
     m.depth = goal if goal >= m.depth else max(goal, m.depth - _RETURN * dt)
     for i in range(3):
-        m.cap[i] = (b.bottom + b.travel - m.depth) * b.axis[i]
+        m.cap[i] = (b.bottom + b.travel - m.depth - b.lift) * b.axis[i]
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,8 @@ class Button(DynamicWorld):
     preload: float = parameter(0.03, "N", 0, 0.3, "force at the beginning of the travel")
     click: float = parameter(0.12, "N", 0, 0.5, "height of the click")
     stop: float = parameter(200.0, "N/m", 50, 500, "stiffness at the end of the travel")
-    bottom: float = 0.0505  #: distance from the dome's centre at full travel [m], from the device
+    bottom: float = 0.0505  #: distance of the tool's magnet from the dome's centre at full travel [m], from the device
+    lift: float = 0.020  #: of the magnet above the tip of a radial tool [m], from the device
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
@@ -199,7 +201,7 @@ class Button(DynamicWorld):
                 f"Button.summit {tuple(self.summit)} lies below the rim of the dome of device '{device.name}': its z "
                 "must not be negative"
             )
-        return replace(self, bottom=shell.contact_distance + 0.0005)
+        return replace(self, bottom=shell.contact_distance + 0.0005, lift=shell.contact_distance - shell.dome_radius)
 
     @cached_property
     def _facts(self) -> Records:
@@ -207,7 +209,7 @@ class Button(DynamicWorld):
         made = np.zeros(1, dtype=_BUTTON)
         made["axis"] = np.asarray(self.summit) / np.linalg.norm(self.summit)
         made["edge"] = 0.4 * self.radius
-        for name in ("bottom", "travel", "radius", "spring", "preload", "click", "stop"):
+        for name in ("bottom", "lift", "travel", "radius", "spring", "preload", "click", "stop"):
             made[name] = getattr(self, name)
         made["latch_energy"] = _measure_latch(made)
         return made
@@ -216,7 +218,7 @@ class Button(DynamicWorld):
         """Let up, and armed."""
         memory, axis = make_memory(_FIELDS), self._facts["axis"][0]
         memory["armed"] = 1.0
-        memory["cap"] = (self.bottom + self.travel) * axis
+        memory["cap"] = (self.bottom + self.travel - self.lift) * axis
         turn = np.array([-axis[1], axis[0], 0.0, 1.0 + axis[2]])  # from z to the axis
         memory["attitude"] = turn / np.linalg.norm(turn) if turn.any() else (1.0, 0.0, 0.0, 0.0)
         return memory

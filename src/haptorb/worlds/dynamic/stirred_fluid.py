@@ -20,6 +20,7 @@ from haptorb.worlds.shape import Shape
 __all__ = ["StirredFluid"]
 
 _RINGS = 8
+_CORK = 0.003  #: radius [m]
 _FIELDS = (
     MemoryField("swirl", "m/s", "speed of each ring of fluid about +z, from the axis outwards", (_RINGS,)),
     MemoryField("angle", "rad", "about +z of a cork that floats with the fluid"),
@@ -117,7 +118,8 @@ class StirredFluid(DynamicWorld):
     """A fluid on the dome that is stirred by the tool and runs on, dragging it along.
 
     Eight rings about +z, each with a mass and a speed: F = −b (v − u), and the rings where the tool is get the opposite
-    impulse. Between rings viscosity carries angular momentum (ν), the ground takes it with the time constant `runs_on`.
+    impulse. Between rings viscosity carries angular momentum, ν = (width of a ring)²/`mixing`; the ground takes it with
+    the time constant `runs_on`.
     A film that is thin against the dome, which only swirls: what is stirred along a radius is braked and sets nothing
     in motion. All steps are backward Euler, so the fluid never gives more energy than it was given.
 
@@ -130,9 +132,12 @@ class StirredFluid(DynamicWorld):
     drag: float = parameter(2.0, "N·s/m", 0, 10, "b: drag per speed relative to the fluid")
     mass: float = parameter(0.4, "kg", 0.02, 3, "of all fluid: more is harder to stir, and carries further")
     runs_on: float = parameter(4.0, "s", 0.1, 100, "time in which the ground takes its speed to 37 %")
-    viscosity: float = parameter(2e-5, "m²/s", 0, 1e-3, "ν: kinematic; water 1e-6, olive oil 8e-5")
+    mixing: float = parameter(
+        2.0, "s", 0.05, 100, "time in which fluid takes its neighbours' speed; less is more viscous"
+    )
     greatest: float = parameter(0.5, "N", 0.05, 1, "limit of the drag")
-    distance: float = 0.050  #: of the cork from the dome's centre [m], from the device
+    distance: float = 0.050  #: of the tool's magnet from the dome's centre, as far as the rings go [m], from the device
+    ground: float = 0.030  #: radius of the dome on which the cork is drawn [m], from the device
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
@@ -142,7 +147,7 @@ class StirredFluid(DynamicWorld):
     @property
     def shapes(self) -> tuple[Shape, ...]:
         """A cork that floats with it."""
-        return (Shape("cork", "sphere", (0.003,), "cork"),)
+        return (Shape("cork", "sphere", (_CORK,), "cork"),)
 
     @property
     def bound(self) -> float:
@@ -154,7 +159,7 @@ class StirredFluid(DynamicWorld):
         shell = device.shell
         if shell is None:
             raise InputError(f"world 'stirred_fluid' is for a tool over a sphere; device '{device.name}' has none")
-        return replace(self, distance=shell.contact_distance)
+        return replace(self, distance=shell.contact_distance, ground=shell.dome_radius)
 
     @cached_property
     def _facts(self) -> Records:
@@ -162,15 +167,16 @@ class StirredFluid(DynamicWorld):
         made = np.zeros(1, dtype=_FLUID)
         made["width"] = self.distance / _RINGS
         made["drag"], made["greatest"] = self.drag, self.greatest
-        made["decay"], made["mixing"] = 1.0 / self.runs_on, self.viscosity
+        made["decay"], made["mixing"] = 1.0 / self.runs_on, (self.distance / _RINGS) ** 2 / self.mixing
         made["mass"] = self.mass * (2 * np.arange(_RINGS) + 1) / _RINGS**2  # as much on every area
-        made["cork"], made["distance"] = 0.5 * self.distance, self.distance
+        made["cork"], made["distance"] = 0.5 * self.ground, self.ground + _CORK
         return made
 
     def begin(self) -> Records:
         """At rest, with the cork at +x [m]."""
         memory = make_memory(_FIELDS)
-        memory["cork"] = self.distance * np.array([0.5, 0.0, 0.75**0.5])
+        aside, high = 0.5 * self.ground, self.ground + _CORK
+        memory["cork"] = aside, 0.0, (high * high - aside * aside) ** 0.5
         return memory
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
