@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from haptorb.apps.guidance.moving_point import MovingPoint
 from haptorb.apps.guidance.person import Habits
-from haptorb.apps.guidance.set_point import SetPoint
 from haptorb.apps.guidance.trial import Trial, run_trial
 from haptorb.control.stability.hand_grip import GRIPS
 from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
@@ -98,7 +98,7 @@ def _make_world(way: str, path: GuidancePath, strength: float, pace: float) -> W
     if way == "valley":
         return Guidance(strength=strength, path=tuple(map(tuple, path.places[::4].tolist())))
     if way == "spring":
-        return SetPoint(path=path, strength=strength, pace=pace)
+        return MovingPoint(path=path, strength=strength, pace=pace)
     return PathGuidance(path=path, strength=strength)
 
 
@@ -169,13 +169,13 @@ def compare_guidance(
 
 def _equal_force(run: Callable[[float], Trial], force: float) -> tuple[Trial, float]:
     """The trial, and its strength [N], whose mean force is nearest to `force` [N]."""
-    tried: list[tuple[float, Trial, float]] = []
+    attempts: list[tuple[float, Trial, float]] = []
     strength = _STRENGTHS["valley"]
     for _ in range(_TRIES):
         trial = run(strength)
-        tried.append((abs(trial.force / max(force, 1e-9) - 1.0), trial, strength))
-        if tried[-1][0] <= _NEAR:
+        attempts.append((abs(trial.force / max(force, 1e-9) - 1.0), trial, strength))
+        if attempts[-1][0] <= _NEAR:
             break
         strength = min(max(strength * (force / max(trial.force, 1e-6)) ** 1.3, 0.002), 1.0)
-    best = min(tried, key=lambda one: one[0])
+    best = min(attempts, key=lambda one: one[0])
     return best[1], best[2]

@@ -49,9 +49,9 @@ def print_guidance(found: GuidanceComparison, console: Console) -> None:
     print_table(console, rest)
     print_text(
         console,
-        "\nError: mean deviation across the path. Force: mean that is asked for. The valley (world guidance) is as "
-        "strong as it must be for the plan's (world path_guidance) mean force. Spring: to a point that goes along by "
-        "the clock.",
+        "\nError: mean deviation across the path. Force: mean that is asked for. The strength of the valley (world "
+        "guidance) is sought so that it uses the mean force of the plan (world path_guidance); compare the column, it "
+        "cannot always: at most 1 N, and a strong one oscillates. Spring: to a point that goes along by the clock.",
     )
 
 

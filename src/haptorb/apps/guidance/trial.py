@@ -57,7 +57,7 @@ class Trial:
 
 def run_trial(
     device: SphericalElectromagnet, world: World, path: GuidancePath, grip: HandGrip, habits: Habits, duration: float,
-    seed: int, rate: float = 1000.0, sensing: str = "tracker",
+    seed: int, *, rate: float = 1000.0, sensing: str = "tracker",
 ) -> Trial:  # fmt: skip
     """`duration` [s] of a person with `grip` and `habits` on `path`, guided by `world` at `rate` [Hz]."""
     turn = device.hand

@@ -87,7 +87,7 @@ def solve_box(
     for i in range(n):
         x[i] = _project(x[i], low[i], high[i]) if np.isfinite(x[i]) else low[i]
     cost = _gradient(hessian, linear, x, gradient)
-    for taken in range(most + 1):
+    for count in range(most + 1):
         worst = 0.0
         for i in range(n):
             scaled = gradient[i] / hessian[i, i]
@@ -95,8 +95,8 @@ def solve_box(
             held = (x[i] <= low[i] and gradient[i] > 0.0) or (x[i] >= high[i] and gradient[i] < 0.0)
             free[i] = 0.0 if held else 1.0
         if not worst > tolerance:
-            return taken
-        if taken == most or not _newton(hessian, gradient, free, factor, step):
+            return count
+        if count == most or not _newton(hessian, gradient, free, factor, step):
             break
         share = 1.0
         for _ in range(_HALVINGS):
@@ -104,8 +104,8 @@ def solve_box(
             for i in range(n):
                 trial[i] = _project(x[i] + share * step[i], low[i], high[i])
                 expected += gradient[i] * (trial[i] - x[i])
-            fallen = _cost(hessian, linear, trial)
-            if fallen <= cost + 1e-4 * expected:
+            trial_cost = _cost(hessian, linear, trial)
+            if trial_cost <= cost + 1e-4 * expected:
                 break
             share *= 0.5
         x[:] = trial

@@ -174,4 +174,4 @@ def advance_plan(
             current = 0.0
             for i in range(3):
                 current += per[coil, i] * (m.force[i] - actuation[i, 3])
-            m.heat += actuation[coil, 4] * current * current
+            m.heat = min(m.heat + actuation[coil, 4] * current * current, s.power)

@@ -36,6 +36,7 @@ SETTINGS = fields(
     ("step", "f8"),  # of the plan [s]
     ("tolerance", "f8"),  # deviation that costs 1 [m]
     ("heat", "f8"),  # cost of 1 W [1/W]
+    ("power", "f8"),  # of the supply: more heat there is not [W]
     ("change", "f8"),  # change of the force from step to step that costs 1 [N]
     ("slowest", "f8"),  # pace at which half of the guidance is given [m/s]
     ("mass", "f8"),  # of hand and tool [kg]
@@ -61,20 +62,20 @@ def weigh_plan(settings: Records) -> None:
     one = settings[0]
     step, mass, damping = float(one["step"]), float(one["mass"]), float(one["damping"])
     decay = np.exp(-damping * step / mass)
-    moved = mass / damping * (1.0 - decay)  # by a rate of 1, in a step
-    advance = np.array([[1.0, moved], [0.0, decay]])
-    gain = np.array([(step - moved) / damping, (1.0 - decay) / damping])
-    free, forced = np.zeros((STEPS, 2, 2)), np.zeros((STEPS, 2, STEPS))
+    reach = mass / damping * (1.0 - decay)  # by a rate of 1, in a step
+    advance = np.array([[1.0, reach], [0.0, decay]])
+    gain = np.array([(step - reach) / damping, (1.0 - decay) / damping])
+    free, response = np.zeros((STEPS, 2, 2)), np.zeros((STEPS, 2, STEPS))
     now, then = np.eye(2), np.zeros((2, STEPS))
     for k in range(STEPS):
         then = advance @ then
         then[:, k] += gain
         now = advance @ now
-        free[k], forced[k] = now, then
+        free[k], response[k] = now, then
     weights = np.array([1.0, SETTLE**2]) / float(one["tolerance"]) ** 2
     change = np.eye(STEPS) - np.eye(STEPS, k=-1)
     change[0, 0] = 0.0  # the first step may differ from what was
-    cost: Array = np.einsum("kaj,a,kal->jl", forced, weights, forced)
+    cost: Array = np.einsum("kaj,a,kal->jl", response, weights, response)
     settings["cost"] = 2.0 * (cost + change.T @ change / float(one["change"]) ** 2 + 1e-6 * np.eye(STEPS))
-    settings["from_place"] = 2.0 * np.einsum("kaj,a,kab->jb", forced, weights, free)
-    settings["from_push"] = 2.0 * np.einsum("kaj,a,ka->j", forced, weights, forced.sum(axis=2))
+    settings["from_place"] = 2.0 * np.einsum("kaj,a,kab->jb", response, weights, free)
+    settings["from_push"] = 2.0 * np.einsum("kaj,a,ka->j", response, weights, response.sum(axis=2))

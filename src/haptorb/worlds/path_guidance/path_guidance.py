@@ -48,7 +48,7 @@ class PathGuidance(DynamicWorld):
     rest_pace: float = parameter(0.005, "m/s", 0, 0.05, "pace at which half of the guidance is given; 0: always all")
     height: float = parameter(0.0, "1", 0, 1, "share of the guidance outward from the centre, for paths above the dome")
     hand_mass: float = parameter(0.2, "kg", 0.05, 2, "mass of hand and tool in the prediction")
-    hand_damping: float = parameter(3.0, "N s/m", 0.2, 20, "damping of the hand in the prediction")
+    hand_damping: float = parameter(3.0, "N·s/m", 0.2, 20, "damping of the hand in the prediction")
     observer: float = parameter(15.0, "Hz", 1, 30, "bandwidth with which the hand's push is observed")
     shape: float = parameter(1.0, "1", 0, 3, "path, if none is given: 0 line, 1 circle, 2 square, 3 spiral")
     size_deg: float = parameter(25.0, "deg", 10, 55, "tilt from the summit to which that path reaches")
@@ -95,6 +95,7 @@ class PathGuidance(DynamicWorld):
         made["strength"], made["height"], made["step"] = self.bound, self.height, self.horizon / STEPS
         made["tolerance"], made["heat"], made["change"] = self.tolerance, self.heat_weight, self.change
         made["slowest"], made["mass"], made["damping"] = self.rest_pace, self.hand_mass, self.hand_damping
+        made["power"] = np.inf if self.device is None else self.device.supply.power
         made["observer"] = 2 * np.pi * self.observer
         made["closed"], made["spacing"] = self.curve.closed, self.curve.spacing
         weigh_plan(made)

@@ -13,11 +13,11 @@ from haptorb.worlds.dynamic_world import DynamicWorld
 from haptorb.worlds.memory import MemoryField
 from haptorb.worlds.path_guidance.guidance_path import GuidancePath
 
-__all__ = ["SetPoint"]
+__all__ = ["MovingPoint"]
 
 
 @dataclass(frozen=True)
-class SetPoint(DynamicWorld):
+class MovingPoint(DynamicWorld):
     """A spring of strength/width [N/m] to a point that goes to and fro on an open path, round and round on a closed
     one. Its force is at most `strength`."""
 
