@@ -9,7 +9,17 @@ from haptorb import worlds
 from haptorb.devices.loader import load
 from haptorb.devices.state import State
 from haptorb.errors import InputError, UnknownName
-from haptorb.worlds import Ball, DynamicSum, DynamicWorld, Friction, MemoryField, Nothing, Shape, Wall, make_memory
+from haptorb.worlds import (
+    DynamicSum,
+    DynamicWorld,
+    Friction,
+    MemoryField,
+    Nothing,
+    RollingBall,
+    Shape,
+    Wall,
+    make_memory,
+)
 from haptorb.worlds.bound_world import bind_world
 from haptorb.worlds.memory import count_numbers, find_number
 from haptorb.worlds.own.failure import try_world
@@ -19,7 +29,7 @@ OMNI, HERE = load("omni"), State.at((0.01, 0.0, 0.05), v=(0.0, 0.1, 0.0))
 
 
 @dataclass(frozen=True)
-class Begun(DynamicWorld):
+class OwnMemory(DynamicWorld):
     """Its memory begins as it is told."""
 
     memory: object = None
@@ -50,13 +60,13 @@ class Begun(DynamicWorld):
 )
 def test_a_memory_that_cannot_be_one_is_refused_before_it_runs(memory, words):
     with pytest.raises(InputError, match=words):
-        try_world(Begun(memory), OMNI)
+        try_world(OwnMemory(memory), OMNI)
 
 
 def test_a_memory_needs_fields_with_names_of_their_own():
     for declared in ((), (MemoryField("n", "1", "a"), MemoryField("n", "1", "b"))):
         with pytest.raises(InputError, match="a name of its own"):
-            try_world(Begun(declared=declared), OMNI)
+            try_world(OwnMemory(declared=declared), OMNI)
     with pytest.raises(InputError, match="a name like 'place'"):
         MemoryField("two words", "m", "no")
     for shape in ((0,), (2.5,), 3):
@@ -65,12 +75,12 @@ def test_a_memory_needs_fields_with_names_of_their_own():
 
 
 def test_a_world_that_fails_to_begin_is_told_with_its_line():
-    class Broken(Begun):
+    class BrokenStart(OwnMemory):
         def begin(self):
             raise ValueError("no such model")
 
     with pytest.raises(InputError, match=r"(?s)no such model.*in test_a_world.*begin"):
-        try_world(Broken(), OMNI)
+        try_world(BrokenStart(), OMNI)
 
 
 def test_numbers_are_found_by_field_and_row():
@@ -93,7 +103,7 @@ def test_both_kinds_add_in_any_order():
 
 
 def test_each_part_of_a_sum_has_a_memory_of_its_own():
-    total = (Ball() + Ball(mass=0.2)).for_device(OMNI)
+    total = (RollingBall() + RollingBall(mass=0.2)).for_device(OMNI)
     bound = bind_world(total, 1e-3)
     for _ in range(200):
         bound.wrench(AWAY)
@@ -105,18 +115,20 @@ def test_each_part_of_a_sum_has_a_memory_of_its_own():
     assert bound.energy == pytest.approx(bound.memory["ball"]["energy"][0] + bound.memory["ball_2"]["energy"][0])
     assert [shape.place for shape in total.shapes] == ["ball_drawn", "ball_2_drawn"]
     assert total.passive
-    assert not (Ball() + worlds.Dome()).passive
-    assert "Ball(" in repr(total)
+    assert not (RollingBall() + worlds.Dome()).passive
+    assert "RollingBall(" in repr(total)
 
 
 def test_parts_of_a_sum_keep_what_is_theirs():
-    before = bind_world((Ball() + Wall()).for_device(OMNI), 1e-3)
+    before = bind_world((RollingBall() + Wall()).for_device(OMNI), 1e-3)
     for _ in range(300):
         before.wrench(HERE)
-    after = bind_world((Friction() + Ball(mass=0.1)).for_device(OMNI), 1e-3, before)
+    after = bind_world((Friction() + RollingBall(mass=0.1)).for_device(OMNI), 1e-3, before)
     assert (after.memory["ball"]["place"] == before.memory["ball"]["place"]).all()
-    assert after.memory["friction"]["begun"] == 0.0
-    alone = bind_world((Ball() + Friction()).for_device(OMNI), 1e-3, bind_world(Ball().for_device(OMNI), 1e-3))
+    assert after.memory["friction"]["placed"] == 0.0
+    alone = bind_world(
+        (RollingBall() + Friction()).for_device(OMNI), 1e-3, bind_world(RollingBall().for_device(OMNI), 1e-3)
+    )
     assert np.isfinite(alone.numbers).all()
 
 

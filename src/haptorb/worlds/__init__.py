@@ -16,7 +16,7 @@ from haptorb.worlds.basic.texture import Texture
 from haptorb.worlds.basic.vibration import Vibration
 from haptorb.worlds.basic.wall import Wall
 from haptorb.worlds.contact_world import ContactWorld
-from haptorb.worlds.dynamic.ball import Ball
+from haptorb.worlds.dynamic.ball import RollingBall
 from haptorb.worlds.dynamic.button import Button
 from haptorb.worlds.dynamic.friction import Friction
 from haptorb.worlds.dynamic.stirred_fluid import StirredFluid
@@ -35,7 +35,6 @@ from haptorb.worlds.world import Sum, World
 
 __all__ = [
     "CATALOGUE",
-    "Ball",
     "Button",
     "ContactWorld",
     "Detents",
@@ -51,6 +50,7 @@ __all__ = [
     "Orbit",
     "Outlet",
     "PublishedOutlet",
+    "RollingBall",
     "Scene",
     "Shape",
     "SnapFit",
@@ -85,7 +85,7 @@ CATALOGUE: dict[str, type[World]] = {
     "outlet": Outlet,
     "outlet-published": PublishedOutlet,
     "snap_fit": SnapFit,
-    "ball": Ball,
+    "ball": RollingBall,
     "button": Button,
     "friction": Friction,
     "stirred_fluid": StirredFluid,

@@ -144,9 +144,9 @@ class DynamicSum(Sum, DynamicWorld):
 
     def begin(self) -> Records:
         """(1,) a record with the memory of each part under its name."""
-        begun = {name: part.begin() for name, part in self._remembering}
-        memory: Records = np.zeros(1, dtype=[(name, one.dtype) for name, one in begun.items()])
-        for name, one in begun.items():
+        memories = {name: part.begin() for name, part in self._remembering}
+        memory: Records = np.zeros(1, dtype=[(name, one.dtype) for name, one in memories.items()])
+        for name, one in memories.items():
             memory[name] = one
         return memory
 

@@ -71,7 +71,7 @@ def make_memory(fields: tuple[MemoryField, ...]) -> Records:
 
 
 def numbers_of(memory: Records) -> Array:
-    """(n,) all numbers of `memory` (1,) in the order of its fields, each in its field's unit: a view."""
+    """(n,) all numbers of `memory` (1,) in the order of its fields, each in the unit [..] of its field: a view."""
     return memory.view(np.float64)
 
 

@@ -44,7 +44,7 @@ class Varying(World):
         return replace(self, device=device)
 
     def wrench(self, state: State) -> Array:
-        """(6,) of the world that holds now [N, N·m]."""
+        """(6,) of the world that holds now [N, N·m]. Raises InputError if that has a memory: it would forget."""
         assert self.at is not None
         world = self.at(state)
         if world.remembers:

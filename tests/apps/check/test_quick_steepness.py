@@ -5,12 +5,14 @@ import pytest
 from haptorb.apps.check.quick_steepness import list_quick_steepness
 from haptorb.apps.check.workspace import workspace
 from haptorb.devices.loader import load
-from haptorb.worlds import Ball, Friction, StirredFluid
+from haptorb.worlds import Friction, RollingBall, StirredFluid
 
 OMNI, MOTOR = load("omni"), load("pmsm")
 
 
-@pytest.mark.parametrize(("world", "stiffness"), [(Friction(stiffness=260.0), 260.0), (Ball(stiffness=90.0), 90.0)])
+@pytest.mark.parametrize(
+    ("world", "stiffness"), [(Friction(stiffness=260.0), 260.0), (RollingBall(stiffness=90.0), 90.0)]
+)
 def test_bristles_and_contacts_are_as_stiff_as_they_say(world, stiffness):
     found = list_quick_steepness(OMNI, world, workspace(OMNI), 1e-3)
     assert found[0].stiffness.real == pytest.approx(stiffness, rel=0.05)

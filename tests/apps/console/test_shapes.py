@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from haptorb.apps.console.shapes import list_shapes
-from haptorb.worlds import Ball, Shape
+from haptorb.apps.console.scenes import list_shapes
+from haptorb.worlds import RollingBall, Shape
 
 
 def test_a_body_says_where_its_numbers_are():
@@ -22,11 +22,11 @@ def test_other_worlds_have_none():
 
 def test_own_worlds_have_theirs_and_their_mistakes_cost_only_the_picture():
     @dataclass(frozen=True)
-    class Lost(Ball):
+    class LostBall(RollingBall):
         @property
         def shapes(self):
             return (Shape("ball", "sphere", (0.01,), "nowhere"),)
 
-    own = {"mine": Ball(radius=0.015), "lost": Lost()}
+    own = {"mine": RollingBall(radius=0.015), "lost": LostBall()}
     assert list_shapes("mine", {}, own)[0]["size"] == [0.015]
     assert list_shapes("lost", {}, own) == []

@@ -14,7 +14,7 @@ from haptorb.apps.console import wire
 from haptorb.errors import InputError
 from haptorb.runtime.row import RowLayout
 
-LAYOUT = RowLayout(channels=3, sensors=9)
+LAYOUT = RowLayout(channels=3, sensors=9, memory=8)
 
 
 def test_columns_lie_where_they_are_said_to():

@@ -31,7 +31,7 @@ def feel(world, p, v=None, dt=DT, bound=None):
     return np.array(forces), bound
 
 
-def given(forces, p):
+def sum_work(forces, p):
     """Energy [J] that the hand has been given up to each place (n,): the trapezoid of force and way."""
     steps = 0.5 * (forces[1:] + forces[:-1]) * np.diff(p, axis=0)
     return np.concatenate([[0.0], np.cumsum(steps.sum(axis=1))])

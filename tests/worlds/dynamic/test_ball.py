@@ -6,15 +6,15 @@ from scipy.integrate import solve_ivp
 
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
-from haptorb.worlds import Ball
+from haptorb.worlds import RollingBall
 from haptorb.worlds.bound_world import bind_world
-from worlds.dynamic.hands import DT, feel, given, wander
+from worlds.dynamic.hands import DT, feel, sum_work, wander
 
 AWAY = np.array([0.0, 0.0, 0.2])
 
 
 def test_without_damping_its_energy_stays_for_ten_seconds():
-    bound = bind_world(Ball(damping=0.0), DT)
+    bound = bind_world(RollingBall(damping=0.0), DT)
     bound.memory["velocity"] = (0.0, 0.15, 0.0)
     energies = []
     for _ in range(100):
@@ -24,7 +24,7 @@ def test_without_damping_its_energy_stays_for_ten_seconds():
 
 
 def test_it_rolls_as_the_equations_of_a_spherical_pendulum_say():
-    world = Ball(damping=0.05)
+    world = RollingBall(damping=0.05)
     bound = bind_world(world, DT)
     bound.memory["velocity"] = (0.0, 0.15, 0.0)
     start = np.concatenate([bound.memory["place"][0], bound.memory["velocity"][0]])
@@ -43,18 +43,18 @@ def test_it_rolls_as_the_equations_of_a_spherical_pendulum_say():
 @pytest.mark.parametrize("seed", range(4))
 def test_what_a_hand_pushes_in_is_what_the_ball_has(seed):
     """The work of the hand is the change of energy, but for the time step: within 2 % of all that went to and fro."""
-    world = Ball(damping=0.0)
+    world = RollingBall(damping=0.0)
     p, v = wander(seed, 3.0, size=0.012)
     forces, bound = feel(world, p, v)
     start = bind_world(world, DT)
-    work = given(forces, p)
+    work = sum_work(forces, p)
     assert np.abs(np.diff(work)).sum() > 1e-4  # they met
     first = feel(None, p[:1], bound=start)[1].energy
     assert bound.energy - first == pytest.approx(-work[-1], abs=0.02 * np.abs(np.diff(work)).sum())
 
 
 def test_it_is_pushed_away_and_comes_back():
-    world = Ball(damping=0.2)
+    world = RollingBall(damping=0.2)
     x = np.concatenate([np.linspace(0.03, 0.0, 500), np.full(4000, 0.2)])
     p = np.column_stack([x, 0 * x, np.sqrt(np.maximum(0.05**2 - x**2, 1e-4))])
     forces, bound = feel(world, p)
@@ -63,16 +63,16 @@ def test_it_is_pushed_away_and_comes_back():
 
 
 def test_other_parameters_leave_it_where_it_is():
-    bound = bind_world(Ball(), DT)
+    bound = bind_world(RollingBall(), DT)
     feel(None, np.tile(AWAY, (300, 1)), bound=bound)
-    after = bind_world(Ball(mass=0.2, rim_deg=20), DT, bound)
+    after = bind_world(RollingBall(mass=0.2, rim_deg=20), DT, bound)
     assert (after.memory["place"] == bound.memory["place"]).all()
 
 
 def test_it_belongs_on_a_dome_within_its_rim():
     with pytest.raises(InputError, match="'pmsm' has none"):
-        Ball().for_device(load("pmsm"))
+        RollingBall().for_device(load("pmsm"))
     with pytest.raises(InputError, match="below the rim"):
-        Ball(summit=(0, 0, -1)).for_device(load("omni"))
+        RollingBall(summit=(0, 0, -1)).for_device(load("omni"))
     with pytest.raises(InputError, match="zero vector"):
-        Ball(summit=(0, 0, 0))
+        RollingBall(summit=(0, 0, 0))

@@ -7,7 +7,7 @@ from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb.worlds import Button
 from haptorb.worlds.bound_world import bind_world
-from worlds.dynamic.hands import DT, feel, given, wander
+from worlds.dynamic.hands import DT, feel, sum_work, wander
 
 TRAVEL = Button().travel
 TOP = Button().bottom + TRAVEL
@@ -90,7 +90,7 @@ def test_nobody_gets_energy_out_of_it(seed):
     world = Button()
     p, v = wander(seed, 6.0, centre=(0.002, 0, TOP - 0.004), size=0.006)
     forces, bound = feel(world, p, v)
-    work = given(forces, p)
+    work = sum_work(forces, p)
     flow = np.abs(np.diff(work)).sum()
     assert flow > 1e-3
     start = bind_world(world, DT)

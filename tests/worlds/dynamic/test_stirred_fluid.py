@@ -8,7 +8,7 @@ from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb.worlds import StirredFluid
 from haptorb.worlds.bound_world import bind_world
-from worlds.dynamic.hands import DT, feel, given, wander
+from worlds.dynamic.hands import DT, feel, sum_work, wander
 
 WIDTH = 0.05 / 8
 RADII = (np.arange(8) + 0.5) * WIDTH
@@ -65,7 +65,7 @@ def test_what_the_hand_pushes_the_fluid_gets():
     forces, bound = feel(world, p, v)
     along = v / np.linalg.norm(v, axis=1)[:, None]
     impulse = -(forces * along).sum() * DT
-    assert world._facts["mass"][0] @ bound.memory["swirl"][0] == pytest.approx(impulse, rel=5e-3)
+    assert world._facts["mass"][0] @ bound.memory["swirl"][0] == pytest.approx(impulse, rel=1e-2)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -73,7 +73,7 @@ def test_no_hand_gets_more_out_of_it_than_it_put_in(seed):
     world = StirredFluid()
     p, v = wander(seed, 4.0, size=0.01)
     forces, bound = feel(world, p, v)
-    work = given(forces, p)
+    work = sum_work(forces, p)
     assert work.max() < 1e-5
     assert bound.energy < -work[-1]
 

@@ -29,7 +29,7 @@ _STEP = 2e-5  #: of the differences [m] or [rad]
 
 @final
 @dataclass(frozen=True)
-class _Settled(World):
+class _SettledWorld(World):
     """A world with memory that is moved from where it was held; `Workspace.field` takes it for a world without."""
 
     rendered: BoundWorld | None = None
@@ -44,18 +44,18 @@ class _Settled(World):
     def wrench(self, state: State) -> Array:
         """(6,) at `state` [N, N·m], one tick after the place where it is held now; that memory comes back."""
         assert self.rendered is not None
-        kept = self.rendered.numbers.copy()
+        before = self.rendered.numbers.copy()
         try:
             self.rendered.wrench(state)
             return self.rendered.wrench(state).copy()
         finally:
-            self.rendered.numbers[:] = kept
+            self.rendered.numbers[:] = before
 
 
 class _Holder:
     """Stands for the world when `Workspace.field` asks at a place: hold it there."""
 
-    def __init__(self, settled: _Settled) -> None:
+    def __init__(self, settled: _SettledWorld) -> None:
         self._settled = settled
 
     def for_device(self, device: Device) -> _Holder:
@@ -71,7 +71,7 @@ def list_quick_steepness(device: Device, world: DynamicWorld, place: Workspace, 
     tick of `dt` [s]; in the workspace's own coordinates, as `steepest` has them."""
     fitted = world.for_device(device)
     assert isinstance(fitted, DynamicWorld)
-    settled = _Settled(BoundWorld(fitted, dt))
+    settled = _SettledWorld(BoundWorld(fitted, dt))
     hold, field = place.field(_Holder(settled)), place.field(settled)  # type: ignore[arg-type]
     still, found = np.zeros(3), []
     for p in place.places[:_PLACES]:

@@ -1,7 +1,11 @@
-"""What the page draws of a device, in metres and radians: one description for each scene that `web/src/scene` knows."""
+"""What the page draws of a device, in metres and radians: one description for each scene that `web/src/scene` knows.
+
+And the bodies of worlds with memory, with their places in the row.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,8 +16,11 @@ from haptorb.devices.electromagnet.geometry import electromagnet_geometry
 from haptorb.devices.geometry import Geometry, RoundPart
 from haptorb.devices.motor.geometry import motor_geometry
 from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.worlds import World, find_world
+from haptorb.worlds.dynamic_world import DynamicWorld
+from haptorb.worlds.memory import find_number
 
-__all__ = ["axes_scene", "describe_parts", "dome_scene", "motor_scene"]
+__all__ = ["axes_scene", "describe_parts", "dome_scene", "list_shapes", "motor_scene"]
 
 
 def axes_scene(device: Device) -> dict[str, Any]:
@@ -79,3 +86,32 @@ def _describe_part(part: RoundPart) -> dict[str, Any]:
         "moves": part.moves,
         "stated": part.stated,
     }
+
+
+def list_shapes(name: str, values: Mapping[str, Any], own: Mapping[str, World]) -> list[dict[str, Any]]:
+    """Bodies of the world `name` with `values`, one of the catalogue or of the `own` ones; none of any other world.
+
+    size [m] as `worlds.shape.SHAPES` says; place and attitude are indices in the row's memory.
+    """
+    try:
+        world = own[name] if name in own else find_world(name)()
+        if not isinstance(world, DynamicWorld):
+            return []
+        changed = world.replace(**values)
+        fields = changed.memory_fields
+        return [
+            {
+                "name": shape.name,
+                "kind": shape.kind,
+                "size": list(shape.size),
+                "role": shape.role,
+                "at": list(shape.at),
+                "points": list(shape.points),
+                "corners": list(shape.corners),
+                "place": find_number(fields, shape.place, shape.row) if shape.place else None,
+                "attitude": find_number(fields, shape.attitude, shape.row) if shape.attitude else None,
+            }
+            for shape in changed.shapes
+        ]
+    except Exception:  # a world that this process does not know by name, or the user's code: only its picture is lost
+        return []

@@ -9,8 +9,7 @@ import numpy as np
 
 from haptorb.apps.console.pointer_relay import patience_for
 from haptorb.apps.console.running_servo import RunningServo
-from haptorb.apps.console.scenes import axes_scene
-from haptorb.apps.console.shapes import list_shapes
+from haptorb.apps.console.scenes import axes_scene, list_shapes
 from haptorb.apps.console.target import target_scene, world_remarks
 from haptorb.apps.console.wire import Columns
 from haptorb.control.protection.trip import Trip

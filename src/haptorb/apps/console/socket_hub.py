@@ -18,8 +18,8 @@ from haptorb.apps.console.page import ConsolePage, to_json, wait_for_first
 from haptorb.apps.console.pointer_relay import PointerRelay
 from haptorb.apps.console.recent import RecentRows
 from haptorb.apps.console.running_servo import RunningServo
+from haptorb.apps.console.scenes import list_shapes
 from haptorb.apps.console.session import read_world, worlds
-from haptorb.apps.console.shapes import list_shapes
 from haptorb.apps.console.target import prepare, target_scene, world_remarks
 from haptorb.apps.console.wire import Columns, encode_force_frame, mesh_frame, pointer, rows_frame
 from haptorb.apps.web.command import asks_to_stop

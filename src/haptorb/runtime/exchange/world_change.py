@@ -34,13 +34,13 @@ def description(world: World) -> str:
     >>> description(worlds.Nothing())
     '{"name": "nothing", "values": {}}'
     """
-    told: dict[str, Any] = {"name": name_of(world), "values": parameter_values(world)}
+    message: dict[str, Any] = {"name": name_of(world), "values": parameter_values(world)}
     if isinstance(world, DynamicWorld):
-        told["memory"] = [
+        message["memory"] = [
             {"name": field.name, "unit": field.unit, "about": field.about, "shape": list(field.shape)}
             for field in world.memory_fields
         ]
-    return json.dumps(told)
+    return json.dumps(message)
 
 
 def request(number: int, name: str, values: Mapping[str, Any], file: str = "") -> str:

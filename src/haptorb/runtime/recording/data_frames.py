@@ -6,6 +6,7 @@ Neither package is loaded, or needed, before somebody asks for this.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -104,8 +105,8 @@ def list_columns(recording: Rows) -> list[tuple[Field, Array]]:
     found = [(field, recording[field.name]) for field in recording.fields if field.name != "memory"]
     units = recording.memory_units
     for name, values in recording.memory.items():
-        flat = values.reshape(len(values), -1)
-        one = Field(name, flat.shape[1], units[name], "remembered by the world")
+        one = Field(name, prod(values.shape[1:]), units[name], "remembered by the world")
+        flat = values.reshape(len(values), one.width)
         found.append((one, flat[:, 0] if one.width == 1 else flat))
     return found
 
@@ -124,7 +125,7 @@ def make_data_frame(recording: Rows) -> DataFrame:
         for name, unit in zip(column_names(field), units_of(field), strict=True):
             names.append(name)
             units[name], about[name] = unit, field.about
-        columns.append(values.reshape(len(values), -1))
+        columns.append(values.reshape(len(values), field.width))
     frame = pandas.DataFrame(np.concatenate(columns, axis=1), columns=names)
     if "t" in names:
         frame = frame.set_index("t")

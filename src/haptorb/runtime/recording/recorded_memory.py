@@ -36,16 +36,17 @@ def read_memory(recording: RecordedRows) -> dict[str, Array]:
     field for which rows had no room is left out. Raises RecordingError for a note of a world that haptorb did not
     write."""
     found: dict[str, Array] = {}
-    if not any(field.name == "memory" for field in recording.fields):
+    room = sum(field.width for field in recording.fields if field.name == "memory")
+    if not room:
         return found
-    numbers = recording["memory"].reshape(len(recording), -1)
+    numbers = recording["memory"].reshape(len(recording), room)
     changes = recording["world"]
     for change, name, fields in _list_fields(recording.worlds):
         rows, start = changes == change, 0
         for field in fields:
             shape = tuple(field["shape"])
             first, start = start, start + prod(shape)
-            if start > numbers.shape[1]:
+            if start > room:
                 break
             values = found.setdefault(f"{name}.{field['name']}", np.full((len(recording), *shape), np.nan))
             if values.shape[1:] == shape:  # a file that was saved anew may have changed it

@@ -162,7 +162,7 @@ class Recording:
             raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
         columns = list_columns(self)
         heads = [head for field, _ in columns for head in column_heads(field)]
-        rows = np.concatenate([values.reshape(len(self), -1) for _, values in columns], axis=1)
+        rows = np.concatenate([values.reshape(len(self), field.width) for field, values in columns], axis=1)
         try:
             with replace_file(path) as part, part.open("w", encoding="utf-8") as file:
                 file.write(",".join(heads) + "\n")

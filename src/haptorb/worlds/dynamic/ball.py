@@ -19,7 +19,7 @@ from haptorb.worlds.parameter import parameter
 from haptorb.worlds.shape import Shape
 from haptorb.worlds.world import World
 
-__all__ = ["Ball"]
+__all__ = ["RollingBall"]
 
 _FIELDS = (
     MemoryField("place", "m", "of the ball's centre, stator frame", (3,)),
@@ -133,7 +133,7 @@ def _roll(memory: Records, ball: Records, p: Array, dt: float, wrench: Array) ->
 
 
 @dataclass(frozen=True)
-class Ball(DynamicWorld):
+class RollingBall(DynamicWorld):
     """A ball that rolls in a bowl on the dome: push it, catch it, let it swing.
 
     Its centre moves on the sphere on which a touching tool's magnet moves, in the potential of a spherical pendulum,
@@ -143,7 +143,7 @@ class Ball(DynamicWorld):
     Integrated by Störmer–Verlet on the sphere, a step a tick: without damping its energy stays within 0.1 % (Hairer,
     Lubich and Wanner 2006, chapter VI).
 
-    >>> ball = Ball(rim_deg=60)
+    >>> ball = RollingBall(rim_deg=60)
     >>> bool(ball.wrench(State.at((0.02, 0, 0.05)))[0] < 0)
     True
     """
@@ -165,6 +165,11 @@ class Ball(DynamicWorld):
             raise InputError("Ball.summit must be a direction; got the zero vector")
 
     @property
+    def name(self) -> str:
+        """As in the catalogue."""
+        return "ball"
+
+    @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
         """Place, velocity, place in the picture, and energy."""
         return _FIELDS
@@ -179,7 +184,7 @@ class Ball(DynamicWorld):
         """[N]"""
         return self.greatest
 
-    def for_device(self, device: Device) -> Ball:
+    def for_device(self, device: Device) -> RollingBall:
         """With the ball on the dome of `device`. Raises InputError for a device without one, or a summit below its
         rim."""
         shell = device.shell
@@ -222,6 +227,6 @@ class Ball(DynamicWorld):
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
         """The ball goes on where it is [m], on the sphere of this world."""
-        if isinstance(previous, Ball) and old.dtype == memory.dtype:
+        if isinstance(previous, RollingBall) and old.dtype == memory.dtype:
             memory[:] = old
             memory["place"] *= self.distance / previous.distance

@@ -19,7 +19,7 @@ from haptorb.worlds.world import World
 __all__ = ["Friction"]
 
 _FIELDS = (
-    MemoryField("begun", "1", "1 once a place is known"),
+    MemoryField("placed", "1", "1 once a place is known"),
     MemoryField("place", "m", "of the tool a tick ago", (3,)),
     MemoryField("bristle", "m", "mean deflection of the bristles, z", (3,)),
     MemoryField("energy", "J", "in the bristles"),
@@ -59,10 +59,10 @@ def _rub(memory: Records, friction: Records, p: Array, v: Array, wrench: Array) 
     """Bend the bristles by the way to `p` (3,) [m], and fill `wrench` (6,) with the force against it [N]."""
     m, f = memory[0], friction[0]
     z, place = m.bristle, m.place
-    if m.begun == 0.0:
+    if m.placed == 0.0:
         for i in range(3):
             place[i] = p[i]
-        m.begun = 1.0
+        m.placed = 1.0
     way = speed = bent = along = 0.0
     for i in range(3):
         step = p[i] - place[i]
