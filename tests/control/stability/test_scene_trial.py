@@ -1,4 +1,4 @@
-"""A random hand gets nothing out of a shipped scene; the whole ten minutes are in benchmarks/scenes.py."""
+"""A random hand gets nothing out of a shipped scene; the whole ten minutes are in benchmarks/worlds/scenes.py."""
 
 from __future__ import annotations
 

@@ -24,10 +24,13 @@ def judge_scene(
     from haptorb.apps.check.world import ENOUGH
     from haptorb.apps.cli.world_option import choose_scene_option
     from haptorb.control.stability.coupling_choice import couple_world, measure_margin
+    from haptorb.worlds.scene.scene import Scene
 
     found = choose_scene_option(scene, body, world, settings, device).load()
     loop = setting.loop(device)
-    coupled = couple_world(found, device, loop, setting.hand).for_device(device)
+    chosen = couple_world(found, device, loop, setting.hand)
+    assert isinstance(chosen, Scene)
+    coupled = chosen.for_device(device)
     margin = measure_margin(coupled, device, loop, setting.hand)
     verdict = "inside" if margin >= ENOUGH else ("close" if margin > 1.0 else "outside")
     numbers = {

@@ -20,6 +20,9 @@ from haptorb.errors import InputError
 if TYPE_CHECKING:
     from haptorb.runtime.processes.prestart import PrestartedProcess
     from haptorb.runtime.servo.servo import Servo
+    from haptorb.worlds import World
+    from haptorb.worlds.own.world_file import WorldFile
+    from haptorb.worlds.scene.scene_file import SceneFile
 
 __all__ = ["register"]
 
@@ -113,6 +116,7 @@ def run(
         from haptorb.runtime.tick.assembly import default_world
 
         found = load(device)
+        felt: World | WorldFile | SceneFile
         if scene is None and body is None:
             felt = choose_world_option(world or default_world(found), settings or [], found)
         else:

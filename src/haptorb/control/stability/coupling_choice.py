@@ -34,6 +34,7 @@ _SLOW = 0.3  #: share of a body's momentum that the damper takes in one step of 
 _RATIOS = (0.7, 0.4)  #: damping ratios of the body in the coupling, the calmer first
 _WORTH = 0.8  #: a calmer coupling is taken for so much of the stiffness
 _SOFT = 1e-3
+_SPENT = 2e-3  #: within which a tool reaches its greatest force: stiffer would be felt as a switch [m]
 _HEAVIEST = (0.2, 2e-4)  #: that a body counts as [kg], [kg·m²]
 _STIFFEST, _TURN_STIFFEST = 5e3, 20.0  #: contacts of a scene are hardly stiffer [N/m], [N·m/rad]
 
@@ -72,7 +73,8 @@ def choose_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: HandG
         turn = _choose(loop, turning, float(squares[3:].max()), inertia, float(step), _TURN_STIFFEST)
         return Coupling(*move[:2], *turn[:2], min(move[2], turn[2]), move[3])
     held = hand.with_mass(device.tool.mass) if isinstance(device, SphericalElectromagnet) else hand
-    stiffness, damping, margin, limit = _choose(loop, held, scene.scale**2, mass, float(step), _STIFFEST)
+    stiffest = min(_STIFFEST, device.limits.force / (_SPENT * scene.scale**2))
+    stiffness, damping, margin, limit = _choose(loop, held, scene.scale**2, mass, float(step), stiffest)
     return Coupling(stiffness, damping, 0.0, 0.0, margin, limit)
 
 

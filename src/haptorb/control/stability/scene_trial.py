@@ -110,7 +110,8 @@ def _aim(device: Device, slow: Array) -> Array:
         u = np.array([math.sin(tilt_x), math.sin(tilt_y), 1.0])
         u *= (device.contact_distance + 0.003 * (1.0 + bounded[2])) / np.linalg.norm(u)
         return np.concatenate([u, np.zeros(3)])
-    return bounded * _REACH
+    middle: Array = bounded * _REACH
+    return middle
 
 
 def _solve(m: float, b: float, k: float, dt: float) -> tuple[Array, Array]:
@@ -127,5 +128,7 @@ def _rotation(turn: Array) -> Array:
     x, y, z = turn
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     if angle < 1e-9:
-        return np.eye(3) + K
-    return np.eye(3) + math.sin(angle) / angle * K + (1 - math.cos(angle)) / angle**2 * K @ K
+        small: Array = np.eye(3) + K
+        return small
+    whole: Array = np.eye(3) + math.sin(angle) / angle * K + (1 - math.cos(angle)) / angle**2 * K @ K
+    return whole

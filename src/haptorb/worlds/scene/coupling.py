@@ -34,9 +34,9 @@ def _limit(spring: Array, stretch: Array, speed: Array, stiffness: float, dampin
     for i in range(3):
         spring[i] = share * stiffness * stretch[i] + drag * damping * speed[i]
     if share == 1.0:
-        return 0.5 * pull * length
+        return float(0.5 * pull * length)
     most = greatest / stiffness
-    return 0.5 * greatest * most + greatest * (length - most)
+    return float(0.5 * greatest * most + greatest * (length - most))
 
 
 @kernel

@@ -7,7 +7,6 @@ import re
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,7 @@ _LINE = re.compile(r"[Ll]ine(?: number)?\s*=?\s*(\d+)")
 
 
 @cache
-def load_engine() -> ModuleType:
+def load_engine() -> Any:
     """MuJoCo itself, told to write nothing into files. Raises InputError with what to install where it is missing."""
     try:
         import mujoco

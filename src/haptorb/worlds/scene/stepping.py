@@ -112,7 +112,7 @@ class SceneStepper:
         return found[0], found[1]
 
     def advance(
-        self, lasting: Array, wish: tuple[Array, Array, Array, Array], couplings: Records, steps: int, level: int
+        self, lasting: Array, wish: tuple[Array, Array, Array], couplings: Records, steps: int, level: int
     ) -> tuple[Array, float]:
         """(6,) mean force and torque on the body over `steps` steps of the scene [N, N·m], and the energy [J] that it
         and the coupling hold as they begin. `lasting` (n,) becomes the state after them.
@@ -147,7 +147,7 @@ class SceneStepper:
                 raise SceneExplosion(self._explain())
         return total / max(steps, 1), energy
 
-    def _couple(self, wish: tuple[Array, Array, Array, Array], couplings: Records, share: float) -> float:
+    def _couple(self, wish: tuple[Array, Array, Array], couplings: Records, share: float) -> float:
         engine, moving, wrench = self._engine, self._moving, self._wrench
         engine.mj_objectVelocity(self._model, self._data, engine.mjtObj.mjOBJ_XBODY, self._body, moving, 0)
         place, R, motion = wish[0], wish[1], wish[2]
