@@ -156,4 +156,5 @@ def _slowness(path: GuidancePath) -> Array:
         before, after = before % (len(numbers) - 1), after % (len(numbers) - 1)
     turned = path.tangents[np.clip(after, 0, numbers[-1])] - path.tangents[np.clip(before, 0, numbers[-1])]
     bend = np.linalg.norm(turned, axis=1) / (2 * reach * path.spacing)
-    return np.minimum(1.0, (1.0 / (_BEND * np.maximum(bend, 1e-9))) ** (1 / 3))
+    share: Array = np.minimum(1.0, (1.0 / (_BEND * np.maximum(bend, 1e-9))) ** (1 / 3))
+    return share

@@ -27,7 +27,8 @@ def _refine(p: Array, places: Array, spacing: float, k: int) -> float:
         along += (p[i] - places[k, i]) * step
         square += step * step
     share = along / square * (last - first) if square > 0.0 else 0.0
-    return spacing * min(max(k + min(max(share, -0.5), 0.5), 0.0), places.shape[0] - 1.0)
+    arc: float = spacing * min(max(k + min(max(share, -0.5), 0.5), 0.0), places.shape[0] - 1.0)
+    return arc
 
 
 @kernel

@@ -1,6 +1,6 @@
 """How long a tick of the world `path_guidance` takes, and its worst solution.
 
-    python benchmarks/guidance_solve.py [--json]
+    python benchmarks/worlds/guidance_solve.py [--json]
 
 A hand follows a circle, is pushed about, jumps, and turns back. Every run is the same bit for bit and is made several
 times; of each tick the shortest time counts, so that what the computer did beside is left out. The longest single time
