@@ -69,7 +69,7 @@ def serial(effort: float, tell: Callable[[str], None]) -> list[Metric]:
 def study(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     """Numbers and report of a study of 300 trials."""
     tell("300 trials")
-    facts = _script("study_analysis", "--trials", "300")
+    facts = _script("study/study_analysis", "--trials", "300")
     if isinstance(facts, str):
         return [Metric("study", "analysis of 300 trials, report included", None, "s", note=facts)]
     return [

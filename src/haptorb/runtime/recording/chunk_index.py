@@ -60,7 +60,7 @@ class ChunkIndex:
         return int(self._starts[-1])
 
     def read(self, first: int, last: int, columns: slice) -> Array:
-        """(last − first, k) those columns of rows `first` up to `last`, each number in the unit of its field [SI].
+        """(n, k) those columns of rows `first` up to `last`, n of them, each number in the unit of its field [SI].
 
         Raises RecordingError where a chunk is damaged, or the file has changed since it was opened.
         """

@@ -10,19 +10,19 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from haptorb.numerics.arrays import Array
 
-__all__ = ["Column"]
+__all__ = ["FieldColumn"]
 
 Read = Callable[[int, int], Array]  #: (last − first, width) rows `first` up to `last` of the field
 
 
 @final
-class Column(NDArrayOperatorsMixin):
+class FieldColumn(NDArrayOperatorsMixin):
     """A field of all ticks, shape (n, width), or (n,) where the width is 1.
 
     `column[a:b]` reads those ticks only. In arithmetic, in functions of NumPy and where one of an array's methods is
     called, it is the whole array.
 
-    >>> column = Column(lambda a, b: np.arange(a, b, dtype=float)[:, None], 1000, 1)
+    >>> column = FieldColumn(lambda a, b: np.arange(a, b, dtype=float)[:, None], 1000, 1)
     >>> column[10:13].tolist(), float(column[-1]), column.shape, float((column + 1).max())
     ([10.0, 11.0, 12.0], 999.0, (1000,), 1000.0)
     """
@@ -80,7 +80,7 @@ class Column(NDArrayOperatorsMixin):
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **others: Any) -> Any:
         """Arithmetic with the whole array."""
-        return getattr(ufunc, method)(*(np.asarray(x) if isinstance(x, Column) else x for x in inputs), **others)
+        return getattr(ufunc, method)(*(np.asarray(x) if isinstance(x, FieldColumn) else x for x in inputs), **others)
 
     def __getattr__(self, name: str) -> Any:
         """A method or property of the whole array."""
@@ -92,7 +92,7 @@ class Column(NDArrayOperatorsMixin):
         """Its shape, and the first and last ticks."""
         ends = np.concatenate((self[:2], self[-2:])) if self._rows else np.empty(0)
         shown = np.array2string(ends, threshold=12, precision=4)
-        return f"<Column of shape {self.shape}, first and last ticks: {shown}>"
+        return f"<FieldColumn of shape {self.shape}, first and last ticks: {shown}>"
 
     def _load(self, first: int, last: int) -> Array:
         rows = self._read(first, last)

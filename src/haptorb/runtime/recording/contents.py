@@ -39,7 +39,7 @@ class Contents:
         return sum(field.width for field in self.fields)
 
     def add(self, found: Any) -> Array | None:
-        """Take a record in; (n, width) rows if it holds some, numbers in the units of their fields.
+        """Take a record in; (n, width) rows if it holds some, numbers in the units [SI] of their fields.
 
         Raises RecordingError if the topic is of another kind, or there twice.
         """

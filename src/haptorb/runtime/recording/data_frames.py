@@ -33,7 +33,7 @@ _PARTS: dict[str, tuple[str, tuple[str, ...]]] = {
 _CHANNELS = frozenset({"wanted", "currents", "duties", "resistance", "boundary", "winding"})
 
 
-class Described(Protocol):
+class RecordingNotes(Protocol):
     """What says of a recording how it was made."""
 
     path: Path
@@ -43,7 +43,7 @@ class Described(Protocol):
         """The device, the run and the versions."""
 
 
-class Rows(Described, Protocol):
+class Rows(RecordingNotes, Protocol):
     """What is read of a recording."""
 
     @property
@@ -148,7 +148,7 @@ def make_dataset(recording: Rows) -> Dataset:
     return xarray.Dataset(variables, coordinates, describe_notes(recording))
 
 
-def describe_notes(recording: Described) -> dict[str, str]:
+def describe_notes(recording: RecordingNotes) -> dict[str, str]:
     """What ran, for the metadata of a table: file, device, driver, rate [Hz] and model."""
     device, run = recording.metadata.get("device", {}), recording.metadata.get("run", {})
     known = {

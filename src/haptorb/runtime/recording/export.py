@@ -19,7 +19,7 @@ import numpy as np
 from haptorb.errors import InputError, RecordingError, UnknownName
 from haptorb.files.replace_file import replace_file
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.recording.column import Column
+from haptorb.runtime.recording.column import FieldColumn
 from haptorb.runtime.recording.data_frames import column_heads, column_names, describe_notes, units_of
 from haptorb.runtime.row import Field
 
@@ -30,7 +30,7 @@ Progress = Callable[[float], None]  #: called with the share that is done
 _PIECE = 20_000  #: rows written at once
 
 
-class Source(Protocol):
+class RecordingReader(Protocol):
     """What is exported."""
 
     path: Path
@@ -43,7 +43,7 @@ class Source(Protocol):
     def metadata(self) -> Mapping[str, Mapping[str, str]]:
         """The device, the run and the versions."""
 
-    def __getitem__(self, name: str) -> Column:
+    def __getitem__(self, name: str) -> FieldColumn:
         """A field of all ticks, shape (n, width), or (n,) where the width is 1, in the field's own unit [SI]."""
 
     def __len__(self) -> int:
@@ -58,7 +58,7 @@ class Source(Protocol):
 class Export:
     """What is going to be written: these `fields` of these `ticks`, in the format `form`."""
 
-    recording: Source
+    recording: RecordingReader
     form: str
     fields: tuple[Field, ...]
     ticks: range
@@ -66,7 +66,7 @@ class Export:
     @classmethod
     def of(
         cls,
-        recording: Source,
+        recording: RecordingReader,
         form: str,
         fields: Sequence[str] | None = None,
         start: float | None = None,
@@ -97,7 +97,7 @@ class Export:
             report((last - self.ticks.start) / len(self.ticks))
 
 
-def _choose_fields(recording: Source, names: Sequence[str] | None) -> tuple[Field, ...]:
+def _choose_fields(recording: RecordingReader, names: Sequence[str] | None) -> tuple[Field, ...]:
     known = {field.name: field for field in recording.columns}
     if names is None:
         return recording.columns
@@ -109,7 +109,7 @@ def _choose_fields(recording: Source, names: Sequence[str] | None) -> tuple[Fiel
     return tuple(known[name] for name in dict.fromkeys(names))
 
 
-def _find_ticks(recording: Source, start: float | None, end: float | None) -> range:
+def _find_ticks(recording: RecordingReader, start: float | None, end: float | None) -> range:
     """The ticks in that range of time: few places of the file are looked at."""
     for name, value in (("start", start), ("end", end)):
         if value is not None and not math.isfinite(value):

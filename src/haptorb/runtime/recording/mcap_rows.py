@@ -107,7 +107,10 @@ def records(file: BinaryIO) -> Iterator[Schema | Channel | Metadata | Footer | B
 
 
 def open_record(opcode: int, data: bytes, room: int, most: int) -> tuple[list[Any], int]:
-    """The record itself, or what is in it; and how many bytes that was, at most `room`, in at most `most` records."""
+    """The record itself, or what is in it; and how many bytes that was, at most `room`, in at most `most` records.
+
+    Raises RecordingError for a chunk that haptorb did not write, and ValueError for one that is not whole.
+    """
     if opcode != Opcode.CHUNK:
         return list(_parse_record(opcode, data)), 0
     chunk = Chunk.read(ReadDataStream(BytesIO(data)))

@@ -17,7 +17,7 @@ from haptorb.errors import RecordingError, UnknownName, quote
 from haptorb.files.text_file import open_at_once
 from haptorb.numerics.arrays import Array
 from haptorb.runtime.recording.chunk_index import ChunkIndex
-from haptorb.runtime.recording.column import Column
+from haptorb.runtime.recording.column import FieldColumn
 from haptorb.runtime.recording.contents import Contents
 from haptorb.runtime.recording.data_frames import make_data_frame, make_dataset
 from haptorb.runtime.recording.export import Export
@@ -77,7 +77,7 @@ class Recording:
         """Rows recorded."""
         return len(self._source)
 
-    def __getitem__(self, name: str) -> Column:
+    def __getitem__(self, name: str) -> FieldColumn:
         """A field of all ticks, shape (n, width), or (n,) where the width is 1. UnknownName if there is no such.
 
         `recording["p"][a:b]` reads no more of a long file than these ticks.
@@ -85,7 +85,9 @@ class Recording:
         if name not in self._at:
             raise UnknownName("field", name, self._at)
         columns = self._at[name]
-        return Column(lambda first, last: self._read(first, last, columns), len(self), columns.stop - columns.start)
+        return FieldColumn(
+            lambda first, last: self._read(first, last, columns), len(self), columns.stop - columns.start
+        )
 
     def read(self, first: int, last: int, fields: Sequence[str]) -> Array:
         """(last − first, k) those fields side by side, in their own units [SI]; UnknownName for one that is not there.
@@ -129,7 +131,7 @@ class Recording:
             raise RecordingError(f"{self.path} is too large for the memory of this computer") from cause
 
     @property
-    def t(self) -> Column:
+    def t(self) -> FieldColumn:
         """(n,) time on the loop's clock [s]."""
         return self["t"]
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from haptorb.errors import RecordingError
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.recording.column import Column
+from haptorb.runtime.recording.column import FieldColumn
 from haptorb.runtime.row import Field
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class Fields(Protocol):
     truncated: bool
 
     @property
-    def t(self) -> Column:
+    def t(self) -> FieldColumn:
         """(n,) time on the loop's clock [s]."""
 
     @property
@@ -46,7 +46,7 @@ class Fields(Protocol):
     def require(self, *names: str) -> None:
         """RecordingError unless all these fields are there, as wide as today."""
 
-    def __getitem__(self, name: str) -> Column:
+    def __getitem__(self, name: str) -> FieldColumn:
         """A field of all ticks, shape (n, width), or (n,) where the width is 1."""
 
     def __len__(self) -> int:

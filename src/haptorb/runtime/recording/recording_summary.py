@@ -14,7 +14,7 @@ from haptorb.display.html import curves_svg
 from haptorb.display.quantity_text import format_quantity
 from haptorb.errors import RecordingError
 from haptorb.numerics.arrays import Array
-from haptorb.runtime.recording.column import Column
+from haptorb.runtime.recording.column import FieldColumn
 from haptorb.runtime.row import Field
 
 __all__ = ["draw_force", "duration_of", "list_facts", "measure_run", "summarize"]
@@ -42,7 +42,7 @@ class Summarized(Protocol):
     def worlds(self) -> list[dict[str, str]]:
         """The worlds that were rendered."""
 
-    def __getitem__(self, name: str) -> Column:
+    def __getitem__(self, name: str) -> FieldColumn:
         """A field of all ticks, shape (n, width), or (n,) where the width is 1, in the field's own unit [SI]."""
 
     def __len__(self) -> int:

@@ -87,13 +87,11 @@ class Servo(ServoContext):
     model      of coils and magnets that the controller inverts, one of the device's `tick_models`; None: the first
     estimator  how the mover's state is known; None: the device's default
     gains      of a motor's two modes; None: `linkage.MOTOR_GAINS`
-    calibration  file of `haptorb calibrate` (or a Calibration) whose values the controller believes; must be this
-               device's
+    calibration  file of `haptorb calibrate` (or a Calibration) for this device, whose values the controller believes
     render     part of the world's wrench to render, "force", "torque" or "both"; None: what the world asks
     torque_arm  where force and torque are both asked, 1 N weighs as much as this length [m] × 1 N of torque;
                None: `whole_wrench.TORQUE_ARM`
-    watchdog   False: drive an I²C bus although no monostable on its PWM chip's OE pin switches off when this computer
-               stops; nobody may touch such a device
+    watchdog   False: drive an I²C bus although nothing switches off when this computer stops; nobody may touch it
     grip       of the hand for which the coupling of a scene is chosen: "loose", "light", "firm", or
                "MASS,DAMPING,STIFFNESS"
     latency    of the tracker, for which it is chosen as well [s]; None: 5 ms (assumed) if it has a process of its own
@@ -103,10 +101,6 @@ class Servo(ServoContext):
     tracker or gains that do not fit the device, DeviceError for a file that describes no device, and CalibrationError
     for a calibration or frame that cannot be read or is another device's or tracker's. PlatformError if this is not
     Linux.
-
-    >>> with Servo("omni", "dome") as servo:  # doctest: +SKIP
-    ...     servo.run(seconds=5)
-    ...     print(servo.report()["peak_force_n"])
     """
 
     def __init__(

@@ -66,7 +66,7 @@ class Tick:
         self.estimator = estimator
         self.linkage = linkage or Direct()
         self.protection = Protection(device, dt, self.linkage.arm)
-        self._watch_energy()
+        self.protection.change_world(passive=self.world.passive and self.linkage.passive)
         self.layout = RowLayout.of(device)
         self._failure: tuple[Trip, BaseException] | None = None  # since the last engage
         self._device = device
@@ -120,13 +120,9 @@ class Tick:
         if restarts:
             self.linkage.restart()
         self.world, self._bound = fitted, bound
-        self._watch_energy()
+        self.protection.change_world(passive=self.world.passive and self.linkage.passive)
         self.part.begin(fitted)
         self.world_changes += 1
-
-    def _watch_energy(self) -> None:
-        """Have the passivity control begin anew with the present world."""
-        self.protection.change_world(passive=self.world.passive and self.linkage.passive)
 
     def replace_world(self, world: World) -> None:
         """Render another version of the world: the wrench goes over from the last one within `FADE`."""

@@ -1,4 +1,4 @@
-"""benchmarks/study_coverage.py whole, nightly: intervals of a group hold the truth in 93 to 97 % of studies.
+"""benchmarks/study/study_coverage.py whole, nightly: intervals of a group hold the truth in 93 to 97 % of studies.
 
 The standard error of a share of 1000 studies is 0.7 %, which is allowed below and above.
 """
@@ -19,7 +19,7 @@ STATED = ("threshold", "slope", "accuracy", "mean_error")
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
-    command = [sys.executable, "benchmarks/study_coverage.py", "--studies", "1000", "--rows", "group", "--json"]
+    command = [sys.executable, "benchmarks/study/study_coverage.py", "--studies", "1000", "--rows", "group", "--json"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     rows = [row for row in json.loads(done.stdout)["rows"] if row["quantity"] in STATED]
     assert len(rows) == 9 * len(STATED)

@@ -35,7 +35,7 @@ def test_with_many_answers_all_formulations_meet() -> None:
 
 
 def test_few_answers_are_corrected_and_the_interval_holds_the_truth() -> None:
-    """benchmarks/study_localisation.py in a reduced form: 12 answers to each set-point, as in 300 trials with 25."""
+    """benchmarks/study/study_localisation.py in a reduced form: 12 answers to each of 25 set-points."""
     rng = np.random.default_rng(4)
     found = [
         transfer_information(np.stack([[rng.multinomial(2, row) for row in RING] for _ in range(6)])) for _ in range(60)

@@ -179,7 +179,7 @@ def test_what_is_claimed_of_all_conditions_has_a_power_too() -> None:
 
 
 def test_power_is_what_the_analysis_finds() -> None:
-    """benchmarks/study_power.py in a reduced form: whole analyses of groups of the same people, counted."""
+    """benchmarks/study/study_power.py in a reduced form: whole analyses of groups of the same people, counted."""
     study = study_of(
         'name = "r"\nprocedure = "rating"\n[trials]\nrepetitions = 2\n'
         '[[conditions]]\nname = "base"\n[[conditions]]\nname = "other"'

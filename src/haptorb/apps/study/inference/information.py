@@ -10,7 +10,7 @@ large: chance alone makes answers look as if they followed prompts. Four formula
 
 Plug-in less chance is right only where answers hardly depend on prompts; where they do, fewer cells are met than after
 shuffling, and it takes away far too much (a third, at 80 % right of 25 set-points and 300 trials).
-`benchmarks/study_localisation.py` measures all four.
+`benchmarks/study/study_localisation.py` measures all four.
 """
 
 from __future__ import annotations

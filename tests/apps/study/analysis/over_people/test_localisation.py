@@ -106,7 +106,7 @@ def test_a_planted_growth_over_the_angle_is_found() -> None:
 
 
 def test_the_interval_holds_the_bias_as_often_as_it_says() -> None:
-    """benchmarks/study_localisation.py in a reduced form: the pooled trials would claim far too much."""
+    """benchmarks/study/study_localisation.py in a reduced form: the pooled trials would claim far too much."""
     held = []
     for seed in range(120):
         columns = plant(REACH, 6, up=2.0, seed=seed)

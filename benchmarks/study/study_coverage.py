@@ -1,7 +1,7 @@
 """How often the 95 % intervals of a study hold the truth, in simulated studies; all cores, fixed seeds.
 
-    python benchmarks/study_coverage.py [--studies 1000] [--first 0] [--cores N] [--rows group corners door adaptive]
-                                        [--people 6 12 24] [--sd 0 0.05 0.15] [--json]
+    python benchmarks/study/study_coverage.py [--studies 1000] [--first 0] [--cores N] [--json]
+                                              [--rows group corners door adaptive] [--people 6 12 24] [--sd 0 0.05 0.15]
 
 `--first` is the seed of the first study; `--people` and `--sd` choose cells of the rows group and corners.
 

@@ -1,6 +1,6 @@
 """How long the analysis of a study takes: 300 trials of the published study, and 60 people with 500 trials each.
 
-    python benchmarks/study_analysis.py [--people 60] [--trials 500] [--json]
+    python benchmarks/study/study_analysis.py [--people 60] [--trials 500] [--json]
 
 The answers are made up (the prompted number or a neighbour; a normal psychometric function), because only their number
 matters here. "numbers" is what `haptorb study analyse --json` computes; "with report" adds figures and report; "group"

@@ -1,6 +1,6 @@
 """Whether `study power` says what `study analyse` finds: its power against whole analyses of simulated studies.
 
-    python benchmarks/study_power.py [--studies 4000] [--json]
+    python benchmarks/study/study_power.py [--studies 4000] [--json]
 
 Simulated participants sit small studies once; they are the population. Groups are drawn from them, their answers are
 put together as a study would store them, the whole analysis runs, and its p is compared with α. That share, counted

@@ -1,6 +1,6 @@
 """Whether errors on the sphere and information are found as they were planted, study after study.
 
-    python benchmarks/study_localisation.py [--studies 1000] [--people 6] [--json]
+    python benchmarks/study/study_localisation.py [--studies 1000] [--people 6] [--json]
 
 Bias and slope: made-up people answer each of the 25 published set-points twice. Each has an upward bias of their own
 (mean 2°) or a slope of their own of the distance over θ (mean 0.08 mm/°), and scatters from trial to trial. Counted is
