@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from haptorb.apps.study.model.study_file import read_study
 from haptorb.devices.loader import load
+from haptorb.errors import RecordingError
 from haptorb.runtime.recording.recording import Recording
 from haptorb.runtime.row import RowLayout
 from haptorb.sensing.calibration_file import read_calibration
@@ -26,10 +28,14 @@ def test_a_recording_opens_and_its_fields_are_found_by_name(tmp_path: Path) -> N
     recording.to_csv(tmp_path / "rows.csv")
 
 
-def test_rows_that_had_two_contacts_on_every_device_keep_their_layout() -> None:
+def test_rows_that_had_two_contacts_on_every_device_are_read_by_name() -> None:
+    """Rows of today have more fields: which part of a wrench is rendered, and the memory of worlds."""
     recording = Recording(OLDER / "omni_contacts.mcap")
-    assert recording.layout == RowLayout(channels=3, sensors=recording.layout.sensors, contacts=2)
     assert recording["contacts"].shape == (20, 16)
+    assert recording["currents"].shape == (20, 3)
+    assert recording.memory == {}
+    with pytest.raises(RecordingError, match="read its fields by name"):
+        _ = recording.layout
 
 
 def test_a_calibration_is_believed_of_its_device() -> None:

@@ -50,6 +50,7 @@ class DeviceKind:
     force_map      (device) → process that computes the force painted into the console's picture
     card           (device) → Card of `haptorb inspect`
     errors         (device, wrench asked, estimator, calibration) → ErrorModel of `haptorb inspect --errors`
+    hold           (device, hand) → HeldMover, for a kind that a scene can be coupled to
     workspace      (device) → Workspace of `haptorb check --world`
     boundary       largest stiffness of the simulated chain, as `haptorb check --world --plot` tries it
     """
@@ -73,6 +74,7 @@ class DeviceKind:
     force_map: Part | None = None
     card: Part | None = None
     errors: Part | None = None
+    hold: Part | None = None
     workspace: Part | None = None
     boundary: Part | None = None
 

@@ -103,7 +103,8 @@ class World(Presentable, ABC):
         now = _parameter.values(self)
         rows = [
             [
-                f"{one.name}: {one.about}", f"{_format_value(now[one.name])} {one.unit.removeprefix('1')}".rstrip(),
+                f"{one.name}: {one.about}",
+                _format_value(now[one.name]) + (f" {one.unit}" if one.unit not in ("", "1") else ""),
                 f"{one.low:g} to {one.high:g}",
             ]
             for one in _parameter.parameters(type(self)).values()

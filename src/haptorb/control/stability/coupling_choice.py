@@ -14,12 +14,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from haptorb.control.clutch.linkage import MOTOR_GAINS
 from haptorb.control.stability.hand_grip import GRIPS, HandGrip
+from haptorb.control.stability.held_mover import hold_mover
 from haptorb.control.stability.stability import SampledLoop
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.motor.spherical_motor import SphericalMotor
+from haptorb.devices.electromagnet.api import electromagnet
 from haptorb.errors import InputError
 from haptorb.sensing.tool.place_filter import memory
 from haptorb.sensing.tool.tool_position import HallTracker
@@ -63,19 +62,13 @@ def choose_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: HandG
     # A body that cannot turn, or only with others, is no reason for a damper like a wall.
     mass, inertia = (min(one, most) for one, most in zip(scene.effective_inertia, _HEAVIEST, strict=True))
     step = scene.model.model.opt.timestep
-    if isinstance(device, SphericalMotor):
-        arm, gains = device.rotor.handle_length, MOTOR_GAINS
-        turning = HandGrip(
-            float(device.rotor.inertia[0]) + hand.mass * arm**2, hand.damping * arm**2, hand.stiffness * arm**2
-        )
-        squares = np.array([*gains.translate, *gains.rotate]) ** 2 * gains.torque_per_motion
-        move = _choose(loop, turning, float(squares[:3].max()) * scene.scale**2, mass, float(step), _STIFFEST)
-        turn = _choose(loop, turning, float(squares[3:].max()), inertia, float(step), _TURN_STIFFEST)
-        return Coupling(*move[:2], *turn[:2], min(move[2], turn[2]), move[3])
-    held = hand.with_mass(device.tool.mass) if isinstance(device, SphericalElectromagnet) else hand
-    stiffest = min(_STIFFEST, device.limits.force / (_SPENT * scene.scale**2))
-    stiffness, damping, margin, limit = _choose(loop, held, scene.scale**2, mass, float(step), stiffest)
-    return Coupling(stiffness, damping, 0.0, 0.0, margin, limit)
+    held, square = hold_mover(device, hand), scene.scale**2
+    stiffest = min(_STIFFEST, held.strongest / (_SPENT * square))
+    move = _choose(loop, held.grip, held.move * square, mass, float(step), stiffest)
+    if not held.turn:
+        return Coupling(*move[:2], 0.0, 0.0, *move[2:])
+    turn = _choose(loop, held.grip, held.turn, inertia, float(step), _TURN_STIFFEST)
+    return Coupling(*move[:2], *turn[:2], min(move[2], turn[2]), move[3])
 
 
 def couple_world(world: World, device: Device, loop: SampledLoop, hand: HandGrip = GRIPS["light"]) -> World:
@@ -107,20 +100,12 @@ def describe_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: Han
 
 def measure_margin(scene: Scene, device: Device, loop: SampledLoop, hand: HandGrip) -> float:
     """By how much the coupling of `scene` could be stronger before the loop oscillates against a wall; 1: boundary."""
-    if isinstance(device, SphericalMotor):
-        arm, gains = device.rotor.handle_length, MOTOR_GAINS
-        held = HandGrip(
-            float(device.rotor.inertia[0]) + hand.mass * arm**2, hand.damping * arm**2, hand.stiffness * arm**2
-        )
-        squares = np.array([*gains.translate, *gains.rotate]) ** 2 * gains.torque_per_motion
-        move, turn = float(squares[:3].max()) * scene.scale**2, float(squares[3:].max())
-        return min(
-            loop.largest(held, move * scene.stiffness, move * scene.damping),
-            loop.largest(held, turn * scene.turn_stiffness, turn * scene.turn_damping),
-        )
-    held = hand.with_mass(device.tool.mass) if isinstance(device, SphericalElectromagnet) else hand
-    square = scene.scale**2
-    return loop.largest(held, square * scene.stiffness, square * scene.damping)
+    held = hold_mover(device, hand)
+    square = held.move * scene.scale**2
+    moving = loop.largest(held.grip, square * scene.stiffness, square * scene.damping)
+    if not held.turn:
+        return moving
+    return min(moving, loop.largest(held.grip, held.turn * scene.turn_stiffness, held.turn * scene.turn_damping))
 
 
 @dataclass(frozen=True)
@@ -155,8 +140,8 @@ class CouplingSetting:
         coils = self.device.coils
         late = self.latency if self.latency is not None else (ASSUMED if self.fed else 0.0)
         theta = 0.0
-        if self.estimator == "hall" and isinstance(self.device, SphericalElectromagnet):
-            theta = memory(2 * math.pi * HallTracker(self.device).bandwidth / self.rate)
+        if self.estimator == "hall":
+            theta = memory(2 * math.pi * HallTracker(electromagnet(self.device)).bandwidth / self.rate)
         return SampledLoop.of(self.rate, None, late, float(np.max(coils.inductance / coils.resistance)), theta)
 
     def couple(self, world: World) -> World:

@@ -13,13 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
-from haptorb.control.clutch.linkage import MOTOR_GAINS
 from haptorb.control.stability.hand_grip import HandGrip
+from haptorb.control.stability.held_mover import hold_mover
 from haptorb.devices.device import Device
-from haptorb.devices.electromagnet.electromagnet import SphericalElectromagnet
-from haptorb.devices.motor.spherical_motor import SphericalMotor
 from haptorb.devices.state import State
-from haptorb.errors import InputError
 from haptorb.numerics.arrays import Array
 from haptorb.worlds.bound_world import bind_world
 from haptorb.worlds.scene.scene import Scene
@@ -27,8 +24,6 @@ from haptorb.worlds.scene.scene import Scene
 __all__ = ["SceneTrial", "try_random_hand"]
 
 _WANDER = 0.15  #: time constant of the hand's wish, twice [s]
-#: how far a target wanders [m, rad]; a tool wanders over its dome
-_REACH = np.array([0.009, 0.001, 0.001, 0.03, 0.03, 0.03])
 
 
 @dataclass(frozen=True)
@@ -55,10 +50,11 @@ def try_random_hand(
     fitted, dt, rng = scene.for_device(device), 1.0 / rate, np.random.default_rng(seed)
     bound = bind_world(fitted, dt)
     assert bound is not None
-    masses, dampers, springs = _hold(device, hand)
-    steps = [_solve(m, b, k, dt) for m, b, k in zip(masses, dampers, springs, strict=True)]
+    mover = hold_mover(device, hand)
+    springs = mover.springs
+    steps = [_solve(m, b, k, dt) for m, b, k in zip(mover.masses, mover.dampers, springs, strict=True)]
     on, push = np.array([one[0] for one in steps]), np.array([one[1] for one in steps])
-    x, wish, slow = _begin(device), np.zeros(6), np.zeros(6)
+    x, wish, slow = mover.rest.copy(), np.zeros(6), np.zeros(6)
     v = np.zeros(6)
     x[3:] = 0.0
     fade = math.exp(-dt / _WANDER)
@@ -72,46 +68,13 @@ def try_random_hand(
         greatest = max(greatest, math.sqrt(float(wrench[:3] @ wrench[:3])))
         wish += (1 - fade) * (spread * rng.standard_normal(6) - wish)
         slow += (1 - fade) * (wish - slow)
-        goal = _aim(device, slow)
+        goal = mover.aim(slow)
         force = wrench + springs * goal
         after = on[:, 0, 0] * x + on[:, 0, 1] * v + push[:, 0] * force
         v = on[:, 1, 0] * x + on[:, 1, 1] * v + push[:, 1] * force
         put_in -= float(wrench @ (after - x))
         x = after
     return SceneTrial(lowest, put_in, greatest)
-
-
-def _hold(device: Device, hand: HandGrip) -> tuple[Array, Array, Array]:
-    """(6,) masses, dampers and springs along and about the axes in which the scene is felt."""
-    if isinstance(device, SphericalMotor):
-        arm = device.rotor.handle_length
-        gains = np.array([*MOTOR_GAINS.translate, *MOTOR_GAINS.rotate]) ** 2
-        inertia = float(device.rotor.inertia[0]) + hand.mass * arm**2
-        return inertia / gains, hand.damping * arm**2 / gains, hand.stiffness * arm**2 / gains
-    if not isinstance(device, SphericalElectromagnet):
-        raise InputError(f"device '{device.name}' has neither a tool nor a rotor that a hand could hold")
-    mass = hand.mass + device.tool.mass
-    turns = (1e-4, device.hand.turn_damping, device.hand.turn_stiffness)
-    return tuple(  # type: ignore[return-value]
-        np.array([line] * 3 + [turn] * 3)
-        for line, turn in zip((mass, hand.damping, hand.stiffness), turns, strict=True)
-    )
-
-
-def _begin(device: Device) -> Array:
-    return np.concatenate([device.rest_position, np.zeros(3)])
-
-
-def _aim(device: Device, slow: Array) -> Array:
-    """(6,) where the hand's own spring has its middle, for a wish (6,) of about ±1."""
-    bounded = np.tanh(slow)
-    if isinstance(device, SphericalElectromagnet):
-        tilt_x, tilt_y = 0.6 * bounded[0], 0.6 * bounded[1]
-        u = np.array([math.sin(tilt_x), math.sin(tilt_y), 1.0])
-        u *= (device.contact_distance + 0.003 * (1.0 + bounded[2])) / np.linalg.norm(u)
-        return np.concatenate([u, np.zeros(3)])
-    middle: Array = bounded * _REACH
-    return middle
 
 
 def _solve(m: float, b: float, k: float, dt: float) -> tuple[Array, Array]:

@@ -23,5 +23,6 @@ ELECTROMAGNET = DeviceKind(
     card="haptorb.apps.inspect.electromagnet:ElectromagnetCard",
     errors="haptorb.control.budget.tool_sources:tool_errors",
     workspace="haptorb.apps.check.workspace:shell_workspace",
+    hold="haptorb.control.stability.held_mover:hold_tool",
     boundary="haptorb.apps.check.stability_trial:boundary",
 )

@@ -23,5 +23,6 @@ MOTOR = DeviceKind(
     scene="haptorb.apps.console.scenes:motor_scene",
     card="haptorb.apps.inspect.motor:MotorCard",
     errors="haptorb.control.budget.motor_sources:motor_errors",
+    hold="haptorb.control.stability.held_mover:hold_rotor",
     workspace="haptorb.apps.check.workspace:tilt_workspace",
 )

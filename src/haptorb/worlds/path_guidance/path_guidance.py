@@ -38,6 +38,7 @@ class PathGuidance(DynamicWorld):
 
     passive: ClassVar[bool] = False
     continuous: ClassVar[bool] = False
+    asks = "force"
 
     mode: float = parameter(1.0, "1", 0, 1, "1: guide; 0: no force, the deviation is only observed and recorded")
     strength: float = parameter(0.5, "N", 0, 1, "most force across the path")
