@@ -100,7 +100,7 @@ export interface Shape {
   kind: "sphere" | "capsule" | "cylinder" | "box" | "ellipsoid" | "mesh";
   size: number[];
   /** what it is to the hand, for its colour */
-  role: "held" | "moves" | "fixed" | "";
+  role: "held" | "moves" | "fixed" | "path" | "";
   /** centre and quaternion where it begins, and, without a place, stays; may be empty */
   at: number[];
   /** of a mesh: x, y, z of its corners, and which three make a triangle */

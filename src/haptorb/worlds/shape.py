@@ -12,8 +12,8 @@ __all__ = ["ROLES", "SHAPES", "Shape"]
 #: their own z axis; box half lengths; ellipsoid radii; a mesh has points
 SHAPES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3, "mesh": 0}
 
-#: what a shape is to the hand: what it holds, what else moves, and what stands still
-ROLES = ("held", "moves", "fixed")
+#: what a shape is to the hand: what it holds, what else moves, what stands still, and where it should go
+ROLES = ("held", "moves", "fixed", "path")
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Shape:
     attitude  memory field with its orientation, a quaternion (x, y, z, w); empty: along the frame
     row       which row of those fields, where they are tables (n, 3) and (n, 4)
     at        (7,) centre [m] and quaternion where it begins; without place and attitude it stays there
-    role      "held", "moves" or "fixed", for its colour; empty: it is the only kind of body
+    role      "held", "moves", "fixed" or "path", for its colour; empty: it is the only kind of body
     points    (3 n,) x, y, z of a mesh's corners [m]
     corners   (3 m,) indices of the points of its triangles
     """

@@ -17,7 +17,7 @@ def guided():
     return PathGuidance(shape=0).for_device(load("omni"))
 
 
-def beside(gone, aside, pace=0.03):
+def place_hand(gone, aside, pace=0.03):
     """A hand `gone` [m] along the line over the summit, `aside` [m] beside it."""
     angle = gone / 0.05
     return State.at(
@@ -28,7 +28,7 @@ def beside(gone, aside, pace=0.03):
 def drag(world, ticks, aside, pace=0.03):
     memory, wrench = world.begin(), None
     for n in range(ticks):
-        wrench = world.advance(memory, beside(-0.01 + pace * DT * n, aside, pace), DT)
+        wrench = world.advance(memory, place_hand(-0.01 + pace * DT * n, aside, pace), DT)
     return memory, wrench
 
 
@@ -80,7 +80,7 @@ def test_the_same_memory_and_states_give_the_same_bits(guided):
 def test_from_the_last_plan_a_solution_takes_few_steps(guided):
     memory, steps = guided.begin(), []
     for n in range(1000):
-        guided.advance(memory, beside(-0.01 + 3e-5 * n, 3e-3 * np.sin(0.02 * n)), DT)
+        guided.advance(memory, place_hand(-0.01 + 3e-5 * n, 3e-3 * np.sin(0.02 * n)), DT)
         steps.append(memory["steps"][0])
     assert min(steps) >= 0
     assert max(steps) <= 10
@@ -98,8 +98,8 @@ def test_progress_stays_on_its_turn_of_a_spiral_where_another_is_as_near():
 
 def test_a_hand_set_down_elsewhere_begins_there(guided):
     memory, _ = drag(guided, 300, 0.002)
-    guided.advance(memory, beside(0.02, 0.03), DT)
-    wrench = guided.advance(memory, beside(0.02, 0.001), DT)
+    guided.advance(memory, place_hand(0.02, 0.03), DT)
+    wrench = guided.advance(memory, place_hand(0.02, 0.001), DT)
     assert np.linalg.norm(wrench) < 0.01
     assert memory["arc"][0] > 0.038
 
@@ -115,7 +115,7 @@ def test_other_weights_go_on_and_another_path_begins_anew(guided):
 
 
 def test_maps_show_the_force_on_a_moving_hand(guided):
-    assert guided.wrench(beside(0.0, 0.002))[1] < -0.05
+    assert guided.wrench(place_hand(0.0, 0.002))[1] < -0.05
 
 
 def test_bad_input_is_refused_where_it_enters():

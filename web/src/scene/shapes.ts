@@ -20,8 +20,8 @@ import type { Stage } from "./stage";
 const MOVED = 2e-5; // m: less is no reason to draw
 const TURNED = 2e-3; // of a quaternion's parts
 
-const COLOURS = { held: "--held", moves: "--loose", fixed: "--base", "": "--plug" };
-const WORDS = { held: "what you hold", moves: "moves", fixed: "stands still" };
+const COLOURS = { held: "--held", moves: "--loose", fixed: "--base", path: "--map-ink", "": "--plug" };
+const WORDS = { held: "what you hold", moves: "moves", fixed: "stands still", path: "path" };
 
 /** How far a body may reach from its middle [m]. */
 const reach = ({ size, points }: Shape): number =>
@@ -34,6 +34,7 @@ export class Shapes {
     moves: new MeshLambertMaterial({ flatShading: true }),
     // Seen through: what is held may be inside it.
     fixed: new MeshLambertMaterial({ transparent: true, opacity: 0.4, depthWrite: false }),
+    path: new MeshLambertMaterial(),
     "": new MeshLambertMaterial(),
   };
   private shapes: Shape[] = [];
@@ -89,7 +90,7 @@ export class Shapes {
   /** The legend of what the colours mean; none where there is one colour. */
   private explain(): void {
     const list = this.legend;
-    const roles = (["held", "moves", "fixed"] as const).filter((role) => this.shapes.some((shape) => shape.role === role));
+    const roles = (["held", "moves", "fixed", "path"] as const).filter((role) => this.shapes.some((shape) => shape.role === role));
     for (const old of [...list.querySelectorAll(".role")]) old.remove();
     list.append(
       ...roles.map((role) => {

@@ -7,7 +7,7 @@ trembles at 8 to 12 Hz, and it yields to what the hand felt a while ago. So ther
 need for ever: who draws without seeing the path has no such place. `insistence` gives one: the person means a line of
 his own beside the path, and goes back to it.
 
-Assumed, and not fitted to a person: 5° of error, 0.3 s to yield, 0.1 mm of tremor.
+Assumed, and not fitted to a person: 4° of error, 0.25 s to yield, 0.1 mm of tremor.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["Habits", "Person"]
 
 _PRESS = 0.1  #: with which the tip is put on the dome [N]
 _BEND = 0.02  #: radius of a bend that nobody slows down for [m]
-_SEEN = 3e-3  #: length over which a bend is felt as one [m]
+_SPAN = 3e-3  #: length over which a bend is felt as one [m]
 _REACH = 5e-3  #: in which the person looks for the own place on the path [m]
 
 
@@ -149,7 +149,7 @@ def _tremble(noise: np.random.Generator, count: int, dt: float) -> Array:
 
 def _slowness(path: GuidancePath) -> Array:
     """(k,) share of the pace at each place of the path: the cube root of the bend's radius, 1 in straight parts."""
-    reach = max(round(_SEEN / path.spacing), 1)
+    reach = max(round(_SPAN / path.spacing), 1)
     numbers = np.arange(len(path.places))
     before, after = numbers - reach, numbers + reach
     if path.closed:

@@ -123,7 +123,8 @@ class WorldFile:
 def _describe(cause: BaseException, path: Path) -> str:
     """The error, and the lines of the user's file that it went through."""
     linecache.checkcache(str(path))
-    text = "".join(traceback.format_exception_only(cause)).strip()
+    own = isinstance(cause, HaptorbError)  # says all by itself
+    text = str(cause) if own else "".join(traceback.format_exception_only(cause)).strip()
     frames = [one for one in traceback.extract_tb(cause.__traceback__) if one.filename == str(path)]
     where = "".join(f'\n  File "{one.filename}", line {one.lineno}, in {one.name}\n    {one.line}' for one in frames)
     return text + where

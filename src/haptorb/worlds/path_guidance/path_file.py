@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from haptorb.errors import InputError, quote
@@ -19,7 +20,8 @@ def load_path(file: str | Path, *, closed: bool | None = None, smooth: bool = Tr
     Raises InputError, with the line, for a file that cannot be read, another head and what is no number.
     """
     path = Path(file).expanduser()
-    lines = read_text(path, "path file", InputError).splitlines()
+    # Spreadsheet programs begin a file with a byte order mark.
+    lines = read_text(path, "path file", InputError).removeprefix("\ufeff").splitlines()
     if not lines or "".join(lines[0].split()) != _HEAD:
         raise InputError(
             f"path file {path}, line 1: the head must be '{_HEAD}'; got {quote(lines[0] if lines else 'an empty file')}"
@@ -30,8 +32,11 @@ def load_path(file: str | Path, *, closed: bool | None = None, smooth: bool = Tr
             continue
         try:
             x, y, z = (1e-3 * float(cell) for cell in line.split(","))
+            finite = math.isfinite(x + y + z)
         except ValueError:
-            raise InputError(f"path file {path}, line {number}: expected three numbers; got {quote(line)}") from None
+            finite = False
+        if not finite:
+            raise InputError(f"path file {path}, line {number}: expected three numbers; got {quote(line)}")
         points.append((x, y, z))
     try:
         return make_path(points, closed=closed, smooth=smooth)

@@ -18,6 +18,7 @@ from haptorb.worlds.parameter import parameter
 from haptorb.worlds.path_guidance.contouring import WORK, advance_plan
 from haptorb.worlds.path_guidance.controller_state import MEMORY, SETTINGS, STEPS, weigh_plan
 from haptorb.worlds.path_guidance.guidance_path import GuidancePath, make_path
+from haptorb.worlds.path_guidance.path_drawing import draw_path
 from haptorb.worlds.path_guidance.path_shapes import SHAPES, make_shape
 from haptorb.worlds.shape import Shape
 
@@ -118,8 +119,8 @@ class PathGuidance(DynamicWorld):
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """The place on the path that the hand has reached."""
-        return (Shape("progress", "sphere", (0.0015,), "place"),)
+        """The path, and the place on it that the hand has reached."""
+        return draw_path(self.curve), Shape("progress", "sphere", (0.0015,), "place")
 
     def begin(self) -> Records:
         """(1,) nothing was seen yet; the place is the path's first."""
