@@ -121,6 +121,21 @@ def test_a_heavy_scene_sheds_detail_and_then_time() -> None:
     assert bound.memory["detail"][0] == 0
 
 
+@pytest.mark.parametrize("depth", [0.3e-3, 1e-3, 2e-3])
+def test_the_tool_slides_over_the_dome_of_the_boxes_without_trembling(depth: float) -> None:
+    bound = bind(Scene("boxes", stiffness=600.0, damping=5.93), "omni")
+    forces, tilt, radius, speed = [], 0.11, 53.5e-3 - depth, 0.06
+    for tick in range(700):
+        height = max(62e-3 - 0.05e-3 * tick, radius)
+        turn = speed / 6e-3 * 1e-3 * tick
+        p = height * np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+        v = speed * np.array([-np.sin(turn), np.cos(turn), 0.0])
+        forces.append(bound.wrench(State.at(p, v=v, R_SR=np.eye(3)))[:3].copy())
+    pressed = np.array(forces[400:])
+    assert np.linalg.norm(pressed, axis=1).min() > 0.1
+    assert np.linalg.norm(np.diff(pressed, axis=0), axis=1).max() < 0.01
+
+
 def test_a_scene_that_explodes_raises_and_does_not_begin_anew_by_itself(tmp_path: Path) -> None:
     bound = bind(Scene(write(tmp_path, weight=-1e9), stiffness=100.0, damping=1.0), "omni")
     with pytest.raises(MemoryNotFinite, match="scene 'mine' exploded: body 'peg'"):

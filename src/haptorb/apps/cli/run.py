@@ -170,14 +170,17 @@ def _run_with_console(
     from time import monotonic
 
     from haptorb.apps.console import Console
+    from haptorb.apps.web.server import freeze_garbage
 
-    with Console(servo, port) as console, _open_servo(servo, standby):
-        say(f"Open {console.url} in a browser: {servo.device.name}, {_nature(servo)}. Ctrl-C ends.")
+    with Console(servo, port) as console, freeze_garbage(), _open_servo(servo, standby):
         end = float("inf") if duration is None else monotonic() + duration
-        last = ""
+        last, invited = "", False
 
         def look() -> bool:
-            nonlocal last
+            nonlocal last, invited
+            if console.answers and not invited:
+                invited = True
+                say(f"Open {console.url} in a browser: {servo.device.name}, {_nature(servo)}. Ctrl-C ends.")
             now = servo.world_trouble
             if now and not last:
                 say(now)

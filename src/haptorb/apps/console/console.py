@@ -61,6 +61,11 @@ class Console:
         self.url = f"{self.origin}/#{self.token}"
         self._server = server(app)
 
+    @property
+    def answers(self) -> bool:
+        """Whether a browser that opens `url` now gets the page."""
+        return self._server.started
+
     def serve(self, *, open_browser: bool = False, until: Callable[[], bool] = lambda: False) -> int | None:
         """Serve until `close`, SIGINT or SIGTERM (the signal's number is returned), `until()`, or the servo's end.
 

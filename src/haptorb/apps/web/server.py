@@ -117,7 +117,8 @@ def prioritize() -> Generator[None, None, None]:
     now on is still collected.
     """
     frozen = gc.get_freeze_count() > 0  # by somebody else, whose business it stays
-    gc.collect()
+    if not frozen:  # else a servo may run already, and the search could silence its host
+        gc.collect()
     gc.freeze()
     before = os.getpriority(os.PRIO_PROCESS, 0) if _LINUX else 0  # 0: the calling thread
     with contextlib.suppress(OSError):
