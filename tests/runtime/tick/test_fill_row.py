@@ -26,3 +26,8 @@ def test_contacts_fill_their_field_and_nothing_beyond(room: int, count: int) -> 
 def test_a_kind_says_how_many_contacts_its_rows_have() -> None:
     assert RowLayout.of(load("omni")).contacts == 0
     assert RowLayout.of(load("pmsm")).contacts == 2
+
+
+def test_all_layouts_share_one_type_of_places() -> None:
+    """Compiled code compares types by identity first: equal ones cost every tick."""
+    assert RowLayout.of(load("omni")).places.dtype is RowLayout.of(load("pmsm"), 64).places.dtype
