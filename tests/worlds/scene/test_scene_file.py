@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
 
 from haptorb.errors import InputError, UnknownName
+from haptorb.worlds.scene.scene import Scene
 from haptorb.worlds.scene.scene_file import SceneFile, parse_scene_file
-from haptorb.worlds.scene.scene_model import find_scene_file
+from haptorb.worlds.scene.scene_model import find_scene_file, load_engine
 
 TEXT = """<mujoco><worldbody><include file="part.xml"/>
 <body name="peg"><freejoint/><geom size="0.01" mass="0.1"/></body></worldbody></mujoco>"""
@@ -42,3 +44,14 @@ def test_shipped_names_are_files_and_others_are_told() -> None:
     assert find_scene_file("outlet").is_file()
     with pytest.raises(UnknownName, match="boxes"):
         parse_scene_file("boxs")
+
+
+def test_without_mujoco_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    load_engine.cache_clear()
+    try:
+        with pytest.raises(InputError, match=r"pip install 'haptorb\[scenes\]'") as told:
+            Scene("peg")
+    finally:
+        load_engine.cache_clear()
+    assert "\n" not in str(told.value)

@@ -63,8 +63,9 @@ export class ModePanel {
     const mode = WORDS[sample.number("mode")] ?? "";
     if (!mode) return "";
     const [x, y, z] = sample.vector("object").map((value) => shown(value * 1000, 1));
-    const hold = this.engaged ? "" : ", plug released";
-    return `mode ${mode}${hold}; plug ${x} millimetres out, ${y} aside, ${z} up, held back by ${shown(norm(sample.vector("object_wrench")), 1)} newton`;
+    const held = document.querySelector("[data-held]")?.textContent ?? "plug";
+    const hold = this.engaged ? "" : `, ${held} released`;
+    return `mode ${mode}${hold}; ${held} ${x} millimetres out, ${y} aside, ${z} up, held back by ${shown(norm(sample.vector("object_wrench")), 1)} newton`;
   }
 
   private word(move: number, turn: number): string {
@@ -81,7 +82,7 @@ export class ModePanel {
   private clutch(engaged: boolean): void {
     if (!this.control) return;
     this.send({ do: "clutch", engaged });
-    write(at("polite"), engaged ? "Plug clutched." : "Plug released.");
+    write(at("polite"), engaged ? "Clutched." : "Released.");
   }
 
   private key(event: KeyboardEvent): void {

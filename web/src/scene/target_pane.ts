@@ -57,7 +57,11 @@ export class TargetPane {
   /** Another world, or other sizes. */
   build(scene: TargetScene | null): void {
     this.target.build(scene);
-    this.target.drawn = !this.shapes.scene;
+    const { scene: bodies } = this.shapes;
+    this.target.drawn = !bodies;
+    // Only the snap-fits have a plug, and hooks.
+    for (const one of document.querySelectorAll<HTMLElement>("[data-held]")) write(one, bodies ? "body" : "plug");
+    at("hooks").hidden = bodies;
     if (scene) this.frame(scene);
     else if (this.shapes.scene) this.frameShapes();
   }
@@ -103,7 +107,8 @@ export class TargetPane {
     // A little higher than the middle: the numbers lie over the lower part.
     const [x, y, z] = centre.map((one) => one * UNIT) as Home["centre"];
     this.home.centre = [x, y - 0.25 * radius * UNIT, z - 0.45 * radius * UNIT];
-    this.home.distance = Math.max(250, 6 * radius * UNIT);
+    const narrow = at("target").clientWidth < 450; // a phone's, where buttons and numbers leave less between them
+    this.home.distance = Math.max(250, (narrow ? 9 : 6.4) * radius * UNIT);
     const told = JSON.stringify(this.home);
     if (told === this.framed) return;
     this.framed = told;

@@ -13,7 +13,7 @@ from haptorb.devices.device import Device
 from haptorb.devices.state import State
 from haptorb.errors import HaptorbError, InputError, quote
 from haptorb.numerics.arrays import Array
-from haptorb.worlds.bound_world import bind_world
+from haptorb.worlds.bound_world import MemoryNotFinite, bind_world
 from haptorb.worlds.world import World
 
 __all__ = ["check_wrench", "describe_failure", "fit_world", "keep_source", "try_world"]
@@ -39,7 +39,7 @@ def describe_failure(world: World, cause: BaseException) -> str:
     """
     if isinstance(cause, SystemExit):
         text = f"the world called sys.exit({cause})"
-    elif isinstance(cause, InputError):
+    elif isinstance(cause, InputError | MemoryNotFinite):
         text = str(cause)
     else:
         text = f"{type(cause).__name__}: {cause}"

@@ -1,0 +1,52 @@
+"""A scene that explodes in a running servo: coils off, with its reason, until a person engages again."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from haptorb.control.protection.trip import Trip
+from haptorb.runtime.servo.servo import Servo
+from haptorb.worlds import Scene
+
+pytestmark = pytest.mark.realtime
+pytest.importorskip("mujoco")
+
+# After one second the charge is so fast that a place has no meaning any more.
+FALLING = """
+<mujoco model="boom">
+  <option timestep="0.001" gravity="0 0 -9e7" integrator="implicitfast"/>
+  <worldbody>
+    <body name="peg" pos="0 0 0.055" gravcomp="1">
+      <joint type="slide" axis="0 0 1"/>
+      <geom type="sphere" size="0.005" mass="0.05"/>
+    </body>
+    <body name="charge" pos="0.1 0 0.1"><freejoint/><geom type="sphere" size="0.005" mass="0.05"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def wait_for_trip(servo: Servo, trips: int) -> None:
+    end = time.monotonic() + 10.0
+    while len(servo.trips) < trips and time.monotonic() < end:
+        time.sleep(0.02)
+
+
+def test_a_scene_that_explodes_switches_the_coils_off_and_begins_anew_when_engaged(tmp_path: Path) -> None:
+    file = tmp_path / "boom.xml"
+    file.write_text(FALLING)
+    with Servo("omni", Scene(str(file), stiffness=100.0, damping=1.0), record=False) as servo:
+        wait_for_trip(servo, 1)
+        assert servo.trips[0].trip == Trip.MEMORY_NOT_FINITE
+        assert servo.report()["coil_state"] == "off"
+        assert servo.world_trouble.count("exploded") == 1
+        assert "body 'charge'" in servo.world_trouble
+        servo.engage()
+        time.sleep(0.3)
+        assert servo.report()["coil_state"] == "on"
+        assert not servo.world_trouble
+        wait_for_trip(servo, 2)
+        assert [one.trip for one in servo.trips] == [Trip.MEMORY_NOT_FINITE] * 2
