@@ -154,8 +154,8 @@ def world():
         loop=SimpleNamespace(period=0.001, lateness=0.0052, delay_bound=lambda b: 345.6,
                              passive_bound=lambda b: 4000.0),
         steep=SimpleNamespace(stiffness=1625.0, away=12.5, damping=0.75, jump=0.05),
-        hand=SimpleNamespace(damping=2.0), place=SimpleNamespace(force="N", length="m"), part=None, turning=None, unjudged=(),
-        advice=("Use a tracker [of] 480 Hz.",),
+        hand=SimpleNamespace(damping=2.0), place=SimpleNamespace(force="N", length="m"), part=None, turning=None,
+        unjudged=(), advice=("Use a tracker [of] 480 Hz.",),
     )  # fmt: skip
     return lambda console: print_world(made, console), [
         "[N/m]", "1625", "812.5", "345.6", "4000", "12.5", "N·s/m", "50 mN", "2 times too strong", "[of]",
