@@ -313,6 +313,12 @@ RULES = [
     ("half-a-step", "after a step that failed a world is not called any more", "drop", MEMORY_TESTS),
     ("memory-stands-still", "without a pose a memory stands still", "drop", MEMORY_TESTS),
     (
+        "overrun-sheds-detail",
+        "a world that takes too much of a tick does less",
+        "never",
+        "tests/runtime/tick/test_world_budget.py",
+    ),
+    (
         "memory-energy-counted",
         "energy that a world's time step makes is counted",
         "replace value by 0.0",

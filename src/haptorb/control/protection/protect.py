@@ -29,17 +29,15 @@ _SAMPLE, _MISMATCH = int(Trip.SAMPLE_NOT_FINITE), int(Trip.CURRENT_MISMATCH)
 @kernel
 def protect_wrench(
     state: Records, wrench: Array, p: Array, R: Array, v: Array, w: Array, now: float, age: float, valid: bool,
-    reversed: bool, stored: float,
+    reversed: bool,
 ) -> None:  # fmt: skip
     """A tick begins at `now` [s]: what may be asked of the coils for the world's `wrench` (6,) [N, N·m] is in
-    guard.asked of `state`, (1,) PROTECTION: damped, then limited. stored: energy in the world's memory [J], NaN if
-    unknown. The rest is the estimate's."""
+    guard.asked of `state`, (1,) PROTECTION: damped, then limited. The rest is the estimate's."""
     s = state[0]
     g, e = s.guard, s.estimate
     _keep_estimate(e, p, R, v, w)
     e.age, e.valid = age, valid
     begin_tick(s.clock, g, now)
-    s.passivity.stored = stored
     damp_wrench(s.passivity, e, wrench, now, g.gain, g.asked)
     check_estimate(g, valid, age, reversed)
     limit_wrench(g)

@@ -44,6 +44,7 @@ class Protection:
         self.duties: Array = np.zeros(device.channels)
         self._guard: Records = self.state["guard"]
         self._state: Array = self._guard["state"]  # (1,) read in every tick
+        self._stored: Array = self.state["passivity"]["stored"]  # (1,) written in every tick
         self.asked: Array = self._guard["asked"][0]
         spare = self.state.copy()  # compiled now, and not when it is needed
         protect.skip_tick(spare, 0.0)
@@ -132,9 +133,10 @@ class Protection:
         [J]; NaN for a world that does not say.
         """
         mover = estimate.state
+        self._stored[0] = stored
         protect.protect_wrench(
             self.state, wrench, mover.p, mover.R_SR, mover.v, mover.w, now, estimate.age, estimate.valid,
-            estimate.reversed, stored,
+            estimate.reversed,
         )  # fmt: skip
         return self.asked
 
