@@ -31,14 +31,15 @@ _TASKS = {
     "info": "list_facts(Recording(path))",
 }
 _FRAME = """
-import resource, sys, time
+import re, sys, time
 path, n = sys.argv[1], int(sys.argv[2])
 start = time.perf_counter()
 from haptorb.runtime.recording.recording import Recording
 from haptorb.runtime.recording.recording_summary import list_facts
 {task}
 took = time.perf_counter() - start
-print(took, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+# not getrusage: that remembers the program which started this one
+print(took, 1024 * int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]))
 """
 
 
