@@ -80,9 +80,7 @@ def test_its_memory_fits_into_every_row_and_its_bodies_into_its_memory(name):
         assert field.about
         assert field.unit
     for shape in world.shapes:
-        assert (
-            shape.at or find_number(fields, shape.place, shape.row) >= 0
-        )  # or it stands still
+        assert shape.at or find_number(fields, shape.place, shape.row) >= 0  # or it stands still
 
 
 @pytest.mark.parametrize("name", NAMES)

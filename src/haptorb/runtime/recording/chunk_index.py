@@ -7,6 +7,7 @@ when somebody asks for it.
 from __future__ import annotations
 
 import mmap
+import os
 import struct
 from pathlib import Path
 from typing import final
@@ -33,6 +34,8 @@ from haptorb.runtime.recording.mcap_schema import CDR_HEADER
 
 __all__ = ["ChunkIndex"]
 
+_HEAD = struct.Struct("<BQ")  #: of a record: what it is, and its length
+_RELEASE = 16 * 1024 * 1024  #: bytes of the file after which those that were looked at need no more memory
 _SIZES = struct.Struct("<QQQI")  #: of a chunk: its first and last time, its bytes when unpacked, their checksum
 _DAMAGE = (McapError, ZstdError, ValueError, OverflowError, MemoryError, struct.error)
 
@@ -85,8 +88,6 @@ class ChunkIndex:
         """(n, width) the rows of chunk `number`."""
         if self._unpacked is not None and self._unpacked[0] == number:
             return self._unpacked[1]
-        import os
-
         data = os.pread(descriptor, self._lengths[number], self._offsets[number])
         try:
             rows = self._rows_of(data)
@@ -111,14 +112,15 @@ class ChunkIndex:
 
     def _walk(self, view: mmap.mmap) -> None:
         """Visit every record's head; unpack a chunk only where its size does not tell how many rows it has."""
-        size, at = len(view), len(MAGIC)
+        size, at, released = len(view), len(MAGIC), 0
         room, most = total_room(size), count_records(size)
         while at + RECORD_HEAD <= size:
-            opcode = view[at]
-            length = int.from_bytes(view[at + 1 : at + RECORD_HEAD], "little")
+            opcode, length = _HEAD.unpack_from(view, at)
             at += RECORD_HEAD
             if at + length > size:
                 return
+            if at - released > _RELEASE:
+                released = _release_memory(view, released, at)
             try:
                 if opcode == Opcode.CHUNK:
                     room -= self._take_chunk(view, at, length, room, most)
@@ -146,3 +148,11 @@ class ChunkIndex:
             self._lengths.append(length)
             self._counts.append(count)
         return unpacked
+
+
+def _release_memory(view: mmap.mmap, first: int, last: int) -> int:
+    """Have the system forget the pages of `view` from `first` up to `last`, where it can; returns where it ended."""
+    end = last // mmap.PAGESIZE * mmap.PAGESIZE
+    if hasattr(mmap, "MADV_DONTNEED"):
+        view.madvise(mmap.MADV_DONTNEED, first, end - first)
+    return end
