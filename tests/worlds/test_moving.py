@@ -32,8 +32,8 @@ def test_it_moves_smoothly_and_stands_still_without_pace():
 
 
 def test_its_force_is_that_of_a_dome_at_its_summit():
-    world = worlds.Wander().for_device(OMNI)
+    world = worlds.Wander(moment=1.5).for_device(OMNI)
     t = 3.7
-    there = worlds.Dome(summit=world.summit(t), moment=2.0).for_device(OMNI)
+    there = worlds.Dome(summit=world.summit(t), moment=1.5).for_device(OMNI)
     state = State.at((0.01, 0.0, 0.05), t=t)
     assert world.wrench(state) == pytest.approx(there.wrench(state))

@@ -105,7 +105,7 @@ class Wander(World):
     pace: float = parameter(0.1, "Hz", 0, 1, "swings of the summit per second")
     half_width_deg: float = parameter(18.0, "deg", 5, 90, "θ1: angle of the first zero of the radial force")
     cut_off_deg: float = parameter(54.0, "deg", 5, 180, "θ2: angle from which the force is zero")
-    moment: float = parameter(2.0, "A·m²", -4, 4, "moment at the summit; negative pulls")
+    moment: float = parameter(1.7, "A·m²", -4, 4, "moment at the summit; negative pulls")
     dome: Dome = field(default_factory=Dome)
 
     def __post_init__(self) -> None:
