@@ -103,6 +103,19 @@ def test_the_scene_goes_on_when_the_coupling_is_changed_and_begins_anew_when_it_
     assert (other.memory == other.world.begin()).all()
 
 
+@pytest.mark.parametrize("level", range(1, 5))
+def test_with_less_detail_a_plug_is_not_thrown_about(level: int) -> None:
+    """Pulled out and pushed in again within 2 s, it never takes much more than the 12 N of full detail."""
+    scene = Scene("outlet", stiffness=5000.0, damping=28.2, turn_stiffness=18.3, turn_damping=0.1)
+    bound, largest = bind(scene, "pmsm"), 0.0
+    for n in range(2000):
+        phase = 1e-3 * np.pi * n
+        out = State.at((0.006 * (1 - np.cos(phase)), 0, 0), R_SR=np.eye(3), v=(0.006 * np.pi * np.sin(phase), 0, 0))
+        bound.memory["detail"] = level
+        largest = max(largest, float(np.linalg.norm(bound.wrench(out)[:3])))
+    assert 8.0 < largest < 16.0
+
+
 def test_a_heavy_scene_sheds_detail_and_then_time() -> None:
     bound = bind(Scene("drawer", stiffness=1000.0, damping=5.0), "pmsm")
     still = State.at((0.0, 0.0, 0.0), R_SR=np.eye(3))
