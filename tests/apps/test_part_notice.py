@@ -15,7 +15,7 @@ class Turning:
         self.parts = list(parts)
 
     @property
-    def rendered(self):
+    def rendered_part(self):
         return self.parts.pop(0) if len(self.parts) > 1 else self.parts[0]
 
 

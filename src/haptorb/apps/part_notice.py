@@ -26,7 +26,7 @@ def tell_part(servo: Servo) -> Iterator[None]:
 
     def look() -> None:
         while True:
-            part = servo.rendered
+            part = servo.rendered_part
             if part is not None and part not in known:
                 known.add(part)
                 text = servo.part_remarks[PARTS.index(part)] if part != "force" or servo.render else ""

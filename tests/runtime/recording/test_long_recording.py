@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import tracemalloc
 
 import numpy as np
@@ -74,6 +75,8 @@ def test_a_field_behaves_as_an_array(recording):
     with pytest.raises(IndexError):
         t[ROWS]
     assert "36000" in repr(t)
+    assert sum(1 for _ in recording["p"]) == ROWS
+    assert np.array_equal(pickle.loads(pickle.dumps(t)), t)
 
 
 def test_a_slice_needs_little_memory(long_file):

@@ -32,24 +32,24 @@ _STEP = 2e-5  #: of the differences [m] or [rad]
 class _SettledWorld(World):
     """A world with memory that is moved from where it was held; `Workspace.field` takes it for a world without."""
 
-    rendered: BoundWorld | None = None
+    bound_world: BoundWorld | None = None
 
     def hold(self, state: State) -> None:
         """Begin, and stay at `state` for a while."""
-        assert self.rendered is not None
-        self.rendered.restart()
+        assert self.bound_world is not None
+        self.bound_world.restart()
         for _ in range(_HOLD):
-            self.rendered.wrench(state)
+            self.bound_world.wrench(state)
 
     def wrench(self, state: State) -> Array:
         """(6,) at `state` [N, N·m], one tick after the place where it is held now; that memory comes back."""
-        assert self.rendered is not None
-        before = self.rendered.numbers.copy()
+        assert self.bound_world is not None
+        before = self.bound_world.numbers.copy()
         try:
-            self.rendered.wrench(state)
-            return self.rendered.wrench(state).copy()
+            self.bound_world.wrench(state)
+            return self.bound_world.wrench(state).copy()
         finally:
-            self.rendered.numbers[:] = before
+            self.bound_world.numbers[:] = before
 
 
 class _Holder:

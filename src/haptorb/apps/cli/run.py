@@ -232,7 +232,7 @@ def _report(servo: Servo, json: bool) -> None:
     rate, late = report["success_rate"], report["lateness_us"]["p99"]
     if rate is not None and late is not None:
         torque = f", torque {1e3 * report['peak_torque_nm']:.1f} mN·m"
-        turned = torque if report["rendered"] in ("torque", "both") else ""
+        turned = torque if report["rendered_part"] in ("torque", "both") else ""
         say(
             f"{report['ticks']} ticks, {100 * rate:.2f} % in time, p99 lateness {late:.0f} µs, "
             + (

@@ -90,7 +90,7 @@ def _count_surplus(q: Record, wrench: Array, passed: float) -> float:
     if not np.isfinite(made):
         return 0.0
     for i in range(6 if q.arm > 0.0 else 3):
-        made += 0.5 * (q.rendered[i] + wrench[i]) * q.motion[i] * passed
+        made += 0.5 * (q.world_wrench[i] + wrench[i]) * q.motion[i] * passed
     before = q.surplus
     q.surplus = max(before + made, 0.0)  # safety: memory-energy-counted
     return float(q.surplus - before)
@@ -138,7 +138,7 @@ def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, ou
                 q.rotation[i, j] = e.rotation[i, j]
         q.counted = q.stored
         for i in range(6):
-            q.wrench[i], q.rendered[i] = gain * wrench[i], wrench[i]
+            q.wrench[i], q.world_wrench[i] = gain * wrench[i], wrench[i]
     if q.damping > 0.0:
         for i in range(3):
             if q.pushes:

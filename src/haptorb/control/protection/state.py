@@ -91,7 +91,7 @@ PASSIVITY = fields(
     ("wrench", "f8", (6,)),  # of the world at the last counted pose [N, N·m]
     ("stored", "f8"),  # energy in the world's memory now [J]; NaN if it does not say
     ("counted", "f8"),  # the same at the last counted pose [J]
-    ("rendered", "f8", (6,)),  # wrench of the world at the last counted pose, whatever the guard passed [N, N·m]
+    ("world_wrench", "f8", (6,)),  # wrench of the world at the last counted pose, whatever the guard passed [N, N·m]
     ("surplus", "f8"),  # made by the world's time step: given and held now, less what it held and was given [J]
     ("motion", "f8", (6,)),  # velocity [m/s] and angular velocity [rad/s] since the pose before
     ("mean", "f8", (6,)),  # wrench asked on average between the last two poses [N, N·m]

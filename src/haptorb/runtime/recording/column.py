@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, final
 
 import numpy as np
@@ -70,6 +70,14 @@ class FieldColumn(NDArrayOperatorsMixin):
             part = self._load(low, high + 1)
             return part[(slice(None), *rest)] if chosen.step == 1 else part[:: chosen.step][(slice(None), *rest)]
         return self._load(0, self._rows)[key]
+
+    def __iter__(self) -> Iterator[Any]:
+        """Over ticks; the whole array is read once."""
+        return iter(self._load(0, self._rows))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Sent elsewhere, it is the whole array: the file stays here."""
+        return np.array, (np.asarray(self),)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         """The whole array."""

@@ -127,10 +127,11 @@ def make_dataset(recording: Rows) -> Dataset:
         raise InputError(f"to_xarray needs xarray ({cause}): pip install 'haptorb[notebook]'") from cause
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
+    start, numbers = 0, recording.read(0, len(recording), [field.name for field in recording.columns])
     for field in recording.columns:
         attributes = {"units": field.unit, "long_name": field.about}
-        values = recording.read(0, len(recording), [field.name])
-        values = values[:, 0] if field.width == 1 else values
+        values = numbers[:, start] if field.width == 1 else numbers[:, start : start + field.width]
+        start += field.width
         if field.name == "t":
             coordinates["t"] = ("t", values, attributes)
             continue

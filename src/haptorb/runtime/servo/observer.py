@@ -149,7 +149,7 @@ class ServoObserver(Commands):
             "device": self.device.name,
             "world": world,
             "world_values": values,
-            "rendered": self.rendered,
+            "rendered_part": self.rendered_part,
             "driver": self.driver,
             "tracker": self.tracker,
             "estimator": self.estimator,
@@ -190,7 +190,7 @@ class ServoObserver(Commands):
         return () if self._choice is None or remarks is None else tuple(remarks(self.device, self._choice))
 
     @property
-    def rendered(self) -> WrenchPart | None:
+    def rendered_part(self) -> WrenchPart | None:
         """The part of the world's wrench that is rendered now; None for a device without a choice, and before the first
         tick."""
         shared = self._memory_or_none

@@ -20,16 +20,16 @@ _NO_CHOICE = -1.0
 class RenderedPart:
     """The allocator in force and its number in the row, −1 for a device without a choice.
 
-    rendered   (6,) the world's wrench of this tick [N, N·m], filled by the tick
+    wrench     (6,) the world's wrench of this tick [N, N·m], filled by the tick
     is_open    whether the part still follows from the wrenches
     """
 
     def __init__(
-        self, allocator: Allocator, choice: WrenchChoice | None, protection: Protection, rendered: Array
+        self, allocator: Allocator, choice: WrenchChoice | None, protection: Protection, wrench: Array
     ) -> None:
         self.allocator, self.number, self.is_open = allocator, _NO_CHOICE, False
         self._choice, self._protection = choice, protection
-        self._numbers = rendered.data.cast("B").cast("d")  # single numbers come out of it ten times faster
+        self._numbers = wrench.data.cast("B").cast("d")  # single numbers come out of it ten times faster
         self._part: WrenchPart = "force"
         self._has_pushed = False
 
